@@ -1,0 +1,1 @@
+"""Everything that runs without a display: geometry, field, rendering, dynamics, training."""

@@ -1,0 +1,1 @@
+"""Positions over time; knows nothing of radiance."""

@@ -1,0 +1,1 @@
+"""What is learnt: (tet, barycentric coordinates, direction) -> (sigma, rgb)."""

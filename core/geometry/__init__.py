@@ -1,0 +1,1 @@
+"""Tetrahedra: pure geometry, no learning, no time."""

@@ -1,0 +1,110 @@
+"""A tetrahedral mesh and what follows from its connectivity.
+
+Corner i of a tet is opposite face i; FACES[i] lists that face's corners so that its
+normal points out of a positively oriented tet.  Orientation is normalised by whoever
+makes a mesh: every rest volume is positive.
+
+Shapes: V vertices, T tets, E edges, B boundary faces.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # [4, 3], outward
+EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # [6, 2], Bey's m01..m23
+
+
+@dataclass(frozen=True)
+class TetMesh:
+    """Rest geometry and topology; deformation changes neither.
+
+    Attributes:
+        rest_vertices: Undeformed positions, model space.  [V, 3] float64
+        addresses: Integer lattice coordinates of the vertices at level 0.  [V, 3] int32
+        tets: Vertex ids, positive rest volume.  [T, 4] int32
+    """
+
+    rest_vertices: np.ndarray
+    addresses: np.ndarray
+    tets: np.ndarray
+
+    def __post_init__(self):
+        assert self.rest_vertices.shape == (self.vertex_count, 3), self.rest_vertices.shape
+        assert self.addresses.shape == (self.vertex_count, 3), self.addresses.shape
+        assert self.tets.shape == (self.tet_count, 4), self.tets.shape
+
+    @property
+    def vertex_count(self) -> int:
+        return len(self.rest_vertices)
+
+    @property
+    def tet_count(self) -> int:
+        return len(self.tets)
+
+
+def signed_volumes(vertices, tets):
+    """Volume of each tet, negative if it is inverted.  [T]"""
+    a, b, c, d = (vertices[tets[:, i]] for i in range(4))
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0
+
+
+def tet_neighbours(tets):
+    """The tet across face i of each tet, -1 where there is none.  [T, 4] int32
+
+    Raises:
+        ValueError: A face belongs to more than two tets.
+    """
+    faces = np.sort(tets[:, FACES].reshape(-1, 3), axis=1)
+    order = np.lexsort(faces.T)
+    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
+    if (same[1:] & same[:-1]).any():
+        raise ValueError("the mesh is not a manifold: a face belongs to more than two tets")
+    neighbours = np.full(len(faces), -1, np.int32)
+    first, second = order[:-1][same], order[1:][same]
+    neighbours[first], neighbours[second] = second // 4, first // 4
+    return neighbours.reshape(-1, 4)
+
+
+def boundary_faces(tets, neighbours):
+    """Faces that belong to one tet only, normals outward.
+
+    Returns:
+        Vertex ids [B, 3] int32 and the tet behind each face [B] int32.
+    """
+    tet, face = np.nonzero(neighbours < 0)
+    return tets[tet[:, None], FACES[face]].astype(np.int32), tet.astype(np.int32)
+
+
+def edges(tets):
+    """Every edge once, lower vertex id first.  [E, 2] int32"""
+    return np.unique(np.sort(tets[:, EDGES].reshape(-1, 2), axis=1), axis=0).astype(np.int32)
+
+
+def components(vertex_count, tets):
+    """A label 0..C-1 per vertex; vertices that share a tet have the same one.  [V] int32"""
+    labels = np.arange(vertex_count)
+    while True:  # each round halves the longest chain of labels, so there are few
+        lowest = labels[tets].min(axis=1)
+        new = labels.copy()
+        for corner in range(4):
+            np.minimum.at(new, tets[:, corner], lowest)
+        new = new[new]
+        if (new == labels).all():
+            return np.unique(labels, return_inverse=True)[1].astype(np.int32)
+        labels = new
+
+
+def extract(mesh: TetMesh, keep):
+    """The sub-mesh of the tets in `keep` ([T] bool), without unused vertices.
+
+    Returns:
+        The mesh, and the old id of each new vertex [V'].
+    """
+    tets = mesh.tets[keep]
+    used, new_ids = np.unique(tets, return_inverse=True)
+    return TetMesh(
+        mesh.rest_vertices[used],
+        mesh.addresses[used],
+        new_ids.reshape(-1, 4).astype(np.int32),
+    ), used

@@ -1,0 +1,1 @@
+"""From photographs to a field, and how good it is."""

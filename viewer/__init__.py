@@ -1,0 +1,1 @@
+"""The interactive viewer: the only place with a window."""

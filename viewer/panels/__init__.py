@@ -1,0 +1,1 @@
+"""Panels: one function each, (scene, actions) -> None."""
