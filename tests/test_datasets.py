@@ -1,0 +1,187 @@
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deformrf.core.training import datasets
+from deformrf.core.training.datasets import DatasetError
+
+ANGLE = 0.7
+
+
+def view_image(index, size=(12, 8), mode="RGBA"):
+    """Random pixels; size is (width, height)."""
+    rng = np.random.default_rng(index)
+    return Image.fromarray(rng.integers(0, 256, (size[1], size[0], len(mode)), np.uint8), mode)
+
+
+def view_pose(index):
+    pose = np.eye(4)
+    pose[:3, 3] = index, 2.0, 3.0
+    return pose
+
+
+def write(folder, images, split="test", names=None, paths=None, **scene):
+    """A data set of these images, every one saved as PNG unless `names` says otherwise."""
+    (folder / split).mkdir(parents=True, exist_ok=True)
+    names = names or [f"r_{i}.png" for i in range(len(images))]
+    for image, name in zip(images, names, strict=True):
+        image.save(folder / split / name, lossless=True, exact=True)  # WebP's options
+    paths = paths or [f"./{split}/{name}" for name in names]
+    frames = [
+        {"file_path": path, "transform_matrix": view_pose(i).tolist()}
+        for i, path in enumerate(paths)
+    ]
+    scene = {"camera_angle_x": ANGLE, "frames": frames, **scene}
+    scene = {key: value for key, value in scene.items() if value is not None}
+    (folder / f"transforms_{split}.json").write_text(json.dumps(scene))
+    return folder
+
+
+def test_what_was_written_is_read(tmp_path):
+    images = [view_image(i) for i in range(3)]
+    dataset = datasets.load(write(tmp_path, images), "test")
+    assert dataset.names == ("r_0", "r_1", "r_2")
+    assert (dataset.width, dataset.height, dataset.split) == (12, 8, "test")
+    np.testing.assert_array_equal(dataset.images, np.stack([np.asarray(i) for i in images]))
+    np.testing.assert_array_equal(dataset.poses, np.stack([view_pose(i) for i in range(3)]))
+
+
+def test_the_outermost_pixel_edges_span_the_field_of_view(tmp_path):
+    dataset = datasets.load(write(tmp_path, [view_image(0)]), "test")
+    assert np.arctan(0.5 * dataset.width / dataset.focal) == pytest.approx(0.5 * ANGLE)
+
+
+def test_cameras_are_the_poses_with_one_focal_length(tmp_path):
+    dataset = datasets.load(write(tmp_path, [view_image(i) for i in range(2)]), "test")
+    first, second = datasets.cameras(dataset)
+    assert (first.focal, first.width, first.height) == (dataset.focal, 12, 8)
+    np.testing.assert_array_equal(second.camera_to_world, view_pose(1))
+
+
+@pytest.mark.parametrize("name", ["r_0.png", "r_0.webp", "r_0.v2.png"])
+def test_the_ending_may_be_left_out(tmp_path, name):
+    path = f"./test/{name.rsplit('.', 1)[0]}"
+    write(tmp_path, [view_image(0)], names=[name], paths=[path])
+    np.testing.assert_array_equal(datasets.load(tmp_path, "test").images[0], view_image(0))
+
+
+def test_images_without_alpha_are_opaque(tmp_path):
+    dataset = datasets.load(write(tmp_path, [view_image(0, mode="RGB")]), "test")
+    np.testing.assert_array_equal(dataset.images[0, ..., :3], np.asarray(view_image(0, mode="RGB")))
+    assert (dataset.images[..., 3] == 255).all()
+    assert not dataset.has_alpha
+
+
+def test_compositing_is_exact_where_alpha_is_0_or_255():
+    pixels = np.array([[10, 20, 30, 0], [51, 102, 204, 255], [0, 0, 0, 51]], np.uint8)
+    expected = [[1, 1, 1], [0.2, 0.4, 0.8], [0.8, 0.8, 0.8]]
+    np.testing.assert_allclose(datasets.white_composite(pixels), expected, atol=1e-6)
+
+
+def test_shrinking_averages_what_is_seen(tmp_path):
+    """The mean of the composite, not of colors that alpha hides; the field of view stays."""
+    full = datasets.load(write(tmp_path, [view_image(i) for i in range(4)]), "test")
+    half = datasets.load(tmp_path, "test", image_size=6)
+    assert (half.width, half.height) == (6, 4)
+    assert half.focal == pytest.approx(full.focal / 2)
+    seen = datasets.white_composite(full.images).reshape(4, 4, 2, 6, 2, 3).mean(axis=(2, 4))
+    # Pillow rounds premultiplied colors, alpha and the colors again to 8 bits.
+    np.testing.assert_allclose(datasets.white_composite(half.images), seen, atol=2.5 / 255)
+
+
+def test_images_are_never_enlarged(tmp_path):
+    dataset = datasets.load(write(tmp_path, [view_image(0)]), "test", image_size=100)
+    assert (dataset.width, dataset.height) == (12, 8)
+
+
+def test_a_few_views_are_spread_evenly(tmp_path):
+    write(tmp_path, [view_image(i) for i in range(9)])
+    dataset = datasets.load(tmp_path, "test", view_count=3)
+    assert dataset.names == ("r_0", "r_4", "r_8")
+    np.testing.assert_array_equal(dataset.poses[:, 0, 3], [0, 4, 8])
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_only_a_slow_load_at_a_terminal_shows_a_bar(monkeypatch, capsys, terminal):
+    monkeypatch.setattr(datasets, "SILENT_SECONDS", -1.0)
+    if terminal:
+        monkeypatch.setenv("FORCE_COLOR", "1")  # rich takes it for a terminal
+    assert list(datasets.slow_track(iter("abc"), 3, "Loading")) == ["a", "b", "c"]
+    error = capsys.readouterr().err
+    assert ("Loading" in error) if terminal else (error == "")
+
+
+def bad(id, prepare, sentence):
+    return pytest.param(prepare, sentence, id=id)
+
+
+@pytest.mark.parametrize(
+    "prepare, sentence",
+    [
+        bad("no folder", lambda f: None, r"nowhere is not a folder"),
+        bad("no file", lambda f: f.mkdir(), r"holds no transforms_test\.json .*: none"),
+        bad(
+            "other split",
+            lambda f: write(f, [view_image(0)], split="train"),
+            r"holds no transforms_test\.json .*: transforms_train\.json",
+        ),
+        bad("no frames", lambda f: write(f, [], frames=[]), r"lists no frames"),
+        bad("no object", lambda f: write(f, [], frames=7), r"with a list of frames"),
+        bad(
+            "image missing",
+            lambda f: write(f, [view_image(0)] * 2, paths=["test/r_0", "test/gone"]),
+            r"test/gone is missing",
+        ),
+        bad(
+            "two sizes",
+            lambda f: write(f, [view_image(0), view_image(1, size=(12, 9))]),
+            r"r_1\.png has 12x9 pixels, but r_0\.png 12x8",
+        ),
+        bad(
+            "no angle",
+            lambda f: write(f, [view_image(0)], camera_angle_x=None),
+            r"camera_angle_x = None",
+        ),
+        bad(
+            "degrees",
+            lambda f: write(f, [view_image(0)], camera_angle_x=40.0),
+            r"camera_angle_x = 40\.0.*radians",
+        ),
+        bad("no path", lambda f: write(f, [], frames=[{}]), r"has no file_path"),
+        bad(
+            "no pose",
+            lambda f: write(f, [view_image(0)], frames=[{"file_path": "test/r_0"}]),
+            r"transform_matrix of test/r_0 has to be 4 rows",
+        ),
+        bad(
+            "not JSON",
+            lambda f: (write(f, []) / "transforms_test.json").write_text("{"),
+            r"transforms_test\.json is not JSON",
+        ),
+        bad(
+            "not an image",
+            lambda f: (write(f, [view_image(0)]) / "test/r_0.png").write_text("text"),
+            r"r_0\.png can't be read as an image",
+        ),
+    ],
+)
+def test_a_bad_folder_ends_in_one_sentence(tmp_path, prepare, sentence):
+    folder = tmp_path / "nowhere"
+    prepare(folder)
+    with pytest.raises(DatasetError, match=sentence) as caught:
+        datasets.load(folder, "test")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("option", ["image_size", "view_count"])
+def test_a_size_of_zero_is_refused(tmp_path, option):
+    with pytest.raises(DatasetError, match=r"is 0: it has to be at least 1"):
+        datasets.load(write(tmp_path, [view_image(0)]), "test", **{option: 0})
+
+
+def test_the_development_data_are_read(shared_data):
+    dataset = datasets.load(shared_data("helmet"), "test", view_count=2)
+    assert dataset.images.shape == (2, 400, 400, 4)
+    assert dataset.has_alpha

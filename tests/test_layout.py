@@ -1,0 +1,111 @@
+"""The repository's shape: who may import whom, what is installed, and under which name."""
+
+import ast
+import subprocess
+import sys
+import tomllib
+from itertools import chain
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = sorted(p for folder in ("core", "viewer") for p in (ROOT / folder).rglob("*.py"))
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+
+# Each part may import itself and the parts named on its right.
+MAY_IMPORT = {
+    "core.paths": [],
+    "core.geometry": [],
+    "core.field": ["core.geometry"],
+    "core.render": ["core.geometry", "core.field"],
+    "core.deform": ["core.geometry"],
+    "core.training": ["core.geometry", "core.field", "core.render"],
+    "core.cli": ["core"],
+    "viewer": ["core"],
+}
+WINDOWING = ["moderngl", "pyglet", "imgui_bundle"]  # not in core: it runs without a display
+SLOW = {"torch", "warp", "pyglet"}  # imported when used: --help has to answer at once
+LINES_MAX = 400
+
+
+def module_name(path):
+    """core/field/encoding.py -> deformrf.core.field.encoding"""
+    return ".".join(["deformrf", *path.relative_to(ROOT).with_suffix("").parts])
+
+
+def is_within(module, *packages):
+    return any(f"{module}.".startswith(f"{package}.") for package in packages)
+
+
+def imported_modules(path):
+    """Yield the full name of everything that a file imports."""
+    package = module_name(path).split(".")[:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            for alias in node.names:
+                yield ".".join([*base, *filter(None, [node.module]), alias.name])
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+def test_imports_follow_the_layers(path):
+    here = module_name(path)
+    part = next((p for p in MAY_IMPORT if is_within(here, f"deformrf.{p}")), None)
+    allowed = [f"deformrf.{p}" for p in [part, *MAY_IMPORT[part]]] if part else [here]
+    for module in imported_modules(path):
+        assert not is_within(module, "core", "viewer"), f"{module}: write deformrf.{module}"
+        if is_within(module, "deformrf"):
+            assert is_within(module, *allowed), f"{here} may not import {module}"
+        if is_within(here, "deformrf.core"):
+            assert not is_within(module, *WINDOWING), f"{here} may not import {module}"
+
+
+@pytest.mark.parametrize("path", SOURCES + TESTS, ids=module_name)
+def test_files_stay_short(path):
+    line_count = len(path.read_text(encoding="utf-8").splitlines())
+    assert line_count <= LINES_MAX, f"{path.relative_to(ROOT)} has {line_count} lines: split it"
+
+
+def test_every_package_is_installed():
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    folders = {p.parent for p in SOURCES}
+    without_init = {str(f) for f in folders if not (f / "__init__.py").exists()}
+    assert not without_init, "a folder of modules needs an __init__.py to be installed"
+    found = {module_name(folder) for folder in folders}
+    assert set(setuptools["packages"]) == found | {"deformrf.shaders", "deformrf.assets"}
+
+
+def test_every_dependency_is_pinned():
+    from packaging.requirements import Requirement
+    from packaging.utils import canonicalize_name
+
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pins = {
+        canonicalize_name(line.split("==")[0]): line.split("==")[1]
+        for line in lines
+        if "==" in line
+    }
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
+    for requirement in map(Requirement, wanted):
+        pin = pins.get(canonicalize_name(requirement.name))
+        assert pin, f"constraints.txt lacks {requirement.name}"
+        assert pin in requirement.specifier, f"constraints.txt has {pin}, wanted {requirement}"
+
+
+@pytest.mark.parametrize("module", ["deformrf.core.cli", "deformrf.viewer.app"])
+def test_entry_points_import_nothing_slow(module):
+    program = f"import sys, {module}; print(*({SLOW!r} & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert not run.stdout.split(), f"{module} imports {run.stdout.strip()} before it is needed"
+
+
+def test_bare_folder_names_are_not_imported():
+    """Each test may have imported anything by now, but never the folders by their bare names."""
+    import deformrf.core.paths  # noqa: F401
+
+    assert not {"core", "viewer"} & set(sys.modules)
