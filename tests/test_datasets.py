@@ -1,5 +1,3 @@
-import json
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -7,7 +5,7 @@ from PIL import Image
 from deformrf.core.training import datasets
 from deformrf.core.training.datasets import DatasetError
 
-ANGLE = 0.7
+ANGLE = 0.7  # of the data sets that conftest.py writes
 
 
 def view_image(index, size=(12, 8), mode="RGBA"):
@@ -16,59 +14,43 @@ def view_image(index, size=(12, 8), mode="RGBA"):
     return Image.fromarray(rng.integers(0, 256, (size[1], size[0], len(mode)), np.uint8), mode)
 
 
-def view_pose(index):
-    pose = np.eye(4)
-    pose[:3, 3] = index, 2.0, 3.0
-    return pose
+def view_poses(count):
+    """The poses that conftest.py writes."""
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, 0, 3], poses[:, 1:3, 3] = range(count), (2.0, 3.0)
+    return poses
 
 
-def write(folder, images, split="test", names=None, paths=None, **scene):
-    """A data set of these images, every one saved as PNG unless `names` says otherwise."""
-    (folder / split).mkdir(parents=True, exist_ok=True)
-    names = names or [f"r_{i}.png" for i in range(len(images))]
-    for image, name in zip(images, names, strict=True):
-        image.save(folder / split / name, lossless=True, exact=True)  # WebP's options
-    paths = paths or [f"./{split}/{name}" for name in names]
-    frames = [
-        {"file_path": path, "transform_matrix": view_pose(i).tolist()}
-        for i, path in enumerate(paths)
-    ]
-    scene = {"camera_angle_x": ANGLE, "frames": frames, **scene}
-    scene = {key: value for key, value in scene.items() if value is not None}
-    (folder / f"transforms_{split}.json").write_text(json.dumps(scene))
-    return folder
-
-
-def test_what_was_written_is_read(tmp_path):
+def test_what_was_written_is_read(tmp_path, write_dataset):
     images = [view_image(i) for i in range(3)]
-    dataset = datasets.load(write(tmp_path, images), "test")
+    dataset = datasets.load(write_dataset(tmp_path, images), "test")
     assert dataset.names == ("r_0", "r_1", "r_2")
     assert (dataset.width, dataset.height, dataset.split) == (12, 8, "test")
     np.testing.assert_array_equal(dataset.images, np.stack([np.asarray(i) for i in images]))
-    np.testing.assert_array_equal(dataset.poses, np.stack([view_pose(i) for i in range(3)]))
+    np.testing.assert_array_equal(dataset.poses, view_poses(3))
 
 
-def test_the_outermost_pixel_edges_span_the_field_of_view(tmp_path):
-    dataset = datasets.load(write(tmp_path, [view_image(0)]), "test")
+def test_the_outermost_pixel_edges_span_the_field_of_view(tmp_path, write_dataset):
+    dataset = datasets.load(write_dataset(tmp_path, [view_image(0)]), "test")
     assert np.arctan(0.5 * dataset.width / dataset.focal) == pytest.approx(0.5 * ANGLE)
 
 
-def test_cameras_are_the_poses_with_one_focal_length(tmp_path):
-    dataset = datasets.load(write(tmp_path, [view_image(i) for i in range(2)]), "test")
+def test_cameras_are_the_poses_with_one_focal_length(tmp_path, write_dataset):
+    dataset = datasets.load(write_dataset(tmp_path, [view_image(i) for i in range(2)]), "test")
     first, second = datasets.cameras(dataset)
     assert (first.focal, first.width, first.height) == (dataset.focal, 12, 8)
-    np.testing.assert_array_equal(second.camera_to_world, view_pose(1))
+    np.testing.assert_array_equal(second.camera_to_world, view_poses(2)[1])
 
 
 @pytest.mark.parametrize("name", ["r_0.png", "r_0.webp", "r_0.v2.png"])
-def test_the_ending_may_be_left_out(tmp_path, name):
+def test_the_ending_may_be_left_out(tmp_path, name, write_dataset):
     path = f"./test/{name.rsplit('.', 1)[0]}"
-    write(tmp_path, [view_image(0)], names=[name], paths=[path])
+    write_dataset(tmp_path, [view_image(0)], names=[name], paths=[path])
     np.testing.assert_array_equal(datasets.load(tmp_path, "test").images[0], view_image(0))
 
 
-def test_images_without_alpha_are_opaque(tmp_path):
-    dataset = datasets.load(write(tmp_path, [view_image(0, mode="RGB")]), "test")
+def test_images_without_alpha_are_opaque(tmp_path, write_dataset):
+    dataset = datasets.load(write_dataset(tmp_path, [view_image(0, mode="RGB")]), "test")
     np.testing.assert_array_equal(dataset.images[0, ..., :3], np.asarray(view_image(0, mode="RGB")))
     assert (dataset.images[..., 3] == 255).all()
     assert not dataset.has_alpha
@@ -80,9 +62,9 @@ def test_compositing_is_exact_where_alpha_is_0_or_255():
     np.testing.assert_allclose(datasets.white_composite(pixels), expected, atol=1e-6)
 
 
-def test_shrinking_averages_what_is_seen(tmp_path):
+def test_shrinking_averages_what_is_seen(tmp_path, write_dataset):
     """The mean of the composite, not of colors that alpha hides; the field of view stays."""
-    full = datasets.load(write(tmp_path, [view_image(i) for i in range(4)]), "test")
+    full = datasets.load(write_dataset(tmp_path, [view_image(i) for i in range(4)]), "test")
     half = datasets.load(tmp_path, "test", image_size=6)
     assert (half.width, half.height) == (6, 4)
     assert half.focal == pytest.approx(full.focal / 2)
@@ -91,13 +73,13 @@ def test_shrinking_averages_what_is_seen(tmp_path):
     np.testing.assert_allclose(datasets.white_composite(half.images), seen, atol=2.5 / 255)
 
 
-def test_images_are_never_enlarged(tmp_path):
-    dataset = datasets.load(write(tmp_path, [view_image(0)]), "test", image_size=100)
+def test_images_are_never_enlarged(tmp_path, write_dataset):
+    dataset = datasets.load(write_dataset(tmp_path, [view_image(0)]), "test", image_size=100)
     assert (dataset.width, dataset.height) == (12, 8)
 
 
-def test_a_few_views_are_spread_evenly(tmp_path):
-    write(tmp_path, [view_image(i) for i in range(9)])
+def test_a_few_views_are_spread_evenly(tmp_path, write_dataset):
+    write_dataset(tmp_path, [view_image(i) for i in range(9)])
     dataset = datasets.load(tmp_path, "test", view_count=3)
     assert dataset.names == ("r_0", "r_4", "r_8")
     np.testing.assert_array_equal(dataset.poses[:, 0, 3], [0, 4, 8])
@@ -120,65 +102,65 @@ def bad(id, prepare, sentence):
 @pytest.mark.parametrize(
     "prepare, sentence",
     [
-        bad("no folder", lambda f: None, r"nowhere is not a folder"),
-        bad("no file", lambda f: f.mkdir(), r"holds no transforms_test\.json .*: none"),
+        bad("no folder", lambda f, write: None, r"nowhere is not a folder"),
+        bad("no file", lambda f, write: f.mkdir(), r"holds no transforms_test\.json .*: none"),
         bad(
             "other split",
-            lambda f: write(f, [view_image(0)], split="train"),
+            lambda f, write: write(f, [view_image(0)], split="train"),
             r"holds no transforms_test\.json .*: transforms_train\.json",
         ),
-        bad("no frames", lambda f: write(f, [], frames=[]), r"lists no frames"),
-        bad("no object", lambda f: write(f, [], frames=7), r"with a list of frames"),
+        bad("no frames", lambda f, write: write(f, [], frames=[]), r"lists no frames"),
+        bad("no object", lambda f, write: write(f, [], frames=7), r"with a list of frames"),
         bad(
             "image missing",
-            lambda f: write(f, [view_image(0)] * 2, paths=["test/r_0", "test/gone"]),
+            lambda f, write: write(f, [view_image(0)] * 2, paths=["test/r_0", "test/gone"]),
             r"test/gone is missing",
         ),
         bad(
             "two sizes",
-            lambda f: write(f, [view_image(0), view_image(1, size=(12, 9))]),
+            lambda f, write: write(f, [view_image(0), view_image(1, size=(12, 9))]),
             r"r_1\.png has 12x9 pixels, but r_0\.png 12x8",
         ),
         bad(
             "no angle",
-            lambda f: write(f, [view_image(0)], camera_angle_x=None),
+            lambda f, write: write(f, [view_image(0)], camera_angle_x=None),
             r"camera_angle_x = None",
         ),
         bad(
             "degrees",
-            lambda f: write(f, [view_image(0)], camera_angle_x=40.0),
+            lambda f, write: write(f, [view_image(0)], camera_angle_x=40.0),
             r"camera_angle_x = 40\.0.*radians",
         ),
-        bad("no path", lambda f: write(f, [], frames=[{}]), r"has no file_path"),
+        bad("no path", lambda f, write: write(f, [], frames=[{}]), r"has no file_path"),
         bad(
             "no pose",
-            lambda f: write(f, [view_image(0)], frames=[{"file_path": "test/r_0"}]),
+            lambda f, write: write(f, [view_image(0)], frames=[{"file_path": "test/r_0"}]),
             r"transform_matrix of test/r_0 has to be 4 rows",
         ),
         bad(
             "not JSON",
-            lambda f: (write(f, []) / "transforms_test.json").write_text("{"),
+            lambda f, write: (write(f, []) / "transforms_test.json").write_text("{"),
             r"transforms_test\.json is not JSON",
         ),
         bad(
             "not an image",
-            lambda f: (write(f, [view_image(0)]) / "test/r_0.png").write_text("text"),
+            lambda f, write: (write(f, [view_image(0)]) / "test/r_0.png").write_text("text"),
             r"r_0\.png can't be read as an image",
         ),
     ],
 )
-def test_a_bad_folder_ends_in_one_sentence(tmp_path, prepare, sentence):
+def test_a_bad_folder_ends_in_one_sentence(tmp_path, prepare, sentence, write_dataset):
     folder = tmp_path / "nowhere"
-    prepare(folder)
+    prepare(folder, write_dataset)
     with pytest.raises(DatasetError, match=sentence) as caught:
         datasets.load(folder, "test")
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("option", ["image_size", "view_count"])
-def test_a_size_of_zero_is_refused(tmp_path, option):
+def test_a_size_of_zero_is_refused(tmp_path, option, write_dataset):
     with pytest.raises(DatasetError, match=r"is 0: it has to be at least 1"):
-        datasets.load(write(tmp_path, [view_image(0)]), "test", **{option: 0})
+        datasets.load(write_dataset(tmp_path, [view_image(0)]), "test", **{option: 0})
 
 
 def test_the_development_data_are_read(shared_data):

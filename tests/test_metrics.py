@@ -70,7 +70,7 @@ def test_wrong_input_is_named():
     a, _ = images(6)
     with pytest.raises(ValueError, match=r"\(17, 20, 3\) and \(17, 19, 3\)"):
         psnr(a, a[:, 1:])
-    with pytest.raises(ValueError, match="11x11 pixels, these are 20x9"):
+    with pytest.raises(ValueError, match="11x11 pixels, these have 20x9"):
         ssim(a[:9], a[:9])
     with pytest.raises(ValueError, match="not uint8"):
         psnr(np.zeros((4, 4), np.uint8), np.zeros((4, 4), np.uint8))

@@ -81,7 +81,7 @@ def load(folder, split, image_size=None, view_count=None) -> Dataset:
     """
     for name, value in (("image size", image_size), ("number of views", view_count)):
         if value is not None and value < 1:
-            raise DatasetError(f"The {name} is {value}: it has to be at least 1.")
+            raise DatasetError(f"The {name} is {value}: it has to be at least 1")
     folder = Path(folder)
     scene = read_transforms(folder, split)
     frames = scene["frames"]
@@ -114,23 +114,23 @@ def read_transforms(folder, split) -> dict:
     """transforms_<split>.json, checked as far as a file by itself can be."""
     path = folder / f"transforms_{split}.json"
     if not folder.is_dir():
-        raise DatasetError(f"{folder} is not a folder: give the one that holds {path.name}.")
+        raise DatasetError(f"{folder} is not a folder: give the one that holds {path.name}")
     if not path.is_file():
         others = ", ".join(sorted(p.name for p in folder.glob("transforms*.json"))) or "none"
-        raise DatasetError(f"{folder} holds no {path.name} (transforms files there: {others}).")
+        raise DatasetError(f"{folder} holds no {path.name} (transforms files there: {others})")
     try:
         scene = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise DatasetError(f"{path} is not JSON: {error}.") from None
+        raise DatasetError(f"{path} is not JSON: {error}") from None
     if not isinstance(scene, dict) or not isinstance(scene.get("frames", []), list):
-        raise DatasetError(f"{path} has to be a JSON object with a list of frames.")
+        raise DatasetError(f"{path} has to be a JSON object with a list of frames")
     if not scene.get("frames"):
-        raise DatasetError(f"{path} lists no frames: there is nothing to load.")
+        raise DatasetError(f"{path} lists no frames: there is nothing to load")
     angle = scene.get("camera_angle_x")
     if not isinstance(angle, int | float) or not 0.0 < angle < np.pi:
         raise DatasetError(
             f"{path} has camera_angle_x = {angle}: it has to be the horizontal field of view "
-            f"in radians, between 0 and 3.14."
+            f"in radians, between 0 and 3.14"
         )
     return scene
 
@@ -138,13 +138,13 @@ def read_transforms(folder, split) -> dict:
 def image_path(folder, frame) -> Path:
     name = frame.get("file_path") if isinstance(frame, dict) else None
     if not isinstance(name, str) or not name:
-        raise DatasetError(f"A frame of the data set in {folder} has no file_path.")
+        raise DatasetError(f"A frame of the data set in {folder} has no file_path")
     for ending in ENDINGS:
         path = folder / (name + ending)
         if path.is_file():
             return path
     raise DatasetError(
-        f"The image {folder / name} is missing (tried as it is, and with .png, .webp, .jpg, .jpeg)."
+        f"The image {folder / name} is missing (tried as it is, and with .png, .webp, .jpg, .jpeg)"
     )
 
 
@@ -156,7 +156,7 @@ def pose(frame):
         matrix = np.empty(0)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise DatasetError(
-            f"The transform_matrix of {frame['file_path']} has to be 4 rows of 4 finite numbers."
+            f"The transform_matrix of {frame['file_path']} has to be 4 rows of 4 finite numbers"
         )
     return matrix
 
@@ -173,7 +173,7 @@ def read_images(paths, image_size=None):
             if size != first_size:
                 raise DatasetError(
                     f"{paths[index]} has {size[0]}x{size[1]} pixels, but {paths[0].name} "
-                    f"{first_size[0]}x{first_size[1]}: all images need one size."
+                    f"{first_size[0]}x{first_size[1]}: all images need one size"
                 )
             images[index] = image
     return images
@@ -185,7 +185,7 @@ def read_image(path, image_size):
         with Image.open(path) as file:
             image = file.convert("RGBA")
     except (OSError, UnidentifiedImageError, Image.DecompressionBombError):
-        raise DatasetError(f"{path} can't be read as an image.") from None
+        raise DatasetError(f"{path} can't be read as an image") from None
     size = image.size
     if image_size is not None and image_size < max(size):
         scale = image_size / max(size)

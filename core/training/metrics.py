@@ -30,12 +30,7 @@ def psnr(a, b) -> float:
 def ssim(a, b) -> float:
     """Structural similarity, 1 for equal images."""
     a, b = as_float64(a, b)
-    height, width = a.shape[:2]
-    if min(height, width) < WINDOW_SIZE:
-        raise ValueError(
-            f"SSIM needs images of at least {WINDOW_SIZE}x{WINDOW_SIZE} pixels, "
-            f"these are {width}x{height}"
-        )
+    check_size(*a.shape[:2])
     mean_a, mean_b = blur(a), blur(b)
     variance_a = blur(a * a) - mean_a**2
     variance_b = blur(b * b) - mean_b**2
@@ -43,6 +38,15 @@ def ssim(a, b) -> float:
     similarity = (2 * mean_a * mean_b + C1) * (2 * covariance + C2)
     similarity /= (mean_a**2 + mean_b**2 + C1) * (variance_a + variance_b + C2)
     return float(similarity.mean())
+
+
+def check_size(height, width):
+    """Raise ValueError if no whole window of SSIM fits."""
+    if min(height, width) < WINDOW_SIZE:
+        raise ValueError(
+            f"SSIM needs images of at least {WINDOW_SIZE}x{WINDOW_SIZE} pixels, "
+            f"these have {width}x{height}"
+        )
 
 
 def window():

@@ -1,0 +1,185 @@
+"""deformrf-train and deformrf-eval: parse, check, call, print.
+
+A command first prepares: whatever the user can get wrong is found there, and ends in one
+sentence on stderr and exit code 2.  Then it works.  Ctrl-C ends it with 130, after what is
+done has been written.  Slow imports wait until the arguments are known to be good.
+"""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+INPUT_ERROR, INTERRUPTED = 2, 130  # exit codes
+
+Device = Literal["auto", "cpu", "cuda"]
+Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
+Data = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
+Model = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+File = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
+
+
+@dataclass(frozen=True)
+class TrainArguments:
+    """Train a model from posed images in the Blender layout."""
+
+    data: Data
+    """Folder with transforms_train.json and, for a score at the end, transforms_test.json."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="MODEL")]
+    """Model file to write, an .npz."""
+    preset: Literal["default", "fast", "tiny"] = "default"
+    """default: a GPU, minutes; fast: a GPU, a first look; tiny: two CPU cores, minutes."""
+    device: Device = "auto"
+    """auto takes CUDA if there is any."""
+    steps: Count = None
+    """Optimization steps of both stages together, instead of the preset's."""
+    seed: Count = None
+    """Of everything random; the same seed gives the same run on the same machine."""
+    image_size: Count = None
+    """Shrink the images to this longer side [pixels]."""
+
+
+@dataclass(frozen=True)
+class EvaluateArguments:
+    """Score a model on images that it has not seen: PSNR and SSIM over white."""
+
+    model: Model
+    """Model file, an .npz."""
+    data: Data
+    """Folder with transforms_<split>.json."""
+    json: File = None
+    """Write the scores of each view and their mean to this file."""
+    images: File = None
+    """Write render, truth and difference (x4) of each view to this folder."""
+    split: str = "test"
+    """Which transforms_<split>.json."""
+    views: Count = None
+    """Score that many views, spread evenly, instead of all."""
+    image_size: Count = None
+    """Shrink the images to this longer side [pixels]."""
+    device: Device = "auto"
+    """auto takes CUDA if there is any."""
+
+
+def train():
+    """The command deformrf-train."""
+    arguments = tyro.cli(TrainArguments, prog="deformrf-train")
+    sys.exit(run("deformrf-train", lambda: prepare_training(arguments)))
+
+
+def evaluate():
+    """The command deformrf-eval."""
+    arguments = tyro.cli(EvaluateArguments, prog="deformrf-eval")
+    sys.exit(run("deformrf-eval", lambda: prepare_evaluation(arguments)))
+
+
+def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
+    """Prepare a job, do it, return the exit code.
+
+    ValueErrors (data set and model errors are such) and OSErrors of the preparation are the
+    user's to mend; those of the job are faults of the program and keep their traceback.
+    """
+    try:
+        try:
+            job = prepare()
+        except (ValueError, OSError) as error:
+            print(f"{program}: {error}", file=sys.stderr)
+            return INPUT_ERROR
+        return job()
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def prepare_training(arguments: TrainArguments):
+    from .training import datasets
+    from .training.options import preset
+
+    options = preset(arguments.preset)
+    if arguments.steps is not None:
+        options = replace(options, steps=at_least(1, "--steps", arguments.steps))
+    if arguments.seed is not None:
+        options = replace(options, seed=at_least(0, "--seed", arguments.seed))
+    train_views = datasets.load(arguments.data, "train", arguments.image_size)
+    test_views = None
+    if (arguments.data / "transforms_test.json").exists():
+        test_views = datasets.load(arguments.data, "test", arguments.image_size)
+    device = device_name(arguments.device, for_training=True)
+    output = writable_file(arguments.output, ".npz")
+
+    def job():
+        from .training import trainer
+
+        report = trainer.train(train_views, test_views, options, device, output)
+        return 0 if report["complete"] else INTERRUPTED
+
+    return job
+
+
+def prepare_evaluation(arguments: EvaluateArguments):
+    from .training import datasets, metrics
+
+    # The cheap checks first: importing the renderer takes a second.
+    dataset = datasets.load(
+        arguments.data, arguments.split, arguments.image_size, view_count=arguments.views
+    )
+    metrics.check_size(dataset.height, dataset.width)
+    json_path = arguments.json and writable_file(arguments.json, ".json")
+    if arguments.images:
+        arguments.images.mkdir(parents=True, exist_ok=True)
+    device = device_name(arguments.device)
+
+    from .field import modelfile
+    from .training import evaluate
+
+    field = modelfile.load(arguments.model)
+
+    def job():
+        report = evaluate.evaluate(
+            field, dataset, arguments.images, device, model_path=arguments.model
+        )
+        evaluate.print_report(report)
+        if json_path:
+            evaluate.write_report(report, json_path)
+        return 0 if report["complete"] else INTERRUPTED
+
+    return job
+
+
+def at_least(smallest: int, name: str, value: int) -> int:
+    if value < smallest:
+        raise ValueError(f"{name} is {value}: it has to be at least {smallest}")
+    return value
+
+
+def writable_file(path: Path, ending: str) -> Path:
+    """The path, if a file can be written there: better known now than after an hour."""
+    if path.suffix != ending:
+        raise ValueError(f"the file to write, {path}, has to end in {ending}")
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder, but a file is to be written there")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    existed = path.exists()
+    path.open("ab").close()
+    if not existed:
+        path.unlink()
+    return path
+
+
+def device_name(choice: Device, for_training=False) -> str:
+    """Warp's name of the device; auto is CUDA where the job can run on it."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR  # without it, Warp greets on stdout
+    available = choice != "cpu" and wp.is_cuda_available()
+    if available and for_training:
+        import torch
+
+        available = torch.cuda.is_available()  # it may be a CPU build beside a good GPU
+    if choice == "cuda" and not available:
+        who = "torch" if for_training else "Warp"
+        raise ValueError(f"{who} finds no CUDA device here; --device cpu works everywhere")
+    return "cuda:0" if available else "cpu"

@@ -1,0 +1,179 @@
+"""A model against images that it has not seen: PSNR, SSIM and opacity, view by view.
+
+Render and truth are composited over white.  The alpha error is the mean of |α − α_truth|; it
+is left out where the data have no alpha.  Seconds are those of one render and of its copy to
+the host, without the first compilation of the kernels.
+"""
+
+import json
+import os
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from ..field.field import TetField
+from ..render.render import Renderer, RenderOptions
+from .datasets import Dataset, cameras, white_composite
+from .metrics import check_size, psnr, ssim
+
+DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
+
+
+@dataclass(frozen=True)
+class ViewScore:
+    """One view: PSNR in dB, SSIM, mean |Δα| (None without alpha) and seconds to render."""
+
+    name: str
+    psnr: float
+    ssim: float
+    alpha_error: float | None
+    seconds: float
+
+
+def evaluate(
+    field: TetField, dataset: Dataset, out_dir=None, device="cpu", options=None, model_path=None
+) -> dict:
+    """Render every view of a data set and score it.
+
+    Ctrl-C ends it early: the report then holds the views that are done, and says so.
+
+    Args:
+        out_dir: Where report.json and an image per view go: render, truth, their difference.
+        device: "cpu" or "cuda:0".
+        options: RenderOptions; their background is replaced by white.
+        model_path: The file that the field came from; the report then says its size.
+
+    Returns:
+        The report, plain JSON values.
+    """
+    check_size(dataset.height, dataset.width)
+    options = replace(options or RenderOptions(), background=(1.0, 1.0, 1.0))
+    renderer = Renderer(field, device=device)
+    views = [model_space(camera, field.world_to_model) for camera in cameras(dataset)]
+    if out_dir is not None:
+        out_dir = Path(out_dir)
+        out_dir.mkdir(parents=True, exist_ok=True)
+    renderer.render(views[0].resized(8, 8), options).color_array()  # compiles the kernels
+
+    scores, has_alpha = [], dataset.has_alpha
+    try:
+        for index, camera in enumerate(track(views)):
+            begin = time.perf_counter()
+            rendered = renderer.render(camera, options).color_array()
+            seconds = time.perf_counter() - begin
+            truth = dataset.images[index]
+            score = score_view(dataset.names[index], rendered, truth, has_alpha, seconds)
+            scores.append(score)
+            if out_dir is not None:
+                picture = side_by_side(rendered, truth)
+                Image.fromarray(picture).save(out_dir / f"{index:03d}_{score.name}.png")
+    except KeyboardInterrupt:
+        pass  # the report of what is done says that it is not complete
+    report = {
+        "model": model_facts(field, model_path),
+        "split": dataset.split,
+        "width": dataset.width,
+        "height": dataset.height,
+        "device": str(device),
+        "complete": len(scores) == dataset.view_count,
+        "mean": mean_scores(scores),
+        "views": [plain(asdict(score)) for score in scores],
+    }
+    if out_dir is not None:
+        write_report(report, out_dir / "report.json")
+    return report
+
+
+def score_view(name, rendered, truth, has_alpha, seconds) -> ViewScore:
+    """Score a render (color over white, α in the last channel) against straight-alpha RGBA."""
+    a, b = rendered[..., :3] / 255.0, white_composite(truth).astype(np.float64)
+    alpha_error = None
+    if has_alpha:
+        difference = rendered[..., 3].astype(np.float64) - truth[..., 3]
+        alpha_error = float(np.abs(difference).mean() / 255.0)
+    return ViewScore(name, psnr(a, b), ssim(a, b), alpha_error, seconds)
+
+
+def mean_scores(scores) -> dict:
+    """The mean of each figure over the views; None where there is none."""
+    means = {}
+    for name in ("psnr", "ssim", "alpha_error", "seconds"):
+        values = [getattr(score, name) for score in scores]
+        known = values and None not in values
+        means[name] = float(np.mean(values)) if known else None
+    return plain(means)
+
+
+def plain(values: dict) -> dict:
+    """JSON has no infinity: the PSNR of equal images becomes None."""
+    return {
+        k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
+    }
+
+
+def model_facts(field, path=None) -> dict:
+    """How large a model is; its file too, if it comes from one."""
+    facts = {
+        "vertices": field.mesh.vertex_count,
+        "tets": field.mesh.tet_count,
+        "levels": field.options.level_count,
+    }
+    if path is not None:
+        facts |= {"file": Path(path).name, "bytes": os.path.getsize(path)}
+    return facts
+
+
+def model_space(camera, world_to_model):
+    """The same camera seen from model space.
+
+    The map is a uniform scale and a translation: directions stay, positions move.
+    """
+    pose = camera.camera_to_world.copy()
+    pose[:3, 3] = world_to_model[:3, :3] @ pose[:3, 3] + world_to_model[:3, 3]
+    return replace(camera, camera_to_world=pose)
+
+
+def side_by_side(rendered, truth):
+    """Render, truth over white, and their amplified absolute difference.  [H, 3 W, 3] uint8"""
+    a, b = rendered[..., :3] / 255.0, white_composite(truth)
+    difference = np.minimum(DIFFERENCE_GAIN * np.abs(a - b), 1.0)
+    return np.round(255.0 * np.concatenate([a, b, difference], axis=1)).astype(np.uint8)
+
+
+def track(views):
+    """Yield the views under a progress bar with the time left, if there is a terminal."""
+    console = Console(stderr=True)
+    columns = (TextColumn("Evaluating"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        yield from progress.track(views)
+
+
+def write_report(report, path):
+    Path(path).write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def print_report(report):
+    """A table: a line for each view, then the mean."""
+
+    def cells(row):
+        values = (row["psnr"], row["ssim"], row["alpha_error"], row["seconds"])
+        formats = ("{:.2f}", "{:.4f}", "{:.4f}", "{:.3f}")
+        return ["-" if v is None else f.format(v) for f, v in zip(formats, values, strict=True)]
+
+    facts = report["model"]
+    title = f"{facts['tets']} tets, {facts['levels']} levels, {report['width']}x{report['height']}"
+    table = Table("view", title=title)
+    for heading in ("PSNR [dB]", "SSIM", "alpha error", "seconds"):
+        table.add_column(heading, justify="right")
+    for row in report["views"]:
+        table.add_row(row["name"], *cells(row))
+    table.add_section()
+    label = "mean" if report["complete"] else f"mean of the {len(report['views'])} views done"
+    table.add_row(label, *cells(report["mean"]))
+    Console().print(table)

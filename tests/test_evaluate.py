@@ -1,0 +1,139 @@
+"""Scores of a model: against its own renders, against known errors, and cut short."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deformrf.core.field.field import FieldOptions, random_field
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import tet_neighbours
+from deformrf.core.render import camera as cameras
+from deformrf.core.render.render import Renderer
+from deformrf.core.training import evaluate as evaluation
+from deformrf.core.training.datasets import Dataset
+from deformrf.core.training.evaluate import evaluate, print_report
+
+SIZE = 16
+VIEWS = 3
+
+
+@pytest.fixture(scope="module")
+def field():
+    """A colorful little field whose world is three times as large, and elsewhere."""
+    mesh = a15_grid(0.25)
+    options = FieldOptions(2, 2**10, (16,), (16,), march_step=0.05)
+    field = random_field(mesh, tet_neighbours(mesh.tets), options)
+    field.world_to_model[:3, :3] /= 3.0
+    field.world_to_model[:3, 3] = 0.4, 0.5, 0.6
+    return field
+
+
+@pytest.fixture(scope="module")
+def dataset(field):
+    """What the field itself looks like, photographed from around it in its world."""
+    renderer = Renderer(field)
+    model_to_world = np.linalg.inv(field.world_to_model)
+    poses, images = [], []
+    for angle in np.linspace(0.0, 4.0, VIEWS):
+        eye = np.array([0.5 + 1.5 * np.cos(angle), 0.5 + 1.5 * np.sin(angle), 0.9])
+        pose = cameras.look_at(eye, (0.5, 0.5, 0.5))
+        view = cameras.from_field_of_view(pose, 0.7, SIZE, SIZE)
+        images.append(renderer.render(view).color_array())
+        poses.append(cameras.look_at(*((model_to_world @ [*p, 1])[:3] for p in (eye, [0.5] * 3))))
+    images = np.stack(images)
+    images[..., 3] = 255  # a photograph over white, without alpha
+    names = tuple(f"r_{i}" for i in range(VIEWS))
+    return Dataset(images, np.stack(poses), view.focal, SIZE, SIZE, names, "test")
+
+
+class FakeRenderer:
+    """Renders the constant `color`, and is interrupted at view number `interrupted_at`."""
+
+    color, interrupted_at = (0, 0, 0, 255), None
+
+    def __init__(self, field, device):
+        self.render_count = -1  # the first is the warm-up
+
+    def render(self, camera, options):
+        assert options.background == (1.0, 1.0, 1.0)
+        if self.render_count == self.interrupted_at:
+            raise KeyboardInterrupt
+        self.render_count += 1
+        self.pixels = np.full((camera.height, camera.width, 4), self.color, np.uint8)
+        return self
+
+    def color_array(self):
+        return self.pixels
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    monkeypatch.setattr(evaluation, "Renderer", FakeRenderer)
+    return monkeypatch
+
+
+def constant_views(color):
+    images = np.full((VIEWS, SIZE, SIZE, 4), color, np.uint8)
+    poses = np.tile(np.eye(4), (VIEWS, 1, 1))
+    return Dataset(images, poses, 20.0, SIZE, SIZE, ("a", "b", "c"), "test")
+
+
+def test_a_model_equals_its_own_renders(field, dataset, tmp_path):
+    """Through world_to_model: the data set's cameras are in the world."""
+    assert np.ptp(dataset.images[..., :3]) > 100, "an empty image would prove nothing"
+    report = evaluate(field, dataset, tmp_path)
+    assert report["complete"]
+    assert report["mean"]["ssim"] == pytest.approx(1.0, abs=1e-3)
+    assert report["mean"]["psnr"] is None or report["mean"]["psnr"] > 50.0
+    assert report["mean"]["alpha_error"] is None, "the images have no alpha"
+    assert report["model"] == {
+        "vertices": field.mesh.vertex_count,
+        "tets": field.mesh.tet_count,
+        "levels": 2,
+    }
+
+
+def test_scores_of_a_constant_error(fake, field):
+    """Black against 51/255 gray at opacity 204/255, which over white is 0.2·0.8 + 0.2."""
+    report = evaluate(field, constant_views((51, 51, 51, 204)))
+    error = 0.2 * 0.8 + 0.2
+    assert report["mean"]["psnr"] == pytest.approx(-20 * np.log10(error), abs=1e-4)
+    assert report["mean"]["alpha_error"] == pytest.approx(0.2)
+    assert [view["name"] for view in report["views"]] == ["a", "b", "c"]
+
+
+def test_equal_images_have_no_psnr_in_json(fake, field, tmp_path):
+    report = evaluate(field, constant_views((0, 0, 0, 255)), tmp_path)
+    assert report["mean"]["psnr"] is None
+    assert json.loads((tmp_path / "report.json").read_text()) == report
+
+
+def test_images_show_render_truth_and_difference(fake, field, tmp_path):
+    fake.setattr(FakeRenderer, "color", (110, 100, 0, 255))
+    evaluate(field, constant_views((100, 100, 200, 255)), tmp_path)
+    assert sorted(p.name for p in tmp_path.glob("*.png")) == ["000_a.png", "001_b.png", "002_c.png"]
+    picture = np.asarray(Image.open(tmp_path / "001_b.png"))
+    assert picture.shape == (SIZE, 3 * SIZE, 3)
+    parts = picture.reshape(SIZE, 3, SIZE, 3)
+    assert (parts[:, 0] == (110, 100, 0)).all()
+    assert (parts[:, 1] == (100, 100, 200)).all()
+    assert (parts[:, 2] == (40, 0, 255)).all()
+
+
+@pytest.mark.parametrize("done", [0, 2])
+def test_ctrl_c_leaves_a_report_of_what_is_done(fake, field, tmp_path, capsys, done):
+    fake.setattr(FakeRenderer, "interrupted_at", done)
+    report = evaluate(field, constant_views((9, 9, 9, 255)), tmp_path)
+    assert not report["complete"]
+    assert len(report["views"]) == len(list(tmp_path.glob("*.png"))) == done
+    assert json.loads((tmp_path / "report.json").read_text()) == report
+    print_report(report)
+    assert f"mean of the {done} views done" in capsys.readouterr().out
+
+
+def test_images_too_small_for_ssim_are_refused(field, dataset):
+    small = Dataset(dataset.images[:, :8], dataset.poses, 20.0, SIZE, 8, dataset.names, "test")
+    with pytest.raises(ValueError, match="these have 16x8"):
+        evaluate(field, small)
