@@ -17,6 +17,7 @@ INPUT_ERROR, INTERRUPTED = 2, 130  # exit codes
 
 Device = Literal["auto", "cpu", "cuda"]
 Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
+Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
 Data = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
 Model = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
 File = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
@@ -35,11 +36,13 @@ class TrainArguments:
     device: Device = "auto"
     """auto takes CUDA if there is any."""
     steps: Count = None
-    """Optimization steps of both stages together, instead of the preset's."""
+    """Optimization steps, shared out between the two stages as in the preset."""
     seed: Count = None
     """Of everything random; the same seed gives the same run on the same machine."""
     image_size: Count = None
     """Shrink the images to this longer side [pixels]."""
+    scene_radius: Number = None
+    """The object lies in the box from -R to R around the data's origin [its units]."""
 
 
 @dataclass(frozen=True)
@@ -100,9 +103,13 @@ def prepare_training(arguments: TrainArguments):
 
     options = preset(arguments.preset)
     if arguments.steps is not None:
-        options = replace(options, steps=at_least(1, "--steps", arguments.steps))
+        options = with_steps(options, at_least(2, "--steps", arguments.steps))
     if arguments.seed is not None:
         options = replace(options, seed=at_least(0, "--seed", arguments.seed))
+    if arguments.scene_radius is not None:
+        options = replace(options, scene_radius=arguments.scene_radius)
+        if not 0.0 < options.scene_radius < float("inf"):
+            raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
     train_views = datasets.load(arguments.data, "train", arguments.image_size)
     test_views = None
     if (arguments.data / "transforms_test.json").exists():
@@ -147,6 +154,13 @@ def prepare_evaluation(arguments: EvaluateArguments):
         return 0 if report["complete"] else INTERRUPTED
 
     return job
+
+
+def with_steps(options, steps: int):
+    """The options with this many steps in all, at least one in each stage."""
+    share = options.coarse_steps / (options.coarse_steps + options.fine_steps)
+    coarse_steps = max(1, round(share * steps))
+    return replace(options, coarse_steps=coarse_steps, fine_steps=steps - coarse_steps)
 
 
 def at_least(smallest: int, name: str, value: int) -> int:

@@ -1,0 +1,237 @@
+"""The commands: what they pass on, and how they refuse what a user gets wrong."""
+
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import get_args
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deformrf.core import cli
+from deformrf.core.field import modelfile
+from deformrf.core.field.field import FieldOptions, random_field
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import tet_neighbours
+from deformrf.core.training.options import PRESETS, preset
+
+
+@pytest.fixture
+def data(tmp_path, write_dataset):
+    """Three gray training views and two test views of 16x12 pixels."""
+    for split, count in (("train", 3), ("test", 2)):
+        images = [Image.new("RGBA", (16, 12), (100, 100, 100, 255))] * count
+        write_dataset(tmp_path / "data", images, split)
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def model(tmp_path):
+    mesh = a15_grid(0.25)
+    options = FieldOptions(2, 2**10, (16,), (16,), march_step=0.05)
+    field = random_field(mesh, tet_neighbours(mesh.tets), options)
+    modelfile.save(field, tmp_path / "model.npz")
+    return tmp_path / "model.npz"
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """Call a command with arguments; the exit code and what went to stdout and stderr."""
+
+    def call(command, *arguments):
+        monkeypatch.setattr(sys, "argv", [command.__name__, *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            command()
+        return SimpleNamespace(code=caught.value.code, **capsys.readouterr()._asdict())
+
+    return call
+
+
+@pytest.fixture
+def trainer(monkeypatch):
+    """Stands in for the trainer: `trainer.call` holds what it was asked to do."""
+    stub = SimpleNamespace(report={"complete": True})
+
+    def train(*arguments):
+        stub.call = arguments
+        return stub.report
+
+    stub.train = train
+    monkeypatch.setitem(sys.modules, "deformrf.core.training.trainer", stub)
+    monkeypatch.setattr("deformrf.core.training.trainer", stub, raising=False)
+    return stub
+
+
+def refused(result):
+    """One sentence on stderr and exit code 2; the sentence."""
+    assert result.code == cli.INPUT_ERROR
+    assert result.err.count("\n") == 1 and result.err.endswith("\n"), result.err
+    assert result.out == ""
+    return result.err
+
+
+def test_training_gets_data_options_device_and_path(call, trainer, data, tmp_path):
+    output = tmp_path / "new" / "m.npz"
+    flags = ("--preset", "fast", "--seed", 7, "--image-size", 8, "--device", "cpu")
+    result = call(cli.train, data, "-o", output, *flags, "--scene-radius", 2)
+    assert (result.code, result.err) == (0, "")
+    train_views, test_views, options, device, path = trainer.call
+    assert (train_views.view_count, test_views.view_count) == (3, 2)
+    assert (train_views.width, test_views.height) == (8, 6)
+    assert options == preset("fast", seed=7, scene_radius=2.0)
+    assert (device, path) == ("cpu", output)
+    assert output.parent.is_dir() and not output.exists()
+
+
+def test_training_needs_no_test_split(call, trainer, data, tmp_path):
+    (data / "transforms_test.json").unlink()
+    assert call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu").code == 0
+    assert trainer.call[1] is None
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("steps", [2, 100, 10**6])
+def test_steps_are_shared_out_between_the_stages(name, steps):
+    options = cli.with_steps(preset(name), steps)
+    assert options.coarse_steps + options.fine_steps == steps
+    assert min(options.coarse_steps, options.fine_steps) >= 1
+
+
+def test_the_command_line_knows_every_preset():
+    assert set(get_args(cli.TrainArguments.__annotations__["preset"])) == set(PRESETS)
+
+
+def test_an_interrupted_training_exits_with_130(call, trainer, data, tmp_path):
+    trainer.report = {"complete": False}
+    assert call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu").code == 130
+
+
+def test_evaluation_reports_each_view_and_the_mean(call, data, model, tmp_path):
+    scores, images = tmp_path / "new" / "scores.json", tmp_path / "images"
+    result = call(cli.evaluate, model, data, "--json", scores, "--images", images)
+    assert result.code == 0
+    report = json.loads(scores.read_text())
+    assert [view["name"] for view in report["views"]] == ["r_0", "r_1"]
+    for figure in ("psnr", "ssim"):
+        values = [view[figure] for view in report["views"]]
+        assert report["mean"][figure] == pytest.approx(np.mean(values))
+    assert report["model"]["bytes"] == model.stat().st_size
+    assert sorted(p.name for p in images.glob("*.png")) == ["000_r_0.png", "001_r_1.png"]
+    assert "r_1" in result.out and "mean" in result.out
+
+
+def test_evaluation_of_a_few_small_views(call, data, model, tmp_path):
+    flags = ("--split", "train", "--views", 2, "--image-size", 15, "--json", tmp_path / "s.json")
+    assert call(cli.evaluate, model, data, *flags).code == 0
+    report = json.loads((tmp_path / "s.json").read_text())
+    assert [view["name"] for view in report["views"]] == ["r_0", "r_2"]
+    assert (report["width"], report["height"], report["split"]) == (15, 11, "train")
+
+
+def spoil_version(path):
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    meta = json.loads(arrays["meta"].tobytes())
+    meta["format_version"] = 99
+    np.savez(path, **{**arrays, "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8)})
+
+
+def spoil_size(data):
+    Image.new("RGBA", (16, 13)).save(data / "test" / "r_1.png")
+
+
+@pytest.mark.parametrize(
+    "spoil, sentence",
+    [
+        (lambda data, model: model.unlink(), "no model file at"),
+        (lambda data, model: model.write_text("not a zip"), "not a model file"),
+        (lambda data, model: spoil_version(model), "format version 99"),
+        (lambda data, model: (data / "transforms_test.json").unlink(), "transforms_test.json"),
+        (lambda data, model: (data / "test" / "r_1.png").unlink(), "r_1.png is missing"),
+        (lambda data, model: spoil_size(data), "16x13 pixels, but r_0.png 16x12"),
+    ],
+    ids=["missing", "no model", "version", "no transforms", "image missing", "sizes"],
+)
+def test_bad_input_to_evaluation_is_one_sentence(call, data, model, spoil, sentence):
+    spoil(data, model)
+    assert sentence in refused(call(cli.evaluate, model, data, "--device", "cpu"))
+
+
+@pytest.mark.parametrize(
+    "flags, sentence",
+    [
+        (["--image-size", 8], "at least 11x11 pixels"),
+        (["--views", 0], "number of views is 0"),
+        (["--split", "val"], "holds no transforms_val.json"),
+        (["--json", "scores.txt"], "has to end in .json"),
+    ],
+)
+def test_bad_flags_of_evaluation_are_one_sentence(call, data, model, flags, sentence):
+    assert sentence in refused(call(cli.evaluate, model, data, *flags))
+
+
+@pytest.mark.parametrize(
+    "flags, sentence",
+    [
+        (["-o", "model.txt"], "has to end in .npz"),
+        (["-o", "m.npz", "--steps", 1], "--steps is 1: it has to be at least 2"),
+        (["-o", "m.npz", "--seed", -1], "--seed is -1: it has to be at least 0"),
+        (["-o", "m.npz", "--image-size", 0], "image size is 0"),
+        (["-o", "m.npz", "--scene-radius", 0], "--scene-radius is 0.0"),
+    ],
+)
+def test_bad_flags_of_training_are_one_sentence(call, trainer, data, flags, sentence):
+    assert sentence in refused(call(cli.train, data, *flags, "--device", "cpu"))
+    assert not hasattr(trainer, "call")
+
+
+def test_an_empty_data_folder_is_one_sentence(call, tmp_path):
+    result = call(cli.train, tmp_path, "-o", tmp_path / "m.npz")
+    assert "holds no transforms_train.json" in refused(result)
+
+
+def test_a_folder_as_output_is_one_sentence(call, data, tmp_path):
+    (tmp_path / "m.npz").mkdir()
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert "is a folder" in refused(result)
+
+
+def test_output_below_a_file_is_one_sentence(call, data, tmp_path):
+    (tmp_path / "file").write_text("")
+    result = call(cli.train, data, "-o", tmp_path / "file" / "m.npz", "--device", "cpu")
+    assert str(tmp_path / "file") in refused(result)
+
+
+def test_cuda_is_refused_where_there_is_none(call, data, model, monkeypatch):
+    monkeypatch.setattr("warp.is_cuda_available", lambda: False)
+    assert "no CUDA device" in refused(call(cli.evaluate, model, data, "--device", "cuda"))
+
+
+def test_ctrl_c_exits_with_130_and_says_so(capsys):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    assert cli.run("deformrf-x", lambda: interrupted) == 130
+    assert capsys.readouterr().err == "deformrf-x: interrupted\n"
+
+
+def test_a_fault_of_the_program_keeps_its_traceback():
+    def job():
+        raise ValueError("a bug")
+
+    with pytest.raises(ValueError, match="a bug"):
+        cli.run("deformrf-x", lambda: job)
+
+
+@pytest.mark.parametrize("command", [cli.train, cli.evaluate])
+def test_help_lists_every_flag(call, command):
+    result = call(command, "--help")
+    assert result.code == 0
+    for flag in ("--device", "--image-size"):
+        assert flag in result.out
+
+
+def test_unknown_flags_exit_with_2(call):
+    assert call(cli.train, Path(), "-o", "m.npz", "--fast").code == 2
