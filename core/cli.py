@@ -83,22 +83,26 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     """Prepare a job, do it, return the exit code.
 
     ValueErrors (data set and model errors are such) and OSErrors of the preparation are the
-    user's to mend; those of the job are faults of the program and keep their traceback.
+    user's to mend.  So is a DatasetError of the job, that learning from the images found
+    nothing; anything else there is a fault of the program and keeps its traceback.
     """
+    from .training.datasets import DatasetError
+
+    mendable = (ValueError, OSError)
     try:
-        try:
-            job = prepare()
-        except (ValueError, OSError) as error:
-            print(f"{program}: {error}", file=sys.stderr)
-            return INPUT_ERROR
+        job = prepare()
+        mendable = DatasetError
         return job()
+    except mendable as error:
+        print(f"{program}: {error}", file=sys.stderr)
+        return INPUT_ERROR
     except KeyboardInterrupt:
         print(f"{program}: interrupted", file=sys.stderr)
         return INTERRUPTED
 
 
 def prepare_training(arguments: TrainArguments):
-    from .training import datasets
+    from .training import datasets, metrics
     from .training.options import preset
 
     options = preset(arguments.preset)
@@ -114,16 +118,39 @@ def prepare_training(arguments: TrainArguments):
     test_views = None
     if (arguments.data / "transforms_test.json").exists():
         test_views = datasets.load(arguments.data, "test", arguments.image_size)
+        metrics.check_size(test_views.height, test_views.width)
     device = device_name(arguments.device, for_training=True)
     output = writable_file(arguments.output, ".npz")
 
     def job():
-        from .training import trainer
+        from .field import modelfile
+        from .training import evaluate, trainer
 
-        report = trainer.train(train_views, test_views, options, device, output)
-        return 0 if report["complete"] else INTERRUPTED
+        name = arguments.data.resolve().name
+        trained = trainer.train(train_views, options, device, name)
+        modelfile.save(trained.field, output)  # first of all: evaluation may be interrupted
+        complete = not trained.interrupted
+        if complete and test_views:
+            report = evaluate.evaluate(trained.field, test_views, None, device, model_path=output)
+            complete = report["complete"]
+            scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
+            modelfile.save(trained.field, output, scores)
+        print(summary(trained, output, report["mean"] if test_views and complete else None))
+        return 0 if complete else INTERRUPTED
 
     return job
+
+
+def summary(trained, output: Path, scores) -> str:
+    """What was made, in a line."""
+    begun = "Interrupted; wrote what there is" if trained.interrupted else "Wrote"
+    size = output.stat().st_size / 1e6
+    minutes = trained.report["seconds"] / 60
+    line = f"{begun}: {output}, {trained.field.mesh.tet_count} tets, {size:.1f} MB"
+    line += f", {minutes:.1f} minutes of training"
+    if scores and scores["psnr"] is not None:
+        line += f", {scores['psnr']:.2f} dB and SSIM {scores['ssim']:.4f} on the test views"
+    return line
 
 
 def prepare_evaluation(arguments: EvaluateArguments):
