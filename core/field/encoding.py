@@ -1,0 +1,274 @@
+"""The recursive tetrahedral encoding: features of a point from its coarse tet.
+
+At each level l the four corners of the descendant that holds the point have a feature
+vector each; they are interpolated with the point's barycentric coordinates there, and
+the levels' results are concatenated (DeformRF, section 3.2, Eq. 4).  Only the *rest*
+addresses of the coarse corners enter, so deformation changes nothing here.
+
+A level whose vertices fit its table is dense: each vertex has an entry of its own, the
+rank of its address in lexicographic order.  The others are hashed.
+
+Shapes: N samples, L levels, F = 4 features per entry, T tets.  `table` holds the levels
+one after another, [sum of entry counts, F].
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from ..geometry.mesh import TetMesh
+from ..geometry.subdivision import (
+    CHILD_VERTICES,
+    child_corners,
+    child_of,
+    descend,
+    into_child,
+    path_nodes,
+)
+from .hashing import hash_address, hash_entry
+
+FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
+MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the entries of each level are.
+
+    Attributes:
+        entry_counts: Entries per level; a power of two where hashed.  [L]
+        dense_level_count: Levels 0..D-1 are dense.
+        node_ids: Per dense level, the entry of each node of each tet.  D x [T, n_l]
+    """
+
+    entry_counts: tuple[int, ...]
+    dense_level_count: int
+    node_ids: tuple[np.ndarray, ...]
+
+    @property
+    def level_count(self) -> int:
+        return len(self.entry_counts)
+
+    @property
+    def offsets(self):
+        """First entry of each level, and the total.  [L + 1]"""
+        return np.concatenate([[0], np.cumsum(self.entry_counts)]).astype(np.int64)
+
+
+def dense_ids(mesh: TetMesh, level: int):
+    """Rank of every level-`level` vertex among all, in lexicographic order of address.
+
+    Returns:
+        ids [T, n] int32 for the nodes of `path_nodes(level)`, and the number of vertices.
+    """
+    nodes, _ = path_nodes(level)
+    corners = mesh.addresses[mesh.tets].astype(np.int64)  # [T, 4, 3]
+    addresses = np.einsum("nc,tcx->tnx", nodes, corners)
+    key = (addresses[..., 0] << 42) | (addresses[..., 1] << 21) | addresses[..., 2]
+    unique, ids = np.unique(key, return_inverse=True)
+    return ids.reshape(key.shape).astype(np.int32), len(unique)
+
+
+def make_layout(mesh: TetMesh, level_count: int, table_size: int) -> Layout:
+    """Dense levels as long as they fit, hashed ones of `table_size` (a power of two) above.
+
+    Raises:
+        ValueError: level_count is outside 1..10 or table_size is no power of two.
+    """
+    if not 1 <= level_count <= 10:
+        raise ValueError(f"level_count is {level_count}; give 1 to 10")
+    if table_size < 2 or table_size & (table_size - 1):
+        raise ValueError(f"the table size {table_size} is not a power of two")
+    entry_counts, node_ids = [], []
+    for level in range(min(level_count, MAX_DENSE_LEVELS)):
+        # A tet has at least 8^l / 6 vertices of its own, so larger levels needn't be counted.
+        if mesh.tet_count * 8**level > 8 * table_size:
+            break
+        ids, count = dense_ids(mesh, level)
+        if count > table_size:
+            break
+        entry_counts.append(count)
+        node_ids.append(ids)
+    dense = len(entry_counts)
+    entry_counts += [table_size] * (level_count - dense)
+    return Layout(tuple(entry_counts), dense, tuple(node_ids))
+
+
+def encode_reference(mesh: TetMesh, layout: Layout, table, tet, bary, level_count=None):
+    """The definition, in NumPy and in the table's precision.
+
+    Args:
+        table: [entries, F]
+        tet, bary: Samples.  [N], [N, 4]
+
+    Returns:
+        Features [N, L·F].
+    """
+    corners = mesh.addresses[mesh.tets[tet]].astype(np.int64)  # [N, 4, 3]
+    path = np.zeros(len(tet), np.int64)
+    alpha = bary
+    features = []
+    for level in range(level_count or layout.level_count):
+        if level > 0:
+            k, alpha = descend(alpha)
+            path = 8 * path + k
+            rows = np.arange(len(tet))[:, None]
+            a, b = CHILD_VERTICES[k, :, 0], CHILD_VERTICES[k, :, 1]
+            corners = corners[rows, a] + corners[rows, b]
+        if level < layout.dense_level_count:
+            local = path_nodes(level)[1][path]  # [N, 4]
+            entry = layout.node_ids[level][tet[:, None], local]
+        else:
+            entry = hash_address(corners, layout.entry_counts[level])
+        values = table[layout.offsets[level] + entry]  # [N, 4, F]
+        features.append(np.einsum("nc,ncf->nf", alpha, values))
+    return np.concatenate(features, axis=1)
+
+
+@wp.struct
+class Tables:
+    """What the kernels need of a mesh and its layout; one per device."""
+
+    tets: wp.array(dtype=wp.vec4i)  # [T]
+    addresses: wp.array(dtype=wp.vec3i)  # [V]
+    node_ids: wp.array(dtype=int)  # all dense levels, [T, n_l] each
+    node_starts: wp.array(dtype=int)  # [D] where each dense level's ids begin
+    node_counts: wp.array(dtype=int)  # [D] nodes per tet
+    path_nodes: wp.array(dtype=wp.vec4i)  # all dense levels, [8^l] each
+    path_starts: wp.array(dtype=int)  # [D]
+    entry_starts: wp.array(dtype=int)  # [L]
+    entry_masks: wp.array(dtype=int)  # [L] entry count - 1 where hashed
+    dense_level_count: int
+
+
+def make_tables(mesh: TetMesh, layout: Layout, device) -> Tables:
+    """Copy a layout to a device."""
+    nodes = [path_nodes(level)[1] for level in range(layout.dense_level_count)]
+
+    def starts(arrays):
+        return np.cumsum([0, *(len(a) for a in arrays)])[:-1].astype(np.int32)
+
+    def joined(arrays, empty):
+        return np.concatenate(arrays) if arrays else empty
+
+    flat_ids = [ids.ravel() for ids in layout.node_ids]
+    tables = Tables()
+    tables.tets = wp.array(mesh.tets, dtype=wp.vec4i, device=device)
+    tables.addresses = wp.array(mesh.addresses, dtype=wp.vec3i, device=device)
+    tables.node_ids = wp.array(joined(flat_ids, np.zeros(1, np.int32)), dtype=int, device=device)
+    tables.node_starts = wp.array(starts(flat_ids), dtype=int, device=device)
+    tables.node_counts = wp.array(
+        np.array([ids.shape[1] for ids in layout.node_ids], np.int32), dtype=int, device=device
+    )
+    tables.path_nodes = wp.array(
+        joined(nodes, np.zeros((1, 4), np.int32)), dtype=wp.vec4i, device=device
+    )
+    tables.path_starts = wp.array(starts(nodes), dtype=int, device=device)
+    tables.entry_starts = wp.array(layout.offsets[:-1].astype(np.int32), dtype=int, device=device)
+    tables.entry_masks = wp.array(
+        np.array(layout.entry_counts, np.int32) - 1, dtype=int, device=device
+    )
+    tables.dense_level_count = layout.dense_level_count
+    return tables
+
+
+@wp.func
+def corner_entries(
+    tables: Tables,
+    level: int,
+    tet: int,
+    path: int,
+    a: wp.vec3i,
+    b: wp.vec3i,
+    c: wp.vec3i,
+    d: wp.vec3i,
+):
+    """Table entries of the four corners of a descendant."""
+    start = tables.entry_starts[level]
+    if level < tables.dense_level_count:
+        local = tables.path_nodes[tables.path_starts[level] + path]
+        base = tables.node_starts[level] + tet * tables.node_counts[level]
+        return wp.vec4i(
+            start + tables.node_ids[base + local[0]],
+            start + tables.node_ids[base + local[1]],
+            start + tables.node_ids[base + local[2]],
+            start + tables.node_ids[base + local[3]],
+        )
+    mask = tables.entry_masks[level]
+    return wp.vec4i(
+        start + hash_entry(a, mask),
+        start + hash_entry(b, mask),
+        start + hash_entry(c, mask),
+        start + hash_entry(d, mask),
+    )
+
+
+@wp.kernel
+def encode_kernel(
+    tables: Tables,
+    table: wp.array(dtype=wp.vec4),  # [entries]
+    sample_tet: wp.array(dtype=int),  # [N]
+    sample_bary: wp.array(dtype=wp.vec4),  # [N]
+    level_count: int,
+    features: wp.array2d(dtype=wp.vec4),  # [N, L] out
+):
+    n = wp.tid()
+    tet = sample_tet[n]
+    alpha = sample_bary[n]
+    corners = tables.tets[tet]
+    a = tables.addresses[corners[0]]
+    b = tables.addresses[corners[1]]
+    c = tables.addresses[corners[2]]
+    d = tables.addresses[corners[3]]
+    path = int(0)
+    level = int(0)
+    while level < level_count:
+        if level > 0:
+            k = child_of(alpha)
+            alpha = into_child(k, alpha)
+            a, b, c, d = child_corners(k, a, b, c, d)
+            path = 8 * path + k
+        e = corner_entries(tables, level, tet, path, a, b, c, d)
+        features[n, level] = (
+            alpha[0] * table[e[0]]
+            + alpha[1] * table[e[1]]
+            + alpha[2] * table[e[2]]
+            + alpha[3] * table[e[3]]
+        )
+        level += 1
+
+
+@wp.kernel
+def encode_backward_kernel(
+    tables: Tables,
+    sample_tet: wp.array(dtype=int),  # [N]
+    sample_bary: wp.array(dtype=wp.vec4),  # [N]
+    features_grad: wp.array2d(dtype=wp.vec4),  # [N, L]
+    table_grad: wp.array(dtype=wp.vec4),  # [entries] added to
+):
+    n = wp.tid()
+    tet = sample_tet[n]
+    alpha = sample_bary[n]
+    corners = tables.tets[tet]
+    a = tables.addresses[corners[0]]
+    b = tables.addresses[corners[1]]
+    c = tables.addresses[corners[2]]
+    d = tables.addresses[corners[3]]
+    path = int(0)
+    level = int(0)
+    while level < features_grad.shape[1]:
+        if level > 0:
+            k = child_of(alpha)
+            alpha = into_child(k, alpha)
+            a, b, c, d = child_corners(k, a, b, c, d)
+            path = 8 * path + k
+        e = corner_entries(tables, level, tet, path, a, b, c, d)
+        g = features_grad[n, level]
+        wp.atomic_add(table_grad, e[0], alpha[0] * g)
+        wp.atomic_add(table_grad, e[1], alpha[1] * g)
+        wp.atomic_add(table_grad, e[2], alpha[2] * g)
+        wp.atomic_add(table_grad, e[3], alpha[3] * g)
+        level += 1

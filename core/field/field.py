@@ -1,0 +1,121 @@
+"""A radiance field on a tetrahedral mesh: what a model file holds.
+
+The coarse mesh gives every vertex an integer rest address; tables of features hang on
+the addresses of `level_count` nested levels; two networks turn features into density and
+color.  Current vertices appear nowhere here: they belong to whoever renders.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..geometry.mesh import TetMesh
+from .encoding import FEATURES, Layout, encode_reference, make_layout
+from .network import evaluate, spherical_harmonics
+
+
+@dataclass(frozen=True)
+class FieldOptions:
+    """What fixes the shape of a field.
+
+    Attributes:
+        level_count: Nested levels, the coarse mesh included (the paper's L = 6).
+        table_size: Entries of a hashed level, T_h; a power of two.
+        density_hidden: Widths of the density network's hidden layers.
+        color_hidden: Widths of the color network's hidden layers.
+        density_activation: "relu" or "sigmoid" (the paper's).
+        march_step: Δ, the rest length of a quadrature piece, in model units.
+    """
+
+    level_count: int = 6
+    table_size: int = 2**18
+    density_hidden: tuple[int, ...] = (64,)
+    color_hidden: tuple[int, ...] = (64, 64)
+    density_activation: str = "relu"
+    march_step: float = 0.002
+
+
+Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
+
+
+@dataclass(frozen=True)
+class TetField:
+    """A trained field.
+
+    Attributes:
+        mesh: Rest mesh in model space, the unit cube.
+        neighbours: Tet across each face.  [T, 4] int32
+        occupancy: Bit p is set if the level-2 descendant with path p can hold density.
+            [T] uint64
+        table: Features of all levels, one after another.  [entries, F] float32
+        density_layers, color_layers: Networks, (weights [in, out], bias [out]) per layer.
+        world_to_model: Uniform scale and translation from the data's space.  [4, 4]
+        meta: Provenance and metrics, plain JSON values.
+    """
+
+    mesh: TetMesh
+    neighbours: np.ndarray
+    occupancy: np.ndarray
+    layout: Layout
+    table: np.ndarray
+    density_layers: Layers
+    color_layers: Layers
+    options: FieldOptions
+    world_to_model: np.ndarray
+    meta: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        assert self.neighbours.shape == (self.mesh.tet_count, 4), self.neighbours.shape
+        assert self.occupancy.shape == (self.mesh.tet_count,), self.occupancy.shape
+        assert self.table.shape == (self.layout.offsets[-1], FEATURES), self.table.shape
+
+    def evaluate(self, tet, bary, directions):
+        """Density and color in float64: the reference.
+
+        Args:
+            tet, bary: Samples.  [N], [N, 4]
+            directions: Unit vectors, turned back to rest.  [N, 3]
+
+        Returns:
+            sigma [N] per unit of rest length, rgb [N, 3].
+        """
+        double = [
+            tuple((w.astype(np.float64), b.astype(np.float64)) for w, b in layers)
+            for layers in (self.density_layers, self.color_layers)
+        ]
+        features = encode_reference(
+            self.mesh, self.layout, self.table.astype(np.float64), tet, bary
+        )
+        return evaluate(features, spherical_harmonics(directions), *double, self.options)
+
+
+def layer_widths(options: FieldOptions):
+    """Input, hidden and output widths of the density and the color network."""
+    density = (options.level_count * FEATURES, *options.density_hidden, 16)
+    color = (32, *options.color_hidden, 3)
+    return density, color
+
+
+def random_field(mesh: TetMesh, neighbours, options: FieldOptions, seed=0, contrast=3.0):
+    """A field with random features and weights, every sub-tet occupied.
+
+    It is what training starts from with contrast = 1e-4, and a demanding test image
+    with a larger one.
+    """
+    rng = np.random.default_rng(seed)
+    layout = make_layout(mesh, options.level_count, options.table_size)
+
+    def layers(widths):
+        bound = [np.sqrt(6.0 / fan_in) for fan_in in widths[:-1]]
+        return tuple(
+            (
+                rng.uniform(-b, b, (i, o)).astype(np.float32),
+                np.zeros(o, np.float32),
+            )
+            for b, i, o in zip(bound, widths[:-1], widths[1:], strict=True)
+        )
+
+    density, color = (layers(widths) for widths in layer_widths(options))
+    table = rng.uniform(-contrast, contrast, (layout.offsets[-1], FEATURES)).astype(np.float32)
+    occupancy = np.full(mesh.tet_count, 2**64 - 1, np.uint64)
+    return TetField(mesh, neighbours, occupancy, layout, table, density, color, options, np.eye(4))

@@ -1,0 +1,69 @@
+"""Occupancy below the coarse tet: one bit per level-2 descendant.
+
+The 64 grandchildren of a tet are numbered by their path p = 8·k1 + k2; bit p of the
+tet's mask says whether density may be found there.  The mask lives in material space, so
+it deforms for free: a masked sub-tet has σ = 0 in every pose.
+
+During training each sub-tet keeps an exponential moving maximum of its optical thickness
+σ·Δ (Instant-NGP's density grid, Müller et al. 2022, supplement, on tets).
+"""
+
+import numpy as np
+import warp as wp
+
+from ..geometry.subdivision import child_of, child_path, into_child
+
+LEVELS = 2
+SUBTET_COUNT = 64  # 8^LEVELS
+
+
+def pack_mask(occupied):
+    """[T, 64] bool -> [T] uint64, bit p for sub-tet p."""
+    bits = np.uint64(1) << np.arange(SUBTET_COUNT, dtype=np.uint64)
+    return (occupied * bits).sum(axis=1, dtype=np.uint64)
+
+
+def unpack_mask(mask):
+    """[T] uint64 -> [T, 64] bool"""
+    return ((mask[:, None] >> np.arange(SUBTET_COUNT, dtype=np.uint64)) & np.uint64(1)) > 0
+
+
+def is_occupied_reference(mask, tet, bary):
+    """Whether each sample lies in an occupied sub-tet.  [N] bool"""
+    path = child_path(bary, LEVELS).astype(np.uint64)
+    return ((mask[tet] >> path) & np.uint64(1)) > 0
+
+
+@wp.func
+def subtet_of(bary: wp.vec4):
+    """Path of the level-2 descendant that holds a point."""
+    k1 = child_of(bary)
+    k2 = child_of(into_child(k1, bary))
+    return 8 * k1 + k2
+
+
+@wp.func
+def is_occupied(mask: wp.uint64, subtet: int):
+    return ((mask >> wp.uint64(subtet)) & wp.uint64(1)) != wp.uint64(0)
+
+
+def fill_enclosed(occupied_tets, neighbours):
+    """Add the empty tets that no path through empty tets joins to the outside.
+
+    The object becomes solid, which its dynamics needs; its image does not change.
+
+    Args:
+        occupied_tets: [T] bool
+        neighbours: [T, 4] int32, -1 outside
+
+    Returns:
+        [T] bool
+    """
+    open_tets = ~occupied_tets & (neighbours < 0).any(axis=1)
+    front = np.flatnonzero(open_tets)
+    while len(front):
+        reached = neighbours[front].ravel()
+        reached = np.unique(reached[reached >= 0])
+        front = reached[~open_tets[reached] & ~occupied_tets[reached]]
+        open_tets[front] = True
+    return ~open_tets

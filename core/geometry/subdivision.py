@@ -1,0 +1,159 @@
+"""Recursive subdivision of one tetrahedron, in barycentric coordinates.
+
+Joining the six edge midpoints splits a tet into eight children: four at the corners
+(0-3) and four around the inner diagonal m02-m13 (4-7), listed in Bey's order, which
+keeps all descendants in at most three similarity classes (J. Bey, "Tetrahedral grid
+refinement", 1995).  Nothing is stored per level: a point with barycentric coordinates
+alpha moves from level l to level l + 1 by
+
+    alpha' = C[k] @ alpha,        k = child(alpha)          (DeformRF, section 3.2)
+
+and the integer address of a child's corner, the midpoint of corners a and b (or a = b),
+is the sum of theirs: addresses double with each level, so they stay exact.
+
+A child's path p after l levels is 8·p' + k; path 0 is the coarse tet itself.
+
+Shapes: N points.  Barycentric coordinates are [..., 4], sum to one, and are
+dimensionless.
+"""
+
+from functools import cache
+from itertools import product
+
+import numpy as np
+import warp as wp
+
+# The two corners whose midpoint is a child's vertex; (i, i) is the corner i itself.
+CHILD_VERTICES = np.array(
+    [
+        [(0, 0), (0, 1), (0, 2), (0, 3)],
+        [(0, 1), (1, 1), (1, 2), (1, 3)],
+        [(0, 2), (1, 2), (2, 2), (2, 3)],
+        [(0, 3), (1, 3), (2, 3), (3, 3)],
+        [(0, 1), (0, 2), (0, 3), (1, 3)],
+        [(0, 1), (0, 2), (1, 2), (1, 3)],
+        [(0, 2), (0, 3), (1, 3), (2, 3)],
+        [(0, 2), (1, 2), (1, 3), (2, 3)],
+    ]
+)  # [8, 4, 2]
+
+# Column j of PARENT_FROM_CHILD[k] is vertex j of child k, in the parent's coordinates.
+PARENT_FROM_CHILD = np.eye(4)[CHILD_VERTICES].mean(axis=2).swapaxes(1, 2)  # [8, 4, 4]
+CHILD_FROM_PARENT = np.linalg.inv(PARENT_FROM_CHILD)  # [8, 4, 4], the paper's C
+
+
+def descend(alpha):
+    """Return the child that holds each point, and the point's coordinates in it.
+
+    Args:
+        alpha: Coordinates in the parent.  [N, 4]
+
+    Returns:
+        The child k in 0..7, [N], and the coordinates in child k, [N, 4].
+    """
+    corner = alpha.argmax(axis=-1)
+    inner = 4 + 1 * (alpha[:, 1] + alpha[:, 2] >= 0.5) + 2 * (alpha[:, 2] + alpha[:, 3] >= 0.5)
+    k = np.where(alpha.max(axis=-1) >= 0.5, corner, inner)
+    return k, np.einsum("nij,nj->ni", CHILD_FROM_PARENT[k], alpha)
+
+
+def child_path(alpha, levels: int):
+    """The path p in 0..8^levels - 1 of the descendant that holds each point.  [N]"""
+    path = np.zeros(len(alpha), np.int64)
+    for _ in range(levels):
+        k, alpha = descend(alpha)
+        path = 8 * path + k
+    return path
+
+
+@cache
+def path_corners(levels: int):
+    """Corners of every descendant after `levels` levels, as integer coordinates.
+
+    Returns:
+        [8^levels, 4 corners, 4] int64; barycentric coordinates in the coarse tet times
+        2^levels, indexed by path.
+    """
+    corners = np.eye(4, dtype=np.int64)[None]  # [paths, corner, 4]
+    for _ in range(levels):
+        a, b = CHILD_VERTICES[..., 0], CHILD_VERTICES[..., 1]
+        corners = (corners[:, a] + corners[:, b]).reshape(-1, 4, 4)
+    return corners
+
+
+@cache
+def path_nodes(levels: int):
+    """The distinct corners of all descendants of one tet, and who has which.
+
+    Returns:
+        nodes: Integer barycentric coordinates, sum 2^levels.  [n, 4]
+        corner_nodes: The node at each descendant's corners.  [8^levels, 4] int32
+    """
+    size = 2**levels
+    nodes = np.array([b for b in product(range(size + 1), repeat=4) if sum(b) == size])
+    rank = {tuple(b): i for i, b in enumerate(nodes.tolist())}
+    corners = path_corners(levels)
+    ids = [rank[tuple(b)] for b in corners.reshape(-1, 4).tolist()]
+    return nodes, np.array(ids, np.int32).reshape(-1, 4)
+
+
+@wp.func
+def child_of(alpha: wp.vec4):
+    """The child, 0..7, that holds a point.  On a shared face either neighbour will do."""
+    k = int(4)
+    if alpha[1] + alpha[2] >= 0.5:
+        k += 1
+    if alpha[2] + alpha[3] >= 0.5:
+        k += 2
+    if alpha[0] >= 0.5:
+        k = 0
+    if alpha[1] >= 0.5:
+        k = 1
+    if alpha[2] >= 0.5:
+        k = 2
+    if alpha[3] >= 0.5:
+        k = 3
+    return k
+
+
+@wp.func
+def into_child(k: int, alpha: wp.vec4):
+    """C[k] @ alpha, each row shortened with sum(alpha) = 1."""
+    s = 2.0 * (alpha[1] + alpha[2])
+    u = 2.0 * (alpha[2] + alpha[3])
+    a = 2.0 * alpha
+    if k == 0:
+        return wp.vec4(a[0] - 1.0, a[1], a[2], a[3])
+    if k == 1:
+        return wp.vec4(a[0], a[1] - 1.0, a[2], a[3])
+    if k == 2:
+        return wp.vec4(a[0], a[1], a[2] - 1.0, a[3])
+    if k == 3:
+        return wp.vec4(a[0], a[1], a[2], a[3] - 1.0)
+    if k == 4:
+        return wp.vec4(1.0 - u, a[2], 1.0 - s, 1.0 - a[0])
+    if k == 5:
+        return wp.vec4(1.0 - u, 1.0 - a[1], s - 1.0, a[3])
+    if k == 6:
+        return wp.vec4(1.0 - a[3], 1.0 - s, a[1], u - 1.0)
+    return wp.vec4(a[0], s - 1.0, 1.0 - a[2], u - 1.0)
+
+
+@wp.func
+def child_corners(k: int, a: wp.vec3i, b: wp.vec3i, c: wp.vec3i, d: wp.vec3i):
+    """Addresses of child k's corners, at the child's scale, from its parent's."""
+    if k == 0:
+        return a + a, a + b, a + c, a + d
+    if k == 1:
+        return a + b, b + b, b + c, b + d
+    if k == 2:
+        return a + c, b + c, c + c, c + d
+    if k == 3:
+        return a + d, b + d, c + d, d + d
+    if k == 4:
+        return a + b, a + c, a + d, b + d
+    if k == 5:
+        return a + b, a + c, b + c, b + d
+    if k == 6:
+        return a + c, a + d, b + d, c + d
+    return a + c, b + c, b + d, c + d

@@ -1,0 +1,201 @@
+"""From samples to pixels: the volume-rendering sum (DeformRF, Eq. 1).
+
+Piece i of a ray has optical depth τ_i = σ_i·length_i (length in rest space, faded; see
+marching) and color c_i:
+
+    T_i = exp(-Σ_{j<i} τ_j)        transmittance before piece i
+    w_i = T_i (1 - exp(-τ_i))      weight
+    C = Σ w_i c_i,  opacity = Σ w_i,  depth = Σ w_i t_i / Σ w_i
+
+Distortion loss (Mip-NeRF 360, Barron et al. 2022, Eq. 15) of one ray, with the pieces'
+middles t_i and extents δ_i:
+
+    D = Σ_ij w_i w_j |t_i - t_j| + ⅓ Σ_i w_i² δ_i
+
+Shapes: R rays, N packed samples; ray r owns samples ends[r] - counts[r] .. ends[r] - 1.
+"""
+
+import numpy as np
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+def composite_reference(sigma, rgb, length, t, counts):
+    """Color, opacity, depth and distortion per ray, in NumPy.
+
+    Returns:
+        color [R, 3] (no background), opacity [R], depth [R] (0 without opacity),
+        distortion [R].
+    """
+    ends = np.cumsum(counts)
+    color, opacity = np.zeros((len(counts), 3)), np.zeros(len(counts))
+    depth, distortion = np.zeros(len(counts)), np.zeros(len(counts))
+    for ray, (end, count) in enumerate(zip(ends, counts, strict=True)):
+        part = slice(end - count, end)
+        tau = sigma[part] * length[part]
+        transmittance = np.exp(-np.concatenate([[0.0], np.cumsum(tau)[:-1]]))[:count]
+        w = transmittance * -np.expm1(-tau)
+        color[ray], opacity[ray] = w @ rgb[part], w.sum()
+        depth[ray] = w @ t[part] / opacity[ray] if opacity[ray] > 0 else 0.0
+        gaps = np.abs(t[part][:, None] - t[part][None])
+        distortion[ray] = w @ gaps @ w + (w**2 @ length[part]) / 3
+    return color, opacity, depth, distortion
+
+
+@wp.kernel
+def composite_kernel(
+    sigma: wp.array(dtype=float),  # [N]
+    rgb: wp.array(dtype=wp.vec3),  # [N]
+    length: wp.array(dtype=float),  # [N]
+    t: wp.array(dtype=float),  # [N]
+    counts: wp.array(dtype=int),  # [R]
+    ends: wp.array(dtype=int),  # [R]
+    weights: wp.array(dtype=float),  # [N] out
+    color: wp.array(dtype=wp.vec3),  # [R] out
+    opacity: wp.array(dtype=float),  # [R] out
+    distortion: wp.array(dtype=float),  # [R] out
+):
+    """Forward pass of training."""
+    ray = wp.tid()
+    n = ends[ray] - counts[ray]
+    transmittance = float(1.0)
+    c = wp.vec3()
+    total = float(0.0)  # Σ w_j and Σ w_j t_j of the pieces so far
+    total_t = float(0.0)
+    loss = float(0.0)
+    while n < ends[ray]:
+        remaining = wp.exp(-sigma[n] * length[n])
+        w = transmittance * (1.0 - remaining)
+        weights[n] = w
+        c += w * rgb[n]
+        # Samples are ordered in t, so |t_i - t_j| needs no absolute value.
+        loss += 2.0 * w * (t[n] * total - total_t) + w * w * length[n] / 3.0
+        total += w
+        total_t += w * t[n]
+        transmittance *= remaining
+        n += 1
+    color[ray] = c
+    opacity[ray] = total
+    distortion[ray] = loss
+
+
+@wp.kernel
+def composite_backward_kernel(
+    sigma: wp.array(dtype=float),
+    rgb: wp.array(dtype=wp.vec3),
+    length: wp.array(dtype=float),
+    t: wp.array(dtype=float),
+    counts: wp.array(dtype=int),
+    ends: wp.array(dtype=int),
+    weights: wp.array(dtype=float),  # of the forward pass
+    color_grad: wp.array(dtype=wp.vec3),  # [R]
+    opacity_grad: wp.array(dtype=float),  # [R]
+    distortion_grad: wp.array(dtype=float),  # [R]
+    sigma_grad: wp.array(dtype=float),  # [N] out
+    rgb_grad: wp.array(dtype=wp.vec3),  # [N] out
+):
+    """dL/dτ_i = T_{i+1} v_i - Σ_{j>i} w_j v_j with v = dL/dw; then τ = σ·length."""
+    ray = wp.tid()
+    first = ends[ray] - counts[ray]
+    gc = color_grad[ray]
+    go = opacity_grad[ray]
+    gd = distortion_grad[ray]
+    total = float(0.0)
+    total_t = float(0.0)
+    n = int(first)
+    while n < ends[ray]:
+        total += weights[n]
+        total_t += weights[n] * t[n]
+        n += 1
+    # Backwards: the sums behind piece i are at hand when they are needed.
+    behind = float(0.0)  # Σ_{j>i} w_j v_j
+    after = float(0.0)  # Σ_{j>i} w_j
+    after_t = float(0.0)
+    transmittance = float(1.0) - total  # T behind the last piece
+    n = ends[ray] - 1
+    while n >= first:
+        w = weights[n]
+        before = total - after - w
+        before_t = total_t - after_t - w * t[n]
+        pull = t[n] * before - before_t + after_t - t[n] * after
+        v = wp.dot(gc, rgb[n]) + go + gd * (2.0 * pull + 2.0 * w * length[n] / 3.0)
+        sigma_grad[n] = length[n] * (transmittance * v - behind)
+        rgb_grad[n] = w * gc
+        behind += w * v
+        after += w
+        after_t += w * t[n]
+        transmittance += w
+        n -= 1
+
+
+@wp.struct
+class Pixels:
+    """Running sums of rays that are being rendered.  [R] each"""
+
+    color: wp.array(dtype=wp.vec3)
+    depth: wp.array(dtype=float)  # Σ w t
+    transmittance: wp.array(dtype=float)
+
+
+def empty_pixels(count: int, device) -> Pixels:
+    pixels = Pixels()
+    pixels.color = wp.zeros(count, dtype=wp.vec3, device=device)
+    pixels.depth = wp.zeros(count, dtype=float, device=device)
+    pixels.transmittance = wp.full(count, 1.0, dtype=float, device=device)
+    return pixels
+
+
+@wp.kernel
+def accumulate_kernel(
+    sigma: wp.array(dtype=float),  # [N]
+    rgb: wp.array(dtype=wp.vec3),  # [N]
+    length: wp.array(dtype=float),  # [N]
+    t: wp.array(dtype=float),  # [N]
+    alive: wp.array(dtype=int),  # [threads]
+    counts: wp.array(dtype=int),  # [threads]
+    ends: wp.array(dtype=int),  # [threads]
+    ray_tet: wp.array(dtype=int),  # [R] -2 where the ray has left the mesh for good
+    stop: float,  # transmittance below which nothing more is seen
+    pixels: Pixels,
+    still_alive: wp.array(dtype=int),  # [threads] out
+    still_alive_count: wp.array(dtype=int),  # [1] out
+):
+    """Add one round of samples to the pixels, and list the rays that go on."""
+    i = wp.tid()
+    ray = alive[i]
+    transmittance = pixels.transmittance[ray]
+    c = pixels.color[ray]
+    depth = pixels.depth[ray]
+    n = ends[i] - counts[i]
+    while n < ends[i] and transmittance >= stop:
+        remaining = wp.exp(-sigma[n] * length[n])
+        w = transmittance * (1.0 - remaining)
+        c += w * rgb[n]
+        depth += w * t[n]
+        transmittance *= remaining
+        n += 1
+    pixels.transmittance[ray] = transmittance
+    pixels.color[ray] = c
+    pixels.depth[ray] = depth
+    if transmittance >= stop and ray_tet[ray] > -2:
+        still_alive[wp.atomic_add(still_alive_count, 0, 1)] = ray
+
+
+@wp.kernel
+def resolve_kernel(
+    pixels: Pixels,
+    background: wp.vec3,
+    color: wp.array(dtype=wp.vec4ub),  # [R] out: over the background, a = opacity
+    depth: wp.array(dtype=float),  # [R] out: inf where opacity < 0.5
+):
+    ray = wp.tid()
+    t = pixels.transmittance[ray]
+    c = pixels.color[ray] + t * background
+    color[ray] = wp.vec4ub(to_byte(c[0]), to_byte(c[1]), to_byte(c[2]), to_byte(1.0 - t))
+    depth[ray] = wp.where(t > 0.5, wp.inf, pixels.depth[ray] / wp.max(1.0 - t, 1.0e-6))
+
+
+@wp.func
+def to_byte(x: float):
+    return wp.uint8(wp.clamp(x, 0.0, 1.0) * 255.0 + 0.5)

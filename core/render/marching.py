@@ -1,0 +1,181 @@
+"""Quadrature: the pieces of a ray that can hold density.
+
+Each tet that a ray crosses cuts its own interval, from its own entry, into pieces of rest
+length Δ, the last one shorter; a piece counts if its middle lies in an occupied sub-tet.
+Training displaces the evaluation point inside the piece by a random fraction instead of
+taking the middle.
+
+A round of marching gives each ray at most K pieces, in slots [R, K]; `pack` then joins
+the filled slots of all rays into arrays without gaps, ray after ray.  A ray that isn't
+finished keeps its state and goes on in the next round.
+
+Shapes: R rays, K slots per ray, N packed samples.
+"""
+
+import warp as wp
+
+from ..field.network import basis_of, basis_vector
+from ..field.occupancy import is_occupied, subtet_of
+from .traversal import Geometry, enter_mesh, exit_tet, face_towards
+
+MAX_TETS = wp.constant(4096)  # per ray and round; a walk this long goes in circles
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+@wp.struct
+class Rays:
+    """Rays and how far each has come."""
+
+    origins: wp.array(dtype=wp.vec3)  # [R]
+    directions: wp.array(dtype=wp.vec3)  # [R] unit
+    t: wp.array(dtype=float)  # [R] entry of the tet
+    tet: wp.array(dtype=int)  # [R] -1: outside the mesh, -2: finished
+    entry_face: wp.array(dtype=int)  # [R] of the tet, -1 if it came through the boundary
+    piece: wp.array(dtype=int)  # [R] the tet's pieces already done
+
+
+@wp.struct
+class Samples:
+    """Pieces that can hold density, in slots [R, K] or packed [N]."""
+
+    tet: wp.array(dtype=int)
+    bary: wp.array(dtype=wp.vec4)
+    length: wp.array(dtype=float)  # s_k times the piece's rest length: optical depth / σ
+    t: wp.array(dtype=float)  # of the piece's middle
+
+
+def empty_rays(count: int, device) -> Rays:
+    rays = Rays()
+    rays.origins = wp.empty(count, dtype=wp.vec3, device=device)
+    rays.directions = wp.empty(count, dtype=wp.vec3, device=device)
+    rays.t = wp.zeros(count, dtype=float, device=device)
+    rays.tet = wp.full(count, -1, dtype=int, device=device)
+    rays.entry_face = wp.full(count, -1, dtype=int, device=device)
+    rays.piece = wp.zeros(count, dtype=int, device=device)
+    return rays
+
+
+def empty_samples(count: int, device) -> Samples:
+    samples = Samples()
+    samples.tet = wp.empty(count, dtype=int, device=device)
+    samples.bary = wp.empty(count, dtype=wp.vec4, device=device)
+    samples.length = wp.empty(count, dtype=float, device=device)
+    samples.t = wp.empty(count, dtype=float, device=device)
+    return samples
+
+
+@wp.kernel
+def march_kernel(
+    geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    rays: Rays,
+    alive: wp.array(dtype=int),  # [R] ray of each thread
+    step: float,  # Δ
+    slot_count: int,  # K
+    jitter_seed: int,  # 0: evaluate at the middle
+    samples: Samples,  # out [threads · K]
+    counts: wp.array(dtype=int),  # [threads] out: filled slots
+):
+    i = wp.tid()
+    ray = alive[i]
+    origin = rays.origins[ray]
+    direction = rays.directions[ray]
+    t = rays.t[ray]
+    tet = rays.tet[ray]
+    entry_face = rays.entry_face[ray]
+    piece = rays.piece[ray]
+    random = wp.rand_init(jitter_seed, ray)
+    base = i * slot_count
+    count = int(0)
+    tets_left = int(MAX_TETS)
+    while tet > -2 and count < slot_count:
+        if tet == -1:
+            found, entry_t = enter_mesh(geometry, origin, direction, t)
+            t = entry_t
+            entry_face = -1
+            piece = 0
+            tet = found
+            if found < 0:
+                tet = -2
+        if tet >= 0:
+            g = geometry.gradients[tet]
+            p = origin + t * direction
+            alpha = g * wp.vec4(p[0], p[1], p[2], 1.0)
+            slope = g * wp.vec4(direction[0], direction[1], direction[2], 0.0)
+            face, distance = exit_tet(alpha, slope, entry_face)
+            if face < 0 or tets_left <= 0:
+                tet = -2
+            else:
+                speed = wp.length(geometry.rest_from_current[tet] * direction)
+                rest_length = distance * speed
+                fade = geometry.fades[tet]
+                mask = occupancy[tet]
+                piece_count = int(wp.ceil(rest_length / step))
+                if mask == wp.uint64(0) or fade <= 0.0:
+                    piece_count = 0
+                while piece < piece_count and count < slot_count:
+                    low = float(piece) * step
+                    length = wp.min(step, rest_length - low)
+                    middle = (low + 0.5 * length) / speed
+                    at = middle
+                    if jitter_seed != 0:
+                        at = (low + wp.randf(random) * length) / speed
+                    bary = alpha + at * slope
+                    if is_occupied(mask, subtet_of(bary)):
+                        slot = base + count
+                        samples.tet[slot] = tet
+                        samples.bary[slot] = bary
+                        samples.length[slot] = fade * length
+                        samples.t[slot] = t + middle
+                        count += 1
+                    piece += 1
+                if piece >= piece_count:
+                    t += distance
+                    previous = tet
+                    tet = geometry.neighbours[tet][face]
+                    piece = 0
+                    tets_left -= 1
+                    if tet >= 0:
+                        entry_face = face_towards(geometry.neighbours[tet], previous)
+    counts[i] = count
+    rays.t[ray] = t
+    rays.tet[ray] = tet
+    rays.entry_face[ray] = entry_face
+    rays.piece[ray] = piece
+
+
+@wp.kernel
+def pack_kernel(
+    slots: Samples,  # [threads · K]
+    counts: wp.array(dtype=int),  # [threads]
+    ends: wp.array(dtype=int),  # [threads] inclusive scan of counts
+    slot_count: int,
+    packed: Samples,  # out [N]
+):
+    i, slot = wp.tid()
+    if slot < counts[i]:
+        source = i * slot_count + slot
+        target = ends[i] - counts[i] + slot
+        packed.tet[target] = slots.tet[source]
+        packed.bary[target] = slots.bary[source]
+        packed.length[target] = slots.length[source]
+        packed.t[target] = slots.t[source]
+
+
+@wp.kernel
+def basis_kernel(
+    rays: Rays,
+    rotations: wp.array(dtype=wp.mat33),  # [T] Q
+    alive: wp.array(dtype=int),  # [threads]
+    counts: wp.array(dtype=int),  # [threads]
+    ends: wp.array(dtype=int),  # [threads]
+    sample_tet: wp.array(dtype=int),  # [N]
+    basis: wp.array(dtype=basis_vector),  # [N] out
+):
+    """Spherical harmonics of each packed sample's rest direction, Qᵀd."""
+    i, slot = wp.tid()
+    if slot < counts[i]:
+        n = ends[i] - counts[i] + slot
+        rotation = rotations[sample_tet[n]]
+        basis[n] = basis_of(wp.transpose(rotation) * rays.directions[alive[i]])

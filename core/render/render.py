@@ -1,0 +1,286 @@
+"""Rays to an image of the mesh in its current shape, on the CPU and on CUDA.
+
+Rounds of: march (at most K pieces per ray) -> pack -> encode and evaluate -> accumulate,
+until every ray has left the mesh or sees nothing more.  A CUDA device takes the whole
+image at once; on the CPU, tiles of the image go to a pool of threads (a Warp launch there
+uses one core, and releases the interpreter).
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import warp as wp
+
+from ..field import network
+from ..field.encoding import encode_kernel, make_tables
+from ..field.field import TetField
+from .camera import Camera
+from .compositing import accumulate_kernel, empty_pixels, resolve_kernel
+from .marching import basis_kernel, empty_rays, empty_samples, march_kernel, pack_kernel
+from .traversal import Pose
+
+CPU_TILE_RAYS = 4096  # samples of a tile stay in a core's cache
+CUDA_TILE_RAYS = 1 << 20
+ROUND_SLOTS = (8, 8, 16, 32, 64, 128)  # most rays end in the first round or two
+
+wp.set_module_options({"enable_backward": False})
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """How to render.
+
+    Attributes:
+        background: Color behind the object, 0..1.
+        conformance: Equal the reference (float32, stop at T < 1e-3); otherwise stop
+            earlier and, on CUDA, evaluate the networks in half precision.
+    """
+
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    conformance: bool = False
+
+    @property
+    def stop(self) -> float:
+        """Transmittance below which a ray ends."""
+        return 1e-3 if self.conformance else 4e-3
+
+
+@dataclass
+class Image:
+    """A rendered image on the renderer's device.
+
+    Attributes:
+        color: RGB over the background, alpha = opacity; row 0 is the top.  [H, W] vec4ub
+        depth: Distance along the unit ray, inf where opacity < 0.5.  [H, W] float32
+        sample_count: Samples that were evaluated.
+    """
+
+    color: wp.array
+    depth: wp.array
+    sample_count: int
+
+    def color_array(self):
+        """uint8 [H, W, 4]"""
+        return self.color.numpy()
+
+    def depth_array(self):
+        """float32 [H, W]"""
+        return self.depth.numpy()
+
+
+@wp.kernel
+def camera_rays_kernel(
+    camera_to_world: wp.mat44,
+    focal: float,
+    width: int,
+    height: int,
+    first_pixel: int,
+    origins: wp.array(dtype=wp.vec3),  # out
+    directions: wp.array(dtype=wp.vec3),  # out
+):
+    """`camera.rays` for pixels first_pixel, first_pixel + 1, ..."""
+    i = wp.tid()
+    pixel = first_pixel + i
+    x = (float(pixel % width) + 0.5 - 0.5 * float(width)) / focal
+    y = (0.5 * float(height) - float(pixel / width) - 0.5) / focal
+    d = wp.transform_vector(camera_to_world, wp.vec3(x, y, -1.0))
+    origins[i] = wp.vec3(camera_to_world[0, 3], camera_to_world[1, 3], camera_to_world[2, 3])
+    directions[i] = wp.normalize(d)
+
+
+class Renderer:
+    """Renders one field in a pose that changes: `set_vertices`, then `render`."""
+
+    def __init__(self, field: TetField, device="cpu"):
+        self.field = field
+        self.device = wp.get_device(device)
+        self.pose = Pose(field.mesh, field.neighbours, self.device)
+        self._tables = make_tables(field.mesh, field.layout, self.device)
+        self._table = wp.array(field.table, dtype=wp.vec4, device=self.device)
+        self._occupancy = wp.array(field.occupancy, dtype=wp.uint64, device=self.device)
+        if self.device.is_cuda:
+            self._networks = _torch_networks(field, self.device)
+        else:
+            self._pool = ThreadPoolExecutor(os.cpu_count())
+
+    def set_vertices(self, vertices):
+        """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""
+        self.pose.set_vertices(vertices)
+
+    def render(self, camera: Camera, options=None, rows=None) -> Image:
+        """Render the rows first..last-1 (all by default) as `camera` sees them.
+
+        Args:
+            camera: Its world is model space.
+            rows: (first, last) for a strip of the image.
+
+        Returns:
+            An Image of last - first rows.
+        """
+        options = options or RenderOptions()
+        first, last = rows or (0, camera.height)
+        first_pixel, count = first * camera.width, (last - first) * camera.width
+        color = wp.empty(count, dtype=wp.vec4ub, device=self.device)
+        depth = wp.empty(count, dtype=float, device=self.device)
+        tile_rays = CUDA_TILE_RAYS if self.device.is_cuda else CPU_TILE_RAYS
+        tiles = [(a, min(a + tile_rays, count)) for a in range(0, count, tile_rays)]
+        work = partial(self._render_tile, camera, options, first_pixel, color, depth)
+        if self.device.is_cuda:
+            sample_count = sum(map(work, tiles))
+        else:
+            from threadpoolctl import threadpool_limits
+
+            with threadpool_limits(1, user_api="blas"):  # the tiles are the parallelism
+                sample_count = sum(self._pool.map(work, tiles))
+        shape = (last - first, camera.width)
+        return Image(color.reshape(shape), depth.reshape(shape), sample_count)
+
+    def render_rays(self, origins, directions, options=None):
+        """Render rays given one by one, without rounding to bytes.
+
+        Args:
+            origins, directions: Model space, directions of length one.  [R, 3]
+
+        Returns:
+            color [R, 3] over the background, opacity [R], depth [R] (0 without opacity),
+            float32 arrays.
+        """
+        options = options or RenderOptions()
+        count = len(origins)
+        rays = empty_rays(count, self.device)
+        rays.origins.assign(np.ascontiguousarray(origins, np.float32))
+        rays.directions.assign(np.ascontiguousarray(directions, np.float32))
+        pixels, _ = self._accumulate(rays, count, options)
+        transmittance = pixels.transmittance.numpy()
+        opacity = 1.0 - transmittance
+        color = pixels.color.numpy() + transmittance[:, None] * np.float32(options.background)
+        return color, opacity, pixels.depth.numpy() / np.maximum(opacity, 1e-6)
+
+    def _render_tile(self, camera, options, first_pixel, color, depth, tile) -> int:
+        count = tile[1] - tile[0]
+        rays = empty_rays(count, self.device)
+        self._launch(
+            camera_rays_kernel,
+            count,
+            [
+                wp.mat44(camera.camera_to_world),
+                float(camera.focal),
+                camera.width,
+                camera.height,
+                first_pixel + tile[0],
+            ],
+            [rays.origins, rays.directions],
+        )
+        pixels, sample_count = self._accumulate(rays, count, options)
+        self._launch(
+            resolve_kernel,
+            count,
+            [pixels, wp.vec3(*options.background)],
+            [color[tile[0] : tile[1]], depth[tile[0] : tile[1]]],
+        )
+        return sample_count
+
+    def _accumulate(self, rays, count, options):
+        pixels = empty_pixels(count, self.device)
+        alive = wp.array(np.arange(count, dtype=np.int32), dtype=int, device=self.device)
+        sample_count, round_ = 0, 0
+        while count > 0:
+            slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
+            samples, counts, ends, packed_count = self._march(rays, alive, count, slot_count)
+            sigma, rgb = self._evaluate(
+                rays, alive, counts, ends, samples, packed_count, slot_count, options
+            )
+            still_alive = wp.empty(count, dtype=int, device=self.device)
+            still_alive_count = wp.zeros(1, dtype=int, device=self.device)
+            self._launch(
+                accumulate_kernel,
+                count,
+                [
+                    *(sigma, rgb, samples.length, samples.t, alive, counts, ends, rays.tet),
+                    *(options.stop, pixels, still_alive, still_alive_count),
+                ],
+            )
+            sample_count += packed_count
+            count = int(still_alive_count.numpy()[0])
+            alive, round_ = still_alive, round_ + 1
+        return pixels, sample_count
+
+    def _march(self, rays, alive, count, slot_count):
+        slots = empty_samples(count * slot_count, self.device)
+        counts = wp.empty(count, dtype=int, device=self.device)
+        ends = wp.empty(count, dtype=int, device=self.device)
+        step = self.field.options.march_step
+        self._launch(
+            march_kernel,
+            count,
+            [self.pose.geometry, self._occupancy, rays, alive, step, slot_count, 0],
+            [slots, counts],
+        )
+        wp.utils.array_scan(counts, ends, inclusive=True)
+        packed_count = int(ends[count - 1 : count].numpy()[0])
+        packed = empty_samples(packed_count, self.device)
+        self._launch(pack_kernel, (count, slot_count), [slots, counts, ends, slot_count, packed])
+        return packed, counts, ends, packed_count
+
+    def _evaluate(self, rays, alive, counts, ends, samples, count, slot_count, options):
+        level_count = self.field.layout.level_count
+        features = wp.empty((count, level_count), dtype=wp.vec4, device=self.device)
+        basis = wp.empty(count, dtype=network.basis_vector, device=self.device)
+        self._launch(
+            encode_kernel,
+            count,
+            [self._tables, self._table, samples.tet, samples.bary, level_count],
+            [features],
+        )
+        self._launch(
+            basis_kernel,
+            (len(counts), slot_count),
+            [rays, self.pose.geometry.rotations, alive, counts, ends, samples.tet],
+            [basis],
+        )
+        if self.device.is_cuda:
+            return self._networks(features, basis, half=not options.conformance)
+        sigma, rgb = network.evaluate(
+            features.numpy().reshape(count, -1),
+            basis.numpy(),
+            self.field.density_layers,
+            self.field.color_layers,
+            self.field.options,
+        )
+        return (
+            wp.array(sigma, dtype=float, device="cpu", copy=False),
+            wp.array(rgb, dtype=wp.vec3, device="cpu", copy=False),
+        )
+
+    def _launch(self, kernel, dim, inputs, outputs=()):
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+
+
+def _torch_networks(field, device):
+    """evaluate(features, basis, half) -> sigma, rgb, all Warp arrays on a CUDA device."""
+    import torch
+
+    from ..field.network_torch import Networks
+
+    networks = Networks(
+        field.density_layers, field.color_layers, field.options.density_activation
+    ).to(f"cuda:{device.ordinal}")
+    half_networks = Networks(*networks.layers(), field.options.density_activation)
+    half_networks = half_networks.to(f"cuda:{device.ordinal}").half()
+
+    @torch.no_grad()
+    def evaluate(features, basis, half):
+        # On Warp's stream, so that kernels and layers follow each other without waiting.
+        with torch.cuda.stream(wp.stream_to_torch(wp.get_stream(device))):
+            x = wp.to_torch(features).reshape(len(features), -1)
+            y = wp.to_torch(basis)
+            if half:
+                sigma, rgb = half_networks(x.half(), y.half())
+            else:
+                sigma, rgb = networks(x, y)
+            return wp.from_torch(sigma), wp.from_torch(rgb, dtype=wp.vec3)
+
+    return evaluate

@@ -1,0 +1,241 @@
+"""Where a ray goes through the deformed mesh.
+
+Per pose, each tet k gets a frame:
+
+    alpha(p) = G_k p + g_k       barycentric coordinates of a current point
+    F_k^-1                       current to rest directions; |F_k^-1 d| is rest length per t
+    Q_k                          orthogonal polar factor of F_k, reflection kept
+    s_k                          smoothstep(1e-3, 1e-2, σ_min/σ_max of F_k): flat tets fade
+
+A ray enters through the boundary mesh (a BVH refitted per pose) and then walks across
+faces; within a tet alpha(t) is linear, so the exit is where the first coordinate that
+falls reaches zero.
+
+Shapes: T tets, V vertices, B boundary faces.  Model units.
+"""
+
+import numpy as np
+import warp as wp
+
+from ..geometry.mesh import TetMesh, boundary_faces
+
+# Walking a face costs a rounding error of some 1e-7 in t; a fresh boundary query starts
+# this far behind the exit, or it would find the same face again.
+QUERY_GAP = wp.constant(2.0e-6)
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 4})
+
+
+def tet_frames_reference(rest_vertices, vertices, tets):
+    """The frames of all tets, in NumPy.
+
+    Returns:
+        gradients [T, 4, 4] (columns 0-2 G, column 3 g), inverse F [T, 3, 3], Q [T, 3, 3],
+        fade s [T].  A tet without volume has zeros and s = 0.
+    """
+    rest_edges = np.swapaxes(rest_vertices[tets[:, 1:]] - rest_vertices[tets[:, :1]], 1, 2)
+    edges = np.swapaxes(vertices[tets[:, 1:]] - vertices[tets[:, :1]], 1, 2)
+    deformation = edges @ np.linalg.inv(rest_edges)
+    u, stretches, vt = np.linalg.svd(deformation)
+    ratio = stretches[:, 2] / np.maximum(stretches[:, 0], 1e-30)
+    x = np.clip((ratio - 1e-3) / (1e-2 - 1e-3), 0, 1)
+    fade = x * x * (3 - 2 * x)
+    flat = fade <= 0
+    edges = np.where(flat[:, None, None], np.eye(3), edges)
+    inverse = np.linalg.inv(edges)
+    gradients = np.zeros((len(tets), 4, 4))
+    gradients[:, 1:, :3] = inverse
+    gradients[:, 1:, 3] = -np.einsum("tij,tj->ti", inverse, vertices[tets[:, 0]])
+    gradients[:, 0] = -gradients[:, 1:].sum(axis=1)
+    gradients[:, 0, 3] += 1.0
+    inverse_f = rest_edges @ inverse
+    gradients[flat], inverse_f[flat] = 0.0, 0.0
+    return gradients, inverse_f, u @ vt, fade
+
+
+@wp.func
+def smoothstep(low: float, high: float, x: float):
+    y = wp.clamp((x - low) / (high - low), 0.0, 1.0)
+    return y * y * (3.0 - 2.0 * y)
+
+
+@wp.kernel
+def tet_frames_kernel(
+    tets: wp.array(dtype=wp.vec4i),  # [T]
+    vertices: wp.array(dtype=wp.vec3),  # [V] current
+    rest_edges: wp.array(dtype=wp.mat33),  # [T] columns x1-x0, x2-x0, x3-x0 at rest
+    rest_edges_inverse: wp.array(dtype=wp.mat33),  # [T]
+    gradients: wp.array(dtype=wp.mat44),  # [T] out
+    rest_from_current: wp.array(dtype=wp.mat33),  # [T] out, F^-1
+    rotations: wp.array(dtype=wp.mat33),  # [T] out, Q
+    fades: wp.array(dtype=float),  # [T] out, s
+):
+    i = wp.tid()
+    tet = tets[i]
+    x0 = vertices[tet[0]]
+    edges = wp.matrix_from_cols(vertices[tet[1]] - x0, vertices[tet[2]] - x0, vertices[tet[3]] - x0)
+    f = edges * rest_edges_inverse[i]
+    u = wp.mat33()
+    v = wp.mat33()
+    stretches = wp.vec3()
+    wp.svd3(f, u, stretches, v)
+    # svd3 returns rotations and puts a reflection into the sign of a stretch.
+    signs = wp.vec3(wp.sign(stretches[0]), wp.sign(stretches[1]), wp.sign(stretches[2]))
+    rotations[i] = u * wp.diag(signs) * wp.transpose(v)
+    largest = wp.max(wp.abs(stretches))
+    smallest = wp.min(wp.abs(stretches))
+    fade = smoothstep(1.0e-3, 1.0e-2, smallest / wp.max(largest, 1.0e-30))
+    g = wp.mat44()
+    inverse_f = wp.mat33()
+    if fade > 0.0:
+        m = wp.inverse(edges)
+        o = -(m * x0)
+        g = wp.mat44(
+            -m[0, 0] - m[1, 0] - m[2, 0],
+            -m[0, 1] - m[1, 1] - m[2, 1],
+            -m[0, 2] - m[1, 2] - m[2, 2],
+            1.0 - o[0] - o[1] - o[2],
+            m[0, 0],
+            m[0, 1],
+            m[0, 2],
+            o[0],
+            m[1, 0],
+            m[1, 1],
+            m[1, 2],
+            o[1],
+            m[2, 0],
+            m[2, 1],
+            m[2, 2],
+            o[2],
+        )
+        inverse_f = rest_edges[i] * m
+    gradients[i] = g
+    rest_from_current[i] = inverse_f
+    fades[i] = fade
+
+
+@wp.struct
+class Geometry:
+    """What a walk needs; one per device, refreshed per pose."""
+
+    boundary: wp.uint64  # id of the wp.Mesh of boundary faces
+    boundary_tets: wp.array(dtype=int)  # [B] the tet behind each face
+    neighbours: wp.array(dtype=wp.vec4i)  # [T]
+    gradients: wp.array(dtype=wp.mat44)  # [T]
+    rest_from_current: wp.array(dtype=wp.mat33)  # [T]
+    rotations: wp.array(dtype=wp.mat33)  # [T]
+    fades: wp.array(dtype=float)  # [T]
+
+
+class Pose:
+    """The mesh in its current shape on one device: frames, boundary BVH, `geometry`."""
+
+    def __init__(self, mesh: TetMesh, neighbours, device):
+        self.device = wp.get_device(device)
+        faces, behind = boundary_faces(mesh.tets, neighbours)
+        rest_edges = np.swapaxes(
+            mesh.rest_vertices[mesh.tets[:, 1:]] - mesh.rest_vertices[mesh.tets[:, :1]], 1, 2
+        )
+        with wp.ScopedDevice(self.device):
+            self.vertices = wp.array(mesh.rest_vertices.astype(np.float32), dtype=wp.vec3)
+            self.tets = wp.array(mesh.tets, dtype=wp.vec4i)
+            self._rest_edges = wp.array(rest_edges.astype(np.float32), dtype=wp.mat33)
+            self._rest_edges_inverse = wp.array(
+                np.linalg.inv(rest_edges).astype(np.float32), dtype=wp.mat33
+            )
+            # wp.Mesh owns its points: refit reads what set_vertices copied into them.
+            self._boundary = wp.Mesh(
+                points=wp.clone(self.vertices), indices=wp.array(faces.ravel(), dtype=int)
+            )
+            geometry = self.geometry = Geometry()
+            geometry.boundary = self._boundary.id
+            geometry.boundary_tets = wp.array(behind, dtype=int)
+            geometry.neighbours = wp.array(neighbours, dtype=wp.vec4i)
+            geometry.gradients = wp.empty(mesh.tet_count, dtype=wp.mat44)
+            geometry.rest_from_current = wp.empty(mesh.tet_count, dtype=wp.mat33)
+            geometry.rotations = wp.empty(mesh.tet_count, dtype=wp.mat33)
+            geometry.fades = wp.empty(mesh.tet_count, dtype=float)
+        self.set_vertices(self.vertices)
+
+    def set_vertices(self, vertices):
+        """Take new positions: an array [V, 3] or a wp.array of vec3 on the device."""
+        if not isinstance(vertices, wp.array):
+            vertices = np.ascontiguousarray(vertices, np.float32)
+            vertices = wp.array(vertices, dtype=wp.vec3, device=self.device)
+        if vertices.shape != self.vertices.shape:
+            raise ValueError(
+                f"the mesh has {len(self.vertices)} vertices, {len(vertices)} were given"
+            )
+        if vertices.ptr != self.vertices.ptr:
+            wp.copy(self.vertices, vertices)
+        wp.copy(self._boundary.points, vertices)
+        self._boundary.refit()
+        geometry = self.geometry
+        wp.launch(
+            tet_frames_kernel,
+            dim=len(self.tets),
+            inputs=[self.tets, self.vertices, self._rest_edges, self._rest_edges_inverse],
+            outputs=[
+                geometry.gradients,
+                geometry.rest_from_current,
+                geometry.rotations,
+                geometry.fades,
+            ],
+            device=self.device,
+        )
+
+
+@wp.func
+def enter_mesh(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, t: float):
+    """The first boundary face at or behind t that leads inwards.
+
+    Returns:
+        The tet behind it, or -1 if the ray meets none, and t there.
+    """
+    start = float(t)
+    tet = int(-1)
+    searching = int(1)
+    while searching == 1:
+        query = wp.mesh_query_ray(geometry.boundary, origin + start * direction, direction, 1.0e6)
+        searching = 0
+        if query.result:
+            start += query.t
+            if wp.dot(query.normal, direction) < 0.0:
+                tet = geometry.boundary_tets[query.face]
+            else:  # the face that the ray has just left
+                start += QUERY_GAP
+                searching = 1
+    return tet, start
+
+
+@wp.func
+def exit_tet(alpha: wp.vec4, slope: wp.vec4, entry_face: int):
+    """Where a ray leaves a tet: the distance from the point with coordinates alpha.
+
+    Returns:
+        The face, or -1 if no coordinate falls, and the distance (>= 0).
+    """
+    face = int(-1)
+    distance = float(1.0e30)
+    i = int(0)
+    while i < 4:
+        if i != entry_face and slope[i] < 0.0:
+            d = -alpha[i] / slope[i]
+            if d < distance:
+                distance = d
+                face = i
+        i += 1
+    return face, wp.max(distance, 0.0)
+
+
+@wp.func
+def face_towards(neighbours: wp.vec4i, tet: int):
+    """The face of a tet (given by its neighbours) behind which `tet` lies."""
+    face = int(3)
+    if neighbours[0] == tet:
+        face = 0
+    if neighbours[1] == tet:
+        face = 1
+    if neighbours[2] == tet:
+        face = 2
+    return face

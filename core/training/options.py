@@ -1,0 +1,63 @@
+"""How a model is trained: one dataclass, three presets.  Imports nothing heavy."""
+
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """Settings of a training run; lengths are in model units (the scene box has edge 1).
+
+    Attributes:
+        scene_radius: The box from -r to r in the data's space becomes the unit cube.
+        spacing: dx of the A15 grid of stage 1 (the paper's 0.02).
+        coarse_steps: Optimiser steps of stage 1, which finds the occupied tets.
+        fine_steps: Optimiser steps of stage 2, on the kept tets with all levels.
+        level_count: Nested levels of the model.
+        table_size_log2: Entries of a hashed level.
+        density_layers: Hidden layers, 64 wide, of the density network.
+        march_step: Δ, rest length of a quadrature piece.
+        samples_per_step: Samples that an optimiser step aims at; the ray count follows.
+        learning_rate: Of Adam at the start; falls along a cosine.
+        distortion: Weight of the distortion loss (the paper's 1e-2).
+        seed: Of all random choices.
+    """
+
+    scene_radius: float = 1.5
+    spacing: float = 0.02
+    coarse_steps: int = 1500
+    fine_steps: int = 15000
+    level_count: int = 6
+    table_size_log2: int = 18
+    density_layers: int = 1
+    march_step: float = 0.002
+    samples_per_step: int = 2**18
+    learning_rate: float = 1e-2
+    distortion: float = 1e-2
+    seed: int = 0
+
+
+PRESETS = {
+    "default": TrainOptions(),
+    "fast": TrainOptions(coarse_steps=800, fine_steps=4000),
+    "tiny": TrainOptions(
+        spacing=0.04,
+        coarse_steps=150,
+        fine_steps=600,
+        level_count=4,
+        table_size_log2=16,
+        march_step=0.005,
+        samples_per_step=2**15,
+        learning_rate=2e-2,
+    ),
+}
+
+
+def preset(name: str, **changes) -> TrainOptions:
+    """A preset with some fields replaced.
+
+    Raises:
+        ValueError: There is no such preset.
+    """
+    if name not in PRESETS:
+        raise ValueError(f"there is no preset '{name}'; choose one of {', '.join(PRESETS)}")
+    return replace(PRESETS[name], **changes)

@@ -1,0 +1,213 @@
+"""One stage of training: a field on a fixed mesh that learns.
+
+Holds what changes from step to step: tables, networks, occupancy.  `trace` renders rays
+with gradients; `update_occupancy` and `hide_unseen` decide which sub-tets can hold
+density (../field/occupancy.py).
+
+Shapes: R rays, N packed samples, T tets with 64 sub-tets each.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+import warp as wp
+
+from ..field.encoding import make_layout, make_tables
+from ..field.field import FieldOptions, TetField, random_field
+from ..field.network import basis_vector
+from ..field.network_torch import Networks
+from ..field.occupancy import LEVELS, SUBTET_COUNT, subtet_of
+from ..geometry.mesh import TetMesh, tet_neighbours
+from ..geometry.subdivision import path_corners
+from ..render.marching import basis_kernel, empty_rays, empty_samples, march_kernel, pack_kernel
+from ..render.traversal import Pose
+from .differentiable import Composite, Encode
+
+MAX_SLOTS = 512  # samples of one ray; beyond, a ray is cut off
+OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet counts as occupied, at most
+OCCUPANCY_DECAY = 0.95  # per update; so empty space is forgotten within some 60 updates
+UPDATE_CHUNK = 1 << 20  # sub-tets evaluated at once
+INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def mark_seen_kernel(
+    sample_tet: wp.array(dtype=int),  # [N]
+    sample_bary: wp.array(dtype=wp.vec4),  # [N]
+    weights: wp.array(dtype=float),  # [N]
+    seen: wp.array(dtype=float),  # [T · 64] in, out: largest weight so far
+):
+    n = wp.tid()
+    wp.atomic_max(seen, sample_tet[n] * 64 + subtet_of(sample_bary[n]), weights[n])
+
+
+class Stage:
+    """A learning field; see the module's text."""
+
+    def __init__(self, mesh: TetMesh, options: FieldOptions, device, seed=0):
+        self.device = wp.get_device(device)
+        self.torch_device = torch.device(wp.device_to_torch(self.device))
+        self.options = options
+        neighbours = tet_neighbours(mesh.tets)
+        self._start = random_field(mesh, neighbours, options, seed, INITIAL_CONTRAST)
+        self.layout = make_layout(mesh, options.level_count, options.table_size)
+        self.tables = make_tables(mesh, self.layout, self.device)
+        self.pose = Pose(mesh, neighbours, self.device)
+        self.table = torch.nn.Parameter(torch.from_numpy(self._start.table).to(self.torch_device))
+        self.networks = Networks(
+            self._start.density_layers, self._start.color_layers, options.density_activation
+        ).to(self.torch_device)
+        shape = (mesh.tet_count, SUBTET_COUNT)
+        self.thickness = torch.zeros(shape, device=self.torch_device)
+        self.occupied = torch.ones(shape, dtype=torch.bool, device=self.torch_device)
+        self.hidden = torch.zeros(shape, dtype=torch.bool, device=self.torch_device)
+        self._refresh_mask()
+        self._generator = torch.Generator(device=self.torch_device).manual_seed(seed)
+        corners = path_corners(LEVELS) / 2**LEVELS  # [64, corner, 4]
+        self._corners = torch.from_numpy(corners.astype(np.float32)).to(self.torch_device)
+        # fp16 matmuls on CUDA; the encoding and the sums stay in float32.
+        self._half = self.device.is_cuda
+
+    @property
+    def mesh(self) -> TetMesh:
+        return self._start.mesh
+
+    def march(self, origins, directions, jitter_seed):
+        """Samples of rays: packed Samples, ends and counts [R], basis [N, 16], N."""
+        ray_count = len(origins)
+        rays = empty_rays(ray_count, self.device)
+        rays.origins = wp.from_torch(origins.contiguous(), dtype=wp.vec3)
+        rays.directions = wp.from_torch(directions.contiguous(), dtype=wp.vec3)
+        everyone = wp.from_torch(
+            torch.arange(ray_count, dtype=torch.int32, device=self.torch_device)
+        )
+        slots = empty_samples(ray_count * MAX_SLOTS, self.device)
+        counts = wp.empty(ray_count, dtype=int, device=self.device)
+        ends = wp.empty(ray_count, dtype=int, device=self.device)
+        self._launch(
+            march_kernel,
+            ray_count,
+            [
+                *(self.pose.geometry, self._mask, rays, everyone),
+                *(self.options.march_step, MAX_SLOTS, jitter_seed),
+            ],
+            [slots, counts],
+        )
+        wp.utils.array_scan(counts, ends, inclusive=True)
+        count = int(ends[ray_count - 1 :].numpy()[0])
+        samples = empty_samples(count, self.device)
+        basis = wp.empty(count, dtype=basis_vector, device=self.device)
+        dim = (ray_count, MAX_SLOTS)
+        self._launch(pack_kernel, dim, [slots, counts, ends, MAX_SLOTS], [samples])
+        self._launch(
+            basis_kernel,
+            dim,
+            [rays, self.pose.geometry.rotations, everyone, counts, ends, samples.tet],
+            [basis],
+        )
+        return samples, counts, ends, wp.to_torch(basis), count
+
+    def trace(self, origins, directions, jitter_seed):
+        """Render rays with gradients.
+
+        Returns:
+            color [R, 3] without background, opacity [R], distortion [R], weights [N],
+            the samples and their number.
+        """
+        samples, counts, ends, basis, count = self.march(origins, directions, jitter_seed)
+        with torch.autocast(self.torch_device.type, torch.float16, enabled=self._half):
+            features = self.encode(samples.tet, samples.bary)
+            sigma, rgb = self.networks(features, basis)
+        color, opacity, distortion, weights = Composite.apply(
+            sigma, rgb, samples.length, samples.t, counts, ends
+        )
+        return color, opacity, distortion, weights, samples, count
+
+    def encode(self, sample_tet, sample_bary):
+        return Encode.apply(
+            self.table, self.tables, self.layout.level_count, sample_tet, sample_bary
+        )
+
+    @torch.no_grad()
+    def update_occupancy(self, fraction=1.0):
+        """Measure the thickness of a random part of the sub-tets; renew the mask."""
+        cells = self.thickness.numel()
+        if fraction < 1.0:
+            chosen = torch.randint(
+                cells,
+                (int(cells * fraction),),
+                generator=self._generator,
+                device=self.torch_device,
+            )
+        else:
+            chosen = torch.arange(cells, device=self.torch_device)
+        self.thickness *= OCCUPANCY_DECAY**fraction
+        flat = self.thickness.view(-1)
+        for part in chosen.split(UPDATE_CHUNK):
+            flat[part] = torch.maximum(flat[part], self._thickness_of(part))
+        threshold = self.thickness.mean().clamp(max=OCCUPIED_THICKNESS)
+        self.occupied = (self.thickness > threshold) & ~self.hidden
+        self._refresh_mask()
+
+    def _thickness_of(self, cells):
+        """σ·Δ at a random point of each sub-tet.  [n] int64 -> [n]"""
+        beta = torch.empty(len(cells), 4, device=self.torch_device)
+        beta = beta.exponential_(generator=self._generator)
+        beta /= beta.sum(dim=1, keepdim=True)
+        bary = torch.einsum("nj,njk->nk", beta, self._corners[cells % SUBTET_COUNT])
+        tet = (cells // SUBTET_COUNT).int()
+        features = self.encode(
+            wp.from_torch(tet.contiguous()), wp.from_torch(bary.contiguous(), dtype=wp.vec4)
+        )
+        with torch.autocast(self.torch_device.type, torch.float16, enabled=self._half):
+            h = self.networks.density_features(features)
+        return self.networks.sigma(h) * self.options.march_step
+
+    @torch.no_grad()
+    def hide_unseen(self, ray_batches, smallest_weight):
+        """Mask sub-tets in which no ray has a sample of at least that weight.
+
+        What no camera ever saw, above all the inside of opaque parts, stays hidden in
+        every pose, because optical depth is measured in rest space.
+
+        Args:
+            ray_batches: Iterable of (origins, directions).
+        """
+        seen = torch.zeros(self.thickness.numel(), device=self.torch_device)
+        for seed, (origins, directions) in enumerate(ray_batches, start=1):
+            _, _, _, weights, samples, count = self.trace(origins, directions, seed)
+            self._launch(
+                mark_seen_kernel,
+                count,
+                [samples.tet, samples.bary, wp.from_torch(weights), wp.from_torch(seen)],
+            )
+        self.hidden = (seen < smallest_weight).view_as(self.hidden)
+        self.occupied &= ~self.hidden
+        self._refresh_mask()
+
+    def occupied_share(self) -> float:
+        return float(self.occupied.float().mean())
+
+    def export(self, world_to_model, meta) -> TetField:
+        """The field as it stands."""
+        density, color = self.networks.layers()
+        return replace(
+            self._start,
+            occupancy=self._mask.numpy(),
+            table=self.table.detach().cpu().numpy(),
+            density_layers=density,
+            color_layers=color,
+            world_to_model=world_to_model,
+            meta=meta,
+        )
+
+    def _refresh_mask(self):
+        bits = torch.arange(SUBTET_COUNT, device=self.torch_device)
+        mask = (self.occupied.long() << bits).sum(dim=1)  # wraps to the same 64 bits
+        self._mask = wp.from_torch(mask, dtype=wp.uint64)
+
+    def _launch(self, kernel, dim, inputs, outputs=()):
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)

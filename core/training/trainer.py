@@ -1,0 +1,215 @@
+"""Photographs to a field, in two stages (DeformRF, section 3.4).
+
+Stage 1 trains few levels on the A15 grid of the whole scene box and learns where density
+is; the occupied tets, what they enclose and their neighbours are kept.  Stage 2 trains all
+levels on the kept tets.  Both minimise
+
+    mean squared error of the composited color + distortion weight · distortion
+
+with Adam.  Images with alpha are composited on a random background per ray until the last
+fifth of a stage, then on white: so that empty space learns to be empty, and the result is
+at its best on the background it is scored on.
+"""
+
+import time
+from dataclasses import asdict, dataclass
+from math import cos, pi
+
+import numpy as np
+import torch
+import warp as wp
+
+from ..field import modelfile
+from ..field.field import FieldOptions, TetField
+from ..field.occupancy import fill_enclosed
+from ..geometry.lattice import a15_grid
+from ..geometry.mesh import TetMesh, components, extract, tet_neighbours
+from .datasets import Dataset
+from .differentiable import on_warp_stream
+from .options import TrainOptions
+from .progress import TrainingProgress
+from .raybank import RayBank, scene_to_unit_cube
+from .stage import Stage
+
+BETAS, EPSILON = (0.9, 0.999), 1e-15  # the paper's Adam
+NETWORK_WEIGHT_DECAY = 1e-6
+WARM_UP_STEPS = 100
+FINAL_RATE = 0.01  # of the first learning rate, at the cosine's end
+WHITE_SHARE = 0.2  # of the steps, at the end
+OCCUPANCY_INTERVAL = 16  # steps
+OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
+LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing; Adam doesn't see it
+COARSE_LEVELS = 4
+COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
+UNSEEN_WEIGHT = 1e-3  # a sub-tet that never contributes as much is hidden
+COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
+SMALLEST_COMPONENT = 0.005  # of the tets; smaller ones are floaters
+RAYS_AT_START, MOST_RAYS = 1 << 12, 1 << 16
+
+
+@dataclass
+class Trained:
+    """What `train` returns: the field, what happened, and whether it was cut short."""
+
+    field: TetField
+    report: dict
+    interrupted: bool
+
+
+def train(dataset: Dataset, options: TrainOptions, device="cpu", name="") -> Trained:
+    """Train a field.
+
+    Args:
+        dataset: The training views.
+        device: A Warp device.
+        name: Of the data, for the model file.
+
+    A KeyboardInterrupt ends the run early; the field is then what there is.
+    """
+    torch.manual_seed(options.seed)
+    wp.init()
+    world_to_model = scene_to_unit_cube(options.scene_radius)
+    start = time.perf_counter()
+    report = {
+        "data": name,
+        "view_count": dataset.view_count,
+        "image_size": [dataset.width, dataset.height],
+        "options": asdict(options),
+    }
+    with on_warp_stream(device), TrainingProgress() as progress:
+        bank = RayBank(dataset, world_to_model, wp.device_to_torch(device), options.seed)
+        stage, interrupted = _coarse_stage(bank, dataset.has_alpha, options, device, progress)
+        report["stage_1_seconds"] = time.perf_counter() - start
+        if not interrupted:
+            mesh = kept_mesh(stage)
+            report["stage_1_tet_count"], report["tet_count"] = stage.mesh.tet_count, mesh.tet_count
+            stage = Stage(mesh, field_options(options), device, options.seed)
+            interrupted = _fit(
+                stage, bank, dataset.has_alpha, options, options.fine_steps, "stage 2", progress
+            )
+        if not interrupted:
+            stage.hide_unseen(_all_rays(bank), UNSEEN_WEIGHT)
+        report["seconds"] = time.perf_counter() - start
+        report["interrupted"] = interrupted
+        report["occupied_share"] = stage.occupied_share()
+        if stage.device.is_cuda:
+            report["peak_memory_bytes"] = torch.cuda.max_memory_allocated()
+        report["device"] = stage.device.name
+        field = stage.export(world_to_model, report)
+    return Trained(field, report, interrupted)
+
+
+def field_options(options: TrainOptions) -> FieldOptions:
+    return FieldOptions(
+        level_count=options.level_count,
+        table_size=2**options.table_size_log2,
+        density_hidden=(64,) * options.density_layers,
+        march_step=options.march_step,
+    )
+
+
+def _coarse_stage(bank, has_alpha, options, device, progress):
+    fine = field_options(options)
+    coarse = FieldOptions(
+        level_count=min(COARSE_LEVELS, options.level_count),
+        table_size=fine.table_size,
+        density_hidden=fine.density_hidden,
+        march_step=COARSE_STEP_FACTOR * fine.march_step,
+    )
+    stage = Stage(a15_grid(options.spacing), coarse, device, options.seed)
+    interrupted = _fit(stage, bank, has_alpha, options, options.coarse_steps, "stage 1", progress)
+    if not interrupted:
+        stage.update_occupancy()
+        stage.hide_unseen(_all_rays(bank, most=1 << 20), COARSE_UNSEEN_WEIGHT)
+    return stage, interrupted
+
+
+def kept_mesh(stage: Stage) -> TetMesh:
+    """The tets that stage 2 is about: occupied, their neighbours, enclosed; no floaters.
+
+    Raises:
+        ValueError: Nothing is occupied.
+    """
+    mesh, neighbours = stage.mesh, tet_neighbours(stage.mesh.tets)
+    occupied = stage.occupied.any(dim=1).cpu().numpy()
+    if not occupied.any():
+        raise ValueError(
+            "stage 1 found nothing: are the cameras inside the scene box? "
+            "(--scene-radius is half the box's edge)"
+        )
+    beside = neighbours[occupied]
+    occupied[beside[beside >= 0]] = True
+    keep = fill_enclosed(occupied, neighbours)
+    tets = mesh.tets[keep]
+    labels = components(mesh.vertex_count, tets)[tets[:, 0]]
+    sizes = np.bincount(labels)
+    large = sizes >= max(SMALLEST_COMPONENT * len(tets), 1)
+    keep[np.flatnonzero(keep)[~large[labels]]] = False
+    return extract(mesh, keep)[0]
+
+
+def learning_rate(step: int, step_count: int, highest: float) -> float:
+    """Linear warm-up, then a cosine down to FINAL_RATE."""
+    warm_up = min(1.0, (step + 1) / WARM_UP_STEPS)
+    fall = 0.5 * (1.0 + cos(pi * step / step_count))
+    return highest * warm_up * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
+
+
+def _fit(stage, bank, has_alpha, options, step_count, title, progress) -> bool:
+    """Optimise; returns whether the user interrupted."""
+    optimizer = torch.optim.Adam(
+        [
+            {"params": [stage.table]},
+            {"params": stage.networks.parameters(), "weight_decay": NETWORK_WEIGHT_DECAY},
+        ],
+        betas=BETAS,
+        eps=EPSILON,
+        fused=True,
+    )
+    ray_count = RAYS_AT_START
+    task = progress.begin(title, step_count)
+    try:
+        for step in range(step_count):
+            if step % OCCUPANCY_INTERVAL == 0 and step > 0:
+                stage.update_occupancy(1.0 if step < OCCUPANCY_WARM_UP else 0.25)
+            for group in optimizer.param_groups:
+                group["lr"] = learning_rate(step, step_count, options.learning_rate)
+            origins, directions, rgba = bank.draw(ray_count)
+            white = not has_alpha or step >= (1.0 - WHITE_SHARE) * step_count
+            background = torch.ones_like(rgba[:, :3]) if white else torch.rand_like(rgba[:, :3])
+            alpha = rgba[:, 3:]
+            target = rgba[:, :3] * alpha + background * (1.0 - alpha)
+
+            color, opacity, distortion, _, _, count = stage.trace(origins, directions, step + 1)
+            if count > 0:
+                color = color + (1.0 - opacity[:, None]) * background
+                error = torch.nn.functional.mse_loss(color, target)
+                loss = error + options.distortion * distortion.mean()
+                optimizer.zero_grad(set_to_none=True)
+                (loss * LOSS_SCALE).backward()
+                optimizer.step()
+                progress.advance(task, error.detach(), count)
+            ray_count = _next_ray_count(ray_count, count, options.samples_per_step)
+    except KeyboardInterrupt:
+        progress.end(task)
+        return True
+    progress.end(task)
+    return False
+
+
+def _next_ray_count(ray_count, sample_count, wanted):
+    """As many rays as give the wanted number of samples, changing at most by half."""
+    ratio = wanted / max(sample_count, 1)
+    return int(np.clip(ray_count * np.clip(ratio, 0.5, 1.5), 256, MOST_RAYS))
+
+
+def _all_rays(bank: RayBank, batch=1 << 14, most=1 << 22):
+    """Batches of rays through all training pixels, or an even choice of `most` of them."""
+    stride = max(1, bank.pixel_count // most)
+    pixels = torch.arange(0, bank.pixel_count, stride, device=bank.images.device)
+    for part in pixels.split(batch):
+        yield bank.rays(part)[:2]
+
+
+def save(trained: Trained, path):
+    modelfile.save(trained.field, path)
