@@ -13,9 +13,10 @@ from typing import Annotated, Literal
 
 import tyro
 
+from .device import Choice, device_name
+
 INPUT_ERROR, INTERRUPTED = 2, 130  # exit codes
 
-Device = Literal["auto", "cpu", "cuda"]
 Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
 Data = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
@@ -33,7 +34,7 @@ class TrainArguments:
     """Model file to write, an .npz."""
     preset: Literal["default", "fast", "tiny"] = "default"
     """default: a GPU, minutes; fast: a GPU, a first look; tiny: two CPU cores, minutes."""
-    device: Device = "auto"
+    device: Choice = "auto"
     """auto takes CUDA if there is any."""
     steps: Count = None
     """Optimization steps, shared out between the two stages as in the preset."""
@@ -63,7 +64,7 @@ class EvaluateArguments:
     """Score that many views, spread evenly, instead of all."""
     image_size: Count = None
     """Shrink the images to this longer side [pixels]."""
-    device: Device = "auto"
+    device: Choice = "auto"
     """auto takes CUDA if there is any."""
 
 
@@ -208,19 +209,3 @@ def writable_file(path: Path, ending: str) -> Path:
     if not existed:
         path.unlink()
     return path
-
-
-def device_name(choice: Device, for_training=False) -> str:
-    """Warp's name of the device; auto is CUDA where the job can run on it."""
-    import warp as wp
-
-    wp.config.log_level = wp.LOG_ERROR  # without it, Warp greets on stdout
-    available = choice != "cpu" and wp.is_cuda_available()
-    if available and for_training:
-        import torch
-
-        available = torch.cuda.is_available()  # it may be a CPU build beside a good GPU
-    if choice == "cuda" and not available:
-        who = "torch" if for_training else "Warp"
-        raise ValueError(f"{who} finds no CUDA device here; --device cpu works everywhere")
-    return "cuda:0" if available else "cpu"

@@ -1,6 +1,7 @@
 """The commands: what they pass on, and how they refuse what a user gets wrong."""
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -230,9 +231,18 @@ def test_output_below_a_file_is_one_sentence(call, data, tmp_path):
     assert str(tmp_path / "file") in refused(result)
 
 
-def test_cuda_is_refused_where_there_is_none(call, data, model, monkeypatch):
+def test_a_device_that_is_not_there_is_one_sentence(call, data, model, monkeypatch):
     monkeypatch.setattr("warp.is_cuda_available", lambda: False)
     assert "no CUDA device" in refused(call(cli.evaluate, model, data, "--device", "cuda"))
+
+
+def test_a_command_says_one_sentence_and_nothing_else(data, tmp_path):
+    """In a process of its own, where C++ libraries could speak up too."""
+    program = "from deformrf.core.cli import evaluate; evaluate()"
+    command = [sys.executable, "-c", program, tmp_path / "no.npz", data]
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == f"deformrf-eval: there is no model file at {tmp_path / 'no.npz'}\n"
 
 
 def test_ctrl_c_exits_with_130_and_says_so(capsys):

@@ -1,0 +1,61 @@
+"""Which device a program runs on, and how Warp starts for it: quietly.
+
+The device has Warp's name, "cpu" or "cuda:0"; the command lines' word "auto" means CUDA if
+there is any.
+"""
+
+import ctypes
+import os
+import sys
+from contextlib import contextmanager
+from typing import Literal
+
+Choice = Literal["auto", "cpu", "cuda"]
+
+
+def device_name(choice: Choice, for_training=False) -> str:
+    """Start Warp and choose the device; for training, torch has to find it too.
+
+    Raises:
+        ValueError: CUDA is asked for and there is none.
+    """
+    start_warp()
+    import warp as wp
+
+    available = choice != "cpu" and wp.is_cuda_available()
+    if available and for_training:
+        import torch
+
+        available = torch.cuda.is_available()  # it may be a CPU build beside a good GPU
+    if choice == "cuda" and not available:
+        who = "torch" if for_training and wp.is_cuda_available() else "Warp"
+        raise ValueError(f"{who} finds no CUDA device here; --device cpu works everywhere")
+    return "cuda:0" if available else "cpu"
+
+
+def start_warp():
+    """Initialize Warp without its greeting, and without a warning where there is no GPU."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    try:
+        ctypes.CDLL("libcuda.so.1" if sys.platform != "win32" else "nvcuda.dll")
+    except OSError:
+        with _stderr_silenced():  # Warp's C++ says so there, whatever the log level
+            wp.init()
+    else:
+        wp.init()
+
+
+@contextmanager
+def _stderr_silenced():
+    """Send file descriptor 2 to nowhere, also for C++."""
+    sys.stderr.flush()
+    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(null)
