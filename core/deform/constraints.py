@@ -28,18 +28,20 @@ import warp as wp
 
 from ..geometry.coloring import greedy_colors, sort_by_color
 from ..geometry.mesh import EDGES, signed_volumes
+from .bracing import hinge_braces
 
 wp.set_module_options({"enable_backward": False})
 
 COMPLIANCE_FLOOR = 0.1  # r_min
 STEP_LIMIT = 0.5
 STEP_LIMIT_CUBED = STEP_LIMIT**3
+BRACE_VOLUME = 0.25  # V_e of a brace, in means over edges; a hinge has many braces
 COLLAPSED = 1e-12  # of L; a shorter edge has no direction of its own
 
 
 @dataclass(frozen=True)
 class EdgeConstraints:
-    """Every edge once.
+    """Every edge and every brace once.
 
     Attributes:
         vertices: Ends of each edge.  [E, 2] int32
@@ -90,7 +92,7 @@ class VolumeConstraints:
 
 
 def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
-    """The edges of a mesh, sorted by color."""
+    """The edges of a mesh and the braces of its hinges, sorted by color."""
     ends, edge_of = np.unique(
         np.sort(tets[:, EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True
     )
@@ -98,6 +100,9 @@ def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
     volumes = np.bincount(edge_of.ravel(), weights=shares, minlength=len(ends))
     # An edge between flat tets alone would have no stiffness at all.
     volumes = np.maximum(volumes, 1e-3 * volumes.mean())
+    braces = hinge_braces(tets)
+    ends = np.concatenate([ends, braces])
+    volumes = np.append(volumes, np.full(len(braces), BRACE_VOLUME * volumes.mean()))
     order, offsets = sort_by_color(greedy_colors(ends, len(rest_vertices)))
     ends, volumes = ends[order], volumes[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)

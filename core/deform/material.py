@@ -68,9 +68,10 @@ class Material:
         return self.shear_modulus * (4.0 * ratio - 1.0) / (1.0 - 2.0 * ratio)
 
 
+# All above ν = 1/4: edges alone can't tell a tet from its mirror image, volumes can.
 PRESETS = {
-    "jelly": Material(young_modulus=1e5, poisson_ratio=0.25, density=1000.0, damping=1.5),
-    "rubber": Material(young_modulus=1e6, poisson_ratio=0.40, density=1100.0, damping=2.0),
-    "plush": Material(young_modulus=1e5, poisson_ratio=0.25, density=300.0, damping=5.0),
+    "jelly": Material(young_modulus=1e5, poisson_ratio=0.45, density=1000.0, damping=2.5),
+    "rubber": Material(young_modulus=1e6, poisson_ratio=0.40, density=1100.0, damping=3.0),
+    "plush": Material(young_modulus=1e5, poisson_ratio=0.30, density=300.0, damping=6.0),
     "wood": Material(young_modulus=1e9, poisson_ratio=0.35, density=600.0, damping=4.0),
 }

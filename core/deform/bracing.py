@@ -1,0 +1,48 @@
+"""Extra edges that make hinges stiff.
+
+A mesh that was cut from a grid by occupancy has tets that hang on the rest by one edge or
+one vertex.  Nothing holds such a part at its angle: after a drag it would stay turned.
+Two tets that share a vertex but aren't connected through faces are therefore braced,
+every corner of one to every corner of the other.
+
+Shapes: V vertices, T tets, B braces.
+"""
+
+from itertools import combinations, product
+
+import numpy as np
+
+from ..geometry.mesh import EDGES, tet_neighbours
+
+
+def face_components(tets):
+    """A label per tet; tets that are connected through faces have the same one.  [T]"""
+    neighbours = tet_neighbours(tets)
+    neighbours = np.where(neighbours < 0, np.arange(len(tets))[:, None], neighbours)
+    labels = np.arange(len(tets))
+    while True:
+        new = np.minimum(labels, labels[neighbours].min(axis=1))
+        new = new[new]
+        if (new == labels).all():
+            return labels
+        labels = new
+
+
+def hinge_braces(tets):
+    """Pairs of vertices to join, none of them an edge of a tet.  [B, 2] int"""
+    labels = face_components(tets)
+    shared = np.unique(np.stack([tets.ravel(), np.repeat(labels, 4)], axis=1), axis=0)[:, 0]
+    hinges = np.unique(shared[1:][shared[1:] == shared[:-1]])
+    corner_order = np.argsort(tets.ravel(), kind="stable")
+    begin, end = (
+        np.searchsorted(tets.ravel()[corner_order], hinges, side=side) for side in ("left", "right")
+    )
+    braces = set()
+    for first, last in zip(begin, end, strict=True):
+        around = corner_order[first:last] // 4
+        for one, other in combinations(around, 2):
+            if labels[one] != labels[other]:
+                pairs = product(tets[one].tolist(), tets[other].tolist())
+                braces.update((min(pair), max(pair)) for pair in pairs if pair[0] != pair[1])
+    braces -= set(map(tuple, np.sort(tets[:, EDGES].reshape(-1, 2), axis=1).tolist()))
+    return np.array(sorted(braces), np.int64).reshape(-1, 2)

@@ -1,0 +1,32 @@
+"""Bracing: parts that hang on an edge or a vertex are joined, others left alone."""
+
+import numpy as np
+
+from deformrf.core.deform.bracing import face_components, hinge_braces
+from deformrf.core.geometry.lattice import a15_grid
+
+
+def test_a_grid_needs_no_braces():
+    tets = a15_grid(0.1).tets
+    assert (face_components(tets) == 0).all()
+    assert len(hinge_braces(tets)) == 0
+
+
+def test_tets_that_share_a_face_need_none():
+    assert len(hinge_braces(np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))) == 0
+
+
+def test_tets_apart_are_left_apart():
+    tets = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
+    assert len(np.unique(face_components(tets))) == 2
+    assert len(hinge_braces(tets)) == 0
+
+
+def test_a_hinge_at_an_edge_is_braced():
+    braces = hinge_braces(np.array([[0, 1, 2, 3], [0, 1, 4, 5]]))
+    assert braces.tolist() == [[2, 4], [2, 5], [3, 4], [3, 5]]
+
+
+def test_a_hinge_at_a_vertex_is_braced():
+    braces = hinge_braces(np.array([[0, 1, 2, 3], [0, 4, 5, 6]]))
+    assert braces.tolist() == [[a, b] for a in (1, 2, 3) for b in (4, 5, 6)]

@@ -1,0 +1,203 @@
+"""Constraints: energies of a solid, momentum, limits, and kernels that agree with NumPy."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from deformrf.core.deform import constraints
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import signed_volumes
+
+UNIT_TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+MESH = a15_grid(0.1)  # no hinges, so no braces
+
+
+def random_edges(count):
+    """Edges that share no vertex, some pinned at one end or both, the first of no length.
+
+    The others are 0.1 or longer: float32 has no exact direction for a much shorter one.
+    """
+    random = np.random.default_rng()
+    first = random.uniform(size=(count, 3))
+    along = random.normal(size=(count, 3))
+    along *= random.uniform(0.1, 1.0, (count, 1)) / np.linalg.norm(along, axis=1, keepdims=True)
+    along[0] = 0.0
+    w = random.uniform(0.1, 2.0, 2 * count) * (random.uniform(size=2 * count) > 0.2)
+    w[[0, count]] = 1.0
+    ends = np.arange(2 * count).reshape(2, -1).T
+    rest_lengths, regularization = random.uniform(0.1, 1, count), random.uniform(0, 1, count)
+    return np.concatenate([first, first + along]), w, ends, rest_lengths, regularization
+
+
+def random_tets(count):
+    """Tets that share no vertex, far from their rest volumes; half of them inverted."""
+    random = np.random.default_rng()
+    vertices = random.uniform(size=(4 * count, 3))
+    w = random.uniform(0.1, 2.0, 4 * count) * (random.uniform(size=4 * count) > 0.2)
+    tets = random.permutation(4 * count).reshape(-1, 4)
+    rest = random.uniform(0.01, 0.5, count)
+    return vertices, w, tets, rest, random.uniform(1e-3, 1e-2, count)
+
+
+def test_volumes_and_masses_add_up():
+    total = np.abs(signed_volumes(MESH.rest_vertices, MESH.tets)).sum()
+    edges = constraints.edge_constraints(MESH.rest_vertices, MESH.tets)
+    tets = constraints.volume_constraints(MESH.rest_vertices, MESH.tets)
+    masses = constraints.lumped_masses(MESH.rest_vertices, MESH.tets, 800.0)
+    assert edges.volumes.sum() == pytest.approx(total)
+    assert tets.rest_volumes.sum() / 6 == pytest.approx(total)
+    assert masses.sum() == pytest.approx(800.0 * total)
+
+
+def test_a_dilation_stores_the_energy_of_a_solid():
+    """Edges are a solid of λ = μ, volumes add K to its bulk modulus (any mesh, exactly)."""
+    mu, bulk, strain = 3.0, 5.0, 1e-4
+    total = np.abs(signed_volumes(MESH.rest_vertices, MESH.tets)).sum()
+    edges = constraints.edge_constraints(MESH.rest_vertices, MESH.tets)
+    stretch = strain * edges.rest_lengths
+    energy = (0.5 * stretch**2 / edges.compliances(mu)).sum()
+    assert energy == pytest.approx(0.5 * (5 / 3 * mu) * (3 * strain) ** 2 * total)
+    tets = constraints.volume_constraints(MESH.rest_vertices, MESH.tets)
+    growth = 3 * strain * tets.rest_volumes
+    energy = (0.5 * growth**2 / tets.compliances(bulk)).sum()
+    assert energy == pytest.approx(0.5 * bulk * (3 * strain) ** 2 * total)
+
+
+def test_inverted_and_flat_tets_are_put_right_or_left_out():
+    vertices = np.concatenate([UNIT_TET, [[1, 1, 0.0]]])
+    tets = np.array([[0, 2, 1, 3], [0, 1, 4, 2]])  # inverted; flat
+    volumes = constraints.volume_constraints(vertices, tets)
+    assert volumes.vertices.tolist() == [[0, 2, 3, 1]]
+    assert volumes.rest_volumes.tolist() == [1.0]
+    edges = constraints.edge_constraints(vertices, tets)
+    assert np.isfinite(edges.compliances(1.0)).all()
+
+
+def test_volume_gradients_are_differences_of_volume():
+    vertices = np.random.default_rng().uniform(size=(4, 3))
+    tet = np.array([[0, 1, 2, 3]])
+    gradients = constraints.volume_gradients(vertices, tet)[0]
+    for corner in range(4):
+        for axis in range(3):
+            step = np.zeros((4, 3))
+            step[corner, axis] = 0.5
+            change = signed_volumes(vertices + step, tet) - signed_volumes(vertices - step, tet)
+            assert gradients[corner, axis] == pytest.approx(6 * change[0], abs=1e-12)
+
+
+def test_fallback_directions_are_unit_vectors_without_a_preference():
+    directions = constraints.fallback_directions(np.arange(20_000))
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
+    np.testing.assert_allclose(directions.mean(axis=0), 0.0, atol=0.02)
+    np.testing.assert_allclose(directions.T @ directions / 20_000, np.eye(3) / 3, atol=0.02)
+
+
+def test_projections_keep_momentum():
+    vertices, w, ends, lengths, regularization = random_edges(100)
+    moved = constraints.project_edges(
+        vertices, w, ends, lengths, regularization, np.arange(len(ends))
+    )
+    others = np.setdiff1d(np.arange(len(w)), ends[(w[ends] > 0).all(axis=1)])
+    check_momentum(vertices, moved, w, others)
+
+    vertices, w, tets, volumes, regularization = random_tets(100)
+    moved = constraints.project_volumes(vertices, w, tets, volumes, regularization)
+    others = np.setdiff1d(np.arange(len(w)), tets[(w[tets] > 0).all(axis=1)])
+    check_momentum(vertices, moved, w, others)
+
+
+def check_momentum(vertices, moved, w, others):
+    """No net impulse and no net torque, but for constraints with a pinned vertex."""
+    mass = np.where(w > 0, 1 / np.where(w > 0, w, 1.0), 0.0)[:, None]
+    mass[others] = 0.0
+    impulse = mass * (moved - vertices)
+    assert np.abs(impulse).max() > 1e-3
+    np.testing.assert_allclose(impulse.sum(axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.cross(vertices, impulse).sum(axis=0), 0.0, atol=1e-9)
+
+
+def test_without_compliance_one_projection_restores_an_edge():
+    vertices, w, ends, lengths, _ = random_edges(50)
+    free = (w[ends] > 0).any(axis=1)
+    moved = constraints.project_edges(vertices, w, ends, lengths, 0.0, np.arange(len(ends)))
+    length = np.linalg.norm(moved[ends[:, 0]] - moved[ends[:, 1]], axis=1)
+    np.testing.assert_allclose(length[free], lengths[free])
+
+
+def test_a_volume_projection_moves_no_vertex_too_far():
+    vertices, w, tets, volumes, regularization = random_tets(200)
+    moved = constraints.project_volumes(vertices, w, tets, volumes, regularization)
+    longest = np.linalg.norm((moved - vertices)[tets], axis=-1).max(axis=1)
+    limit = constraints.STEP_LIMIT * np.cbrt(volumes)
+    assert (longest <= limit * (1 + 1e-9)).all()
+    assert (longest >= limit * (1 - 1e-9)).any()
+
+
+def test_regularization_has_a_floor():
+    edges = constraints.edge_constraints(UNIT_TET, np.array([[0, 1, 2, 3]]))
+    w = np.array([1.0, 2.0, 3.0, 0.0])
+    w_of_edge = w[edges.vertices].sum(axis=1)
+    np.testing.assert_allclose(edges.regularization(1e30, w, 1e-3), 0.1 * w_of_edge)
+    np.testing.assert_allclose(edges.regularization(1.0, w, 1e-3), edges.compliances(1.0) * 1e6)
+    tets = constraints.volume_constraints(UNIT_TET, np.array([[0, 1, 2, 3]]))
+    np.testing.assert_allclose(tets.regularization(1e30, w, 1e-3), 0.1 * (3 * 1 + 2 + 3))
+
+
+def launch(kernel, device, spans_kernel, dtype, vertices, w, ids, rest, regularization):
+    """Positions after one launch over constraints that share no vertex."""
+
+    def upload(values, dtype=float):
+        return wp.array(np.ascontiguousarray(values), dtype=dtype, device=device)
+
+    # Some of the way is in the frame's start, the rest in the deltas.
+    deltas = np.random.default_rng(1).uniform(-0.2, 0.2, vertices.shape)
+    starts = upload((vertices - deltas).astype(np.float32), wp.vec3)
+    deltas = upload((vertices - starts.numpy()).astype(np.float32), wp.vec3)
+    ids = upload(ids.astype(np.int32), dtype)
+    shape = len(rest) if dtype is wp.vec2i else (len(rest), 3)
+    spans = wp.empty(shape, dtype=wp.vec3, device=device)
+    wp.launch(spans_kernel, shape, [starts, ids, spans], device=device)
+    rest, regularization = (upload(a.astype(np.float32)) for a in (rest, regularization))
+    inputs = [deltas, upload(w.astype(np.float32)), ids, spans, rest, regularization, 0]
+    wp.launch(kernel, len(rest), inputs, device=device)
+    return starts.numpy() + deltas.numpy()
+
+
+def test_edge_kernel_matches_numpy(device):
+    case = random_edges(1000)
+    expected = constraints.project_edges(*case, np.arange(len(case[2])))
+    actual = launch(
+        constraints.project_edges_kernel, device, constraints.edge_spans_kernel, wp.vec2i, *case
+    )
+    # Roundings give the edge of no length a direction; the next test is about such edges.
+    others = case[2][1:]
+    np.testing.assert_allclose(actual[others], expected[others], atol=3e-6)
+
+
+def test_collapsed_edges_open_alike(device):
+    vertices = np.zeros((40, 3))
+    ends = np.arange(40).reshape(-1, 2)
+    case = vertices, np.ones(40), ends, np.ones(20), np.full(20, 0.5)
+    expected = constraints.project_edges(*case, np.arange(20))
+
+    def zeros(shape, dtype):
+        return wp.zeros(shape, dtype=dtype, device=device)
+
+    deltas, spans = zeros(40, wp.vec3), zeros(20, wp.vec3)
+    w, lengths, regularization = (
+        wp.array(values.astype(np.float32), device=device) for values in case[1:2] + case[3:]
+    )
+    ids = wp.array(ends.astype(np.int32), dtype=wp.vec2i, device=device)
+    inputs = [deltas, w, ids, spans, lengths, regularization, 0]
+    wp.launch(constraints.project_edges_kernel, 20, inputs, device=device)
+    np.testing.assert_allclose(deltas.numpy(), expected, atol=1e-6)
+    assert np.linalg.norm(expected, axis=1).min() > 0.3
+
+
+def test_volume_kernel_matches_numpy(device):
+    case = random_tets(1000)
+    expected = constraints.project_volumes(*case)
+    actual = launch(
+        constraints.project_volumes_kernel, device, constraints.tet_spans_kernel, wp.vec4i, *case
+    )
+    np.testing.assert_allclose(actual, expected, atol=3e-6)

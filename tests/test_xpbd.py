@@ -1,0 +1,348 @@
+"""The solver: rest, momentum, closed forms, pins and handles, and a body that comes back."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform import constraints
+from deformrf.core.deform.material import Material
+from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import TetMesh, extract, signed_volumes
+
+DT = 1.0 / 60.0
+TET = TetMesh(
+    rest_vertices=np.array([[-0.3, -0.3, 0.2], [0.3, -0.3, 0.2], [0.0, 0.4, 0.2], [0, 0, 0.7]]),
+    addresses=np.zeros((4, 3), np.int32),
+    tets=np.array([[0, 1, 2, 3]], np.int32),
+)
+
+
+def lathed(spacing, radius, low=0.2, high=0.8):
+    """The tets of the grid inside a radius that depends on the height, 0 to 1."""
+    mesh = a15_grid(spacing)
+    middle = mesh.rest_vertices[mesh.tets].mean(axis=1)
+    height = (middle[:, 2] - low) / (high - low)
+    distance = np.linalg.norm(middle[:, :2] - 0.5, axis=1)
+    return extract(mesh, (height > 0) & (height < 1) & (distance < radius(height)))[0]
+
+
+def vase():
+    """Tall, with a wide foot, a thin neck and a heavy head."""
+    return lathed(0.04, lambda z: np.where(z < 0.15, 0.18, np.where(z < 0.5, 0.08, 0.15)))
+
+
+def ball():
+    return lathed(0.06, lambda z: np.sqrt(np.maximum(0.09 - 0.36 * (z - 0.5) ** 2, 0.0)))
+
+
+def foot(mesh):
+    height = mesh.rest_vertices[:, 2]
+    return height <= height.min() + 0.05 * np.ptp(height) + 1e-9
+
+
+def head(mesh):
+    height = mesh.rest_vertices[:, 2]
+    return np.flatnonzero(height >= height.max() - 0.1 * np.ptp(height))
+
+
+def free(mesh):
+    return np.zeros(mesh.vertex_count, bool)
+
+
+def solver(mesh, pinned, device="cpu", material=None, **options):
+    material = material or Material()
+    options = XpbdOptions(**options)
+    return XpbdSolver(mesh.rest_vertices, mesh.tets, material, pinned, options, device)
+
+
+def run(xpbd, seconds):
+    for _ in range(round(seconds / DT)):
+        xpbd.step(DT)
+
+
+def positions(xpbd):
+    """A copy: on the CPU, numpy() is a view of what the next step changes."""
+    return xpbd.vertices.numpy().copy()
+
+
+def drag(xpbd, ids, way, frame_count=30):
+    """Grab, move evenly, and let go."""
+    start = positions(xpbd)[ids]
+    xpbd.grab(ids)
+    for frame in range(frame_count):
+        xpbd.move(start + np.asarray(way) * (frame + 1) / frame_count)
+        xpbd.step(DT)
+    xpbd.release()
+
+
+def distance_from_rest(xpbd):
+    """The farthest that any vertex is from where it was, in object sizes."""
+    away = np.linalg.norm(positions(xpbd) - xpbd.rest_vertices, axis=1)
+    return away.max() / xpbd.object_size
+
+
+def test_rest_is_a_fixed_point(device):
+    mesh = vase()
+    xpbd = solver(mesh, foot(mesh), device)
+    xpbd.set_state(mesh.rest_vertices)  # else it would sleep
+    run(xpbd, 0.4)
+    assert distance_from_rest(xpbd) < 2e-7
+
+
+def test_a_frame_matches_numpy(device):
+    mesh = vase()
+    material = Material(young_modulus=2e5, poisson_ratio=0.4)
+    gravity = (0.0, 1.0, -9.81)
+    xpbd = solver(mesh, foot(mesh), device, material, substep_count=5, gravity=gravity)
+    random = np.random.default_rng()
+    start = xpbd.rest_vertices + random.uniform(-0.01, 0.01, (mesh.vertex_count, 3))
+    velocities = random.normal(size=start.shape)
+    ids = head(mesh)
+    targets = start[ids] + [0.05, 0.0, 0.02]
+    xpbd.set_state(start, velocities)
+    xpbd.grab(ids)
+    xpbd.move(targets)
+    xpbd.step(DT)
+
+    x, v, h = start.copy(), velocities.copy(), DT / 5
+    w = 1.0 / constraints.lumped_masses(xpbd.rest_vertices, mesh.tets, material.density)
+    w[ids] = w[foot(mesh)] = 0.0
+    edges = constraints.edge_constraints(xpbd.rest_vertices, mesh.tets)
+    tets = constraints.volume_constraints(xpbd.rest_vertices, mesh.tets)
+    a_edges = edges.regularization(material.shear_modulus, w, h)
+    a_tets = tets.regularization(material.bulk_modulus, w, h)
+    for substep in range(5):
+        v = np.exp(-material.damping * h) * v + h * np.array(gravity)
+        before, x = x, x + np.where(w > 0, h, 0.0)[:, None] * v
+        x[ids] = start[ids] + (substep + 1) / 5 * (targets - start[ids])
+        for first, last in zip(edges.offsets[:-1], edges.offsets[1:], strict=True):
+            c = slice(first, last)
+            x = constraints.project_edges(
+                x, w, edges.vertices[c], edges.rest_lengths[c], a_edges[c], np.arange(first, last)
+            )
+        for first, last in zip(tets.offsets[:-1], tets.offsets[1:], strict=True):
+            c = slice(first, last)
+            x = constraints.project_volumes(x, w, tets.vertices[c], tets.rest_volumes[c], a_tets[c])
+        v = (x - before) / h
+    np.testing.assert_allclose(positions(xpbd), x, atol=1e-6)
+    moving = w > 0
+    np.testing.assert_allclose(xpbd.velocities.numpy()[moving], v[moving], atol=2e-4)
+
+
+def test_a_free_body_keeps_its_momentum(device):
+    mesh = ball()
+    xpbd = solver(mesh, free(mesh), device, Material(damping=0.0))
+    velocities = np.random.default_rng().normal(scale=0.3, size=(mesh.vertex_count, 3))
+    velocities += np.array([1.0, 0.0, 0.5]) + np.cross([0.0, 0.0, 3.0], mesh.rest_vertices)
+    xpbd.set_state(mesh.rest_vertices, velocities)
+    mass = constraints.lumped_masses(mesh.rest_vertices, mesh.tets, 1000.0)[:, None]
+
+    def momenta():
+        x, v = (a.numpy().astype(np.float64) for a in (xpbd.vertices, xpbd.velocities))
+        return np.stack([(mass * v).sum(axis=0), np.cross(x, mass * v).sum(axis=0)])
+
+    start = momenta()
+    run(xpbd, 1.0)
+    assert distance_from_rest(xpbd) > 0.5
+    linear, angular = momenta()
+    np.testing.assert_allclose(linear, start[0], atol=1e-4 * np.abs(start[0]).max())
+    # A projection has no torque about where vertices are, but a little about where they were.
+    np.testing.assert_allclose(angular, start[1], atol=5e-3 * np.abs(start[1]).max())
+
+
+def test_free_fall_follows_the_integrators_closed_form(device):
+    mesh, damping, n = ball(), 0.8, 20
+    xpbd = solver(mesh, free(mesh), device, Material(damping=damping), gravity=(0, 0, -9.81))
+    assert not xpbd.settled
+    run(xpbd, 0.5)
+    h, steps = DT / n, 30 * n
+    decay = np.exp(-damping * h)
+    speeds = -9.81 * h * (1 - decay ** np.arange(1, steps + 1)) / (1 - decay)
+    fallen = positions(xpbd) - mesh.rest_vertices
+    np.testing.assert_allclose(fallen[:, 2], h * speeds.sum(), rtol=1e-5)
+    np.testing.assert_allclose(fallen[:, :2], 0.0, atol=1e-5)
+
+
+def test_one_spring_is_a_backward_euler_oscillator(device):
+    """The tip of a tet on three pins: its frequency, and energy exp(−ω² h t) of the start's."""
+    material = Material(young_modulus=2e4, poisson_ratio=0.25, damping=0.0)
+    xpbd = solver(TET, np.array([1, 1, 1, 0], bool), device, material, substep_count=50)
+    edges = constraints.edge_constraints(TET.rest_vertices, TET.tets)
+    mass = constraints.lumped_masses(TET.rest_vertices, TET.tets, material.density)[3]
+    springs = np.flatnonzero((edges.vertices == 3).any(axis=1))
+    along = TET.rest_vertices[3] - TET.rest_vertices[edges.vertices[springs].min(axis=1)]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    stiffness = 1.0 / edges.compliances(material.shear_modulus)[springs]
+    squared, modes = np.linalg.eigh(np.einsum("s,si,sj->ij", stiffness, along, along) / mass)
+    omega, mode = np.sqrt(squared[2]), modes[:, 2]
+
+    start = TET.rest_vertices.copy()
+    start[3] += 1e-3 * mode
+    xpbd.set_state(start)
+    dt = 2 * np.pi / omega / 100
+    history = []
+    for _ in range(1000):
+        xpbd.step(dt)
+        history.append((positions(xpbd)[3] - TET.rest_vertices[3]) @ mode / 1e-3)
+    history = np.array(history)
+    times = dt * np.arange(1, 1001)
+    amplitude = np.exp(-0.5 * omega**2 * (dt / 50) * times)
+    np.testing.assert_allclose(history, amplitude * np.cos(omega * times), atol=0.03)
+
+
+@pytest.mark.parametrize("squeeze", [0.1, 0.0])
+def test_a_squeezed_tet_recovers(device, squeeze):
+    xpbd = solver(TET, free(TET), device)
+    xpbd.set_state(TET.rest_vertices * [1.0, 1.0, squeeze])
+    run(xpbd, 3.0)
+    x = positions(xpbd).astype(np.float64)
+    pairs = constraints.edge_constraints(TET.rest_vertices, TET.tets)
+    lengths = np.linalg.norm(x[pairs.vertices[:, 0]] - x[pairs.vertices[:, 1]], axis=1)
+    np.testing.assert_allclose(lengths, pairs.rest_lengths, rtol=0.01)
+    assert signed_volumes(x, TET.tets)[0] == pytest.approx(
+        signed_volumes(TET.rest_vertices, TET.tets)[0], rel=0.02
+    )
+
+
+def test_a_pulled_body_bends_and_returns(device):
+    """The default material: everything within 1 % of the size after 5 s."""
+    mesh = vase()
+    xpbd = solver(mesh, foot(mesh), device)
+    pull = 0.3 * np.ptp(mesh.rest_vertices[:, 2])
+    drag(xpbd, head(mesh), [pull, 0.0, 0.0])
+    bent = np.linalg.norm(positions(xpbd) - mesh.rest_vertices, axis=1)
+    assert ((bent > 0.1 * pull) & (bent < 0.9 * pull)).sum() > 20  # not only the handles
+    run(xpbd, 0.5)
+    assert distance_from_rest(xpbd) > 0.02  # it swings
+    run(xpbd, 4.5)
+    assert distance_from_rest(xpbd) < 0.01
+
+
+@pytest.mark.parametrize("way", [(10, 0, 0), (0, 0, -10), (0, 0, 0.3)])
+def test_an_extreme_drag_stays_finite_and_returns(device, way):
+    mesh = vase()
+    xpbd = solver(mesh, foot(mesh), device)
+    drag(xpbd, head(mesh), np.array(way) * xpbd.object_size, frame_count=1)
+    assert np.isfinite(positions(xpbd)).all()
+    run(xpbd, 10.0)
+    assert distance_from_rest(xpbd) < 0.01
+    assert (signed_volumes(positions(xpbd).astype(np.float64), mesh.tets) > 0).all()
+
+
+def test_pins_stay_and_handles_arrive(device):
+    mesh = vase()
+    xpbd = solver(mesh, foot(mesh), device)
+    vertices = xpbd.vertices
+    pinned, ids = np.flatnonzero(foot(mesh)), np.append(head(mesh), np.flatnonzero(foot(mesh))[0])
+    at_rest = positions(xpbd)
+    xpbd.grab(ids)
+    for _ in range(5):
+        targets = at_rest[ids] + np.random.default_rng().uniform(-0.2, 0.2, 3).astype(np.float32)
+        xpbd.move(targets)
+        xpbd.step(DT)
+        now = positions(xpbd)
+        np.testing.assert_array_equal(now[ids[:-1]], targets[:-1])
+        np.testing.assert_array_equal(now[pinned], at_rest[pinned])  # the grabbed one, too
+    assert xpbd.vertices is vertices
+
+
+def test_release_restores_the_mass(device):
+    mesh = vase()
+    xpbd = solver(mesh, foot(mesh), device)
+    before = xpbd._inverse_masses.numpy().copy()
+    xpbd.grab(head(mesh))
+    assert (xpbd._inverse_masses.numpy()[head(mesh)] == 0).all()
+    xpbd.release()
+    np.testing.assert_array_equal(xpbd._inverse_masses.numpy(), before)
+
+
+def test_new_pins_hold_where_they_are_and_freed_ones_let_go(device):
+    mesh = vase()
+    xpbd = solver(mesh, foot(mesh), device)
+    ids = head(mesh)
+    drag(xpbd, ids, [0.1, 0.0, 0.0])
+    bent = positions(xpbd)
+    pins = free(mesh)
+    pins[ids] = True
+    xpbd.set_pinned(pins)
+    run(xpbd, 0.5)
+    now = positions(xpbd)
+    np.testing.assert_array_equal(now[ids], bent[ids])
+    assert np.abs(now - bent)[foot(mesh)].max() > 0.01
+
+
+def test_it_sleeps_until_it_is_touched(device):
+    mesh = vase()
+    xpbd = solver(mesh, foot(mesh), device)
+    assert xpbd.settled
+    ids = head(mesh)
+    xpbd.grab(ids)
+    run(xpbd, 1.0)
+    assert not xpbd.settled  # a still hand is still a hand
+    drag(xpbd, ids, [0.05, 0.0, 0.0], frame_count=10)
+    assert not xpbd.settled
+    run(xpbd, 8.0)
+    assert xpbd.settled
+    asleep = positions(xpbd)
+    run(xpbd, 0.5)
+    np.testing.assert_array_equal(positions(xpbd), asleep)
+    xpbd.set_material(Material(young_modulus=1e4))
+    assert not xpbd.settled
+
+
+def test_reset_returns_to_rest(device):
+    mesh = vase()
+    xpbd = solver(mesh, foot(mesh), device)
+    drag(xpbd, head(mesh), [0.1, 0.0, 0.0])
+    xpbd.reset()
+    assert distance_from_rest(xpbd) == 0.0
+    assert xpbd.settled
+
+
+def test_the_same_input_gives_the_same_bits(device):
+    mesh, results = vase(), []
+    for _ in range(2):
+        xpbd = solver(mesh, foot(mesh), device)
+        drag(xpbd, head(mesh), [0.2, 0.1, 0.0], frame_count=10)
+        run(xpbd, 0.2)
+        results.append(positions(xpbd))
+    np.testing.assert_array_equal(*results)
+
+
+def test_the_stiffness_ratio_falls_with_youngs_modulus():
+    mesh = vase()
+    xpbd = solver(mesh, foot(mesh), material=Material(young_modulus=1e5))
+    soft = xpbd.stiffness_ratio()
+    xpbd.set_material(Material(young_modulus=1e7))
+    assert xpbd.stiffness_ratio() == pytest.approx(soft / 100)
+
+
+def test_a_softer_material_sags_more(device):
+    """Pose under gravity follows from Young's modulus, also without volume constraints."""
+    mesh = vase()
+    sags = []
+    for ratio in (0.25, 0.4):
+        for modulus in (5e5, 1e6):
+            material = Material(young_modulus=modulus, poisson_ratio=ratio, damping=10.0)
+            xpbd = solver(mesh, foot(mesh), device, material, gravity=(0.0, 0.0, -9.81))
+            run(xpbd, 3.0)
+            fallen = mesh.rest_vertices - positions(xpbd)
+            sags.append(fallen[head(mesh), 2].mean())
+    assert sags[0] == pytest.approx(2 * sags[1], rel=0.2)
+    assert sags[2] == pytest.approx(2 * sags[3], rel=0.2)
+
+
+def test_wrong_arguments_are_named():
+    mesh = vase()
+    with pytest.raises(ValueError, match=r"shape \(3,\)"):
+        solver(mesh, np.zeros(3, bool))
+    with pytest.raises(ValueError, match="0 substeps"):
+        solver(mesh, foot(mesh), substep_count=0)
+    xpbd = solver(mesh, foot(mesh))
+    with pytest.raises(ValueError, match=f"has {mesh.vertex_count} vertices"):
+        xpbd.grab([mesh.vertex_count])
+    xpbd.grab([0, 1])
+    with pytest.raises(ValueError, match="1 targets for 2 handles"):
+        xpbd.move(np.zeros((1, 3)))
+    with pytest.raises(ValueError, match="time step of 0"):
+        xpbd.step(0.0)
