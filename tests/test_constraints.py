@@ -154,8 +154,8 @@ def launch(kernel, device, spans_kernel, dtype, vertices, w, ids, rest, regulari
     starts = upload((vertices - deltas).astype(np.float32), wp.vec3)
     deltas = upload((vertices - starts.numpy()).astype(np.float32), wp.vec3)
     ids = upload(ids.astype(np.int32), dtype)
-    shape = len(rest) if dtype is wp.vec2i else (len(rest), 3)
-    spans = wp.empty(shape, dtype=wp.vec3, device=device)
+    shape = (len(rest), 3) if dtype is wp.vec4i else (len(rest),)
+    spans = wp.empty(int(np.prod(shape)), dtype=wp.vec3, device=device)
     wp.launch(spans_kernel, shape, [starts, ids, spans], device=device)
     rest, regularization = (upload(a.astype(np.float32)) for a in (rest, regularization))
     inputs = [deltas, upload(w.astype(np.float32)), ids, spans, rest, regularization, 0]

@@ -117,7 +117,7 @@ class XpbdSolver:
         )
         self._tet_arrays = ConstraintArrays(
             self._upload(tets.vertices, wp.vec4i),
-            self._zeros((len(tets.vertices), 3), wp.vec3),
+            self._zeros(3 * len(tets.vertices), wp.vec3),
             self._upload(tets.rest_volumes, float),
             self._zeros(len(tets.vertices)),
         )
@@ -327,7 +327,8 @@ class XpbdSolver:
         begin = [record(constraints.edge_spans_kernel, len(edges.vertices), x, *edges[:2])]
         project = by_color(constraints.project_edges_kernel, self._edges.offsets, d, w, *edges)
         if volumes:
-            begin.append(record(constraints.tet_spans_kernel, tets.spans.shape, x, *tets[:2]))
+            dim = (len(tets.vertices), 3)
+            begin.append(record(constraints.tet_spans_kernel, dim, x, *tets[:2]))
             project += by_color(constraints.project_volumes_kernel, self._tets.offsets, d, w, *tets)
         finish = record(integration.update_velocities_kernel, count, d, self._previous, timing, v)
         launches = begin
