@@ -1,0 +1,31 @@
+#version 330
+// A shaded sphere with its true depth, drawn `bias` nearer than it is: a vertex that lies
+// just beneath the object's fuzzy surface is meant to be seen.
+uniform vec2 depth_terms;  // window depth = a + b / z
+uniform float bias;
+uniform float pixel_angle; // radians per pixel
+in vec3 surface_point;
+flat in vec4 sphere;
+flat in vec3 sphere_tint;
+out vec4 color;
+
+const vec3 TO_LIGHT = normalize(vec3(0.35, 0.6, 0.72));
+
+void main() {
+    vec3 direction = normalize(surface_point);
+    float middle = dot(direction, sphere.xyz);
+    float miss = length(sphere.xyz - middle * direction);
+    float edge = pixel_angle * middle;  // width of one pixel there
+    float coverage = clamp((sphere.w - miss) / edge + 0.5, 0.0, 1.0);
+    if (coverage <= 0.0 || middle <= 0.0) discard;
+    float half_chord = sqrt(max(sphere.w * sphere.w - miss * miss, 0.0));
+    vec3 hit = direction * (middle - half_chord);
+    vec3 normal = normalize(hit - sphere.xyz);
+    float diffuse = max(dot(normal, TO_LIGHT), 0.0);
+    float shine = pow(max(dot(reflect(direction, normal), TO_LIGHT), 0.0), 32.0);
+    float rim = smoothstep(0.75, 1.0, miss / sphere.w);  // a dark rim sets it off on any color
+    vec3 shaded = sphere_tint * (0.42 + 0.62 * diffuse) * (1.0 - 0.45 * rim) + 0.4 * shine;
+    color = vec4(shaded, coverage);
+    float z = max(-hit.z - bias, 1e-4);
+    gl_FragDepth = clamp(depth_terms.x + depth_terms.y / z, 0.0, 1.0);
+}

@@ -1,0 +1,89 @@
+"""Small OpenGL helpers: programs from the shaders folder, the full-screen triangle."""
+
+import moderngl
+import numpy as np
+
+from ..core.paths import SHADERS
+
+
+def program(ctx: moderngl.Context, name: str) -> moderngl.Program:
+    """The program of shaders/<name>.vert.glsl and shaders/<name>.frag.glsl."""
+    return ctx.program(
+        vertex_shader=(SHADERS / f"{name}.vert.glsl").read_text(),
+        fragment_shader=(SHADERS / f"{name}.frag.glsl").read_text(),
+    )
+
+
+def full_screen(ctx: moderngl.Context, name: str) -> moderngl.VertexArray:
+    """A triangle over the whole image; its three corners are made in the vertex shader."""
+    vertex_array = ctx.vertex_array(program(ctx, name), [])
+    vertex_array.vertices = 3
+    return vertex_array
+
+
+def set_uniforms(program: moderngl.Program, **values) -> None:
+    """Set uniforms; those that the compiler found unused are passed over.
+
+    Matrices are given as arrays [rows, columns], which OpenGL wants column by column.
+    """
+    for name, value in values.items():
+        if name not in program:
+            continue
+        if getattr(value, "ndim", 0) == 2:
+            program[name].write(value.T.astype("f4").tobytes())
+        else:
+            program[name].value = value if isinstance(value, int | float) else tuple(value)
+
+
+def depth_terms(near: float, far: float) -> tuple[float, float]:
+    """(a, b) with window depth = a + b / z for a distance z in front of the camera plane."""
+    return far / (far - near), -far * near / (far - near)
+
+
+class Canvas:
+    """The framebuffer that everything is drawn into: shown in the window, read for files."""
+
+    def __init__(self, ctx: moderngl.Context):
+        self._ctx = ctx
+        self._framebuffer = None
+        self._blit = full_screen(ctx, "blit")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self._framebuffer.size
+
+    def use(self, size: tuple[int, int]) -> None:
+        """Draw into it from now on, with that many pixels."""
+        if self._framebuffer is None or self._framebuffer.size != size:
+            if self._framebuffer is not None:
+                self.release()
+            color = self._ctx.texture(size, 4)
+            color.filter = moderngl.NEAREST, moderngl.NEAREST
+            depth = self._ctx.depth_renderbuffer(size)
+            self._framebuffer = self._ctx.framebuffer([color], depth)
+        self._framebuffer.use()
+
+    def read(self):
+        """What has been drawn, top row first.  [H, W, 3] uint8"""
+        width, height = self.size
+        image = np.empty((height, width, 3), np.uint8)
+        self._framebuffer.read_into(image, components=3, alignment=1)
+        return image[::-1]
+
+    def show(self, size: tuple[int, int]) -> None:
+        """Copy it to the window, whose framebuffer has that size now.
+
+        moderngl remembers the size that the window had at first, so it is set here.
+        """
+        self._ctx.screen.use()
+        self._ctx.viewport = (0, 0, *size)
+        self._ctx.enable_only(moderngl.NOTHING)
+        self._framebuffer.color_attachments[0].use(0)
+        self._blit.program["image"].value = 0
+        self._blit.render(moderngl.TRIANGLES)
+
+    def release(self) -> None:
+        self._framebuffer.color_attachments[0].release()
+        self._framebuffer.depth_attachment.release()
+        self._framebuffer.release()
+        self._framebuffer = None

@@ -1,0 +1,242 @@
+"""Dear ImGui in a pyglet window: events in, its own OpenGL 3 renderer out.
+
+Clicks and wheel turns over a panel belong to it and do not reach the view.  What ImGui
+says about that (`want_capture_mouse`) is as old as the last frame, and while the field is
+rendered a frame can take a while: presses are tested against where the panels are.
+"""
+
+import logging
+import time
+from pathlib import Path
+
+import imgui_bundle
+from imgui_bundle import imgui
+from pyglet.window import key, mouse
+
+log = logging.getLogger(__name__)
+
+FONT = Path(imgui_bundle.__file__).parent / "assets" / "fonts" / "Roboto" / "Roboto-Regular.ttf"
+FONT_SIZE = 16.0
+ACCENT = (0.80, 0.16, 0.13)  # the red of the control vertices
+NOWHERE = -3.4e38  # ImGui's own "no mouse"
+BUTTONS = {mouse.LEFT: 0, mouse.RIGHT: 1, mouse.MIDDLE: 2}
+
+
+def _key_map():
+    """pyglet's key symbols -> ImGui's keys."""
+    keys = imgui.Key
+    names = {
+        "TAB": keys.tab,
+        "BACKSPACE": keys.backspace,
+        "RETURN": keys.enter,
+        "NUM_ENTER": keys.keypad_enter,
+        "ESCAPE": keys.escape,
+        "DELETE": keys.delete,
+        "INSERT": keys.insert,
+        "SPACE": keys.space,
+        "LEFT": keys.left_arrow,
+        "RIGHT": keys.right_arrow,
+        "UP": keys.up_arrow,
+        "DOWN": keys.down_arrow,
+        "HOME": keys.home,
+        "END": keys.end,
+        "PAGEUP": keys.page_up,
+        "PAGEDOWN": keys.page_down,
+        "LCTRL": keys.left_ctrl,
+        "RCTRL": keys.right_ctrl,
+        "LSHIFT": keys.left_shift,
+        "RSHIFT": keys.right_shift,
+        "LALT": keys.left_alt,
+        "RALT": keys.right_alt,
+        "MINUS": keys.minus,
+        "PERIOD": keys.period,
+        "COMMA": keys.comma,
+    }
+    names |= {letter.upper(): getattr(keys, letter) for letter in "acvxyz"}  # edit shortcuts
+    return {getattr(key, name): value for name, value in names.items()}
+
+
+class Gui:
+    """ImGui attached to one window.
+
+    Make it after the view has registered its handlers: the last one pushed is asked first.
+    """
+
+    def __init__(self, window):
+        self.window = window
+        imgui.create_context()
+        self._io = imgui.get_io()
+        self._io.set_ini_filename("")  # no file in the user's current folder
+        self._io.backend_flags |= imgui.BackendFlags_.has_mouse_cursors.value
+        if FONT.is_file():
+            self._io.fonts.add_font_from_file_ttf(str(FONT), FONT_SIZE)
+        _set_style(imgui.get_style())
+        if not imgui.backends.opengl3_init("#version 330"):
+            raise RuntimeError("ImGui's OpenGL renderer does not start")
+        self._set_clipboard()
+        self._keys = _key_map()
+        self._time = time.perf_counter()
+        self._rectangles = []  # of the panels in the last frame: left, top, right, bottom
+        self._building = []
+        self._captured = set()  # buttons that were pressed on a panel
+        self._failed = set()
+        window.push_handlers(self)
+
+    def _set_clipboard(self):
+        platform = imgui.get_platform_io()
+        window = self.window
+        platform.platform_get_clipboard_text_fn = lambda context: window.get_clipboard_text()
+        platform.platform_set_clipboard_text_fn = lambda context, text: window.set_clipboard_text(
+            text
+        )
+
+    # -- events: True means that the view does not get them -------------------------------
+
+    def covers(self, x: float, y: float) -> bool:
+        """Whether a panel is at that position of the window, or a popup is open."""
+        top = self.window.height - y
+        inside = any(
+            left <= x <= right and low <= top <= high for left, low, right, high in self._rectangles
+        )
+        return inside or imgui.is_popup_open("", imgui.PopupFlags_.any_popup.value)
+
+    def _move(self, x, y):
+        self._io.add_mouse_pos_event(x, self.window.height - y)
+
+    def on_mouse_motion(self, x, y, dx, dy):
+        self._move(x, y)
+        return self.covers(x, y) or None
+
+    def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
+        self._move(x, y)
+        return bool(self._captured) or None
+
+    def on_mouse_press(self, x, y, button, modifiers):
+        self._move(x, y)
+        if not self.covers(x, y):
+            self._io.add_focus_event(True)
+            return None
+        self._captured.add(button)
+        self._io.add_mouse_button_event(BUTTONS.get(button, 0), True)
+        return True
+
+    def on_mouse_release(self, x, y, button, modifiers):
+        self._move(x, y)
+        self._io.add_mouse_button_event(BUTTONS.get(button, 0), False)
+        if button in self._captured:
+            self._captured.remove(button)
+            return True
+        return None  # a drag of the view that ends over a panel has to end
+
+    def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
+        if not self.covers(x, y):
+            return None
+        self._move(x, y)
+        self._io.add_mouse_wheel_event(scroll_x, scroll_y)
+        return True
+
+    def on_mouse_leave(self, x, y):
+        self._io.add_mouse_pos_event(NOWHERE, NOWHERE)
+
+    def on_activate(self):
+        self._io.add_focus_event(True)
+
+    def on_deactivate(self):
+        self._io.add_focus_event(False)
+
+    def on_key_press(self, symbol, modifiers):
+        self._add_key(symbol, modifiers, True)
+        # want_capture_keyboard would block the shortcuts whenever a panel has the focus.
+        return self._io.want_text_input or None
+
+    def on_key_release(self, symbol, modifiers):
+        self._add_key(symbol, modifiers, False)
+
+    def on_text(self, text):
+        for character in filter(str.isprintable, text):
+            self._io.add_input_character(ord(character))
+        return self._io.want_text_input or None
+
+    def _add_key(self, symbol, modifiers, down):
+        keys = imgui.Key
+        self._io.add_key_event(keys.mod_ctrl, bool(modifiers & key.MOD_CTRL))
+        self._io.add_key_event(keys.mod_shift, bool(modifiers & key.MOD_SHIFT))
+        self._io.add_key_event(keys.mod_alt, bool(modifiers & key.MOD_ALT))
+        if symbol in self._keys:
+            self._io.add_key_event(self._keys[symbol], down)
+
+    # -- frame ---------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Start a frame of panels."""
+        width, height = self.window.get_size()
+        pixels = self.window.get_framebuffer_size()
+        self._io.display_size = (width, height)
+        self._io.display_framebuffer_scale = (
+            pixels[0] / max(width, 1),
+            pixels[1] / max(height, 1),
+        )
+        now = time.perf_counter()
+        self._io.delta_time = max(now - self._time, 1e-4)
+        self._time = now
+        self._building = []
+        imgui.backends.opengl3_new_frame()
+        imgui.new_frame()
+
+    def claim(self) -> None:
+        """Note where the panel that is being built lies: the mouse there is not the view's."""
+        at, size = imgui.get_window_pos(), imgui.get_window_size()
+        self._building.append((at.x, at.y, at.x + size.x, at.y + size.y))
+
+    def guarded(self, panel, *arguments) -> None:
+        """Draw a panel; one that fails is logged once and left out, the rest goes on."""
+        if panel in self._failed:
+            imgui.text_disabled(f"{panel.__name__} failed, see the log")
+            return
+        try:
+            panel(*arguments)
+        except Exception:
+            self._failed.add(panel)
+            log.exception("the panel %s failed and is left out", panel.__name__)
+
+    def end(self) -> None:
+        """Draw the panels into the framebuffer in use."""
+        self._rectangles = self._building
+        imgui.render()
+        imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+
+    def close(self) -> None:
+        self.window.remove_handlers(self)
+        imgui.backends.opengl3_shutdown()
+        imgui.destroy_context()
+
+
+def _set_style(style):
+    """Light panels with the red of the control vertices."""
+    imgui.style_colors_light()
+    style.window_rounding, style.frame_rounding, style.grab_rounding = 8.0, 4.0, 4.0
+    style.window_border_size, style.frame_border_size = 1.0, 0.0
+    style.window_padding, style.frame_padding = (12.0, 10.0), (8.0, 4.0)
+    style.item_spacing = (8.0, 6.0)
+    colors = imgui.Col_
+    dark = tuple(0.8 * c for c in ACCENT)
+    for name, color in {
+        colors.window_bg: (0.97, 0.97, 0.98, 0.94),
+        colors.border: (0.0, 0.0, 0.0, 0.12),
+        colors.title_bg: (0.90, 0.90, 0.92, 0.96),
+        colors.title_bg_active: (0.90, 0.90, 0.92, 0.96),
+        colors.frame_bg: (0.88, 0.89, 0.91, 1.0),
+        colors.frame_bg_hovered: (0.84, 0.85, 0.88, 1.0),
+        colors.frame_bg_active: (0.80, 0.81, 0.85, 1.0),
+        colors.button: (0.86, 0.87, 0.90, 1.0),
+        colors.button_hovered: (*ACCENT, 0.35),
+        colors.button_active: (*ACCENT, 0.6),
+        colors.header: (0.90, 0.90, 0.92, 1.0),
+        colors.header_hovered: (*ACCENT, 0.2),
+        colors.header_active: (*ACCENT, 0.35),
+        colors.slider_grab: (*ACCENT, 0.9),
+        colors.slider_grab_active: (*dark, 1.0),
+        colors.check_mark: (*ACCENT, 1.0),
+        colors.plot_lines: (*ACCENT, 1.0),
+    }.items():
+        style.set_color_(name, color)

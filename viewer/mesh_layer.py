@@ -1,0 +1,101 @@
+"""Control vertices and pins as spheres, and the boundary of the mesh as wires.
+
+They are drawn after the radiance layer and hide behind its depth.  A sphere is drawn
+nearer than it is by the scene's handle_bias, with which picking.visible agrees.
+"""
+
+import moderngl
+import numpy as np
+
+from ..core.geometry.mesh import boundary_faces
+from ..core.render.camera import view_projection
+from . import gl
+from . import orbit as orbits
+
+RED, ORANGE, YELLOW = (0.86, 0.09, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
+PIN_BLUE = (0.42, 0.50, 0.62)
+HOVER_SCALE, PIN_SCALE = 1.35, 0.6
+WIRE_TINT = (0.10, 0.12, 0.16, 0.45)
+CAPACITY_STEP = 256  # spheres
+
+
+class MeshLayer:
+    """Spheres and wires of one scene."""
+
+    def __init__(self, ctx: moderngl.Context, scene):
+        self._ctx = ctx
+        self._spheres = gl.program(ctx, "handles")
+        self._sphere_buffer = None
+        mesh = scene.field.mesh
+        faces, _ = boundary_faces(mesh.tets, scene.field.neighbours)
+        sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        sides = np.unique(np.sort(sides, axis=1), axis=0).astype(np.int32)
+        self._wire_buffer = ctx.buffer(reserve=12 * mesh.vertex_count, dynamic=True)
+        self._wire = ctx.vertex_array(
+            gl.program(ctx, "wire"),
+            [(self._wire_buffer, "3f", "position")],
+            ctx.buffer(sides),
+        )
+        self._wire_revision = None
+
+    def draw(self, scene, camera, clip_range) -> None:
+        """Draw into the framebuffer in use what the settings ask for."""
+        view = np.linalg.inv(camera.camera_to_world)
+        matrices = {
+            "world_to_camera": view,
+            "projection": view_projection(camera, *clip_range) @ camera.camera_to_world,
+        }
+        self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        self._ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        if scene.settings.show_wireframe:
+            self._draw_wire(scene, matrices)
+        if scene.settings.show_handles:
+            self._draw_spheres(scene, camera, clip_range, matrices)
+
+    def _draw_wire(self, scene, matrices):
+        if self._wire_revision != scene.revision:
+            self._wire_buffer.write(np.ascontiguousarray(scene.positions, np.float32))
+            self._wire_revision = scene.revision
+        gl.set_uniforms(self._wire.program, tint=WIRE_TINT, **matrices)
+        self._wire.render(moderngl.LINES)
+
+    def _draw_spheres(self, scene, camera, clip_range, matrices):
+        instances = sphere_instances(scene)
+        if not len(instances):
+            return
+        size = 28 * CAPACITY_STEP * -(-len(instances) // CAPACITY_STEP)
+        if self._sphere_buffer is None or self._sphere_buffer.size < size:
+            self._sphere_buffer = self._ctx.buffer(reserve=size, dynamic=True)
+            layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
+            self._sphere_array = self._ctx.vertex_array(self._spheres, [layout])
+        self._sphere_buffer.write(instances)
+        gl.set_uniforms(
+            self._spheres,
+            depth_terms=gl.depth_terms(*clip_range),
+            bias=scene.handle_bias,
+            pixel_angle=1.0 / camera.focal,
+            **matrices,
+        )
+        self._sphere_array.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(instances))
+
+
+def sphere_instances(scene):
+    """Centre, radius and tint of every sphere.  [S, 7] float32
+
+    Far ones first: the soft edge of a sphere blends with what is behind it.
+    """
+    pin_ids = np.flatnonzero(scene.solver.pinned)
+    ids = np.concatenate([pin_ids, scene.control_ids])
+    instances = np.empty((len(ids), 7), np.float32)
+    instances[:, :3] = scene.positions[ids]
+    instances[:, 3] = scene.handle_radius
+    instances[:, 4:] = RED
+    instances[: len(pin_ids), 3] *= PIN_SCALE
+    instances[: len(pin_ids), 4:] = PIN_BLUE
+    if scene.hover is not None:
+        instances[ids == scene.hover, 3] = HOVER_SCALE * scene.handle_radius
+        instances[ids == scene.hover, 4:] = ORANGE
+    if scene.grabbed is not None:
+        instances[ids == scene.grabbed.vertex, 4:] = YELLOW
+    away = np.linalg.norm(instances[:, :3] - orbits.pose(scene.orbit)[:3, 3], axis=1)
+    return instances[np.argsort(-away)]

@@ -1,0 +1,89 @@
+"""What the object is made of, and its time."""
+
+from imgui_bundle import imgui
+
+from ..controls import label_of
+
+SOFTEST, STIFFEST = 1e3, 1e9  # Pa
+POISSON_RANGE = 0.25, 0.49
+HIGHEST_DAMPING = 20.0  # 1/s
+HIGHEST_GRAB_RADIUS = 0.4  # object sizes
+MOST_SUBSTEPS = 60
+
+
+def deform_panel(scene, actions, status):
+    _time_buttons(scene, actions)
+    _material_sliders(scene)
+    settings = scene.settings
+    changed, radius = imgui.slider_float(
+        "grab radius", settings.grab_radius, 0.0, HIGHEST_GRAB_RADIUS, "%.2f of the size"
+    )
+    if changed:
+        settings.grab_radius = radius
+    _solver_options(scene)
+
+
+def _time_buttons(scene, actions):
+    if imgui.button("Go on" if scene.paused else "Pause"):
+        actions.pause()
+    imgui.set_item_tooltip(label_of("pause"))
+    imgui.same_line()
+    if imgui.button("Step"):
+        actions.single_step()
+    imgui.set_item_tooltip(f"one 60th of a second ({label_of('single_step')})")
+    imgui.same_line()
+    if imgui.button("Reset"):
+        actions.reset()
+    imgui.set_item_tooltip(f"back to the rest pose ({label_of('reset')})")
+    imgui.same_line()
+    imgui.text_disabled("paused" if scene.paused else "moving" if scene.moving else "at rest")
+
+
+def _material_sliders(scene):
+    material = scene.material
+    changed, modulus = imgui.slider_float(
+        "stiffness",
+        material.young_modulus,
+        SOFTEST,
+        STIFFEST,
+        f"{si(material.young_modulus)}Pa",
+        imgui.SliderFlags_.logarithmic.value,
+    )
+    imgui.set_item_tooltip("Young's modulus")
+    if changed:
+        scene.set_material(young_modulus=modulus)
+    changed, ratio = imgui.slider_float(
+        "Poisson ratio", material.poisson_ratio, *POISSON_RANGE, "%.2f"
+    )
+    if changed:
+        scene.set_material(poisson_ratio=ratio)
+    changed, damping = imgui.slider_float(
+        "damping", material.damping, 0.0, HIGHEST_DAMPING, "%.1f per s"
+    )
+    if changed:
+        scene.set_material(damping=damping)
+
+
+def _solver_options(scene):
+    changed, count = imgui.slider_int(
+        "substeps", scene.solver.options.substep_count, 1, MOST_SUBSTEPS
+    )
+    if changed:
+        scene.set_substeps(count)
+    changed, held = imgui.checkbox("held by its lowest part", scene.held)
+    if changed:
+        scene.hold(held)
+    ratio = scene.solver.stiffness_ratio()
+    if ratio < 0.1:
+        imgui.text_wrapped(
+            f"softened: {scene.solver.options.substep_count} substeps can't "
+            f"hold this stiffness (r = {ratio:.2g})"
+        )
+
+
+def si(value: float) -> str:
+    """A number with a prefix: 500000 -> '500 k'."""
+    for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if value >= factor:
+            return f"{value / factor:.3g} {prefix}"
+    return f"{value:.3g} "

@@ -1,0 +1,81 @@
+"""From pixels to control vertices and back.
+
+Pixels are the image's: x to the right, y down, the centre of the first one at (½, ½).
+t is the distance from the eye along a pixel's unit ray, as in the depth image.
+"""
+
+import numpy as np
+
+from ..core.render.camera import Camera
+
+
+def project(camera: Camera, points):
+    """Where points [N, 3] appear.
+
+    Returns:
+        Pixels [N, 2] and distances t [N]; behind the camera, pixels are NaN and t is -inf.
+    """
+    offsets = np.asarray(points, float) - camera.position
+    local = offsets @ camera.camera_to_world[:3, :3]
+    in_front = local[:, 2] < -1e-9
+    depth = np.where(in_front, -local[:, 2], np.nan)
+    x = 0.5 * camera.width + camera.focal * local[:, 0] / depth
+    y = 0.5 * camera.height - camera.focal * local[:, 1] / depth
+    t = np.where(in_front, np.linalg.norm(offsets, axis=1), -np.inf)
+    return np.stack([x, y], axis=1), t
+
+
+def ray_direction(camera: Camera, pixel):
+    """The unit direction through one pixel.  [3]"""
+    x = (pixel[0] - 0.5 * camera.width) / camera.focal
+    y = (0.5 * camera.height - pixel[1]) / camera.focal
+    direction = camera.camera_to_world[:3, :3] @ np.array([x, y, -1.0])
+    return direction / np.linalg.norm(direction)
+
+
+def onto_view_plane(camera: Camera, pixel, point):
+    """The point under `pixel` in the plane through `point` that faces the camera.  [3]"""
+    direction = ray_direction(camera, pixel)
+    depth = (np.asarray(point) - camera.position) @ camera.forward
+    return camera.position + direction * (depth / (direction @ camera.forward))
+
+
+def depth_at(depth_image, camera: Camera, pixels):
+    """The depth image [h, w] of the same view, at pixels [N, 2] of `camera`.  [N]
+
+    The image may have fewer pixels than the camera.  Outside of it there is nothing: inf.
+    """
+    height, width = depth_image.shape
+    scale = np.array([width / camera.width, height / camera.height])
+    inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+    columns, rows = (np.where(inside[:, None], pixels, 0.0) * scale).astype(int).T
+    nearest = depth_image[np.minimum(rows, height - 1), np.minimum(columns, width - 1)]
+    return np.where(inside, nearest, np.inf)
+
+
+def visible(camera: Camera, points, depth_image, bias: float):
+    """Which points are in the image and at most `bias` behind the object's surface.  [N] bool"""
+    pixels, t = project(camera, points)
+    inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+    if depth_image is None:
+        return inside
+    return inside & (t - bias <= depth_at(depth_image, camera, pixels))
+
+
+def pick(camera: Camera, pixel, points, radius: float, shown, slack: float) -> int | None:
+    """The shown sphere under a pixel: of those that cover it, the nearest to the eye.
+
+    Args:
+        points: Centres of the spheres.  [N, 3]
+        radius: Of every sphere, model units.
+        shown: Which of them can be picked.  [N] bool
+        slack: Pixels by which a sphere may be missed.
+
+    Returns:
+        Its index, or None.
+    """
+    pixels, t = project(camera, points)
+    reach = camera.focal * radius / np.maximum(t, 1e-9) + slack
+    distance = np.hypot(*(pixels - np.asarray(pixel, float)).T)
+    candidates = np.flatnonzero(shown & (distance <= reach))
+    return int(candidates[np.argmin(t[candidates])]) if len(candidates) else None

@@ -1,0 +1,220 @@
+"""What is shown now, as plain state without OpenGL: the object, its pose, the user's choices.
+
+Time: the solver always steps by 1/60 s (another length would cost it its coefficients);
+a frame takes as many steps as fit in it.  Positions are model space, V vertices.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..core.deform.handles import control_vertices, lowest_pins, vertices_within
+from ..core.deform.material import Material
+from ..core.deform.xpbd import XpbdOptions, XpbdSolver
+from . import orbit as orbits
+
+STEP = 1.0 / 60.0  # s
+MAX_STEPS = 6  # a frame; below 10 frames a second, time in the object runs slower than ours
+CONTROL_COUNT = 40
+FIRST_VIEW = orbits.Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
+
+
+@dataclass
+class Settings:
+    """What the user has chosen about picture and handles.
+
+    Attributes:
+        grab_radius: What a drag takes along, in object sizes.
+        automatic_resolution: Follow the frame time while things move; otherwise
+            `fixed_resolution` is the factor.
+    """
+
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    grab_radius: float = 0.08
+    automatic_resolution: bool = True
+    fixed_resolution: float = 1.0
+    show_handles: bool = True
+    show_wireframe: bool = False
+    show_panel: bool = True
+    show_help: bool = False
+    handles_in_clips: bool = True
+    panel_in_screenshots: bool = False
+
+
+@dataclass
+class Grab:
+    """A drag in progress: `vertex` and those around it move as one body.
+
+    Attributes:
+        ids: Vertices that move along, `vertex` among them.  [K]
+        offsets: Their positions relative to `vertex` when it was grabbed.  [K, 3]
+        target: Where `vertex` shall be.  [3]
+        reached: Where it has been sent by the steps so far.  [3]
+        before: Positions and velocities of all vertices when it was grabbed.
+    """
+
+    vertex: int
+    ids: np.ndarray
+    offsets: np.ndarray
+    target: np.ndarray
+    reached: np.ndarray
+    before: tuple[np.ndarray, np.ndarray]
+
+
+class Scene:
+    """An object that can be bent."""
+
+    def __init__(self, field, name: str, device: str, material: Material | None = None):
+        self.field = field
+        self.name = name
+        self.device = device
+        self.settings = Settings()
+        self.material = material or Material()
+        rest = field.mesh.rest_vertices
+        self.center = 0.5 * (rest.min(axis=0) + rest.max(axis=0))
+        self.size = float(np.ptp(rest, axis=0).max())
+        self.pins = lowest_pins(rest, field.mesh.tets)  # [V] bool, also while they hold nothing
+        self.solver = self._make_solver(self.pins, XpbdOptions())
+        controls = control_vertices(rest, field.mesh.tets, CONTROL_COUNT)
+        self.control_ids = controls[~self.pins[controls]]
+        self.hover: int | None = None  # a vertex id
+        self.grabbed: Grab | None = None
+        self.paused = False
+        self.revision = 0  # counts the changes of the pose
+        self._time = 0.0  # s that frames have lasted and no step has covered
+        self._host = None
+        self.home()
+
+    # -- pose ----------------------------------------------------------------------------
+
+    @property
+    def positions(self):
+        """The current vertices on the host.  [V, 3] float32"""
+        if self._host is None or self._host[0] != self.revision:
+            self._host = self.revision, np.array(self.solver.vertices.numpy())
+        return self._host[1]
+
+    @property
+    def moving(self) -> bool:
+        """Whether time changes the pose."""
+        return not self.paused and not self.solver.settled
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, unless the object rests or time is stopped."""
+        if not self.moving:
+            self._time = 0.0
+            return
+        self._time += seconds
+        count = min(round(self._time / STEP), MAX_STEPS)
+        self._time = min(self._time - count * STEP, STEP)
+        self._step(count)
+
+    def single_step(self) -> None:
+        """Stop time and let one step of it pass."""
+        self.paused = True
+        self._step(1)
+
+    def _step(self, count):
+        grab = self.grabbed
+        way = None if grab is None else grab.target - grab.reached
+        for remaining in range(count, 0, -1):
+            if grab is not None:  # the way is shared out between the steps of a frame
+                grab.reached = grab.target - way * ((remaining - 1) / count)
+                self.solver.move(grab.reached + grab.offsets)
+            self.solver.step(STEP)
+        self.revision += count > 0
+
+    def reset(self) -> None:
+        """Back to the rest pose, nothing grabbed."""
+        self.release()
+        self.solver.reset()
+        self.revision += 1
+
+    # -- handles -------------------------------------------------------------------------
+
+    def grab(self, vertex: int) -> None:
+        """Take hold of a vertex and of what lies around it at rest."""
+        radius = self.settings.grab_radius * self.size
+        ids = vertices_within(self.field.mesh.rest_vertices, vertex, radius)
+        ids = ids[~self.solver.pinned[ids]]
+        start = self.positions[vertex].astype(float)
+        before = self.positions, self.solver.velocities.numpy().copy()
+        offsets = self.positions[ids] - start
+        self.grabbed = Grab(vertex, ids, offsets, start, start, before)
+        self.solver.grab(ids)
+
+    def drag_to(self, target) -> None:
+        """Send the grabbed vertex to a point [3]; it is there after the next frame."""
+        self.grabbed.target = np.asarray(target, float)
+
+    def release(self) -> None:
+        if self.grabbed is not None:
+            self.solver.release()
+            self.grabbed = None
+
+    def cancel_grab(self) -> None:
+        """Let go, and go back to how everything was before."""
+        before = self.grabbed.before
+        self.release()
+        self.solver.set_state(*before)
+        self.revision += 1
+
+    def displacements(self):
+        """How far each vertex is from its rest position, in object sizes.  [V]"""
+        return np.linalg.norm(self.positions - self.solver.rest_vertices, axis=1) / self.size
+
+    # -- the object ----------------------------------------------------------------------
+
+    @property
+    def held(self) -> bool:
+        """Whether the lowest part of the object is pinned."""
+        return bool(self.solver.pinned.any())
+
+    def hold(self, held: bool) -> None:
+        """Pin the lowest part of the object where it is, or let it float."""
+        self.solver.set_pinned(self.pins & held)
+
+    def set_material(self, **changes) -> None:
+        """Change some attributes of the material."""
+        self.material = replace(self.material, **changes)
+        self.solver.set_material(self.material)
+
+    def set_substeps(self, count: int) -> None:
+        """Solve with that many substeps; the pose and its motion stay."""
+        old = self.solver
+        self.release()
+        self.solver = self._make_solver(old.pinned, replace(old.options, substep_count=int(count)))
+        self.solver.set_state(old.vertices.numpy(), old.velocities.numpy())
+        self.revision += 1
+
+    def _make_solver(self, pinned, options):
+        mesh = self.field.mesh
+        return XpbdSolver(
+            mesh.rest_vertices, mesh.tets, self.material, pinned, options, self.device
+        )
+
+    # -- camera --------------------------------------------------------------------------
+
+    def home(self) -> None:
+        """The first view: the whole object at rest."""
+        self.orbit = orbits.framing(FIRST_VIEW, self.center, 0.62 * self.size)
+
+    def focus(self) -> None:
+        """Frame the object as it is now, or turn about the vertex under the mouse."""
+        if self.hover is not None:
+            self.orbit = replace(self.orbit, target=self.positions[self.hover].astype(float))
+            return
+        low, high = self.positions.min(axis=0), self.positions.max(axis=0)
+        radius = 0.62 * float((high - low).max())
+        self.orbit = orbits.framing(self.orbit, 0.5 * (low + high), radius)
+
+    # -- how handles look ----------------------------------------------------------------
+
+    @property
+    def handle_radius(self) -> float:
+        return 0.0135 * self.size
+
+    @property
+    def handle_bias(self) -> float:
+        """How far behind the surface a handle is still seen, and can still be grabbed."""
+        return 2.5 * self.handle_radius

@@ -1,0 +1,48 @@
+"""How long the stages of a frame take, for the read-out in the panel."""
+
+import time
+from collections import deque
+from contextlib import contextmanager
+
+import numpy as np
+
+STAGES = ("simulate", "render", "upload", "draw", "panel", "flip")
+HISTORY = 120  # frames
+
+
+class StageTimes:
+    """Seconds per stage and per frame, over the last frames."""
+
+    def __init__(self):
+        self.frames = deque([0.0], maxlen=HISTORY)
+        self._stages = {stage: deque([0.0], maxlen=HISTORY) for stage in STAGES}
+        self._now = dict.fromkeys(STAGES, 0.0)
+        self._last = None
+
+    @contextmanager
+    def stage(self, name: str):
+        """Adds the time spent inside to one stage of the present frame."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._now[name] += time.perf_counter() - start
+
+    def end_frame(self) -> float:
+        """Close the present frame; its length in seconds, from the end of the one before."""
+        now = time.perf_counter()
+        seconds = 0.0 if self._last is None else now - self._last
+        self._last = now
+        self.frames.append(seconds)
+        for name, value in self._now.items():
+            self._stages[name].append(value)
+        self._now = dict.fromkeys(STAGES, 0.0)
+        return seconds
+
+    def latest(self, name: str) -> float:
+        """Seconds of one stage in the present, unfinished frame."""
+        return self._now[name]
+
+    def medians(self) -> dict[str, float]:
+        """Median seconds per stage over the last frames."""
+        return {name: float(np.median(values)) for name, values in self._stages.items()}

@@ -1,0 +1,115 @@
+"""From the renderer's arrays to OpenGL textures, without the host where that works.
+
+On CUDA the arrays reach a pixel buffer that both sides share; a probe at start-up decides
+whether they do (on laptops and remote desktops OpenGL often runs on another GPU).
+Otherwise, and on the CPU, the bytes go through host memory.
+"""
+
+import logging
+
+import moderngl
+import numpy as np
+import warp as wp
+
+log = logging.getLogger(__name__)
+PROBE_SIZE = 16
+
+
+def choose_path(ctx: moderngl.Context, device: str, wanted: str) -> str:
+    """ "buffer" if CUDA and OpenGL share memory here and `wanted` allows it, else "copy".
+
+    Raises:
+        RuntimeError: `wanted` is "buffer", and that does not work.
+    """
+    if wanted == "copy" or (wanted == "auto" and not wp.get_device(device).is_cuda):
+        return "copy"
+    try:
+        _probe(ctx, device)
+    except Exception as error:  # whatever the driver raises, copying still works
+        if wanted == "buffer":
+            raise RuntimeError(f"CUDA and OpenGL share no buffers here ({error})") from error
+        log.warning("CUDA and OpenGL share no buffers (%s): frames go through the host", error)
+        return "copy"
+    return "buffer"
+
+
+def _probe(ctx, device):
+    """Send a small image through a shared buffer; raise if it does not arrive."""
+    sent = np.arange(PROBE_SIZE * PROBE_SIZE * 4, dtype=np.uint8).reshape(PROBE_SIZE, -1, 4)
+    texture = ctx.texture((PROBE_SIZE, PROBE_SIZE), 4)
+    buffer = SharedBuffer(ctx, device, wp.vec4ub, sent.nbytes)
+    try:
+        buffer.write(texture, wp.array(sent, dtype=wp.vec4ub, device=device), None)
+        if not np.array_equal(np.frombuffer(texture.read(), np.uint8), sent.ravel()):
+            raise RuntimeError("what was written is not what was read")
+    finally:
+        buffer.release()
+        texture.release()
+
+
+class SharedBuffer:
+    """An OpenGL pixel buffer that CUDA writes and a texture reads."""
+
+    def __init__(self, ctx: moderngl.Context, device: str, dtype, byte_count: int):
+        if not wp.get_device(device).is_cuda:
+            raise RuntimeError("the renderer runs on the CPU")
+        self.dtype = dtype
+        self.byte_count = byte_count
+        self._buffer = ctx.buffer(reserve=byte_count, dynamic=True)
+        self._shared = wp.RegisteredGLBuffer(
+            self._buffer.glo,
+            device,
+            flags=wp.RegisteredGLBuffer.WRITE_DISCARD,
+            fallback_to_copy=False,
+        )
+
+    def write(self, texture: moderngl.Texture, image, viewport) -> None:
+        mapped = self._shared.map(dtype=self.dtype, shape=(image.size,))
+        wp.copy(mapped, image.flatten())
+        self._shared.unmap()
+        texture.write(self._buffer, viewport=viewport)
+
+    def release(self) -> None:
+        self._shared = None  # unregistered before OpenGL deletes the buffer
+        self._buffer.release()
+
+
+class ImageTexture:
+    """A color and a depth texture of one size, filled by strips of rows."""
+
+    def __init__(self, ctx: moderngl.Context, size: tuple[int, int], device: str, path: str):
+        self.size = size
+        self.color = ctx.texture(size, 4, dtype="f1")
+        self.color.filter = moderngl.LINEAR, moderngl.LINEAR
+        self.color.repeat_x = self.color.repeat_y = False
+        self.depth = ctx.texture(size, 1, dtype="f4")
+        self.depth.filter = moderngl.NEAREST, moderngl.NEAREST  # inf must not be blended
+        self.depth.repeat_x = self.depth.repeat_y = False
+        pixel_count = size[0] * size[1]
+        self._shared = (
+            (
+                SharedBuffer(ctx, device, wp.vec4ub, 4 * pixel_count),
+                SharedBuffer(ctx, device, wp.float32, 4 * pixel_count),
+            )
+            if path == "buffer"
+            else None
+        )
+
+    def write(self, image, first_row: int = 0) -> None:
+        """Put a strip (an Image of core/render) at `first_row`, counted from the top."""
+        height, width = image.color.shape
+        assert width == self.size[0], (width, self.size)
+        assert first_row + height <= self.size[1], (first_row, height, self.size)
+        viewport = (0, first_row, width, height)
+        if self._shared:
+            self._shared[0].write(self.color, image.color, viewport)
+            self._shared[1].write(self.depth, image.depth, viewport)
+        else:
+            self.color.write(np.ascontiguousarray(image.color.numpy()), viewport=viewport)
+            self.depth.write(np.ascontiguousarray(image.depth.numpy()), viewport=viewport)
+
+    def release(self) -> None:
+        for shared in self._shared or ():
+            shared.release()
+        self.color.release()
+        self.depth.release()
