@@ -109,6 +109,13 @@ class Scene:
         self._time = min(self._time - count * STEP, STEP)
         self._step(count)
 
+    def warm_up(self) -> None:
+        """Compile what steps need: done once before a window waits for it."""
+        self.solver.grab(self.control_ids[:1])
+        self.solver.step(STEP)
+        self.solver.release()
+        self.solver.reset()
+
     def single_step(self) -> None:
         """Stop time and let one step of it pass."""
         self.paused = True

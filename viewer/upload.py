@@ -19,7 +19,7 @@ def choose_path(ctx: moderngl.Context, device: str, wanted: str) -> str:
     """ "buffer" if CUDA and OpenGL share memory here and `wanted` allows it, else "copy".
 
     Raises:
-        RuntimeError: `wanted` is "buffer", and that does not work.
+        ValueError: `wanted` is "buffer", and that does not work.
     """
     if wanted == "copy" or (wanted == "auto" and not wp.get_device(device).is_cuda):
         return "copy"
@@ -27,7 +27,7 @@ def choose_path(ctx: moderngl.Context, device: str, wanted: str) -> str:
         _probe(ctx, device)
     except Exception as error:  # whatever the driver raises, copying still works
         if wanted == "buffer":
-            raise RuntimeError(f"CUDA and OpenGL share no buffers here ({error})") from error
+            raise ValueError(f"CUDA and OpenGL share no buffers here ({error})") from error
         log.warning("CUDA and OpenGL share no buffers (%s): frames go through the host", error)
         return "copy"
     return "buffer"

@@ -9,6 +9,6 @@ def model_panel(scene, actions, status):
     imgui.text_disabled(
         f"{mesh.tet_count:,} tets, {mesh.vertex_count:,} vertices, {options.level_count} levels"
     )
-    psnr = meta.get("test_psnr")
-    if isinstance(psnr, int | float):
+    psnr = (meta.get("test_mean") or {}).get("psnr")
+    if psnr is not None:
         imgui.text_disabled(f"{psnr:.1f} dB on its test views")

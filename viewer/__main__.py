@@ -1,0 +1,7 @@
+"""python -m deformrf.viewer"""
+
+import sys
+
+from .app import main
+
+sys.exit(main())

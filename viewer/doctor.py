@@ -1,0 +1,72 @@
+"""--doctor: what a report of a problem should begin with."""
+
+import platform
+import sys
+from importlib import metadata
+
+PACKAGES = ("warp-lang", "torch", "moderngl", "pyglet", "imgui-bundle", "av", "numpy")
+
+
+def report(chosen) -> int:
+    """Print what the program runs on; exit code 0 if it can draw."""
+    from ..core.field.modelfile import program_version
+
+    _line("deformrf", program_version())
+    _line("python", f"{sys.version.split()[0]} on {platform.platform()}")
+    for package in PACKAGES:
+        _line(package, _version(package))
+    _line("encoder", _encoder())
+    device = _device()
+    return _opengl(chosen, device)
+
+
+def _line(name, value):
+    print(f"{name:14}{value}", flush=True)
+
+
+def _version(package):
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "missing"
+
+
+def _encoder():
+    try:
+        import av
+
+        from .recorder import CODEC
+
+        return f"{av.Codec(CODEC, 'w').long_name}"
+    except Exception as error:  # whatever is wrong with it is what is to be reported
+        return f"none ({error})"
+
+
+def _device():
+    from ..core.device import start_warp
+
+    start_warp()
+    import warp as wp
+
+    if not wp.is_cuda_available():
+        _line("CUDA", "no device")
+        return "cpu"
+    device = wp.get_device("cuda:0")
+    _line("CUDA", f"{device.name}, {device.total_memory / 2**30:.0f} GiB, sm_{device.arch}")
+    return "cuda:0"
+
+
+def _opengl(chosen, device):
+    from .upload import choose_path
+    from .window import WindowError, open_window
+
+    try:
+        window, context = open_window((64, 64), chosen.run.headless)
+    except WindowError as error:
+        _line("OpenGL", error)
+        return 1
+    _line("OpenGL", f"{context.info['GL_RENDERER']}, {context.info['GL_VERSION']}")
+    _line("interop", choose_path(context, device, "auto"))
+    context.release()
+    window.close()
+    return 0

@@ -1,0 +1,297 @@
+"""App: the window, what is drawn in it, and the loop of frames.
+
+A frame lets time pass in the scene, renders the field if anything changed, draws it and
+the control vertices into the canvas, the panels on top, and shows the canvas.  Without a
+display the same frames go into files.
+"""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pyglet
+from pyglet.window import key, mouse
+
+from ..core.render.render import Renderer
+from . import orbit as orbits
+from . import picking, script
+from .actions import Actions
+from .capture import Capture
+from .controls import Controls, action_of
+from .gl import Canvas
+from .mesh_layer import MeshLayer
+from .radiance_layer import RadianceLayer
+from .scene import Scene
+from .status import Status
+from .upload import choose_path
+
+BUTTONS = {mouse.LEFT: "left", mouse.MIDDLE: "middle", mouse.RIGHT: "right"}
+ACTIVE_SECONDS, IDLE_SECONDS = 1.0 / 60.0, 1.0 / 30.0  # shortest frame, where vsync sets none
+STATE_SECONDS = 0.5  # between two "state" events in the log
+
+
+class App:
+    """A window onto one model.
+
+    Attributes:
+        scene: Set by `load`.
+        actions: What keys and buttons do, set by `load`.
+    """
+
+    def __init__(self, window, ctx, log, gui: bool = True):
+        """Take a window and its context, register for its events, and add panels if wanted."""
+        self.window, self.ctx, self.log = window, ctx, log
+        self.scene = None
+        self.status = Status(gl_renderer=ctx.info["GL_RENDERER"])
+        self.canvas = Canvas(ctx)
+        self.capture = Capture(self.canvas, self.status, log)
+        self._frame_count = 0
+        self._last_state = self._last_event = 0.0
+        window.push_handlers(self)
+        self.gui = None
+        if gui:
+            from .gui import Gui
+
+            self.gui = Gui(window)  # pushed last, asked first
+
+    # -- start ---------------------------------------------------------------------------
+
+    def load(self, field, name: str, device: str, interop: str = "auto", fps: int = 30) -> None:
+        """Show a model; compiles the kernels and therefore may take a while.
+
+        Raises:
+            ValueError: interop is "buffer", and CUDA and OpenGL share no buffers.
+        """
+        import warp as wp
+
+        self.status.device = wp.get_device(device).name
+        self.status.interop = choose_path(self.ctx, device, interop)
+        if self.gui is None:
+            scene, renderer = _prepare(field, name, device)
+        else:
+            with ThreadPoolExecutor(1) as pool:
+                preparing = pool.submit(_prepare, field, name, device)
+                while not preparing.done():
+                    self._splash(f"{name}: preparing; compiling kernels takes a while once")
+                scene, renderer = preparing.result()
+        self.radiance = RadianceLayer(self.ctx, renderer, device, self.status.interop)
+        self.mesh = MeshLayer(self.ctx, scene)
+        self.controls = Controls(scene, self.radiance.depth_image, self.log)
+        self.actions = Actions(
+            scene, self.controls, self.capture, self.status, fps, self._request_close
+        )
+        self.scene = scene
+
+    def _splash(self, text):
+        from .panels.layout import show_message
+
+        self.window.switch_to()
+        self.window.dispatch_events()
+        self.canvas.use(self._size())
+        self.ctx.clear(0.94, 0.94, 0.95, 1.0)
+        self.gui.begin()
+        show_message(text)
+        self.gui.end()
+        self.canvas.show(self._size())
+        self.window.flip()
+        time.sleep(0.05)
+
+    # -- loops ---------------------------------------------------------------------------
+
+    def run(self, frame_count: int | None = None) -> None:
+        """Show frames until the window is closed, or that many."""
+        last = time.perf_counter()
+        while not self.window.has_exit and self._frame_count != frame_count:
+            pyglet.clock.tick()
+            self.window.switch_to()
+            self.window.dispatch_events()
+            if self.window.has_exit:
+                break
+            now = time.perf_counter()
+            self.frame(now - last)
+            last = now
+            idle = not self.scene.moving and self.radiance.refined == 1.0
+            idle = idle and now - self._last_event > 1.0 and self.status.recorder is None
+            shortest = IDLE_SECONDS if idle else ACTIVE_SECONDS
+            time.sleep(max(0.0, shortest - (time.perf_counter() - now)))
+
+    def run_offline(self, frame_count: int, fps: int, drag=None, screenshot=None):
+        """Render frames one after another, each in full; yields the number of each.
+
+        The screenshot shows the last frame, or the last one before a drag is let go.
+        """
+        shot = frame_count - 1 if drag is None else script.hold_ends(frame_count) - 1
+        for number in range(frame_count):
+            if drag is not None:
+                script.play(drag, self.scene, number, frame_count)
+            if screenshot is not None and number == shot:
+                self.capture.screenshot(screenshot)
+            self.window.switch_to()
+            self.frame(1.0 / fps, whole=True)
+            yield number
+
+    def frame(self, seconds: float, whole: bool = False) -> None:
+        """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
+        scene, times = self.scene, self.status.times
+        size = self._size()
+        self.controls.size = size
+        self.controls.ratio = size[0] / max(self.window.width, 1)
+        with times.stage("simulate"):
+            scene.advance(seconds)
+        camera = self.controls.camera
+        self.radiance.update(scene, camera, times, whole)
+        self.status.resolution = self.radiance.factor
+        self.status.refined = self.radiance.refined
+        with times.stage("draw"):
+            self._draw(camera, size)
+        with times.stage("panel"):
+            self._draw_panels()
+        with times.stage("flip"):
+            if self.gui is not None:
+                self.canvas.show(size)
+                self.window.flip()
+        times.end_frame()
+        self._log_state()
+        self._frame_count += 1
+
+    def _draw(self, camera, size):
+        clip_range = orbits.clip_range(self.scene.orbit)
+        self.canvas.use(size)
+        self.radiance.draw(camera, clip_range)
+        if not self.scene.settings.handles_in_clips:
+            self._capture_view()
+        self.mesh.draw(self.scene, camera, clip_range)
+        if self.scene.settings.handles_in_clips:
+            self._capture_view()
+
+    def _capture_view(self):
+        self.capture.view_drawn()
+        if self.gui is None or not self.scene.settings.panel_in_screenshots:
+            self.capture.save_screenshot()
+
+    def _draw_panels(self):
+        if self.gui is None:
+            return
+        from .panels.layout import draw_panels
+
+        self.gui.begin()
+        draw_panels(self.gui, self.scene, self.actions, self.status)
+        self.gui.end()
+        if self.scene.settings.panel_in_screenshots:
+            self.capture.save_screenshot()
+
+    def close(self) -> None:
+        """Finish a clip, and give everything back."""
+        try:
+            self.capture.stop()
+        finally:
+            if self.gui is not None:
+                self.gui.close()
+            if self.scene is not None:
+                self.radiance.release()
+            self.ctx.release()
+            self.window.close()
+
+    # -- events --------------------------------------------------------------------------
+
+    def on_mouse_motion(self, x, y, dx, dy):
+        self._happened()
+        if self.scene is not None:
+            self.controls.motion(self._pixel(x, y))
+
+    def on_mouse_press(self, x, y, button, modifiers):
+        self._happened()
+        if self.scene is not None and button in BUTTONS:
+            self.controls.press(self._pixel(x, y), BUTTONS[button])
+
+    def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
+        self._happened()
+        if self.scene is not None:
+            ratio = self.controls.ratio
+            self.controls.drag(self._pixel(x, y), dx * ratio, -dy * ratio)
+
+    def on_mouse_release(self, x, y, button, modifiers):
+        self._happened()
+        if self.scene is not None and button in BUTTONS:
+            self.controls.release(BUTTONS[button])
+
+    def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
+        self._happened()
+        if self.scene is not None:
+            self.controls.scroll(self._pixel(x, y), scroll_y)
+
+    def on_key_press(self, symbol, modifiers):
+        self._happened()
+        action = action_of(key.symbol_string(symbol), bool(modifiers & key.MOD_CTRL))
+        if action is not None and self.scene is not None:
+            self.log("key", action=action)
+            getattr(self.actions, action)()
+        return True  # pyglet's own handler would close the window on Esc
+
+    def on_resize(self, width, height):
+        self._happened()
+        self.log("resize", size=[width, height], framebuffer=self._size())
+        return True  # pyglet's own handler would set a viewport
+
+    def _happened(self):
+        self._last_event = time.perf_counter()
+
+    def _request_close(self):
+        self.window.has_exit = True
+
+    def _size(self):
+        """The framebuffer's size in pixels, at least 1 x 1."""
+        width, height = self.window.get_framebuffer_size()
+        return max(width, 1), max(height, 1)
+
+    def _pixel(self, x, y):
+        """From pyglet's position (points, y up) to the image's pixel (y down)."""
+        ratio = self.controls.ratio
+        return x * ratio, self.controls.size[1] - y * ratio
+
+    # -- log -----------------------------------------------------------------------------
+
+    def _log_state(self):
+        now = time.perf_counter()
+        ready = self._frame_count == 0
+        if not self.log.enabled or (now - self._last_state < STATE_SECONDS and not ready):
+            return
+        self._last_state = now
+        scene, controls = self.scene, self.controls
+        pixels, _ = picking.project(controls.camera, scene.positions[scene.control_ids])
+        moved = scene.displacements()
+        self.log(
+            "ready" if ready else "state",
+            size=[self.window.width, self.window.height],
+            framebuffer=controls.size,
+            vertices=[  # in points from the window's top left corner
+                {"id": int(vertex), "at": at / controls.ratio}
+                for vertex, at, shown in zip(
+                    scene.control_ids, pixels, controls.shown(), strict=True
+                )
+                if shown
+            ],
+            max_displacement=moved.max(),
+            max_pin_displacement=moved[scene.solver.pinned].max(initial=0.0),
+            moving=scene.moving,
+            paused=scene.paused,
+            refined=self.radiance.refined,
+            yaw=scene.orbit.yaw,
+            pitch=scene.orbit.pitch,
+            distance=scene.orbit.distance,
+            young_modulus=scene.material.young_modulus,
+        )
+
+
+def _prepare(field, name, device):
+    """Scene and renderer, every kernel compiled."""
+    import numpy as np
+
+    from ..core.render.camera import Camera, look_at
+
+    scene = Scene(field, name, device)
+    scene.warm_up()
+    renderer = Renderer(field, device)
+    renderer.set_vertices(scene.solver.vertices)
+    eye = scene.center + np.array([0.0, -2.0, 0.0])
+    renderer.render(Camera(look_at(eye, scene.center), 16.0, 16, 16))
+    return scene, renderer

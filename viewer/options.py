@@ -1,0 +1,108 @@
+"""What deformrf-view can be told, and what follows from it; light, so that --help is quick."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from ..core.cli import at_least, writable_file
+from ..core.device import Choice
+from ..core.paths import DEFAULT_MODEL
+
+WINDOW_SIZE, HEADLESS_SIZE = (1200, 800), (400, 400)
+HEADLESS_FRAMES = 90
+SMALLEST_SIDE, LARGEST_SIDE = 32, 8192
+
+Model = Annotated[
+    tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
+]
+Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
+File = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
+Size = Annotated[str | None, tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
+Drag = Annotated[str | None, tyro.conf.arg(metavar="VERTEX:DX,DY,DZ", help_behavior_hint="")]
+Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
+
+
+@dataclass(frozen=True)
+class RunArguments:
+    """What to do without a mouse."""
+
+    headless: Flag = False
+    """Render into files, without a display."""
+    frames: Count = None
+    """End after that many frames (90 if headless)."""
+    drag: Drag = None
+    """Headless: drag a vertex by an offset [model units, the object is about 1 wide] in the
+    first third of the frames, hold it in the second, let it go in the third."""
+    record: File = None
+    """Write an MP4 of the run."""
+    screenshot: File = None
+    """Write a PNG of the last frame; with --drag, of the last one before it is let go."""
+
+
+@dataclass(frozen=True)
+class ViewArguments:
+    """Grab red control vertices of an object and bend it."""
+
+    model: Model = DEFAULT_MODEL
+    """Model file, an .npz; the bundled one by default."""
+    device: Choice = "auto"
+    """auto takes CUDA if there is any."""
+    size: Size = None
+    """Size of the window [points] or, headless, of the frames [pixels]."""
+    fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
+    """Frames per second of clips."""
+    interop: Literal["auto", "buffer", "copy"] = "auto"
+    """How CUDA frames reach OpenGL: a shared buffer, or a copy through host memory."""
+    log_events: Flag = False
+    """Print one JSON line per event: ready, state, grab, release, orbit, resize, ..."""
+    version: Flag = False
+    """Print the version."""
+    doctor: Flag = False
+    """Print versions, OpenGL, CUDA, how frames reach OpenGL, the video encoder."""
+    run: RunArguments = field(default_factory=RunArguments)
+
+
+def parse(arguments: list[str] | None = None) -> ViewArguments:
+    """The command line; exits by itself on --help and on what it does not understand."""
+    return tyro.cli(
+        ViewArguments,
+        prog="deformrf-view",
+        args=arguments,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+    )
+
+
+def check(arguments: ViewArguments) -> None:
+    """Raise a ValueError or an OSError for what can be known to be wrong before any work."""
+    run = arguments.run
+    frame_size(arguments)
+    at_least(1, "--fps", arguments.fps)
+    if run.frames is not None:
+        at_least(1, "--frames", run.frames)
+    if run.drag is not None and not run.headless:
+        raise ValueError("--drag plays without a mouse: it needs --headless")
+    if run.record is not None:
+        writable_file(run.record, ".mp4")
+    if run.screenshot is not None:
+        writable_file(run.screenshot, ".png")
+
+
+def frame_size(arguments: ViewArguments) -> tuple[int, int]:
+    """Width and height of window or frames.
+
+    Raises:
+        ValueError: --size is no size, or one that no window has.
+    """
+    if arguments.size is None:
+        return HEADLESS_SIZE if arguments.run.headless else WINDOW_SIZE
+    width, _, height = arguments.size.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise ValueError(f"--size is '{arguments.size}'; write it as in 800x600")
+    size = int(width), int(height)
+    if min(size) < SMALLEST_SIDE or max(size) > LARGEST_SIDE:
+        raise ValueError(
+            f"--size is {arguments.size}; both sides have to be {SMALLEST_SIDE} to {LARGEST_SIDE}"
+        )
+    return size

@@ -1,0 +1,66 @@
+"""A drag without a mouse: out in the first third of the frames, held, let go."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class DragScript:
+    """What --drag says.
+
+    Attributes:
+        vertex: Its id in the model's mesh.
+        offset: Where it goes, from where it is; model units.  [3]
+    """
+
+    vertex: int
+    offset: tuple[float, float, float]
+
+
+def parse_drag(text: str) -> DragScript:
+    """ "12:0.1,0,0" -> vertex 12 by (0.1, 0, 0).
+
+    Raises:
+        ValueError: It is written in another way.
+    """
+    vertex, _, offset = text.partition(":")
+    try:
+        script = DragScript(int(vertex), tuple(float(part) for part in offset.split(",")))
+    except ValueError:
+        script = None
+    if script is None or len(script.offset) != 3 or not np.isfinite(script.offset).all():
+        raise ValueError(f"--drag is '{text}'; write VERTEX:DX,DY,DZ, as in 12:0.1,0,0")
+    return script
+
+
+def check_drag(script: DragScript, scene) -> None:
+    """Raise a ValueError if the scene has no such vertex, or holds it fast."""
+    count = scene.field.mesh.vertex_count
+    if not 0 <= script.vertex < count:
+        raise ValueError(f"--drag names vertex {script.vertex}; the model has 0 to {count - 1}")
+    if scene.solver.pinned[script.vertex]:
+        free = ", ".join(map(str, scene.control_ids[:5]))
+        raise ValueError(
+            f"--drag names vertex {script.vertex}, which is pinned; take one of {free}"
+        )
+
+
+def hold_ends(frame_count: int) -> int:
+    """The first frame after the release."""
+    return -(-2 * frame_count // 3)
+
+
+def play(script: DragScript, scene, frame: int, frame_count: int) -> None:
+    """Do to the scene what the script has for this frame; called before the scene advances."""
+    if frame == 0:
+        scene.grab(script.vertex)
+    if scene.grabbed is None:
+        return
+    if frame >= hold_ends(frame_count):
+        scene.release()
+        return
+    out = min((frame + 1) / max(frame_count / 3.0, 1.0), 1.0)
+    smooth = out * out * (3.0 - 2.0 * out)
+    start = scene.grabbed.before[0][script.vertex]
+    scene.drag_to(start + smooth * np.array(script.offset))
