@@ -1,6 +1,7 @@
 """What tests share: one hook that skips by marker, devices, and the optional development data."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,36 @@ def shared_data():
         return DATA / name
 
     return folder
+
+
+@pytest.fixture
+def make_ball_field():
+    """Make a small field with random contents: an opaque, dented ball with holes."""
+    return _make_ball_field
+
+
+def _make_ball_field(seed, spacing=0.08, occupied_share=0.7, **options):
+    """About 500 tets around (½, ½, ½); contents, occupancy and colors follow the seed."""
+    from deformrf.core.field.field import FieldOptions, random_field
+    from deformrf.core.field.occupancy import pack_mask
+    from deformrf.core.geometry.lattice import a15_grid
+    from deformrf.core.geometry.mesh import extract, tet_neighbours
+
+    rng = np.random.default_rng(seed)
+    grid = a15_grid(spacing)
+    middles = grid.rest_vertices[grid.tets].mean(axis=1) - 0.5
+    mesh, _ = extract(grid, np.linalg.norm(middles * (1.0, 1.0, 0.8), axis=1) < 0.3)
+    options = FieldOptions(**{"table_size": 2**12, "march_step": 0.01, **options})
+    field = random_field(mesh, tet_neighbours(mesh.tets), options, seed)
+    weights, bias = field.density_layers[-1]
+    bias = bias.copy()
+    bias[0] += 2.5  # opaque enough to hide what is behind, thin enough to see inside
+    occupied = rng.uniform(size=(mesh.tet_count, 64)) < occupied_share
+    return replace(
+        field,
+        density_layers=(*field.density_layers[:-1], (1.5 * weights, bias)),
+        occupancy=pack_mask(occupied),
+    )
 
 
 @pytest.fixture

@@ -95,6 +95,27 @@ def components(vertex_count, tets):
         labels = new
 
 
+def face_components(neighbours, keep):
+    """A label 0..C-1 per kept tet ([T] bool); tets that share a face have the same one.
+
+    Parts that hang together by an edge or a vertex only are apart: they would swing like
+    on a hinge.
+
+    Returns:
+        [T] int, -1 for tets that aren't kept.
+    """
+    labels = np.where(keep, np.arange(len(neighbours)), -1)
+    linked = (neighbours >= 0) & keep[neighbours] & keep[:, None]
+    while True:  # as in `components`
+        beside = np.where(linked, labels[neighbours], len(neighbours))
+        new = np.where(keep, np.minimum(labels, beside.min(axis=1)), -1)
+        new = np.where(keep, new[new], -1)
+        if (new == labels).all():
+            labels[keep] = np.unique(labels[keep], return_inverse=True)[1]
+            return labels
+        labels = new
+
+
 def extract(mesh: TetMesh, keep):
     """The sub-mesh of the tets in `keep` ([T] bool), without unused vertices.
 

@@ -16,9 +16,14 @@ import warp as wp
 
 from ..field.network import basis_of, basis_vector
 from ..field.occupancy import is_occupied, subtet_of
-from .traversal import Geometry, enter_mesh, exit_tet, face_towards
-
-MAX_TETS = wp.constant(4096)  # per ray and round; a walk this long goes in circles
+from .traversal import (
+    MAX_TETS,
+    SMALLEST_ADVANCE,
+    Geometry,
+    enter_mesh,
+    exit_tet,
+    face_towards,
+)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -131,7 +136,7 @@ def march_kernel(
                         count += 1
                     piece += 1
                 if piece >= piece_count:
-                    t += distance
+                    t += wp.max(distance, SMALLEST_ADVANCE * wp.max(t, 1.0))
                     previous = tet
                     tet = geometry.neighbours[tet][face]
                     piece = 0

@@ -244,7 +244,7 @@ class Renderer:
         if self.device.is_cuda:
             return self._networks(features, basis, half=not options.conformance)
         sigma, rgb = network.evaluate(
-            features.numpy().reshape(count, -1),
+            features.numpy().reshape(count, 4 * level_count),
             basis.numpy(),
             self.field.density_layers,
             self.field.color_layers,
@@ -275,7 +275,7 @@ def _torch_networks(field, device):
     def evaluate(features, basis, half):
         # On Warp's stream, so that kernels and layers follow each other without waiting.
         with torch.cuda.stream(wp.stream_to_torch(wp.get_stream(device))):
-            x = wp.to_torch(features).reshape(len(features), -1)
+            x = wp.to_torch(features).flatten(1)
             y = wp.to_torch(basis)
             if half:
                 sigma, rgb = half_networks(x.half(), y.half())

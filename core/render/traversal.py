@@ -19,9 +19,12 @@ import warp as wp
 
 from ..geometry.mesh import TetMesh, boundary_faces
 
-# Walking a face costs a rounding error of some 1e-7 in t; a fresh boundary query starts
-# this far behind the exit, or it would find the same face again.
-QUERY_GAP = wp.constant(2.0e-6)
+# A boundary query looks this far around t for faces that rounding has moved across it.
+QUERY_GAP = wp.constant(4.0e-6)
+# Two units of the last place of t per face: a ray through an edge or a vertex, where
+# rounding makes the tets around it disagree, is carried past it instead of circling.
+SMALLEST_ADVANCE = wp.constant(2.4e-7)
+MAX_TETS = wp.constant(4096)  # per ray and round; a walk this long goes in circles
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
@@ -186,29 +189,6 @@ class Pose:
 
 
 @wp.func
-def enter_mesh(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, t: float):
-    """The first boundary face at or behind t that leads inwards.
-
-    Returns:
-        The tet behind it, or -1 if the ray meets none, and t there.
-    """
-    start = float(t)
-    tet = int(-1)
-    searching = int(1)
-    while searching == 1:
-        query = wp.mesh_query_ray(geometry.boundary, origin + start * direction, direction, 1.0e6)
-        searching = 0
-        if query.result:
-            start += query.t
-            if wp.dot(query.normal, direction) < 0.0:
-                tet = geometry.boundary_tets[query.face]
-            else:  # the face that the ray has just left
-                start += QUERY_GAP
-                searching = 1
-    return tet, start
-
-
-@wp.func
 def exit_tet(alpha: wp.vec4, slope: wp.vec4, entry_face: int):
     """Where a ray leaves a tet: the distance from the point with coordinates alpha.
 
@@ -239,3 +219,64 @@ def face_towards(neighbours: wp.vec4i, tet: int):
     if neighbours[2] == tet:
         face = 2
     return face
+
+
+@wp.func
+def enter_mesh(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, t: float):
+    """The first tet at or behind t.
+
+    A ray that meets a face from within, without having entered, started inside the mesh or
+    slipped in through an edge; then the tets between t and that face are found backwards.
+
+    Returns:
+        The tet, or -1 if there is none, and the t at which the ray is in it (>= t).
+    """
+    step = SMALLEST_ADVANCE * wp.max(t, 1.0)
+    start = t - QUERY_GAP
+    tet = int(-1)
+    entry = float(t)
+    searching = int(1)
+    while searching == 1:
+        query = wp.mesh_query_ray(geometry.boundary, origin + start * direction, direction, 1.0e6)
+        searching = 0
+        if query.result:
+            hit = start + query.t
+            if wp.dot(query.normal, direction) < 0.0:
+                tet = geometry.boundary_tets[query.face]
+                entry = wp.max(t, hit)
+            elif hit <= t + QUERY_GAP:  # the face that the ray has just left
+                start = hit + step
+                searching = 1
+            else:
+                tet, entry = walk_back(
+                    geometry, origin, direction, t, geometry.boundary_tets[query.face], hit
+                )
+    return tet, entry
+
+
+@wp.func
+def walk_back(
+    geometry: Geometry, origin: wp.vec3, direction: wp.vec3, t: float, last_tet: int, end: float
+):
+    """From a tet that a ray leaves at `end`, back to where it is at t, or entered the mesh."""
+    tet = int(last_tet)
+    position = float(end)
+    exit_face = int(-1)
+    tets_left = int(MAX_TETS)
+    walking = int(1)
+    while walking == 1:
+        g = geometry.gradients[tet]
+        p = origin + position * direction
+        alpha = g * wp.vec4(p[0], p[1], p[2], 1.0)
+        slope = -(g * wp.vec4(direction[0], direction[1], direction[2], 0.0))
+        face, distance = exit_tet(alpha, slope, exit_face)
+        position -= wp.max(distance, SMALLEST_ADVANCE * wp.max(position, 1.0))
+        walking = 0
+        if face >= 0 and position > t and tets_left > 0:
+            previous = geometry.neighbours[tet][face]
+            if previous >= 0:
+                exit_face = face_towards(geometry.neighbours[previous], tet)
+                tet = previous
+                tets_left -= 1
+                walking = 1
+    return tet, wp.max(position, t)

@@ -23,8 +23,8 @@ from ..field import modelfile
 from ..field.field import FieldOptions, TetField
 from ..field.occupancy import fill_enclosed
 from ..geometry.lattice import a15_grid
-from ..geometry.mesh import TetMesh, components, extract, tet_neighbours
-from .datasets import Dataset
+from ..geometry.mesh import TetMesh, extract, face_components, tet_neighbours
+from .datasets import Dataset, DatasetError
 from .differentiable import on_warp_stream
 from .options import TrainOptions
 from .progress import TrainingProgress
@@ -93,7 +93,9 @@ def train(dataset: Dataset, options: TrainOptions, device="cpu", name="") -> Tra
         report["interrupted"] = interrupted
         report["occupied_share"] = stage.occupied_share()
         if stage.device.is_cuda:
-            report["peak_memory_bytes"] = torch.cuda.max_memory_allocated()
+            report["peak_memory_bytes"] = torch.cuda.max_memory_allocated() + (
+                wp.get_mempool_used_mem_high(stage.device)
+            )
         report["device"] = stage.device.name
         field = stage.export(world_to_model, report)
     return Trained(field, report, interrupted)
@@ -128,23 +130,21 @@ def kept_mesh(stage: Stage) -> TetMesh:
     """The tets that stage 2 is about: occupied, their neighbours, enclosed; no floaters.
 
     Raises:
-        ValueError: Nothing is occupied.
+        DatasetError: Nothing is occupied.
     """
     mesh, neighbours = stage.mesh, tet_neighbours(stage.mesh.tets)
     occupied = stage.occupied.any(dim=1).cpu().numpy()
     if not occupied.any():
-        raise ValueError(
+        raise DatasetError(
             "stage 1 found nothing: are the cameras inside the scene box? "
             "(--scene-radius is half the box's edge)"
         )
     beside = neighbours[occupied]
     occupied[beside[beside >= 0]] = True
     keep = fill_enclosed(occupied, neighbours)
-    tets = mesh.tets[keep]
-    labels = components(mesh.vertex_count, tets)[tets[:, 0]]
-    sizes = np.bincount(labels)
-    large = sizes >= max(SMALLEST_COMPONENT * len(tets), 1)
-    keep[np.flatnonzero(keep)[~large[labels]]] = False
+    labels = face_components(neighbours, keep)
+    sizes = np.bincount(labels[keep])
+    keep[keep] = sizes[labels[keep]] >= SMALLEST_COMPONENT * keep.sum()
     return extract(mesh, keep)[0]
 
 

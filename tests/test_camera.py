@@ -1,0 +1,43 @@
+"""The camera: rays and projection are inverse to each other."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.render.camera import from_field_of_view, look_at, rays, view_projection
+
+
+@pytest.fixture
+def camera():
+    rng = np.random.default_rng()
+    return from_field_of_view(look_at(rng.normal(size=3) + 4.0, rng.normal(size=3)), 0.7, 40, 30)
+
+
+def test_look_at_is_a_rotation_that_faces_the_target(camera):
+    turn = camera.camera_to_world[:3, :3]
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+    pose = look_at((4, 3, 2), (1, 1, 1))
+    forward = -pose[:3, 2]
+    np.testing.assert_allclose(np.cross(forward, np.array([-3, -2, -1])), 0.0, atol=1e-12)
+
+
+def test_points_on_a_ray_project_to_its_pixel(camera):
+    origins, directions = rays(camera)
+    t = np.random.default_rng().uniform(1.0, 5.0, len(origins))
+    points = np.column_stack([origins + t[:, None] * directions, np.ones(len(t))])
+    clip = points @ view_projection(camera, 0.1, 10.0).T
+    ndc = clip[:, :3] / clip[:, 3:]
+    u, v = np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5)
+    np.testing.assert_allclose((ndc[:, 0] + 1) * 20, u.ravel(), atol=1e-9)
+    np.testing.assert_allclose((1 - ndc[:, 1]) * 15, v.ravel(), atol=1e-9)
+    assert (np.abs(ndc[:, 2]) < 1).all()
+
+
+def test_the_field_of_view_is_that_of_the_outer_pixels_edges(camera):
+    half = np.arctan(0.5 * camera.width / camera.focal)
+    assert 2 * half == pytest.approx(0.7)
+
+
+def test_resizing_keeps_the_vertical_field_of_view(camera):
+    small = camera.resized(20, 15)
+    assert small.height / small.focal == pytest.approx(camera.height / camera.focal)

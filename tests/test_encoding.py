@@ -1,0 +1,143 @@
+"""The encoding: continuous, addressed exactly, and its kernels equal the reference."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from deformrf.core.field.encoding import (
+    FEATURES,
+    dense_ids,
+    encode_backward_kernel,
+    encode_kernel,
+    encode_reference,
+    make_layout,
+    make_tables,
+)
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import FACES, tet_neighbours
+from deformrf.core.geometry.subdivision import path_nodes
+
+LEVELS, TABLE_SIZE, COUNT = 6, 2**12, 5000
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return a15_grid(0.12)
+
+
+@pytest.fixture(scope="module")
+def layout(mesh):
+    return make_layout(mesh, LEVELS, TABLE_SIZE)
+
+
+def random_samples(mesh):
+    rng = np.random.default_rng()
+    tet = rng.integers(0, mesh.tet_count, COUNT).astype(np.int32)
+    return tet, rng.dirichlet(np.ones(4), COUNT)
+
+
+def random_table(layout):
+    return np.random.default_rng().normal(size=(layout.offsets[-1], FEATURES))
+
+
+def test_some_levels_are_dense_and_the_rest_hashed(layout):
+    assert 1 <= layout.dense_level_count < LEVELS
+    hashed = layout.entry_counts[layout.dense_level_count :]
+    assert set(hashed) == {TABLE_SIZE}
+    assert all(n <= TABLE_SIZE for n in layout.entry_counts)
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_dense_entries_are_one_to_one_with_vertices(mesh, level):
+    ids, count = dense_ids(mesh, level)
+    nodes, _ = path_nodes(level)
+    addresses = np.einsum("nc,tcx->tnx", nodes, mesh.addresses[mesh.tets]).reshape(-1, 3)
+    assert len(np.unique(addresses, axis=0)) == count == ids.max() + 1
+    pairs = np.unique(np.column_stack([ids.ravel(), addresses]), axis=0)
+    assert len(pairs) == count
+
+
+def test_features_are_continuous_across_faces(mesh, layout):
+    """The same point of a shared face, seen from both tets, at every level."""
+    neighbours = tet_neighbours(mesh.tets)
+    tet, face = (a[:COUNT] for a in np.nonzero(neighbours >= 0))
+    other = neighbours[tet, face]
+    beta = np.random.default_rng().dirichlet(np.ones(3), len(tet))
+    rows = np.arange(len(tet))
+    first, second = np.zeros((len(tet), 4)), np.zeros((len(tet), 4))
+    for j in range(3):
+        corner = FACES[face, j]
+        first[rows, corner] = beta[:, j]
+        there = (mesh.tets[other] == mesh.tets[tet, corner][:, None]).argmax(axis=1)
+        second[rows, there] = beta[:, j]
+    table = random_table(layout)
+    np.testing.assert_allclose(
+        encode_reference(mesh, layout, table, tet, first),
+        encode_reference(mesh, layout, table, other, second),
+        atol=1e-9,
+    )
+
+
+def test_level_zero_interpolates_the_corner_features(mesh, layout):
+    tet, bary = random_samples(mesh)
+    table = random_table(layout)
+    order = np.lexsort(mesh.addresses.T[::-1])
+    entry = np.argsort(order)[mesh.tets[tet]]
+    expected = np.einsum("nc,ncf->nf", bary, table[entry])
+    features = encode_reference(mesh, layout, table, tet, bary)
+    np.testing.assert_allclose(features[:, :FEATURES], expected)
+
+
+def launch_arguments(mesh, layout, tet, bary, device):
+    return (
+        make_tables(mesh, layout, device),
+        wp.array(tet, dtype=int, device=device),
+        wp.array(bary.astype(np.float32), dtype=wp.vec4, device=device),
+    )
+
+
+def test_forward_kernel_matches_the_reference(mesh, layout, device):
+    tet, bary = random_samples(mesh)
+    table = random_table(layout)
+    tables, tet_array, bary_array = launch_arguments(mesh, layout, tet, bary, device)
+    table_array = wp.array(table.astype(np.float32), dtype=wp.vec4, device=device)
+    features = wp.empty((COUNT, LEVELS), dtype=wp.vec4, device=device)
+    wp.launch(
+        encode_kernel,
+        dim=COUNT,
+        inputs=[tables, table_array, tet_array, bary_array, LEVELS],
+        outputs=[features],
+        device=device,
+    )
+    expected = encode_reference(mesh, layout, table, tet, bary)
+    # Each level doubles the rounding error of bary: 2^5 · 6e-8, times features of size 4.
+    np.testing.assert_allclose(features.numpy().reshape(COUNT, -1), expected, atol=5e-5)
+
+
+def test_backward_kernel_is_the_adjoint_of_the_reference(mesh, layout, device):
+    """<g, encode(table)> = <encode*(g), table> for every table: encode is linear in it."""
+    tet, bary = random_samples(mesh)
+    gradient = np.random.default_rng().normal(size=(COUNT, LEVELS, FEATURES))
+    tables, tet_array, bary_array = launch_arguments(mesh, layout, tet, bary, device)
+    table_grad = wp.zeros(int(layout.offsets[-1]), dtype=wp.vec4, device=device)
+    gradient_array = wp.array(gradient.astype(np.float32), dtype=wp.vec4, device=device)
+    wp.launch(
+        encode_backward_kernel,
+        dim=COUNT,
+        inputs=[tables, tet_array, bary_array, gradient_array],
+        outputs=[table_grad],
+        device=device,
+    )
+    for _ in range(3):
+        table = random_table(layout)
+        features = encode_reference(mesh, layout, table, tet, bary)
+        expected = (features * gradient.reshape(COUNT, -1)).sum()
+        scale = np.abs(features * gradient.reshape(COUNT, -1)).sum()
+        assert abs((table_grad.numpy() * table).sum() - expected) < 1e-5 * scale
+
+
+def test_wrong_sizes_are_named(mesh):
+    with pytest.raises(ValueError, match="3000"):
+        make_layout(mesh, LEVELS, 3000)
+    with pytest.raises(ValueError, match="11"):
+        make_layout(mesh, 11, TABLE_SIZE)

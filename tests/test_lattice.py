@@ -1,0 +1,81 @@
+"""The A15 grid: 46 tets a cell, acute, conforming, and it covers the cube."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.geometry.lattice import CELL_EDGE, _cell_tets, a15_grid, morton_order
+from deformrf.core.geometry.mesh import EDGES, boundary_faces, signed_volumes, tet_neighbours
+
+
+def test_a_cell_has_46_tets_that_fill_its_volume():
+    tets = _cell_tets()
+    assert tets.shape == (46, 4, 3)
+    corners = tets.reshape(-1, 3).astype(float)
+    volumes = np.abs(signed_volumes(corners, np.arange(184).reshape(46, 4)))
+    assert volumes.sum() == pytest.approx(CELL_EDGE**3)
+
+
+def test_edges_have_the_three_lengths_of_a15():
+    mesh = a15_grid(0.1)
+    ends = mesh.addresses[mesh.tets][:, EDGES]
+    squared = ((ends[:, :, 0] - ends[:, :, 1]) ** 2).sum(axis=-1)
+    assert set(np.unique(squared)) == {4, 5, 6}
+
+
+def test_no_dihedral_angle_exceeds_78_5_degrees():
+    mesh = a15_grid(0.2)
+    x = mesh.rest_vertices[mesh.tets]
+    normals = np.stack(
+        [
+            np.cross(x[:, b] - x[:, a], x[:, c] - x[:, a])
+            for a, b, c in ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
+        ],
+        axis=1,
+    )
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    cosines = np.einsum("tix,tjx->tij", normals, normals)[:, ~np.eye(4, dtype=bool)]
+    angles = 180.0 - np.degrees(np.arccos(cosines))
+    assert angles.max() < 78.6
+    assert angles.min() > 50.0
+
+
+@pytest.mark.parametrize("spacing", [0.25, 0.11, 0.04])
+def test_the_mesh_is_conforming_and_positively_oriented(spacing):
+    mesh = a15_grid(spacing)
+    volumes = signed_volumes(mesh.rest_vertices, mesh.tets)
+    assert volumes.min() > 0
+    faces, _ = boundary_faces(mesh.tets, tet_neighbours(mesh.tets))
+    a, b, c = (mesh.rest_vertices[faces[:, i]] for i in range(3))
+    enclosed = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0
+    assert enclosed == pytest.approx(volumes.sum(), rel=1e-9)  # no gap, no overlap
+
+
+def test_every_point_of_the_cube_lies_in_a_tet():
+    mesh = a15_grid(0.2)
+    points = np.random.default_rng().uniform(size=(2000, 3))
+    points[:8] = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T  # the corners
+    x = mesh.rest_vertices[mesh.tets]
+    inverse = np.linalg.inv(np.swapaxes(x[:, 1:] - x[:, :1], 1, 2))
+    local = np.einsum("tij,ptj->pti", inverse, points[:, None] - x[None, :, 0])
+    inside = (local >= -1e-9).all(axis=2) & (local.sum(axis=2) <= 1 + 1e-9)
+    assert inside.any(axis=1).all()
+
+
+def test_the_papers_spacing_gives_about_the_papers_grid():
+    """QuarTet cuts the grid at the cube's faces (17,933 and 92,234); ours is uncut."""
+    mesh = a15_grid(0.02)
+    assert (mesh.vertex_count, mesh.tet_count) == (18083, 92675)
+    np.testing.assert_allclose(mesh.rest_vertices, (mesh.addresses - CELL_EDGE) * 0.02, atol=1e-12)
+    assert mesh.addresses.min() >= 0
+
+
+@pytest.mark.parametrize("spacing", [0.0, -0.1, 0.3])
+def test_a_wrong_spacing_is_named(spacing):
+    with pytest.raises(ValueError, match=str(spacing)):
+        a15_grid(spacing)
+
+
+def test_morton_order_keeps_octants_together():
+    points = np.random.default_rng().integers(0, 64, (500, 3))
+    octant = (points >= 32) @ [1, 2, 4]
+    assert (np.diff(octant[morton_order(points)]) >= 0).all()

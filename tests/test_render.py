@@ -1,0 +1,134 @@
+"""The fast renderer equals the definition: at rest, moved, bent and stretched."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.render import reference
+from deformrf.core.render.camera import from_field_of_view, look_at, rays
+from deformrf.core.render.render import Renderer, RenderOptions
+
+BACKGROUND = (0.2, 0.5, 0.9)
+CONFORMANCE = RenderOptions(background=BACKGROUND, conformance=True)
+
+
+def rigid(x):
+    c, s = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array(
+        [[1, 0, 0], [0, c, s], [0, -s, c]]
+    )
+    return (x - 0.5) @ turn.T + [0.55, 0.47, 0.52]
+
+
+def bend(x):
+    """By about 70 degrees around an axis beside the ball, without overlap."""
+    angle, radius = 2.0 * (x[:, 2] - 0.5), 0.45 + (x[:, 0] - 0.5)
+    return np.stack([0.05 + radius * np.cos(angle), x[:, 1], 0.5 + radius * np.sin(angle)], axis=1)
+
+
+def stretch(x):
+    return (x - 0.5) * [0.8, 0.7, 1.6] + 0.5
+
+
+POSES = {"rest": lambda x: x, "rigid": rigid, "bend": bend, "stretch": stretch}
+
+
+def camera(size=56):
+    rng = np.random.default_rng()
+    direction = rng.normal(size=3) * [1, 1, 0.5]
+    eye = 0.5 + 1.6 * direction / np.linalg.norm(direction)
+    return from_field_of_view(look_at(eye, (0.5, 0.5, 0.5)), 0.6, size, size)
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_conformance_mode_equals_the_reference(make_ball_field, device, pose):
+    """DESIGN, section 6: at most 2/255 in 99.99 % of pixels, 0.1/255 on average."""
+    field = make_ball_field(int(np.random.default_rng().integers(10_000)))
+    vertices = POSES[pose](field.mesh.rest_vertices).astype(np.float32)
+    origins, directions = rays(camera())
+    renderer = Renderer(field, device)
+    renderer.set_vertices(vertices)
+    color, opacity, depth = renderer.render_rays(origins, directions, CONFORMANCE)
+    expected, expected_opacity, expected_depth = reference.render_rays(
+        field, vertices, origins, directions, BACKGROUND
+    )
+    assert 0.2 < (expected_opacity > 0.5).mean() < 0.8  # the object is in the picture
+    difference = 255.0 * np.abs(color - expected)
+    assert np.isfinite(color).all()
+    assert (difference.max(axis=1) > 2.0).mean() <= 1e-4
+    assert difference.mean() <= 0.1
+    assert np.abs(opacity - expected_opacity).mean() < 1e-3
+    seen = expected_opacity > 0.5
+    assert np.abs(depth - expected_depth)[seen].mean() < 1e-3
+
+
+def test_default_mode_is_close(make_ball_field, device):
+    """45 dB against the reference; it stops earlier and, on CUDA, has half precision."""
+    field = make_ball_field(5)
+    origins, directions = rays(camera())
+    renderer = Renderer(field, device)
+    color, _, _ = renderer.render_rays(origins, directions, RenderOptions(BACKGROUND))
+    expected, _, _ = reference.render_rays(
+        field, field.mesh.rest_vertices, origins, directions, BACKGROUND
+    )
+    assert -10 * np.log10(np.mean((color - expected) ** 2)) > 45.0
+
+
+def test_the_image_is_the_rays_in_bytes(make_ball_field, device):
+    field = make_ball_field(6)
+    view = camera(40).resized(48, 40)
+    renderer = Renderer(field, device)
+    image = renderer.render(view, CONFORMANCE)
+    color, opacity, depth = renderer.render_rays(*rays(view), CONFORMANCE)
+    assert image.color_array().shape == (40, 48, 4)
+    expected = np.column_stack([color, opacity]).reshape(40, 48, 4) * 255.0
+    assert np.abs(image.color_array() - expected).max() < 0.51 + 0.1
+    seen = np.isfinite(image.depth_array())
+    np.testing.assert_array_equal(seen, (opacity >= 0.5).reshape(40, 48))
+    np.testing.assert_allclose(image.depth_array()[seen], depth.reshape(40, 48)[seen], rtol=1e-4)
+
+
+def test_strips_make_up_the_image(make_ball_field, device):
+    renderer = Renderer(make_ball_field(7), device)
+    view = camera(32)
+    whole = renderer.render(view).color_array()
+    strips = [renderer.render(view, rows=rows).color_array() for rows in ((0, 5), (5, 32))]
+    np.testing.assert_array_equal(np.concatenate(strips), whole)
+
+
+def test_moving_object_and_camera_together_changes_nothing(make_ball_field, device):
+    field = make_ball_field(8)
+    view = camera(32)
+    renderer = Renderer(field, device)
+    before = renderer.render(view, CONFORMANCE).color_array().astype(int)
+    rest = field.mesh.rest_vertices
+    renderer.set_vertices(rigid(rest))
+    columns = np.concatenate([view.camera_to_world[:3, 3:].T, view.camera_to_world[:3, :3].T + 0.5])
+    moved = rigid(columns)
+    pose = np.eye(4)
+    pose[:3, 3], pose[:3, :3] = moved[0], (moved[1:] - rigid(np.full((1, 3), 0.5))).T
+    view = from_field_of_view(pose, 0.6, 32, 32)
+    after = renderer.render(view, CONFORMANCE).color_array().astype(int)
+    assert (np.abs(after - before).max(axis=-1) > 2).mean() <= 2e-3
+    assert np.abs(after - before).mean() < 0.1
+
+
+def test_looking_away_shows_the_background(make_ball_field, device):
+    renderer = Renderer(make_ball_field(9), device)
+    view = from_field_of_view(look_at((3, 3, 3), (6, 6, 6)), 0.6, 16, 16)
+    image = renderer.render(view, RenderOptions(BACKGROUND))
+    np.testing.assert_array_equal(image.color_array()[..., 3], 0)
+    assert np.abs(image.color_array()[..., :3] / 255.0 - BACKGROUND).max() < 0.5 / 255
+    assert np.isinf(image.depth_array()).all()
+
+
+def test_an_empty_mask_is_empty_space(make_ball_field, device):
+    field = make_ball_field(10, occupied_share=-1.0)
+    image = Renderer(field, device).render(camera(16))
+    assert (image.color_array()[..., 3] == 0).all()
+    assert image.sample_count == 0
+
+
+def test_a_wrong_number_of_vertices_is_named(make_ball_field):
+    renderer = Renderer(make_ball_field(11))
+    with pytest.raises(ValueError, match="17 were given"):
+        renderer.set_vertices(np.zeros((17, 3)))

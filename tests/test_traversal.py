@@ -1,0 +1,173 @@
+"""Tet frames and walks: a ray's pieces fill its chord, in every pose."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from deformrf.core.render.marching import empty_rays, empty_samples, march_kernel
+from deformrf.core.render.reference import ray_pieces
+from deformrf.core.render.traversal import Pose, tet_frames_reference
+
+SLOTS = 512
+
+
+def random_rotation(rng):
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q if np.linalg.det(q) > 0 else -q
+
+
+def random_rays(count, rng):
+    """Rays from outside towards random points of the ball's box."""
+    origins = rng.normal(size=(count, 3))
+    origins = 0.5 + 1.5 * origins / np.linalg.norm(origins, axis=1, keepdims=True)
+    directions = rng.uniform(0.25, 0.75, (count, 3)) - origins
+    return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def test_frames_kernel_matches_the_reference(make_ball_field, device):
+    rng = np.random.default_rng()
+    mesh = make_ball_field(1).mesh
+    vertices = mesh.rest_vertices + rng.normal(size=mesh.rest_vertices.shape) * 0.003
+    pose = Pose(mesh, make_ball_field(1).neighbours, device)
+    pose.set_vertices(vertices)
+    geometry = pose.geometry
+    expected = tet_frames_reference(mesh.rest_vertices, vertices, mesh.tets)
+    np.testing.assert_allclose(geometry.gradients.numpy(), expected[0], rtol=1e-3, atol=2e-3)
+    np.testing.assert_allclose(geometry.rest_from_current.numpy(), expected[1], atol=1e-4)
+    np.testing.assert_allclose(geometry.rotations.numpy(), expected[2], atol=1e-4)
+    np.testing.assert_allclose(geometry.fades.numpy(), expected[3], atol=1e-4)
+
+
+def test_a_rotated_and_scaled_pose_has_that_rotation(make_ball_field, device):
+    rng = np.random.default_rng()
+    field = make_ball_field(1)
+    rotation = random_rotation(rng)
+    pose = Pose(field.mesh, field.neighbours, device)
+    pose.set_vertices(1.7 * field.mesh.rest_vertices @ rotation.T + 3.0)
+    expected = np.broadcast_to(rotation, (field.mesh.tet_count, 3, 3))
+    np.testing.assert_allclose(pose.geometry.rotations.numpy(), expected, atol=1e-4)
+    np.testing.assert_allclose(pose.geometry.fades.numpy(), 1.0)
+
+
+def test_a_mirrored_pose_keeps_its_reflection(make_ball_field, device):
+    field = make_ball_field(1)
+    pose = Pose(field.mesh, field.neighbours, device)
+    mirror = np.diag([1.0, -1.0, 1.0])
+    pose.set_vertices(field.mesh.rest_vertices @ mirror)
+    expected = np.broadcast_to(mirror, (field.mesh.tet_count, 3, 3))
+    np.testing.assert_allclose(pose.geometry.rotations.numpy(), expected, atol=1e-4)
+
+
+def test_flat_tets_fade_out(make_ball_field, device):
+    field = make_ball_field(1)
+    pose = Pose(field.mesh, field.neighbours, device)
+    pose.set_vertices(field.mesh.rest_vertices * [1.0, 1.0, 0.0])
+    assert (pose.geometry.fades.numpy() == 0.0).all()
+    assert np.isfinite(pose.geometry.gradients.numpy()).all()
+
+
+def march(field, vertices, origins, directions, device, jitter_seed=0):
+    """All pieces of all rays in one round: ray, tet, bary, length, t."""
+    pose = Pose(field.mesh, field.neighbours, device)
+    pose.set_vertices(vertices)
+    count = len(origins)
+    rays = empty_rays(count, device)
+    rays.origins.assign(origins.astype(np.float32))
+    rays.directions.assign(directions.astype(np.float32))
+    slots = empty_samples(count * SLOTS, device)
+    counts = wp.zeros(count, dtype=int, device=device)
+    wp.launch(
+        march_kernel,
+        dim=count,
+        inputs=[
+            pose.geometry,
+            wp.array(field.occupancy, dtype=wp.uint64, device=device),
+            rays,
+            wp.array(np.arange(count, dtype=np.int32), dtype=int, device=device),
+            field.options.march_step,
+            SLOTS,
+            jitter_seed,
+        ],
+        outputs=[slots, counts],
+        device=device,
+    )
+    counts = counts.numpy()
+    assert (rays.tet.numpy() == -2).all()  # every ray came to its end
+    filled = np.arange(SLOTS) < counts[:, None]
+    ray = np.nonzero(filled)[0]
+    return ray, *(
+        getattr(slots, name).numpy().reshape(count, SLOTS, *shape)[filled]
+        for name, shape in (("tet", ()), ("bary", (4,)), ("length", ()), ("t", ()))
+    )
+
+
+def bent(x):
+    """A half-turn around an axis beside the ball: no overlap."""
+    angle, radius = 2.0 * (x[:, 2] - 0.5), 0.45 + (x[:, 0] - 0.5)
+    return np.stack([0.05 + radius * np.cos(angle), x[:, 1], 0.5 + radius * np.sin(angle)], axis=1)
+
+
+@pytest.mark.parametrize("deform", [lambda x: x, bent, lambda x: (x - 0.5) * [0.7, 0.8, 1.5] + 0.5])
+def test_walks_find_the_pieces_of_the_brute_force_reference(make_ball_field, device, deform):
+    rng = np.random.default_rng()
+    field = make_ball_field(int(rng.integers(1000)), occupied_share=1.1)
+    vertices = deform(field.mesh.rest_vertices).astype(np.float32).astype(float)
+    origins, directions = random_rays(200, rng)
+    origins, directions = (a.astype(np.float32).astype(float) for a in (origins, directions))
+    ray, _tet, bary, length, t = march(field, vertices, origins, directions, device)
+    r_ray, _, _, r_in, r_out, _, r_rate = ray_pieces(field, vertices, origins, directions)
+    total = np.bincount(ray, length, minlength=200)
+    expected = np.bincount(r_ray, (r_out - r_in) * r_rate, minlength=200)
+    np.testing.assert_allclose(total, expected, atol=2e-5)  # the whole chord, nothing twice
+    assert (np.diff(t)[np.diff(ray) == 0] > -1e-6).all()  # in order
+    assert bary.min() > -1e-3
+    np.testing.assert_allclose(bary.sum(axis=1), 1.0, atol=1e-4)
+
+
+def test_rays_through_vertices_and_edges_do_not_get_lost(make_ball_field, device):
+    rng = np.random.default_rng()
+    field = make_ball_field(2, occupied_share=1.1)
+    rest = field.mesh.rest_vertices
+    pairs = field.mesh.tets[rng.integers(0, field.mesh.tet_count, 300)][:, :2]
+    targets = np.concatenate([rest[pairs[:150, 0]], rest[pairs[150:]].mean(axis=1)])
+    origins = 0.5 + 2.0 * np.eye(3)[rng.integers(0, 3, 300)] + rng.normal(size=(300, 3)) * 0.01
+    directions = targets - origins
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    ray, _, _, length, _ = march(field, rest, origins, directions, device)
+    r_ray, _, _, r_in, r_out, _, r_rate = ray_pieces(field, rest, origins, directions)
+    total = np.bincount(ray, length, minlength=300)
+    expected = np.bincount(r_ray, (r_out - r_in) * r_rate, minlength=300)
+    # Only a ray that grazes the boundary within rounding may miss a tet there.
+    assert (np.abs(total - expected) > 1e-3).sum() <= 1
+
+
+def test_rays_that_start_inside_see_what_lies_ahead(make_ball_field, device):
+    rng = np.random.default_rng()
+    field = make_ball_field(4, occupied_share=1.1)
+    rest = field.mesh.rest_vertices
+    origins, directions = random_rays(200, rng)
+    origins = rng.uniform(0.35, 0.65, (200, 3)).astype(np.float32).astype(float)
+    ray, _, _, length, _ = march(field, rest, origins, directions, device)
+    r_ray, _, _, r_in, r_out, _, r_rate = ray_pieces(field, rest, origins, directions)
+    total = np.bincount(ray, length, minlength=200)
+    expected = np.bincount(r_ray, (r_out - r_in) * r_rate, minlength=200)
+    assert expected.min() > 0.05
+    np.testing.assert_allclose(total, expected, atol=1e-4)
+
+
+def test_jitter_moves_samples_inside_their_pieces_only(make_ball_field, device):
+    rng = np.random.default_rng()
+    field = make_ball_field(3, occupied_share=1.1)
+    origins, directions = random_rays(100, rng)
+    rest = field.mesh.rest_vertices
+    still = march(field, rest, origins, directions, device)
+    moved = march(field, rest, origins, directions, device, jitter_seed=7)
+    for i in (0, 1, 3, 4):  # ray, tet, length, t: the pieces themselves stay
+        np.testing.assert_array_equal(still[i], moved[i])
+    corners = rest[field.mesh.tets[still[1]]]
+    apart = np.einsum("nc,ncx->nx", moved[2] - still[2], corners)
+    along = np.einsum("nx,nx->n", apart, directions[still[0]])
+    assert (np.abs(along) <= 0.5 * still[3] + 1e-5).all()
+    np.testing.assert_allclose(apart, along[:, None] * directions[still[0]], atol=1e-5)
+    assert np.abs(along).mean() > 0.2 * still[3].mean()
