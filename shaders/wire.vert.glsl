@@ -1,9 +1,11 @@
 #version 330
-// The edges of the boundary faces.
+// The edges of the boundary faces, drawn a little nearer than they are.
 uniform mat4 world_to_camera;
 uniform mat4 projection;
+uniform float bias;
 in vec3 position;
 
 void main() {
-    gl_Position = projection * world_to_camera * vec4(position, 1);
+    vec3 local = (world_to_camera * vec4(position, 1)).xyz;
+    gl_Position = projection * vec4(local - bias * normalize(local), 1);
 }

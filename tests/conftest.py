@@ -100,3 +100,45 @@ def _write_dataset(folder, images, split="test", names=None, paths=None, **scene
     scene = {key: value for key, value in scene.items() if value is not None}
     (folder / f"transforms_{split}.json").write_text(json.dumps(scene))
     return folder
+
+
+@pytest.fixture(scope="session")
+def ball():
+    """A solid ball of random colors on 364 tets, quick to render: for the viewer's tests."""
+    from deformrf.core.field.field import FieldOptions, random_field
+    from deformrf.core.geometry.lattice import a15_grid
+    from deformrf.core.geometry.mesh import extract, tet_neighbours
+
+    grid = a15_grid(1 / 14)
+    centers = grid.rest_vertices[grid.tets].mean(axis=1) - 0.5
+    mesh, _ = extract(grid, np.linalg.norm(centers * [1.3, 1.3, 1.0], axis=1) < 0.42)
+    options = FieldOptions(3, 2**12, (16,), (16,), march_step=0.01)
+    field = random_field(mesh, tet_neighbours(mesh.tets), options, contrast=2.0)
+    weights, bias = (array.copy() for array in field.density_layers[-1])
+    weights[:, 0], bias[0] = 0.0, 6.0
+    return replace(field, density_layers=(*field.density_layers[:-1], (weights, bias)))
+
+
+@pytest.fixture(scope="session")
+def ball_file(ball, tmp_path_factory):
+    """The ball as a model file."""
+    from deformrf.core.field import modelfile
+
+    path = tmp_path_factory.mktemp("model") / "ball.npz"
+    modelfile.save(ball, path)
+    return path
+
+
+@pytest.fixture
+def window():
+    """A window without a display, and its OpenGL context: (window, context)."""
+    from deformrf.viewer.window import WindowError, open_window
+
+    try:
+        window, context = open_window((320, 240), headless=True)
+    except WindowError as error:
+        pytest.skip(str(error))
+    yield window, context
+    if window.context is not None:  # an App closes its own
+        context.release()
+        window.close()

@@ -60,6 +60,9 @@ class Gui:
     """ImGui attached to one window.
 
     Make it after the view has registered its handlers: the last one pushed is asked first.
+
+    Attributes:
+        mouse_on_panel: Whether the mouse was last seen over a panel.
     """
 
     def __init__(self, window):
@@ -78,6 +81,7 @@ class Gui:
         self._time = time.perf_counter()
         self._rectangles = []  # of the panels in the last frame: left, top, right, bottom
         self._building = []
+        self.mouse_on_panel = False
         self._captured = set()  # buttons that were pressed on a panel
         self._failed = set()
         window.push_handlers(self)
@@ -94,18 +98,19 @@ class Gui:
 
     def covers(self, x: float, y: float) -> bool:
         """Whether a panel is at that position of the window, or a popup is open."""
-        top = self.window.height - y
+        top = self.window.height - 1 - y
         inside = any(
             left <= x <= right and low <= top <= high for left, low, right, high in self._rectangles
         )
         return inside or imgui.is_popup_open("", imgui.PopupFlags_.any_popup.value)
 
     def _move(self, x, y):
-        self._io.add_mouse_pos_event(x, self.window.height - y)
+        self._io.add_mouse_pos_event(x, self.window.height - 1 - y)
+        self.mouse_on_panel = self.covers(x, y)
 
     def on_mouse_motion(self, x, y, dx, dy):
         self._move(x, y)
-        return self.covers(x, y) or None
+        return self.mouse_on_panel or None
 
     def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
         self._move(x, y)
@@ -113,8 +118,7 @@ class Gui:
 
     def on_mouse_press(self, x, y, button, modifiers):
         self._move(x, y)
-        if not self.covers(x, y):
-            self._io.add_focus_event(True)
+        if not self.mouse_on_panel:
             return None
         self._captured.add(button)
         self._io.add_mouse_button_event(BUTTONS.get(button, 0), True)
@@ -193,9 +197,14 @@ class Gui:
         if panel in self._failed:
             imgui.text_disabled(f"{panel.__name__} failed, see the log")
             return
+        state = imgui.internal.ErrorRecoveryState()
+        imgui.internal.error_recovery_store_state(state)
         try:
             panel(*arguments)
         except Exception:
+            self._io.config_error_recovery_enable_assert = False  # to close what it opened
+            imgui.internal.error_recovery_try_to_recover_state(state)
+            self._io.config_error_recovery_enable_assert = True
             self._failed.add(panel)
             log.exception("the panel %s failed and is left out", panel.__name__)
 
@@ -221,6 +230,7 @@ def _set_style(style):
     colors = imgui.Col_
     dark = tuple(0.8 * c for c in ACCENT)
     for name, color in {
+        colors.text_disabled: (0.38, 0.39, 0.42, 1.0),
         colors.window_bg: (0.97, 0.97, 0.98, 0.94),
         colors.border: (0.0, 0.0, 0.0, 0.12),
         colors.title_bg: (0.90, 0.90, 0.92, 0.96),

@@ -135,6 +135,8 @@ class App:
         size = self._size()
         self.controls.size = size
         self.controls.ratio = size[0] / max(self.window.width, 1)
+        if self.gui is not None and self.gui.mouse_on_panel and not self.controls.mode:
+            scene.hover = None
         with times.stage("simulate"):
             scene.advance(seconds)
         camera = self.controls.camera
@@ -246,7 +248,7 @@ class App:
     def _pixel(self, x, y):
         """From pyglet's position (points, y up) to the image's pixel (y down)."""
         ratio = self.controls.ratio
-        return x * ratio, self.controls.size[1] - y * ratio
+        return (x + 0.5) * ratio, self.controls.size[1] - (y + 0.5) * ratio
 
     # -- log -----------------------------------------------------------------------------
 
@@ -275,6 +277,7 @@ class App:
             moving=scene.moving,
             paused=scene.paused,
             refined=self.radiance.refined,
+            frame_seconds=self.status.times.frame_seconds(),
             yaw=scene.orbit.yaw,
             pitch=scene.orbit.pitch,
             distance=scene.orbit.distance,
@@ -284,14 +287,9 @@ class App:
 
 def _prepare(field, name, device):
     """Scene and renderer, every kernel compiled."""
-    import numpy as np
-
-    from ..core.render.camera import Camera, look_at
-
     scene = Scene(field, name, device)
     scene.warm_up()
     renderer = Renderer(field, device)
     renderer.set_vertices(scene.solver.vertices)
-    eye = scene.center + np.array([0.0, -2.0, 0.0])
-    renderer.render(Camera(look_at(eye, scene.center), 16.0, 16, 16))
+    renderer.render(orbits.camera(scene.orbit, 16, 16))
     return scene, renderer

@@ -12,7 +12,7 @@ from ..core.render.camera import view_projection
 from . import gl
 from . import orbit as orbits
 
-RED, ORANGE, YELLOW = (0.86, 0.09, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
+RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
 PIN_BLUE = (0.42, 0.50, 0.62)
 HOVER_SCALE, PIN_SCALE = 1.35, 0.6
 WIRE_TINT = (0.10, 0.12, 0.16, 0.45)
@@ -56,7 +56,8 @@ class MeshLayer:
         if self._wire_revision != scene.revision:
             self._wire_buffer.write(np.ascontiguousarray(scene.positions, np.float32))
             self._wire_revision = scene.revision
-        gl.set_uniforms(self._wire.program, tint=WIRE_TINT, **matrices)
+        bias = 0.5 * scene.handle_radius  # the depth it is tested against may be coarse
+        gl.set_uniforms(self._wire.program, tint=WIRE_TINT, bias=bias, **matrices)
         self._wire.render(moderngl.LINES)
 
     def _draw_spheres(self, scene, camera, clip_range, matrices):

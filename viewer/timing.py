@@ -43,6 +43,10 @@ class StageTimes:
         """Seconds of one stage in the present, unfinished frame."""
         return self._now[name]
 
+    def frame_seconds(self) -> float:
+        """Mean length of the last frames."""
+        return float(np.mean(self.frames))
+
     def medians(self) -> dict[str, float]:
         """Median seconds per stage over the last frames."""
         return {name: float(np.median(values)) for name, values in self._stages.items()}

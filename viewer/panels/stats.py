@@ -6,7 +6,7 @@ from imgui_bundle import imgui
 
 def stats_panel(scene, actions, status):
     frames = np.array(status.times.frames, np.float32)
-    mean = float(frames.mean())
+    mean = status.times.frame_seconds()
     imgui.text(f"{1e3 * mean:.1f} ms a frame, {1.0 / max(mean, 1e-6):.0f} frames a second")
     imgui.plot_lines("##frames", 1e3 * frames, scale_min=0.0, graph_size=(-1.0, 40.0))
     for name, seconds in status.times.medians().items():

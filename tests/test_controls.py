@@ -1,0 +1,171 @@
+"""What the mouse and the keys mean, without any window."""
+
+import numpy as np
+import pytest
+
+from deformrf.viewer import controls as c
+from deformrf.viewer import picking
+from deformrf.viewer.actions import Actions
+from deformrf.viewer.scene import Scene
+
+SIZE = 320, 240
+
+
+@pytest.fixture
+def scene(ball):
+    return Scene(ball, "ball", "cpu")
+
+
+@pytest.fixture
+def events():
+    return []
+
+
+@pytest.fixture
+def controls(scene, events):
+    made = c.Controls(scene, lambda: None, lambda name, **fields: events.append((name, fields)))
+    made.size = SIZE
+    return made
+
+
+def pixel_of(controls, vertex):
+    pixels, _ = picking.project(controls.camera, controls.scene.positions[vertex][None])
+    return pixels[0]
+
+
+def front_vertex(controls):
+    """The control vertex nearest to the camera."""
+    scene = controls.scene
+    _, t = picking.project(controls.camera, scene.positions[scene.control_ids])
+    return int(scene.control_ids[t.argmin()])
+
+
+def test_a_dragged_vertex_stays_under_the_mouse(controls, scene):
+    vertex = front_vertex(controls)
+    press = pixel_of(controls, vertex) + np.array([2.0, -1.0])
+    controls.press(press, "left")
+    assert controls.mode == "grab"
+    controls.drag(press + np.array([30.0, -20.0]), 30, -20)
+    scene.advance(1 / 30)
+    assert pixel_of(controls, vertex) == pytest.approx(press + np.array([28.0, -19.0]), abs=0.01)
+    forward = controls.camera.forward
+    moved = scene.positions[vertex] - scene.field.mesh.rest_vertices[vertex]
+    assert moved @ forward == pytest.approx(0, abs=1e-5)
+
+
+def test_released_the_object_goes_back(controls, scene, events):
+    press = pixel_of(controls, front_vertex(controls))
+    controls.press(press, "left")
+    controls.drag(press + np.array([20.0, 0.0]), 20, 0)
+    scene.advance(1 / 30)
+    controls.release("left")
+    assert (controls.mode, scene.grabbed) == ("", None)
+    for _ in range(300):
+        scene.advance(1 / 60)
+    assert scene.displacements().max() < 0.01
+    assert [name for name, _ in events] == ["grab", "release"]
+
+
+def test_pins_do_not_move_with_a_drag(controls, scene):
+    scene.settings.grab_radius = 2.0  # everything
+    press = pixel_of(controls, front_vertex(controls))
+    controls.press(press, "left")
+    controls.drag(press + np.array([30.0, 0.0]), 30, 0)
+    scene.advance(1 / 30)
+    assert scene.displacements()[scene.pins].max() < 1e-6
+    assert scene.displacements()[~scene.pins].max() > 0.05
+
+
+def test_beside_a_vertex_the_left_button_orbits(controls, scene):
+    before = scene.orbit
+    controls.press((5, 5), "left")
+    controls.drag((15, 5), 10, 0)
+    controls.release("left")
+    assert scene.orbit.yaw != before.yaw
+    assert scene.orbit.target == pytest.approx(before.target)
+
+
+@pytest.mark.parametrize("button", ["middle", "right"])
+def test_the_other_buttons_pan_even_on_a_vertex(controls, scene, button):
+    before = scene.orbit
+    controls.press(pixel_of(controls, front_vertex(controls)), button)
+    controls.drag((0, 0), 10, 0)
+    controls.release(button)
+    assert scene.orbit.yaw == before.yaw
+    assert np.linalg.norm(scene.orbit.target - before.target) > 0
+
+
+def test_a_second_button_changes_nothing(controls, scene):
+    controls.press((5, 5), "left")
+    controls.press((5, 5), "right")
+    assert controls.mode == "orbit"
+    controls.release("right")
+    assert controls.mode == "orbit"
+    controls.release("left")
+    assert controls.mode == ""
+
+
+def test_the_wheel_keeps_the_point_under_the_mouse(controls, scene):
+    depth = np.full((24, 32), 1.9, np.float32)
+    controls._depth_image = lambda: depth
+    pixel = (200.0, 90.0)
+    point = controls._surface_at(pixel)
+    before = scene.orbit.distance
+    controls.scroll(pixel, 2)
+    assert scene.orbit.distance < before
+    pixels, _ = picking.project(controls.camera, point[None])
+    assert pixels[0] == pytest.approx(pixel)
+
+
+def test_a_vertex_hidden_behind_the_object_is_not_picked(controls, scene):
+    vertex = front_vertex(controls)
+    pixel = pixel_of(controls, vertex)
+    controls.motion(pixel)
+    assert scene.hover == vertex
+    controls._depth_image = lambda: np.full((24, 32), 0.5, np.float32)
+    controls.motion(pixel)
+    assert scene.hover is None
+
+
+def test_hidden_handles_cannot_be_grabbed(controls, scene):
+    scene.settings.show_handles = False
+    controls.press(pixel_of(controls, front_vertex(controls)), "left")
+    assert controls.mode == "orbit"
+
+
+def test_cancel_puts_everything_back(controls, scene):
+    before = scene.positions.copy()
+    press = pixel_of(controls, front_vertex(controls))
+    controls.press(press, "left")
+    controls.drag(press + np.array([40.0, 10.0]), 40, 10)
+    scene.advance(1 / 30)
+    controls.cancel()
+    assert scene.positions == pytest.approx(before)
+    controls.drag(press, 1, 1)  # the button is still down
+    controls.release("left")
+    assert scene.grabbed is None
+
+
+def test_every_key_has_an_action_and_every_action_a_key():
+    actions = {name for name in vars(Actions) if not name.startswith("_")}
+    assert {entry.action for entry in c.INPUTS if entry.key} == actions
+    keys = [entry.key for entry in c.INPUTS if entry.key]
+    assert len(keys) == len(set(keys))
+
+
+@pytest.mark.gl
+def test_keys_are_named_as_pyglet_names_them(window):
+    from pyglet.window import key
+
+    for entry in c.INPUTS:
+        assert not entry.key or hasattr(key, entry.key.removeprefix("CTRL+")), entry
+
+
+def test_ctrl_tells_two_keys_apart():
+    assert c.action_of("Q", ctrl=True) == "quit"
+    assert c.action_of("Q", ctrl=False) is None
+    assert c.action_of("R", ctrl=True) is None
+
+
+def test_escape_does_not_quit():
+    assert c.action_of("ESCAPE", ctrl=False) == "cancel"

@@ -1,0 +1,169 @@
+"""ImGui in a pyglet window: what reaches the view and what stays with the panel."""
+
+import pytest
+
+pytestmark = pytest.mark.gl
+
+
+class Panel:
+    """One panel at the left with a slider, a button and a text field, and a view behind it."""
+
+    def __init__(self, window, context):
+        from deformrf.viewer.gui import Gui
+
+        self.window, self.context = window, context
+        self.seen, self.clicks, self.value, self.text = [], 0, 0.5, ""
+        window.push_handlers(
+            on_mouse_press=lambda x, y, b, m: self.seen.append("press"),
+            on_mouse_drag=lambda x, y, dx, dy, b, m: self.seen.append("drag"),
+            on_mouse_release=lambda x, y, b, m: self.seen.append("release"),
+            on_mouse_motion=lambda x, y, dx, dy: self.seen.append("motion"),
+            on_mouse_scroll=lambda x, y, sx, sy: self.seen.append("scroll"),
+            on_key_press=lambda s, m: self.seen.append("key") or True,
+        )
+        self.gui = Gui(window)
+        for _ in range(3):
+            self.frame()
+
+    def frame(self, *extra):
+        from imgui_bundle import imgui
+
+        self.window.switch_to()
+        self.context.screen.use()
+        self.context.clear()
+        self.gui.begin()
+        imgui.set_next_window_pos((10, 10))
+        imgui.set_next_window_size((180, 200))
+        imgui.begin("panel")
+        _, self.value = imgui.slider_float("value", self.value, 0.0, 1.0)
+        self.slider = self.middle()
+        self.clicks += imgui.button("go")
+        self.button = self.middle()
+        _, self.text = imgui.input_text("text", self.text)
+        self.field = self.middle()
+        for panel in extra:
+            self.gui.guarded(panel)
+        self.gui.claim()
+        imgui.end()
+        self.gui.end()
+        self.window.flip()
+
+    def middle(self):
+        """The middle of the last item, in pyglet's coordinates."""
+        from imgui_bundle import imgui
+
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        y = self.window.height - 1 - 0.5 * (low.y + high.y)
+        return round(low.x + 0.25 * (high.x - low.x)), round(y)
+
+    def send(self, name, *arguments):
+        self.window.dispatch_event(name, *arguments)  # outside of pyglet's loop it is queued
+        self.window.dispatch_events()
+
+    def click(self, at, frames_between=True):
+        from pyglet.window import mouse
+
+        self.send("on_mouse_motion", *at, 0, 0)
+        if frames_between:
+            self.frame()
+        self.send("on_mouse_press", *at, mouse.LEFT, 0)
+        self.frame()
+        self.send("on_mouse_release", *at, mouse.LEFT, 0)
+        self.frame()
+        self.frame()
+
+
+OUTSIDE = 280, 30
+
+
+@pytest.fixture
+def panel(window):
+    made = Panel(*window)
+    yield made
+    made.gui.close()
+
+
+def test_a_click_on_a_button_is_not_the_views(panel):
+    panel.click(panel.button)
+    assert panel.clicks == 1
+    assert panel.seen == []
+
+
+def test_not_even_if_the_mouse_jumped_there_without_a_frame_between(panel):
+    panel.click(OUTSIDE)
+    panel.seen.clear()
+    panel.click(panel.button, frames_between=False)
+    assert panel.seen == []
+
+
+def test_a_click_beside_the_panel_is_the_views_even_after_a_jump(panel):
+    panel.click(panel.button)
+    panel.click(OUTSIDE, frames_between=False)
+    assert panel.seen == ["motion", "press", "release"]
+
+
+def test_a_slider_keeps_the_drag_that_leaves_the_panel(panel):
+    from pyglet.window import mouse
+
+    x, y = panel.slider
+    panel.send("on_mouse_motion", x, y, 0, 0)
+    panel.frame()
+    panel.send("on_mouse_press", x, y, mouse.LEFT, 0)
+    panel.frame()
+    for k in range(1, 20):
+        panel.send("on_mouse_drag", x + 10 * k, y, 10, 0, mouse.LEFT, 0)
+        panel.frame()
+    panel.send("on_mouse_release", x + 190, y, mouse.LEFT, 0)
+    panel.frame()
+    assert panel.value == 1.0
+    assert panel.seen == []
+
+
+def test_a_drag_of_the_view_that_ends_over_the_panel_ends(panel):
+    from pyglet.window import mouse
+
+    panel.send("on_mouse_press", *OUTSIDE, mouse.LEFT, 0)
+    panel.frame()
+    panel.send("on_mouse_drag", *panel.button, -100, 50, mouse.LEFT, 0)
+    panel.frame()
+    panel.send("on_mouse_release", *panel.button, mouse.LEFT, 0)
+    panel.frame()
+    assert panel.seen == ["press", "drag", "release"]
+    assert panel.clicks == 0
+
+
+def test_the_wheel_belongs_to_what_is_under_the_mouse(panel):
+    panel.send("on_mouse_scroll", *panel.button, 0, 1)
+    assert panel.seen == []
+    panel.send("on_mouse_scroll", *OUTSIDE, 0, 1)
+    assert panel.seen == ["scroll"]
+
+
+def test_keys_are_shortcuts_except_while_text_is_typed(panel):
+    from pyglet.window import key
+
+    panel.click(panel.button)
+    panel.send("on_key_press", key.SPACE, 0)
+    assert panel.seen == ["key"]
+    panel.seen.clear()
+    panel.click(panel.field)
+    panel.send("on_key_press", key.A, 0)
+    panel.send("on_text", "a")
+    panel.frame()
+    assert panel.text == "a"
+    assert panel.seen == []
+
+
+def test_a_panel_that_fails_is_left_out_and_the_rest_goes_on(panel, caplog):
+    from imgui_bundle import imgui
+
+    def faulty_panel():
+        imgui.begin_table("never ended", 2)
+        imgui.push_id("never popped")
+        raise KeyError("no such thing")
+
+    for _ in range(3):
+        panel.frame(faulty_panel)
+    panel.click(panel.button)
+    assert panel.clicks == 1
+    assert caplog.text.count("faulty_panel failed") == 1

@@ -1,0 +1,108 @@
+"""Spheres where the vertices are, hidden where the object is in front."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.render.render import Renderer
+from deformrf.viewer import orbit as orbits
+from deformrf.viewer import picking
+from deformrf.viewer.gl import Canvas
+from deformrf.viewer.mesh_layer import PIN_SCALE, MeshLayer, sphere_instances
+from deformrf.viewer.radiance_layer import RadianceLayer
+from deformrf.viewer.scene import Scene
+from deformrf.viewer.timing import StageTimes
+
+SIZE = 400, 300
+
+
+@pytest.fixture
+def scene(ball):
+    made = Scene(ball, "ball", "cpu")
+    made.settings.background = (0.0, 0.0, 0.0)
+    return made
+
+
+def is_red(image):
+    r, g, b = np.moveaxis(image.astype(int), -1, 0)
+    return (r > 80) & (g < 0.45 * r) & (b < 0.45 * r)
+
+
+def draw(scene, context, objects=True):
+    """The picture with or without the field behind the spheres; and the depth image."""
+    camera = orbits.camera(scene.orbit, *SIZE)
+    clip_range = orbits.clip_range(scene.orbit)
+    layer = RadianceLayer(context, Renderer(scene.field), "cpu", "copy")
+    layer.update(scene, camera, StageTimes(), whole=True)
+    canvas = Canvas(context)
+    canvas.use(SIZE)
+    context.clear(0, 0, 0, 1, depth=1.0)
+    if objects:
+        layer.draw(camera, clip_range)
+    MeshLayer(context, scene).draw(scene, camera, clip_range)
+    return canvas.read(), layer.depth_image(), camera
+
+
+@pytest.mark.gl
+def test_a_sphere_is_where_picking_says_and_as_large(scene, window):
+    image, _, camera = draw(scene, window[1], objects=False)
+    pixels, t = picking.project(camera, scene.positions[scene.control_ids])
+    for (x, y), distance in zip(pixels, t, strict=True):
+        assert is_red(image)[int(y), int(x)] or image[int(y), int(x)].max() > 80
+        assert distance > 0
+    lone = pixels[:, 0].argmin()  # the leftmost one has nothing to its left
+    x, y = pixels[lone]
+    row = is_red(image)[int(y), : int(x) + 1]
+    radius = camera.focal * scene.handle_radius / t[lone]
+    assert row.sum() == pytest.approx(radius, abs=1.5)
+
+
+@pytest.mark.gl
+def test_a_sphere_shows_exactly_where_it_can_be_picked(scene, window):
+    image, depth, camera = draw(scene, window[1])
+    points = scene.positions[scene.control_ids]
+    shown = picking.visible(camera, points, depth, scene.handle_bias)
+    pixels, _ = picking.project(camera, points)
+    red = is_red(image)
+    at_center = np.array([red[int(y), int(x)] for x, y in pixels])
+    assert 5 < shown.sum() < len(shown) - 5
+    # A sphere's front is a radius nearer than its centre, so that a few show more than picked.
+    assert (at_center[shown]).mean() > 0.95
+    assert (at_center[~shown]).mean() < 0.35
+
+
+@pytest.mark.gl
+def test_wires_are_drawn_when_asked_for(scene, window):
+    scene.settings.show_handles = False
+    scene.settings.background = (1.0, 1.0, 1.0)
+    plain, _, _ = draw(scene, window[1])
+    scene.settings.show_wireframe = True
+    wired, _, _ = draw(scene, window[1])
+    changed = (plain != wired).any(axis=-1)
+    assert 0.005 < changed.mean() < 0.2
+
+
+def test_hovered_is_larger_and_grabbed_has_another_color(scene):
+    vertex = int(scene.control_ids[0])
+    at = scene.positions[vertex]
+
+    def instance():
+        return next(row for row in sphere_instances(scene) if np.array_equal(row[:3], at))
+
+    plain = instance()
+    scene.hover = vertex
+    hovered = instance()
+    scene.grab(vertex)
+    grabbed = instance()
+    assert hovered[3] > plain[3]
+    colors = {tuple(row[4:]) for row in (plain, hovered, grabbed)}
+    assert len(colors) == 3
+
+
+def test_pins_are_smaller_and_not_red(scene):
+    rows = sphere_instances(scene)
+    pins = rows[rows[:, 3] < scene.handle_radius * 0.99]
+    assert len(pins) == scene.pins.sum()
+    assert pins[:, 3] == pytest.approx(PIN_SCALE * scene.handle_radius)
+    assert (pins[:, 6] > pins[:, 4]).all()
+    scene.hold(False)
+    assert len(sphere_instances(scene)) == len(scene.control_ids)

@@ -1,0 +1,71 @@
+"""Pixels to vertices and back."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.render import camera as pinhole
+from deformrf.viewer import picking
+
+CAMERA = pinhole.Camera(pinhole.look_at([0.5, -2, 0.8], [0.5, 0.5, 0.5]), 200.0, 160, 120)
+
+
+def test_project_agrees_with_the_rays_of_the_renderer():
+    origins, directions = pinhole.rays(CAMERA)
+    t = np.linspace(1, 3, len(origins))
+    pixels, distances = picking.project(CAMERA, origins + t[:, None] * directions)
+    u, v = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
+    np.testing.assert_allclose(pixels, np.stack([u.ravel(), v.ravel()], axis=1), atol=1e-9)
+    np.testing.assert_allclose(distances, t)
+
+
+def test_ray_direction_is_the_renderers():
+    _, directions = pinhole.rays(CAMERA)
+    np.testing.assert_allclose(
+        picking.ray_direction(CAMERA, (33.5, 70.5)), directions[70 * 160 + 33], atol=1e-12
+    )
+
+
+def test_what_is_behind_the_camera_is_nowhere():
+    behind = CAMERA.position - 0.1 * CAMERA.forward
+    pixels, t = picking.project(CAMERA, behind[None])
+    assert np.isnan(pixels).all()
+    assert t[0] == -np.inf
+    assert not picking.visible(CAMERA, behind[None], None, 0.1)[0]
+    assert picking.pick(CAMERA, (80, 60), behind[None], 0.1, np.array([True]), 5) is None
+
+
+def test_the_view_plane_goes_through_the_point_and_faces_the_camera():
+    point = np.array([0.6, 0.4, 0.3])
+    moved = picking.onto_view_plane(CAMERA, (20.0, 90.0), point)
+    pixels, _ = picking.project(CAMERA, moved[None])
+    assert pixels[0] == pytest.approx([20, 90])
+    assert (moved - point) @ CAMERA.forward == pytest.approx(0)
+
+
+def test_depth_at_reads_an_image_of_fewer_pixels():
+    depth = np.arange(12.0).reshape(3, 4)  # 40 x 40 pixels of the camera each
+    pixels = np.array([[0.0, 0.0], [159.9, 119.9], [41.0, 81.0], [-1.0, 5.0], [np.nan, 1.0]])
+    assert picking.depth_at(depth, CAMERA, pixels).tolist() == [0, 11, 9, np.inf, np.inf]
+
+
+def test_hidden_is_what_lies_deeper_than_the_bias():
+    depth = np.full((120, 160), 2.5, np.float32)
+    direction = picking.ray_direction(CAMERA, (80, 60))
+    points = CAMERA.position + np.array([[2.4], [2.52], [2.6]]) * direction
+    assert picking.visible(CAMERA, points, depth, 0.05).tolist() == [True, True, False]
+
+
+def test_the_nearest_of_the_shown_spheres_is_picked():
+    direction = picking.ray_direction(CAMERA, (80, 60))
+    points = CAMERA.position + np.array([[3.0], [2.0], [1.5]]) * direction
+    shown = np.array([True, True, False])
+    assert picking.pick(CAMERA, (80, 60), points, 0.02, shown, 2.0) == 1
+
+
+def test_a_miss_within_the_slack_counts():
+    point = picking.onto_view_plane(CAMERA, (80, 60), [0.5, 0.5, 0.5])
+    radius = 0.02
+    edge = 200.0 * radius / np.linalg.norm(point - CAMERA.position)
+    for beside, hit in [(edge + 4.0, 0), (edge + 6.0, None)]:
+        pixel = (80 + beside, 60)
+        assert picking.pick(CAMERA, pixel, point[None], radius, np.array([True]), 5.0) == hit

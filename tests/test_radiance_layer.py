@@ -1,0 +1,124 @@
+"""The field's image in OpenGL: right pixels, right depth, no work without a change."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.viewer import orbit as orbits
+from deformrf.viewer.gl import Canvas, depth_terms
+from deformrf.viewer.radiance_layer import REST_SECONDS, RadianceLayer
+from deformrf.viewer.scene import Scene
+from deformrf.viewer.timing import StageTimes
+
+pytestmark = pytest.mark.gl
+SIZE = 160, 120
+
+
+class Stage:
+    """A scene, its layer, and a clock that passes when told to."""
+
+    def __init__(self, field, context):
+        self.scene = Scene(field, "ball", "cpu")
+        self.renderer = Renderer(field)
+        self.now = 0.0
+        self.layer = RadianceLayer(context, self.renderer, "cpu", "copy", lambda: self.now)
+        self.canvas = Canvas(context)
+
+    @property
+    def camera(self):
+        return orbits.camera(self.scene.orbit, *SIZE)
+
+    def frame(self, whole=False, passing=0.01):
+        self.now += passing
+        self.layer.update(self.scene, self.camera, StageTimes(), whole)
+        self.canvas.use(SIZE)
+        self.layer.draw(self.camera, orbits.clip_range(self.scene.orbit))
+        return self.canvas.read()
+
+    def reference(self):
+        self.renderer.set_vertices(self.scene.solver.vertices)
+        return self.renderer.render(self.camera, RenderOptions())
+
+
+@pytest.fixture
+def stage(ball, window):
+    return Stage(ball, window[1])
+
+
+def test_at_full_resolution_the_pixels_are_the_renderers(stage):
+    shown = stage.frame(whole=True)
+    wanted = stage.reference().color_array()[:, :, :3]
+    assert abs(shown.astype(int) - wanted).max() <= 1
+    assert wanted.std() > 20
+
+
+def test_the_depth_written_is_the_depth_of_the_surface(stage, window):
+    stage.frame(whole=True)
+    framebuffer = stage.canvas._framebuffer
+    raw = framebuffer.read(attachment=-1, components=1, dtype="f4", alignment=1)
+    written = np.frombuffer(raw, "f4").reshape(SIZE[::-1])[::-1]
+    t = stage.reference().depth_array()
+    camera, (near, far) = stage.camera, orbits.clip_range(stage.scene.orbit)
+    x = (np.arange(160) + 0.5 - 80) / camera.focal
+    y = (np.arange(120) + 0.5 - 60) / camera.focal
+    z = t / np.sqrt(1 + x[None] ** 2 + y[:, None] ** 2)
+    a, b = depth_terms(near, far)
+    assert a + b / near == pytest.approx(0)
+    assert a + b / far == pytest.approx(1)
+    hit = np.isfinite(t)
+    assert 0.1 < hit.mean() < 0.9
+    assert written[hit] == pytest.approx((a + b / z)[hit], abs=1e-5)
+    assert (written[~hit] == 1).all()
+
+
+def test_moving_it_is_coarse_and_at_rest_it_becomes_the_full_image(stage):
+    stage.frame()
+    assert stage.layer.factor < 1
+    assert stage.layer.refined == 0
+    stage.frame(passing=0.5 * REST_SECONDS)
+    assert stage.layer.refined == 0  # it may go on moving
+    for _ in range(200):
+        shown = stage.frame(passing=REST_SECONDS)
+    assert stage.layer.refined == 1
+    wanted = stage.reference().color_array()[:, :, :3]
+    assert abs(shown.astype(int) - wanted).max() <= 1
+
+
+def test_without_a_change_nothing_is_rendered(stage):
+    for _ in range(5):
+        stage.frame(whole=True)
+    assert stage.layer.render_count == 1
+
+
+@pytest.mark.parametrize("change", ["camera", "vertices", "background"])
+def test_each_change_is_rendered_once(stage, change):
+    stage.frame(whole=True)
+    if change == "camera":
+        stage.scene.orbit = orbits.turned(stage.scene.orbit, 9, 3, 120)
+    elif change == "vertices":
+        stage.scene.solver.set_state(stage.scene.positions + np.float32(0.05))
+        stage.scene.revision += 1
+    else:
+        stage.scene.settings.background = (0.1, 0.2, 0.3)
+    before = stage.reference().color_array()
+    for _ in range(3):
+        shown = stage.frame(whole=True)
+    assert stage.layer.render_count == 2
+    if change == "background":
+        assert shown[0, 0].tolist() == pytest.approx([26, 51, 76], abs=1)
+    else:
+        assert abs(shown.astype(int) - before[:, :, :3]).max() <= 1
+
+
+def test_a_fixed_resolution_is_kept(stage):
+    stage.scene.settings.automatic_resolution = False
+    stage.scene.settings.fixed_resolution = 0.25
+    stage.frame()
+    assert stage.layer.depth_image().shape == (30, 40)
+
+
+def test_another_size_of_the_window_is_another_image(stage):
+    stage.frame(whole=True)
+    camera = orbits.camera(stage.scene.orbit, 90, 70)
+    stage.layer.update(stage.scene, camera, StageTimes(), whole=True)
+    assert stage.layer.depth_image().shape == (70, 90)

@@ -1,0 +1,127 @@
+"""Time, the grab, and the user's choices, without OpenGL."""
+
+import numpy as np
+import pytest
+
+from deformrf.viewer.scene import MAX_STEPS, STEP, Scene
+
+
+@pytest.fixture
+def scene(ball):
+    return Scene(ball, "ball", "cpu")
+
+
+@pytest.fixture
+def steps(scene, monkeypatch):
+    """The lengths of the solver's steps."""
+    taken = []
+    monkeypatch.setattr(scene.solver, "step", taken.append)
+    return taken
+
+
+def grab_free(scene):
+    vertex = int(scene.control_ids[0])
+    scene.grab(vertex)
+    return vertex
+
+
+def test_at_rest_nothing_is_computed_and_nothing_is_new(scene, steps):
+    revision = scene.revision
+    scene.advance(1.0)
+    assert steps == []
+    assert scene.revision == revision
+    assert not scene.moving
+
+
+@pytest.mark.parametrize("rate", [24, 30, 60, 144])
+def test_time_in_the_object_runs_as_outside(scene, steps, rate):
+    grab_free(scene)
+    for _ in range(2 * rate):
+        scene.advance(1.0 / rate)
+    assert sum(steps) == pytest.approx(2.0, abs=STEP)
+    assert set(steps) == {STEP}
+
+
+def test_a_frame_that_took_seconds_does_not_lead_to_another(scene, steps):
+    grab_free(scene)
+    scene.advance(5.0)
+    assert len(steps) == MAX_STEPS
+    scene.advance(STEP)
+    assert len(steps) <= MAX_STEPS + 2
+
+
+def test_paused_no_time_passes_but_single_steps_do(scene, steps):
+    grab_free(scene)
+    scene.paused = True
+    scene.advance(1.0)
+    assert steps == []
+    scene.single_step()
+    assert steps == [STEP]
+
+
+def test_the_grabbed_vertex_is_at_its_target_after_a_frame(scene):
+    vertex = grab_free(scene)
+    target = scene.positions[vertex] + np.array([0.05, 0.02, 0.0])
+    scene.drag_to(target)
+    scene.advance(4 * STEP)
+    assert scene.positions[vertex] == pytest.approx(target, abs=1e-5)
+
+
+def test_a_drag_takes_along_what_is_within_the_radius_as_one_body(scene):
+    scene.settings.grab_radius = 0.3
+    vertex = grab_free(scene)
+    rest = scene.positions.copy()
+    ids = scene.grabbed.ids
+    assert len(ids) > 1
+    scene.drag_to(rest[vertex] + np.array([0.1, 0.0, 0.0], np.float32))
+    scene.advance(STEP)
+    moved = scene.positions[ids] - rest[ids]
+    assert moved == pytest.approx(np.tile([0.1, 0, 0], (len(ids), 1)), abs=1e-5)
+
+
+def test_reset_is_the_rest_pose(scene):
+    vertex = grab_free(scene)
+    scene.drag_to(scene.positions[vertex] + 0.1)
+    scene.advance(STEP)
+    scene.reset()
+    assert scene.displacements().max() == 0.0
+    assert not scene.moving
+
+
+def test_another_number_of_substeps_keeps_the_pose(scene):
+    vertex = grab_free(scene)
+    scene.drag_to(scene.positions[vertex] + 0.1)
+    scene.advance(STEP)
+    before = scene.positions.copy()
+    scene.set_substeps(7)
+    assert scene.solver.options.substep_count == 7
+    assert scene.positions == pytest.approx(before, abs=1e-6)
+    assert scene.grabbed is None
+
+
+def test_pins_can_be_let_go_and_set_again(scene):
+    assert scene.held
+    scene.hold(False)
+    assert not scene.held
+    scene.hold(True)
+    assert (scene.solver.pinned == scene.pins).all()
+
+
+def test_no_control_vertex_is_a_pin(scene):
+    assert not scene.pins[scene.control_ids].any()
+    assert len(scene.control_ids) > 20
+
+
+def test_the_material_changes_one_value_at_a_time(scene):
+    scene.set_material(young_modulus=2e4)
+    assert scene.solver.material.young_modulus == 2e4
+    assert scene.solver.material.damping == scene.material.damping
+
+
+def test_focus_frames_the_deformed_object(scene):
+    scene.orbit = scene.orbit.__class__()
+    scene.focus()
+    assert scene.orbit.target == pytest.approx(scene.center, abs=1e-6)
+    scene.hover = int(scene.control_ids[3])
+    scene.focus()
+    assert scene.orbit.target == pytest.approx(scene.positions[scene.hover])

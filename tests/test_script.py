@@ -1,0 +1,53 @@
+"""--drag: what can be written, and what it does."""
+
+import pytest
+
+from deformrf.viewer import script
+from deformrf.viewer.scene import Scene
+
+
+def test_a_drag_is_a_vertex_and_an_offset():
+    assert script.parse_drag("12:0.1,-2,.5") == script.DragScript(12, (0.1, -2.0, 0.5))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "12", "12:1,2", "12:1,2,3,4", "a:1,2,3", "1:x,0,0", "1:nan,0,0"]
+)
+def test_anything_else_is_refused_with_an_example(text):
+    with pytest.raises(ValueError, match="VERTEX:DX,DY,DZ"):
+        script.parse_drag(text)
+
+
+def test_unknown_and_pinned_vertices_are_refused(ball):
+    scene = Scene(ball, "ball", "cpu")
+    with pytest.raises(ValueError, match="the model has 0 to 131"):
+        script.check_drag(script.DragScript(132, (0, 0, 0)), scene)
+    pin = int(scene.pins.nonzero()[0][0])
+    with pytest.raises(ValueError, match="pinned"):
+        script.check_drag(script.DragScript(pin, (0, 0, 0)), scene)
+
+
+def test_the_vertex_goes_out_is_held_and_comes_back(ball):
+    scene = Scene(ball, "ball", "cpu")
+    vertex = int(scene.control_ids[0])
+    drag = script.DragScript(vertex, (0.1, 0.0, 0.0))
+    distances = []
+    for frame in range(30):
+        script.play(drag, scene, frame, 30)
+        scene.advance(1 / 30)
+        moved = scene.positions[vertex] - scene.field.mesh.rest_vertices[vertex]
+        distances.append(float(moved[0]))
+    assert distances[:10] == sorted(distances[:10])
+    assert distances[9:20] == pytest.approx([0.1] * 11, abs=1e-5)
+    assert scene.grabbed is None
+    assert min(distances[20:]) < 0.05
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 90])
+def test_it_ends_let_go_or_held_but_never_fails(ball, count):
+    scene = Scene(ball, "ball", "cpu")
+    drag = script.DragScript(int(scene.control_ids[0]), (0.1, 0.0, 0.0))
+    for frame in range(count):
+        script.play(drag, scene, frame, count)
+        scene.advance(1 / 30)
+    assert (scene.grabbed is None) == (count > 2)
