@@ -79,6 +79,18 @@ def test_a_drag_takes_along_what_is_within_the_radius_as_one_body(scene):
     assert moved == pytest.approx(np.tile([0.1, 0, 0], (len(ids), 1)), abs=1e-5)
 
 
+def test_a_held_object_that_has_come_to_rest_is_no_news(scene):
+    vertex = grab_free(scene)
+    scene.drag_to(scene.positions[vertex] + np.float32(0.05))
+    for _ in range(600):
+        scene.advance(STEP)
+    revision = scene.revision
+    for _ in range(30):
+        scene.advance(STEP)
+    assert scene.moving
+    assert scene.revision == revision
+
+
 def test_reset_is_the_rest_pose(scene):
     vertex = grab_free(scene)
     scene.drag_to(scene.positions[vertex] + 0.1)

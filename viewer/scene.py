@@ -15,6 +15,7 @@ from . import orbit as orbits
 
 STEP = 1.0 / 60.0  # s
 MAX_STEPS = 6  # a frame; below 10 frames a second, time in the object runs slower than ours
+VISIBLE = 2e-4  # object sizes, a fifth of a pixel
 CONTROL_COUNT = 40
 FIRST_VIEW = orbits.Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
 
@@ -129,7 +130,14 @@ class Scene:
                 grab.reached = grab.target - way * ((remaining - 1) / count)
                 self.solver.move(grab.reached + grab.offsets)
             self.solver.step(STEP)
-        self.revision += count > 0
+        self._notice()
+
+    def _notice(self):
+        """Count a change of the pose if it can be seen; what creeps adds up until it can."""
+        now = self.solver.vertices.numpy()
+        if self.solver.settled or abs(now - self.positions).max() > VISIBLE * self.size:
+            self.revision += 1
+            self._host = self.revision, now.copy()
 
     def reset(self) -> None:
         """Back to the rest pose, nothing grabbed."""

@@ -23,19 +23,9 @@ def open_window(size: tuple[int, int], headless: bool, title: str = "deformrf"):
     pyglet.options.shadow_window = False  # moderngl binds to one context
     pyglet.options.debug_gl = False  # else errors of others' calls are raised at random later
     try:
+        import moderngl
         import pyglet.window
-    except ImportError as error:  # without EGL or X11 libraries
-        raise WindowError(f"OpenGL can't be loaded ({error})") from error
-    except Exception as error:
-        if type(error).__name__ != "NoSuchDisplayException":
-            raise
-        raise WindowError(
-            "there is no display to open a window on; with --headless the same program "
-            "renders into files"
-        ) from error
-    import moderngl
 
-    try:
         config = pyglet.gl.Config(
             major_version=GL_MAJOR,
             minor_version=GL_MINOR,
@@ -46,7 +36,12 @@ def open_window(size: tuple[int, int], headless: bool, title: str = "deformrf"):
             *size, caption=title, resizable=True, vsync=True, config=config
         )
         context = moderngl.create_context(require=100 * GL_MAJOR + 10 * GL_MINOR)
-    except (pyglet.window.WindowException, pyglet.gl.ContextException, ValueError) as error:
+    except Exception as error:  # each platform and driver raises its own kinds
+        if type(error).__name__ == "NoSuchDisplayException":
+            raise WindowError(
+                "there is no display to open a window on; with --headless the same program "
+                "renders into files"
+            ) from error
         place = "without a display" if headless else "on this display"
         raise WindowError(
             f"OpenGL {GL_MAJOR}.{GL_MINOR} is not available {place} ({error})"
