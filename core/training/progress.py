@@ -6,7 +6,6 @@ from math import log10
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import Tensor
 
-
 REFRESH_STEPS = 25  # reading the error back waits for the device, so not at every step
 
 
