@@ -22,6 +22,7 @@ from .mesh_layer import MeshLayer
 from .radiance_layer import RadianceLayer
 from .scene import Scene
 from .status import Status
+from .surface import visible_points
 from .upload import choose_path
 
 BUTTONS = {mouse.LEFT: "left", mouse.MIDDLE: "middle", mouse.RIGHT: "right"}
@@ -287,9 +288,9 @@ class App:
 
 def _prepare(field, name, device):
     """Scene and renderer, every kernel compiled."""
-    scene = Scene(field, name, device)
-    scene.warm_up()
+    rest = field.mesh.rest_vertices
     renderer = Renderer(field, device)
-    renderer.set_vertices(scene.solver.vertices)
-    renderer.render(orbits.camera(scene.orbit, 16, 16))
+    renderer.set_vertices(rest)
+    scene = Scene(field, name, device, visible_points(renderer, rest))
+    scene.warm_up()
     return scene, renderer

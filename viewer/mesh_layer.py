@@ -85,7 +85,7 @@ def sphere_instances(scene):
 
     Far ones first: the soft edge of a sphere blends with what is behind it.
     """
-    pin_ids = np.flatnonzero(scene.solver.pinned)
+    pin_ids = scene.pin_ids
     ids = np.concatenate([pin_ids, scene.control_ids])
     instances = np.empty((len(ids), 7), np.float32)
     instances[:, :3] = scene.positions[ids]

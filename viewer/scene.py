@@ -12,11 +12,13 @@ from ..core.deform.handles import control_vertices, lowest_pins, vertices_within
 from ..core.deform.material import Material
 from ..core.deform.xpbd import XpbdOptions, XpbdSolver
 from . import orbit as orbits
+from .surface import bounds, nearest_vertices
 
 STEP = 1.0 / 60.0  # s
 MAX_STEPS = 6  # a frame; below 10 frames a second, time in the object runs slower than ours
 VISIBLE = 2e-4  # object sizes, a fifth of a pixel
 CONTROL_COUNT = 40
+PINNED_PART = 0.05  # of the object's height
 FIRST_VIEW = orbits.Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
 
 
@@ -65,19 +67,30 @@ class Grab:
 class Scene:
     """An object that can be bent."""
 
-    def __init__(self, field, name: str, device: str, material: Material | None = None):
+    def __init__(self, field, name: str, device: str, surface=None):
+        """Take a field at rest.
+
+        Args:
+            surface: Points that can be seen [N, 3]; the mesh's vertices by default.
+        """
         self.field = field
         self.name = name
         self.device = device
         self.settings = Settings()
-        self.material = material or Material()
+        self.material = Material()
         rest = field.mesh.rest_vertices
-        self.center = 0.5 * (rest.min(axis=0) + rest.max(axis=0))
-        self.size = float(np.ptp(rest, axis=0).max())
-        self.pins = lowest_pins(rest, field.mesh.tets)  # [V] bool, also while they hold nothing
+        surface = rest if surface is None else surface
+        low, high = bounds(surface)
+        self.center = 0.5 * (low + high)
+        self.size = float((high - low).max())
+        # [V] bool, also while they hold nothing; specks below the object would hold only themselves
+        self.pins = lowest_pins(rest, field.mesh.tets)
+        self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
         self.solver = self._make_solver(self.pins, XpbdOptions())
-        controls = control_vertices(rest, field.mesh.tets, CONTROL_COUNT)
+        near = nearest_vertices(surface, rest)
+        controls = control_vertices(rest, near, CONTROL_COUNT)
         self.control_ids = controls[~self.pins[controls]]
+        self._pins_in_sight = near[self.pins[near]]
         self.hover: int | None = None  # a vertex id
         self.grabbed: Grab | None = None
         self.paused = False
@@ -184,6 +197,11 @@ class Scene:
     def held(self) -> bool:
         """Whether the lowest part of the object is pinned."""
         return bool(self.solver.pinned.any())
+
+    @property
+    def pin_ids(self):
+        """The pins that are worth drawing: those by the surface."""
+        return self._pins_in_sight[self.solver.pinned[self._pins_in_sight]]
 
     def hold(self, held: bool) -> None:
         """Pin the lowest part of the object where it is, or let it float."""

@@ -1,0 +1,54 @@
+"""Where the object's surface is, as seen from all around.
+
+A trained mesh also has tets around the object and specks in empty space.  What a user
+wants to frame, hold and grab is what can be seen: the opaque pixels of a few small images.
+"""
+
+import numpy as np
+
+from ..core.render import camera as pinhole
+from . import orbit as orbits
+
+VIEWS = (*((np.radians(60.0 * k), np.radians(15.0)) for k in range(6)), (0.0, 1.4), (0.0, -1.4))
+VIEW_SIZE = 64  # pixels
+SPECKS = 0.5  # percent of the points beyond which each side of the bounds may leave out
+MAX_POINTS = 4000
+
+
+def visible_points(renderer, vertices):
+    """Points on the opaque surface; the vertices [V, 3] themselves if nothing is opaque.
+
+    Args:
+        renderer: Of core/render, in the pose of `vertices`.
+
+    Returns:
+        [N, 3] float64, N at most MAX_POINTS.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    radius = 0.5 * float(np.linalg.norm(high - low))
+    points = []
+    for yaw, pitch in VIEWS:
+        orbit = orbits.framing(orbits.Orbit(yaw=yaw, pitch=pitch), 0.5 * (low + high), radius)
+        camera = orbits.camera(orbit, VIEW_SIZE, VIEW_SIZE)
+        t = renderer.render(camera).depth_array().ravel()
+        hit = np.isfinite(t)
+        _, directions = pinhole.rays(camera)
+        points.append(camera.position + t[hit, None] * directions[hit])
+    points = np.concatenate(points)
+    if not len(points):
+        return np.asarray(vertices, float)
+    return points[:: -(-len(points) // MAX_POINTS)]
+
+
+def bounds(points):
+    """Lowest and highest corner of the points, a few specks left out.  [3], [3]"""
+    return tuple(np.percentile(points, [SPECKS, 100.0 - SPECKS], axis=0))
+
+
+def nearest_vertices(points, vertices):
+    """The vertices [V, 3] that are nearest to some of the points [N, 3], as ids."""
+    ids = [
+        ((part[:, None] - vertices) ** 2).sum(axis=-1).argmin(axis=1)
+        for part in np.array_split(points, max(1, len(points) * len(vertices) // 4_000_000))
+    ]
+    return np.unique(np.concatenate(ids))
