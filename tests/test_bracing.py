@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from deformrf.core.deform.bracing import face_components, hinge_braces
+from deformrf.core.deform.bracing import hinge_braces
 from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import face_components, tet_neighbours
 
 
 def test_a_grid_needs_no_braces():
     tets = a15_grid(0.1).tets
-    assert (face_components(tets) == 0).all()
+    assert (face_components(tet_neighbours(tets)) == 0).all()
     assert len(hinge_braces(tets)) == 0
 
 
@@ -18,7 +19,7 @@ def test_tets_that_share_a_face_need_none():
 
 def test_tets_apart_are_left_apart():
     tets = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
-    assert len(np.unique(face_components(tets))) == 2
+    assert len(np.unique(face_components(tet_neighbours(tets)))) == 2
     assert len(hinge_braces(tets)) == 0
 
 

@@ -74,7 +74,7 @@ def test_volume_changes_sign_under_reflection(mesh):
 def test_face_components_part_at_hinges():
     """Two tets that share an edge are one vertex component and two face components."""
     tets = np.array([[0, 1, 2, 3], [0, 1, 4, 5], [1, 2, 3, 6]])
-    labels = face_components(tet_neighbours(tets), np.ones(3, bool))
+    labels = face_components(tet_neighbours(tets))
     assert labels[0] == labels[2] != labels[1]
     assert set(components(7, tets)) == {0}
     labels = face_components(tet_neighbours(tets), np.array([True, True, False]))

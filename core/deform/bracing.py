@@ -12,25 +12,12 @@ from itertools import combinations, product
 
 import numpy as np
 
-from ..geometry.mesh import EDGES, tet_neighbours
-
-
-def face_components(tets):
-    """A label per tet; tets that are connected through faces have the same one.  [T]"""
-    neighbours = tet_neighbours(tets)
-    neighbours = np.where(neighbours < 0, np.arange(len(tets))[:, None], neighbours)
-    labels = np.arange(len(tets))
-    while True:
-        new = np.minimum(labels, labels[neighbours].min(axis=1))
-        new = new[new]
-        if (new == labels).all():
-            return labels
-        labels = new
+from ..geometry.mesh import EDGES, face_components, tet_neighbours
 
 
 def hinge_braces(tets):
     """Pairs of vertices to join, none of them an edge of a tet.  [B, 2] int"""
-    labels = face_components(tets)
+    labels = face_components(tet_neighbours(tets))
     shared = np.unique(np.stack([tets.ravel(), np.repeat(labels, 4)], axis=1), axis=0)[:, 0]
     hinges = np.unique(shared[1:][shared[1:] == shared[:-1]])
     corner_order = np.argsort(tets.ravel(), kind="stable")

@@ -95,15 +95,20 @@ def components(vertex_count, tets):
         labels = new
 
 
-def face_components(neighbours, keep):
-    """A label 0..C-1 per kept tet ([T] bool); tets that share a face have the same one.
+def face_components(neighbours, keep=None):
+    """A label 0..C-1 per kept tet; tets that are joined through faces have the same one.
 
     Parts that hang together by an edge or a vertex only are apart: they would swing like
     on a hinge.
 
+    Args:
+        neighbours: [T, 4]
+        keep: [T] bool; None keeps all.
+
     Returns:
         [T] int, -1 for tets that aren't kept.
     """
+    keep = np.ones(len(neighbours), bool) if keep is None else keep
     labels = np.where(keep, np.arange(len(neighbours)), -1)
     linked = (neighbours >= 0) & keep[neighbours] & keep[:, None]
     while True:  # as in `components`
