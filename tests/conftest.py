@@ -42,7 +42,7 @@ def shared_data():
     return folder
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_ball_field():
     """Make a small field with random contents: an opaque, dented ball with holes."""
     return _make_ball_field
@@ -72,7 +72,7 @@ def _make_ball_field(seed, spacing=0.08, occupied_share=0.7, **options):
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def write_dataset():
     """Write images as a data set in the Blender layout; see test_datasets.py."""
     return _write_dataset

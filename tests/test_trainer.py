@@ -1,0 +1,197 @@
+"""Training: what it keeps, how it learns, and that an interrupted run leaves a model."""
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from deformrf.core.field import modelfile
+from deformrf.core.field.field import FieldOptions
+from deformrf.core.field.occupancy import is_occupied_reference
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import face_components, tet_neighbours
+from deformrf.core.render.camera import from_field_of_view, look_at, rays
+from deformrf.core.training import datasets, trainer
+from deformrf.core.training.datasets import DatasetError
+from deformrf.core.training.evaluate import evaluate
+from deformrf.core.training.options import PRESETS, preset
+from deformrf.core.training.raybank import RayBank, scene_to_unit_cube, to_model
+from deformrf.core.training.stage import Stage
+
+SIZE, ANGLE = 40, 0.7
+
+
+def ball_picture(pose):
+    """A ball of radius 0.8, its color the normal, seen by a camera at `pose`.  RGBA uint8"""
+    origins, directions = rays(from_field_of_view(pose, ANGLE, SIZE, SIZE))
+    b = np.einsum("ij,ij->i", origins, directions)
+    discriminant = b**2 - ((origins**2).sum(axis=1) - 0.8**2)
+    hit = discriminant > 0
+    points = origins + (-b - np.sqrt(np.maximum(discriminant, 0)))[:, None] * directions
+    rgba = np.zeros((SIZE * SIZE, 4))
+    rgba[hit, :3], rgba[hit, 3] = (points / 0.8 * 0.5 + 0.5)[hit], 1.0
+    return Image.fromarray((rgba.reshape(SIZE, SIZE, 4) * 255).round().astype(np.uint8))
+
+
+@pytest.fixture(scope="module")
+def ball_poses():
+    directions = np.random.default_rng(4).normal(size=(24, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return [look_at(4.0 * d, (0, 0, 0)) for d in directions]
+
+
+@pytest.fixture(scope="module")
+def ball_data(tmp_path_factory, write_dataset, ball_poses):
+    """24 views of the ball, 20 of them for training."""
+    tmp_path = tmp_path_factory.mktemp("ball")
+    for split, poses in (("train", ball_poses[:20]), ("test", ball_poses[20:])):
+        images = [ball_picture(pose) for pose in poses]
+        write_dataset(tmp_path, images, split, poses=poses, camera_angle_x=ANGLE)
+    return datasets.load(tmp_path, "train"), datasets.load(tmp_path, "test")
+
+
+SMALL = preset(
+    "tiny", spacing=0.06, coarse_steps=60, fine_steps=80, samples_per_step=2**13, level_count=3
+)
+
+
+@pytest.fixture(scope="module")
+def trained(ball_data):
+    return trainer.train(ball_data[0], SMALL, "cpu", "ball")
+
+
+def test_a_ball_is_learnt_from_its_pictures(ball_data, trained):
+    """Shape, color and what is kept; numbers far above what a blank field scores."""
+    field = trained.field
+    assert not trained.interrupted
+    report = evaluate(field, ball_data[1])
+    assert report["mean"]["psnr"] > 22.0  # white alone: about 10 dB
+    assert report["mean"]["alpha_error"] < 0.07  # without an object: 0.16
+
+    middles = field.mesh.rest_vertices[field.mesh.tets].mean(axis=1)
+    radius = np.linalg.norm(middles - 0.5, axis=1) * 2 * SMALL.scene_radius
+    assert radius.max() < 0.8 + 0.6  # far tets are gone
+    assert (radius < 0.4).any()  # and what the surface encloses is kept
+    assert len(set(face_components(field.neighbours))) == 1
+
+
+def test_half_precision_in_the_file_costs_nothing_visible(ball_data, trained, tmp_path):
+    _, test_set = ball_data
+    trainer.save(trained, tmp_path / "ball.npz")
+    before = evaluate(trained.field, test_set)["mean"]["psnr"]
+    after = evaluate(modelfile.load(tmp_path / "ball.npz"), test_set)["mean"]["psnr"]
+    assert abs(after - before) < 0.05
+
+
+@pytest.mark.parametrize("after", [5, 75])
+def test_an_interrupt_leaves_the_field_as_it_is(ball_data, monkeypatch, after):
+    """In stage 1 and in stage 2."""
+    draws = 0
+    draw = RayBank.draw
+
+    def interrupting(self, count):
+        nonlocal draws
+        draws += 1
+        if draws > after:
+            raise KeyboardInterrupt
+        return draw(self, count)
+
+    monkeypatch.setattr(RayBank, "draw", interrupting)
+    trained = trainer.train(ball_data[0], SMALL, "cpu", "ball")
+    assert trained.interrupted
+    assert trained.report["interrupted"]
+    assert ("tet_count" in trained.report) == (after > SMALL.coarse_steps)
+    assert np.isfinite(trained.field.table).all()
+
+
+def test_the_same_seed_gives_the_same_rays(ball_data):
+    banks = [RayBank(ball_data[0], scene_to_unit_cube(1.5), "cpu", seed) for seed in (1, 1, 2)]
+    first, same, other = (bank.draw(50)[1] for bank in banks)
+    assert torch.equal(first, same)
+    assert not torch.equal(first, other)
+
+
+def test_rays_of_the_bank_are_those_of_the_cameras(ball_data):
+    dataset, _ = ball_data
+    world_to_model = scene_to_unit_cube(1.5)
+    bank = RayBank(dataset, world_to_model, "cpu")
+    pixels = torch.arange(bank.pixel_count)
+    origins, directions, rgba = bank.rays(pixels)
+    view = 7
+    pose = to_model(dataset.poses[view], world_to_model)
+    expected = rays(from_field_of_view(pose, ANGLE, SIZE, SIZE))
+    part = slice(view * SIZE * SIZE, (view + 1) * SIZE * SIZE)
+    np.testing.assert_allclose(origins[part], expected[0], atol=1e-6)
+    np.testing.assert_allclose(directions[part], expected[1], atol=1e-6)
+    np.testing.assert_array_equal(rgba[part] * 255, dataset.images[view].reshape(-1, 4))
+
+
+def test_the_scene_box_becomes_the_unit_cube():
+    matrix = scene_to_unit_cube(1.5)
+    corners = np.array([[-1.5, -1.5, -1.5, 1], [1.5, 1.5, 1.5, 1], [0, 0, 0, 1]])
+    np.testing.assert_allclose((corners @ matrix.T)[:, :3], [[0] * 3, [1] * 3, [0.5] * 3])
+
+
+def test_nothing_occupied_is_said_so():
+    stage = Stage(a15_grid(0.25), FieldOptions(level_count=2, table_size=2**8), "cpu")
+    stage.occupied[:] = False
+    with pytest.raises(DatasetError, match="scene box"):
+        trainer.kept_mesh(stage)
+
+
+def test_the_learning_rate_warms_up_and_falls_along_a_cosine():
+    rates = [trainer.learning_rate(step, 10_000, 1.0) for step in range(10_001)]
+    assert rates[0] == pytest.approx(0.01)
+    assert max(rates) == pytest.approx(1.0, abs=1e-3)
+    assert rates[5000] == pytest.approx(0.505, abs=1e-3)
+    assert rates[-1] == pytest.approx(trainer.FINAL_RATE)
+
+
+def test_the_ray_count_follows_the_sample_budget():
+    count = 4096
+    for _ in range(20):
+        count = trainer._next_ray_count(count, 13 * count, 2**18)
+    assert count == pytest.approx(2**18 / 13, rel=0.01)
+    assert trainer._next_ray_count(256, 10**9, 2**18) == 256
+    assert trainer._next_ray_count(2**16, 0, 2**18) == trainer.MOST_RAYS
+
+
+def test_an_unknown_preset_is_named_with_the_known_ones():
+    with pytest.raises(ValueError, match=r"'huge'.*default"):
+        preset("huge")
+    assert set(PRESETS) == {"default", "fast", "tiny"}
+    assert preset("tiny", seed=5).seed == 5
+
+
+def test_occupancy_follows_density():
+    """Sub-tets of a field whose density has been switched off are forgotten."""
+    stage = Stage(a15_grid(0.2), FieldOptions(level_count=2, table_size=2**8), "cpu")
+    with torch.no_grad():
+        stage.networks.density[-1].bias[0] = 8.0
+    stage.update_occupancy()
+    assert stage.occupied_share() == 1.0
+    with torch.no_grad():
+        stage.networks.density[-1].bias[0] = -8.0
+    for _ in range(150):
+        stage.update_occupancy()
+    assert stage.occupied_share() == 0.0 or stage.thickness.max() < 1e-2
+
+
+def test_what_no_ray_sees_is_hidden():
+    """An opaque field seen from one side: only its front remains."""
+    stage = Stage(a15_grid(0.2), FieldOptions(level_count=2, table_size=2**8), "cpu")
+    with torch.no_grad():
+        stage.networks.density[-1].bias[0] = 9.0
+    rng = np.random.default_rng()
+    origins = np.column_stack([rng.uniform(0.1, 0.9, (4000, 2)), np.full(4000, 3.0)])
+    directions = np.broadcast_to([0.0, 0.0, -1.0], (4000, 3))
+    batch = [torch.from_numpy(a.astype(np.float32).copy()) for a in (origins, directions)]
+    stage.hide_unseen([batch], 1e-3)
+    field = stage.export(np.eye(4), {})
+    tet = np.repeat(np.arange(field.mesh.tet_count), 20)
+    bary = rng.dirichlet(np.ones(4), len(tet))
+    occupied = is_occupied_reference(field.occupancy, tet, bary)
+    height = np.einsum("nc,nc->n", bary, field.mesh.rest_vertices[field.mesh.tets[tet]][..., 2])
+    assert occupied.any()
+    assert height[occupied].min() > 0.7  # the grid ends above 1
+    assert tet_neighbours(field.mesh.tets).shape == field.neighbours.shape
