@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from deformrf.viewer.resolution import FACTORS, MovingResolution, Strips, size_at
+from deformrf.viewer.resolution import FACTORS, MovingResolution, Strips, finer, size_at
 
 
 def settle(seconds_at_full, target=0.04, start=3, frames=60):
@@ -64,3 +64,9 @@ def test_strips_keep_to_their_budget():
 
 def test_no_size_is_empty():
     assert size_at(0.1, 12, 300) == (8, 30)
+
+
+@pytest.mark.parametrize("factor", FACTORS[1:])
+def test_refining_ends_at_the_full_resolution_in_at_most_two_goes(factor):
+    assert factor < finer(factor) <= 1
+    assert finer(finer(factor)) == 1.0

@@ -131,5 +131,7 @@ def _told_if_slow():
 
 
 def _complain(error) -> int:
-    print(f"deformrf-view: {error}", file=sys.stderr)
+    """One line on stderr, its beginning in red on a terminal."""
+    red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
+    print(f"{red}deformrf-view:{plain} {error}", file=sys.stderr)
     return INPUT_ERROR

@@ -1,5 +1,6 @@
 """--doctor: what a report of a problem should begin with."""
 
+import os
 import platform
 import sys
 from importlib import metadata
@@ -21,7 +22,7 @@ def report(chosen) -> int:
 
 
 def _line(name, value):
-    print(f"{name:14}{value}", flush=True)
+    print(f"{name:16}{value}", flush=True)
 
 
 def _version(package):
@@ -60,12 +61,16 @@ def _opengl(chosen, device):
     from .upload import choose_path
     from .window import WindowError, open_window
 
+    headless = chosen.run.headless or (
+        sys.platform == "linux" and not os.environ.get("DISPLAY")
+    )  # pyglet chooses once for the life of a program
+    name = "OpenGL (EGL)" if headless else "OpenGL (window)"
     try:
-        window, context = open_window((64, 64), chosen.run.headless)
+        window, context = open_window((64, 64), headless)
     except WindowError as error:
-        _line("OpenGL", error)
+        _line(name, error)
         return 1
-    _line("OpenGL", f"{context.info['GL_RENDERER']}, {context.info['GL_VERSION']}")
+    _line(name, f"{context.info['GL_RENDERER']}, {context.info['GL_VERSION']}")
     _line("interop", choose_path(context, device, "auto"))
     context.release()
     window.close()

@@ -1,8 +1,8 @@
 """The field's image in the window: rendered when something has changed, refined at rest.
 
 While camera or vertices change, the image is rendered with as many pixels as the target
-frame time allows (resolution.py).  Afterwards the full resolution follows in strips of
-rows, a strip per frame, so that the window answers all the while.  Depth goes along:
+frame time allows (resolution.py).  Afterwards finer ones follow, up to the full resolution,
+in strips of rows, a strip per frame, so that the window answers all the while.  Depth goes along:
 other things in the scene hide behind the object.
 """
 
@@ -12,11 +12,11 @@ import moderngl
 
 from ..core.render.render import RenderOptions
 from . import gl
-from .resolution import MovingResolution, Strips, size_at
+from .resolution import MovingResolution, Strips, finer, size_at
 from .upload import ImageTexture
 
-MOVING_SECONDS = 0.045  # rendering a frame while things move
-STRIP_SECONDS = 0.025  # rendering a strip at rest
+MOVING_SECONDS = 0.06  # rendering a frame while things move
+STRIP_SECONDS = 0.045  # rendering a strip at rest
 REST_SECONDS = 0.15  # without a change, before refining begins
 
 
@@ -38,7 +38,8 @@ class RadianceLayer:
         self._triangle = gl.full_screen(ctx, "image")
         self._moving = MovingResolution(MOVING_SECONDS)
         self._coarse = self._fine = None  # ImageTexture
-        self._strips = None  # of the fine image, while it matches what is to be seen
+        self._strips = None  # of the fine image, while there is one
+        self._fine_factor = 1.0
         self._image = None  # the last whole Image
         self._host_depth = None
         self._seen = self._pose = None  # what was rendered last
@@ -49,6 +50,11 @@ class RadianceLayer:
         """The part of the rows that shows the full resolution."""
         if self.factor == 1.0:
             return 1.0
+        return self._progress if self._fine_factor == 1.0 else 0.0
+
+    @property
+    def _progress(self):
+        """The part of the fine image that there is."""
         return self._strips.next_row / self._strips.height if self._strips else 0.0
 
     def depth_image(self):
@@ -81,9 +87,10 @@ class RadianceLayer:
         if seen != self._seen:
             self._seen, self._changed_at = seen, now
             self._set_pose(scene, times)
+            start = time.perf_counter()
             self._render_coarse(camera, options, 1.0 if whole else coarse_factor, times)
             if settings.automatic_resolution and not whole:
-                self._moving.measured(times.latest("render"))
+                self._moving.measured(time.perf_counter() - start)
         elif whole and self.refined < 1.0:
             self._render_coarse(camera, options, 1.0, times)
         elif self.refined < 1.0 and now - self._changed_at >= REST_SECONDS:
@@ -106,16 +113,22 @@ class RadianceLayer:
         self.render_count += 1
 
     def _refine(self, camera, options, times):
+        """Render the next strip; an image that is complete takes the coarse one's place."""
         if self._strips is None:
-            self._fine = self._texture(self._fine, (camera.width, camera.height))
-            self._strips = Strips(camera.height, STRIP_SECONDS)
+            self._fine_factor = finer(self.factor)
+            size = size_at(self._fine_factor, camera.width, camera.height)
+            self._fine = self._texture(self._fine, size)
+            self._strips = Strips(size[1], STRIP_SECONDS)
         rows = self._strips.following()
         start = time.perf_counter()
         with times.stage("render"):
-            image = self._renderer.render(camera, options, rows=rows)
+            image = self._renderer.render(camera.resized(*self._fine.size), options, rows=rows)
         self._strips.rendered(rows, time.perf_counter() - start)
         with times.stage("upload"):
             self._fine.write(image, first_row=rows[0])
+        if self._strips.done:
+            self._coarse, self._fine = self._fine, self._coarse
+            self.factor, self._strips = self._fine_factor, None
 
     def _texture(self, old, size):
         """A texture pair of that size; the old one if it fits."""
@@ -139,7 +152,7 @@ class RadianceLayer:
             coarse_depth=1,
             fine_color=2,
             fine_depth=3,
-            refined=self.refined if self._strips else 0.0,
+            refined=self._progress,
             half_extent=(half_height * camera.width / camera.height, half_height),
             depth_terms=gl.depth_terms(*clip_range),
         )

@@ -66,6 +66,11 @@ class Strips:
         self.seconds_per_row = seconds / (rows[1] - rows[0])
 
 
+def finer(factor: float) -> float:
+    """The factor to refine to: the full one, by way of another if it is far off."""
+    return 4.0 * factor if 4.0 * factor < 0.6 else 1.0
+
+
 def size_at(factor: float, width: int, height: int) -> tuple[int, int]:
     """The size in pixels at a factor, at least 8 × 8."""
     return max(8, round(width * factor)), max(8, round(height * factor))

@@ -96,7 +96,8 @@ class Scene:
         self.paused = False
         self.revision = 0  # counts the changes of the pose
         self._time = 0.0  # s that frames have lasted and no step has covered
-        self._host = None
+        self._host = None  # the revision, and its positions
+        self._ratio = None  # material and solver, and their ratio
         self.home()
 
     # -- pose ----------------------------------------------------------------------------
@@ -211,6 +212,14 @@ class Scene:
         """Change some attributes of the material."""
         self.material = replace(self.material, **changes)
         self.solver.set_material(self.material)
+
+    @property
+    def stiffness_ratio(self) -> float:
+        """The solver's r, which tells whether it can hold the stiffness (DESIGN §7)."""
+        key = id(self.solver), self.material
+        if self._ratio is None or self._ratio[0] != key:
+            self._ratio = key, self.solver.stiffness_ratio()
+        return self._ratio[1]
 
     def set_substeps(self, count: int) -> None:
         """Solve with that many substeps; the pose and its motion stay."""

@@ -39,10 +39,6 @@ class StageTimes:
         self._now = dict.fromkeys(STAGES, 0.0)
         return seconds
 
-    def latest(self, name: str) -> float:
-        """Seconds of one stage in the present, unfinished frame."""
-        return self._now[name]
-
     def frame_seconds(self) -> float:
         """Mean length of the last frames."""
         return float(np.mean(self.frames))

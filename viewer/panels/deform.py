@@ -9,6 +9,7 @@ POISSON_RANGE = 0.25, 0.49
 HIGHEST_DAMPING = 20.0  # 1/s
 HIGHEST_GRAB_RADIUS = 0.4  # object sizes
 MOST_SUBSTEPS = 60
+SOFTENED = 0.1  # the floor on r, core/deform
 
 
 def deform_panel(scene, actions, status):
@@ -73,12 +74,15 @@ def _solver_options(scene):
     changed, held = imgui.checkbox("held by its lowest part", scene.held)
     if changed:
         scene.hold(held)
-    ratio = scene.solver.stiffness_ratio()
-    if ratio < 0.1:
-        imgui.text_wrapped(
-            f"softened: {scene.solver.options.substep_count} substeps can't "
-            f"hold this stiffness (r = {ratio:.2g})"
-        )
+    ratio = scene.stiffness_ratio
+    imgui.text_disabled(f"r = {ratio:.2g}")
+    imgui.set_item_tooltip(
+        "compliance against inertia in a substep: below 1 more substeps make it stiffer,\n"
+        f"below {SOFTENED} it is softer than asked for"
+    )
+    if ratio < SOFTENED:
+        imgui.same_line()
+        imgui.text("softened: take more substeps")
 
 
 def si(value: float) -> str:

@@ -1,0 +1,30 @@
+"""Stage times: what is measured is what is shown."""
+
+import time
+
+import pytest
+
+from deformrf.viewer.timing import STAGES, StageTimes
+
+
+def test_times_of_a_stage_add_up_within_a_frame():
+    times = StageTimes()
+    for _ in range(9):
+        with times.stage("draw"):
+            time.sleep(0.004)
+        with times.stage("draw"):
+            time.sleep(0.004)
+        times.end_frame()
+    assert times.medians()["draw"] == pytest.approx(0.008, rel=0.5)
+    assert times.medians()["upload"] == 0.0
+    assert times.frame_seconds() >= 0.006
+    assert set(times.medians()) == set(STAGES)
+
+
+def test_a_stage_that_fails_is_still_timed():
+    times = StageTimes()
+    with pytest.raises(ValueError), times.stage("render"):
+        time.sleep(0.002)
+        raise ValueError
+    times.end_frame()
+    assert times.frames[-1] == 0.0  # the first frame has no beginning
