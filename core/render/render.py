@@ -7,7 +7,9 @@ uses one core, and releases the interpreter).
 """
 
 import os
+import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
@@ -15,7 +17,7 @@ import numpy as np
 import warp as wp
 
 from ..field import network
-from ..field.encoding import encode_kernel, make_tables
+from ..field.encoding import FEATURES, encode_kernel, make_tables
 from ..field.field import TetField
 from .camera import Camera
 from .compositing import accumulate_kernel, empty_pixels, resolve_kernel
@@ -97,6 +99,7 @@ class Renderer:
     def __init__(self, field: TetField, device="cpu"):
         self.field = field
         self.device = wp.get_device(device)
+        self.stage_seconds = None  # a dict here collects time per stage, and waits after each
         self.pose = Pose(field.mesh, field.neighbours, self.device)
         self._tables = make_tables(field.mesh, field.layout, self.device)
         self._table = wp.array(field.table, dtype=wp.vec4, device=self.device)
@@ -104,6 +107,7 @@ class Renderer:
         if self.device.is_cuda:
             self._networks = _torch_networks(field, self.device)
         else:
+            self._networks = _numpy_networks(field)
             self._pool = ThreadPoolExecutor(os.cpu_count())
 
     def set_vertices(self, vertices):
@@ -189,22 +193,26 @@ class Renderer:
         sample_count, round_ = 0, 0
         while count > 0:
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
-            samples, counts, ends, packed_count = self._march(rays, alive, count, slot_count)
-            sigma, rgb = self._evaluate(
-                rays, alive, counts, ends, samples, packed_count, slot_count, options
-            )
-            still_alive = wp.empty(count, dtype=int, device=self.device)
-            still_alive_count = wp.zeros(1, dtype=int, device=self.device)
-            self._launch(
-                accumulate_kernel,
-                count,
-                [
-                    *(sigma, rgb, samples.length, samples.t, alive, counts, ends, rays.tet),
-                    *(options.stop, pixels, still_alive, still_alive_count),
-                ],
-            )
-            sample_count += packed_count
-            count = int(still_alive_count.numpy()[0])
+            with self._stage("march"):
+                samples, counts, ends, packed_count = self._march(rays, alive, count, slot_count)
+            with self._stage("encode"):
+                features = self._encode(samples, packed_count)
+                basis = self._basis(rays, alive, counts, ends, samples, packed_count, slot_count)
+            with self._stage("networks"):
+                sigma, rgb = self._networks(features, basis, half=not options.conformance)
+            with self._stage("accumulate"):
+                still_alive = wp.empty(count, dtype=int, device=self.device)
+                still_alive_count = wp.zeros(1, dtype=int, device=self.device)
+                self._launch(
+                    accumulate_kernel,
+                    count,
+                    [
+                        *(sigma, rgb, samples.length, samples.t, alive, counts, ends, rays.tet),
+                        *(options.stop, pixels, still_alive, still_alive_count),
+                    ],
+                )
+                sample_count += packed_count
+                count = int(still_alive_count.numpy()[0])
             alive, round_ = still_alive, round_ + 1
         return pixels, sample_count
 
@@ -225,38 +233,60 @@ class Renderer:
         self._launch(pack_kernel, (count, slot_count), [slots, counts, ends, slot_count, packed])
         return packed, counts, ends, packed_count
 
-    def _evaluate(self, rays, alive, counts, ends, samples, count, slot_count, options):
+    def _encode(self, samples, count):
         level_count = self.field.layout.level_count
         features = wp.empty((count, level_count), dtype=wp.vec4, device=self.device)
-        basis = wp.empty(count, dtype=network.basis_vector, device=self.device)
         self._launch(
             encode_kernel,
             count,
             [self._tables, self._table, samples.tet, samples.bary, level_count],
             [features],
         )
+        return features
+
+    def _basis(self, rays, alive, counts, ends, samples, count, slot_count):
+        basis = wp.empty(count, dtype=network.basis_vector, device=self.device)
         self._launch(
             basis_kernel,
             (len(counts), slot_count),
             [rays, self.pose.geometry.rotations, alive, counts, ends, samples.tet],
             [basis],
         )
-        if self.device.is_cuda:
-            return self._networks(features, basis, half=not options.conformance)
+        return basis
+
+    @contextmanager
+    def _stage(self, name):
+        """Time what happens within, if somebody asks for it."""
+        if self.stage_seconds is None:
+            yield
+            return
+        start = time.perf_counter()
+        yield
+        wp.synchronize_device(self.device)
+        elapsed = time.perf_counter() - start
+        self.stage_seconds[name] = self.stage_seconds.get(name, 0.0) + elapsed
+
+    def _launch(self, kernel, dim, inputs, outputs=()):
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+
+
+def _numpy_networks(field):
+    """evaluate(features, basis, half) -> sigma, rgb, all Warp arrays on the CPU."""
+
+    def evaluate(features, basis, half):  # half precision would be slower here
         sigma, rgb = network.evaluate(
-            features.numpy().reshape(count, 4 * level_count),
+            features.numpy().reshape(len(basis), FEATURES * features.shape[1]),
             basis.numpy(),
-            self.field.density_layers,
-            self.field.color_layers,
-            self.field.options,
+            field.density_layers,
+            field.color_layers,
+            field.options,
         )
         return (
             wp.array(sigma, dtype=float, device="cpu", copy=False),
             wp.array(rgb, dtype=wp.vec3, device="cpu", copy=False),
         )
 
-    def _launch(self, kernel, dim, inputs, outputs=()):
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+    return evaluate
 
 
 def _torch_networks(field, device):
