@@ -90,7 +90,7 @@ class App:
         self.canvas.use(self._size())
         self.ctx.clear(0.94, 0.94, 0.95, 1.0)
         self.gui.begin()
-        show_message(text)
+        show_message(text, centered=True)
         self.gui.end()
         self.canvas.show(self._size())
         self.window.flip()
