@@ -11,7 +11,6 @@ import threading
 from contextlib import contextmanager
 
 from . import options
-from .events import EventLog
 
 FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 SLOW_START = 1.5  # s after which the user is told what takes so long
@@ -83,6 +82,7 @@ def _open(chosen):
     size = options.frame_size(chosen)
     headless = chosen.run.headless
     window, context = open_window(size, headless, f"deformrf: {chosen.model.stem}")
+    from .events import EventLog
     from .loop import App
 
     return App(window, context, EventLog(chosen.log_events), gui=not headless)

@@ -4,6 +4,8 @@ import json
 
 import numpy as np
 
+from . import picking
+
 
 class EventLog:
     """Prints events, or nothing at all."""
@@ -14,6 +16,32 @@ class EventLog:
     def __call__(self, event: str, **fields) -> None:
         if self.enabled:
             print(json.dumps({"event": event, **fields}, default=_plain), flush=True)
+
+
+def state_of(app) -> dict:
+    """Where things are, for the events "ready" and "state"."""
+    scene, controls = app.scene, app.controls
+    pixels, _ = picking.project(controls.camera, scene.positions[scene.control_ids])
+    moved = scene.displacements()
+    return {
+        "size": [app.window.width, app.window.height],
+        "framebuffer": controls.size,
+        "vertices": [  # in points from the window's top left corner
+            {"id": int(vertex), "at": at / controls.ratio}
+            for vertex, at, shown in zip(scene.control_ids, pixels, controls.shown(), strict=True)
+            if shown
+        ],
+        "max_displacement": moved.max(),
+        "max_pin_displacement": moved[scene.solver.pinned].max(initial=0.0),
+        "moving": scene.moving,
+        "paused": scene.paused,
+        "refined": app.radiance.refined,
+        "frame_seconds": app.status.times.frame_seconds(),
+        "yaw": scene.orbit.yaw,
+        "pitch": scene.orbit.pitch,
+        "distance": scene.orbit.distance,
+        "young_modulus": scene.material.young_modulus,
+    }
 
 
 def _plain(value):

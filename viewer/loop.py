@@ -9,15 +9,16 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pyglet
-from pyglet.window import key, mouse
 
 from ..core.render.render import Renderer
 from . import orbit as orbits
-from . import picking, script
+from . import script
 from .actions import Actions
 from .capture import Capture
-from .controls import Controls, action_of
+from .controls import Controls
+from .events import state_of
 from .gl import Canvas
+from .handlers import Handlers
 from .mesh_layer import MeshLayer
 from .radiance_layer import RadianceLayer
 from .scene import Scene
@@ -25,7 +26,6 @@ from .status import Status
 from .surface import visible_points
 from .upload import choose_path
 
-BUTTONS = {mouse.LEFT: "left", mouse.MIDDLE: "middle", mouse.RIGHT: "right"}
 ACTIVE_SECONDS, IDLE_SECONDS = 1.0 / 60.0, 1.0 / 30.0  # shortest frame, where vsync sets none
 STATE_SECONDS = 0.5  # between two "state" events in the log
 
@@ -46,8 +46,9 @@ class App:
         self.canvas = Canvas(ctx)
         self.capture = Capture(self.canvas, self.status, log)
         self._frame_count = 0
-        self._last_state = self._last_event = 0.0
-        window.push_handlers(self)
+        self._last_state = 0.0
+        self.handlers = Handlers(self)
+        window.push_handlers(self.handlers)
         self.gui = None
         if gui:
             from .gui import Gui
@@ -87,12 +88,12 @@ class App:
 
         self.window.switch_to()
         self.window.dispatch_events()
-        self.canvas.use(self._size())
+        self.canvas.use(self.size)
         self.ctx.clear(0.94, 0.94, 0.95, 1.0)
         self.gui.begin()
         show_message(text, centered=True)
         self.gui.end()
-        self.canvas.show(self._size())
+        self.canvas.show(self.size)
         self.window.flip()
         time.sleep(0.05)
 
@@ -111,7 +112,7 @@ class App:
             self.frame(now - last)
             last = now
             idle = not self.scene.moving and self.radiance.refined == 1.0
-            idle = idle and now - self._last_event > 1.0 and self.status.recorder is None
+            idle = idle and now - self.handlers.last_event > 1.0 and self.status.recorder is None
             shortest = IDLE_SECONDS if idle else ACTIVE_SECONDS
             time.sleep(max(0.0, shortest - (time.perf_counter() - now)))
 
@@ -133,7 +134,7 @@ class App:
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
         scene, times = self.scene, self.status.times
-        size = self._size()
+        size = self.size
         self.controls.size = size
         self.controls.ratio = size[0] / max(self.window.width, 1)
         if self.gui is not None and self.gui.mouse_on_panel and not self.controls.mode:
@@ -194,64 +195,14 @@ class App:
             self.ctx.release()
             self.window.close()
 
-    # -- events --------------------------------------------------------------------------
-
-    def on_mouse_motion(self, x, y, dx, dy):
-        self._happened()
-        if self.scene is not None:
-            self.controls.motion(self._pixel(x, y))
-
-    def on_mouse_press(self, x, y, button, modifiers):
-        self._happened()
-        if self.scene is not None and button in BUTTONS:
-            self.controls.press(self._pixel(x, y), BUTTONS[button])
-
-    def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
-        self._happened()
-        if self.scene is not None:
-            ratio = self.controls.ratio
-            self.controls.drag(self._pixel(x, y), dx * ratio, -dy * ratio)
-
-    def on_mouse_release(self, x, y, button, modifiers):
-        self._happened()
-        if self.scene is not None and button in BUTTONS:
-            self.controls.release(BUTTONS[button])
-
-    def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
-        self._happened()
-        if self.scene is not None:
-            self.controls.scroll(self._pixel(x, y), scroll_y)
-
-    def on_key_press(self, symbol, modifiers):
-        self._happened()
-        action = action_of(key.symbol_string(symbol), bool(modifiers & key.MOD_CTRL))
-        if action is not None and self.scene is not None:
-            self.log("key", action=action)
-            getattr(self.actions, action)()
-        return True  # pyglet's own handler would close the window on Esc
-
-    def on_resize(self, width, height):
-        self._happened()
-        self.log("resize", size=[width, height], framebuffer=self._size())
-        return True  # pyglet's own handler would set a viewport
-
-    def _happened(self):
-        self._last_event = time.perf_counter()
-
     def _request_close(self):
         self.window.has_exit = True
 
-    def _size(self):
+    @property
+    def size(self) -> tuple[int, int]:
         """The framebuffer's size in pixels, at least 1 x 1."""
         width, height = self.window.get_framebuffer_size()
         return max(width, 1), max(height, 1)
-
-    def _pixel(self, x, y):
-        """From pyglet's position (points, y up) to the image's pixel (y down)."""
-        ratio = self.controls.ratio
-        return (x + 0.5) * ratio, self.controls.size[1] - (y + 0.5) * ratio
-
-    # -- log -----------------------------------------------------------------------------
 
     def _log_state(self):
         now = time.perf_counter()
@@ -259,31 +210,7 @@ class App:
         if not self.log.enabled or (now - self._last_state < STATE_SECONDS and not ready):
             return
         self._last_state = now
-        scene, controls = self.scene, self.controls
-        pixels, _ = picking.project(controls.camera, scene.positions[scene.control_ids])
-        moved = scene.displacements()
-        self.log(
-            "ready" if ready else "state",
-            size=[self.window.width, self.window.height],
-            framebuffer=controls.size,
-            vertices=[  # in points from the window's top left corner
-                {"id": int(vertex), "at": at / controls.ratio}
-                for vertex, at, shown in zip(
-                    scene.control_ids, pixels, controls.shown(), strict=True
-                )
-                if shown
-            ],
-            max_displacement=moved.max(),
-            max_pin_displacement=moved[scene.solver.pinned].max(initial=0.0),
-            moving=scene.moving,
-            paused=scene.paused,
-            refined=self.radiance.refined,
-            frame_seconds=self.status.times.frame_seconds(),
-            yaw=scene.orbit.yaw,
-            pitch=scene.orbit.pitch,
-            distance=scene.orbit.distance,
-            young_modulus=scene.material.young_modulus,
-        )
+        self.log("ready" if ready else "state", **state_of(self))
 
 
 def _prepare(field, name, device):

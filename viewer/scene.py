@@ -4,7 +4,7 @@ Time: the solver always steps by 1/60 s (another length would cost it its coeffi
 a frame takes as many steps as fit in it.  Positions are model space, V vertices.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from ..core.deform.handles import control_vertices, lowest_pins, vertices_within
 from ..core.deform.material import Material
 from ..core.deform.xpbd import XpbdOptions, XpbdSolver
 from . import orbit as orbits
+from .settings import Grab, Settings
 from .surface import bounds, nearest_vertices
 
 STEP = 1.0 / 60.0  # s
@@ -20,48 +21,6 @@ VISIBLE = 2e-4  # object sizes, a fifth of a pixel
 CONTROL_COUNT = 40
 PINNED_PART = 0.05  # of the object's height
 FIRST_VIEW = orbits.Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
-
-
-@dataclass
-class Settings:
-    """What the user has chosen about picture and handles.
-
-    Attributes:
-        grab_radius: What a drag takes along, in object sizes.
-        automatic_resolution: Follow the frame time while things move; otherwise
-            `fixed_resolution` is the factor.
-    """
-
-    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    grab_radius: float = 0.08
-    automatic_resolution: bool = True
-    fixed_resolution: float = 1.0
-    show_handles: bool = True
-    show_wireframe: bool = False
-    show_panel: bool = True
-    show_help: bool = False
-    handles_in_clips: bool = True
-    panel_in_screenshots: bool = False
-
-
-@dataclass
-class Grab:
-    """A drag in progress: `vertex` and those around it move as one body.
-
-    Attributes:
-        ids: Vertices that move along, `vertex` among them.  [K]
-        offsets: Their positions relative to `vertex` when it was grabbed.  [K, 3]
-        target: Where `vertex` shall be.  [3]
-        reached: Where it has been sent by the steps so far.  [3]
-        before: Positions and velocities of all vertices when it was grabbed.
-    """
-
-    vertex: int
-    ids: np.ndarray
-    offsets: np.ndarray
-    target: np.ndarray
-    reached: np.ndarray
-    before: tuple[np.ndarray, np.ndarray]
 
 
 class Scene:
@@ -149,7 +108,7 @@ class Scene:
     def _notice(self):
         """Count a change of the pose if it can be seen; what creeps adds up until it can."""
         now = self.solver.vertices.numpy()
-        if self.solver.settled or abs(now - self.positions).max() > VISIBLE * self.size:
+        if abs(now - self.positions).max() > VISIBLE * self.size:
             self.revision += 1
             self._host = self.revision, now.copy()
 

@@ -75,13 +75,13 @@ def _solver_options(scene):
     if changed:
         scene.hold(held)
     ratio = scene.stiffness_ratio
+    imgui.same_line()
     imgui.text_disabled(f"r = {ratio:.2g}")
     imgui.set_item_tooltip(
         "compliance against inertia in a substep: below 1 more substeps make it stiffer,\n"
         f"below {SOFTENED} it is softer than asked for"
     )
     if ratio < SOFTENED:
-        imgui.same_line()
         imgui.text("softened: take more substeps")
 
 
