@@ -97,7 +97,7 @@ def _run(app, chosen, drag):
         app.run(run.frames)
         if run.screenshot is not None:
             app.capture.screenshot(run.screenshot)
-            app.capture.save_screenshot()
+            app.frame(0.0, whole=True)
         return
     count = run.frames or options.HEADLESS_FRAMES
     app.canvas.use(options.frame_size(chosen))

@@ -12,7 +12,7 @@ class Capture:
 
     Attributes:
         written: Files that are finished.
-        failed: Whether a clip was lost.
+        failed: Whether a clip or a screenshot was lost.
     """
 
     def __init__(self, canvas, status, log):
@@ -55,7 +55,10 @@ class Capture:
         """Write the canvas as it is now, if a screenshot is wanted."""
         if self._screenshot is not None:
             path, self._screenshot = self._screenshot, None
-            self._finished(save_png(path, self._canvas.read()))
+            try:
+                self._finished(save_png(path, self._canvas.read()))
+            except OSError as error:
+                self._fail(f"the screenshot can't be written: {error}")
 
     def _finished(self, path):
         self.written.append(path)

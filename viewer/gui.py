@@ -67,7 +67,6 @@ class Gui:
         imgui.create_context()
         self._io = imgui.get_io()
         self._io.set_ini_filename("")  # no file in the user's current folder
-        self._io.backend_flags |= imgui.BackendFlags_.has_mouse_cursors.value
         apply_style()
         if not imgui.backends.opengl3_init("#version 330"):
             raise RuntimeError("ImGui's OpenGL renderer does not start")
@@ -136,6 +135,7 @@ class Gui:
 
     def on_mouse_leave(self, x, y):
         self._io.add_mouse_pos_event(NOWHERE, NOWHERE)
+        self.mouse_on_panel = False
 
     def on_activate(self):
         self._io.add_focus_event(True)

@@ -121,10 +121,10 @@ class VideoRecorder:
         self.repeated_count += count - 1
 
     def _encode(self):
+        items = iter(self._queue.get, None)  # None ends the clip
         try:
             written = 0
-            while (item := self._queue.get()) is not None:
-                image, count = item
+            for image, count in items:
                 frame = _video_frame(image)
                 for _ in range(count):
                     frame.pts = written
@@ -134,7 +134,7 @@ class VideoRecorder:
             self._container.close()
         except Exception as error:  # handed to the caller by the next push or by close
             self._error = error
-            while self._queue.get() is not None:
+            for _ in items:  # so that no push waits for ever
                 pass
 
 
