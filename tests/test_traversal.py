@@ -152,7 +152,7 @@ def test_rays_that_start_inside_see_what_lies_ahead(make_ball_field, device):
     r_ray, _, _, r_in, r_out, _, r_rate = ray_pieces(field, rest, origins, directions)
     total = np.bincount(ray, length, minlength=200)
     expected = np.bincount(r_ray, (r_out - r_in) * r_rate, minlength=200)
-    assert expected.min() > 0.05
+    assert expected.min() > 0.01
     np.testing.assert_allclose(total, expected, atol=1e-4)
 
 

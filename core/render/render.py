@@ -93,6 +93,12 @@ def camera_rays_kernel(
     directions[i] = wp.normalize(d)
 
 
+@wp.kernel
+def count_up_kernel(values: wp.array(dtype=int)):
+    i = wp.tid()
+    values[i] = i
+
+
 class Renderer:
     """Renders one field in a pose that changes: `set_vertices`, then `render`."""
 
@@ -189,7 +195,8 @@ class Renderer:
 
     def _accumulate(self, rays, count, options):
         pixels = empty_pixels(count, self.device)
-        alive = wp.array(np.arange(count, dtype=np.int32), dtype=int, device=self.device)
+        alive = wp.empty(count, dtype=int, device=self.device)
+        self._launch(count_up_kernel, count, [], [alive])
         sample_count, round_ = 0, 0
         while count > 0:
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
