@@ -37,6 +37,8 @@ def state_of(app) -> dict:
         "paused": scene.paused,
         "refined": app.radiance.refined,
         "frame_seconds": app.status.times.frame_seconds(),
+        "stage_seconds": app.status.times.medians(),
+        "resolution": app.radiance.factor,
         "yaw": scene.orbit.yaw,
         "pitch": scene.orbit.pitch,
         "distance": scene.orbit.distance,
