@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from deformrf.core import paths
+from deformrf.core.field import modelfile
 from deformrf.core.render import reference
 from deformrf.core.render.camera import from_field_of_view, look_at, rays
 from deformrf.core.render.render import Renderer, RenderOptions
@@ -66,6 +68,27 @@ def test_conformance_mode_equals_the_reference(make_ball_field, device, pose):
     assert np.abs(depth - expected_depth)[seen].mean() < 1e-3
 
 
+@pytest.mark.parametrize("pose", ["rest", "twist"])
+def test_the_bundled_model_renders_as_defined(device, pose):
+    """Trained contents: thin shells, sharp masks, five thousand tets."""
+    field = modelfile.load(paths.DEFAULT_MODEL)
+    vertices = field.mesh.rest_vertices
+    if pose == "twist":
+        angle = 1.2 * (vertices[:, 2] - 0.1)
+        x, y = vertices[:, 0] - 0.5, vertices[:, 1] - 0.5
+        c, s = np.cos(angle), np.sin(angle)
+        vertices = np.column_stack([0.5 + c * x - s * y, 0.5 + s * x + c * y, vertices[:, 2]])
+    vertices = vertices.astype(np.float32)
+    origins, directions = float32_rays(camera(100))
+    renderer = Renderer(field, device)
+    renderer.set_vertices(vertices)
+    color, _, _ = renderer.render_rays(origins, directions, CONFORMANCE)
+    expected, _, _ = reference.render_rays(field, vertices, origins, directions, BACKGROUND)
+    difference = 255.0 * np.abs(color - expected)
+    assert (difference.max(axis=1) > 2.0).mean() <= 1e-4
+    assert difference.mean() <= 0.1
+
+
 def test_default_mode_is_close(make_ball_field, device):
     """45 dB against the reference; it stops earlier and, on CUDA, has half precision."""
     field = make_ball_field(5)
@@ -127,7 +150,7 @@ def test_looking_away_shows_the_background(make_ball_field, device):
 
 
 def test_an_empty_mask_is_empty_space(make_ball_field, device):
-    field = make_ball_field(10, occupied_share=-1.0)
+    field = make_ball_field(10, occupied_share=0.0)
     image = Renderer(field, device).render(camera(16))
     assert (image.color_array()[..., 3] == 0).all()
     assert image.sample_count == 0

@@ -111,7 +111,7 @@ def bent(x):
 @pytest.mark.parametrize("deform", [lambda x: x, bent, lambda x: (x - 0.5) * [0.7, 0.8, 1.5] + 0.5])
 def test_walks_find_the_pieces_of_the_brute_force_reference(make_ball_field, device, deform):
     rng = np.random.default_rng()
-    field = make_ball_field(int(rng.integers(1000)), occupied_share=1.1)
+    field = make_ball_field(int(rng.integers(1000)), occupied_share=1.0)
     vertices = deform(field.mesh.rest_vertices).astype(np.float32).astype(float)
     origins, directions = random_rays(200, rng)
     origins, directions = (a.astype(np.float32).astype(float) for a in (origins, directions))
@@ -127,7 +127,7 @@ def test_walks_find_the_pieces_of_the_brute_force_reference(make_ball_field, dev
 
 def test_rays_through_vertices_and_edges_do_not_get_lost(make_ball_field, device):
     rng = np.random.default_rng()
-    field = make_ball_field(2, occupied_share=1.1)
+    field = make_ball_field(2, occupied_share=1.0)
     rest = field.mesh.rest_vertices
     pairs = field.mesh.tets[rng.integers(0, field.mesh.tet_count, 300)][:, :2]
     targets = np.concatenate([rest[pairs[:150, 0]], rest[pairs[150:]].mean(axis=1)])
@@ -144,7 +144,7 @@ def test_rays_through_vertices_and_edges_do_not_get_lost(make_ball_field, device
 
 def test_rays_that_start_inside_see_what_lies_ahead(make_ball_field, device):
     rng = np.random.default_rng()
-    field = make_ball_field(4, occupied_share=1.1)
+    field = make_ball_field(4, occupied_share=1.0)
     rest = field.mesh.rest_vertices
     origins, directions = random_rays(200, rng)
     origins = rng.uniform(0.35, 0.65, (200, 3)).astype(np.float32).astype(float)
@@ -158,7 +158,7 @@ def test_rays_that_start_inside_see_what_lies_ahead(make_ball_field, device):
 
 def test_jitter_moves_samples_inside_their_pieces_only(make_ball_field, device):
     rng = np.random.default_rng()
-    field = make_ball_field(3, occupied_share=1.1)
+    field = make_ball_field(3, occupied_share=1.0)
     origins, directions = random_rays(100, rng)
     rest = field.mesh.rest_vertices
     still = march(field, rest, origins, directions, device)
