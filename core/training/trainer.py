@@ -43,6 +43,7 @@ COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
 UNSEEN_WEIGHT = 1e-3  # a sub-tet that never contributes as much is hidden
 COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
+COARSE_LOOK, FINE_LOOK = 4, 16  # rays that look for it, over the samples of a step
 SMALLEST_COMPONENT = 0.005  # of the tets; smaller ones are floaters
 RAYS_AT_START, MOST_RAYS = 1 << 12, 1 << 16
 
@@ -88,7 +89,8 @@ def train(dataset: Dataset, options: TrainOptions, device="cpu", name="") -> Tra
                 stage, bank, dataset.has_alpha, options, options.fine_steps, "stage 2", progress
             )
         if not interrupted:
-            stage.hide_unseen(_all_rays(bank), UNSEEN_WEIGHT)
+            rays = _looking_rays(bank, FINE_LOOK * options.samples_per_step)
+            stage.hide_unseen(rays, UNSEEN_WEIGHT)
         report["seconds"] = time.perf_counter() - start
         report["interrupted"] = interrupted
         report["occupied_share"] = stage.occupied_share()
@@ -122,7 +124,8 @@ def _coarse_stage(bank, has_alpha, options, device, progress):
     interrupted = _fit(stage, bank, has_alpha, options, options.coarse_steps, "stage 1", progress)
     if not interrupted:
         stage.update_occupancy()
-        stage.hide_unseen(_all_rays(bank, most=1 << 20), COARSE_UNSEEN_WEIGHT)
+        rays = _looking_rays(bank, COARSE_LOOK * options.samples_per_step)
+        stage.hide_unseen(rays, COARSE_UNSEEN_WEIGHT)
     return stage, interrupted
 
 
@@ -203,12 +206,14 @@ def _next_ray_count(ray_count, sample_count, wanted):
     return int(np.clip(ray_count * np.clip(ratio, 0.5, 1.5), 256, MOST_RAYS))
 
 
-def _all_rays(bank: RayBank, batch=1 << 14, most=1 << 22):
-    """Batches of rays through all training pixels, or an even choice of `most` of them."""
-    stride = max(1, bank.pixel_count // most)
-    pixels = torch.arange(0, bank.pixel_count, stride, device=bank.images.device)
-    for part in pixels.split(batch):
-        yield bank.rays(part)[:2]
+def _looking_rays(bank: RayBank, most: int, batch=1 << 14):
+    """Batches of rays through all training pixels, or through `most` random ones."""
+    if bank.pixel_count > most:
+        for _ in range(-(-most // batch)):
+            yield bank.draw(batch)[:2]
+    else:
+        for part in torch.arange(bank.pixel_count, device=bank.images.device).split(batch):
+            yield bank.rays(part)[:2]
 
 
 def save(trained: Trained, path):
