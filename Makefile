@@ -11,7 +11,7 @@ DEBIAN_PACKAGES := libgl1 libglx-mesa0 libgl1-mesa-dri libegl1 libegl-mesa0 libx
 	xvfb xauth xdotool
 
 # Without a display, the demo drags this vertex by this much (model space) instead of you.
-DEMO_DRAG ?= 0:0.15,0,0.05
+DEMO_DRAG ?= 1360:0.15,-0.1,-0.05
 DEMO_FRAMES ?= 90
 WINDOW_OPENS := import pyglet; config = pyglet.gl.Config(major_version=3, minor_version=3); \
 	pyglet.window.Window(8, 8, visible=False, config=config)
