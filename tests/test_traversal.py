@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.render.marching import empty_rays, empty_samples, march_kernel
+from deformrf.core.render.marching import FILL_SLOTS, empty_rays, empty_samples, march_kernel
 from deformrf.core.render.reference import ray_pieces
 from deformrf.core.render.traversal import Pose, tet_frames_reference
 
@@ -87,7 +87,9 @@ def march(field, vertices, origins, directions, device, jitter_seed=0):
             wp.array(np.arange(count, dtype=np.int32), dtype=int, device=device),
             field.options.march_step,
             SLOTS,
-            jitter_seed,
+            wp.full(1, jitter_seed, dtype=int, device=device),
+            FILL_SLOTS,
+            counts,
         ],
         outputs=[slots, counts],
         device=device,

@@ -210,21 +210,26 @@ def corner_entries(
 def encode_kernel(
     tables: Tables,
     table: wp.array(dtype=wp.vec4),  # [entries]
-    sample_tet: wp.array(dtype=int),  # [N]
+    sample_tet: wp.array(dtype=int),  # [N] -1: no sample, zeros come out
     sample_bary: wp.array(dtype=wp.vec4),  # [N]
     level_count: int,
     features: wp.array2d(dtype=wp.vec4),  # [N, L] out
 ):
     n = wp.tid()
     tet = sample_tet[n]
+    path = int(0)
+    level = int(0)
+    if tet < 0:
+        while level < level_count:
+            features[n, level] = wp.vec4()
+            level += 1
+        return
     alpha = sample_bary[n]
     corners = tables.tets[tet]
     a = tables.addresses[corners[0]]
     b = tables.addresses[corners[1]]
     c = tables.addresses[corners[2]]
     d = tables.addresses[corners[3]]
-    path = int(0)
-    level = int(0)
     while level < level_count:
         if level > 0:
             k = child_of(alpha)
@@ -251,6 +256,8 @@ def encode_backward_kernel(
 ):
     n = wp.tid()
     tet = sample_tet[n]
+    if tet < 0:
+        return
     alpha = sample_bary[n]
     corners = tables.tets[tet]
     a = tables.addresses[corners[0]]

@@ -5,9 +5,11 @@ length Δ, the last one shorter; a piece counts if its middle lies in an occupie
 Training displaces the evaluation point inside the piece by a random fraction instead of
 taking the middle.
 
-A round of marching gives each ray at most K pieces, in slots [R, K]; `pack` then joins
-the filled slots of all rays into arrays without gaps, ray after ray.  A ray that isn't
-finished keeps its state and goes on in the next round.
+A round of marching gives each ray at most K pieces, and a ray that isn't finished keeps
+its state and goes on in the next round.  The samples of all rays end up in arrays without
+gaps, ray after ray.  Two ways lead there: fill slots [R, K], then `pack` them (rendering:
+K is small); or count first and march again to write (training: one round with a large K,
+for which slots would take a gigabyte).
 
 Shapes: R rays, K slots per ray, N packed samples.
 """
@@ -24,6 +26,11 @@ from .traversal import (
     exit_tet,
     face_towards,
 )
+
+FILL_SLOTS = wp.constant(0)  # what one launch of march_kernel is for
+COUNT = wp.constant(1)
+WRITE = wp.constant(2)
+MIDDLE = wp.constant(0)  # jitter seed: evaluate at the middle
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -78,10 +85,13 @@ def march_kernel(
     alive: wp.array(dtype=int),  # [R] ray of each thread
     step: float,  # Δ
     slot_count: int,  # K
-    jitter_seed: int,  # 0: evaluate at the middle
-    samples: Samples,  # out [threads · K]
-    counts: wp.array(dtype=int),  # [threads] out: filled slots
+    jitter_seed: wp.array(dtype=int),  # [1]; MIDDLE or the seed of random places
+    purpose: int,  # FILL_SLOTS, COUNT, or WRITE
+    ends: wp.array(dtype=int),  # [threads] WRITE: inclusive scan of counts
+    samples: Samples,  # out: [threads · K], or [N] for WRITE
+    counts: wp.array(dtype=int),  # [threads] out: samples of each ray; WRITE: in
 ):
+    """One round for each ray.  COUNT leaves the rays' state alone, so that WRITE finds it."""
     i = wp.tid()
     ray = alive[i]
     origin = rays.origins[ray]
@@ -90,11 +100,16 @@ def march_kernel(
     tet = rays.tet[ray]
     entry_face = rays.entry_face[ray]
     piece = rays.piece[ray]
-    random = wp.rand_init(jitter_seed, ray)
+    seed = jitter_seed[0]
+    random = wp.rand_init(seed, ray)
     base = i * slot_count
+    limit = slot_count
+    if purpose == WRITE:
+        base = ends[i] - counts[i]
+        limit = counts[i]
     count = int(0)
     tets_left = int(MAX_TETS)
-    while tet > -2 and count < slot_count:
+    while tet > -2 and count < limit:
         if tet == -1:
             found, entry_t = enter_mesh(geometry, origin, direction, t)
             t = entry_t
@@ -119,20 +134,21 @@ def march_kernel(
                 piece_count = int(wp.ceil(rest_length / step))
                 if mask == wp.uint64(0) or fade <= 0.0:
                     piece_count = 0
-                while piece < piece_count and count < slot_count:
+                while piece < piece_count and count < limit:
                     low = float(piece) * step
                     length = wp.min(step, rest_length - low)
                     middle = (low + 0.5 * length) / speed
                     at = middle
-                    if jitter_seed != 0:
+                    if seed != MIDDLE:
                         at = (low + wp.randf(random) * length) / speed
                     bary = alpha + at * slope
                     if is_occupied(mask, subtet_of(bary)):
-                        slot = base + count
-                        samples.tet[slot] = tet
-                        samples.bary[slot] = bary
-                        samples.length[slot] = fade * length
-                        samples.t[slot] = t + middle
+                        if purpose != COUNT:
+                            slot = base + count
+                            samples.tet[slot] = tet
+                            samples.bary[slot] = bary
+                            samples.length[slot] = fade * length
+                            samples.t[slot] = t + middle
                         count += 1
                     piece += 1
                 if piece >= piece_count:
@@ -143,11 +159,13 @@ def march_kernel(
                     tets_left -= 1
                     if tet >= 0:
                         entry_face = face_towards(geometry.neighbours[tet], previous)
-    counts[i] = count
-    rays.t[ray] = t
-    rays.tet[ray] = tet
-    rays.entry_face[ray] = entry_face
-    rays.piece[ray] = piece
+    if purpose != WRITE:
+        counts[i] = count
+    if purpose == FILL_SLOTS:
+        rays.t[ray] = t
+        rays.tet[ray] = tet
+        rays.entry_face[ray] = entry_face
+        rays.piece[ray] = piece
 
 
 @wp.kernel
@@ -158,14 +176,16 @@ def pack_kernel(
     slot_count: int,
     packed: Samples,  # out [N]
 ):
-    i, slot = wp.tid()
-    if slot < counts[i]:
-        source = i * slot_count + slot
-        target = ends[i] - counts[i] + slot
+    i = wp.tid()
+    source = i * slot_count
+    target = ends[i] - counts[i]
+    while target < ends[i]:
         packed.tet[target] = slots.tet[source]
         packed.bary[target] = slots.bary[source]
         packed.length[target] = slots.length[source]
         packed.t[target] = slots.t[source]
+        source += 1
+        target += 1
 
 
 @wp.kernel
@@ -179,8 +199,9 @@ def basis_kernel(
     basis: wp.array(dtype=basis_vector),  # [N] out
 ):
     """Spherical harmonics of each packed sample's rest direction, Qᵀd."""
-    i, slot = wp.tid()
-    if slot < counts[i]:
-        n = ends[i] - counts[i] + slot
-        rotation = rotations[sample_tet[n]]
-        basis[n] = basis_of(wp.transpose(rotation) * rays.directions[alive[i]])
+    i = wp.tid()
+    direction = rays.directions[alive[i]]
+    n = ends[i] - counts[i]
+    while n < ends[i]:
+        basis[n] = basis_of(wp.transpose(rotations[sample_tet[n]]) * direction)
+        n += 1

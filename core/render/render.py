@@ -21,7 +21,15 @@ from ..field.encoding import FEATURES, encode_kernel, make_tables
 from ..field.field import TetField
 from .camera import Camera
 from .compositing import accumulate_kernel, empty_pixels, resolve_kernel
-from .marching import basis_kernel, empty_rays, empty_samples, march_kernel, pack_kernel
+from .marching import (
+    FILL_SLOTS,
+    MIDDLE,
+    basis_kernel,
+    empty_rays,
+    empty_samples,
+    march_kernel,
+    pack_kernel,
+)
 from .traversal import Pose
 
 CPU_TILE_RAYS = 4096  # samples of a tile stay in a core's cache
@@ -110,6 +118,7 @@ class Renderer:
         self._tables = make_tables(field.mesh, field.layout, self.device)
         self._table = wp.array(field.table, dtype=wp.vec4, device=self.device)
         self._occupancy = wp.array(field.occupancy, dtype=wp.uint64, device=self.device)
+        self._middle = wp.full(1, MIDDLE, dtype=int, device=self.device)
         if self.device.is_cuda:
             self._networks = _torch_networks(field, self.device)
         else:
@@ -204,7 +213,7 @@ class Renderer:
                 samples, counts, ends, packed_count = self._march(rays, alive, count, slot_count)
             with self._stage("encode"):
                 features = self._encode(samples, packed_count)
-                basis = self._basis(rays, alive, counts, ends, samples, packed_count, slot_count)
+                basis = self._basis(rays, alive, counts, ends, samples, packed_count)
             with self._stage("networks"):
                 sigma, rgb = self._networks(features, basis, half=not options.conformance)
             with self._stage("accumulate"):
@@ -231,13 +240,16 @@ class Renderer:
         self._launch(
             march_kernel,
             count,
-            [self.pose.geometry, self._occupancy, rays, alive, step, slot_count, 0],
+            [
+                *(self.pose.geometry, self._occupancy, rays, alive, step, slot_count),
+                *(self._middle, FILL_SLOTS, ends),
+            ],
             [slots, counts],
         )
         wp.utils.array_scan(counts, ends, inclusive=True)
         packed_count = int(ends[count - 1 : count].numpy()[0])
         packed = empty_samples(packed_count, self.device)
-        self._launch(pack_kernel, (count, slot_count), [slots, counts, ends, slot_count, packed])
+        self._launch(pack_kernel, count, [slots, counts, ends, slot_count], [packed])
         return packed, counts, ends, packed_count
 
     def _encode(self, samples, count):
@@ -251,11 +263,11 @@ class Renderer:
         )
         return features
 
-    def _basis(self, rays, alive, counts, ends, samples, count, slot_count):
+    def _basis(self, rays, alive, counts, ends, samples, count):
         basis = wp.empty(count, dtype=network.basis_vector, device=self.device)
         self._launch(
             basis_kernel,
-            (len(counts), slot_count),
+            len(counts),
             [rays, self.pose.geometry.rotations, alive, counts, ends, samples.tet],
             [basis],
         )

@@ -88,7 +88,8 @@ class Composite(torch.autograd.Function):
     def backward(ctx, color_grad, opacity_grad, distortion_grad, _weights_grad):
         sigma, rgb, weights = ctx.saved_tensors
         length, t, counts, ends = ctx.samples
-        sigma_grad, rgb_grad = torch.empty_like(sigma), torch.empty_like(rgb)
+        # Zeros: samples that belong to no ray get nothing.
+        sigma_grad, rgb_grad = torch.zeros_like(sigma), torch.zeros_like(rgb)
         wp.launch(
             composite_backward_kernel,
             dim=len(counts),

@@ -15,16 +15,14 @@ import warp as wp
 
 from ..field.encoding import make_layout, make_tables
 from ..field.field import FieldOptions, TetField, random_field
-from ..field.network import basis_vector
 from ..field.network_torch import Networks
 from ..field.occupancy import LEVELS, SUBTET_COUNT, subtet_of
 from ..geometry.mesh import TetMesh, tet_neighbours
 from ..geometry.subdivision import path_corners
-from ..render.marching import basis_kernel, empty_rays, empty_samples, march_kernel, pack_kernel
 from ..render.traversal import Pose
+from .batch import Batch
 from .differentiable import Composite, Encode
 
-MAX_SLOTS = 512  # samples of one ray; beyond, a ray is cut off
 OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet counts as occupied, at most
 OCCUPANCY_DECAY = 0.95  # per update; so empty space is forgotten within some 60 updates
 UPDATE_CHUNK = 1 << 20  # sub-tets evaluated at once
@@ -64,67 +62,29 @@ class Stage:
         self.thickness = torch.zeros(shape, device=self.torch_device)
         self.occupied = torch.ones(shape, dtype=torch.bool, device=self.torch_device)
         self.hidden = torch.zeros(shape, dtype=torch.bool, device=self.torch_device)
+        self._mask_bits = torch.zeros(shape[0], dtype=torch.int64, device=self.torch_device)
+        self._mask = wp.from_torch(self._mask_bits, dtype=wp.uint64)
         self._refresh_mask()
         self._generator = torch.Generator(device=self.torch_device).manual_seed(seed)
         corners = path_corners(LEVELS) / 2**LEVELS  # [64, corner, 4]
         self._corners = torch.from_numpy(corners.astype(np.float32)).to(self.torch_device)
-        # fp16 matmuls on CUDA; the encoding and the sums stay in float32.
-        self._half = self.device.is_cuda
 
     @property
     def mesh(self) -> TetMesh:
         return self._start.mesh
 
-    def march(self, origins, directions, jitter_seed):
-        """Samples of rays: packed Samples, ends and counts [R], basis [N, 16], N."""
-        ray_count = len(origins)
-        rays = empty_rays(ray_count, self.device)
-        rays.origins = wp.from_torch(origins.contiguous(), dtype=wp.vec3)
-        rays.directions = wp.from_torch(directions.contiguous(), dtype=wp.vec3)
-        everyone = wp.from_torch(
-            torch.arange(ray_count, dtype=torch.int32, device=self.torch_device)
-        )
-        slots = empty_samples(ray_count * MAX_SLOTS, self.device)
-        counts = wp.empty(ray_count, dtype=int, device=self.device)
-        ends = wp.empty(ray_count, dtype=int, device=self.device)
-        self._launch(
-            march_kernel,
-            ray_count,
-            [
-                *(self.pose.geometry, self._mask, rays, everyone),
-                *(self.options.march_step, MAX_SLOTS, jitter_seed),
-            ],
-            [slots, counts],
-        )
-        wp.utils.array_scan(counts, ends, inclusive=True)
-        count = int(ends[ray_count - 1 :].numpy()[0])
-        samples = empty_samples(count, self.device)
-        basis = wp.empty(count, dtype=basis_vector, device=self.device)
-        dim = (ray_count, MAX_SLOTS)
-        self._launch(pack_kernel, dim, [slots, counts, ends, MAX_SLOTS], [samples])
-        self._launch(
-            basis_kernel,
-            dim,
-            [rays, self.pose.geometry.rotations, everyone, counts, ends, samples.tet],
-            [basis],
-        )
-        return samples, counts, ends, wp.to_torch(basis), count
-
-    def trace(self, origins, directions, jitter_seed):
-        """Render rays with gradients.
+    def trace(self, batch: Batch):
+        """Render the batch's rays with gradients.
 
         Returns:
-            color [R, 3] without background, opacity [R], distortion [R], weights [N],
-            the samples and their number.
+            color [R, 3] without background, opacity [R], distortion [R], weights [N].
         """
-        samples, counts, ends, basis, count = self.march(origins, directions, jitter_seed)
-        with torch.autocast(self.torch_device.type, torch.float16, enabled=self._half):
+        batch.march(self.pose, self._mask, self.options.march_step)
+        samples = batch.samples
+        with self._precision():
             features = self.encode(samples.tet, samples.bary)
-            sigma, rgb = self.networks(features, basis)
-        color, opacity, distortion, weights = Composite.apply(
-            sigma, rgb, samples.length, samples.t, counts, ends
-        )
-        return color, opacity, distortion, weights, samples, count
+            sigma, rgb = self.networks(features, batch.basis)
+        return Composite.apply(sigma, rgb, samples.length, samples.t, batch.counts, batch.ends)
 
     def encode(self, sample_tet, sample_bary):
         return Encode.apply(
@@ -162,7 +122,7 @@ class Stage:
         features = self.encode(
             wp.from_torch(tet.contiguous()), wp.from_torch(bary.contiguous(), dtype=wp.vec4)
         )
-        with torch.autocast(self.torch_device.type, torch.float16, enabled=self._half):
+        with self._precision():
             h = self.networks.density_features(features)
         return self.networks.sigma(h) * self.options.march_step
 
@@ -178,11 +138,17 @@ class Stage:
         """
         seen = torch.zeros(self.thickness.numel(), device=self.torch_device)
         for seed, (origins, directions) in enumerate(ray_batches, start=1):
-            _, _, _, weights, samples, count = self.trace(origins, directions, seed)
-            self._launch(
+            batch = Batch(len(origins), None, self.device)
+            batch.origins.copy_(origins)
+            batch.directions.copy_(directions)
+            batch.seed.fill_(seed)
+            weights = self.trace(batch)[3]
+            wp.launch(
                 mark_seen_kernel,
-                count,
-                [samples.tet, samples.bary, wp.from_torch(weights), wp.from_torch(seen)],
+                dim=len(weights),
+                inputs=[batch.samples.tet, batch.samples.bary, wp.from_torch(weights)],
+                outputs=[wp.from_torch(seen)],
+                device=self.device,
             )
         self.hidden = (seen < smallest_weight).view_as(self.hidden)
         self.occupied &= ~self.hidden
@@ -204,10 +170,16 @@ class Stage:
             meta=meta,
         )
 
+    def _precision(self):
+        """fp16 layers on CUDA; the encoding and the sums stay in float32."""
+        return torch.autocast(
+            self.torch_device.type,
+            torch.float16,
+            enabled=self.device.is_cuda,
+            cache_enabled=False,  # a CUDA graph has to see the weights' conversion
+        )
+
     def _refresh_mask(self):
         bits = torch.arange(SUBTET_COUNT, device=self.torch_device)
-        mask = (self.occupied.long() << bits).sum(dim=1)  # wraps to the same 64 bits
-        self._mask = wp.from_torch(mask, dtype=wp.uint64)
-
-    def _launch(self, kernel, dim, inputs, outputs=()):
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+        # Wraps to the same 64 bits; in place, because a CUDA graph knows the address.
+        self._mask_bits.copy_((self.occupied.long() << bits).sum(dim=1))

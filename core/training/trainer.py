@@ -30,22 +30,21 @@ from .options import TrainOptions
 from .progress import TrainingProgress
 from .raybank import RayBank, scene_to_unit_cube
 from .stage import Stage
+from .step import Step
 
-BETAS, EPSILON = (0.9, 0.999), 1e-15  # the paper's Adam
-NETWORK_WEIGHT_DECAY = 1e-6
 WARM_UP_STEPS = 100
 FINAL_RATE = 0.01  # of the first learning rate, at the cosine's end
 WHITE_SHARE = 0.2  # of the steps, at the end
 OCCUPANCY_INTERVAL = 16  # steps
 OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
-LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing; Adam doesn't see it
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
 UNSEEN_WEIGHT = 1e-3  # a sub-tet that never contributes as much is hidden
 COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
 COARSE_LOOK, FINE_LOOK = 4, 16  # rays that look for it, over the samples of a step
 SMALLEST_COMPONENT = 0.005  # of the tets; smaller ones are floaters
-RAYS_AT_START, MOST_RAYS = 1 << 12, 1 << 16
+RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
+FILLED = 0.9  # share of a step's room for samples that the number of rays aims at
 
 
 @dataclass
@@ -160,39 +159,22 @@ def learning_rate(step: int, step_count: int, highest: float) -> float:
 
 def _fit(stage, bank, has_alpha, options, step_count, title, progress) -> bool:
     """Optimise; returns whether the user interrupted."""
-    optimizer = torch.optim.Adam(
-        [
-            {"params": [stage.table]},
-            {"params": stage.networks.parameters(), "weight_decay": NETWORK_WEIGHT_DECAY},
-        ],
-        betas=BETAS,
-        eps=EPSILON,
-        fused=True,
-    )
-    ray_count = RAYS_AT_START
+    step = Step(stage, bank, options.distortion, options.samples_per_step)
+    step.set_ray_count(RAYS_AT_START)
     task = progress.begin(title, step_count)
     try:
-        for step in range(step_count):
-            if step % OCCUPANCY_INTERVAL == 0 and step > 0:
-                stage.update_occupancy(1.0 if step < OCCUPANCY_WARM_UP else 0.25)
-            for group in optimizer.param_groups:
-                group["lr"] = learning_rate(step, step_count, options.learning_rate)
-            origins, directions, rgba = bank.draw(ray_count)
-            white = not has_alpha or step >= (1.0 - WHITE_SHARE) * step_count
-            background = torch.ones_like(rgba[:, :3]) if white else torch.rand_like(rgba[:, :3])
-            alpha = rgba[:, 3:]
-            target = rgba[:, :3] * alpha + background * (1.0 - alpha)
-
-            color, opacity, distortion, _, _, count = stage.trace(origins, directions, step + 1)
-            if count > 0:
-                color = color + (1.0 - opacity[:, None]) * background
-                error = torch.nn.functional.mse_loss(color, target)
-                loss = error + options.distortion * distortion.mean()
-                optimizer.zero_grad(set_to_none=True)
-                (loss * LOSS_SCALE).backward()
-                optimizer.step()
-                progress.advance(task, error.detach(), count)
-            ray_count = _next_ray_count(ray_count, count, options.samples_per_step)
+        for number in range(step_count):
+            if number % OCCUPANCY_INTERVAL == 0 and number > 0:
+                stage.update_occupancy(1.0 if number < OCCUPANCY_WARM_UP else 0.25)
+                sample_count = step.sample_count()
+                progress.advance(task, OCCUPANCY_INTERVAL, float(step.error), sample_count)
+                ray_count = next_ray_count(
+                    step.batch.ray_count, sample_count, options.samples_per_step
+                )
+                if ray_count != step.batch.ray_count:
+                    step.set_ray_count(ray_count)
+            white = not has_alpha or number >= (1.0 - WHITE_SHARE) * step_count
+            step.run(learning_rate(number, step_count, options.learning_rate), white)
     except KeyboardInterrupt:
         progress.end(task)
         return True
@@ -200,10 +182,16 @@ def _fit(stage, bank, has_alpha, options, step_count, title, progress) -> bool:
     return False
 
 
-def _next_ray_count(ray_count, sample_count, wanted):
-    """As many rays as give the wanted number of samples, changing at most by half."""
-    ratio = wanted / max(sample_count, 1)
-    return int(np.clip(ray_count * np.clip(ratio, 0.5, 1.5), 256, MOST_RAYS))
+def next_ray_count(ray_count, sample_count, room):
+    """As many rays as fill the room for samples without overflowing it.
+
+    It stays as it is while that is nearly so: a new number costs a new CUDA graph.
+    """
+    filled = sample_count / room
+    if 0.8 <= filled <= 1.0:
+        return ray_count
+    wanted = ray_count * np.clip(FILLED / max(filled, 1e-6), 0.25, 4.0)
+    return int(np.clip(wanted, FEWEST_RAYS, MOST_RAYS))
 
 
 def _looking_rays(bank: RayBank, most: int, batch=1 << 14):

@@ -1,0 +1,113 @@
+"""One optimiser step: draw rays, render them, compare, go back, update.
+
+On CUDA a step has a fixed number of rays and a fixed room for samples, nothing in it waits
+for the host, and it is recorded once as a CUDA graph; learning rate, background and jitter
+seed are values on the device.  On the CPU the same step runs as it is, with exactly as
+many samples as there are.
+"""
+
+import torch
+import warp as wp
+
+from .batch import Batch
+from .raybank import RayBank
+from .stage import Stage
+
+BETAS, EPSILON = (0.9, 0.999), 1e-15  # the paper's Adam
+NETWORK_WEIGHT_DECAY = 1e-6
+LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing; Adam doesn't see it
+WARM_UP_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
+
+
+class Step:
+    """A training step of `ray_count` rays; `run` it again and again.
+
+    Attributes:
+        error: Mean squared error of the last step.  torch [] on the device
+        batch: The last step's samples.
+    """
+
+    def __init__(self, stage: Stage, bank: RayBank, distortion: float, samples_per_step: int):
+        self.stage, self.bank, self.distortion = stage, bank, distortion
+        self.samples_per_step = samples_per_step
+        device = stage.torch_device
+        self._white = torch.zeros(1, device=device)
+        self._rate = torch.zeros((), device=device)
+        self._seed = torch.zeros(1, dtype=torch.int32, device=device)
+        self.error = torch.zeros((), device=device)
+        self.optimizer = torch.optim.Adam(
+            [
+                {"params": [stage.table]},
+                {"params": stage.networks.parameters(), "weight_decay": NETWORK_WEIGHT_DECAY},
+            ],
+            lr=self._rate if device.type == "cuda" else 0.0,
+            betas=BETAS,
+            eps=EPSILON,
+            fused=True,
+            capturable=device.type == "cuda",
+        )
+        self.batch = None
+        self._graph = None
+
+    def set_ray_count(self, ray_count: int):
+        """Make room for that many rays; on CUDA the next run records a new graph."""
+        on_cuda = self.stage.device.is_cuda
+        self._graph = None
+        self.batch = Batch(ray_count, self.samples_per_step if on_cuda else None, self.stage.device)
+
+    def run(self, rate: float, white: bool):
+        """One step with that learning rate, on white or on random backgrounds."""
+        self._white.fill_(float(white))
+        if not self.stage.device.is_cuda:
+            for group in self.optimizer.param_groups:
+                group["lr"] = rate
+            self._work()
+            return
+        self._rate.fill_(rate)
+        if self._graph is None:
+            self._record()
+        self._graph.replay()
+
+    def sample_count(self) -> int:
+        """Samples that the last step's rays had, those left out included; waits for the device."""
+        ends = self.batch.ends
+        return int(ends[len(ends) - 1 :].numpy()[0])
+
+    def _work(self):
+        stage, batch = self.stage, self.batch
+        self._seed.add_(1)
+        wp.to_torch(batch.seed).copy_(self._seed)
+        origins, directions, rgba = self.bank.draw(batch.ray_count)
+        batch.origins.copy_(origins)
+        batch.directions.copy_(directions)
+        alpha = rgba[:, 3:]
+        background = torch.maximum(torch.rand_like(rgba[:, :3]), self._white)
+        target = rgba[:, :3] * alpha + background * (1.0 - alpha)
+
+        color, opacity, distortion, _ = stage.trace(batch)
+        color = color + (1.0 - opacity[:, None]) * background
+        fits = batch.fits / batch.fits.sum().clamp(min=1.0)
+        error = (fits[:, None] * (color - target) ** 2).sum() / 3.0
+        loss = error + self.distortion * (fits * distortion).sum()
+        self.optimizer.zero_grad(set_to_none=True)
+        (loss * LOSS_SCALE).backward()
+        self.optimizer.step()
+        self.error.copy_(error.detach())
+
+    def _record(self):
+        """Record the step; the runs before the recording are steps too."""
+        device = self.stage.device
+        stream = wp.get_stream(device)
+        for _ in range(WARM_UP_RUNS):
+            self._work()
+        graph = torch.cuda.CUDAGraph()
+        graph.register_generator_state(self.bank.generator)
+        with torch.cuda.graph(
+            graph, stream=wp.stream_to_torch(stream), capture_error_mode="thread_local"
+        ):
+            wp.capture_begin(device, stream=stream, external=True)
+            try:
+                self._work()
+            finally:
+                wp.capture_end(device, stream=stream)
+        self._graph = graph

@@ -1,0 +1,85 @@
+"""Batches: the same samples with and without a fixed room, and rays that don't fit."""
+
+import numpy as np
+import pytest
+import torch
+import warp as wp
+
+from deformrf.core.field.network import spherical_harmonics
+from deformrf.core.render.traversal import Pose
+from deformrf.core.training.batch import Batch
+
+RAYS = 300
+
+
+@pytest.fixture
+def scene(make_ball_field, device):
+    field = make_ball_field(int(np.random.default_rng().integers(1000)))
+    pose = Pose(field.mesh, field.neighbours, device)
+    return field, pose, wp.array(field.occupancy, dtype=wp.uint64, device=device)
+
+
+def marched(scene, capacity, device, rays):
+    field, pose, mask = scene
+    batch = Batch(RAYS, capacity, device)
+    for mine, given in zip((batch.origins, batch.directions), rays, strict=True):
+        mine.copy_(torch.from_numpy(given.astype(np.float32)))
+    batch.seed.fill_(5)
+    batch.march(pose, mask, field.options.march_step)
+    return batch
+
+
+def random_rays():
+    rng = np.random.default_rng()
+    origins = rng.normal(size=(RAYS, 3))
+    origins = 0.5 + 1.5 * origins / np.linalg.norm(origins, axis=1, keepdims=True)
+    directions = rng.uniform(0.3, 0.7, (RAYS, 3)) - origins
+    return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def test_a_fixed_room_holds_the_same_samples(scene, device):
+    rays = random_rays()
+    exact = marched(scene, None, device, rays)
+    count = len(exact.samples.tet)
+    roomy = marched(scene, count + 1000, device, rays)
+    assert int(roomy.sample_count.numpy()[0]) == count > 1000
+    for name in ("tet", "bary", "length", "t"):
+        mine = getattr(roomy.samples, name).numpy()[:count]
+        np.testing.assert_array_equal(mine, getattr(exact.samples, name).numpy())
+    assert (roomy.samples.tet.numpy()[count:] == -1).all()
+    assert (exact.samples.tet.numpy() >= 0).all()
+    assert bool((roomy.fits == 1.0).all())
+
+
+def test_rays_that_do_not_fit_are_left_out(scene, device):
+    rays = random_rays()
+    exact = marched(scene, None, device, rays)
+    room = len(exact.samples.tet) // 2
+    tight = marched(scene, room, device, rays)
+    fits = tight.fits.cpu().numpy() == 1.0
+    np.testing.assert_array_equal(fits, exact.ends.numpy() <= room)
+    np.testing.assert_array_equal(tight.counts.numpy(), np.where(fits, exact.counts.numpy(), 0))
+    count = int(tight.sample_count.numpy()[0])
+    assert count == tight.counts.numpy().sum() <= room
+    np.testing.assert_array_equal(
+        tight.samples.bary.numpy()[:count], exact.samples.bary.numpy()[:count]
+    )
+    assert (tight.samples.tet.numpy()[count:] == -1).all()
+
+
+def test_no_room_at_all_is_no_sample(scene, device):
+    field, pose, mask = scene
+    batch = Batch(1, 1, device)
+    batch.origins.copy_(torch.tensor([[0.5, 0.5, 3.0]]))
+    batch.directions.copy_(torch.tensor([[0.0, 0.0, -1.0]]))
+    batch.march(pose, mask, field.options.march_step)
+    assert int(batch.sample_count.numpy()[0]) == 0
+    assert batch.fits.item() == 0.0
+
+
+def test_the_basis_is_that_of_each_samples_ray(scene, device):
+    rays = random_rays()
+    batch = marched(scene, None, device, rays)
+    ray = np.repeat(np.arange(RAYS), batch.counts.numpy())
+    expected = spherical_harmonics(rays[1])[ray]
+    np.testing.assert_allclose(batch.basis.cpu().numpy(), expected, atol=2e-4)  # Q is I to 1e-5

@@ -1,0 +1,91 @@
+"""The training step: it learns, and on CUDA the recorded one is the one that was written."""
+
+import numpy as np
+import pytest
+import torch
+import warp as wp
+
+from deformrf.core.field.field import FieldOptions
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.training.datasets import Dataset
+from deformrf.core.training.differentiable import on_warp_stream
+from deformrf.core.training.raybank import RayBank, scene_to_unit_cube
+from deformrf.core.training.stage import Stage
+from deformrf.core.training.step import Step
+
+SIZE = 24
+
+
+@pytest.fixture
+def gray_disc():
+    """One view of a half-transparent gray square in the middle of nothing."""
+    image = np.zeros((1, SIZE, SIZE, 4), np.uint8)
+    image[:, 8:16, 8:16] = (90, 90, 90, 128)
+    pose = np.eye(4)[None].copy()
+    pose[0, 2, 3] = 4.0
+    return Dataset(image, pose, 40.0, SIZE, SIZE, ("r_0",), "train")
+
+
+def make_step(dataset, device, seed=0):
+    options = FieldOptions(level_count=4, table_size=2**10, march_step=0.02)
+    stage = Stage(a15_grid(0.2), options, device, seed)
+    bank = RayBank(dataset, scene_to_unit_cube(1.5), wp.device_to_torch(device), seed)
+    step = Step(stage, bank, 1e-2, 2**14)
+    step.set_ray_count(200)
+    return step
+
+
+def test_steps_reduce_the_error(gray_disc, device):
+    with on_warp_stream(device):
+        step = make_step(gray_disc, device)
+        errors = []
+        for _ in range(70):
+            step.run(1e-2, white=False)
+            errors.append(float(step.error))
+    assert np.mean(errors[-10:]) < 0.3 * np.mean(errors[:10])
+
+
+def test_a_rate_of_zero_changes_nothing(gray_disc, device):
+    with on_warp_stream(device):
+        step = make_step(gray_disc, device)
+        before = step.stage.table.detach().clone()
+        step.run(0.0, white=False)
+        assert torch.equal(before, step.stage.table.detach())
+        step.run(1e-2, white=False)
+        assert not torch.equal(before, step.stage.table.detach())
+
+
+def test_each_step_draws_other_rays_and_backgrounds(gray_disc, device):
+    with on_warp_stream(device):
+        step = make_step(gray_disc, device)
+        seen, seeds = [], []
+        for _ in range(3):
+            step.run(0.0, white=False)
+            seen.append(step.batch.directions.clone())
+            seeds.append(int(step.batch.seed.numpy()[0]))
+    assert not torch.equal(seen[0], seen[1])
+    assert not torch.equal(seen[1], seen[2])
+    assert len(set(seeds)) == 3
+
+
+@pytest.mark.gpu
+def test_a_recorded_step_learns_like_one_that_is_run(gray_disc, monkeypatch):
+    """With and without a graph.  Recording takes steps of its own, so draws differ."""
+    results = []
+    for recorded in (True, False):
+        torch.manual_seed(3)
+        with on_warp_stream("cuda:0"):
+            step = make_step(gray_disc, "cuda:0")
+            if not recorded:
+                monkeypatch.setattr(step, "_record", lambda step=step: None)
+                monkeypatch.setattr(
+                    step, "_graph", type("Eager", (), {"replay": staticmethod(step._work)})()
+                )
+            errors = []
+            for _ in range(70):
+                step.run(1e-2, white=False)
+                errors.append(float(step.error))
+            results.append(errors)
+    for errors in results:
+        assert np.mean(errors[-10:]) < 0.1 * np.mean(errors[:10])
+    assert results[0][:3] == pytest.approx(results[1][:3], rel=0.9)  # another draw, same size
