@@ -13,15 +13,14 @@ from typing import Annotated, Literal
 
 import tyro
 
+from .arguments import Count, File, at_least, writable_file
 from .device import Choice, device_name
 
 INPUT_ERROR, INTERRUPTED = 2, 130  # exit codes
 
-Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
 Data = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
 Model = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
-File = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
 
 
 @dataclass(frozen=True)
@@ -189,23 +188,3 @@ def with_steps(options, steps: int):
     share = options.coarse_steps / (options.coarse_steps + options.fine_steps)
     coarse_steps = max(1, round(share * steps))
     return replace(options, coarse_steps=coarse_steps, fine_steps=steps - coarse_steps)
-
-
-def at_least(smallest: int, name: str, value: int) -> int:
-    if value < smallest:
-        raise ValueError(f"{name} is {value}: it has to be at least {smallest}")
-    return value
-
-
-def writable_file(path: Path, ending: str) -> Path:
-    """The path, if a file can be written there: better known now than after an hour."""
-    if path.suffix != ending:
-        raise ValueError(f"the file to write, {path}, has to end in {ending}")
-    if path.is_dir():
-        raise ValueError(f"{path} is a folder, but a file is to be written there")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    existed = path.exists()
-    path.open("ab").close()
-    if not existed:
-        path.unlink()
-    return path

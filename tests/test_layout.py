@@ -16,6 +16,7 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 # Each part may import itself and the parts named on its right.
 MAY_IMPORT = {
     "core.paths": [],
+    "core.arguments": [],
     "core.device": [],
     "core.geometry": [],
     "core.field": ["core.geometry"],

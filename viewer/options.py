@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from ..core.cli import at_least, writable_file
+from ..core.arguments import Count, File, at_least, writable_file
 from ..core.device import Choice
 from ..core.paths import DEFAULT_MODEL
 
@@ -14,11 +14,9 @@ WINDOW_SIZE, HEADLESS_SIZE = (1200, 800), (400, 400)
 HEADLESS_FRAMES = 90
 SMALLEST_SIDE, LARGEST_SIDE = 32, 8192
 
-Model = Annotated[
+AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
     tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
 ]
-Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
-File = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
 Size = Annotated[str | None, tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
 Drag = Annotated[str | None, tyro.conf.arg(metavar="VERTEX:DX,DY,DZ", help_behavior_hint="")]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
@@ -45,7 +43,7 @@ class RunArguments:
 class ViewArguments:
     """Grab red control vertices of an object and bend it."""
 
-    model: Model = DEFAULT_MODEL
+    model: AnyModel = DEFAULT_MODEL
     """Model file, an .npz; the bundled one by default."""
     device: Choice = "auto"
     """auto takes CUDA if there is any."""

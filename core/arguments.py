@@ -1,0 +1,30 @@
+"""What the command lines share: how --help shows an argument, and what its value has to be."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
+File = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
+
+
+def at_least(smallest: int, name: str, value: int) -> int:
+    """The value; a ValueError that calls it by its name if it is smaller."""
+    if value < smallest:
+        raise ValueError(f"{name} is {value}: it has to be at least {smallest}")
+    return value
+
+
+def writable_file(path: Path, ending: str) -> Path:
+    """The path, if a file can be written there: better known now than after an hour."""
+    if path.suffix != ending:
+        raise ValueError(f"the file to write, {path}, has to end in {ending}")
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder, but a file is to be written there")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    existed = path.exists()
+    path.open("ab").close()
+    if not existed:
+        path.unlink()
+    return path
