@@ -146,6 +146,19 @@ def test_cancel_puts_everything_back(controls, scene):
     assert scene.grabbed is None
 
 
+@pytest.mark.parametrize("ending", ["release", "cancel"])
+def test_a_drag_goes_on_without_a_vertex_that_was_let_go_by_something_else(
+    controls, scene, events, ending
+):
+    press = pixel_of(controls, front_vertex(controls))
+    controls.press(press, "left")
+    scene.reset()
+    controls.drag(press + np.array([20.0, 0.0]), 20, 0)
+    controls.release("left") if ending == "release" else controls.cancel()
+    assert (controls.mode, scene.grabbed) == ("", None)
+    assert [name for name, _ in events] == ["grab"]
+
+
 def test_every_key_has_an_action_and_every_action_a_key():
     actions = {name for name in vars(Actions) if not name.startswith("_")}
     assert {entry.action for entry in c.INPUTS if entry.key} == actions

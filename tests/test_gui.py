@@ -154,6 +154,23 @@ def test_keys_are_shortcuts_except_while_text_is_typed(panel):
     assert panel.seen == []
 
 
+def test_a_press_beside_the_panel_ends_the_entry_of_text(panel):
+    from pyglet.window import key, mouse
+
+    panel.send("on_key_press", key.LCTRL, key.MOD_CTRL)
+    panel.click(panel.slider)  # with Ctrl held, a slider opens for typing
+    panel.send("on_key_release", key.LCTRL, 0)
+    panel.seen.clear()
+    panel.send("on_key_press", key.A, 0)
+    panel.frame()
+    assert panel.seen == []
+    panel.send("on_mouse_press", *OUTSIDE, mouse.LEFT, 0)
+    panel.frame()
+    panel.frame()
+    panel.send("on_key_press", key.SPACE, 0)
+    assert panel.seen == ["press", "key"]
+
+
 def test_a_panel_that_fails_is_left_out_and_the_rest_goes_on(panel, caplog):
     from imgui_bundle import imgui
 

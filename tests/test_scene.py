@@ -108,7 +108,15 @@ def test_another_number_of_substeps_keeps_the_pose(scene):
     scene.set_substeps(7)
     assert scene.solver.options.substep_count == 7
     assert scene.positions == pytest.approx(before, abs=1e-6)
-    assert scene.grabbed is None
+
+
+def test_another_number_of_substeps_does_not_end_a_drag(scene):
+    vertex = grab_free(scene)
+    scene.set_substeps(7)
+    target = scene.positions[vertex] + np.array([0.05, 0.02, 0.0])
+    scene.drag_to(target)
+    scene.advance(4 * STEP)
+    assert scene.positions[vertex] == pytest.approx(target, abs=1e-5)
 
 
 def test_pins_can_be_let_go_and_set_again(scene):

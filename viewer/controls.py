@@ -126,8 +126,9 @@ class Controls:
     def drag(self, pixel, dx: float, dy: float) -> None:
         scene, height = self.scene, self.size[1]
         if self.mode == "grab":
-            at = np.asarray(pixel, float) - self._miss
-            scene.drag_to(picking.onto_view_plane(self.camera, at, scene.grabbed.target))
+            if scene.grabbed is not None:  # a reset lets go while the button is still down
+                at = np.asarray(pixel, float) - self._miss
+                scene.drag_to(picking.onto_view_plane(self.camera, at, scene.grabbed.target))
         elif self.mode == "orbit":
             scene.orbit = orbits.turned(scene.orbit, dx, dy, height)
         elif self.mode == "pan":
@@ -137,9 +138,10 @@ class Controls:
         if button != self._button:
             return
         if self.mode == "grab":
-            vertex = self.scene.grabbed.vertex
-            self.scene.release()
-            self._log("release", vertex=vertex, position=self.scene.positions[vertex])
+            if self.scene.grabbed is not None:
+                vertex = self.scene.grabbed.vertex
+                self.scene.release()
+                self._log("release", vertex=vertex, position=self.scene.positions[vertex])
         elif self.mode:
             orbit = self.scene.orbit
             self._log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
@@ -156,9 +158,10 @@ class Controls:
         """Give up the drag: the vertex goes back to where it was taken from."""
         if self.mode != "grab":
             return
-        vertex = self.scene.grabbed.vertex
-        self.scene.cancel_grab()
-        self._log("cancel", vertex=vertex)
+        if self.scene.grabbed is not None:
+            vertex = self.scene.grabbed.vertex
+            self.scene.cancel_grab()
+            self._log("cancel", vertex=vertex)
         self.mode = self._button = ""
 
     # -- helpers -------------------------------------------------------------------------

@@ -1,7 +1,8 @@
 """Dear ImGui in a pyglet window: events in, its own OpenGL 3 renderer out.
 
-Clicks and wheel turns over a panel belong to it and do not reach the view.  What ImGui
-says about that (`want_capture_mouse`) is as old as the last frame, and while the field is
+Clicks and wheel turns over a panel belong to it and do not reach the view.  ImGui is told
+of every click, since one beside the panel ends a text entry there.  What ImGui says about
+whose a click is (`want_capture_mouse`) is as old as the last frame, and while the field is
 rendered a frame can take a while: presses are tested against where the panels are.
 """
 
@@ -112,15 +113,15 @@ class Gui:
 
     def on_mouse_press(self, x, y, button, modifiers):
         self._move(x, y)
+        self._add_button(button, True)
         if not self.mouse_on_panel:
             return None
         self._captured.add(button)
-        self._io.add_mouse_button_event(BUTTONS.get(button, 0), True)
         return True
 
     def on_mouse_release(self, x, y, button, modifiers):
         self._move(x, y)
-        self._io.add_mouse_button_event(BUTTONS.get(button, 0), False)
+        self._add_button(button, False)
         if button in self._captured:
             self._captured.remove(button)
             return True
@@ -155,6 +156,10 @@ class Gui:
         for character in filter(str.isprintable, text):
             self._io.add_input_character(ord(character))
         return self._io.want_text_input or None
+
+    def _add_button(self, button, down):
+        if button in BUTTONS:
+            self._io.add_mouse_button_event(BUTTONS[button], down)
 
     def _add_key(self, symbol, modifiers, down):
         keys = imgui.Key

@@ -181,11 +181,12 @@ class Scene:
         return self._ratio[1]
 
     def set_substeps(self, count: int) -> None:
-        """Solve with that many substeps; the pose and its motion stay."""
+        """Solve with that many substeps; the pose, its motion and a drag stay."""
         old = self.solver
-        self.release()
         self.solver = self._make_solver(old.pinned, replace(old.options, substep_count=int(count)))
         self.solver.set_state(old.vertices.numpy(), old.velocities.numpy())
+        if self.grabbed is not None:
+            self.solver.grab(self.grabbed.ids)
         self.revision += 1
 
     def _make_solver(self, pinned, options):
