@@ -1,5 +1,7 @@
 """Time, the grab, and the user's choices, without OpenGL."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -138,10 +140,35 @@ def test_the_material_changes_one_value_at_a_time(scene):
     assert scene.solver.material.damping == scene.material.damping
 
 
-def test_focus_frames_the_deformed_object(scene):
-    scene.orbit = scene.orbit.__class__()
+@pytest.fixture
+def upper_half(ball):
+    """A scene in which only the mesh's upper half can be seen."""
+    rest = ball.mesh.rest_vertices
+    return Scene(ball, "ball", "cpu", rest[rest[:, 2] > 0.5])
+
+
+def test_at_rest_focus_frames_what_the_first_view_frames(upper_half):
+    first = upper_half.orbit
+    upper_half.orbit = replace(first, target=np.zeros(3), distance=9.0)
+    upper_half.focus()
+    assert upper_half.orbit.target == pytest.approx(first.target, abs=1e-6)
+    assert upper_half.orbit.distance == pytest.approx(first.distance, abs=1e-5)
+
+
+def test_focus_follows_what_is_seen_and_not_the_rest_of_the_mesh(upper_half):
+    scene, (middle, distance) = upper_half, (upper_half.center, upper_half.orbit.distance)
+    positions = scene.positions.copy()
+    seen = scene.field.mesh.rest_vertices[:, 2] > 0.5
+    positions[seen] += np.float32(0.2)
+    positions[~seen] -= np.float32(3.0)
+    scene.solver.set_state(positions)
+    scene.revision += 1
     scene.focus()
-    assert scene.orbit.target == pytest.approx(scene.center, abs=1e-6)
+    assert scene.orbit.target == pytest.approx(middle + 0.2, abs=1e-6)
+    assert scene.orbit.distance == pytest.approx(distance, abs=1e-5)
+
+
+def test_focus_on_a_vertex_turns_about_it(scene):
     scene.hover = int(scene.control_ids[3])
     scene.focus()
     assert scene.orbit.target == pytest.approx(scene.positions[scene.hover])

@@ -20,6 +20,7 @@ MAX_STEPS = 6  # a frame; below 10 frames a second, time in the object runs slow
 VISIBLE = 2e-4  # object sizes, a fifth of a pixel
 CONTROL_COUNT = 40
 PINNED_PART = 0.05  # of the object's height
+MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
 FIRST_VIEW = orbits.Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
 
 
@@ -46,7 +47,9 @@ class Scene:
         self.pins = lowest_pins(rest, field.mesh.tets)
         self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
         self.solver = self._make_solver(self.pins, XpbdOptions())
-        near = nearest_vertices(surface, rest)
+        self._surface = surface
+        self._nearest = nearest_vertices(surface, rest)  # [N], the vertex that a point goes with
+        near = np.unique(self._nearest)
         controls = control_vertices(rest, near, CONTROL_COUNT)
         self.control_ids = controls[~self.pins[controls]]
         self._pins_in_sight = near[self.pins[near]]
@@ -199,15 +202,16 @@ class Scene:
 
     def home(self) -> None:
         """The first view: the whole object at rest."""
-        self.orbit = orbits.framing(FIRST_VIEW, self.center, 0.62 * self.size)
+        self.orbit = orbits.framing(FIRST_VIEW, self.center, MARGIN * self.size)
 
     def focus(self) -> None:
         """Frame the object as it is now, or turn about the vertex under the mouse."""
         if self.hover is not None:
             self.orbit = replace(self.orbit, target=self.positions[self.hover].astype(float))
             return
-        low, high = self.positions.min(axis=0), self.positions.max(axis=0)
-        radius = 0.62 * float((high - low).max())
+        moved = self.positions - self.field.mesh.rest_vertices
+        low, high = bounds(self._surface + moved[self._nearest])
+        radius = MARGIN * float((high - low).max())
         self.orbit = orbits.framing(self.orbit, 0.5 * (low + high), radius)
 
     # -- how handles look ----------------------------------------------------------------

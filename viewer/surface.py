@@ -46,9 +46,9 @@ def bounds(points):
 
 
 def nearest_vertices(points, vertices):
-    """The vertices [V, 3] that are nearest to some of the points [N, 3], as ids."""
+    """The id of the vertex [V, 3] that is nearest to each of the points [N, 3].  [N]"""
     ids = [
         ((part[:, None] - vertices) ** 2).sum(axis=-1).argmin(axis=1)
         for part in np.array_split(points, max(1, len(points) * len(vertices) // 4_000_000))
     ]
-    return np.unique(np.concatenate(ids))
+    return np.concatenate(ids)
