@@ -86,6 +86,19 @@ def test_moving_it_is_coarse_and_at_rest_it_becomes_the_full_image(stage):
     assert abs(shown.astype(int) - wanted).max() <= 1
 
 
+def test_at_rest_the_depth_to_pick_against_becomes_the_full_one_too(stage):
+    stage.layer._moving.step = 6
+    stage.frame()
+    shapes = [stage.layer.depth_image().shape]
+    while stage.layer.refined < 1:
+        stage.frame(passing=REST_SECONDS)
+        depth = stage.layer.depth_image()
+        if depth.shape != shapes[-1]:
+            shapes.append(depth.shape)
+    assert shapes == [(15, 20), (60, 80), (120, 160)]  # whole images, never parts
+    assert np.array_equal(depth, stage.reference().depth_array())
+
+
 def test_without_a_change_nothing_is_rendered(stage):
     for _ in range(5):
         stage.frame(whole=True)

@@ -9,6 +9,7 @@ other things in the scene hide behind the object.
 import time
 
 import moderngl
+import numpy as np
 
 from ..core.render.render import RenderOptions
 from . import gl
@@ -40,7 +41,8 @@ class RadianceLayer:
         self._coarse = self._fine = None  # ImageTexture
         self._strips = None  # of the fine image, while there is one
         self._fine_factor = 1.0
-        self._image = None  # the last whole Image
+        self._images = []  # what the coarse image is made of, from top to bottom
+        self._strip_images = []  # the same of the fine one, as far as it is
         self._host_depth = None
         self._seen = self._pose = None  # what was rendered last
         self._changed_at = 0.0
@@ -58,9 +60,12 @@ class RadianceLayer:
         return self._strips.next_row / self._strips.height if self._strips else 0.0
 
     def depth_image(self):
-        """The depths [h, w] of what is shown, perhaps at fewer pixels; None before the first."""
-        if self._host_depth is None and self._image is not None:
-            self._host_depth = self._image.depth_array()
+        """The depths [h, w] of the last whole image, perhaps at fewer pixels than the window's.
+
+        None before the first.
+        """
+        if self._host_depth is None and self._images:
+            self._host_depth = np.concatenate([image.depth_array() for image in self._images])
         return self._host_depth
 
     def update(self, scene, camera, times, whole=False) -> None:
@@ -105,11 +110,12 @@ class RadianceLayer:
     def _render_coarse(self, camera, options, factor, times):
         size = size_at(factor, camera.width, camera.height)
         with times.stage("render"):
-            self._image = self._renderer.render(camera.resized(*size), options)
+            image = self._renderer.render(camera.resized(*size), options)
         self._coarse = self._texture(self._coarse, size)
         with times.stage("upload"):
-            self._coarse.write(self._image)
-        self.factor, self._strips, self._host_depth = factor, None, None
+            self._coarse.write(image)
+        self._images, self._host_depth = [image], None
+        self.factor, self._strips, self._strip_images = factor, None, []
         self.render_count += 1
 
     def _refine(self, camera, options, times):
@@ -118,17 +124,19 @@ class RadianceLayer:
             self._fine_factor = finer(self.factor)
             size = size_at(self._fine_factor, camera.width, camera.height)
             self._fine = self._texture(self._fine, size)
-            self._strips = Strips(size[1], STRIP_SECONDS)
+            self._strips, self._strip_images = Strips(size[1], STRIP_SECONDS), []
         rows = self._strips.following()
         start = time.perf_counter()
         with times.stage("render"):
             image = self._renderer.render(camera.resized(*self._fine.size), options, rows=rows)
         self._strips.rendered(rows, time.perf_counter() - start)
+        self._strip_images.append(image)
         with times.stage("upload"):
             self._fine.write(image, first_row=rows[0])
         if self._strips.done:
             self._coarse, self._fine = self._fine, self._coarse
-            self.factor, self._strips = self._fine_factor, None
+            self._images, self._strip_images = self._strip_images, []
+            self.factor, self._strips, self._host_depth = self._fine_factor, None, None
 
     def _texture(self, old, size):
         """A texture pair of that size; the old one if it fits."""
