@@ -10,8 +10,8 @@ PYTHON_FITS := import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:
 DEBIAN_PACKAGES := libgl1 libglx-mesa0 libgl1-mesa-dri libegl1 libegl-mesa0 libx11-6 \
 	xvfb xauth xdotool
 
-# Without a display, the demo drags this vertex by this much (model space) instead of you.
-DEMO_DRAG ?= 1360:0.15,-0.1,-0.05
+# Without a display, the demo drags the top by this much (model space) instead of you.
+DEMO_DRAG ?= top:0.15,-0.1,-0.05
 DEMO_FRAMES ?= 90
 WINDOW_OPENS := import pyglet; config = pyglet.gl.Config(major_version=3, minor_version=3); \
 	pyglet.window.Window(8, 8, visible=False, config=config)

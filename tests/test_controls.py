@@ -1,5 +1,7 @@
 """What the mouse and the keys mean, without any window."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -178,6 +180,13 @@ def test_ctrl_tells_two_keys_apart():
     assert c.action_of("Q", ctrl=True) == "quit"
     assert c.action_of("Q", ctrl=False) is None
     assert c.action_of("R", ctrl=True) is None
+
+
+def test_the_readme_says_what_the_inputs_are():
+    readme = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+    _, section = readme.split("\n## Controls\n")
+    rows = [line for line in section.split("\n## ")[0].splitlines() if line.startswith("|")]
+    assert rows[2:] == [f"| {entry.label} | {entry.help} |" for entry in c.INPUTS]
 
 
 def test_escape_does_not_quit():

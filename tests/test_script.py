@@ -1,13 +1,20 @@
 """--drag: what can be written, and what it does."""
 
+import re
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from deformrf.viewer import script
 from deformrf.viewer.scene import Scene
 
+ROOT = Path(__file__).resolve().parent.parent
+
 
 def test_a_drag_is_a_vertex_and_an_offset():
     assert script.parse_drag("12:0.1,-2,.5") == script.DragScript(12, (0.1, -2.0, 0.5))
+    assert script.parse_drag("top:0,0,1") == script.DragScript(script.TOP, (0.0, 0.0, 1.0))
 
 
 @pytest.mark.parametrize(
@@ -21,10 +28,55 @@ def test_anything_else_is_refused_with_an_example(text):
 def test_unknown_and_pinned_vertices_are_refused(ball):
     scene = Scene(ball, "ball", "cpu")
     with pytest.raises(ValueError, match="the model has 0 to 131"):
-        script.check_drag(script.DragScript(132, (0, 0, 0)), scene)
+        script.resolved(script.DragScript(132, (0, 0, 0)), scene)
     pin = int(scene.pins.nonzero()[0][0])
     with pytest.raises(ValueError, match="pinned"):
-        script.check_drag(script.DragScript(pin, (0, 0, 0)), scene)
+        script.resolved(script.DragScript(pin, (0, 0, 0)), scene)
+
+
+def test_an_id_stays_what_it_is(ball):
+    scene = Scene(ball, "ball", "cpu")
+    drag = script.DragScript(int(scene.control_ids[2]), (0.1, 0.0, 0.0))
+    assert script.resolved(drag, scene) == drag
+
+
+def test_the_top_is_the_highest_control_vertex_that_is_free(ball):
+    scene = Scene(ball, "ball", "cpu")
+    heights = scene.field.mesh.rest_vertices[scene.control_ids, 2]
+    order = scene.control_ids[np.argsort(-heights, kind="stable")]
+    drag = script.DragScript(script.TOP, (0.1, 0.0, 0.0))
+    assert script.resolved(drag, scene).vertex == order[0]
+    pinned = scene.solver.pinned.copy()
+    pinned[order[0]] = True
+    scene.solver.set_pinned(pinned)
+    assert script.resolved(drag, scene).vertex == order[1]
+    scene.solver.set_pinned(np.ones_like(pinned))
+    with pytest.raises(ValueError, match="every control vertex is pinned"):
+        script.resolved(drag, scene)
+
+
+def test_the_makefiles_drag_bends_the_bundled_model_whatever_its_vertices_are_called():
+    from deformrf.core.field import modelfile
+    from deformrf.core.paths import DEFAULT_MODEL
+    from deformrf.core.render.render import Renderer
+    from deformrf.viewer.surface import visible_points
+
+    text = re.search(r"^DEMO_DRAG \?= (.+)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[1]
+    assert text.startswith("top:")
+    field = modelfile.load(DEFAULT_MODEL)
+    rest = field.mesh.rest_vertices
+    renderer = Renderer(field)
+    renderer.set_vertices(rest)
+    scene = Scene(field, "helmet", "cpu", visible_points(renderer, rest))
+    drag = script.resolved(script.parse_drag(text), scene)
+    assert drag.vertex in scene.control_ids
+    assert not scene.pins[drag.vertex]
+    assert rest[drag.vertex, 2] == rest[scene.control_ids, 2].max()
+    for frame in range(script.hold_ends(30)):
+        script.play(drag, scene, frame, 30)
+        scene.advance(1 / 30)
+    moved = scene.positions[drag.vertex] - rest[drag.vertex]
+    assert moved == pytest.approx(drag.offset, abs=1e-5)
 
 
 def test_the_vertex_goes_out_is_held_and_comes_back(ball):

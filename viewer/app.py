@@ -48,9 +48,9 @@ def view(chosen: options.ViewArguments) -> int:
             with _told_if_slow():
                 app.load(field, chosen.model.stem, device, chosen.interop, chosen.fps)
             if drag is not None:
-                from .script import check_drag
+                from .script import resolved
 
-                check_drag(drag, app.scene)
+                drag = resolved(drag, app.scene)
         except ValueError as error:
             return _complain(error)
         _run(app, chosen, drag)

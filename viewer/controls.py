@@ -36,7 +36,7 @@ class Input:
 
 INPUTS = (
     Input("left drag on a red vertex", "bend the object"),
-    Input("left drag beside", "orbit"),
+    Input("left drag elsewhere", "orbit"),
     Input("middle or right drag", "pan"),
     Input("wheel", "zoom to the mouse"),
     Input("F", "focus: the object, or the vertex under the mouse", "F", "focus"),
@@ -47,7 +47,7 @@ INPUTS = (
     Input("H", "hide or show the vertices", "H", "toggle_handles"),
     Input("W", "wireframe", "W", "toggle_wireframe"),
     Input("Tab", "hide or show the panel", "TAB", "toggle_panel"),
-    Input("F1", "this help", "F1", "toggle_help"),
+    Input("F1", "hide or show the help", "F1", "toggle_help"),
     Input("F2", "screenshot", "F2", "screenshot"),
     Input("F9", "start or stop recording", "F9", "record"),
     Input("Esc", "let go of the vertex, back to where it was", "ESCAPE", "cancel"),

@@ -32,7 +32,8 @@ class RunArguments:
     """End after that many frames (90 if headless)."""
     drag: Drag = None
     """Headless: drag a vertex by an offset [model units, the object is about 1 wide] in the
-    first third of the frames, hold it in the second, let it go in the third."""
+    first third of the frames, hold it in the second, let it go in the third. VERTEX is an id,
+    or the word top: the highest control vertex that is not pinned."""
     record: File = None
     """Write an MP4 of the run."""
     screenshot: File = None

@@ -1,8 +1,10 @@
 """A drag without a mouse: out in the first third of the frames, held, let go."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+TOP = "top"  # in place of an id
 
 
 @dataclass(frozen=True)
@@ -10,40 +12,54 @@ class DragScript:
     """What --drag says.
 
     Attributes:
-        vertex: Its id in the model's mesh.
+        vertex: Its id in the model's mesh, or TOP until `resolved` has put an id there.
         offset: Where it goes, from where it is; model units.  [3]
     """
 
-    vertex: int
+    vertex: int | str
     offset: tuple[float, float, float]
 
 
 def parse_drag(text: str) -> DragScript:
-    """ "12:0.1,0,0" -> vertex 12 by (0.1, 0, 0).
+    """ "12:0.1,0,0" -> vertex 12 by (0.1, 0, 0); "top:0.1,0,0" -> the top one.
 
     Raises:
         ValueError: It is written in another way.
     """
     vertex, _, offset = text.partition(":")
     try:
-        script = DragScript(int(vertex), tuple(float(part) for part in offset.split(",")))
+        vertex = TOP if vertex == TOP else int(vertex)
+        script = DragScript(vertex, tuple(float(part) for part in offset.split(",")))
     except ValueError:
         script = None
     if script is None or len(script.offset) != 3 or not np.isfinite(script.offset).all():
-        raise ValueError(f"--drag is '{text}'; write VERTEX:DX,DY,DZ, as in 12:0.1,0,0")
+        raise ValueError(
+            f"--drag is '{text}'; write VERTEX:DX,DY,DZ, as in 12:0.1,0,0 or top:0.1,0,0"
+        )
     return script
 
 
-def check_drag(script: DragScript, scene) -> None:
-    """Raise a ValueError if the scene has no such vertex, or holds it fast."""
+def resolved(script: DragScript, scene) -> DragScript:
+    """The drag of a vertex of this scene.
+
+    Raises:
+        ValueError: The scene has no such vertex, or holds it fast.
+    """
+    free = scene.control_ids[~scene.solver.pinned[scene.control_ids]]
+    if script.vertex == TOP:
+        if not len(free):
+            raise ValueError("--drag names the top vertex, but every control vertex is pinned")
+        heights = scene.field.mesh.rest_vertices[free, 2]
+        return replace(script, vertex=int(free[heights.argmax()]))
     count = scene.field.mesh.vertex_count
     if not 0 <= script.vertex < count:
         raise ValueError(f"--drag names vertex {script.vertex}; the model has 0 to {count - 1}")
     if scene.solver.pinned[script.vertex]:
-        free = ", ".join(map(str, scene.control_ids[:5]))
+        some = ", ".join(map(str, free[:5]))
         raise ValueError(
-            f"--drag names vertex {script.vertex}, which is pinned; take one of {free}"
+            f"--drag names vertex {script.vertex}, which is pinned; take one of {some}"
         )
+    return script
 
 
 def hold_ends(frame_count: int) -> int:
