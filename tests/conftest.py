@@ -1,6 +1,7 @@
 """What tests share: one hook that skips by marker, devices, and the optional development data."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -136,15 +137,30 @@ def ball_file(ball, tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="session")
+def give_up_window():
+    """End a test whose window can't be opened, for a reason: it is skipped.
+
+    With DEFORMRF_REQUIRE_WINDOW=1 it fails: whoever sets this relies on those tests.
+    """
+
+    def give_up(reason):
+        if os.environ.get("DEFORMRF_REQUIRE_WINDOW") == "1":
+            pytest.fail(f"{reason}, and DEFORMRF_REQUIRE_WINDOW is 1", pytrace=False)
+        pytest.skip(reason)
+
+    return give_up
+
+
 @pytest.fixture
-def window():
+def window(give_up_window):
     """A window without a display, and its OpenGL context: (window, context)."""
     from deformrf.viewer.window import WindowError, open_window
 
     try:
         window, context = open_window((320, 240), headless=True)
     except WindowError as error:
-        pytest.skip(str(error))
+        give_up_window(str(error))
     yield window, context
     if window.context is not None:  # an App closes its own
         context.release()
