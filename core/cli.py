@@ -38,7 +38,7 @@ class TrainArguments:
     steps: Count = None
     """Optimization steps, shared out between the two stages as in the preset."""
     seed: Count = None
-    """Of everything random; the same seed gives the same run on the same machine."""
+    """Of everything random; the same seed draws the same random numbers."""
     image_size: Count = None
     """Shrink the images to this longer side [pixels]."""
     scene_radius: Number = None
@@ -131,7 +131,8 @@ def prepare_training(arguments: TrainArguments):
         modelfile.save(trained.field, output)  # first of all: evaluation may be interrupted
         complete = not trained.interrupted
         if complete and test_views:
-            report = evaluate.evaluate(trained.field, test_views, None, device, model_path=output)
+            field = modelfile.load(output)  # what is scored is what the file holds
+            report = evaluate.evaluate(field, test_views, None, device, model_path=output)
             complete = report["complete"]
             scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
             modelfile.save(trained.field, output, scores)

@@ -2,6 +2,8 @@
 
 import json
 import os
+import secrets
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +11,25 @@ import numpy as np
 import pytest
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"  # beside the checkout, if at all
+
+
+SEED = int(os.environ.get("DEFORMRF_TEST_SEED", secrets.randbits(32)))  # new in each session
+
+
+def pytest_report_header():
+    return f"random inputs: repeat them with DEFORMRF_TEST_SEED={SEED}"
+
+
+@pytest.fixture(autouse=True)
+def repeatable_random(request, monkeypatch):
+    """np.random.default_rng() gives each test numbers of its own that SEED can bring back."""
+    sequence = np.random.SeedSequence([SEED, zlib.crc32(request.node.nodeid.encode())])
+    default_rng = np.random.default_rng
+
+    def seeded(seed=None):
+        return default_rng(sequence.spawn(1)[0] if seed is None else seed)
+
+    monkeypatch.setattr(np.random, "default_rng", seeded)
 
 
 def cuda_is_available():

@@ -106,6 +106,8 @@ def test_damage_is_named_in_one_sentence(path, changes, words):
         ({"format": "something"}, "not a deformrf model"),
         ({"options": {}}, "entries|damaged|table|weights"),
         ({"entry_counts": [1, 2]}, "declares"),
+        ({"feature_count": 8}, "8 features"),
+        ({"dense_level_count": 0}, "0 of them dense"),
         ({"world_to_model": [1.0]}, "4x4"),
     ],
 )
@@ -134,6 +136,46 @@ def test_a_zip_bomb_is_refused_by_its_headers(tmp_path):
                 stream.write(block)
     with pytest.raises(ModelFileError, match="GiB"):
         modelfile.load(path)
+
+
+def test_a_header_that_promises_too_much_is_refused(path):
+    """Without a look at it first, NumPy would ask for the memory."""
+    data = path.read_bytes()
+    shape = b"'shape': (1000000000000, 3)"
+    with np.load(path) as archive:
+        vertex_count = len(archive["rest_vertices"])
+    old = f"'shape': ({vertex_count}, 3)".encode()
+    start = data.index(b"'<f8'")
+    place = data.index(old, start)
+    end = data.index(b"\n", place)
+    header = data[place:end].replace(old, shape)
+    changed = data[:place] + header[: end - place].ljust(end - place) + data[end:]
+    path.write_bytes(changed)
+    with pytest.raises(ModelFileError):
+        modelfile.load(path)
+
+
+@pytest.mark.parametrize("flag", [0x1, 0x800001])
+def test_an_encrypted_file_is_refused(path, flag):
+    data = bytearray(path.read_bytes())
+    for signature, offset in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        place = data.find(signature)
+        while place >= 0:
+            data[place + offset] |= flag & 0xFF
+            place = data.find(signature, place + 4)
+    path.write_bytes(bytes(data))
+    with pytest.raises(ModelFileError):
+        modelfile.load(path)
+
+
+def test_a_failed_save_leaves_nothing_behind(field, tmp_path, monkeypatch):
+    def no_space(*_, **__):
+        raise OSError("no space left")
+
+    monkeypatch.setattr(np, "savez", no_space)
+    with pytest.raises(OSError, match="no space"):
+        modelfile.save(field, tmp_path / "model.npz")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_truncated_file_is_refused(path):

@@ -5,6 +5,7 @@ import pytest
 
 from deformrf.core import paths
 from deformrf.core.field import modelfile
+from deformrf.core.geometry.mesh import signed_volumes
 from deformrf.core.render import reference
 from deformrf.core.render.camera import from_field_of_view, look_at, rays
 from deformrf.core.render.render import Renderer, RenderOptions
@@ -66,6 +67,42 @@ def test_conformance_mode_equals_the_reference(make_ball_field, device, pose):
     assert np.abs(opacity - expected_opacity).mean() < 1e-3
     seen = expected_opacity > 0.5
     assert np.abs(depth - expected_depth)[seen].mean() < 1e-3
+
+
+def flattened(mesh, neighbours, thickness, most=6):
+    """Corners of some tets pressed onto the opposite face, where that inverts no other tet."""
+    vertices, flat = mesh.rest_vertices.copy(), []
+    for tet in np.random.default_rng().permutation(mesh.tet_count):
+        for face in range(4):
+            a, b, c = vertices[np.delete(mesh.tets[tet], face)]
+            normal = np.cross(b - a, c - a)
+            normal /= np.linalg.norm(normal)
+            corner, moved = mesh.tets[tet, face], vertices.copy()
+            moved[corner] -= (1.0 - thickness) * ((vertices[corner] - a) @ normal) * normal
+            volumes = signed_volumes(moved, mesh.tets)
+            others = np.setdiff1d(np.arange(mesh.tet_count), [*flat, tet])
+            if (volumes[others] > 0.1 * volumes.mean()).all() and (volumes[flat] > -1e-12).all():
+                vertices = moved
+                flat.append(tet)
+                break
+        if len(flat) == most:
+            break
+    assert flat
+    return vertices
+
+
+@pytest.mark.parametrize("thickness", [0.0, 1e-6, 1e-4, 3e-3])
+def test_flat_tets_hide_nothing_behind_them(make_ball_field, device, thickness):
+    field = make_ball_field(int(np.random.default_rng().integers(10_000)))
+    vertices = flattened(field.mesh, field.neighbours, thickness).astype(np.float32)
+    origins, directions = float32_rays(camera())
+    renderer = Renderer(field, device)
+    renderer.set_vertices(vertices)
+    color, _, _ = renderer.render_rays(origins, directions, CONFORMANCE)
+    expected, _, _ = reference.render_rays(field, vertices, origins, directions, BACKGROUND)
+    difference = 255.0 * np.abs(color - expected)
+    assert (difference.max(axis=1) > 2.0).mean() <= 2e-4  # rounding may turn a flat tet over
+    assert difference.mean() <= 0.1
 
 
 @pytest.mark.parametrize("pose", ["rest", "twist"])

@@ -10,12 +10,12 @@ from deformrf.core.field.field import FieldOptions
 from deformrf.core.field.occupancy import is_occupied_reference
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import face_components, tet_neighbours
-from deformrf.core.render.camera import from_field_of_view, look_at, rays
+from deformrf.core.render.camera import from_field_of_view, in_space, look_at, rays
 from deformrf.core.training import datasets, trainer
 from deformrf.core.training.datasets import DatasetError
 from deformrf.core.training.evaluate import evaluate
 from deformrf.core.training.options import PRESETS, preset
-from deformrf.core.training.raybank import RayBank, scene_to_unit_cube, to_model
+from deformrf.core.training.raybank import RayBank, scene_to_unit_cube
 from deformrf.core.training.stage import Stage
 
 SIZE, ANGLE = 40, 0.7
@@ -77,7 +77,7 @@ def test_a_ball_is_learnt_from_its_pictures(ball_data, trained):
 
 def test_half_precision_in_the_file_costs_nothing_visible(ball_data, trained, tmp_path):
     _, test_set = ball_data
-    trainer.save(trained, tmp_path / "ball.npz")
+    modelfile.save(trained.field, tmp_path / "ball.npz")
     before = evaluate(trained.field, test_set)["mean"]["psnr"]
     after = evaluate(modelfile.load(tmp_path / "ball.npz"), test_set)["mean"]["psnr"]
     assert abs(after - before) < 0.05
@@ -104,6 +104,24 @@ def test_an_interrupt_leaves_the_field_as_it_is(ball_data, monkeypatch, after):
     assert np.isfinite(trained.field.table).all()
 
 
+def test_an_interrupt_in_the_last_look_leaves_the_field_as_it_is(ball_data, monkeypatch):
+    looks = 0
+    hide_unseen = Stage.hide_unseen
+
+    def interrupting(self, *arguments):
+        nonlocal looks
+        looks += 1
+        if looks == 2:
+            raise KeyboardInterrupt
+        hide_unseen(self, *arguments)
+
+    monkeypatch.setattr(Stage, "hide_unseen", interrupting)
+    trained = trainer.train(ball_data[0], SMALL, "cpu", "ball")
+    assert trained.interrupted
+    assert trained.field.options.level_count == SMALL.level_count
+    assert trained.field.mesh.tet_count == trained.report["tet_count"]
+
+
 def test_the_same_seed_gives_the_same_rays(ball_data):
     banks = [RayBank(ball_data[0], scene_to_unit_cube(1.5), "cpu", seed) for seed in (1, 1, 2)]
     first, same, other = (bank.draw(50)[1] for bank in banks)
@@ -118,7 +136,7 @@ def test_rays_of_the_bank_are_those_of_the_cameras(ball_data):
     pixels = torch.arange(bank.pixel_count)
     origins, directions, rgba = bank.rays(pixels)
     view = 7
-    pose = to_model(dataset.poses[view], world_to_model)
+    pose = in_space(dataset.poses[view], world_to_model)
     expected = rays(from_field_of_view(pose, ANGLE, SIZE, SIZE))
     part = slice(view * SIZE * SIZE, (view + 1) * SIZE * SIZE)
     np.testing.assert_allclose(origins[part], expected[0], atol=1e-6)
@@ -173,9 +191,9 @@ def test_occupancy_follows_density():
     assert stage.occupied_share() == 1.0
     with torch.no_grad():
         stage.networks.density[-1].bias[0] = -8.0
-    for _ in range(150):
+    for _ in range(250):  # 0.95 to that power takes 6 below 1e-4
         stage.update_occupancy()
-    assert stage.occupied_share() == 0.0 or stage.thickness.max() < 1e-2
+    assert stage.occupied_share() == 0.0
 
 
 def test_what_no_ray_sees_is_hidden():

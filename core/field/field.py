@@ -11,7 +11,7 @@ import numpy as np
 
 from ..geometry.mesh import TetMesh
 from .encoding import FEATURES, Layout, encode_reference, make_layout
-from .network import evaluate, spherical_harmonics
+from .network import BASIS_COUNT, GEOMETRY_FEATURES, evaluate, spherical_harmonics
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ class TetField:
 
 def layer_widths(options: FieldOptions):
     """Input, hidden and output widths of the density and the color network."""
-    density = (options.level_count * FEATURES, *options.density_hidden, 16)
-    color = (32, *options.color_hidden, 3)
+    density = (options.level_count * FEATURES, *options.density_hidden, GEOMETRY_FEATURES)
+    color = (GEOMETRY_FEATURES + BASIS_COUNT, *options.color_hidden, 3)
     return density, color
 
 

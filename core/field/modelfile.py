@@ -6,7 +6,9 @@ ranges and finiteness.  Whatever is wrong ends in one sentence, a ModelFileError
 """
 
 import json
+import math
 import os
+import tomllib
 import zipfile
 import zlib
 from dataclasses import asdict
@@ -16,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ..geometry.mesh import TetMesh, signed_volumes, tet_neighbours
+from ..paths import ROOT
 from .encoding import FEATURES, make_layout
 from .field import FieldOptions, TetField, layer_widths
 from .network import ACTIVATIONS
@@ -23,6 +26,12 @@ from .network import ACTIVATIONS
 FORMAT = "deformrf-model"
 FORMAT_VERSION = 1
 MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
+SMALLEST_MARCH_STEP = 1e-4  # a finer one would take a ray through a million pieces
+# Whatever zipfile and NumPy raise on damaged files; RuntimeError is for encrypted ones.
+UNREADABLE = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, OSError),
+    *(ValueError, KeyError, MemoryError, RuntimeError),
+)
 
 
 class ModelFileError(ValueError):
@@ -63,9 +72,12 @@ def save(field: TetField, path, metadata_: dict | None = None):
     arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".part")
-    with open(partial, "wb") as stream:
-        np.savez(stream, **arrays)
-    os.replace(partial, path)
+    try:
+        with open(partial, "wb") as stream:
+            np.savez(stream, **arrays)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def load(path) -> TetField:
@@ -81,7 +93,7 @@ def load(path) -> TetField:
         arrays = _read_arrays(path)
     except ModelFileError:
         raise
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, KeyError) as error:
+    except UNREADABLE as error:
         raise ModelFileError(f"{path} is not a model file, or is damaged ({error})") from error
     try:
         return _build(arrays)
@@ -92,10 +104,12 @@ def load(path) -> TetField:
 
 
 def program_version() -> str:
+    """Of this program, installed or in a checkout."""
     try:
         return metadata.version("deformrf")
-    except metadata.PackageNotFoundError:  # a checkout on the path, not installed
-        return "unknown"
+    except metadata.PackageNotFoundError:
+        project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+        return tomllib.loads(project)["project"]["version"]
 
 
 def _read_arrays(path):
@@ -106,10 +120,24 @@ def _read_arrays(path):
                 f"{path} would unpack to {size / 2**30:.1f} GiB; models have less than "
                 f"{MAX_BYTES / 2**30:.0f} GiB"
             )
+        for entry in archive.infolist():
+            _check_header(archive, entry)
     with np.load(path, allow_pickle=False) as archive:
         if "meta" not in archive.files:
             raise ModelFileError(f"{path} is not a deformrf model: it has no 'meta' array")
         return {name: archive[name] for name in archive.files}
+
+
+def _check_header(archive, entry):
+    """An array's own header must not promise more than the zip holds."""
+    with archive.open(entry) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = {(1, 0): np.lib.format.read_array_header_1_0}.get(
+            version, np.lib.format.read_array_header_2_0
+        )
+        shape, _, dtype = read(stream)
+    if math.prod(shape) * dtype.itemsize > entry.file_size:
+        raise ModelFileError(f"'{entry.filename}' declares {shape}, more than the file holds")
 
 
 def _check(condition, sentence):
@@ -153,7 +181,14 @@ def _build(arrays) -> TetField:
         options.density_activation in ACTIVATIONS,
         f"its activation '{options.density_activation}' is unknown",
     )
-    _check(0.0 < options.march_step < 1.0, f"its march step is {options.march_step}")
+    _check(
+        SMALLEST_MARCH_STEP <= options.march_step < 1.0,
+        f"its march step is {options.march_step}, below {SMALLEST_MARCH_STEP} or above 1",
+    )
+    _check(
+        meta["feature_count"] == FEATURES,
+        f"it has {meta['feature_count']} features per entry, this program reads {FEATURES}",
+    )
 
     rest_vertices = _array(arrays, "rest_vertices", np.float64, (None, 3))
     vertex_count = len(rest_vertices)
@@ -172,9 +207,11 @@ def _build(arrays) -> TetField:
 
     layout = make_layout(mesh, options.level_count, options.table_size)
     _check(
-        list(layout.entry_counts) == meta["entry_counts"],
+        list(layout.entry_counts) == meta["entry_counts"]
+        and layout.dense_level_count == meta["dense_level_count"],
         f"its levels should have {list(layout.entry_counts)} entries, "
-        f"it declares {meta['entry_counts']}",
+        f"{layout.dense_level_count} of them dense; "
+        f"it declares {meta['entry_counts']}, {meta['dense_level_count']} of them dense",
     )
     table = np.concatenate(
         [

@@ -56,6 +56,16 @@ def look_at(eye, target, up=(0.0, 0.0, 1.0)):
     return pose
 
 
+def in_space(poses, matrix):
+    """Camera-to-world matrices [..., 4, 4] after a uniform scale and a translation [4, 4].
+
+    Positions are mapped; rotations, and so directions, stay what they are.
+    """
+    poses = np.array(poses, float)
+    poses[..., :3, 3] = poses[..., :3, 3] @ matrix[:3, :3].T + matrix[:3, 3]
+    return poses
+
+
 def rays(camera: Camera):
     """One ray per pixel, row by row.
 

@@ -20,8 +20,10 @@ from ..field.network import basis_of, basis_vector
 from ..field.occupancy import is_occupied, subtet_of
 from .traversal import (
     MAX_TETS,
+    QUERY_GAP,
     SMALLEST_ADVANCE,
     Geometry,
+    across_flat_tet,
     enter_mesh,
     exit_tet,
     face_towards,
@@ -124,8 +126,16 @@ def march_kernel(
             alpha = g * wp.vec4(p[0], p[1], p[2], 1.0)
             slope = g * wp.vec4(direction[0], direction[1], direction[2], 0.0)
             face, distance = exit_tet(alpha, slope, entry_face)
-            if face < 0 or tets_left <= 0:
+            if tets_left <= 0:
                 tet = -2
+            elif face < 0:  # a flat tet
+                previous = tet
+                tet = across_flat_tet(geometry, tet, entry_face, p, direction)
+                t += QUERY_GAP
+                piece = 0
+                tets_left -= 1
+                if tet >= 0:
+                    entry_face = face_towards(geometry.neighbours[tet], previous)
             else:
                 speed = wp.length(geometry.rest_from_current[tet] * direction)
                 rest_length = distance * speed

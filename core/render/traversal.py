@@ -24,6 +24,8 @@ QUERY_GAP = wp.constant(4.0e-6)
 # Two units of the last place of t per face: a ray through an edge or a vertex, where
 # rounding makes the tets around it disagree, is carried past it instead of circling.
 SMALLEST_ADVANCE = wp.constant(2.4e-7)
+# A tet flatter than this (σ_min/σ_max) is a wall without thickness: rays jump over it.
+FLAT = wp.constant(1.0e-5)
 MAX_TETS = wp.constant(4096)  # per ray and round; a walk this long goes in circles
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
@@ -34,7 +36,7 @@ def tet_frames_reference(rest_vertices, vertices, tets):
 
     Returns:
         gradients [T, 4, 4] (columns 0-2 G, column 3 g), inverse F [T, 3, 3], Q [T, 3, 3],
-        fade s [T].  A tet without volume has zeros and s = 0.
+        fade s [T].  A faded tet has zeros and s = 0.
     """
     rest_edges = np.swapaxes(rest_vertices[tets[:, 1:]] - rest_vertices[tets[:, :1]], 1, 2)
     edges = np.swapaxes(vertices[tets[:, 1:]] - vertices[tets[:, :1]], 1, 2)
@@ -87,10 +89,11 @@ def tet_frames_kernel(
     rotations[i] = u * wp.diag(signs) * wp.transpose(v)
     largest = wp.max(wp.abs(stretches))
     smallest = wp.min(wp.abs(stretches))
-    fade = smoothstep(1.0e-3, 1.0e-2, smallest / wp.max(largest, 1.0e-30))
+    ratio = smallest / wp.max(largest, 1.0e-30)
+    fade = smoothstep(1.0e-3, 1.0e-2, ratio)
     g = wp.mat44()
     inverse_f = wp.mat33()
-    if fade > 0.0:
+    if ratio > FLAT:  # a faded tet has no density, but rays still have to cross it
         m = wp.inverse(edges)
         o = -(m * x0)
         g = wp.mat44(
@@ -193,7 +196,7 @@ def exit_tet(alpha: wp.vec4, slope: wp.vec4, entry_face: int):
     """Where a ray leaves a tet: the distance from the point with coordinates alpha.
 
     Returns:
-        The face, or -1 if no coordinate falls, and the distance (>= 0).
+        The face, or -1 if no coordinate falls (a flat tet), and the distance (>= 0).
     """
     face = int(-1)
     distance = float(1.0e30)
@@ -270,13 +273,36 @@ def walk_back(
         alpha = g * wp.vec4(p[0], p[1], p[2], 1.0)
         slope = -(g * wp.vec4(direction[0], direction[1], direction[2], 0.0))
         face, distance = exit_tet(alpha, slope, exit_face)
-        position -= wp.max(distance, SMALLEST_ADVANCE * wp.max(position, 1.0))
         walking = 0
-        if face >= 0 and position > t and tets_left > 0:
+        previous = int(-1)
+        if face < 0:
+            previous = across_flat_tet(geometry, tet, exit_face, p, -direction)
+        else:
+            position -= wp.max(distance, SMALLEST_ADVANCE * wp.max(position, 1.0))
             previous = geometry.neighbours[tet][face]
-            if previous >= 0:
-                exit_face = face_towards(geometry.neighbours[previous], tet)
-                tet = previous
-                tets_left -= 1
-                walking = 1
+        if position > t and tets_left > 0 and previous >= 0:
+            exit_face = face_towards(geometry.neighbours[previous], tet)
+            tet = previous
+            tets_left -= 1
+            walking = 1
     return tet, wp.max(position, t)
+
+
+@wp.func
+def across_flat_tet(
+    geometry: Geometry, tet: int, entry_face: int, point: wp.vec3, direction: wp.vec3
+):
+    """The neighbour of a tet without thickness that holds the ray right behind it, or -1."""
+    p = point + QUERY_GAP * direction
+    best = int(-1)
+    best_inside = float(-1.0e-3)
+    i = int(0)
+    while i < 4:
+        other = geometry.neighbours[tet][i]
+        if i != entry_face and other >= 0:
+            alpha = geometry.gradients[other] * wp.vec4(p[0], p[1], p[2], 1.0)
+            if wp.min(alpha) > best_inside:
+                best_inside = wp.min(alpha)
+                best = other
+        i += 1
+    return best

@@ -184,7 +184,8 @@ def read_image(path, image_size):
     try:
         with Image.open(path) as file:
             image = file.convert("RGBA")
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError):
+    except (OSError, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError):
+        # Pillow raises SyntaxError where a PNG's chunks are broken.
         raise DatasetError(f"{path} can't be read as an image") from None
     size = image.size
     if image_size is not None and image_size < max(size):

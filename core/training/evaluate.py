@@ -18,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from ..field.field import TetField
+from ..render.camera import in_space
 from ..render.render import Renderer, RenderOptions
 from .datasets import Dataset, cameras, white_composite
 from .metrics import check_size, psnr, ssim
@@ -55,7 +56,10 @@ def evaluate(
     check_size(dataset.height, dataset.width)
     options = replace(options or RenderOptions(), background=(1.0, 1.0, 1.0))
     renderer = Renderer(field, device=device)
-    views = [model_space(camera, field.world_to_model) for camera in cameras(dataset)]
+    views = [
+        replace(camera, camera_to_world=in_space(camera.camera_to_world, field.world_to_model))
+        for camera in cameras(dataset)
+    ]
     if out_dir is not None:
         out_dir = Path(out_dir)
         out_dir.mkdir(parents=True, exist_ok=True)
@@ -127,16 +131,6 @@ def model_facts(field, path=None) -> dict:
     if path is not None:
         facts |= {"file": Path(path).name, "bytes": os.path.getsize(path)}
     return facts
-
-
-def model_space(camera, world_to_model):
-    """The same camera seen from model space.
-
-    The map is a uniform scale and a translation: directions stay, positions move.
-    """
-    pose = camera.camera_to_world.copy()
-    pose[:3, 3] = world_to_model[:3, :3] @ pose[:3, 3] + world_to_model[:3, 3]
-    return replace(camera, camera_to_world=pose)
 
 
 def side_by_side(rendered, truth):

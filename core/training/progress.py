@@ -41,6 +41,3 @@ class TrainingProgress:
             psnr=f"{-10.0 * log10(max(mse, 1e-12)):.2f} dB",
             rate=f"{rate / 1e6:.1f} M samples/s",
         )
-
-    def end(self, task):
-        self._bar.stop_task(task)

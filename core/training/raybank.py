@@ -7,6 +7,7 @@ and a translation, so directions stay what they are.
 import numpy as np
 import torch
 
+from ..render.camera import in_space
 from .datasets import Dataset
 
 
@@ -18,20 +19,13 @@ def scene_to_unit_cube(radius: float):
     return matrix
 
 
-def to_model(poses, world_to_model):
-    """Camera poses [..., 4, 4] in model space: positions mapped, rotations kept."""
-    poses = np.array(poses, float)
-    poses[..., :3, 3] = poses[..., :3, 3] @ world_to_model[:3, :3].T + world_to_model[:3, 3]
-    return poses
-
-
 class RayBank:
     """Draws random pixels of a data set as rays with their straight-alpha color."""
 
     def __init__(self, dataset: Dataset, world_to_model, device, seed=0):
         self.images = torch.from_numpy(dataset.images.reshape(-1, 4)).to(device)
         self.poses = torch.from_numpy(
-            to_model(dataset.poses, world_to_model).astype(np.float32)
+            in_space(dataset.poses, world_to_model).astype(np.float32)
         ).to(device)
         self.width, self.height, self.focal = dataset.width, dataset.height, dataset.focal
         self.generator = torch.Generator(device=device).manual_seed(seed)

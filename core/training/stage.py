@@ -23,7 +23,8 @@ from ..render.traversal import Pose
 from .batch import Batch
 from .differentiable import Composite, Encode
 
-OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet counts as occupied, at most
+OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet is occupied, however many others are
+EMPTY_THICKNESS = 1e-4  # below it is empty, even where everything is as thin
 OCCUPANCY_DECAY = 0.95  # per update; so empty space is forgotten within some 60 updates
 UPDATE_CHUNK = 1 << 20  # sub-tets evaluated at once
 INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
@@ -39,7 +40,9 @@ def mark_seen_kernel(
     seen: wp.array(dtype=float),  # [T · 64] in, out: largest weight so far
 ):
     n = wp.tid()
-    wp.atomic_max(seen, sample_tet[n] * 64 + subtet_of(sample_bary[n]), weights[n])
+    wp.atomic_max(
+        seen, sample_tet[n] * wp.static(SUBTET_COUNT) + subtet_of(sample_bary[n]), weights[n]
+    )
 
 
 class Stage:
@@ -108,7 +111,7 @@ class Stage:
         flat = self.thickness.view(-1)
         for part in chosen.split(UPDATE_CHUNK):
             flat[part] = torch.maximum(flat[part], self._thickness_of(part))
-        threshold = self.thickness.mean().clamp(max=OCCUPIED_THICKNESS)
+        threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
         self.occupied = (self.thickness > threshold) & ~self.hidden
         self._refresh_mask()
 

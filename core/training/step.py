@@ -15,7 +15,7 @@ from .stage import Stage
 
 BETAS, EPSILON = (0.9, 0.999), 1e-15  # the paper's Adam
 NETWORK_WEIGHT_DECAY = 1e-6
-LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing; Adam doesn't see it
+LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing
 WARM_UP_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
 
 
@@ -91,6 +91,8 @@ class Step:
         loss = error + self.distortion * (fits * distortion).sum()
         self.optimizer.zero_grad(set_to_none=True)
         (loss * LOSS_SCALE).backward()
+        # Adam itself doesn't see the scale, but the weight decay is added to gradients.
+        torch._foreach_mul_([p.grad for p in stage.networks.parameters()], 1.0 / LOSS_SCALE)
         self.optimizer.step()
         self.error.copy_(error.detach())
 

@@ -12,14 +12,13 @@ at its best on the background it is scored on.
 """
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import cos, pi
 
 import numpy as np
 import torch
 import warp as wp
 
-from ..field import modelfile
 from ..field.field import FieldOptions, TetField
 from ..field.occupancy import fill_enclosed
 from ..geometry.lattice import a15_grid
@@ -76,20 +75,25 @@ def train(dataset: Dataset, options: TrainOptions, device="cpu", name="") -> Tra
         "image_size": [dataset.width, dataset.height],
         "options": asdict(options),
     }
+    interrupted = False
     with on_warp_stream(device), TrainingProgress() as progress:
         bank = RayBank(dataset, world_to_model, wp.device_to_torch(device), options.seed)
-        stage, interrupted = _coarse_stage(bank, dataset.has_alpha, options, device, progress)
-        report["stage_1_seconds"] = time.perf_counter() - start
-        if not interrupted:
+        stage = Stage(a15_grid(options.spacing), coarse_options(options), device, options.seed)
+        try:
+            _fit(stage, bank, dataset.has_alpha, options, options.coarse_steps, "stage 1", progress)
+            stage.update_occupancy()
+            rays = _looking_rays(bank, COARSE_LOOK * options.samples_per_step)
+            stage.hide_unseen(rays, COARSE_UNSEEN_WEIGHT)
+            report["stage_1_seconds"] = time.perf_counter() - start
+
             mesh = kept_mesh(stage)
             report["stage_1_tet_count"], report["tet_count"] = stage.mesh.tet_count, mesh.tet_count
             stage = Stage(mesh, field_options(options), device, options.seed)
-            interrupted = _fit(
-                stage, bank, dataset.has_alpha, options, options.fine_steps, "stage 2", progress
-            )
-        if not interrupted:
+            _fit(stage, bank, dataset.has_alpha, options, options.fine_steps, "stage 2", progress)
             rays = _looking_rays(bank, FINE_LOOK * options.samples_per_step)
             stage.hide_unseen(rays, UNSEEN_WEIGHT)
+        except KeyboardInterrupt:
+            interrupted = True
         report["seconds"] = time.perf_counter() - start
         report["interrupted"] = interrupted
         report["occupied_share"] = stage.occupied_share()
@@ -111,21 +115,14 @@ def field_options(options: TrainOptions) -> FieldOptions:
     )
 
 
-def _coarse_stage(bank, has_alpha, options, device, progress):
+def coarse_options(options: TrainOptions) -> FieldOptions:
+    """The field of stage 1."""
     fine = field_options(options)
-    coarse = FieldOptions(
+    return replace(
+        fine,
         level_count=min(COARSE_LEVELS, options.level_count),
-        table_size=fine.table_size,
-        density_hidden=fine.density_hidden,
         march_step=COARSE_STEP_FACTOR * fine.march_step,
     )
-    stage = Stage(a15_grid(options.spacing), coarse, device, options.seed)
-    interrupted = _fit(stage, bank, has_alpha, options, options.coarse_steps, "stage 1", progress)
-    if not interrupted:
-        stage.update_occupancy()
-        rays = _looking_rays(bank, COARSE_LOOK * options.samples_per_step)
-        stage.hide_unseen(rays, COARSE_UNSEEN_WEIGHT)
-    return stage, interrupted
 
 
 def kept_mesh(stage: Stage) -> TetMesh:
@@ -157,29 +154,24 @@ def learning_rate(step: int, step_count: int, highest: float) -> float:
     return highest * warm_up * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
 
 
-def _fit(stage, bank, has_alpha, options, step_count, title, progress) -> bool:
-    """Optimise; returns whether the user interrupted."""
+def _fit(stage, bank, has_alpha, options, step_count, title, progress):
+    """Optimise for that many steps."""
     step = Step(stage, bank, options.distortion, options.samples_per_step)
     step.set_ray_count(RAYS_AT_START)
     task = progress.begin(title, step_count)
-    try:
-        for number in range(step_count):
-            if number % OCCUPANCY_INTERVAL == 0 and number > 0:
-                stage.update_occupancy(1.0 if number < OCCUPANCY_WARM_UP else 0.25)
-                sample_count = step.sample_count()
-                progress.advance(task, OCCUPANCY_INTERVAL, float(step.error), sample_count)
-                ray_count = next_ray_count(
-                    step.batch.ray_count, sample_count, options.samples_per_step
-                )
-                if ray_count != step.batch.ray_count:
-                    step.set_ray_count(ray_count)
-            white = not has_alpha or number >= (1.0 - WHITE_SHARE) * step_count
-            step.run(learning_rate(number, step_count, options.learning_rate), white)
-    except KeyboardInterrupt:
-        progress.end(task)
-        return True
-    progress.end(task)
-    return False
+    shown = 0
+    for number in range(step_count):
+        if number % OCCUPANCY_INTERVAL == 0 and number > 0:
+            stage.update_occupancy(1.0 if number < OCCUPANCY_WARM_UP else 0.25)
+            sample_count = step.sample_count()
+            progress.advance(task, number - shown, float(step.error), sample_count)
+            shown = number
+            ray_count = next_ray_count(step.batch.ray_count, sample_count, options.samples_per_step)
+            if ray_count != step.batch.ray_count:
+                step.set_ray_count(ray_count)
+        white = not has_alpha or number >= (1.0 - WHITE_SHARE) * step_count
+        step.run(learning_rate(number, step_count, options.learning_rate), white)
+    progress.advance(task, step_count - shown, float(step.error), step.sample_count())
 
 
 def next_ray_count(ray_count, sample_count, room):
@@ -202,7 +194,3 @@ def _looking_rays(bank: RayBank, most: int, batch=1 << 14):
     else:
         for part in torch.arange(bank.pixel_count, device=bank.images.device).split(batch):
             yield bank.rays(part)[:2]
-
-
-def save(trained: Trained, path):
-    modelfile.save(trained.field, path)
