@@ -2,6 +2,8 @@
 
 from imgui_bundle import imgui
 
+from ...core.deform.constraints import COMPLIANCE_FLOOR
+from ...core.deform.material import PRESETS
 from ..controls import label_of
 
 SOFTEST, STIFFEST = 1e3, 1e9  # Pa
@@ -9,11 +11,12 @@ POISSON_RANGE = 0.25, 0.49
 HIGHEST_DAMPING = 20.0  # 1/s
 HIGHEST_GRAB_RADIUS = 0.4  # object sizes
 MOST_SUBSTEPS = 60
-SOFTENED = 0.1  # the floor on r, core/deform
+CUSTOM = "custom"  # the name of a material that is none of PRESETS
 
 
 def deform_panel(scene, actions, status):
     _time_buttons(scene, actions)
+    _material_choice(scene)
     _material_sliders(scene)
     settings = scene.settings
     changed, radius = imgui.slider_float(
@@ -38,6 +41,18 @@ def _time_buttons(scene, actions):
     imgui.set_item_tooltip(f"back to the rest pose ({label_of('reset')})")
     imgui.same_line()
     imgui.text_disabled("paused" if scene.paused else "moving" if scene.moving else "at rest")
+
+
+def _material_choice(scene):
+    names = [*PRESETS, CUSTOM]
+    changed, chosen = imgui.combo("material", names.index(name_of(scene.material)), names)
+    if changed and names[chosen] != CUSTOM:
+        scene.set_material(**vars(PRESETS[names[chosen]]))
+
+
+def name_of(material) -> str:
+    """What the panel calls a material."""
+    return next((name for name, preset in PRESETS.items() if preset == material), CUSTOM)
 
 
 def _material_sliders(scene):
@@ -79,9 +94,9 @@ def _solver_options(scene):
     imgui.text_disabled(f"r = {ratio:.2g}")
     imgui.set_item_tooltip(
         "compliance against inertia in a substep: below 1 more substeps make it stiffer,\n"
-        f"below {SOFTENED} it is softer than asked for"
+        f"below {COMPLIANCE_FLOOR} it is softer than asked for"
     )
-    if ratio < SOFTENED:
+    if ratio < COMPLIANCE_FLOOR:
         imgui.text("softened: take more substeps")
 
 
