@@ -1,5 +1,8 @@
 """Clips: what was pushed is what a player finds."""
 
+import subprocess
+from pathlib import Path
+
 import av
 import numpy as np
 import pytest
@@ -122,6 +125,34 @@ def test_a_frame_of_another_size_is_centred():
     image = gray(7, 4, 2)
     image[:, :, 0] = np.arange(4)
     assert recorder.fitted(image, 2, 4)[:, :, 0].tolist() == [[0, 0], [1, 2], [1, 2], [0, 0]]
+
+
+@pytest.mark.parametrize("error", [OSError("the disk is full"), KeyboardInterrupt()])
+@pytest.mark.parametrize("step", ["save", "replace"])
+def test_a_picture_that_fails_leaves_no_file(tmp_path, monkeypatch, error, step):
+    def save(picture, path):
+        path.write_bytes(b"half a picture")
+        fail()
+
+    def fail(*paths):
+        raise error
+
+    if step == "save":
+        monkeypatch.setattr("PIL.Image.Image.save", save)
+    else:
+        monkeypatch.setattr(recorder.os, "replace", fail)
+    with pytest.raises(type(error)):
+        recorder.save_png(tmp_path / "a.png", gray(3))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["a.part.png", "a.part.mp4", "model.npz.part"])
+def test_git_ignores_unfinished_files(name):
+    root = Path(__file__).resolve().parent.parent
+    if not (root / ".git").exists():
+        pytest.skip("needs the checkout")
+    command = ["git", "-C", str(root), "check-ignore", "--quiet", name]
+    assert subprocess.run(command).returncode == 0
 
 
 def test_a_stamped_name_is_never_taken(tmp_path, monkeypatch):

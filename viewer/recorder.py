@@ -166,8 +166,12 @@ def save_png(path: Path, image) -> Path:
     from PIL import Image
 
     part = Path(path).with_suffix(".part.png")
-    Image.fromarray(image).save(part)
-    os.replace(part, path)
+    try:
+        Image.fromarray(image).save(part)
+        os.replace(part, path)
+    except BaseException:  # an interrupt leaves no part behind either
+        part.unlink(missing_ok=True)
+        raise
     return Path(path)
 
 
