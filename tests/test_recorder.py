@@ -1,6 +1,6 @@
 """Clips: what was pushed is what a player finds."""
 
-import subprocess
+from fnmatch import fnmatch
 from pathlib import Path
 
 import av
@@ -148,11 +148,8 @@ def test_a_picture_that_fails_leaves_no_file(tmp_path, monkeypatch, error, step)
 
 @pytest.mark.parametrize("name", ["a.part.png", "a.part.mp4", "model.npz.part"])
 def test_git_ignores_unfinished_files(name):
-    root = Path(__file__).resolve().parent.parent
-    if not (root / ".git").exists():
-        pytest.skip("needs the checkout")
-    command = ["git", "-C", str(root), "check-ignore", "--quiet", name]
-    assert subprocess.run(command).returncode == 0
+    patterns = (Path(__file__).resolve().parent.parent / ".gitignore").read_text().split()
+    assert any(fnmatch(name, pattern) for pattern in patterns)
 
 
 def test_a_stamped_name_is_never_taken(tmp_path, monkeypatch):

@@ -177,7 +177,7 @@ class Scene:
 
     @property
     def stiffness_ratio(self) -> float:
-        """The solver's r, which tells whether it can hold the stiffness (DESIGN §7)."""
+        """The solver's r = α/(w h²): below 1 the substeps limit how stiff the object is."""
         key = id(self.solver), self.material
         if self._ratio is None or self._ratio[0] != key:
             self._ratio = key, self.solver.stiffness_ratio()

@@ -1,8 +1,8 @@
 """The solver: n substeps a frame, each projecting every constraint once.
 
-One frame of length dt is n substeps of length h = dt/n (DESIGN §7): move (integration.py),
-project edges, then volumes, color by color (constraints.py), take velocities from the way
-gone.
+One frame of length dt is n substeps of length h = dt/n (Macklin et al., "Small Steps in
+Physics Simulation", 2019): move (integration.py), project edges, then volumes, color by
+color (constraints.py), take velocities from the way gone.
 
 Changing handles, pins, targets, dt or stiffness changes the contents of arrays, never
 the sequence of launches; on CUDA the sequence is a captured graph, one launch per color.
