@@ -49,7 +49,7 @@ def float32_rays(view):
 
 @pytest.mark.parametrize("pose", POSES)
 def test_conformance_mode_equals_the_reference(make_ball_field, device, pose):
-    """DESIGN, section 6: at most 2/255 in 99.99 % of pixels, 0.1/255 on average."""
+    """Conformance mode: at most 2/255 in 99.99 % of pixels, 0.1/255 on average."""
     field = make_ball_field(int(np.random.default_rng().integers(10_000)))
     vertices = POSES[pose](field.mesh.rest_vertices).astype(np.float32)
     origins, directions = float32_rays(camera())

@@ -1,6 +1,6 @@
 """The definition of the image of a deformed field: float64, brute force, no shortcuts.
 
-DESIGN, section 6, in its four lines:
+The four lines of docs/design/001-field-and-image.md:
 
 1. every tet that a ray crosses cuts its own interval, from its own entry, into pieces of
    rest length Δ, the last one shorter;

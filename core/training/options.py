@@ -15,6 +15,7 @@ class TrainOptions:
         level_count: Nested levels of the model.
         table_size_log2: Entries of a hashed level.
         density_layers: Hidden layers, 64 wide, of the density network.
+        density_activation: "relu", or "sigmoid" as in the paper.
         march_step: Δ, rest length of a quadrature piece.
         samples_per_step: Samples that an optimiser step aims at; the ray count follows.
         learning_rate: Of Adam at the start; falls along a cosine.
@@ -29,6 +30,7 @@ class TrainOptions:
     level_count: int = 6
     table_size_log2: int = 18
     density_layers: int = 1
+    density_activation: str = "relu"
     march_step: float = 0.002
     samples_per_step: int = 2**18
     learning_rate: float = 1e-2

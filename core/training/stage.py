@@ -66,8 +66,8 @@ class Stage:
         self.occupied = torch.ones(shape, dtype=torch.bool, device=self.torch_device)
         self.hidden = torch.zeros(shape, dtype=torch.bool, device=self.torch_device)
         self._mask_bits = torch.zeros(shape[0], dtype=torch.int64, device=self.torch_device)
-        self._mask = wp.from_torch(self._mask_bits, dtype=wp.uint64)
-        self._refresh_mask()
+        self.mask = wp.from_torch(self._mask_bits, dtype=wp.uint64)
+        self.refresh_mask()
         self._generator = torch.Generator(device=self.torch_device).manual_seed(seed)
         corners = path_corners(LEVELS) / 2**LEVELS  # [64, corner, 4]
         self._corners = torch.from_numpy(corners.astype(np.float32)).to(self.torch_device)
@@ -82,9 +82,9 @@ class Stage:
         Returns:
             color [R, 3] without background, opacity [R], distortion [R], weights [N].
         """
-        batch.march(self.pose, self._mask, self.options.march_step)
+        batch.march(self.pose, self.mask, self.options.march_step)
         samples = batch.samples
-        with self._precision():
+        with self.precision():
             features = self.encode(samples.tet, samples.bary)
             sigma, rgb = self.networks(features, batch.basis)
         return Composite.apply(sigma, rgb, samples.length, samples.t, batch.counts, batch.ends)
@@ -113,7 +113,7 @@ class Stage:
             flat[part] = torch.maximum(flat[part], self._thickness_of(part))
         threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
         self.occupied = (self.thickness > threshold) & ~self.hidden
-        self._refresh_mask()
+        self.refresh_mask()
 
     def _thickness_of(self, cells):
         """σ·Δ at a random point of each sub-tet.  [n] int64 -> [n]"""
@@ -125,7 +125,7 @@ class Stage:
         features = self.encode(
             wp.from_torch(tet.contiguous()), wp.from_torch(bary.contiguous(), dtype=wp.vec4)
         )
-        with self._precision():
+        with self.precision():
             h = self.networks.density_features(features)
         return self.networks.sigma(h) * self.options.march_step
 
@@ -155,7 +155,7 @@ class Stage:
             )
         self.hidden = (seen < smallest_weight).view_as(self.hidden)
         self.occupied &= ~self.hidden
-        self._refresh_mask()
+        self.refresh_mask()
 
     def occupied_share(self) -> float:
         return float(self.occupied.float().mean())
@@ -165,7 +165,7 @@ class Stage:
         density, color = self.networks.layers()
         return replace(
             self._start,
-            occupancy=self._mask.numpy(),
+            occupancy=self.mask.numpy(),
             table=self.table.detach().cpu().numpy(),
             density_layers=density,
             color_layers=color,
@@ -173,7 +173,7 @@ class Stage:
             meta=meta,
         )
 
-    def _precision(self):
+    def precision(self):
         """fp16 layers on CUDA; the encoding and the sums stay in float32."""
         return torch.autocast(
             self.torch_device.type,
@@ -182,7 +182,7 @@ class Stage:
             cache_enabled=False,  # a CUDA graph has to see the weights' conversion
         )
 
-    def _refresh_mask(self):
+    def refresh_mask(self):
         bits = torch.arange(SUBTET_COUNT, device=self.torch_device)
         # Wraps to the same 64 bits; in place, because a CUDA graph knows the address.
         self._mask_bits.copy_((self.occupied.long() << bits).sum(dim=1))
