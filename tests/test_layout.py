@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "core.arguments": [],
     "core.device": [],
     "core.geometry": [],
-    "core.field": ["core.geometry"],
+    "core.field": ["core.geometry", "core.paths"],
     "core.render": ["core.geometry", "core.field"],
     "core.deform": ["core.geometry"],
     "core.training": ["core.geometry", "core.field", "core.render"],

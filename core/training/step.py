@@ -14,8 +14,7 @@ from .raybank import RayBank
 from .stage import Stage
 
 BETAS, EPSILON = (0.9, 0.999), 1e-15  # the paper's Adam
-NETWORK_WEIGHT_DECAY = 1e-6
-LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing
+LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing; Adam doesn't see it
 WARM_UP_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
 
 
@@ -36,10 +35,7 @@ class Step:
         self._seed = torch.zeros(1, dtype=torch.int32, device=device)
         self.error = torch.zeros((), device=device)
         self.optimizer = torch.optim.Adam(
-            [
-                {"params": [stage.table]},
-                {"params": stage.networks.parameters(), "weight_decay": NETWORK_WEIGHT_DECAY},
-            ],
+            [stage.table, *stage.networks.parameters()],
             lr=self._rate if device.type == "cuda" else 0.0,
             betas=BETAS,
             eps=EPSILON,
@@ -91,8 +87,6 @@ class Step:
         loss = error + self.distortion * (fits * distortion).sum()
         self.optimizer.zero_grad(set_to_none=True)
         (loss * LOSS_SCALE).backward()
-        # Adam itself doesn't see the scale, but the weight decay is added to gradients.
-        torch._foreach_mul_([p.grad for p in stage.networks.parameters()], 1.0 / LOSS_SCALE)
         self.optimizer.step()
         self.error.copy_(error.detach())
 

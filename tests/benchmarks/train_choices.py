@@ -49,7 +49,7 @@ def main():
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--preset", default="fast")
     parser.add_argument("--image-size", type=int)
-    arguments = parser.parse_args()
+    arguments = parser.parse_intermixed_args()
     start_warp()
     train_views, held_aside = split(datasets.load(arguments.data, "train", arguments.image_size))
     print(f"{'choice':<26}{'PSNR':>8}{'SSIM':>8}{'seconds':>9}{'tets':>8}{'occupied':>10}")
