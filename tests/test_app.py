@@ -285,6 +285,76 @@ def test_a_press_on_the_panel_stays_there(app):
     assert app.scene.grabbed is None
 
 
+WIDGETS = (
+    *("button", "checkbox", "combo", "color_edit3", "slider_float", "slider_int"),
+    "collapsing_header",
+)
+
+
+@pytest.fixture
+def widgets(monkeypatch):
+    """Everything that the panels have drawn: (label, id, middle in ImGui's coordinates)."""
+    from imgui_bundle import imgui
+
+    drawn = []
+
+    def noted(draw):
+        def draw_and_note(label, *arguments, **options):
+            result = draw(label, *arguments, **options)
+            low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+            at = round(0.5 * (low.x + high.x)), round(0.5 * (low.y + high.y))
+            drawn.append((label, imgui.get_item_id(), at))
+            return result
+
+        return draw_and_note
+
+    for name in WIDGETS:
+        monkeypatch.setattr(imgui, name, noted(getattr(imgui, name)))
+    return drawn
+
+
+@pytest.mark.gl
+def test_no_two_widgets_have_the_same_id(app, widgets, monkeypatch):
+    from deformrf.viewer.panels import layout
+
+    sections = tuple((title, panel, True) for title, panel, _ in layout.SECTIONS)
+    monkeypatch.setattr(layout, "SECTIONS", sections)
+    frames(app, 2)
+    widgets.clear()
+    frames(app, 1)
+    ids = [identity for _, identity, _ in widgets]
+    assert len(ids) > 20
+    assert len(set(ids)) == len(ids)
+
+
+@pytest.mark.gl
+def test_the_record_button_starts_and_ends_a_clip(app, widgets, monkeypatch, tmp_path):
+    from deformrf.viewer.panels import layout
+
+    only = tuple(section for section in layout.SECTIONS if section[0] == "Record")
+    monkeypatch.setattr(layout, "SECTIONS", only)  # the others would scroll it out of sight
+    frames(app, 3)
+    click(app, [at for label, _, at in widgets if label == "Record"][-1])
+    assert app.status.recorder is not None
+    frames(app, 3)
+    click(app, [at for label, _, at in widgets if label == "Stop recording"][-1])
+    assert app.status.recorder is None
+    assert len(list(tmp_path.glob("deformrf-*.mp4"))) == 1
+
+
+def click(app, at):
+    """Move to a point in ImGui's coordinates, press and let go."""
+    from pyglet.window import mouse
+
+    x, y = at[0], app.window.height - 1 - at[1]
+    send(app, "on_mouse_motion", x, y, 0, 0)
+    frames(app, 2)
+    send(app, "on_mouse_press", x, y, mouse.LEFT, 0)
+    frames(app, 2)
+    send(app, "on_mouse_release", x, y, mouse.LEFT, 0)
+    frames(app, 2)
+
+
 @pytest.mark.gl
 def test_keys_do_what_the_table_says(bare):
     from pyglet.window import key

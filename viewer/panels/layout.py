@@ -48,7 +48,9 @@ def _main_panel(gui, scene, actions, status):
     for title, panel, is_open in SECTIONS:
         flags = imgui.TreeNodeFlags_.default_open.value if is_open else 0
         if imgui.collapsing_header(title, flags):
+            imgui.push_id(title)  # a button may be called like a header, as Record is
             gui.guarded(panel, scene, actions, status)
+            imgui.pop_id()
     imgui.pop_item_width()
     gui.claim()
     imgui.end()
