@@ -9,6 +9,13 @@ Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
 File = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
 
 
+def plain_message(error: Exception) -> str:
+    """What an error says, without an operating system's error number."""
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
 def at_least(smallest: int, name: str, value: int) -> int:
     """The value; a ValueError that calls it by its name if it is smaller."""
     if value < smallest:

@@ -5,6 +5,7 @@ sentence on stderr and exit code 2.  Then it works.  Ctrl-C ends it with 130, af
 done has been written.  Slow imports wait until the arguments are known to be good.
 """
 
+import signal
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,7 +14,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from .arguments import Count, File, at_least, writable_file
+from .arguments import Count, File, at_least, plain_message, writable_file
 from .device import Choice, device_name
 
 INPUT_ERROR, INTERRUPTED = 2, 130  # exit codes
@@ -89,12 +90,13 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     from .training.datasets import DatasetError
 
     mendable = (ValueError, OSError)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems ask that way
     try:
         job = prepare()
         mendable = DatasetError
         return job()
     except mendable as error:
-        print(f"{program}: {error}", file=sys.stderr)
+        print(f"{program}: {plain_message(error)}", file=sys.stderr)
         return INPUT_ERROR
     except KeyboardInterrupt:
         print(f"{program}: interrupted", file=sys.stderr)
@@ -121,22 +123,28 @@ def prepare_training(arguments: TrainArguments):
         metrics.check_size(test_views.height, test_views.width)
     device = device_name(arguments.device, for_training=True)
     output = writable_file(arguments.output, ".npz")
+    existed = output.exists()
 
     def job():
+        if device == "cpu" and arguments.preset != "tiny":
+            print("No GPU is used: this takes hours; --preset tiny takes minutes.", flush=True)
         from .field import modelfile
         from .training import evaluate, trainer
 
         name = arguments.data.resolve().name
         trained = trainer.train(train_views, options, device, name)
-        modelfile.save(trained.field, output)  # first of all: evaluation may be interrupted
         complete = not trained.interrupted
+        # An unfinished model doesn't take a finished one's place.
+        spare = output.with_stem(output.stem + "-interrupted")
+        path = output if complete or not existed else spare
+        modelfile.save(trained.field, path)  # first of all: evaluation may be interrupted
         if complete and test_views:
             field = modelfile.load(output)  # what is scored is what the file holds
             report = evaluate.evaluate(field, test_views, None, device, model_path=output)
             complete = report["complete"]
             scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
             modelfile.save(trained.field, output, scores)
-        print(summary(trained, output, report["mean"] if test_views and complete else None))
+        print(summary(trained, path, report["mean"] if test_views and complete else None))
         return 0 if complete else INTERRUPTED
 
     return job

@@ -114,12 +114,30 @@ def test_an_interrupted_training_writes_what_there_is(call, trainer, data, tmp_p
     modelfile.load(tmp_path / "m.npz")
 
 
+def test_an_interrupted_training_keeps_an_older_model(call, trainer, data, tmp_path):
+    trainer.trained.interrupted = True
+    output = tmp_path / "m.npz"
+    output.write_bytes(b"a model of an earlier run")
+    result = call(cli.train, data, "-o", output, "--device", "cpu")
+    assert result.code == cli.INTERRUPTED
+    assert "m-interrupted.npz" in result.out
+    assert output.read_bytes() == b"a model of an earlier run"
+    modelfile.load(tmp_path / "m-interrupted.npz")
+
+
+def test_a_default_run_without_a_gpu_is_announced(call, trainer, data, tmp_path):
+    for preset_name, announced in (("default", True), ("tiny", False)):
+        output = tmp_path / f"{preset_name}.npz"
+        result = call(cli.train, data, "-o", output, "--preset", preset_name, "--device", "cpu")
+        assert ("takes minutes" in result.out) == announced
+
+
 def test_images_in_which_nothing_is_found_are_one_sentence(call, trainer, data, monkeypatch):
     def train(*_):
         raise DatasetError("stage 1 found nothing")
 
     monkeypatch.setattr(trainer, "train", train)
-    result = call(cli.train, data, "-o", data / "m.npz", "--device", "cpu")
+    result = call(cli.train, data, "-o", data / "m.npz", "--preset", "tiny", "--device", "cpu")
     assert "found nothing" in refused(result)
 
 

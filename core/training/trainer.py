@@ -136,8 +136,8 @@ def kept_mesh(stage: Stage) -> TetMesh:
     occupied = stage.occupied.any(dim=1).cpu().numpy()
     if not occupied.any():
         raise DatasetError(
-            "stage 1 found nothing: are the cameras inside the scene box? "
-            "(--scene-radius is half the box's edge)"
+            "stage 1 found nothing: it had too few --steps, or the object doesn't lie in the "
+            "scene box (--scene-radius is half the box's edge)"
         )
     beside = neighbours[occupied]
     occupied[beside[beside >= 0]] = True
