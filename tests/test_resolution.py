@@ -18,7 +18,8 @@ def settle(seconds_at_full, target=0.04, start=3, frames=60):
 
 
 def test_each_step_halves_the_pixels():
-    assert [round(a * a / b / b, 9) for a, b in pairwise(FACTORS)] == [2] * 7
+    assert [round(a * a / b / b, 9) for a, b in pairwise(FACTORS)] == [2] * 6
+    assert min(FACTORS) == pytest.approx(0.125)
 
 
 def test_a_fast_renderer_gets_all_pixels():
@@ -30,6 +31,15 @@ def test_a_slow_renderer_meets_the_target_and_then_keeps_its_factor(seconds):
     factors = settle(seconds)
     assert len(set(factors[20:])) == 1
     assert seconds * factors[-1] ** 2 <= 1.25 * 0.04
+
+
+def test_two_cores_show_a_quarter_of_the_width_also_after_one_slow_frame():
+    from deformrf.viewer.radiance_layer import CPU_MOVING_SECONDS
+
+    moving = MovingResolution(CPU_MOVING_SECONDS)
+    for k in range(30):
+        moving.measured(0.4 if k == 10 else 0.125 * (moving.factor / 0.25) ** 2)
+    assert moving.factor == pytest.approx(0.25)
 
 
 def test_one_very_slow_frame_is_enough_to_go_down():

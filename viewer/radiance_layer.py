@@ -17,6 +17,7 @@ from .resolution import MovingResolution, Strips, finer, size_at
 from .upload import ImageTexture
 
 MOVING_SECONDS = 0.06  # rendering a frame while things move
+CPU_MOVING_SECONDS = 0.12  # a picture that can be recognized, before a smooth one
 STRIP_SECONDS = 0.045  # rendering a strip at rest
 REST_SECONDS = 0.15  # without a change, before refining begins
 
@@ -37,7 +38,8 @@ class RadianceLayer:
         self._ctx, self._renderer, self._device = ctx, renderer, device
         self._clock = clock or time.perf_counter
         self._triangle = gl.full_screen(ctx, "image")
-        self._moving = MovingResolution(MOVING_SECONDS)
+        on_cpu = device == "cpu"
+        self._moving = MovingResolution(CPU_MOVING_SECONDS if on_cpu else MOVING_SECONDS)
         self._coarse = self._fine = None  # ImageTexture
         self._strips = None  # of the fine image, while there is one
         self._fine_factor = 1.0

@@ -7,8 +7,8 @@ band around the target before the next one, or the picture would flicker between
 
 from dataclasses import dataclass
 
-FACTORS = tuple(0.5 ** (0.5 * step) for step in range(8))  # 1 .. 0.088
-TOO_SLOW, TOO_FAST = 1.25, 0.4  # the band, relative to the target; 1.25 / 2 is well inside it
+FACTORS = tuple(0.5 ** (0.5 * step) for step in range(7))  # 1 .. 0.125
+TOO_SLOW, TOO_FAST = 1.25, 0.55  # the band, relative to the target; a bit more than one step
 SMALLEST_STRIP = 4  # rows
 
 
