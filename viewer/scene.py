@@ -17,7 +17,7 @@ from .surface import bounds, nearest_vertices
 
 STEP = 1.0 / 60.0  # s
 MAX_STEPS = 6  # a frame; below 10 frames a second, time in the object runs slower than ours
-VISIBLE = 2e-4  # object sizes, a fifth of a pixel
+VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 CONTROL_COUNT = 40
 PINNED_PART = 0.05  # of the object's height
 MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
