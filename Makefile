@@ -41,7 +41,7 @@ demo: debian-packages venv
 		mkdir -p out; \
 		$(BIN)/deformrf-view --headless --frames $(DEMO_FRAMES) --drag $(DEMO_DRAG) \
 			--record out/demo.mp4 --screenshot out/demo.png \
-		&& echo "The demo is in out/demo.mp4, its last frame in out/demo.png."; \
+		&& echo "The demo is in out/demo.mp4; out/demo.png is its last frame before the vertex is let go."; \
 	fi
 
 test: debian-packages venv
