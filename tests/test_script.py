@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def test_a_drag_is_a_vertex_and_an_offset():
-    assert script.parse_drag("12:0.1,-2,.5") == script.DragScript(12, (0.1, -2.0, 0.5))
+    assert script.parse_drag("12:0.1,-1,.5") == script.DragScript(12, (0.1, -1.0, 0.5))
     assert script.parse_drag("top:0,0,1") == script.DragScript(script.TOP, (0.0, 0.0, 1.0))
 
 
@@ -23,6 +23,13 @@ def test_a_drag_is_a_vertex_and_an_offset():
 def test_anything_else_is_refused_with_an_example(text):
     with pytest.raises(ValueError, match="VERTEX:DX,DY,DZ"):
         script.parse_drag(text)
+
+
+def test_an_offset_that_leaves_the_picture_is_refused():
+    assert script.parse_drag("12:0,0,-2").offset == (0.0, 0.0, -2.0)
+    for text in ("1492:1e9,0,0", "top:1.5,1.5,0", "1:1e300,1e300,0"):
+        with pytest.raises(ValueError, match="2 are the most"):
+            script.parse_drag(text)
 
 
 def test_unknown_and_pinned_vertices_are_refused(ball):

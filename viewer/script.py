@@ -1,10 +1,12 @@
 """A drag without a mouse: out in the first third of the frames, held, let go."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 TOP = "top"  # in place of an id
+LONGEST_OFFSET = 2.0  # model units; farther, nothing is left in the picture
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ def parse_drag(text: str) -> DragScript:
     """ "12:0.1,0,0" -> vertex 12 by (0.1, 0, 0); "top:0.1,0,0" -> the top one.
 
     Raises:
-        ValueError: It is written in another way.
+        ValueError: It is written in another way, or goes too far.
     """
     vertex, _, offset = text.partition(":")
     try:
@@ -35,6 +37,12 @@ def parse_drag(text: str) -> DragScript:
     if script is None or len(script.offset) != 3 or not np.isfinite(script.offset).all():
         raise ValueError(
             f"--drag is '{text}'; write VERTEX:DX,DY,DZ, as in 12:0.1,0,0 or top:0.1,0,0"
+        )
+    length = math.hypot(*script.offset)
+    if length > LONGEST_OFFSET:
+        raise ValueError(
+            f"--drag goes {length:.3g} model units far; {LONGEST_OFFSET:g} are the most "
+            "(the object is about 1 wide)"
         )
     return script
 
