@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -152,9 +153,8 @@ def test_two_headless_runs_are_the_same_picture(ball_file, tmp_path, window):
 
 
 @pytest.mark.gl
-def test_ctrl_c_finishes_the_clip(ball_file, tmp_path, window):
-    import signal
-
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_finish_the_clip(ball_file, tmp_path, window, sent):
     clip = tmp_path / "a.mp4"
     arguments = "--headless --frames 100000 --log-events --device cpu --size 64x64".split()
     process = subprocess.Popen(
@@ -167,7 +167,7 @@ def test_ctrl_c_finishes_the_clip(ball_file, tmp_path, window):
         if '"ready"' in line:
             break
     time.sleep(1.0)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(sent)
     process.communicate(timeout=30)
     assert process.returncode == 130
     with av.open(str(clip)) as container:

@@ -1,11 +1,12 @@
 """The command deformrf-view: parse, check, open a window (or none), run, report.
 
 Whatever the user can get wrong ends in one sentence on stderr and exit code 2; Ctrl-C
-finishes the clip and ends with 130.  torch, Warp and pyglet are imported when the
+and SIGTERM finish the clip and end with 130.  torch, Warp and pyglet are imported when the
 arguments are known to be good.
 """
 
 import logging
+import signal
 import sys
 import threading
 from contextlib import contextmanager
@@ -20,6 +21,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit code, which the console script passes to sys.exit."""
     chosen = options.parse(arguments)
     logging.basicConfig(level=logging.WARNING, format="deformrf-view: %(message)s")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a session's end asks that way
     try:
         if chosen.version:
             from ..core.field.modelfile import program_version
