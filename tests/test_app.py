@@ -42,12 +42,12 @@ def refused(capfd, *arguments):
 
 
 def test_a_missing_model_is_named(capfd, tmp_path):
-    assert "nowhere.npz" in refused(capfd, tmp_path / "nowhere.npz", "--headless")
+    assert "nowhere.npz" in refused(capfd, tmp_path / "nowhere.npz")
 
 
 def test_a_file_that_is_no_model_is_refused(capfd, tmp_path):
     (tmp_path / "text.npz").write_text("not a model")
-    assert "not a model file" in refused(capfd, tmp_path / "text.npz", "--headless")
+    assert "not a model file" in refused(capfd, tmp_path / "text.npz")
 
 
 def test_a_model_of_another_version_is_refused(capfd, tmp_path, ball_file):
@@ -56,7 +56,7 @@ def test_a_model_of_another_version_is_refused(capfd, tmp_path, ball_file):
     meta = json.loads(arrays["meta"].tobytes()) | {"format_version": 99}
     arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
     np.savez(tmp_path / "new.npz", **arrays)
-    assert "version 99" in refused(capfd, tmp_path / "new.npz", "--headless")
+    assert "version 99" in refused(capfd, tmp_path / "new.npz")
 
 
 @pytest.mark.parametrize(
@@ -65,11 +65,12 @@ def test_a_model_of_another_version_is_refused(capfd, tmp_path, ball_file):
         (["--headless", "--frames", "0"], "--frames is 0"),
         (["--headless", "--size", "800"], "write it as in 800x600"),
         (["--headless", "--size", "8x600"], "both sides have to be 32 to 8192"),
-        (["--headless", "--drag", "seven"], "VERTEX:DX,DY,DZ"),
+        (["--headless", "--drag", "seven", "--record", "a.mp4"], "VERTEX:DX,DY,DZ"),
         (["--drag", "7:0,0,1"], "needs --headless"),
         (["--headless", "--record", "clip.avi"], "has to end in .mp4"),
         (["--headless", "--screenshot", "shot.jpg"], "has to end in .png"),
         (["--headless", "--fps", "0"], "--fps is 0"),
+        (["--headless", "--frames", "9"], "it needs --record or --screenshot"),
     ],
 )
 def test_an_argument_that_makes_no_sense_is_explained(capfd, ball_file, arguments, sentence):
@@ -77,8 +78,9 @@ def test_an_argument_that_makes_no_sense_is_explained(capfd, ball_file, argument
 
 
 @pytest.mark.gl
-def test_a_vertex_that_the_model_has_not_is_refused(window, ball_file):
-    done = run(ball_file, "--headless", "--device", "cpu", "--drag", "999:0,0,1")
+def test_a_vertex_that_the_model_has_not_is_refused(window, ball_file, tmp_path):
+    arguments = ("--headless", "--device", "cpu", "--screenshot", tmp_path / "a.png")
+    done = run(ball_file, *arguments, "--drag", "999:0,0,1")
     assert done.returncode == 2
     assert "the model has 0 to 131" in done.stderr
 
@@ -99,7 +101,8 @@ def test_help_is_quick_and_imports_nothing_slow():
     assert done.stdout.strip() == ""
     done = run("--help")
     assert done.returncode == 0
-    assert "--headless" in done.stdout
+    for word in ("--headless", "400x400", "1200x800"):
+        assert word in done.stdout
 
 
 def test_the_version_is_printed(capfd):

@@ -27,7 +27,7 @@ class RunArguments:
     """What to do without a mouse."""
 
     headless: Flag = False
-    """Render into files, without a display."""
+    """Render into the files of --record and --screenshot, without a display."""
     frames: Count = None
     """End after that many frames (90 if headless)."""
     drag: Drag = None
@@ -49,7 +49,8 @@ class ViewArguments:
     device: Choice = "auto"
     """auto takes CUDA if there is any."""
     size: Size = None
-    """Size of the window [points] or, headless, of the frames [pixels]."""
+    """Size of the window [points], 1200x800 by default, or, headless, of the frames [pixels],
+    400x400 by default."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
     """Frames per second of clips."""
     interop: Literal["auto", "buffer", "copy"] = "auto"
@@ -82,6 +83,8 @@ def check(arguments: ViewArguments) -> None:
         at_least(1, "--frames", run.frames)
     if run.drag is not None and not run.headless:
         raise ValueError("--drag plays without a mouse: it needs --headless")
+    if run.headless and run.record is None and run.screenshot is None:
+        raise ValueError("--headless writes files: it needs --record or --screenshot, or both")
     if run.record is not None:
         writable_file(run.record, ".mp4")
     if run.screenshot is not None:
