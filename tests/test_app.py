@@ -77,6 +77,15 @@ def test_an_argument_that_makes_no_sense_is_explained(capfd, ball_file, argument
     assert sentence in refused(capfd, ball_file, *arguments)
 
 
+@pytest.mark.parametrize("option, name", [("--record", "a.mp4"), ("--screenshot", "a.png")])
+def test_a_file_that_cannot_be_written_is_named(capfd, ball_file, tmp_path, option, name):
+    (tmp_path / "file").write_text("no folder")
+    path = tmp_path / "file" / name
+    sentence = refused(capfd, ball_file, "--headless", option, path)
+    assert f"can't write {path}: " in sentence
+    assert "Errno" not in sentence
+
+
 @pytest.mark.gl
 def test_a_vertex_that_the_model_has_not_is_refused(window, ball_file, tmp_path):
     arguments = ("--headless", "--device", "cpu", "--screenshot", tmp_path / "a.png")

@@ -11,6 +11,7 @@ import sys
 import threading
 from contextlib import contextmanager
 
+from ..core.arguments import plain_message
 from . import options
 
 FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
@@ -135,5 +136,5 @@ def _told_if_slow():
 def _complain(error) -> int:
     """One line on stderr, its beginning in red on a terminal."""
     red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
-    print(f"{red}deformrf-view:{plain} {error}", file=sys.stderr)
+    print(f"{red}deformrf-view:{plain} {plain_message(error)}", file=sys.stderr)
     return INPUT_ERROR

@@ -58,7 +58,7 @@ class Capture:
             try:
                 self._finished(save_png(path, self._canvas.read()))
             except OSError as error:
-                self._fail(f"the screenshot can't be written: {error}")
+                self._fail(f"can't write {path}: {error.strerror or error}")
 
     def _finished(self, path):
         self.written.append(path)

@@ -75,7 +75,7 @@ def parse(arguments: list[str] | None = None) -> ViewArguments:
 
 
 def check(arguments: ViewArguments) -> None:
-    """Raise a ValueError or an OSError for what can be known to be wrong before any work."""
+    """Raise a ValueError for what can be known to be wrong before any work."""
     run = arguments.run
     frame_size(arguments)
     at_least(1, "--fps", arguments.fps)
@@ -86,9 +86,16 @@ def check(arguments: ViewArguments) -> None:
     if run.headless and run.record is None and run.screenshot is None:
         raise ValueError("--headless writes files: it needs --record or --screenshot, or both")
     if run.record is not None:
-        writable_file(run.record, ".mp4")
+        _can_write(run.record, ".mp4")
     if run.screenshot is not None:
-        writable_file(run.screenshot, ".png")
+        _can_write(run.screenshot, ".png")
+
+
+def _can_write(path, ending):
+    try:
+        writable_file(path, ending)
+    except OSError as error:
+        raise ValueError(f"can't write {path}: {error.strerror}") from error
 
 
 def frame_size(arguments: ViewArguments) -> tuple[int, int]:

@@ -75,7 +75,7 @@ class VideoRecorder:
             RuntimeError: The encoder failed.
         """
         if self._error:
-            raise RuntimeError(f"the video encoder failed: {self._error}") from self._error
+            raise RuntimeError(self._failure()) from self._error
         image = fitted(image, self.width, self.height)
         if not self._clock:
             self._queue.put((image, 1))
@@ -101,9 +101,15 @@ class VideoRecorder:
         self._thread.join()
         if self._error:
             self.part.unlink(missing_ok=True)
-            raise RuntimeError(f"the video encoder failed: {self._error}") from self._error
+            raise RuntimeError(self._failure()) from self._error
         os.replace(self.part, self.path)
         return self.path
+
+    def _failure(self):
+        """What went wrong in the encoder's thread, in one sentence."""
+        if isinstance(self._error, OSError) and self._error.strerror:
+            return f"can't write {self.path}: {self._error.strerror}"
+        return f"the video encoder failed: {self._error}"
 
     def _slot(self):
         return int((self._clock() - self._start) * self.fps + 1e-6)
