@@ -269,6 +269,22 @@ def test_pressing_and_moving_bends_the_object(bare):
 
 
 @pytest.mark.gl
+def test_the_panel_names_the_vertex_under_the_mouse_and_the_one_held(bare):
+    from pyglet.window import mouse
+
+    from deformrf.viewer.panels.deform import vertex_line
+
+    vertex = free_vertex(bare)
+    at = view_point(bare, vertex)
+    assert vertex_line(bare.scene) == "no vertex under the mouse"
+    send(bare, "on_mouse_motion", *at, 0, 0)
+    assert vertex_line(bare.scene) == f"vertex {vertex}"
+    send(bare, "on_mouse_press", *at, mouse.LEFT, 0)
+    assert vertex_line(bare.scene) == f"holding vertex {vertex}"
+    send(bare, "on_mouse_release", *at, mouse.LEFT, 0)
+
+
+@pytest.mark.gl
 def test_escape_ends_the_drag_and_not_the_program(bare):
     from pyglet.window import key, mouse
 

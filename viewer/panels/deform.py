@@ -25,6 +25,15 @@ def deform_panel(scene, actions, status):
     if changed:
         settings.grab_radius = radius
     _solver_options(scene)
+    imgui.text_disabled(vertex_line(scene))
+    imgui.set_item_tooltip("the id that --drag takes")
+
+
+def vertex_line(scene) -> str:
+    """Which vertex is held or under the mouse; a line in any case, or the panel would jump."""
+    if scene.grabbed is not None:
+        return f"holding vertex {scene.grabbed.vertex}"
+    return "no vertex under the mouse" if scene.hover is None else f"vertex {scene.hover}"
 
 
 def _time_buttons(scene, actions):
