@@ -1,0 +1,251 @@
+"""The window's own loop, with panels: synthetic events in a window without a display."""
+
+import time
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+
+from deformrf.viewer import picking
+
+pytestmark = pytest.mark.gl
+
+
+@pytest.fixture
+def app(window, ball, monkeypatch, tmp_path):
+    """An App with panels in a window without a display, ready, with its events in `log`."""
+    from deformrf.viewer.loop import App
+
+    class Log(list):
+        enabled = False
+
+        def __call__(self, event, **fields):
+            self.append((event, fields))
+
+    monkeypatch.chdir(tmp_path)
+    made = App(*window, Log())
+    made.load(ball, "ball", "cpu")
+    made.scene.settings.automatic_resolution = False
+    made.scene.settings.fixed_resolution = 0.5
+    frames(made, 3)
+    yield made
+    made.close()
+
+
+def frames(app, count):
+    app.run(app._frame_count + count)
+
+
+def send(app, name, *arguments):
+    app.window.dispatch_event(name, *arguments)
+    app.window.dispatch_events()
+
+
+def view_point(app, vertex):
+    """A vertex in pyglet's coordinates."""
+    camera = app.controls.camera
+    (at,), _ = picking.project(camera, app.scene.positions[vertex][None])
+    return round(at[0]), round(app.window.height - 1 - at[1])
+
+
+def free_vertex(app):
+    """A visible control vertex that no panel covers."""
+    for vertex in app.scene.control_ids[app.controls.shown()]:
+        if not app.gui.covers(*view_point(app, vertex)):
+            return int(vertex)
+    pytest.fail("the panel covers every vertex")
+
+
+@pytest.fixture
+def bare(app):
+    """The same without panels in the way."""
+    app.scene.settings.show_panel = False
+    frames(app, 2)
+    return app
+
+
+def test_pressing_and_moving_bends_the_object(bare):
+    from pyglet.window import mouse
+
+    vertex = free_vertex(bare)
+    x, y = view_point(bare, vertex)
+    send(bare, "on_mouse_motion", x, y, 0, 0)
+    assert bare.scene.hover == vertex
+    send(bare, "on_mouse_press", x, y, mouse.LEFT, 0)
+    send(bare, "on_mouse_drag", x + 20, y + 15, 20, 15, mouse.LEFT, 0)
+    time.sleep(0.04)
+    frames(bare, 3)
+    assert view_point(bare, vertex) == pytest.approx((x + 20, y + 15), abs=1)
+    send(bare, "on_mouse_release", x + 20, y + 15, mouse.LEFT, 0)
+    assert [name for name, _ in bare.log][-2:] == ["grab", "release"]
+
+
+def test_the_panel_names_the_vertex_under_the_mouse_and_the_one_held(bare):
+    from pyglet.window import mouse
+
+    from deformrf.viewer.panels.deform import vertex_line
+
+    vertex = free_vertex(bare)
+    at = view_point(bare, vertex)
+    assert vertex_line(bare.scene) == "no vertex under the mouse"
+    send(bare, "on_mouse_motion", *at, 0, 0)
+    assert vertex_line(bare.scene) == f"vertex {vertex}"
+    send(bare, "on_mouse_press", *at, mouse.LEFT, 0)
+    assert vertex_line(bare.scene) == f"holding vertex {vertex}"
+    send(bare, "on_mouse_release", *at, mouse.LEFT, 0)
+
+
+def test_escape_ends_the_drag_and_not_the_program(bare):
+    from pyglet.window import key, mouse
+
+    x, y = view_point(bare, free_vertex(bare))
+    send(bare, "on_mouse_press", x, y, mouse.LEFT, 0)
+    assert bare.scene.grabbed is not None
+    send(bare, "on_key_press", key.ESCAPE, 0)
+    assert bare.scene.grabbed is None
+    assert not bare.window.has_exit
+    send(bare, "on_key_press", key.Q, key.MOD_CTRL)
+    assert bare.window.has_exit
+
+
+def test_a_press_on_the_panel_stays_there(app):
+    from pyglet.window import mouse
+
+    orbit = app.scene.orbit
+    inside = 60, app.window.height - 60
+    assert app.gui.covers(*inside)
+    send(app, "on_mouse_press", *inside, mouse.LEFT, 0)
+    send(app, "on_mouse_drag", 70, 100, 10, -80, mouse.LEFT, 0)
+    send(app, "on_mouse_release", 70, 100, mouse.LEFT, 0)
+    send(app, "on_mouse_scroll", *inside, 0, 3)
+    assert app.scene.orbit is orbit
+    assert app.scene.grabbed is None
+
+
+WIDGETS = (
+    *("button", "checkbox", "combo", "color_edit3", "slider_float", "slider_int"),
+    "collapsing_header",
+)
+
+
+@pytest.fixture
+def widgets(monkeypatch):
+    """Everything that the panels have drawn: (label, id, middle in ImGui's coordinates)."""
+    from imgui_bundle import imgui
+
+    drawn = []
+
+    def noted(draw):
+        def draw_and_note(label, *arguments, **options):
+            result = draw(label, *arguments, **options)
+            low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+            at = round(0.5 * (low.x + high.x)), round(0.5 * (low.y + high.y))
+            drawn.append((label, imgui.get_item_id(), at))
+            return result
+
+        return draw_and_note
+
+    for name in WIDGETS:
+        monkeypatch.setattr(imgui, name, noted(getattr(imgui, name)))
+    return drawn
+
+
+def test_no_two_widgets_have_the_same_id(app, widgets, monkeypatch):
+    from deformrf.viewer.panels import layout
+
+    sections = tuple((title, panel, True) for title, panel, _ in layout.SECTIONS)
+    monkeypatch.setattr(layout, "SECTIONS", sections)
+    frames(app, 2)
+    widgets.clear()
+    frames(app, 1)
+    ids = [identity for _, identity, _ in widgets]
+    assert len(ids) > 20
+    assert len(set(ids)) == len(ids)
+
+
+def test_the_record_button_starts_and_ends_a_clip(app, widgets, monkeypatch, tmp_path):
+    from deformrf.viewer.panels import layout
+
+    only = tuple(section for section in layout.SECTIONS if section[0] == "Record")
+    monkeypatch.setattr(layout, "SECTIONS", only)  # the others would scroll it out of sight
+    frames(app, 3)
+    click(app, [at for label, _, at in widgets if label == "Record"][-1])
+    assert app.status.recorder is not None
+    frames(app, 3)
+    click(app, [at for label, _, at in widgets if label == "Stop recording"][-1])
+    assert app.status.recorder is None
+    assert len(list(tmp_path.glob("deformrf-*.mp4"))) == 1
+
+
+def click(app, at):
+    """Move to a point in ImGui's coordinates, press and let go."""
+    from pyglet.window import mouse
+
+    x, y = at[0], app.window.height - 1 - at[1]
+    send(app, "on_mouse_motion", x, y, 0, 0)
+    frames(app, 2)
+    send(app, "on_mouse_press", x, y, mouse.LEFT, 0)
+    frames(app, 2)
+    send(app, "on_mouse_release", x, y, mouse.LEFT, 0)
+    frames(app, 2)
+
+
+def test_keys_do_what_the_table_says(bare):
+    from pyglet.window import key
+
+    scene = bare.scene
+    send(bare, "on_key_press", key.SPACE, 0)
+    assert scene.paused
+    send(bare, "on_key_press", key.W, 0)
+    assert scene.settings.show_wireframe
+    send(bare, "on_key_press", key.TAB, 0)
+    assert scene.settings.show_panel
+    send(bare, "on_key_press", key.F1, 0)
+    assert scene.settings.show_help
+    frames(bare, 2)  # panel and help can be drawn
+
+
+def test_a_live_clip_lasts_as_long_as_it_was_recorded(bare, tmp_path):
+    from pyglet.window import key
+
+    send(bare, "on_key_press", key.F9, 0)
+    start = time.monotonic()
+    while time.monotonic() - start < 1.0:
+        frames(bare, 1)
+    send(bare, "on_key_press", key.F9, 0)
+    seconds = time.monotonic() - start
+    (clip,) = tmp_path.glob("deformrf-*.mp4")
+    with av.open(str(clip)) as container:
+        stream = container.streams.video[0]
+        assert float(stream.duration * stream.time_base) == pytest.approx(seconds, abs=0.1)
+        assert (stream.width, stream.height) == (320, 240)
+
+
+def test_a_screenshot_has_the_panel_only_if_asked_for(app, tmp_path):
+    pictures = []
+    for with_panel in (False, True):
+        app.scene.settings.panel_in_screenshots = with_panel
+        app.actions.screenshot()
+        frames(app, 1)
+        pictures.append(np.asarray(Image.open(app.capture.written[-1])).astype(int))
+    plain, panel = pictures
+    changed = abs(plain - panel).max(axis=-1) > 8
+    assert plain.shape == (240, 320, 3)
+    assert changed[:, :100].mean() > 0.1
+
+
+def test_handles_are_in_the_picture_only_if_asked_for(bare):
+    pictures = []
+    for with_handles in (True, False):
+        bare.scene.settings.handles_in_clips = with_handles
+        bare.actions.screenshot()
+        frames(bare, 1)
+        pictures.append(np.asarray(Image.open(bare.capture.written[-1])).astype(int))
+    assert (abs(pictures[0] - pictures[1]).max(axis=-1) > 60).sum() > 100
+
+
+def test_closing_the_window_ends_the_loop(bare):
+    bare.window.dispatch_event("on_close")
+    bare.run()
+    assert bare.window.has_exit
