@@ -101,7 +101,10 @@ def test_flat_tets_hide_nothing_behind_them(make_ball_field, device, thickness):
     color, _, _ = renderer.render_rays(origins, directions, CONFORMANCE)
     expected, _, _ = reference.render_rays(field, vertices, origins, directions, BACKGROUND)
     difference = 255.0 * np.abs(color - expected)
-    assert (difference.max(axis=1) > 2.0).mean() <= 2e-4  # rounding may turn a flat tet over
+    # Where a tet has no thickness at all, rounding decides which side of it a point is on:
+    # seen once in 60 meshes, at 18 of 10,000 pixels.  A tet that ended rays cost 500.
+    allowed = 5e-3 if thickness < 1e-5 else 2e-4
+    assert (difference.max(axis=1) > 2.0).mean() <= allowed
     assert difference.mean() <= 0.1
 
 
