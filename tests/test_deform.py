@@ -28,6 +28,8 @@ class Panel:
             paused=False,
             moving=False,
             held=True,
+            grabbed=None,
+            hover=None,
         )
         self.gui = Gui(window)
         monkeypatch.setattr(imgui, "combo", self.combo)
