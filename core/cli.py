@@ -20,16 +20,20 @@ from .device import Choice, device_name
 INPUT_ERROR, INTERRUPTED = 2, 130  # exit codes
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
+Box = Annotated[
+    tuple[float, float, float, float, float, float] | None,
+    tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1", help_behavior_hint=""),
+]
 Data = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
 Model = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
 
 
 @dataclass(frozen=True)
 class TrainArguments:
-    """Train a model from posed images in the Blender layout."""
+    """Train a model from posed images: Blender, nerfstudio, instant-ngp, NSVF or COLMAP."""
 
     data: Data
-    """Folder with transforms_train.json and, for a score at the end, transforms_test.json."""
+    """Folder with transforms_train.json, transforms.json, rgb/ and pose/, or sparse/0/."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="MODEL")]
     """Model file to write, an .npz."""
     preset: Literal["default", "fast", "tiny"] = "default"
@@ -42,8 +46,11 @@ class TrainArguments:
     """Of everything random; the same seed draws the same random numbers."""
     image_size: Count = None
     """Shrink the images to this longer side [pixels]."""
+    aabb: Box = None
+    """The object's box, lowest and highest corner [the data's units]; else the data's own box,
+    or one around the place that the cameras look at."""
     scene_radius: Number = None
-    """The object lies in the box from -R to R around the data's origin [its units]."""
+    """The same, for a box from -R to R around the data's origin."""
 
 
 @dataclass(frozen=True)
@@ -53,13 +60,13 @@ class EvaluateArguments:
     model: Model
     """Model file, an .npz."""
     data: Data
-    """Folder with transforms_<split>.json."""
+    """Folder of the data set, as for deformrf-train."""
     json: File = None
     """Write the scores of each view and their mean to this file."""
     images: File = None
     """Write render, truth and difference (x4) of each view to this folder."""
     split: str = "test"
-    """Which transforms_<split>.json."""
+    """Which views."""
     views: Count = None
     """Score that many views, spread evenly, instead of all."""
     image_size: Count = None
@@ -87,7 +94,7 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     user's to mend.  So is a DatasetError of the job, that learning from the images found
     nothing; anything else there is a fault of the program and keeps its traceback.
     """
-    from .training.datasets import DatasetError
+    from .training.capture import DatasetError
 
     mendable = (ValueError, OSError)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems ask that way
@@ -106,6 +113,7 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
 def prepare_training(arguments: TrainArguments):
     from .training import datasets, metrics
     from .training.options import preset
+    from .training.scene_box import world_to_unit_cube
 
     options = preset(arguments.preset)
     if arguments.steps is not None:
@@ -116,11 +124,16 @@ def prepare_training(arguments: TrainArguments):
         options = replace(options, scene_radius=arguments.scene_radius)
         if not 0.0 < options.scene_radius < float("inf"):
             raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
+    if arguments.aabb is not None:
+        options = replace(options, aabb=arguments.aabb)
     train_views = datasets.load(arguments.data, "train", arguments.image_size)
+    warn_of_missing(train_views)
+    world_to_unit_cube(train_views, options.aabb, options.scene_radius)  # finds what is wrong
     test_views = None
-    if (arguments.data / "transforms_test.json").exists():
+    if datasets.has_test_split(arguments.data):
         test_views = datasets.load(arguments.data, "test", arguments.image_size)
-        metrics.check_size(test_views.height, test_views.width)
+        for lens in test_views.lenses:
+            metrics.check_size(lens.height, lens.width)
     device = device_name(arguments.device, for_training=True)
     output = writable_file(arguments.output, ".npz")
     existed = output.exists()
@@ -150,6 +163,17 @@ def prepare_training(arguments: TrainArguments):
     return job
 
 
+def warn_of_missing(dataset):
+    """Say how many images were skipped."""
+    if dataset.missing:
+        total = len(dataset.missing) + dataset.view_count
+        print(
+            f"{len(dataset.missing)} of {total} {dataset.split} images are missing and were "
+            f"skipped, first {dataset.missing[0]}",
+            file=sys.stderr,
+        )
+
+
 def summary(trained, output: Path, scores) -> str:
     """What was made, in a line."""
     begun = "Interrupted; wrote what there is" if trained.interrupted else "Wrote"
@@ -169,7 +193,9 @@ def prepare_evaluation(arguments: EvaluateArguments):
     dataset = datasets.load(
         arguments.data, arguments.split, arguments.image_size, view_count=arguments.views
     )
-    metrics.check_size(dataset.height, dataset.width)
+    warn_of_missing(dataset)
+    for lens in dataset.lenses:
+        metrics.check_size(lens.height, lens.width)
     json_path = arguments.json and writable_file(arguments.json, ".json")
     if arguments.images:
         arguments.images.mkdir(parents=True, exist_ok=True)

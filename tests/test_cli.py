@@ -1,6 +1,7 @@
 """The commands: what they pass on, and how they refuse what a user gets wrong."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +17,7 @@ from deformrf.core.field import modelfile
 from deformrf.core.field.field import FieldOptions, random_field
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import tet_neighbours
-from deformrf.core.training.datasets import DatasetError
+from deformrf.core.training.capture import DatasetError
 from deformrf.core.training.options import PRESETS, preset
 
 
@@ -84,7 +85,8 @@ def test_training_gets_data_options_and_device(call, trainer, data, tmp_path):
     result = call(cli.train, data, "-o", tmp_path / "m.npz", *flags, "--scene-radius", 2)
     assert (result.code, result.err) == (0, "")
     [(views, options, device, name)] = trainer.calls
-    assert (views.split, views.view_count, views.width, views.height) == ("train", 3, 15, 11)
+    assert (views.split, views.view_count) == ("train", 3)
+    assert {(lens.width, lens.height) for lens in views.lenses} == {(15, 11)}
     assert options == preset("fast", seed=7, scene_radius=2.0)
     assert (device, name) == ("cpu", "data")
 
@@ -172,7 +174,7 @@ def test_evaluation_of_a_few_small_views(call, data, model, tmp_path):
     assert call(cli.evaluate, model, data, *flags).code == 0
     report = json.loads((tmp_path / "s.json").read_text())
     assert [view["name"] for view in report["views"]] == ["r_0", "r_2"]
-    assert (report["width"], report["height"], report["split"]) == (15, 11, "train")
+    assert (report["sizes"], report["split"]) == (["15x11"], "train")
 
 
 def spoil_version(path):
@@ -183,10 +185,6 @@ def spoil_version(path):
     np.savez(path, **{**arrays, "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8)})
 
 
-def spoil_size(data):
-    Image.new("RGBA", (16, 13)).save(data / "test" / "r_1.png")
-
-
 @pytest.mark.parametrize(
     "spoil, sentence",
     [
@@ -194,14 +192,20 @@ def spoil_size(data):
         (lambda data, model: model.write_text("not a zip"), "not a model file"),
         (lambda data, model: spoil_version(model), "format version 99"),
         (lambda data, model: (data / "transforms_test.json").unlink(), "transforms_test.json"),
-        (lambda data, model: (data / "test" / "r_1.png").unlink(), "r_1.png is missing"),
-        (lambda data, model: spoil_size(data), "16x13 pixels, but r_0.png 16x12"),
+        (lambda data, model: shutil.rmtree(data / "test"), "none of the 2 images"),
     ],
-    ids=["missing", "no model", "version", "no transforms", "image missing", "sizes"],
+    ids=["missing", "no model", "version", "no transforms", "images missing"],
 )
 def test_bad_input_to_evaluation_is_one_sentence(call, data, model, spoil, sentence):
     spoil(data, model)
     assert sentence in refused(call(cli.evaluate, model, data, "--device", "cpu"))
+
+
+def test_missing_images_are_said_and_skipped(call, data, model):
+    (data / "test" / "r_1.png").unlink()
+    result = call(cli.evaluate, model, data, "--device", "cpu")
+    assert result.code == 0
+    assert "1 of 2 test images are missing and were skipped, first ./test/r_1.png" in result.err
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,10 @@ from deformrf.core.field.field import FieldOptions, random_field
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import tet_neighbours
 from deformrf.core.render import camera as cameras
+from deformrf.core.render.lens import pinhole
 from deformrf.core.render.render import Renderer
 from deformrf.core.training import evaluate as evaluation
-from deformrf.core.training.datasets import Dataset
+from deformrf.core.training.datasets import from_images
 from deformrf.core.training.evaluate import evaluate, print_report
 
 SIZE = 16
@@ -45,7 +46,7 @@ def dataset(field):
     images = np.stack(images)
     images[..., 3] = 255  # a photograph over white, without alpha
     names = tuple(f"r_{i}" for i in range(VIEWS))
-    return Dataset(images, np.stack(poses), view.focal, SIZE, SIZE, names, "test")
+    return from_images(images, poses, [view.lens] * VIEWS, names, "test")
 
 
 class FakeRenderer:
@@ -77,12 +78,12 @@ def fake(monkeypatch):
 def constant_views(color):
     images = np.full((VIEWS, SIZE, SIZE, 4), color, np.uint8)
     poses = np.tile(np.eye(4), (VIEWS, 1, 1))
-    return Dataset(images, poses, 20.0, SIZE, SIZE, ("a", "b", "c"), "test")
+    return from_images(images, poses, [pinhole(20.0, SIZE, SIZE)] * VIEWS, "abc", "test")
 
 
 def test_a_model_equals_its_own_renders(field, dataset, tmp_path):
     """Through world_to_model: the data set's cameras are in the world."""
-    assert np.ptp(dataset.images[..., :3]) > 100, "an empty image would prove nothing"
+    assert np.ptp(dataset.pixels[:, :3]) > 100, "an empty image would prove nothing"
     report = evaluate(field, dataset, tmp_path)
     assert report["complete"]
     assert report["mean"]["ssim"] == pytest.approx(1.0, abs=1e-3)
@@ -134,6 +135,8 @@ def test_ctrl_c_leaves_a_report_of_what_is_done(fake, field, tmp_path, capsys, d
 
 
 def test_images_too_small_for_ssim_are_refused(field, dataset):
-    small = Dataset(dataset.images[:, :8], dataset.poses, 20.0, SIZE, 8, dataset.names, "test")
+    images = [dataset.image(view)[:8] for view in range(VIEWS)]
+    lenses = [pinhole(20.0, SIZE, 8)] * VIEWS
+    small = from_images(images, dataset.poses, lenses, dataset.names, "test")
     with pytest.raises(ValueError, match="these have 16x8"):
         evaluate(field, small)

@@ -10,12 +10,13 @@ from deformrf.core.field.field import FieldOptions
 from deformrf.core.field.occupancy import is_occupied_reference
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import face_components, tet_neighbours
-from deformrf.core.render.camera import from_field_of_view, in_space, look_at, rays
+from deformrf.core.render.camera import from_field_of_view, look_at, rays
 from deformrf.core.training import datasets, trainer
-from deformrf.core.training.datasets import DatasetError
+from deformrf.core.training.batch import Batch
+from deformrf.core.training.capture import DatasetError
 from deformrf.core.training.evaluate import evaluate
 from deformrf.core.training.options import PRESETS, preset
-from deformrf.core.training.raybank import RayBank, scene_to_unit_cube
+from deformrf.core.training.raybank import RayBank
 from deformrf.core.training.stage import Stage
 
 SIZE, ANGLE = 40, 0.7
@@ -69,7 +70,7 @@ def test_a_ball_is_learnt_from_its_pictures(ball_data, trained):
     assert report["mean"]["alpha_error"] < 0.07  # without an object: 0.16
 
     middles = field.mesh.rest_vertices[field.mesh.tets].mean(axis=1)
-    radius = np.linalg.norm(middles - 0.5, axis=1) * 2 * SMALL.scene_radius
+    radius = np.linalg.norm(middles - 0.5, axis=1) * 2 * 1.488
     assert radius.max() < 0.8 + 0.6  # far tets are gone
     assert (radius < 0.4).any()  # and what the surface encloses is kept
     assert len(set(face_components(field.neighbours))) == 1
@@ -89,12 +90,12 @@ def test_an_interrupt_leaves_the_field_as_it_is(ball_data, monkeypatch, after):
     draws = 0
     draw = RayBank.draw
 
-    def interrupting(self, count):
+    def interrupting(self, seed, drawn):
         nonlocal draws
         draws += 1
         if draws > after:
             raise KeyboardInterrupt
-        return draw(self, count)
+        draw(self, seed, drawn)
 
     monkeypatch.setattr(RayBank, "draw", interrupting)
     trained = trainer.train(ball_data[0], SMALL, "cpu", "ball")
@@ -120,34 +121,6 @@ def test_an_interrupt_in_the_last_look_leaves_the_field_as_it_is(ball_data, monk
     assert trained.interrupted
     assert trained.field.options.level_count == SMALL.level_count
     assert trained.field.mesh.tet_count == trained.report["tet_count"]
-
-
-def test_the_same_seed_gives_the_same_rays(ball_data):
-    banks = [RayBank(ball_data[0], scene_to_unit_cube(1.5), "cpu", seed) for seed in (1, 1, 2)]
-    first, same, other = (bank.draw(50)[1] for bank in banks)
-    assert torch.equal(first, same)
-    assert not torch.equal(first, other)
-
-
-def test_rays_of_the_bank_are_those_of_the_cameras(ball_data):
-    dataset, _ = ball_data
-    world_to_model = scene_to_unit_cube(1.5)
-    bank = RayBank(dataset, world_to_model, "cpu")
-    pixels = torch.arange(bank.pixel_count)
-    origins, directions, rgba = bank.rays(pixels)
-    view = 7
-    pose = in_space(dataset.poses[view], world_to_model)
-    expected = rays(from_field_of_view(pose, ANGLE, SIZE, SIZE))
-    part = slice(view * SIZE * SIZE, (view + 1) * SIZE * SIZE)
-    np.testing.assert_allclose(origins[part], expected[0], atol=1e-6)
-    np.testing.assert_allclose(directions[part], expected[1], atol=1e-6)
-    np.testing.assert_array_equal(rgba[part] * 255, dataset.images[view].reshape(-1, 4))
-
-
-def test_the_scene_box_becomes_the_unit_cube():
-    matrix = scene_to_unit_cube(1.5)
-    corners = np.array([[-1.5, -1.5, -1.5, 1], [1.5, 1.5, 1.5, 1], [0, 0, 0, 1]])
-    np.testing.assert_allclose((corners @ matrix.T)[:, :3], [[0] * 3, [1] * 3, [0.5] * 3])
 
 
 def test_nothing_occupied_is_said_so():
@@ -204,7 +177,9 @@ def test_what_no_ray_sees_is_hidden():
     rng = np.random.default_rng()
     origins = np.column_stack([rng.uniform(0.1, 0.9, (4000, 2)), np.full(4000, 3.0)])
     directions = np.broadcast_to([0.0, 0.0, -1.0], (4000, 3))
-    batch = [torch.from_numpy(a.astype(np.float32).copy()) for a in (origins, directions)]
+    batch = Batch(len(origins), None, stage.device)
+    for mine, given in ((batch.origins, origins), (batch.directions, directions)):
+        mine.copy_(torch.from_numpy(given.astype(np.float32)))
     stage.hide_unseen([batch], 1e-3)
     field = stage.export(np.eye(4), {})
     tet = np.repeat(np.arange(field.mesh.tet_count), 20)

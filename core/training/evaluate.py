@@ -19,8 +19,9 @@ from rich.table import Table
 
 from ..field.field import TetField
 from ..render.camera import in_space
+from ..render.lens import LensCamera
 from ..render.render import Renderer, RenderOptions
-from .datasets import Dataset, cameras, white_composite
+from .datasets import Dataset, white_composite
 from .metrics import check_size, psnr, ssim
 
 DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
@@ -53,17 +54,17 @@ def evaluate(
     Returns:
         The report, plain JSON values.
     """
-    check_size(dataset.height, dataset.width)
+    for lens in dataset.lenses:
+        check_size(lens.height, lens.width)
     options = replace(options or RenderOptions(), background=(1.0, 1.0, 1.0))
     renderer = Renderer(field, device=device)
-    views = [
-        replace(camera, camera_to_world=in_space(camera.camera_to_world, field.world_to_model))
-        for camera in cameras(dataset)
-    ]
+    poses = in_space(dataset.poses, field.world_to_model)
+    views = [LensCamera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True)]
     if out_dir is not None:
         out_dir = Path(out_dir)
         out_dir.mkdir(parents=True, exist_ok=True)
-    renderer.render(views[0].resized(8, 8), options).color_array()  # compiles the kernels
+    small = LensCamera(poses[0], dataset.lenses[0].resized(8, 8))
+    renderer.render(small, options).color_array()  # compiles the kernels
 
     scores, has_alpha = [], dataset.has_alpha
     try:
@@ -71,7 +72,7 @@ def evaluate(
             begin = time.perf_counter()
             rendered = renderer.render(camera, options).color_array()
             seconds = time.perf_counter() - begin
-            truth = dataset.images[index]
+            truth = dataset.image(index)
             score = score_view(dataset.names[index], rendered, truth, has_alpha, seconds)
             scores.append(score)
             if out_dir is not None:
@@ -82,8 +83,7 @@ def evaluate(
     report = {
         "model": model_facts(field, model_path),
         "split": dataset.split,
-        "width": dataset.width,
-        "height": dataset.height,
+        "sizes": sorted({f"{lens.width}x{lens.height}" for lens in dataset.lenses}),
         "device": str(device),
         "complete": len(scores) == dataset.view_count,
         "mean": mean_scores(scores),
@@ -161,7 +161,7 @@ def print_report(report):
         return ["-" if v is None else f.format(v) for f, v in zip(formats, values, strict=True)]
 
     facts = report["model"]
-    title = f"{facts['tets']} tets, {facts['levels']} levels, {report['width']}x{report['height']}"
+    title = f"{facts['tets']} tets, {facts['levels']} levels, {', '.join(report['sizes'])}"
     table = Table("view", title=title)
     for heading in ("PSNR [dB]", "SSIM", "alpha error", "seconds"):
         table.add_column(heading, justify="right")

@@ -8,7 +8,8 @@ class TrainOptions:
     """Settings of a training run; lengths are in model units (the scene box has edge 1).
 
     Attributes:
-        scene_radius: The box from -r to r in the data's space becomes the unit cube.
+        aabb: The object's box in the data's space, lowest and highest corner; see scene_box.py.
+        scene_radius: The box from -r to r, if there is no aabb; None leaves it to the data.
         spacing: dx of the A15 grid of stage 1 (the paper's 0.02).
         coarse_steps: Optimiser steps of stage 1, which finds the occupied tets.
         fine_steps: Optimiser steps of stage 2, on the kept tets with all levels.
@@ -23,7 +24,8 @@ class TrainOptions:
         seed: Of all random choices.
     """
 
-    scene_radius: float = 1.5
+    aabb: tuple[float, ...] | None = None
+    scene_radius: float | None = None
     spacing: float = 0.02
     coarse_steps: int = 1500
     fine_steps: int = 15000

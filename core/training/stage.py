@@ -130,20 +130,17 @@ class Stage:
         return self.networks.sigma(h) * self.options.march_step
 
     @torch.no_grad()
-    def hide_unseen(self, ray_batches, smallest_weight):
+    def hide_unseen(self, batches, smallest_weight):
         """Mask sub-tets in which no ray has a sample of at least that weight.
 
         What no camera ever saw, above all the inside of opaque parts, stays hidden in
         every pose, because optical depth is measured in rest space.
 
         Args:
-            ray_batches: Iterable of (origins, directions).
+            batches: Iterable of Batch, with rays.
         """
         seen = torch.zeros(self.thickness.numel(), device=self.torch_device)
-        for seed, (origins, directions) in enumerate(ray_batches, start=1):
-            batch = Batch(len(origins), None, self.device)
-            batch.origins.copy_(origins)
-            batch.directions.copy_(directions)
+        for seed, batch in enumerate(batches, start=1):
             batch.seed.fill_(seed)
             weights = self.trace(batch)[3]
             wp.launch(

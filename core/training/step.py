@@ -15,6 +15,7 @@ from .stage import Stage
 
 BETAS, EPSILON = (0.9, 0.999), 1e-15  # the paper's Adam
 LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing; Adam doesn't see it
+SEED_STRIDE = 15_485_863  # a prime: runs of a million steps stay apart
 WARM_UP_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
 
 
@@ -26,13 +27,17 @@ class Step:
         batch: The last step's samples.
     """
 
-    def __init__(self, stage: Stage, bank: RayBank, distortion: float, samples_per_step: int):
+    def __init__(
+        self, stage: Stage, bank: RayBank, distortion: float, samples_per_step: int, seed=0
+    ):
         self.stage, self.bank, self.distortion = stage, bank, distortion
         self.samples_per_step = samples_per_step
         device = stage.torch_device
         self._white = torch.zeros(1, device=device)
         self._rate = torch.zeros((), device=device)
-        self._seed = torch.zeros(1, dtype=torch.int32, device=device)
+        # Of draws and jitter: another one with each step, and apart for each `seed`.
+        first = (seed * SEED_STRIDE) % 2**30
+        self._seed = torch.full((1,), first, dtype=torch.int32, device=device)
         self.error = torch.zeros((), device=device)
         self.optimizer = torch.optim.Adam(
             [stage.table, *stage.networks.parameters()],
@@ -73,9 +78,8 @@ class Step:
         stage, batch = self.stage, self.batch
         self._seed.add_(1)
         wp.to_torch(batch.seed).copy_(self._seed)
-        origins, directions, rgba = self.bank.draw(batch.ray_count)
-        batch.origins.copy_(origins)
-        batch.directions.copy_(directions)
+        self.bank.draw(batch.seed, batch.drawn)
+        rgba = batch.rgba
         alpha = rgba[:, 3:]
         background = torch.maximum(torch.rand_like(rgba[:, :3]), self._white)
         target = rgba[:, :3] * alpha + background * (1.0 - alpha)
@@ -97,7 +101,6 @@ class Step:
         for _ in range(WARM_UP_RUNS):
             self._work()
         graph = torch.cuda.CUDAGraph()
-        graph.register_generator_state(self.bank.generator)
         with torch.cuda.graph(
             graph, stream=wp.stream_to_torch(stream), capture_error_mode="thread_local"
         ):

@@ -23,11 +23,14 @@ from ..field.field import FieldOptions, TetField
 from ..field.occupancy import fill_enclosed
 from ..geometry.lattice import a15_grid
 from ..geometry.mesh import TetMesh, extract, face_components, tet_neighbours
-from .datasets import Dataset, DatasetError
+from .batch import Batch
+from .capture import DatasetError
+from .datasets import Dataset
 from .differentiable import on_warp_stream
 from .options import TrainOptions
 from .progress import TrainingProgress
-from .raybank import RayBank, scene_to_unit_cube
+from .raybank import RayBank
+from .scene_box import world_to_unit_cube
 from .stage import Stage
 from .step import Step
 
@@ -67,31 +70,32 @@ def train(dataset: Dataset, options: TrainOptions, device="cpu", name="") -> Tra
     """
     torch.manual_seed(options.seed)
     wp.init()
-    world_to_model = scene_to_unit_cube(options.scene_radius)
+    world_to_model = world_to_unit_cube(dataset, options.aabb, options.scene_radius)
     start = time.perf_counter()
     report = {
         "data": name,
         "view_count": dataset.view_count,
-        "image_size": [dataset.width, dataset.height],
+        "image_size": list(max((lens.width, lens.height) for lens in dataset.lenses)),
+        "missing_images": len(dataset.missing),
         "options": asdict(options),
     }
     interrupted = False
     with on_warp_stream(device), TrainingProgress() as progress:
-        bank = RayBank(dataset, world_to_model, wp.device_to_torch(device), options.seed)
+        bank = RayBank(dataset, world_to_model, device)
         stage = Stage(a15_grid(options.spacing), coarse_options(options), device, options.seed)
         try:
             _fit(stage, bank, dataset.has_alpha, options, options.coarse_steps, "stage 1", progress)
             stage.update_occupancy()
-            rays = _looking_rays(bank, COARSE_LOOK * options.samples_per_step)
-            stage.hide_unseen(rays, COARSE_UNSEEN_WEIGHT)
+            looks = _looking_batches(bank, device, COARSE_LOOK * options.samples_per_step)
+            stage.hide_unseen(looks, COARSE_UNSEEN_WEIGHT)
             report["stage_1_seconds"] = time.perf_counter() - start
 
             mesh = kept_mesh(stage)
             report["stage_1_tet_count"], report["tet_count"] = stage.mesh.tet_count, mesh.tet_count
             stage = Stage(mesh, field_options(options), device, options.seed)
             _fit(stage, bank, dataset.has_alpha, options, options.fine_steps, "stage 2", progress)
-            rays = _looking_rays(bank, FINE_LOOK * options.samples_per_step)
-            stage.hide_unseen(rays, UNSEEN_WEIGHT)
+            looks = _looking_batches(bank, device, FINE_LOOK * options.samples_per_step)
+            stage.hide_unseen(looks, UNSEEN_WEIGHT)
         except KeyboardInterrupt:
             interrupted = True
         report["seconds"] = time.perf_counter() - start
@@ -157,7 +161,7 @@ def learning_rate(step: int, step_count: int, highest: float) -> float:
 
 def _fit(stage, bank, has_alpha, options, step_count, title, progress):
     """Optimise for that many steps."""
-    step = Step(stage, bank, options.distortion, options.samples_per_step)
+    step = Step(stage, bank, options.distortion, options.samples_per_step, options.seed)
     step.set_ray_count(RAYS_AT_START)
     task = progress.begin(title, step_count)
     shown = 0
@@ -187,11 +191,19 @@ def next_ray_count(ray_count, sample_count, room):
     return int(np.clip(wanted, FEWEST_RAYS, MOST_RAYS))
 
 
-def _looking_rays(bank: RayBank, most: int, batch=1 << 14):
+def _looking_batches(bank: RayBank, device, most: int, size=1 << 14):
     """Batches of rays through all training pixels, or through `most` random ones."""
     if bank.pixel_count > most:
-        for _ in range(-(-most // batch)):
-            yield bank.draw(batch)[:2]
+        seed = wp.zeros(1, dtype=int, device=device)
+        for number in range(-(-most // size)):
+            batch = Batch(size, None, device)
+            seed.fill_(number)
+            bank.draw(seed, batch.drawn)
+            yield batch
     else:
-        for part in torch.arange(bank.pixel_count, device=bank.images.device).split(batch):
-            yield bank.rays(part)[:2]
+        everything = np.arange(bank.pixel_count, dtype=np.int32)
+        for first in range(0, bank.pixel_count, size):
+            chosen = wp.array(everything[first : first + size], dtype=int, device=device)
+            batch = Batch(len(chosen), None, device)
+            bank.look_up(chosen, batch.drawn)
+            yield batch
