@@ -17,7 +17,7 @@ import tyro
 from .arguments import Count, File, at_least, plain_message, writable_file
 from .device import Choice, device_name
 
-INPUT_ERROR, INTERRUPTED = 2, 130  # exit codes
+DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
 Box = Annotated[
@@ -51,6 +51,8 @@ class TrainArguments:
     or one around the place that the cameras look at."""
     scene_radius: Number = None
     """The same, for a box from -R to R around the data's origin."""
+    resume: bool = False
+    """Go on with the run that was to write MODEL and was interrupted."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,10 @@ def prepare_training(arguments: TrainArguments):
     from .training.options import preset
     from .training.scene_box import world_to_unit_cube
 
-    options = preset(arguments.preset)
+    output = writable_file(arguments.output, ".npz")
+    checkpoint_path = output.with_suffix(".checkpoint")
+    resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
+    options = resumed.options if resumed else preset(arguments.preset)
     if arguments.steps is not None:
         options = with_steps(options, at_least(2, "--steps", arguments.steps))
     if arguments.seed is not None:
@@ -128,6 +133,11 @@ def prepare_training(arguments: TrainArguments):
         options = replace(options, aabb=arguments.aabb)
     train_views = datasets.load(arguments.data, "train", arguments.image_size)
     warn_of_missing(train_views)
+    if resumed and resumed.report["view_count"] != train_views.view_count:
+        raise ValueError(
+            f"the interrupted run had {resumed.report['view_count']} views, these are "
+            f"{train_views.view_count}: --resume needs the same images"
+        )
     world_to_unit_cube(train_views, options.aabb, options.scene_radius)  # finds what is wrong
     test_views = None
     if datasets.has_test_split(arguments.data):
@@ -135,7 +145,6 @@ def prepare_training(arguments: TrainArguments):
         for lens in test_views.lenses:
             metrics.check_size(lens.height, lens.width)
     device = device_name(arguments.device, for_training=True)
-    output = writable_file(arguments.output, ".npz")
     existed = output.exists()
 
     def job():
@@ -145,8 +154,8 @@ def prepare_training(arguments: TrainArguments):
         from .training import evaluate, trainer
 
         name = arguments.data.resolve().name
-        trained = trainer.train(train_views, options, device, name)
-        complete = not trained.interrupted
+        trained = trainer.train(train_views, options, device, name, checkpoint_path, resumed)
+        complete = trained.complete
         # An unfinished model doesn't take a finished one's place.
         spare = output.with_stem(output.stem + "-interrupted")
         path = output if complete or not existed else spare
@@ -158,9 +167,27 @@ def prepare_training(arguments: TrainArguments):
             scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
             modelfile.save(trained.field, output, scores)
         print(summary(trained, path, report["mean"] if test_views and complete else None))
+        if trained.diverged:
+            print(f"deformrf-train: {trained.diverged}", file=sys.stderr)
+            return DIVERGED
+        if trained.interrupted and checkpoint_path.exists():
+            print("Go on with the same command and --resume.")
+        if trained.complete:
+            checkpoint_path.unlink(missing_ok=True)
         return 0 if complete else INTERRUPTED
 
     return job
+
+
+def resumed_run(arguments: TrainArguments, path: Path):
+    """The checkpoint of an interrupted run, which has its own options."""
+    from .training import checkpoint
+
+    for name in ("steps", "seed", "aabb", "scene_radius"):
+        if getattr(arguments, name) is not None:
+            flag = name.replace("_", "-")
+            raise ValueError(f"--resume keeps the options of the interrupted run: drop --{flag}")
+    return checkpoint.load(path)
 
 
 def warn_of_missing(dataset):
@@ -176,7 +203,7 @@ def warn_of_missing(dataset):
 
 def summary(trained, output: Path, scores) -> str:
     """What was made, in a line."""
-    begun = "Interrupted; wrote what there is" if trained.interrupted else "Wrote"
+    begun = "Wrote" if trained.complete else "Stopped early; wrote what there is"
     size = output.stat().st_size / 1e6
     minutes = trained.report["seconds"] / 60
     line = f"{begun}: {output}, {trained.field.mesh.tet_count} tets, {size:.1f} MB"

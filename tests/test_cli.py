@@ -59,7 +59,9 @@ def call(monkeypatch, capsys):
 @pytest.fixture
 def trainer(monkeypatch, field):
     """Stands in for the trainer: `calls` is what it was asked to do, `trained` its answer."""
-    trained = SimpleNamespace(field=field, report={"seconds": 90.0}, interrupted=False)
+    from deformrf.core.training.trainer import Trained
+
+    trained = Trained(field, {"seconds": 90.0}, interrupted=False)
     stub = SimpleNamespace(calls=[], trained=trained)
 
     def train(*arguments):
@@ -84,11 +86,12 @@ def test_training_gets_data_options_and_device(call, trainer, data, tmp_path):
     flags = ("--preset", "fast", "--seed", 7, "--image-size", 15, "--device", "cpu")
     result = call(cli.train, data, "-o", tmp_path / "m.npz", *flags, "--scene-radius", 2)
     assert (result.code, result.err) == (0, "")
-    [(views, options, device, name)] = trainer.calls
+    [(views, options, device, name, checkpoint_path, resumed)] = trainer.calls
     assert (views.split, views.view_count) == ("train", 3)
     assert {(lens.width, lens.height) for lens in views.lenses} == {(15, 11)}
     assert options == preset("fast", seed=7, scene_radius=2.0)
     assert (device, name) == ("cpu", "data")
+    assert (checkpoint_path, resumed) == (tmp_path / "m.checkpoint", None)
 
 
 def test_training_writes_the_model_with_its_test_scores(call, trainer, data, tmp_path):
@@ -112,7 +115,7 @@ def test_an_interrupted_training_writes_what_there_is(call, trainer, data, tmp_p
     trainer.trained.interrupted = True
     result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert result.code == cli.INTERRUPTED
-    assert "Interrupted; wrote what there is" in result.out
+    assert "Stopped early; wrote what there is" in result.out
     modelfile.load(tmp_path / "m.npz")
 
 
@@ -125,6 +128,60 @@ def test_an_interrupted_training_keeps_an_older_model(call, trainer, data, tmp_p
     assert "m-interrupted.npz" in result.out
     assert output.read_bytes() == b"a model of an earlier run"
     modelfile.load(tmp_path / "m-interrupted.npz")
+
+
+def test_a_lost_run_says_why_and_writes_its_last_good_weights(call, trainer, data, tmp_path):
+    trainer.trained.diverged = "the loss became nan at step 48"
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert (result.code, result.err) == (
+        cli.DIVERGED,
+        "deformrf-train: the loss became nan at step 48\n",
+    )
+    modelfile.load(tmp_path / "m.npz")
+
+
+def unfinished(path, view_count=3):
+    """A checkpoint of a run over that many views."""
+    from deformrf.core.training import checkpoint
+
+    report = {"view_count": view_count, "seconds": 9.0}
+    options = preset("tiny", seed=5)
+    checkpoint.save(checkpoint.Checkpoint(options, 1, a15_grid(0.25), {}, np.eye(4), report), path)
+    return options
+
+
+def test_a_resumed_run_has_the_options_of_its_checkpoint(call, trainer, data, tmp_path):
+    options = unfinished(tmp_path / "m.checkpoint")
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu", "--resume")
+    assert result.code == 0
+    [call_] = trainer.calls
+    assert call_[1] == call_[5].options == options
+    assert not (tmp_path / "m.checkpoint").exists()
+
+
+def test_an_interrupted_run_says_how_to_go_on(call, trainer, data, tmp_path):
+    trainer.trained.interrupted = True
+    unfinished(tmp_path / "m.checkpoint")
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert "--resume" in result.out
+    assert (tmp_path / "m.checkpoint").exists()
+
+
+@pytest.mark.parametrize(
+    "flags, view_count, sentence",
+    [
+        ([], None, "m.checkpoint to resume from"),
+        (["--steps", 9], 3, "drop --steps"),
+        (["--scene-radius", 2], 3, "drop --scene-radius"),
+        ([], 4, "had 4 views, these are 3"),
+    ],
+)
+def test_what_can_not_be_resumed_is_one_sentence(call, data, tmp_path, flags, view_count, sentence):
+    if view_count:
+        unfinished(tmp_path / "m.checkpoint", view_count)
+    output = tmp_path / "m.npz"
+    result = call(cli.train, data, "-o", output, "--device", "cpu", "--resume", *flags)
+    assert sentence in refused(result)
 
 
 def test_a_default_run_without_a_gpu_is_announced(call, trainer, data, tmp_path):

@@ -1,5 +1,7 @@
 """Training: what it keeps, how it learns, and that an interrupted run leaves a model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -11,7 +13,7 @@ from deformrf.core.field.occupancy import is_occupied_reference
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import face_components, tet_neighbours
 from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.training import datasets, trainer
+from deformrf.core.training import checkpoint, datasets, fit, trainer
 from deformrf.core.training.batch import Batch
 from deformrf.core.training.capture import DatasetError
 from deformrf.core.training.evaluate import evaluate
@@ -123,29 +125,72 @@ def test_an_interrupt_in_the_last_look_leaves_the_field_as_it_is(ball_data, monk
     assert trained.field.mesh.tet_count == trained.report["tet_count"]
 
 
+class Interrupting:
+    """Ctrl-C at the n-th draw."""
+
+    def __init__(self, monkeypatch, after):
+        self.draws, self.after, self.draw = 0, after, RayBank.draw
+        monkeypatch.setattr(RayBank, "draw", lambda bank, *args: self(bank, *args))
+
+    def __call__(self, bank, *arguments):
+        self.draws += 1
+        if self.draws > self.after:
+            raise KeyboardInterrupt
+        self.draw(bank, *arguments)
+
+
+def parameters(trained):
+    field = trained.field
+    layers = [a for pair in (*field.density_layers, *field.color_layers) for a in pair]
+    return [field.table, *layers, field.occupancy]
+
+
+def test_the_same_seed_gives_the_same_model(ball_data, trained):
+    """On the CPU to the last bit; CUDA adds gradients in any order."""
+    again = trainer.train(ball_data[0], SMALL, "cpu", "ball")
+    for a, b in zip(parameters(trained), parameters(again), strict=True):
+        np.testing.assert_array_equal(a, b)
+    other = trainer.train(ball_data[0], replace(SMALL, seed=1), "cpu", "ball")
+    assert other.field.table.shape != trained.field.table.shape or not np.array_equal(
+        other.field.table, trained.field.table
+    )
+
+
+@pytest.mark.parametrize("after", [37, 60 + 45])
+def test_a_resumed_run_ends_where_an_uninterrupted_one_does(
+    ball_data, trained, monkeypatch, tmp_path, after
+):
+    """Interrupted in stage 1 and in stage 2; the checkpoint goes through its file."""
+    path = tmp_path / "ball.checkpoint"
+    with monkeypatch.context() as patch:
+        Interrupting(patch, after)
+        first = trainer.train(ball_data[0], SMALL, "cpu", "ball", path)
+    assert first.interrupted
+    resumed = checkpoint.load(path)
+    assert (resumed.stage, resumed.fit["step"]["number"]) == ((1, 37) if after < 60 else (2, 45))
+    assert resumed.options == SMALL
+    whole = trainer.train(ball_data[0], resumed.options, "cpu", "ball", path, resumed)
+    assert whole.complete
+    assert whole.report["seconds"] > first.report["seconds"]
+    for a, b in zip(parameters(trained), parameters(whole), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_long_run_is_saved_from_time_to_time(ball_data, monkeypatch, tmp_path):
+    monkeypatch.setattr(trainer, "CHECKPOINT_SECONDS", 0.0)
+    path = tmp_path / "ball.checkpoint"
+    trained = trainer.train(ball_data[0], SMALL, "cpu", "ball", path)
+    assert trained.complete
+    saved = checkpoint.load(path)
+    last = (SMALL.fine_steps - 1) // fit.OCCUPANCY_INTERVAL * fit.OCCUPANCY_INTERVAL
+    assert (saved.stage, saved.fit["step"]["number"]) == (2, last)
+
+
 def test_nothing_occupied_is_said_so():
     stage = Stage(a15_grid(0.25), FieldOptions(level_count=2, table_size=2**8), "cpu")
     stage.occupied[:] = False
     with pytest.raises(DatasetError, match="scene box"):
         trainer.kept_mesh(stage)
-
-
-def test_the_learning_rate_warms_up_and_falls_along_a_cosine():
-    rates = [trainer.learning_rate(step, 10_000, 1.0) for step in range(10_001)]
-    assert rates[0] == pytest.approx(0.01)
-    assert max(rates) == pytest.approx(1.0, abs=1e-3)
-    assert rates[5000] == pytest.approx(0.505, abs=1e-3)
-    assert rates[-1] == pytest.approx(trainer.FINAL_RATE)
-
-
-def test_the_ray_count_fills_the_room_and_then_stays():
-    count = 1024
-    for _ in range(20):
-        count = trainer.next_ray_count(count, 13 * count, 2**18)
-    assert 0.8 * 2**18 <= 13 * count <= 2**18
-    assert trainer.next_ray_count(count, 13 * count, 2**18) == count
-    assert trainer.next_ray_count(256, 10**9, 2**18) == trainer.FEWEST_RAYS
-    assert trainer.next_ray_count(2**16, 0, 2**18) == trainer.MOST_RAYS
 
 
 def test_an_unknown_preset_is_named_with_the_known_ones():

@@ -62,7 +62,7 @@ class Batch:
 
     Attributes:
         samples: Samples of all rays that fit, without gaps, then tet = -1.  [N]
-        origins, directions, rgba: The same as torch tensors.
+        origins, directions, rgba, background: The same as torch tensors.
         counts, ends: Of each ray's samples.  [R]
         drawn: The rays, and the colors that they should see.
         basis: Spherical harmonics of the samples' directions.  torch [N, 16]
@@ -79,10 +79,12 @@ class Batch:
             self._rays.origins,
             self._rays.directions,
             wp.zeros(ray_count, dtype=wp.vec4, device=device),
+            wp.zeros(ray_count, dtype=wp.vec3, device=device),
         )
         self.origins = wp.to_torch(self.drawn.origins)
         self.directions = wp.to_torch(self.drawn.directions)
         self.rgba = wp.to_torch(self.drawn.rgba)
+        self.background = wp.to_torch(self.drawn.background)
         self._everyone = wp.from_torch(
             torch.arange(ray_count, dtype=torch.int32, device=wp.device_to_torch(device))
         )

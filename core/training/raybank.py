@@ -38,11 +38,13 @@ class Drawn:
     Attributes:
         origins, directions: Model space, unit directions.  [R] vec3
         rgba: Straight alpha, 0..1.  [R] vec4
+        background: A random color for each ray, 0..1.  [R] vec3
     """
 
     origins: wp.array
     directions: wp.array
     rgba: wp.array
+    background: wp.array
 
 
 def empty_drawn(count: int, device) -> Drawn:
@@ -50,6 +52,7 @@ def empty_drawn(count: int, device) -> Drawn:
         wp.empty(count, dtype=wp.vec3, device=device),
         wp.empty(count, dtype=wp.vec3, device=device),
         wp.empty(count, dtype=wp.vec4, device=device),
+        wp.empty(count, dtype=wp.vec3, device=device),
     )
 
 
@@ -75,14 +78,15 @@ def draw_kernel(
     origins: wp.array(dtype=wp.vec3),  # [R] out
     directions: wp.array(dtype=wp.vec3),  # [R] out
     rgba: wp.array(dtype=wp.vec4),  # [R] out
+    background: wp.array(dtype=wp.vec3),  # [R] out
 ):
     i = wp.tid()
+    random = wp.rand_init(seed[0], DRAW + i)
     pixel_count = bank.pixels.shape[0]
     pixel = int(0)
     if chosen.shape[0] > 0:
         pixel = chosen[i]
     else:
-        random = wp.rand_init(seed[0], DRAW + i)
         pixel = int(wp.randu(random) % wp.uint32(pixel_count))
     view = view_of(bank.first_pixels, pixel)
     lens = bank.lenses[view]
@@ -92,6 +96,7 @@ def draw_kernel(
     origins[i] = wp.vec3(pose[0, 3], pose[1, 3], pose[2, 3])
     directions[i] = wp.normalize(wp.transform_vector(pose, d))
     c = bank.pixels[pixel]
+    background[i] = wp.vec3(wp.randf(random), wp.randf(random), wp.randf(random))
     rgba[i] = wp.vec4(float(c[0]), float(c[1]), float(c[2]), float(c[3])) / 255.0
 
 
@@ -128,6 +133,6 @@ class RayBank:
             draw_kernel,
             dim=len(drawn.origins),
             inputs=[self.bank, chosen, seed],
-            outputs=[drawn.origins, drawn.directions, drawn.rgba],
+            outputs=[drawn.origins, drawn.directions, drawn.rgba, drawn.background],
             device=self.device,
         )

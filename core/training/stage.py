@@ -157,6 +157,30 @@ class Stage:
     def occupied_share(self) -> float:
         return float(self.occupied.float().mean())
 
+    def parameters(self) -> list:
+        """What is trained: the table, then the networks' weights."""
+        return [self.table, *self.networks.parameters()]
+
+    def state(self) -> dict:
+        """Everything that learning changes, as tensors."""
+        return {
+            "parameters": [p.detach() for p in self.parameters()],
+            "thickness": self.thickness,
+            "occupied": self.occupied,
+            "hidden": self.hidden,
+            "generator": self._generator.get_state(),
+        }
+
+    @torch.no_grad()
+    def load_state(self, state: dict):
+        """Go on from `state`, which has to be that of a stage with this mesh and options."""
+        for mine, saved in zip(self.parameters(), state["parameters"], strict=True):
+            mine.copy_(saved)
+        for name in ("thickness", "occupied", "hidden"):
+            getattr(self, name).copy_(state[name])
+        self._generator.set_state(state["generator"].cpu())
+        self.refresh_mask()
+
     def export(self, world_to_model, meta) -> TetField:
         """The field as it stands."""
         density, color = self.networks.layers()

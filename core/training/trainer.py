@@ -13,7 +13,6 @@ at its best on the background it is scored on.
 
 import time
 from dataclasses import asdict, dataclass, replace
-from math import cos, pi
 
 import numpy as np
 import torch
@@ -23,91 +22,171 @@ from ..field.field import FieldOptions, TetField
 from ..field.occupancy import fill_enclosed
 from ..geometry.lattice import a15_grid
 from ..geometry.mesh import TetMesh, extract, face_components, tet_neighbours
+from . import checkpoint as checkpoints
 from .batch import Batch
 from .capture import DatasetError
+from .checkpoint import Checkpoint
 from .datasets import Dataset
 from .differentiable import on_warp_stream
+from .fit import Diverged, Fit
 from .options import TrainOptions
 from .progress import TrainingProgress
 from .raybank import RayBank
 from .scene_box import world_to_unit_cube
 from .stage import Stage
-from .step import Step
 
-WARM_UP_STEPS = 100
-FINAL_RATE = 0.01  # of the first learning rate, at the cosine's end
-WHITE_SHARE = 0.2  # of the steps, at the end
-OCCUPANCY_INTERVAL = 16  # steps
-OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
 UNSEEN_WEIGHT = 1e-3  # a sub-tet that never contributes as much is hidden
 COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
 COARSE_LOOK, FINE_LOOK = 4, 16  # rays that look for it, over the samples of a step
 SMALLEST_COMPONENT = 0.005  # of the tets; smaller ones are floaters
-RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
-FILLED = 0.9  # share of a step's room for samples that the number of rays aims at
+CHECKPOINT_SECONDS = 60.0
 
 
 @dataclass
 class Trained:
-    """What `train` returns: the field, what happened, and whether it was cut short."""
+    """What `train` returns.
+
+    Attributes:
+        field: As far as it came.
+        report: What happened, plain JSON values.
+        interrupted: Ctrl-C ended it early.
+        diverged: Why it ended early, a sentence, or None.
+    """
 
     field: TetField
     report: dict
     interrupted: bool
+    diverged: str | None = None
+
+    @property
+    def complete(self) -> bool:
+        return not self.interrupted and self.diverged is None
 
 
-def train(dataset: Dataset, options: TrainOptions, device="cpu", name="") -> Trained:
+def train(
+    dataset: Dataset,
+    options: TrainOptions,
+    device="cpu",
+    name="",
+    checkpoint_path=None,
+    resumed: Checkpoint | None = None,
+) -> Trained:
     """Train a field.
 
     Args:
         dataset: The training views.
         device: A Warp device.
         name: Of the data, for the model file.
+        checkpoint_path: Where the run is written every minute and when it is interrupted.
+        resumed: Go on from there; `options` have to be its own.
 
-    A KeyboardInterrupt ends the run early; the field is then what there is.
+    A KeyboardInterrupt or a loss that is lost ends the run early; the field is then what
+    there is.
     """
-    torch.manual_seed(options.seed)
     wp.init()
-    world_to_model = world_to_unit_cube(dataset, options.aabb, options.scene_radius)
-    start = time.perf_counter()
-    report = {
-        "data": name,
-        "view_count": dataset.view_count,
-        "image_size": list(max((lens.width, lens.height) for lens in dataset.lenses)),
-        "missing_images": len(dataset.missing),
-        "options": asdict(options),
-    }
-    interrupted = False
+    run = _Run(dataset, options, device, name, checkpoint_path, resumed)
     with on_warp_stream(device), TrainingProgress() as progress:
-        bank = RayBank(dataset, world_to_model, device)
-        stage = Stage(a15_grid(options.spacing), coarse_options(options), device, options.seed)
-        try:
-            _fit(stage, bank, dataset.has_alpha, options, options.coarse_steps, "stage 1", progress)
-            stage.update_occupancy()
-            looks = _looking_batches(bank, device, COARSE_LOOK * options.samples_per_step)
-            stage.hide_unseen(looks, COARSE_UNSEEN_WEIGHT)
-            report["stage_1_seconds"] = time.perf_counter() - start
+        return run.train(progress)
 
-            mesh = kept_mesh(stage)
-            report["stage_1_tet_count"], report["tet_count"] = stage.mesh.tet_count, mesh.tet_count
-            stage = Stage(mesh, field_options(options), device, options.seed)
-            _fit(stage, bank, dataset.has_alpha, options, options.fine_steps, "stage 2", progress)
-            looks = _looking_batches(bank, device, FINE_LOOK * options.samples_per_step)
-            stage.hide_unseen(looks, UNSEEN_WEIGHT)
+
+class _Run:
+    """The two stages, and where between them a run is."""
+
+    def __init__(self, dataset, options, device, name, checkpoint_path, resumed):
+        self.dataset, self.options, self.device = dataset, options, device
+        self.checkpoint_path, self.resumed = checkpoint_path, resumed
+        self.start = self.saved = time.perf_counter()
+        self.stage = self.fit = None
+        if resumed:
+            self.world_to_model, self.report = resumed.world_to_model, dict(resumed.report)
+            self.start -= self.report["seconds"]
+        else:
+            self.world_to_model = world_to_unit_cube(dataset, options.aabb, options.scene_radius)
+            self.report = {
+                "data": name,
+                "view_count": dataset.view_count,
+                "image_size": list(max((lens.width, lens.height) for lens in dataset.lenses)),
+                "missing_images": len(dataset.missing),
+                "options": asdict(options),
+            }
+
+    def train(self, progress) -> Trained:
+        interrupted, diverged = False, None
+        try:
+            bank = RayBank(self.dataset, self.world_to_model, self.device)
+            mesh = a15_grid(self.options.spacing)
+            if self.resumed is None or self.resumed.stage == 1:
+                self._coarse(mesh, bank, progress)
+                mesh = kept_mesh(self.stage)
+                self.report["stage_1_tet_count"] = self.stage.mesh.tet_count
+                self.report["tet_count"] = mesh.tet_count
+            else:
+                mesh = self.resumed.mesh
+            self._fine(mesh, bank, progress)
         except KeyboardInterrupt:
             interrupted = True
-        report["seconds"] = time.perf_counter() - start
+            if self.stage is None:
+                raise  # there is nothing yet to keep
+            self._save()
+        except Diverged as error:
+            diverged = str(error)
+        return self._result(interrupted, diverged)
+
+    def _coarse(self, mesh, bank, progress):
+        self._fit(1, mesh, coarse_options(self.options), self.options.coarse_steps, bank, progress)
+        self.stage.update_occupancy()
+        looks = _looking_batches(bank, self.device, COARSE_LOOK * self.options.samples_per_step)
+        self.stage.hide_unseen(looks, COARSE_UNSEEN_WEIGHT)
+        self.report["stage_1_seconds"] = time.perf_counter() - self.start
+
+    def _fine(self, mesh, bank, progress):
+        self._fit(2, mesh, field_options(self.options), self.options.fine_steps, bank, progress)
+        looks = _looking_batches(bank, self.device, FINE_LOOK * self.options.samples_per_step)
+        self.stage.hide_unseen(looks, UNSEEN_WEIGHT)
+
+    def _fit(self, number, mesh, field_options_, step_count, bank, progress):
+        self.fit = None  # the stage before gives its memory back
+        self.stage = Stage(mesh, field_options_, self.device, self.options.seed)
+        has_alpha = self.dataset.has_alpha
+        self.stage_number = number
+        self.fit = Fit(self.stage, bank, self.options, has_alpha, step_count)
+        if self.resumed and self.resumed.stage == number:
+            self.fit.load_state(self.resumed.fit)
+        self.fit.run(progress, f"stage {number}", self._save_sometimes)
+
+    def _save_sometimes(self):
+        if time.perf_counter() - self.saved > CHECKPOINT_SECONDS:
+            self._save()
+
+    def _save(self):
+        if self.checkpoint_path is None or self.fit is None:
+            return
+        report = {**self.report, "seconds": time.perf_counter() - self.start}
+        checkpoints.save(
+            Checkpoint(
+                *(self.options, self.stage_number, self.stage.mesh, self.fit.state()),
+                *(self.world_to_model, report),
+            ),
+            self.checkpoint_path,
+        )
+        self.saved = time.perf_counter()
+
+    def _result(self, interrupted, diverged) -> Trained:
+        stage, report = self.stage, self.report
+        report["seconds"] = time.perf_counter() - self.start
         report["interrupted"] = interrupted
+        if diverged:
+            report["diverged"] = diverged
         report["occupied_share"] = stage.occupied_share()
         if stage.device.is_cuda:
             report["peak_memory_bytes"] = torch.cuda.max_memory_allocated() + (
                 wp.get_mempool_used_mem_high(stage.device)
             )
         report["device"] = stage.device.name
-        field = stage.export(world_to_model, report)
-    return Trained(field, report, interrupted)
+        field = stage.export(self.world_to_model, report)
+        return Trained(field, report, interrupted, diverged)
 
 
 def field_options(options: TrainOptions) -> FieldOptions:
@@ -150,45 +229,6 @@ def kept_mesh(stage: Stage) -> TetMesh:
     sizes = np.bincount(labels[keep])
     keep[keep] = sizes[labels[keep]] >= SMALLEST_COMPONENT * keep.sum()
     return extract(mesh, keep)[0]
-
-
-def learning_rate(step: int, step_count: int, highest: float) -> float:
-    """Linear warm-up, then a cosine down to FINAL_RATE."""
-    warm_up = min(1.0, (step + 1) / WARM_UP_STEPS)
-    fall = 0.5 * (1.0 + cos(pi * step / step_count))
-    return highest * warm_up * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
-
-
-def _fit(stage, bank, has_alpha, options, step_count, title, progress):
-    """Optimise for that many steps."""
-    step = Step(stage, bank, options.distortion, options.samples_per_step, options.seed)
-    step.set_ray_count(RAYS_AT_START)
-    task = progress.begin(title, step_count)
-    shown = 0
-    for number in range(step_count):
-        if number % OCCUPANCY_INTERVAL == 0 and number > 0:
-            stage.update_occupancy(1.0 if number < OCCUPANCY_WARM_UP else 0.25)
-            sample_count = step.sample_count()
-            progress.advance(task, number - shown, float(step.error), sample_count)
-            shown = number
-            ray_count = next_ray_count(step.batch.ray_count, sample_count, options.samples_per_step)
-            if ray_count != step.batch.ray_count:
-                step.set_ray_count(ray_count)
-        white = not has_alpha or number >= (1.0 - WHITE_SHARE) * step_count
-        step.run(learning_rate(number, step_count, options.learning_rate), white)
-    progress.advance(task, step_count - shown, float(step.error), step.sample_count())
-
-
-def next_ray_count(ray_count, sample_count, room):
-    """As many rays as fill the room for samples without overflowing it.
-
-    It stays as it is while that is nearly so: a new number costs a new CUDA graph.
-    """
-    filled = sample_count / room
-    if 0.8 <= filled <= 1.0:
-        return ray_count
-    wanted = ray_count * np.clip(FILLED / max(filled, 1e-6), 0.25, 4.0)
-    return int(np.clip(wanted, FEWEST_RAYS, MOST_RAYS))
 
 
 def _looking_batches(bank: RayBank, device, most: int, size=1 << 14):
