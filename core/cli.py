@@ -51,6 +51,10 @@ class TrainArguments:
     or one around the place that the cameras look at."""
     scene_radius: Number = None
     """The same, for a box from -R to R around the data's origin."""
+    view_dependence: bool = True
+    """Without it colors look the same from all sides, and cost less."""
+    entry_bits: Literal[8, 16] = 8
+    """Of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
     resume: bool = False
     """Go on with the run that was to write MODEL and was interrupted."""
 
@@ -66,7 +70,10 @@ class EvaluateArguments:
     json: File = None
     """Write the scores of each view and their mean to this file."""
     images: File = None
-    """Write render, truth and difference (x4) of each view to this folder."""
+    """Write render, truth, difference (x4) and accumulation of each view to this folder."""
+    lpips_weights: File = None
+    """Weights of LPIPS with VGG-16: one file of the package lpips, or a folder with
+    vgg16-397923af.pth and vgg.pth.  None come with this program."""
     split: str = "test"
     """Which views."""
     views: Count = None
@@ -129,6 +136,8 @@ def prepare_training(arguments: TrainArguments):
         options = replace(options, scene_radius=arguments.scene_radius)
         if not 0.0 < options.scene_radius < float("inf"):
             raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
+    if not arguments.view_dependence:
+        options = replace(options, view_dependence=False)
     if arguments.aabb is not None:
         options = replace(options, aabb=arguments.aabb)
     train_views = datasets.load(arguments.data, "train", arguments.image_size)
@@ -153,20 +162,24 @@ def prepare_training(arguments: TrainArguments):
         from .field import modelfile
         from .training import evaluate, trainer
 
-        name = arguments.data.resolve().name
+        name, bits = arguments.data.resolve().name, arguments.entry_bits
         trained = trainer.train(train_views, options, device, name, checkpoint_path, resumed)
         complete = trained.complete
         # An unfinished model doesn't take a finished one's place.
         spare = output.with_stem(output.stem + "-interrupted")
         path = output if complete or not existed else spare
-        modelfile.save(trained.field, path)  # first of all: evaluation may be interrupted
+        modelfile.save(
+            trained.field, path, entry_bits=bits
+        )  # first of all: evaluation may be interrupted
         if complete and test_views:
             field = modelfile.load(output)  # what is scored is what the file holds
             report = evaluate.evaluate(field, test_views, None, device, model_path=output)
             complete = report["complete"]
             scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
-            modelfile.save(trained.field, output, scores)
+            modelfile.save(trained.field, output, scores, bits)
         print(summary(trained, path, report["mean"] if test_views and complete else None))
+        if trained.report.get("levels_below_pixel"):
+            print(finest_levels(trained))
         if trained.diverged:
             print(f"deformrf-train: {trained.diverged}", file=sys.stderr)
             return DIVERGED
@@ -213,6 +226,15 @@ def summary(trained, output: Path, scores) -> str:
     return line
 
 
+def finest_levels(trained) -> str:
+    """Which levels the images can't have taught anything."""
+    below = trained.report["levels_below_pixel"]
+    return (
+        f"Of levels 0 to {trained.field.options.level_count - 1}, these are finer than any pixel "
+        f"of the training images and could be left out: {', '.join(map(str, below))}"
+    )
+
+
 def prepare_evaluation(arguments: EvaluateArguments):
     from .training import datasets, metrics
 
@@ -227,6 +249,13 @@ def prepare_evaluation(arguments: EvaluateArguments):
     if arguments.images:
         arguments.images.mkdir(parents=True, exist_ok=True)
     device = device_name(arguments.device)
+    lpips = None
+    if arguments.lpips_weights:
+        from .training import lpips as metric
+
+        for lens in dataset.lenses:
+            metric.check_size(lens.height, lens.width)
+        lpips = metric.Lpips(arguments.lpips_weights, device)
 
     from .field import modelfile
     from .training import evaluate
@@ -235,7 +264,7 @@ def prepare_evaluation(arguments: EvaluateArguments):
 
     def job():
         report = evaluate.evaluate(
-            field, dataset, arguments.images, device, model_path=arguments.model
+            field, dataset, arguments.images, device, model_path=arguments.model, lpips=lpips
         )
         evaluate.print_report(report)
         if json_path:

@@ -125,6 +125,21 @@ def test_an_interrupt_in_the_last_look_leaves_the_field_as_it_is(ball_data, monk
     assert trained.field.mesh.tet_count == trained.report["tet_count"]
 
 
+def test_without_view_dependence_all_sides_look_alike(ball_data):
+    """The color of a sample is the same in all directions, and the ball is still learnt."""
+    options = replace(SMALL, view_dependence=False)
+    trained = trainer.train(ball_data[0], options, "cpu", "ball")
+    field = trained.field
+    assert not field.options.view_dependence
+    rng = np.random.default_rng()
+    tet, bary = rng.integers(field.mesh.tet_count, size=50), rng.dirichlet(np.ones(4), 50)
+    colors = [field.evaluate(tet, bary, np.tile(d, (50, 1)))[1] for d in np.eye(3)]
+    np.testing.assert_array_equal(colors[0], colors[1])
+    np.testing.assert_array_equal(colors[0], colors[2])
+    # Slower to learn at first; white alone has 10 dB.
+    assert evaluate(field, ball_data[1])["mean"]["psnr"] > 17.0
+
+
 class Interrupting:
     """Ctrl-C at the n-th draw."""
 

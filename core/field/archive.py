@@ -11,6 +11,8 @@ import zlib
 
 import numpy as np
 
+MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")
+TABLE_ARRAYS = ("table_", "reached_", "scale_")
 MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
 # Whatever zipfile and NumPy raise on damaged files; RuntimeError is for encrypted ones.
 UNREADABLE = (
@@ -33,6 +35,19 @@ def read_arrays(path) -> dict:
         raise
     except UNREADABLE as error:
         raise ModelFileError(f"{path} is not a model file, or is damaged ({error})") from error
+
+
+def parts_of_file(path) -> dict:
+    """Bytes of a model's mesh (occupancy included) and of its tables, as stored."""
+    parts = {"mesh_bytes": 0, "table_bytes": 0}
+    with zipfile.ZipFile(path) as archive:
+        for entry in archive.infolist():
+            name = entry.filename.removesuffix(".npy")
+            if name in MESH_ARRAYS:
+                parts["mesh_bytes"] += entry.compress_size
+            elif name.startswith(TABLE_ARRAYS):
+                parts["table_bytes"] += entry.compress_size
+    return parts
 
 
 def check(condition, sentence):

@@ -25,6 +25,8 @@ class FieldOptions:
         color_hidden: Widths of the color network's hidden layers.
         density_activation: "relu" or "sigmoid" (the paper's).
         march_step: Δ, the rest length of a quadrature piece, in model units.
+        view_dependence: Whether color depends on the direction; if not, the color network's
+            weights for all but the constant spherical harmonic are zero.
     """
 
     level_count: int = 6
@@ -33,6 +35,7 @@ class FieldOptions:
     color_hidden: tuple[int, ...] = (64, 64)
     density_activation: str = "relu"
     march_step: float = 0.002
+    view_dependence: bool = True
 
 
 Layers = tuple[tuple[np.ndarray, np.ndarray], ...]

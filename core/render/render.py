@@ -259,6 +259,9 @@ class Renderer:
         return features
 
     def _basis(self, rays, alive, counts, ends, samples, count):
+        if not self.field.options.view_dependence:
+            constant = network.basis_vector(network.CONSTANT_BASIS)
+            return wp.full(count, constant, dtype=network.basis_vector, device=self.device)
         basis = wp.empty(count, dtype=network.basis_vector, device=self.device)
         self._launch(
             basis_kernel,

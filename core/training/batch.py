@@ -10,7 +10,7 @@ Shapes: R rays, N samples or places for them.
 import torch
 import warp as wp
 
-from ..field.network import basis_vector
+from ..field.network import CONSTANT_BASIS, basis_vector
 from ..render.marching import (
     COUNT,
     WRITE,
@@ -101,8 +101,11 @@ class Batch:
     def ray_count(self) -> int:
         return len(self.counts)
 
-    def march(self, pose: Pose, mask, step: float):
-        """Find the samples of the rays, jittered by `seed`."""
+    def march(self, pose: Pose, mask, step: float, view_dependence=True):
+        """Find the samples of the rays, jittered by `seed`.
+
+        Without `view_dependence` their basis is constant.
+        """
         common = [pose.geometry, mask, self._rays, self._everyone, step, MAX_RAY_SAMPLES, self.seed]
         nowhere = empty_samples(0, self.device)
         self._launch(
@@ -122,6 +125,9 @@ class Batch:
             march_kernel, self.ray_count, [*common, WRITE, self.ends], [self.samples, self.counts]
         )
         self._launch(mark_unused_kernel, room, [self.sample_count], [self.samples.tet])
+        if not view_dependence:
+            self.basis[:, 0] = CONSTANT_BASIS[0]
+            return
         self._launch(
             basis_kernel,
             self.ray_count,

@@ -17,7 +17,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from ..field.archive import parts_of_file
 from ..field.field import TetField
+from ..field.occupancy import occupied_share
 from ..render.camera import in_space
 from ..render.lens import LensCamera
 from ..render.render import Renderer, RenderOptions
@@ -29,27 +31,36 @@ DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
 
 @dataclass(frozen=True)
 class ViewScore:
-    """One view: PSNR in dB, SSIM, mean |Δα| (None without alpha) and seconds to render."""
+    """One view: PSNR in dB, SSIM, LPIPS (None without weights), mean |Δα| (None without alpha)."""
 
     name: str
     psnr: float
     ssim: float
+    lpips: float | None
     alpha_error: float | None
     seconds: float
 
 
 def evaluate(
-    field: TetField, dataset: Dataset, out_dir=None, device="cpu", options=None, model_path=None
+    field: TetField,
+    dataset: Dataset,
+    out_dir=None,
+    device="cpu",
+    options=None,
+    model_path=None,
+    lpips=None,
 ) -> dict:
     """Render every view of a data set and score it.
 
     Ctrl-C ends it early: the report then holds the views that are done, and says so.
 
     Args:
-        out_dir: Where report.json and an image per view go: render, truth, their difference.
+        out_dir: Where report.json and an image per view go: render, truth, their difference
+            and the render's accumulation (opacity).
         device: "cpu" or "cuda:0".
         options: RenderOptions; their background is replaced by white.
         model_path: The file that the field came from; the report then says its size.
+        lpips: An Lpips with its weights; None leaves that metric out.
 
     Returns:
         The report, plain JSON values.
@@ -73,7 +84,7 @@ def evaluate(
             rendered = renderer.render(camera, options).color_array()
             seconds = time.perf_counter() - begin
             truth = dataset.image(index)
-            score = score_view(dataset.names[index], rendered, truth, has_alpha, seconds)
+            score = score_view(dataset.names[index], rendered, truth, has_alpha, seconds, lpips)
             scores.append(score)
             if out_dir is not None:
                 picture = side_by_side(rendered, truth)
@@ -94,20 +105,21 @@ def evaluate(
     return report
 
 
-def score_view(name, rendered, truth, has_alpha, seconds) -> ViewScore:
+def score_view(name, rendered, truth, has_alpha, seconds, lpips=None) -> ViewScore:
     """Score a render (color over white, α in the last channel) against straight-alpha RGBA."""
     a, b = rendered[..., :3] / 255.0, white_composite(truth).astype(np.float64)
     alpha_error = None
     if has_alpha:
         difference = rendered[..., 3].astype(np.float64) - truth[..., 3]
         alpha_error = float(np.abs(difference).mean() / 255.0)
-    return ViewScore(name, psnr(a, b), ssim(a, b), alpha_error, seconds)
+    distance = lpips(a, b) if lpips else None
+    return ViewScore(name, psnr(a, b), ssim(a, b), distance, alpha_error, seconds)
 
 
 def mean_scores(scores) -> dict:
     """The mean of each figure over the views; None where there is none."""
     means = {}
-    for name in ("psnr", "ssim", "alpha_error", "seconds"):
+    for name in ("psnr", "ssim", "lpips", "alpha_error", "seconds"):
         values = [getattr(score, name) for score in scores]
         known = values and None not in values
         means[name] = float(np.mean(values)) if known else None
@@ -127,17 +139,22 @@ def model_facts(field, path=None) -> dict:
         "vertices": field.mesh.vertex_count,
         "tets": field.mesh.tet_count,
         "levels": field.options.level_count,
+        "entries": list(field.layout.entry_counts),
+        "occupied_share": occupied_share(field.occupancy),
     }
     if path is not None:
-        facts |= {"file": Path(path).name, "bytes": os.path.getsize(path)}
-    return facts
+        facts |= {"file": Path(path).name, "bytes": os.path.getsize(path), **parts_of_file(path)}
+    known = ("seconds", "stage_1_seconds", "peak_memory_bytes", "levels_below_pixel", "device")
+    return facts | {f"training_{k}": field.meta[k] for k in known if k in field.meta}
 
 
 def side_by_side(rendered, truth):
-    """Render, truth over white, and their amplified absolute difference.  [H, 3 W, 3] uint8"""
+    """Render, truth over white, their amplified difference, accumulation.  [H, 4 W, 3] uint8"""
     a, b = rendered[..., :3] / 255.0, white_composite(truth)
     difference = np.minimum(DIFFERENCE_GAIN * np.abs(a - b), 1.0)
-    return np.round(255.0 * np.concatenate([a, b, difference], axis=1)).astype(np.uint8)
+    accumulation = np.repeat(rendered[..., 3:] / 255.0, 3, axis=2)
+    picture = np.concatenate([a, b, difference, accumulation], axis=1)
+    return np.round(255.0 * picture).astype(np.uint8)
 
 
 def track(views):
@@ -156,18 +173,39 @@ def print_report(report):
     """A table: a line for each view, then the mean."""
 
     def cells(row):
-        values = (row["psnr"], row["ssim"], row["alpha_error"], row["seconds"])
-        formats = ("{:.2f}", "{:.4f}", "{:.4f}", "{:.3f}")
+        values = (row["psnr"], row["ssim"], row["lpips"], row["alpha_error"], row["seconds"])
+        formats = ("{:.2f}", "{:.4f}", "{:.4f}", "{:.4f}", "{:.3f}")
         return ["-" if v is None else f.format(v) for f, v in zip(formats, values, strict=True)]
 
     facts = report["model"]
     title = f"{facts['tets']} tets, {facts['levels']} levels, {', '.join(report['sizes'])}"
     table = Table("view", title=title)
-    for heading in ("PSNR [dB]", "SSIM", "alpha error", "seconds"):
+    for heading in ("PSNR [dB]", "SSIM", "LPIPS", "alpha error", "seconds"):
         table.add_column(heading, justify="right")
     for row in report["views"]:
         table.add_row(row["name"], *cells(row))
     table.add_section()
     label = "mean" if report["complete"] else f"mean of the {len(report['views'])} views done"
     table.add_row(label, *cells(report["mean"]))
-    Console().print(table)
+    console = Console()
+    console.print(table)
+    if report["mean"]["lpips"] is None:
+        console.print("LPIPS: not computed; --lpips-weights names its weights.")
+    console.print(model_line(facts), soft_wrap=True)
+
+
+def model_line(facts) -> str:
+    """What the model weighs, and what it cost."""
+    parts = []
+    if "bytes" in facts:
+        parts.append(f"{facts['bytes'] / 1e6:.2f} MB")
+        parts.append(f"mesh {facts['mesh_bytes'] / 1e3:.0f} KB")
+        parts.append(f"tables {facts['table_bytes'] / 1e6:.2f} MB")
+    parts.append(f"{facts['occupied_share']:.1%} of the sub-tets occupied")
+    if "training_seconds" in facts:
+        parts.append(f"trained in {facts['training_seconds']:.0f} s")
+    memory = facts.get("training_peak_memory_bytes")
+    if isinstance(memory, list):
+        stages = " and ".join(f"{used / 2**30:.2f}" for used in memory)
+        parts.append(f"{stages} GiB of GPU memory in stages 1 and 2")
+    return "Model: " + ", ".join(parts)

@@ -20,6 +20,7 @@ class TrainOptions:
         march_step: Δ, rest length of a quadrature piece.
         samples_per_step: Samples that an optimiser step aims at; the ray count follows.
         learning_rate: Of Adam at the start; falls along a cosine.
+        view_dependence: Whether color may depend on the direction.
         distortion: Weight of the distortion loss (the paper's 1e-2).
         seed: Of all random choices.
     """
@@ -36,6 +37,7 @@ class TrainOptions:
     march_step: float = 0.002
     samples_per_step: int = 2**18
     learning_rate: float = 1e-2
+    view_dependence: bool = True
     distortion: float = 1e-2
     seed: int = 0
 

@@ -15,6 +15,7 @@ import warp as wp
 
 from ..field.encoding import make_layout, make_tables
 from ..field.field import FieldOptions, TetField, random_field
+from ..field.network import GEOMETRY_FEATURES
 from ..field.network_torch import Networks
 from ..field.occupancy import LEVELS, SUBTET_COUNT, subtet_of
 from ..geometry.mesh import TetMesh, tet_neighbours
@@ -82,7 +83,8 @@ class Stage:
         Returns:
             color [R, 3] without background, opacity [R], distortion [R], weights [N].
         """
-        batch.march(self.pose, self.mask, self.options.march_step)
+        options = self.options
+        batch.march(self.pose, self.mask, options.march_step, options.view_dependence)
         samples = batch.samples
         with self.precision():
             features = self.encode(samples.tet, samples.bary)
@@ -184,6 +186,8 @@ class Stage:
     def export(self, world_to_model, meta) -> TetField:
         """The field as it stands."""
         density, color = self.networks.layers()
+        if not self.options.view_dependence:
+            color[0][0][GEOMETRY_FEATURES + 1 :] = 0.0  # nothing has trained them
         return replace(
             self._start,
             occupancy=self.mask.numpy(),

@@ -19,9 +19,11 @@ import torch
 import warp as wp
 
 from ..field.field import FieldOptions, TetField
+from ..field.levels import levels_below_pixel, narrowest_pixel
 from ..field.occupancy import fill_enclosed
 from ..geometry.lattice import a15_grid
 from ..geometry.mesh import TetMesh, extract, face_components, tet_neighbours
+from ..render.camera import in_space
 from . import checkpoint as checkpoints
 from .batch import Batch
 from .capture import DatasetError
@@ -99,6 +101,7 @@ class _Run:
         self.checkpoint_path, self.resumed = checkpoint_path, resumed
         self.start = self.saved = time.perf_counter()
         self.stage = self.fit = None
+        self.memory = [0, 0]  # bytes at most, of each stage
         if resumed:
             self.world_to_model, self.report = resumed.world_to_model, dict(resumed.report)
             self.start -= self.report["seconds"]
@@ -151,12 +154,24 @@ class _Run:
         self.stage = Stage(mesh, field_options_, self.device, self.options.seed)
         has_alpha = self.dataset.has_alpha
         self.stage_number = number
+        if self.stage.device.is_cuda:
+            torch.cuda.reset_peak_memory_stats()
         self.fit = Fit(self.stage, bank, self.options, has_alpha, step_count)
         if self.resumed and self.resumed.stage == number:
             self.fit.load_state(self.resumed.fit)
-        self.fit.run(progress, f"stage {number}", self._save_sometimes)
+        self.fit.run(progress, f"stage {number}", self._pause)
+        self._note_memory()
 
-    def _save_sometimes(self):
+    def _note_memory(self):
+        """torch's highest so far in this stage, and what Warp holds: it holds it throughout."""
+        if self.stage.device.is_cuda:
+            used = torch.cuda.max_memory_allocated()
+            used += wp.get_mempool_used_mem_current(self.stage.device)
+            number = self.stage_number - 1
+            self.memory[number] = max(self.memory[number], used)
+
+    def _pause(self):
+        self._note_memory()
         if time.perf_counter() - self.saved > CHECKPOINT_SECONDS:
             self._save()
 
@@ -173,6 +188,14 @@ class _Run:
         )
         self.saved = time.perf_counter()
 
+    def _levels_below_pixel(self) -> list[int]:
+        """Levels that no training image could tell apart."""
+        positions = in_space(self.dataset.poses, self.world_to_model)[:, :3, 3]
+        focals = np.array([max(lens.focal) for lens in self.dataset.lenses])
+        mesh = self.stage.mesh
+        pixel = narrowest_pixel(positions, focals, mesh.rest_vertices)
+        return levels_below_pixel(mesh, self.stage.options.level_count, pixel)
+
     def _result(self, interrupted, diverged) -> Trained:
         stage, report = self.stage, self.report
         report["seconds"] = time.perf_counter() - self.start
@@ -181,10 +204,9 @@ class _Run:
             report["diverged"] = diverged
         report["occupied_share"] = stage.occupied_share()
         if stage.device.is_cuda:
-            report["peak_memory_bytes"] = torch.cuda.max_memory_allocated() + (
-                wp.get_mempool_used_mem_high(stage.device)
-            )
+            report["peak_memory_bytes"] = self.memory
         report["device"] = stage.device.name
+        report["levels_below_pixel"] = self._levels_below_pixel()
         field = stage.export(self.world_to_model, report)
         return Trained(field, report, interrupted, diverged)
 
@@ -196,6 +218,7 @@ def field_options(options: TrainOptions) -> FieldOptions:
         density_hidden=(64,) * options.density_layers,
         density_activation=options.density_activation,
         march_step=options.march_step,
+        view_dependence=options.view_dependence,
     )
 
 
