@@ -11,6 +11,7 @@ import numpy as np
 
 from ..geometry.mesh import TetMesh
 from .encoding import FEATURES, Layout, encode_reference, make_layout
+from .grid import Surroundings
 from .network import BASIS_COUNT, GEOMETRY_FEATURES, evaluate, spherical_harmonics
 
 
@@ -54,6 +55,7 @@ class TetField:
         density_layers, color_layers: Networks, (weights [in, out], bias [out]) per layer.
         world_to_model: Uniform scale and translation from the data's space.  [4, 4]
         meta: Provenance and metrics, plain JSON values.
+        surroundings: What lies around the object, if it is kept.
     """
 
     mesh: TetMesh
@@ -66,6 +68,7 @@ class TetField:
     options: FieldOptions
     world_to_model: np.ndarray
     meta: dict = field(default_factory=dict)
+    surroundings: Surroundings | None = None
 
     def __post_init__(self):
         assert self.neighbours.shape == (self.mesh.tet_count, 4), self.neighbours.shape

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import warp as wp
 from PIL import Image
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -21,11 +22,14 @@ from ..field.archive import parts_of_file
 from ..field.field import TetField
 from ..field.occupancy import occupied_share
 from ..render.camera import in_space
-from ..render.lens import LensCamera
+from ..render.lens import LensCamera, lens_rays
 from ..render.render import Renderer, RenderOptions
 from .datasets import Dataset, white_composite
+from .differentiable import on_warp_stream
 from .metrics import check_size, psnr, ssim
+from .surroundings import LearntSurroundings, over
 
+SURROUNDINGS_RAYS = 1 << 14  # at once: 64 samples each
 DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
 
 
@@ -71,6 +75,7 @@ def evaluate(
     renderer = Renderer(field, device=device)
     poses = in_space(dataset.poses, field.world_to_model)
     views = [LensCamera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True)]
+    around = field.surroundings and LearntSurroundings(field.surroundings, device)
     if out_dir is not None:
         out_dir = Path(out_dir)
         out_dir.mkdir(parents=True, exist_ok=True)
@@ -81,7 +86,7 @@ def evaluate(
     try:
         for index, camera in enumerate(track(views)):
             begin = time.perf_counter()
-            rendered = renderer.render(camera, options).color_array()
+            rendered = render_view(renderer, around, camera, options)
             seconds = time.perf_counter() - begin
             truth = dataset.image(index)
             score = score_view(dataset.names[index], rendered, truth, has_alpha, seconds, lpips)
@@ -103,6 +108,32 @@ def evaluate(
     if out_dir is not None:
         write_report(report, out_dir / "report.json")
     return report
+
+
+def render_view(renderer, around, camera, options):
+    """Color over white, or over the surroundings if there are any, and α.  uint8 [H, W, 4]"""
+    if around is None:
+        return renderer.render(camera, options).color_array()
+    import torch
+
+    black = replace(options, background=(0.0, 0.0, 0.0))
+    origins, directions = lens_rays(camera.lens, camera.camera_to_world)
+    color, opacity, _ = renderer.render_rays(origins, directions, black)
+    parts = []
+    with torch.no_grad(), on_warp_stream(renderer.device):
+        still = wp.zeros(1, dtype=int, device=renderer.device)
+        for first in range(0, len(origins), SURROUNDINGS_RAYS):
+            part = slice(first, first + SURROUNDINGS_RAYS)
+            rays = [
+                wp.array(a[part].astype(np.float32), dtype=wp.vec3, device=renderer.device)
+                for a in (origins, directions)
+            ]
+            front, behind = around(*rays, still)
+            mine = [torch.from_numpy(a[part]).to(behind.device) for a in (color, opacity)]
+            parts.append(over(front, *mine, behind).cpu().numpy())
+    pixels = np.column_stack([np.concatenate(parts), opacity])
+    image = np.round(255.0 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8)
+    return image.reshape(camera.height, camera.width, 4)
 
 
 def score_view(name, rendered, truth, has_alpha, seconds, lpips=None) -> ViewScore:

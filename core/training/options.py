@@ -20,6 +20,8 @@ class TrainOptions:
         march_step: Δ, rest length of a quadrature piece.
         samples_per_step: Samples that an optimiser step aims at; the ray count follows.
         learning_rate: Of Adam at the start; falls along a cosine.
+        surroundings: What is behind the object: "white" (or what alpha cuts out), "learnt"
+            beside it, or "auto": learnt where images have neither alpha nor a white border.
         view_dependence: Whether color may depend on the direction.
         distortion: Weight of the distortion loss (the paper's 1e-2).
         seed: Of all random choices.
@@ -37,6 +39,7 @@ class TrainOptions:
     march_step: float = 0.002
     samples_per_step: int = 2**18
     learning_rate: float = 1e-2
+    surroundings: str = "auto"
     view_dependence: bool = True
     distortion: float = 1e-2
     seed: int = 0

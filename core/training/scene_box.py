@@ -1,5 +1,6 @@
 """Which part of the world becomes the unit cube, in which the tets live.
 
+Tets outside the user's box are left out, so that a table beside the object needn't be kept.
 In this order: the box that the user gives (`--aabb`, or `--scene-radius` around the data's
 origin), the box that the data set brings (NSVF's bbox.txt), or a box around the point that
 the cameras look at.  The cube is as wide as the box's longest side.
@@ -13,6 +14,7 @@ from .datasets import Dataset
 # Half an edge over the cameras' median distance: NeRF-synthetic's cameras stand 4.03 from
 # the centre of the box from -1.5 to 1.5, and instant-ngp scales captures to about the same.
 REACH = 1.5 / 4.031
+WHITE, WHITE_SHARE = 250, 0.8  # of 255; of the border
 PARALLEL = 0.02  # smallest eigenvalue of the mean projector below which views have no focus
 
 
@@ -36,6 +38,25 @@ def world_to_unit_cube(dataset: Dataset, aabb=None, radius=None):
     distances = np.linalg.norm(dataset.poses[:, :3, 3] - center, axis=1)
     half = REACH * np.median(distances)
     return box_to_unit_cube([center - half, center + half], "the box that the cameras look at")
+
+
+def object_box(world_to_model, aabb=None):
+    """The object's box in model space: the unit cube, or the part of it that `aabb` is.  [2, 3]"""
+    if aabb is None:
+        return np.array([[0.0] * 3, [1.0] * 3])
+    corners = np.reshape(aabb, (2, 3))
+    return corners * np.diag(world_to_model)[:3] + world_to_model[:3, 3]
+
+
+def has_white_border(dataset: Dataset) -> bool:
+    """Whether the images' outermost pixels are white: the object was cut out on white."""
+    white = total = 0
+    for view in range(dataset.view_count):
+        image = dataset.image(view)[..., :3]
+        border = np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
+        white += int((border >= WHITE).all(axis=1).sum())
+        total += len(border)
+    return white > WHITE_SHARE * total
 
 
 def box_to_unit_cube(box, name):

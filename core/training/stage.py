@@ -49,10 +49,11 @@ def mark_seen_kernel(
 class Stage:
     """A learning field; see the module's text."""
 
-    def __init__(self, mesh: TetMesh, options: FieldOptions, device, seed=0):
+    def __init__(self, mesh: TetMesh, options: FieldOptions, device, seed=0, surroundings=None):
         self.device = wp.get_device(device)
         self.torch_device = torch.device(wp.device_to_torch(self.device))
         self.options = options
+        self.surroundings = surroundings  # LearntSurroundings, or None
         neighbours = tet_neighbours(mesh.tets)
         self._start = random_field(mesh, neighbours, options, seed, INITIAL_CONTRAST)
         self.layout = make_layout(mesh, options.level_count, options.table_size)
@@ -161,7 +162,8 @@ class Stage:
 
     def parameters(self) -> list:
         """What is trained: the table, then the networks' weights."""
-        return [self.table, *self.networks.parameters()]
+        around = self.surroundings.parameters() if self.surroundings else ()
+        return [self.table, *self.networks.parameters(), *around]
 
     def state(self) -> dict:
         """Everything that learning changes, as tensors."""
@@ -196,6 +198,7 @@ class Stage:
             color_layers=color,
             world_to_model=world_to_model,
             meta=meta,
+            surroundings=self.surroundings and self.surroundings.export(),
         )
 
     def precision(self):

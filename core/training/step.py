@@ -12,6 +12,7 @@ import warp as wp
 from .batch import Batch
 from .raybank import RayBank
 from .stage import Stage
+from .surroundings import over
 
 BETAS, EPSILON = (0.9, 0.999), 1e-15  # the paper's Adam
 LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing; Adam doesn't see it
@@ -105,11 +106,18 @@ class Step:
         self.bank.draw(batch.seed, batch.drawn)
         rgba = batch.rgba
         alpha = rgba[:, 3:]
-        background = torch.maximum(batch.background, self._white)
-        target = rgba[:, :3] * alpha + background * (1.0 - alpha)
-
         color, opacity, distortion, _ = stage.trace(batch)
-        color = color + (1.0 - opacity[:, None]) * background
+        if stage.surroundings:
+            target = rgba[:, :3]
+            with stage.precision():
+                front, behind = stage.surroundings(
+                    batch.drawn.origins, batch.drawn.directions, batch.seed
+                )
+            color = over(front, color, opacity, behind)
+        else:
+            background = torch.maximum(batch.background, self._white)
+            target = rgba[:, :3] * alpha + background * (1.0 - alpha)
+            color = color + (1.0 - opacity[:, None]) * background
         fits = batch.fits / batch.fits.sum().clamp(min=1.0)
         error = (fits[:, None] * (color - target) ** 2).sum() / 3.0
         loss = error + self.distortion * (fits * distortion).sum()

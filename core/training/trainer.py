@@ -34,8 +34,9 @@ from .fit import Diverged, Fit
 from .options import TrainOptions
 from .progress import TrainingProgress
 from .raybank import RayBank
-from .scene_box import world_to_unit_cube
+from .scene_box import has_white_border, object_box, world_to_unit_cube
 from .stage import Stage
+from .surroundings import LearntSurroundings, random_surroundings
 
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
@@ -101,6 +102,7 @@ class _Run:
         self.checkpoint_path, self.resumed = checkpoint_path, resumed
         self.start = self.saved = time.perf_counter()
         self.stage = self.fit = None
+        self.surroundings = None
         self.memory = [0, 0]  # bytes at most, of each stage
         if resumed:
             self.world_to_model, self.report = resumed.world_to_model, dict(resumed.report)
@@ -114,12 +116,16 @@ class _Run:
                 "missing_images": len(dataset.missing),
                 "options": asdict(options),
             }
+        self.box = object_box(self.world_to_model, options.aabb)
 
     def train(self, progress) -> Trained:
+        if learns_surroundings(self.dataset, self.options):
+            start = random_surroundings(self.box, self.options.seed)
+            self.surroundings = LearntSurroundings(start, self.device)
         interrupted, diverged = False, None
         try:
             bank = RayBank(self.dataset, self.world_to_model, self.device)
-            mesh = a15_grid(self.options.spacing)
+            mesh = boxed(a15_grid(self.options.spacing), self.box, self.options.spacing)
             if self.resumed is None or self.resumed.stage == 1:
                 self._coarse(mesh, bank, progress)
                 mesh = kept_mesh(self.stage)
@@ -151,7 +157,8 @@ class _Run:
 
     def _fit(self, number, mesh, field_options_, step_count, bank, progress):
         self.fit = None  # the stage before gives its memory back
-        self.stage = Stage(mesh, field_options_, self.device, self.options.seed)
+        seed = self.options.seed
+        self.stage = Stage(mesh, field_options_, self.device, seed, self.surroundings)
         has_alpha = self.dataset.has_alpha
         self.stage_number = number
         if self.stage.device.is_cuda:
@@ -209,6 +216,20 @@ class _Run:
         report["levels_below_pixel"] = self._levels_below_pixel()
         field = stage.export(self.world_to_model, report)
         return Trained(field, report, interrupted, diverged)
+
+
+def learns_surroundings(dataset: Dataset, options: TrainOptions) -> bool:
+    """Whether what is around the object is learnt; see TrainOptions.surroundings."""
+    if options.surroundings == "auto":
+        return not dataset.has_alpha and not has_white_border(dataset)
+    return options.surroundings == "learnt"
+
+
+def boxed(mesh: TetMesh, box, spacing) -> TetMesh:
+    """The tets of a grid that lie in a box or at its border."""
+    centers = mesh.rest_vertices[mesh.tets].mean(axis=1)
+    inside = ((centers > box[0] - spacing) & (centers < box[1] + spacing)).all(axis=1)
+    return mesh if inside.all() else extract(mesh, inside)[0]
 
 
 def field_options(options: TrainOptions) -> FieldOptions:
