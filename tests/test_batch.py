@@ -68,7 +68,7 @@ def test_rays_that_do_not_fit_are_left_out(scene, device):
 
 
 def test_no_room_at_all_is_no_sample(make_ball_field, device):
-    field = make_ball_field(1, occupied_share=1.0)
+    field = make_ball_field(1, occupied_share=1.0)  # so that the ray has samples
     pose = Pose(field.mesh, field.neighbours, device)
     mask = wp.array(field.occupancy, dtype=wp.uint64, device=device)
     batch = Batch(1, 1, device)
