@@ -51,6 +51,11 @@ class TrainArguments:
     or one around the place that the cameras look at."""
     scene_radius: Number = None
     """The same, for a box from -R to R around the data's origin."""
+    surroundings: Literal["auto", "learnt", "white"] = "auto"
+    """What is around the object: learnt beside it, or white (or cut out by alpha); auto looks
+    at the images."""
+    keep_surroundings: bool = False
+    """Store the surroundings in the model, so that deformrf-eval can compare whole images."""
     view_dependence: bool = True
     """Without it colors look the same from all sides, and cost less."""
     entry_bits: Literal[8, 16] = 8
@@ -136,6 +141,8 @@ def prepare_training(arguments: TrainArguments):
         options = replace(options, scene_radius=arguments.scene_radius)
         if not 0.0 < options.scene_radius < float("inf"):
             raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
+    if arguments.surroundings != "auto":
+        options = replace(options, surroundings=arguments.surroundings)
     if not arguments.view_dependence:
         options = replace(options, view_dependence=False)
     if arguments.aabb is not None:
@@ -168,15 +175,17 @@ def prepare_training(arguments: TrainArguments):
         # An unfinished model doesn't take a finished one's place.
         spare = output.with_stem(output.stem + "-interrupted")
         path = output if complete or not existed else spare
-        modelfile.save(
-            trained.field, path, entry_bits=bits
-        )  # first of all: evaluation may be interrupted
+        around, kept = trained.field.surroundings, trained.field
+        if not arguments.keep_surroundings:
+            kept = replace(kept, surroundings=None)
+        modelfile.save(kept, path, entry_bits=bits)  # first: evaluation may be interrupted
         if complete and test_views:
-            field = modelfile.load(output)  # what is scored is what the file holds
+            # What is scored is what the file holds, before what the images have around it.
+            field = replace(modelfile.load(output), surroundings=around)
             report = evaluate.evaluate(field, test_views, None, device, model_path=output)
             complete = report["complete"]
             scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
-            modelfile.save(trained.field, output, scores, bits)
+            modelfile.save(kept, output, scores, bits)
         print(summary(trained, path, report["mean"] if test_views and complete else None))
         if trained.report.get("levels_below_pixel"):
             print(finest_levels(trained))
@@ -200,6 +209,13 @@ def resumed_run(arguments: TrainArguments, path: Path):
         if getattr(arguments, name) is not None:
             flag = name.replace("_", "-")
             raise ValueError(f"--resume keeps the options of the interrupted run: drop --{flag}")
+    for flag, given in (
+        ("--no-view-dependence", not arguments.view_dependence),
+        ("--surroundings", arguments.surroundings != "auto"),
+        ("--preset", arguments.preset != "default"),
+    ):
+        if given:
+            raise ValueError(f"--resume keeps the options of the interrupted run: drop {flag}")
     return checkpoint.load(path)
 
 

@@ -19,10 +19,12 @@ import numpy as np
 import warp as wp
 
 from .hashing import hash_address, hash_entry
+from .network import BASIS_COUNT, GEOMETRY_FEATURES
 
 RESOLUTIONS = (16, 28, 49, 84, 147, 256, 446, 776)  # cells across the contracted cube
 GRID_LEVELS = len(RESOLUTIONS)
 GRID_ENTRIES = 2**16  # per level
+HIDDEN = 32  # width of both networks' hidden layer
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -43,6 +45,12 @@ class Surroundings:
     density_layers: tuple
     color_layers: tuple
     sky: np.ndarray
+
+
+def surroundings_widths():
+    """Input, hidden and output widths of the density and the color network."""
+    density = (4 * GRID_LEVELS, HIDDEN, GEOMETRY_FEATURES)
+    return density, (GEOMETRY_FEATURES + BASIS_COUNT, HIDDEN, 3)
 
 
 def contract(points, box):

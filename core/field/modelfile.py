@@ -15,11 +15,20 @@ import numpy as np
 
 from ..geometry.mesh import tet_neighbours
 from ..paths import ROOT
-from .archive import ModelFileError, array, check, read_arrays
+from .archive import ModelFileError, check, read_arrays
 from .encoding import FEATURES, make_layout
 from .field import FieldOptions, TetField, layer_widths
 from .network import ACTIVATIONS
-from .packing import pack_mesh, pack_tables, unpack_mesh, unpack_tables
+from .packing import (
+    pack_layers,
+    pack_mesh,
+    pack_surroundings,
+    pack_tables,
+    unpack_layers,
+    unpack_mesh,
+    unpack_surroundings,
+    unpack_tables,
+)
 from .reach import reached_entries
 
 FORMAT = "deformrf-model"
@@ -41,10 +50,10 @@ def save(field: TetField, path, metadata_: dict | None = None, entry_bits=16):
     arrays, spacing = pack_mesh(field.mesh, field.occupancy)
     reached = reached_entries(field.mesh, field.layout, field.occupancy)
     arrays |= pack_tables(field.table, field.layout, reached, entry_bits)
-    for name, layers in (("density", field.density_layers), ("color", field.color_layers)):
-        for i, (weights, bias) in enumerate(layers):
-            arrays[f"{name}_weights_{i}"] = weights.astype(np.float32)
-            arrays[f"{name}_bias_{i}"] = bias.astype(np.float32)
+    arrays |= pack_layers("density", field.density_layers)
+    arrays |= pack_layers("color", field.color_layers)
+    if field.surroundings:
+        arrays |= pack_surroundings(field.surroundings)
     meta = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -133,16 +142,6 @@ def _build(arrays) -> TetField:
         f"it declares {meta['entry_counts']}, {meta['dense_level_count']} of them dense",
     )
     table = unpack_tables(arrays, layout)
-
-    def layers(name, widths):
-        return tuple(
-            (
-                array(arrays, f"{name}_weights_{i}", np.float32, (widths[i], widths[i + 1])),
-                array(arrays, f"{name}_bias_{i}", np.float32, (widths[i + 1],)),
-            )
-            for i in range(len(widths) - 1)
-        )
-
     density, color = layer_widths(options)
     world_to_model = np.array(meta["world_to_model"], float)
     check(
@@ -155,9 +154,10 @@ def _build(arrays) -> TetField:
         occupancy=occupancy,
         layout=layout,
         table=table,
-        density_layers=layers("density", density),
-        color_layers=layers("color", color),
+        density_layers=unpack_layers(arrays, "density", density),
+        color_layers=unpack_layers(arrays, "color", color),
         options=options,
         world_to_model=world_to_model,
         meta=meta.get("training", {}),
+        surroundings=unpack_surroundings(arrays),
     )

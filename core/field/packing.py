@@ -18,6 +18,7 @@ from ..geometry.lattice import lattice_spacing, lattice_vertices
 from ..geometry.mesh import TetMesh, signed_volumes
 from .archive import array, check
 from .encoding import FEATURES, Layout
+from .grid import GRID_ENTRIES, GRID_LEVELS, Surroundings, surroundings_widths
 
 ENTRY_BITS = (8, 16)
 LARGEST_INT8 = 127
@@ -116,6 +117,53 @@ def unpack_tables(arrays, layout: Layout):
             values = values * scale
         table[layout.offsets[level] : layout.offsets[level + 1]][kept] = values
     return table
+
+
+def pack_layers(name, layers) -> dict:
+    """A network's arrays."""
+    arrays = {}
+    for i, (weights, bias) in enumerate(layers):
+        arrays[f"{name}_weights_{i}"] = weights.astype(np.float32)
+        arrays[f"{name}_bias_{i}"] = bias.astype(np.float32)
+    return arrays
+
+
+def unpack_layers(arrays, name, widths):
+    """A network's layers, which have to have those widths."""
+    return tuple(
+        (
+            array(arrays, f"{name}_weights_{i}", np.float32, (widths[i], widths[i + 1])),
+            array(arrays, f"{name}_bias_{i}", np.float32, (widths[i + 1],)),
+        )
+        for i in range(len(widths) - 1)
+    )
+
+
+def pack_surroundings(surroundings: Surroundings) -> dict:
+    return {
+        "surroundings_box": surroundings.box.astype(np.float64),
+        "surroundings_table": surroundings.table.astype(np.float16),
+        "surroundings_sky": surroundings.sky.astype(np.float32),
+        **pack_layers("surroundings_density", surroundings.density_layers),
+        **pack_layers("surroundings_color", surroundings.color_layers),
+    }
+
+
+def unpack_surroundings(arrays) -> Surroundings | None:
+    """What lies around the object, or None where a file doesn't say."""
+    if "surroundings_table" not in arrays:
+        return None
+    density, color = surroundings_widths()
+    box = array(arrays, "surroundings_box", np.float64, (2, 3))
+    check((box[0] < box[1]).all(), "'surroundings_box' is empty")
+    shape = (GRID_LEVELS * GRID_ENTRIES, FEATURES)
+    return Surroundings(
+        box,
+        array(arrays, "surroundings_table", np.float16, shape).astype(np.float32),
+        unpack_layers(arrays, "surroundings_density", density),
+        unpack_layers(arrays, "surroundings_color", color),
+        array(arrays, "surroundings_sky", np.float32, (3,)),
+    )
 
 
 def quantize(values):

@@ -26,14 +26,14 @@ from ..field.grid import (
     contracted,
     grid_encode_backward_kernel,
     grid_encode_kernel,
+    surroundings_widths,
 )
-from ..field.network import BASIS_COUNT, GEOMETRY_FEATURES, basis_of, basis_vector
+from ..field.network import basis_of, basis_vector
 from ..field.network_torch import Networks
 from .differentiable import Composite
 
 FRONT_PIECES, BEHIND_PIECES = 16, 48
 NEAR = 0.05  # from the camera; nothing is photographed from closer [model units]
-HIDDEN = 32  # width of both networks
 INITIAL_CONTRAST = 1e-4  # of the features
 INITIAL_LOG_SIGMA = -2.0  # the object has to be seen through it
 END = 0.98  # of contracted space: the rest is the sky
@@ -226,12 +226,12 @@ def random_surroundings(box, seed=0) -> Surroundings:
         )
 
     table = rng.uniform(-1, 1, (GRID_LEVELS * GRID_ENTRIES, 4)) * INITIAL_CONTRAST
-    density = layers(GRID_LEVELS * 4, HIDDEN, GEOMETRY_FEATURES)
+    density, color = (layers(*widths) for widths in surroundings_widths())
     density[-1][1][0] = INITIAL_LOG_SIGMA
     return Surroundings(
         np.asarray(box, float),
         table.astype(np.float32),
         density,
-        layers(GEOMETRY_FEATURES + BASIS_COUNT, HIDDEN, 3),
+        color,
         np.full(3, 0.5, np.float32),
     )
