@@ -222,13 +222,18 @@ def test_a_live_clip_lasts_as_long_as_it_was_recorded(bare, tmp_path):
         assert (stream.width, stream.height) == (320, 240)
 
 
+def screenshot(app):
+    """What the next frame writes.  [H, W, 3] int"""
+    app.actions.screenshot()
+    frames(app, 1)
+    return np.asarray(Image.open(app.capture.written[-1])).astype(int)
+
+
 def test_a_screenshot_has_the_panel_only_if_asked_for(app, tmp_path):
     pictures = []
     for with_panel in (False, True):
         app.scene.settings.panel_in_screenshots = with_panel
-        app.actions.screenshot()
-        frames(app, 1)
-        pictures.append(np.asarray(Image.open(app.capture.written[-1])).astype(int))
+        pictures.append(screenshot(app))
     plain, panel = pictures
     changed = abs(plain - panel).max(axis=-1) > 8
     assert plain.shape == (240, 320, 3)
@@ -239,9 +244,7 @@ def test_handles_are_in_the_picture_only_if_asked_for(bare):
     pictures = []
     for with_handles in (True, False):
         bare.scene.settings.handles_in_clips = with_handles
-        bare.actions.screenshot()
-        frames(bare, 1)
-        pictures.append(np.asarray(Image.open(bare.capture.written[-1])).astype(int))
+        pictures.append(screenshot(bare))
     assert (abs(pictures[0] - pictures[1]).max(axis=-1) > 60).sum() > 100
 
 

@@ -11,6 +11,7 @@ from deformrf.core.render.camera import from_field_of_view, look_at, rays
 from deformrf.core.render.render import Renderer, RenderOptions
 
 BACKGROUND = (0.2, 0.5, 0.9)
+EXPLAINED = 4e-4  # share of an image's pixels that rounding may explain: usually none or one
 CONFORMANCE = RenderOptions(background=BACKGROUND, conformance=True)
 
 
@@ -58,7 +59,7 @@ def assert_conforms(color, expected, field, vertices, origins, directions, most=
     difference = 255.0 * np.abs(color - expected)
     assert difference.mean() <= 0.1
     off = np.flatnonzero(difference.max(axis=1) > 2.0)
-    assert len(off) <= 2e-3 * len(color) + most * len(color)
+    assert len(off) <= (EXPLAINED + most) * len(color)
     if len(off) == 0:
         return
     rng, spread = np.random.default_rng(), 0.0
@@ -135,7 +136,7 @@ def test_flat_tets_hide_nothing_behind_them(make_ball_field, device, thickness):
     assert plain.mean() > 0.5
     color, expected = color[plain], expected[plain]
     # Walking through a tet without thickness, float32 can't tell its faces apart and may take
-    # a wrong one: up to 18 of 10,000 pixels in 200 meshes.  A tet that ended rays cost 500.
+    # a wrong one: up to 18 of 10,000 pixels in some 200 meshes.  A tet that ended rays cost 500.
     rays_ = origins[plain], directions[plain]
     assert_conforms(color, expected, field, vertices, *rays_, most=5e-3)
 
