@@ -17,19 +17,23 @@ import tyro
 from .arguments import Count, File, at_least, plain_message, writable_file
 from .device import Choice, device_name
 
-INPUT_ERROR, INTERRUPTED = 2, 130  # exit codes
+DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
+Box = Annotated[
+    tuple[float, float, float, float, float, float] | None,
+    tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1", help_behavior_hint=""),
+]
 Data = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
 Model = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
 
 
 @dataclass(frozen=True)
 class TrainArguments:
-    """Train a model from posed images in the Blender layout."""
+    """Train a model from posed images: Blender, nerfstudio, instant-ngp, NSVF or COLMAP."""
 
     data: Data
-    """Folder with transforms_train.json and, for a score at the end, transforms_test.json."""
+    """Folder with transforms_train.json, transforms.json, rgb/ and pose/, or sparse/0/."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="MODEL")]
     """Model file to write, an .npz."""
     preset: Literal["default", "fast", "tiny"] = "default"
@@ -42,8 +46,22 @@ class TrainArguments:
     """Of everything random; the same seed draws the same random numbers."""
     image_size: Count = None
     """Shrink the images to this longer side [pixels]."""
+    aabb: Box = None
+    """The object's box, lowest and highest corner [the data's units]; else the data's own box,
+    or one around the place that the cameras look at."""
     scene_radius: Number = None
-    """The object lies in the box from -R to R around the data's origin [its units]."""
+    """The same, for a box from -R to R around the data's origin."""
+    surroundings: Literal["auto", "learnt", "white"] = "auto"
+    """What is around the object: learnt beside it, or white (or cut out by alpha); auto looks
+    at the images."""
+    keep_surroundings: bool = False
+    """Store the surroundings in the model, so that deformrf-eval can compare whole images."""
+    view_dependence: bool = True
+    """Without it colors look the same from all sides, and cost less."""
+    entry_bits: Literal[8, 16] = 8
+    """Of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
+    resume: bool = False
+    """Go on with the run that was to write MODEL and was interrupted."""
 
 
 @dataclass(frozen=True)
@@ -53,13 +71,16 @@ class EvaluateArguments:
     model: Model
     """Model file, an .npz."""
     data: Data
-    """Folder with transforms_<split>.json."""
+    """Folder of the data set, as for deformrf-train."""
     json: File = None
     """Write the scores of each view and their mean to this file."""
     images: File = None
-    """Write render, truth and difference (x4) of each view to this folder."""
+    """Write render, truth, difference (x4) and accumulation of each view to this folder."""
+    lpips_weights: File = None
+    """Weights of LPIPS with VGG-16: one file of the package lpips, or a folder with
+    vgg16-397923af.pth and vgg.pth.  None come with this program."""
     split: str = "test"
-    """Which transforms_<split>.json."""
+    """Which views."""
     views: Count = None
     """Score that many views, spread evenly, instead of all."""
     image_size: Count = None
@@ -87,7 +108,7 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     user's to mend.  So is a DatasetError of the job, that learning from the images found
     nothing; anything else there is a fault of the program and keeps its traceback.
     """
-    from .training.datasets import DatasetError
+    from .training.capture import DatasetError
 
     mendable = (ValueError, OSError)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems ask that way
@@ -106,8 +127,12 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
 def prepare_training(arguments: TrainArguments):
     from .training import datasets, metrics
     from .training.options import preset
+    from .training.scene_box import world_to_unit_cube
 
-    options = preset(arguments.preset)
+    output = writable_file(arguments.output, ".npz")
+    checkpoint_path = output.with_suffix(".checkpoint")
+    resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
+    options = resumed.options if resumed else preset(arguments.preset)
     if arguments.steps is not None:
         options = with_steps(options, at_least(2, "--steps", arguments.steps))
     if arguments.seed is not None:
@@ -116,13 +141,26 @@ def prepare_training(arguments: TrainArguments):
         options = replace(options, scene_radius=arguments.scene_radius)
         if not 0.0 < options.scene_radius < float("inf"):
             raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
+    if arguments.surroundings != "auto":
+        options = replace(options, surroundings=arguments.surroundings)
+    if not arguments.view_dependence:
+        options = replace(options, view_dependence=False)
+    if arguments.aabb is not None:
+        options = replace(options, aabb=arguments.aabb)
     train_views = datasets.load(arguments.data, "train", arguments.image_size)
+    warn_of_missing(train_views)
+    if resumed and resumed.report["view_count"] != train_views.view_count:
+        raise ValueError(
+            f"the interrupted run had {resumed.report['view_count']} views, these are "
+            f"{train_views.view_count}: --resume needs the same images"
+        )
+    world_to_unit_cube(train_views, options.aabb, options.scene_radius)  # finds what is wrong
     test_views = None
-    if (arguments.data / "transforms_test.json").exists():
+    if datasets.has_test_split(arguments.data):
         test_views = datasets.load(arguments.data, "test", arguments.image_size)
-        metrics.check_size(test_views.height, test_views.width)
+        for lens in test_views.lenses:
+            metrics.check_size(lens.height, lens.width)
     device = device_name(arguments.device, for_training=True)
-    output = writable_file(arguments.output, ".npz")
     existed = output.exists()
 
     def job():
@@ -131,28 +169,70 @@ def prepare_training(arguments: TrainArguments):
         from .field import modelfile
         from .training import evaluate, trainer
 
-        name = arguments.data.resolve().name
-        trained = trainer.train(train_views, options, device, name)
-        complete = not trained.interrupted
+        name, bits = arguments.data.resolve().name, arguments.entry_bits
+        trained = trainer.train(train_views, options, device, name, checkpoint_path, resumed)
+        complete = trained.complete
         # An unfinished model doesn't take a finished one's place.
         spare = output.with_stem(output.stem + "-interrupted")
         path = output if complete or not existed else spare
-        modelfile.save(trained.field, path)  # first of all: evaluation may be interrupted
+        around, kept = trained.field.surroundings, trained.field
+        if not arguments.keep_surroundings:
+            kept = replace(kept, surroundings=None)
+        modelfile.save(kept, path, entry_bits=bits)  # first: evaluation may be interrupted
         if complete and test_views:
-            field = modelfile.load(output)  # what is scored is what the file holds
+            # What is scored is what the file holds, before what the images have around it.
+            field = replace(modelfile.load(output), surroundings=around)
             report = evaluate.evaluate(field, test_views, None, device, model_path=output)
             complete = report["complete"]
             scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
-            modelfile.save(trained.field, output, scores)
+            modelfile.save(kept, output, scores, bits)
         print(summary(trained, path, report["mean"] if test_views and complete else None))
+        if trained.report.get("levels_below_pixel"):
+            print(finest_levels(trained))
+        if trained.diverged:
+            print(f"deformrf-train: {trained.diverged}", file=sys.stderr)
+            return DIVERGED
+        if trained.interrupted and checkpoint_path.exists():
+            print("Go on with the same command and --resume.")
+        if trained.complete:
+            checkpoint_path.unlink(missing_ok=True)
         return 0 if complete else INTERRUPTED
 
     return job
 
 
+def resumed_run(arguments: TrainArguments, path: Path):
+    """The checkpoint of an interrupted run, which has its own options."""
+    from .training import checkpoint
+
+    for name in ("steps", "seed", "aabb", "scene_radius"):
+        if getattr(arguments, name) is not None:
+            flag = name.replace("_", "-")
+            raise ValueError(f"--resume keeps the options of the interrupted run: drop --{flag}")
+    for flag, given in (
+        ("--no-view-dependence", not arguments.view_dependence),
+        ("--surroundings", arguments.surroundings != "auto"),
+        ("--preset", arguments.preset != "default"),
+    ):
+        if given:
+            raise ValueError(f"--resume keeps the options of the interrupted run: drop {flag}")
+    return checkpoint.load(path)
+
+
+def warn_of_missing(dataset):
+    """Say how many images were skipped."""
+    if dataset.missing:
+        total = len(dataset.missing) + dataset.view_count
+        print(
+            f"{len(dataset.missing)} of {total} {dataset.split} images are missing and were "
+            f"skipped, first {dataset.missing[0]}",
+            file=sys.stderr,
+        )
+
+
 def summary(trained, output: Path, scores) -> str:
     """What was made, in a line."""
-    begun = "Interrupted; wrote what there is" if trained.interrupted else "Wrote"
+    begun = "Wrote" if trained.complete else "Stopped early; wrote what there is"
     size = output.stat().st_size / 1e6
     minutes = trained.report["seconds"] / 60
     line = f"{begun}: {output}, {trained.field.mesh.tet_count} tets, {size:.1f} MB"
@@ -162,6 +242,15 @@ def summary(trained, output: Path, scores) -> str:
     return line
 
 
+def finest_levels(trained) -> str:
+    """Which levels the images can't have taught anything."""
+    below = trained.report["levels_below_pixel"]
+    return (
+        f"Of levels 0 to {trained.field.options.level_count - 1}, these are finer than any pixel "
+        f"of the training images and could be left out: {', '.join(map(str, below))}"
+    )
+
+
 def prepare_evaluation(arguments: EvaluateArguments):
     from .training import datasets, metrics
 
@@ -169,11 +258,20 @@ def prepare_evaluation(arguments: EvaluateArguments):
     dataset = datasets.load(
         arguments.data, arguments.split, arguments.image_size, view_count=arguments.views
     )
-    metrics.check_size(dataset.height, dataset.width)
+    warn_of_missing(dataset)
+    for lens in dataset.lenses:
+        metrics.check_size(lens.height, lens.width)
     json_path = arguments.json and writable_file(arguments.json, ".json")
     if arguments.images:
         arguments.images.mkdir(parents=True, exist_ok=True)
     device = device_name(arguments.device)
+    lpips = None
+    if arguments.lpips_weights:
+        from .training import lpips as metric
+
+        for lens in dataset.lenses:
+            metric.check_size(lens.height, lens.width)
+        lpips = metric.Lpips(arguments.lpips_weights, device)
 
     from .field import modelfile
     from .training import evaluate
@@ -182,7 +280,7 @@ def prepare_evaluation(arguments: EvaluateArguments):
 
     def job():
         report = evaluate.evaluate(
-            field, dataset, arguments.images, device, model_path=arguments.model
+            field, dataset, arguments.images, device, model_path=arguments.model, lpips=lpips
         )
         evaluate.print_report(report)
         if json_path:

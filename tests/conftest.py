@@ -110,7 +110,7 @@ def write_dataset():
 def _write_dataset(folder, images, split="test", names=None, paths=None, **scene):
     """The folder, with one view per image: `names` are the files, `paths` what the JSON says.
 
-    View i is at (i, 2, 3) unless `poses` says otherwise; further keywords go to the JSON,
+    View i looks at the origin unless `poses` says otherwise; further keywords go to the JSON,
     and None removes a key.
     """
     (folder / split).mkdir(parents=True, exist_ok=True)
@@ -118,9 +118,7 @@ def _write_dataset(folder, images, split="test", names=None, paths=None, **scene
     for image, name in zip(images, names, strict=True):
         image.save(folder / split / name, lossless=True, exact=True)  # WebP's options
     paths = paths or [f"./{split}/{name}" for name in names]
-    poses = np.tile(np.eye(4), (len(paths), 1, 1))
-    poses[:, 0, 3], poses[:, 1:3, 3] = range(len(paths)), (2.0, 3.0)
-    poses = scene.pop("poses", poses)
+    poses = scene.pop("poses", [_pose(i) for i in range(len(paths))])
     frames = [
         {"file_path": path, "transform_matrix": np.asarray(pose).tolist()}
         for path, pose in zip(paths, poses, strict=True)
@@ -129,6 +127,12 @@ def _write_dataset(folder, images, split="test", names=None, paths=None, **scene
     scene = {key: value for key, value in scene.items() if value is not None}
     (folder / f"transforms_{split}.json").write_text(json.dumps(scene))
     return folder
+
+
+def _pose(view):
+    from deformrf.core.render.camera import look_at
+
+    return look_at((4.0 * np.cos(view), 4.0 * np.sin(view), 1.0), (0.0, 0.0, 0.0))
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,7 @@
 """The commands: what they pass on, and how they refuse what a user gets wrong."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +17,7 @@ from deformrf.core.field import modelfile
 from deformrf.core.field.field import FieldOptions, random_field
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import tet_neighbours
-from deformrf.core.training.datasets import DatasetError
+from deformrf.core.training.capture import DatasetError
 from deformrf.core.training.options import PRESETS, preset
 
 
@@ -58,7 +59,9 @@ def call(monkeypatch, capsys):
 @pytest.fixture
 def trainer(monkeypatch, field):
     """Stands in for the trainer: `calls` is what it was asked to do, `trained` its answer."""
-    trained = SimpleNamespace(field=field, report={"seconds": 90.0}, interrupted=False)
+    from deformrf.core.training.trainer import Trained
+
+    trained = Trained(field, {"seconds": 90.0}, interrupted=False)
     stub = SimpleNamespace(calls=[], trained=trained)
 
     def train(*arguments):
@@ -83,10 +86,12 @@ def test_training_gets_data_options_and_device(call, trainer, data, tmp_path):
     flags = ("--preset", "fast", "--seed", 7, "--image-size", 15, "--device", "cpu")
     result = call(cli.train, data, "-o", tmp_path / "m.npz", *flags, "--scene-radius", 2)
     assert (result.code, result.err) == (0, "")
-    [(views, options, device, name)] = trainer.calls
-    assert (views.split, views.view_count, views.width, views.height) == ("train", 3, 15, 11)
+    [(views, options, device, name, checkpoint_path, resumed)] = trainer.calls
+    assert (views.split, views.view_count) == ("train", 3)
+    assert {(lens.width, lens.height) for lens in views.lenses} == {(15, 11)}
     assert options == preset("fast", seed=7, scene_radius=2.0)
     assert (device, name) == ("cpu", "data")
+    assert (checkpoint_path, resumed) == (tmp_path / "m.checkpoint", None)
 
 
 def test_training_writes_the_model_with_its_test_scores(call, trainer, data, tmp_path):
@@ -110,7 +115,7 @@ def test_an_interrupted_training_writes_what_there_is(call, trainer, data, tmp_p
     trainer.trained.interrupted = True
     result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert result.code == cli.INTERRUPTED
-    assert "Interrupted; wrote what there is" in result.out
+    assert "Stopped early; wrote what there is" in result.out
     modelfile.load(tmp_path / "m.npz")
 
 
@@ -123,6 +128,60 @@ def test_an_interrupted_training_keeps_an_older_model(call, trainer, data, tmp_p
     assert "m-interrupted.npz" in result.out
     assert output.read_bytes() == b"a model of an earlier run"
     modelfile.load(tmp_path / "m-interrupted.npz")
+
+
+def test_a_lost_run_says_why_and_writes_its_last_good_weights(call, trainer, data, tmp_path):
+    trainer.trained.diverged = "the loss became nan at step 48"
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert (result.code, result.err) == (
+        cli.DIVERGED,
+        "deformrf-train: the loss became nan at step 48\n",
+    )
+    modelfile.load(tmp_path / "m.npz")
+
+
+def unfinished(path, view_count=3):
+    """A checkpoint of a run over that many views."""
+    from deformrf.core.training import checkpoint
+
+    report = {"view_count": view_count, "seconds": 9.0}
+    options = preset("tiny", seed=5)
+    checkpoint.save(checkpoint.Checkpoint(options, 1, a15_grid(0.25), {}, np.eye(4), report), path)
+    return options
+
+
+def test_a_resumed_run_has_the_options_of_its_checkpoint(call, trainer, data, tmp_path):
+    options = unfinished(tmp_path / "m.checkpoint")
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu", "--resume")
+    assert result.code == 0
+    [call_] = trainer.calls
+    assert call_[1] == call_[5].options == options
+    assert not (tmp_path / "m.checkpoint").exists()
+
+
+def test_an_interrupted_run_says_how_to_go_on(call, trainer, data, tmp_path):
+    trainer.trained.interrupted = True
+    unfinished(tmp_path / "m.checkpoint")
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert "--resume" in result.out
+    assert (tmp_path / "m.checkpoint").exists()
+
+
+@pytest.mark.parametrize(
+    "flags, view_count, sentence",
+    [
+        ([], None, "m.checkpoint to resume from"),
+        (["--steps", 9], 3, "drop --steps"),
+        (["--scene-radius", 2], 3, "drop --scene-radius"),
+        ([], 4, "had 4 views, these are 3"),
+    ],
+)
+def test_what_can_not_be_resumed_is_one_sentence(call, data, tmp_path, flags, view_count, sentence):
+    if view_count:
+        unfinished(tmp_path / "m.checkpoint", view_count)
+    output = tmp_path / "m.npz"
+    result = call(cli.train, data, "-o", output, "--device", "cpu", "--resume", *flags)
+    assert sentence in refused(result)
 
 
 def test_a_default_run_without_a_gpu_is_announced(call, trainer, data, tmp_path):
@@ -172,7 +231,7 @@ def test_evaluation_of_a_few_small_views(call, data, model, tmp_path):
     assert call(cli.evaluate, model, data, *flags).code == 0
     report = json.loads((tmp_path / "s.json").read_text())
     assert [view["name"] for view in report["views"]] == ["r_0", "r_2"]
-    assert (report["width"], report["height"], report["split"]) == (15, 11, "train")
+    assert (report["sizes"], report["split"]) == (["15x11"], "train")
 
 
 def spoil_version(path):
@@ -183,10 +242,6 @@ def spoil_version(path):
     np.savez(path, **{**arrays, "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8)})
 
 
-def spoil_size(data):
-    Image.new("RGBA", (16, 13)).save(data / "test" / "r_1.png")
-
-
 @pytest.mark.parametrize(
     "spoil, sentence",
     [
@@ -194,14 +249,20 @@ def spoil_size(data):
         (lambda data, model: model.write_text("not a zip"), "not a model file"),
         (lambda data, model: spoil_version(model), "format version 99"),
         (lambda data, model: (data / "transforms_test.json").unlink(), "transforms_test.json"),
-        (lambda data, model: (data / "test" / "r_1.png").unlink(), "r_1.png is missing"),
-        (lambda data, model: spoil_size(data), "16x13 pixels, but r_0.png 16x12"),
+        (lambda data, model: shutil.rmtree(data / "test"), "none of the 2 images"),
     ],
-    ids=["missing", "no model", "version", "no transforms", "image missing", "sizes"],
+    ids=["missing", "no model", "version", "no transforms", "images missing"],
 )
 def test_bad_input_to_evaluation_is_one_sentence(call, data, model, spoil, sentence):
     spoil(data, model)
     assert sentence in refused(call(cli.evaluate, model, data, "--device", "cpu"))
+
+
+def test_missing_images_are_said_and_skipped(call, data, model):
+    (data / "test" / "r_1.png").unlink()
+    result = call(cli.evaluate, model, data, "--device", "cpu")
+    assert result.code == 0
+    assert "1 of 2 test images are missing and were skipped, first ./test/r_1.png" in result.err
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.core.render.camera import look_at
 from deformrf.core.training import datasets
-from deformrf.core.training.datasets import DatasetError
+from deformrf.core.training.capture import DatasetError
 
 ANGLE = 0.7  # of the data sets that conftest.py writes
 
@@ -16,43 +17,59 @@ def view_image(index, size=(12, 8), mode="RGBA"):
 
 def view_poses(count):
     """The poses that conftest.py writes."""
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, 0, 3], poses[:, 1:3, 3] = range(count), (2.0, 3.0)
-    return poses
+    eyes = [(4.0 * np.cos(view), 4.0 * np.sin(view), 1.0) for view in range(count)]
+    return np.array([look_at(eye, (0.0, 0.0, 0.0)) for eye in eyes])
+
+
+def sizes(dataset):
+    return [(lens.width, lens.height) for lens in dataset.lenses]
 
 
 def test_what_was_written_is_read(tmp_path, write_dataset):
     images = [view_image(i) for i in range(3)]
     dataset = datasets.load(write_dataset(tmp_path, images), "test")
     assert dataset.names == ("r_0", "r_1", "r_2")
-    assert (dataset.width, dataset.height, dataset.split) == (12, 8, "test")
-    np.testing.assert_array_equal(dataset.images, np.stack([np.asarray(i) for i in images]))
-    np.testing.assert_array_equal(dataset.poses, view_poses(3))
+    assert (sizes(dataset), dataset.split) == ([(12, 8)] * 3, "test")
+    for view, image in enumerate(images):
+        np.testing.assert_array_equal(dataset.image(view), image)
+    np.testing.assert_allclose(dataset.poses, view_poses(3), atol=1e-12)
 
 
 def test_the_outermost_pixel_edges_span_the_field_of_view(tmp_path, write_dataset):
     dataset = datasets.load(write_dataset(tmp_path, [view_image(0)]), "test")
-    assert np.arctan(0.5 * dataset.width / dataset.focal) == pytest.approx(0.5 * ANGLE)
+    (lens,) = dataset.lenses
+    assert np.arctan(0.5 * lens.width / lens.focal[0]) == pytest.approx(0.5 * ANGLE)
+    assert lens.focal[0] == lens.focal[1]
+    assert lens.center == (6.0, 4.0)
+    assert not lens.is_distorted
 
 
-def test_cameras_are_the_poses_with_one_focal_length(tmp_path, write_dataset):
+def test_cameras_are_poses_with_lenses(tmp_path, write_dataset):
     dataset = datasets.load(write_dataset(tmp_path, [view_image(i) for i in range(2)]), "test")
-    first, second = datasets.cameras(dataset)
-    assert (first.focal, first.width, first.height) == (dataset.focal, 12, 8)
-    np.testing.assert_array_equal(second.camera_to_world, view_poses(2)[1])
+    camera = dataset.camera(1)
+    assert camera.lens == dataset.lenses[1]
+    np.testing.assert_allclose(camera.camera_to_world, view_poses(2)[1], atol=1e-12)
+
+
+def test_a_subset_has_those_views(tmp_path, write_dataset):
+    dataset = datasets.load(write_dataset(tmp_path, [view_image(i) for i in range(4)]), "test")
+    part = dataset.subset([3, 1])
+    assert part.names == ("r_3", "r_1")
+    np.testing.assert_array_equal(part.image(1), dataset.image(1))
+    np.testing.assert_array_equal(part.poses[0], dataset.poses[3])
 
 
 @pytest.mark.parametrize("name", ["r_0.png", "r_0.webp", "r_0.v2.png"])
 def test_the_ending_may_be_left_out(tmp_path, name, write_dataset):
     path = f"./test/{name.rsplit('.', 1)[0]}"
     write_dataset(tmp_path, [view_image(0)], names=[name], paths=[path])
-    np.testing.assert_array_equal(datasets.load(tmp_path, "test").images[0], view_image(0))
+    np.testing.assert_array_equal(datasets.load(tmp_path, "test").image(0), view_image(0))
 
 
 def test_images_without_alpha_are_opaque(tmp_path, write_dataset):
     dataset = datasets.load(write_dataset(tmp_path, [view_image(0, mode="RGB")]), "test")
-    np.testing.assert_array_equal(dataset.images[0, ..., :3], np.asarray(view_image(0, mode="RGB")))
-    assert (dataset.images[..., 3] == 255).all()
+    np.testing.assert_array_equal(dataset.image(0)[..., :3], view_image(0, mode="RGB"))
+    assert (dataset.pixels[:, 3] == 255).all()
     assert not dataset.has_alpha
 
 
@@ -66,23 +83,24 @@ def test_shrinking_averages_what_is_seen(tmp_path, write_dataset):
     """The mean of the composite, not of colors that alpha hides; the field of view stays."""
     full = datasets.load(write_dataset(tmp_path, [view_image(i) for i in range(4)]), "test")
     half = datasets.load(tmp_path, "test", image_size=6)
-    assert (half.width, half.height) == (6, 4)
-    assert half.focal == pytest.approx(full.focal / 2)
-    seen = datasets.white_composite(full.images).reshape(4, 4, 2, 6, 2, 3).mean(axis=(2, 4))
+    assert sizes(half) == [(6, 4)] * 4
+    np.testing.assert_allclose(half.lenses[0].focal, np.array(full.lenses[0].focal) / 2)
+    seen = datasets.white_composite(full.pixels).reshape(4, 4, 2, 6, 2, 3).mean(axis=(2, 4))
     # Pillow rounds premultiplied colors, alpha and the colors again to 8 bits.
-    np.testing.assert_allclose(datasets.white_composite(half.images), seen, atol=2.5 / 255)
+    half = datasets.white_composite(half.pixels).reshape(seen.shape)
+    np.testing.assert_allclose(half, seen, atol=2.5 / 255)
 
 
 def test_images_are_never_enlarged(tmp_path, write_dataset):
     dataset = datasets.load(write_dataset(tmp_path, [view_image(0)]), "test", image_size=100)
-    assert (dataset.width, dataset.height) == (12, 8)
+    assert sizes(dataset) == [(12, 8)]
 
 
 def test_a_few_views_are_spread_evenly(tmp_path, write_dataset):
     write_dataset(tmp_path, [view_image(i) for i in range(9)])
     dataset = datasets.load(tmp_path, "test", view_count=3)
     assert dataset.names == ("r_0", "r_4", "r_8")
-    np.testing.assert_array_equal(dataset.poses[:, 0, 3], [0, 4, 8])
+    np.testing.assert_allclose(dataset.poses, view_poses(9)[[0, 4, 8]], atol=1e-12)
 
 
 @pytest.mark.parametrize("terminal", [False, True])
@@ -93,6 +111,24 @@ def test_only_a_slow_load_at_a_terminal_shows_a_bar(monkeypatch, capsys, termina
     assert list(datasets.slow_track(iter("abc"), 3, "Loading")) == ["a", "b", "c"]
     error = capsys.readouterr().err
     assert ("Loading" in error) if terminal else (error == "")
+
+
+def test_images_of_two_shapes_go_together(tmp_path, write_dataset):
+    """Portrait and landscape; Blender's angle is that of each image's width."""
+    images = [view_image(0), view_image(1, size=(8, 12))]
+    dataset = datasets.load(write_dataset(tmp_path, images), "test")
+    assert sizes(dataset) == [(12, 8), (8, 12)]
+    np.testing.assert_array_equal(dataset.image(1), images[1])
+    assert dataset.lenses[1].focal[0] == pytest.approx(dataset.lenses[0].focal[0] * 8 / 12)
+
+
+def test_missing_images_are_skipped_and_counted(tmp_path, write_dataset):
+    images = [view_image(i) for i in range(3)]
+    paths = ["test/r_0", "test/gone", "test/r_2"]
+    dataset = datasets.load(write_dataset(tmp_path, images, paths=paths), "test")
+    assert dataset.names == ("r_0", "r_2")
+    assert dataset.missing == ("test/gone",)
+    np.testing.assert_allclose(dataset.poses, view_poses(3)[[0, 2]], atol=1e-12)
 
 
 def bad(id, prepare, sentence):
@@ -110,16 +146,16 @@ def bad(id, prepare, sentence):
             r"holds no transforms_test\.json .*: transforms_train\.json",
         ),
         bad("no frames", lambda f, write: write(f, [], frames=[]), r"lists no frames"),
-        bad("no object", lambda f, write: write(f, [], frames=7), r"with a list of frames"),
+        bad("no list", lambda f, write: write(f, [], frames=7), r"lists no frames"),
         bad(
-            "image missing",
-            lambda f, write: write(f, [view_image(0)] * 2, paths=["test/r_0", "test/gone"]),
-            r"test/gone is missing",
+            "no object",
+            lambda f, write: (write(f, []) / "transforms_test.json").write_text("[]"),
+            r"has to be a JSON object",
         ),
         bad(
-            "two sizes",
-            lambda f, write: write(f, [view_image(0), view_image(1, size=(12, 9))]),
-            r"r_1\.png has 12x9 pixels, but r_0\.png 12x8",
+            "all images missing",
+            lambda f, write: write(f, [view_image(0)], paths=["test/gone"]),
+            r"none of the 1 images .* is there: .*test/gone",
         ),
         bad(
             "no angle",
@@ -165,5 +201,5 @@ def test_a_size_of_zero_is_refused(tmp_path, option, write_dataset):
 
 def test_the_development_data_are_read(shared_data):
     dataset = datasets.load(shared_data("helmet"), "test", view_count=2)
-    assert dataset.images.shape == (2, 400, 400, 4)
+    assert sizes(dataset) == [(400, 400)] * 2
     assert dataset.has_alpha

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.core.field import modelfile
 from deformrf.core.field.field import FieldOptions, random_field
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import tet_neighbours
 from deformrf.core.render import camera as cameras
+from deformrf.core.render.lens import pinhole
 from deformrf.core.render.render import Renderer
 from deformrf.core.training import evaluate as evaluation
-from deformrf.core.training.datasets import Dataset
+from deformrf.core.training.datasets import from_images
 from deformrf.core.training.evaluate import evaluate, print_report
 
 SIZE = 16
@@ -45,7 +47,7 @@ def dataset(field):
     images = np.stack(images)
     images[..., 3] = 255  # a photograph over white, without alpha
     names = tuple(f"r_{i}" for i in range(VIEWS))
-    return Dataset(images, np.stack(poses), view.focal, SIZE, SIZE, names, "test")
+    return from_images(images, poses, [view.lens] * VIEWS, names, "test")
 
 
 class FakeRenderer:
@@ -77,12 +79,12 @@ def fake(monkeypatch):
 def constant_views(color):
     images = np.full((VIEWS, SIZE, SIZE, 4), color, np.uint8)
     poses = np.tile(np.eye(4), (VIEWS, 1, 1))
-    return Dataset(images, poses, 20.0, SIZE, SIZE, ("a", "b", "c"), "test")
+    return from_images(images, poses, [pinhole(20.0, SIZE, SIZE)] * VIEWS, "abc", "test")
 
 
 def test_a_model_equals_its_own_renders(field, dataset, tmp_path):
     """Through world_to_model: the data set's cameras are in the world."""
-    assert np.ptp(dataset.images[..., :3]) > 100, "an empty image would prove nothing"
+    assert np.ptp(dataset.pixels[:, :3]) > 100, "an empty image would prove nothing"
     report = evaluate(field, dataset, tmp_path)
     assert report["complete"]
     assert report["mean"]["ssim"] == pytest.approx(1.0, abs=1e-3)
@@ -92,6 +94,8 @@ def test_a_model_equals_its_own_renders(field, dataset, tmp_path):
         "vertices": field.mesh.vertex_count,
         "tets": field.mesh.tet_count,
         "levels": 2,
+        "entries": list(field.layout.entry_counts),
+        "occupied_share": 1.0,
     }
 
 
@@ -111,15 +115,43 @@ def test_equal_images_have_no_psnr_in_json(fake, field, tmp_path):
 
 
 def test_images_show_render_truth_and_difference(fake, field, tmp_path):
-    fake.setattr(FakeRenderer, "color", (110, 100, 0, 255))
+    fake.setattr(FakeRenderer, "color", (110, 100, 0, 77))
     evaluate(field, constant_views((100, 100, 200, 255)), tmp_path)
     assert sorted(p.name for p in tmp_path.glob("*.png")) == ["000_a.png", "001_b.png", "002_c.png"]
     picture = np.asarray(Image.open(tmp_path / "001_b.png"))
-    assert picture.shape == (SIZE, 3 * SIZE, 3)
-    parts = picture.reshape(SIZE, 3, SIZE, 3)
+    assert picture.shape == (SIZE, 4 * SIZE, 3)
+    parts = picture.reshape(SIZE, 4, SIZE, 3)
     assert (parts[:, 0] == (110, 100, 0)).all()
     assert (parts[:, 1] == (100, 100, 200)).all()
     assert (parts[:, 2] == (40, 0, 255)).all()
+    assert (parts[:, 3] == 77).all()
+
+
+def test_a_third_metric_is_averaged_too(fake, field, capsys):
+    report = evaluate(field, constant_views((9, 9, 9, 255)), lpips=lambda a, b: 0.25)
+    assert report["mean"]["lpips"] == 0.25
+    print_report(report)
+    assert "not computed" not in capsys.readouterr().out
+
+
+def test_without_weights_lpips_is_said_to_be_missing(fake, field, capsys):
+    report = evaluate(field, constant_views((9, 9, 9, 255)))
+    assert report["mean"]["lpips"] is None
+    print_report(report)
+    assert "LPIPS: not computed" in capsys.readouterr().out
+
+
+def test_the_files_parts_are_weighed(fake, field, tmp_path, capsys):
+    path = tmp_path / "m.npz"
+    modelfile.save(field, path)
+    report = evaluate(field, constant_views((9, 9, 9, 255)), model_path=path)
+    facts = report["model"]
+    assert facts["bytes"] == path.stat().st_size
+    assert 0 < facts["mesh_bytes"] < facts["bytes"]
+    assert 0 < facts["table_bytes"] < facts["bytes"]
+    assert facts["mesh_bytes"] + facts["table_bytes"] < facts["bytes"]
+    print_report(report)
+    assert "MB, mesh " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("done", [0, 2])
@@ -134,6 +166,8 @@ def test_ctrl_c_leaves_a_report_of_what_is_done(fake, field, tmp_path, capsys, d
 
 
 def test_images_too_small_for_ssim_are_refused(field, dataset):
-    small = Dataset(dataset.images[:, :8], dataset.poses, 20.0, SIZE, 8, dataset.names, "test")
+    images = [dataset.image(view)[:8] for view in range(VIEWS)]
+    lenses = [pinhole(20.0, SIZE, 8)] * VIEWS
+    small = from_images(images, dataset.poses, lenses, dataset.names, "test")
     with pytest.raises(ValueError, match="these have 16x8"):
         evaluate(field, small)

@@ -1,10 +1,25 @@
 """The A15 grid: 46 tets a cell, acute, conforming, and it covers the cube."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from deformrf.core.geometry.lattice import CELL_EDGE, _cell_tets, a15_grid, morton_order
-from deformrf.core.geometry.mesh import EDGES, boundary_faces, signed_volumes, tet_neighbours
+from deformrf.core.geometry.lattice import (
+    CELL_EDGE,
+    _cell_tets,
+    a15_grid,
+    lattice_spacing,
+    lattice_vertices,
+    morton_order,
+)
+from deformrf.core.geometry.mesh import (
+    EDGES,
+    boundary_faces,
+    extract,
+    signed_volumes,
+    tet_neighbours,
+)
 
 
 def test_a_cell_has_46_tets_that_fill_its_volume():
@@ -79,3 +94,20 @@ def test_morton_order_keeps_octants_together():
     points = np.random.default_rng().integers(0, 64, (500, 3))
     octant = (points >= 32) @ [1, 2, 4]
     assert (np.diff(octant[morton_order(points)]) >= 0).all()
+
+
+def test_the_spacing_of_any_part_of_a_lattice_gives_its_vertices_exactly():
+    rng = np.random.default_rng()
+    grid = a15_grid(rng.uniform(0.07, 0.25))
+    part, _ = extract(grid, rng.random(grid.tet_count) < 0.1)
+    spacing = lattice_spacing(part)
+    np.testing.assert_array_equal(lattice_vertices(part.addresses, spacing), part.rest_vertices)
+
+
+def test_a_mesh_whose_vertices_moved_has_no_spacing():
+    mesh = a15_grid(0.2)
+    vertices = mesh.rest_vertices.copy()
+    index = np.unravel_index(np.abs(vertices).argmax(), vertices.shape)
+    vertices[index] = np.nextafter(vertices[index], 2.0)
+    assert lattice_spacing(replace(mesh, rest_vertices=vertices)) is None
+    assert lattice_spacing(replace(mesh, rest_vertices=mesh.rest_vertices + 0.1)) is None

@@ -1,18 +1,24 @@
 """model.npz: a round trip, and one sentence for whatever is wrong with a file."""
 
 import json
-import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from deformrf.core import paths
 from deformrf.core.field import modelfile
 from deformrf.core.field.modelfile import ModelFileError
+from deformrf.core.field.reach import reached_entries
+from deformrf.core.render.camera import from_field_of_view, look_at
+from deformrf.core.render.render import Renderer
 
 
 @pytest.fixture
 def field(make_ball_field):
-    return make_ball_field(np.random.default_rng().integers(1000), level_count=3)
+    """So sparse that each level leaves entries out."""
+    seed = np.random.default_rng().integers(1000)
+    return make_ball_field(seed, occupied_share=0.3, level_count=3)
 
 
 @pytest.fixture
@@ -44,7 +50,14 @@ def test_what_is_saved_is_loaded(field, path):
         np.testing.assert_array_equal(getattr(loaded.mesh, name), getattr(field.mesh, name))
     np.testing.assert_array_equal(loaded.neighbours, field.neighbours)
     np.testing.assert_array_equal(loaded.occupancy, field.occupancy)
-    np.testing.assert_array_equal(loaded.table, field.table.astype(np.float16))
+    reached = reached_entries(field.mesh, field.layout, field.occupancy)
+    stored = np.where(reached[:, None], field.table.astype(np.float16), 0)
+    with np.load(path) as archive:
+        for level in range(field.layout.level_count):
+            part = slice(*field.layout.offsets[level : level + 2])
+            if f"reached_{level}" not in archive:  # its bits would take more room
+                stored[part] = field.table[part].astype(np.float16)
+    np.testing.assert_array_equal(loaded.table, stored)
     for ours, theirs in (
         (field.density_layers, loaded.density_layers),
         (field.color_layers, loaded.color_layers),
@@ -57,13 +70,80 @@ def test_what_is_saved_is_loaded(field, path):
     assert not path.with_name("model.npz.part").exists()
 
 
-def test_saving_again_writes_the_same_bytes(path, tmp_path):
-    """Nothing drifts, nothing is lost: half precision survives the round trip exactly."""
-    again = tmp_path / "again.npz"
-    modelfile.save(modelfile.load(path), again)
-    with np.load(path) as a, np.load(again) as b:
+@pytest.mark.parametrize("entry_bits", [16, 8])
+def test_saving_again_writes_the_same_tables(field, tmp_path, entry_bits):
+    """Nothing drifts: what rounding leaves survives the next round trip.
+
+    One byte's scale may move by a rounding, because it is found anew.
+    """
+    first, again = tmp_path / "first.npz", tmp_path / "again.npz"
+    modelfile.save(field, first, entry_bits=entry_bits)
+    modelfile.save(modelfile.load(first), again, entry_bits=entry_bits)
+    with np.load(first) as a, np.load(again) as b:
+        assert a.files == b.files
         for name in a.files:
-            np.testing.assert_array_equal(a[name], b[name])
+            if name.startswith("scale"):
+                np.testing.assert_allclose(a[name], b[name], rtol=2e-7)
+            else:
+                np.testing.assert_array_equal(a[name], b[name])
+
+
+def picture(field):
+    view = from_field_of_view(look_at((1.6, 0.2, 0.9), (0.5, 0.5, 0.5)), 0.7, 48, 48)
+    return Renderer(field).render(view).color_array()
+
+
+def test_what_is_left_out_of_the_file_changes_no_pixel(field, path):
+    """The table's rounding is the only difference, so round it first."""
+    rounded = replace(field, table=field.table.astype(np.float16).astype(np.float32))
+    with np.load(path) as archive:
+        assert any(name.startswith("reached") for name in archive.files)
+    np.testing.assert_array_equal(picture(modelfile.load(path)), picture(rounded))
+
+
+def test_a_version_1_file_is_loaded(field, tmp_path):
+    """Whole tables, every rest vertex, 32-bit integers and no word about a lattice."""
+    path = tmp_path / "old.npz"
+    modelfile.save(field, path)
+    with np.load(path) as archive:
+        arrays = {k: a for k, a in archive.items() if not k.startswith("reached")}
+    meta = json.loads(arrays["meta"].tobytes()) | {"format_version": 1}
+    del meta["lattice_spacing"]
+    arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+    arrays["rest_vertices"] = field.mesh.rest_vertices
+    for name in ("addresses", "tets"):
+        arrays[name] = getattr(field.mesh, name)
+    for level in range(field.layout.level_count):
+        part = field.table[slice(*field.layout.offsets[level : level + 2])]
+        arrays[f"table_{level}"] = part.astype(np.float16)
+    np.savez(path, **arrays)
+    loaded = modelfile.load(path)
+    np.testing.assert_array_equal(loaded.table, field.table.astype(np.float16))
+    np.testing.assert_array_equal(loaded.mesh.rest_vertices, field.mesh.rest_vertices)
+
+
+def test_the_bundled_model_is_loaded():
+    field = modelfile.load(paths.DEFAULT_MODEL)
+    assert field.mesh.tet_count == len(field.occupancy) > 1000
+    assert np.isfinite(field.table).all()
+
+
+def test_a_mesh_that_is_no_lattice_keeps_its_rest_vertices(field, tmp_path):
+    moved = field.mesh.rest_vertices + np.random.default_rng().normal(
+        scale=1e-4, size=field.mesh.rest_vertices.shape
+    )
+    mesh = replace(field.mesh, rest_vertices=moved)
+    modelfile.save(replace(field, mesh=mesh), tmp_path / "moved.npz")
+    loaded = modelfile.load(tmp_path / "moved.npz")
+    np.testing.assert_array_equal(loaded.mesh.rest_vertices, moved)
+    rewrite(tmp_path / "moved.npz", rest_vertices=set_entry(np.nan))
+    with pytest.raises(ModelFileError, match="NaN"):
+        modelfile.load(tmp_path / "moved.npz")
+
+
+def test_an_unknown_entry_size_is_refused(field, tmp_path):
+    with pytest.raises(ValueError, match="4 bits"):
+        modelfile.save(field, tmp_path / "m.npz", entry_bits=4)
 
 
 def set_entry(value, index=0):
@@ -80,12 +160,18 @@ def set_entry(value, index=0):
     [
         ({"meta": None}, "no 'meta'"),
         ({"tets": None}, "'tets' is missing"),
-        ({"tets": set_entry(10**6)}, "outside 0"),
+        ({"tets": set_entry(2**16 - 1)}, "outside 0"),
         ({"tets": lambda a: a[:, [1, 0, 2, 3]]}, "rest volume"),
         ({"tets": lambda a: a.astype(np.int64)}, "int64"),
-        ({"rest_vertices": set_entry(np.nan)}, "NaN"),
-        ({"addresses": set_entry(-5)}, "addresses"),
-        ({"table_1": lambda a: a[:-1]}, "table_1"),
+        ({"addresses": lambda a: a.astype(np.int32) - 10**5}, "addresses"),
+        ({"addresses": lambda a: a[:0]}, "addresses"),
+        ({"table_1": lambda a: a[:-1]}, "'table_1' holds .* but 'reached_1' marks"),
+        ({"table_1": lambda a: a.astype(np.float32)}, "float16 or int8"),
+        ({"table_1": lambda a: a.astype(np.int8)}, "'scale_1' is missing"),
+        ({"reached_1": None}, "'table_1' holds .* but the level has"),
+        ({"reached_1": lambda a: a[:-1]}, "reached_1"),
+        ({"reached_1": lambda a: a.astype(np.int8)}, "reached_1"),
+        ({"reached_1": lambda a: ~a}, "'reached_1' marks"),
         ({"table_2": set_entry(np.inf)}, "NaN or infinite"),
         ({"color_weights_0": lambda a: a.T}, "color_weights_0"),
         ({"occupancy": lambda a: a[1:]}, "occupancy"),
@@ -100,6 +186,26 @@ def test_damage_is_named_in_one_sentence(path, changes, words):
 
 
 @pytest.mark.parametrize(
+    ("scale", "words"),
+    [(np.nan, "NaN"), (-1.0, "leaves 0"), (1e30, "leaves 0"), (None, "missing")],
+)
+def test_a_damaged_scale_is_named_in_one_sentence(field, tmp_path, scale, words):
+    path = tmp_path / "m.npz"
+    modelfile.save(field, path, entry_bits=8)
+    rewrite(path, scale_2=None if scale is None else set_entry(scale))
+    with pytest.raises(ModelFileError, match=words):
+        modelfile.load(path)
+
+
+def test_bits_beyond_the_last_entry_are_refused(path, field):
+    count = field.layout.entry_counts[1]
+    assert count % 8 > 0
+    rewrite(path, reached_1=lambda bits: np.append(bits[:-1], np.uint8(255)))
+    with pytest.raises(ModelFileError, match=f"beyond the level's {count}"):
+        modelfile.load(path)
+
+
+@pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"format_version": 99}, "version 99"),
@@ -109,62 +215,15 @@ def test_damage_is_named_in_one_sentence(path, changes, words):
         ({"feature_count": 8}, "8 features"),
         ({"dense_level_count": 0}, "0 of them dense"),
         ({"world_to_model": [1.0]}, "4x4"),
+        ({"lattice_spacing": 0.0}, "spacing is 0.0"),
+        ({"lattice_spacing": float("nan")}, "spacing is nan"),
+        ({"lattice_spacing": "wide"}, "damaged"),
+        ({"lattice_spacing": None}, "'rest_vertices' is missing"),
     ],
 )
 def test_wrong_metadata_is_named_in_one_sentence(path, changes, words):
     rewrite_meta(path, **changes)
     with pytest.raises(ModelFileError, match=words):
-        modelfile.load(path)
-
-
-def test_other_files_are_refused(tmp_path):
-    missing, text, empty = tmp_path / "a.npz", tmp_path / "b.npz", tmp_path / "c.npz"
-    text.write_text("no model")
-    with zipfile.ZipFile(empty, "w"):
-        pass
-    for path, words in ((missing, "no model file"), (text, "not a model"), (empty, "no 'meta'")):
-        with pytest.raises(ModelFileError, match=words):
-            modelfile.load(path)
-
-
-def test_a_zip_bomb_is_refused_by_its_headers(tmp_path):
-    path = tmp_path / "bomb.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        with archive.open("meta.npy", "w", force_zip64=True) as stream:
-            block = bytes(2**24)
-            for _ in range(2**31 // len(block) + 1):
-                stream.write(block)
-    with pytest.raises(ModelFileError, match="GiB"):
-        modelfile.load(path)
-
-
-def test_a_header_that_promises_too_much_is_refused(path):
-    """Without a look at it first, NumPy would ask for the memory."""
-    data = path.read_bytes()
-    shape = b"'shape': (1000000000000, 3)"
-    with np.load(path) as archive:
-        vertex_count = len(archive["rest_vertices"])
-    old = f"'shape': ({vertex_count}, 3)".encode()
-    start = data.index(b"'<f8'")
-    place = data.index(old, start)
-    end = data.index(b"\n", place)
-    header = data[place:end].replace(old, shape)
-    changed = data[:place] + header[: end - place].ljust(end - place) + data[end:]
-    path.write_bytes(changed)
-    with pytest.raises(ModelFileError):
-        modelfile.load(path)
-
-
-@pytest.mark.parametrize("flag", [0x1, 0x800001])
-def test_an_encrypted_file_is_refused(path, flag):
-    data = bytearray(path.read_bytes())
-    for signature, offset in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
-        place = data.find(signature)
-        while place >= 0:
-            data[place + offset] |= flag & 0xFF
-            place = data.find(signature, place + 4)
-    path.write_bytes(bytes(data))
-    with pytest.raises(ModelFileError):
         modelfile.load(path)
 
 
@@ -176,9 +235,3 @@ def test_a_failed_save_leaves_nothing_behind(field, tmp_path, monkeypatch):
     with pytest.raises(OSError, match="no space"):
         modelfile.save(field, tmp_path / "model.npz")
     assert not list(tmp_path.iterdir())
-
-
-def test_a_truncated_file_is_refused(path):
-    path.write_bytes(path.read_bytes()[:-2000])
-    with pytest.raises(ModelFileError):
-        modelfile.load(path)

@@ -1,5 +1,7 @@
 """The fast renderer equals the definition: at rest, moved, bent and stretched."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -188,6 +190,19 @@ def test_the_image_is_the_rays_in_bytes(make_ball_field, device):
     seen &= same
     close = np.isclose(image.depth_array()[seen], depth.reshape(40, 48)[seen], rtol=1e-4)
     assert close.mean() > 0.99
+
+
+def test_without_view_dependence_the_basis_is_left_out(make_ball_field, device):
+    """The same image as with zero weights for it, from the same samples."""
+    field = make_ball_field(12)
+    (weights, bias), *rest = field.color_layers
+    weights = weights.copy()
+    weights[17:] = 0.0  # 16 features and the constant harmonic stay
+    field = replace(field, color_layers=((weights, bias), *rest))
+    plain = replace(field, options=replace(field.options, view_dependence=False))
+    origins, directions = float32_rays(camera(40))
+    images = [Renderer(f, device).render_rays(origins, directions)[0] for f in (field, plain)]
+    np.testing.assert_allclose(*images, atol=1e-6)
 
 
 def test_strips_make_up_the_image(make_ball_field, device):

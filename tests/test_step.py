@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 import torch
-import warp as wp
 
 from deformrf.core.field.field import FieldOptions
 from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.training.datasets import Dataset
+from deformrf.core.render.lens import pinhole
+from deformrf.core.training.datasets import from_images
 from deformrf.core.training.differentiable import on_warp_stream
-from deformrf.core.training.raybank import RayBank, scene_to_unit_cube
+from deformrf.core.training.raybank import RayBank
+from deformrf.core.training.scene_box import world_to_unit_cube
 from deformrf.core.training.stage import Stage
 from deformrf.core.training.step import Step
 
@@ -23,14 +24,14 @@ def gray_disc():
     image[:, 8:16, 8:16] = (90, 90, 90, 128)
     pose = np.eye(4)[None].copy()
     pose[0, 2, 3] = 4.0
-    return Dataset(image, pose, 40.0, SIZE, SIZE, ("r_0",), "train")
+    return from_images(image, pose, [pinhole(40.0, SIZE, SIZE)], ["r_0"], "train")
 
 
 def make_step(dataset, device, seed=0):
     options = FieldOptions(level_count=4, table_size=2**10, march_step=0.02)
     stage = Stage(a15_grid(0.2), options, device, seed)
-    bank = RayBank(dataset, scene_to_unit_cube(1.5), wp.device_to_torch(device), seed)
-    step = Step(stage, bank, 1e-2, 2**14)
+    bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), device)
+    step = Step(stage, bank, 1e-2, 2**14, seed)
     step.set_ray_count(200)
     return step
 

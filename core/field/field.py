@@ -11,6 +11,7 @@ import numpy as np
 
 from ..geometry.mesh import TetMesh
 from .encoding import FEATURES, Layout, encode_reference, make_layout
+from .grid import Surroundings
 from .network import BASIS_COUNT, GEOMETRY_FEATURES, evaluate, spherical_harmonics
 
 
@@ -25,6 +26,8 @@ class FieldOptions:
         color_hidden: Widths of the color network's hidden layers.
         density_activation: "relu" or "sigmoid" (the paper's).
         march_step: Δ, the rest length of a quadrature piece, in model units.
+        view_dependence: Whether color depends on the direction; if not, the color network's
+            weights for all but the constant spherical harmonic are zero.
     """
 
     level_count: int = 6
@@ -33,6 +36,7 @@ class FieldOptions:
     color_hidden: tuple[int, ...] = (64, 64)
     density_activation: str = "relu"
     march_step: float = 0.002
+    view_dependence: bool = True
 
 
 Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -51,6 +55,7 @@ class TetField:
         density_layers, color_layers: Networks, (weights [in, out], bias [out]) per layer.
         world_to_model: Uniform scale and translation from the data's space.  [4, 4]
         meta: Provenance and metrics, plain JSON values.
+        surroundings: What lies around the object, if it is kept.
     """
 
     mesh: TetMesh
@@ -63,6 +68,7 @@ class TetField:
     options: FieldOptions
     world_to_model: np.ndarray
     meta: dict = field(default_factory=dict)
+    surroundings: Surroundings | None = None
 
     def __post_init__(self):
         assert self.neighbours.shape == (self.mesh.tet_count, 4), self.neighbours.shape

@@ -17,6 +17,7 @@ import warp as wp
 
 GEOMETRY_FEATURES = 16  # h; its first column is the logarithm of sigma
 BASIS_COUNT = 16  # spherical harmonics of degree < 4
+CONSTANT_BASIS = (0.28209479177387814, *[0.0] * (BASIS_COUNT - 1))  # no direction in it
 MAX_LOG_SIGMA = 15.0  # exp stays far from float32's and float16's limits; 3e6 is opaque
 
 

@@ -28,6 +28,11 @@ def unpack_mask(mask):
     return ((mask[:, None] >> np.arange(SUBTET_COUNT, dtype=np.uint64)) & np.uint64(1)) > 0
 
 
+def occupied_share(mask) -> float:
+    """Share of the sub-tets that may hold density."""
+    return float(np.bitwise_count(mask).mean() / SUBTET_COUNT)
+
+
 def is_occupied_reference(mask, tet, bary):
     """Whether each sample lies in an occupied sub-tet.  [N] bool"""
     path = child_path(bary, LEVELS).astype(np.uint64)

@@ -88,7 +88,25 @@ def a15_grid(spacing: float) -> TetMesh:
     inverted = signed_volumes(addresses.astype(float), ids) < 0
     ids[inverted] = ids[inverted][:, [0, 1, 3, 2]]
     return TetMesh(
-        rest_vertices=(addresses - CELL_EDGE) * float(spacing),
+        rest_vertices=lattice_vertices(addresses, spacing),
         addresses=addresses.astype(np.int32),
         tets=ids.astype(np.int32),
     )
+
+
+def lattice_vertices(addresses, spacing: float):
+    """Where the vertices of these addresses are.  [V, 3] int -> [V, 3] float64"""
+    return (addresses - CELL_EDGE) * float(spacing)  # the margin below the cube
+
+
+def lattice_spacing(mesh: TetMesh) -> float | None:
+    """The dx with which `lattice_vertices` gives the mesh's rest vertices, bit for bit."""
+    multiples = mesh.addresses - CELL_EDGE
+    ratios = mesh.rest_vertices[multiples != 0] / multiples[multiples != 0]
+    # A product and a quotient are rounded: the ratios of a lattice are a few neighbours.
+    if len(ratios) == 0 or np.ptp(ratios) > 4 * np.spacing(np.abs(ratios).max()):
+        return None
+    for spacing in np.unique(ratios):
+        if np.array_equal(lattice_vertices(mesh.addresses, spacing), mesh.rest_vertices):
+            return float(spacing)
+    return None

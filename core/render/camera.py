@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .lens import Lens, lens_rays, pinhole
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -24,6 +26,10 @@ class Camera:
     focal: float
     width: int
     height: int
+
+    @property
+    def lens(self) -> Lens:
+        return pinhole(self.focal, self.width, self.height)
 
     @property
     def position(self):
@@ -72,13 +78,7 @@ def rays(camera: Camera):
     Returns:
         origins [H·W, 3] and unit directions [H·W, 3], float64.
     """
-    u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    x = (u - 0.5 * camera.width) / camera.focal
-    y = (0.5 * camera.height - v) / camera.focal
-    local = np.stack([x, y, -np.ones_like(x)], axis=-1).reshape(-1, 3)
-    directions = local @ camera.camera_to_world[:3, :3].T
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return np.broadcast_to(camera.position, directions.shape), directions
+    return lens_rays(camera.lens, camera.camera_to_world)
 
 
 def view_projection(camera: Camera, near: float, far: float):

@@ -21,6 +21,7 @@ from ..field.encoding import FEATURES, encode_kernel, make_tables
 from ..field.field import TetField
 from .camera import Camera
 from .compositing import accumulate_kernel, empty_pixels, resolve_kernel
+from .lens import DeviceLens, LensCamera, device_lens, lens_direction
 from .marching import (
     FILL_SLOTS,
     MIDDLE,
@@ -84,21 +85,17 @@ class Image:
 @wp.kernel
 def camera_rays_kernel(
     camera_to_world: wp.mat44,
-    focal: float,
-    width: int,
-    height: int,
+    lens: DeviceLens,
     first_pixel: int,
     origins: wp.array(dtype=wp.vec3),  # out
     directions: wp.array(dtype=wp.vec3),  # out
 ):
-    """`camera.rays` for pixels first_pixel, first_pixel + 1, ..."""
+    """`lens.lens_rays` for pixels first_pixel, first_pixel + 1, ..."""
     i = wp.tid()
     pixel = first_pixel + i
-    x = (float(pixel % width) + 0.5 - 0.5 * float(width)) / focal
-    y = (0.5 * float(height) - float(pixel / width) - 0.5) / focal
-    d = wp.transform_vector(camera_to_world, wp.vec3(x, y, -1.0))
+    d = lens_direction(lens, pixel % lens.width, pixel / lens.width)
     origins[i] = wp.vec3(camera_to_world[0, 3], camera_to_world[1, 3], camera_to_world[2, 3])
-    directions[i] = wp.normalize(d)
+    directions[i] = wp.normalize(wp.transform_vector(camera_to_world, d))
 
 
 @wp.kernel
@@ -129,7 +126,7 @@ class Renderer:
         """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""
         self.pose.set_vertices(vertices)
 
-    def render(self, camera: Camera, options=None, rows=None) -> Image:
+    def render(self, camera: Camera | LensCamera, options=None, rows=None) -> Image:
         """Render the rows first..last-1 (all by default) as `camera` sees them.
 
         Args:
@@ -186,9 +183,7 @@ class Renderer:
             count,
             [
                 wp.mat44(camera.camera_to_world),
-                float(camera.focal),
-                camera.width,
-                camera.height,
+                device_lens(camera.lens),
                 first_pixel + tile[0],
             ],
             [rays.origins, rays.directions],
@@ -264,6 +259,9 @@ class Renderer:
         return features
 
     def _basis(self, rays, alive, counts, ends, samples, count):
+        if not self.field.options.view_dependence:
+            constant = network.basis_vector(network.CONSTANT_BASIS)
+            return wp.full(count, constant, dtype=network.basis_vector, device=self.device)
         basis = wp.empty(count, dtype=network.basis_vector, device=self.device)
         self._launch(
             basis_kernel,

@@ -10,7 +10,7 @@ Shapes: R rays, N samples or places for them.
 import torch
 import warp as wp
 
-from ..field.network import basis_vector
+from ..field.network import CONSTANT_BASIS, basis_vector
 from ..render.marching import (
     COUNT,
     WRITE,
@@ -20,6 +20,7 @@ from ..render.marching import (
     march_kernel,
 )
 from ..render.traversal import Pose
+from .raybank import Drawn
 
 MAX_RAY_SAMPLES = 512  # beyond, a ray is cut off
 
@@ -61,7 +62,9 @@ class Batch:
 
     Attributes:
         samples: Samples of all rays that fit, without gaps, then tet = -1.  [N]
+        origins, directions, rgba, background: The same as torch tensors.
         counts, ends: Of each ray's samples.  [R]
+        drawn: The rays, and the colors that they should see.
         basis: Spherical harmonics of the samples' directions.  torch [N, 16]
         fits: 1 where a ray's samples fit, else 0.  torch [R]
         sample_count: How many there are.  wp int [1]
@@ -72,8 +75,16 @@ class Batch:
         self.device = device
         self.capacity = capacity
         self._rays = empty_rays(ray_count, device)
-        self.origins = wp.to_torch(self._rays.origins)
-        self.directions = wp.to_torch(self._rays.directions)
+        self.drawn = Drawn(
+            self._rays.origins,
+            self._rays.directions,
+            wp.zeros(ray_count, dtype=wp.vec4, device=device),
+            wp.zeros(ray_count, dtype=wp.vec3, device=device),
+        )
+        self.origins = wp.to_torch(self.drawn.origins)
+        self.directions = wp.to_torch(self.drawn.directions)
+        self.rgba = wp.to_torch(self.drawn.rgba)
+        self.background = wp.to_torch(self.drawn.background)
         self._everyone = wp.from_torch(
             torch.arange(ray_count, dtype=torch.int32, device=wp.device_to_torch(device))
         )
@@ -90,8 +101,11 @@ class Batch:
     def ray_count(self) -> int:
         return len(self.counts)
 
-    def march(self, pose: Pose, mask, step: float):
-        """Find the samples of `origins` and `directions`, jittered by `seed`."""
+    def march(self, pose: Pose, mask, step: float, view_dependence=True):
+        """Find the samples of the rays, jittered by `seed`.
+
+        Without `view_dependence` their basis is constant.
+        """
         common = [pose.geometry, mask, self._rays, self._everyone, step, MAX_RAY_SAMPLES, self.seed]
         nowhere = empty_samples(0, self.device)
         self._launch(
@@ -111,6 +125,9 @@ class Batch:
             march_kernel, self.ray_count, [*common, WRITE, self.ends], [self.samples, self.counts]
         )
         self._launch(mark_unused_kernel, room, [self.sample_count], [self.samples.tet])
+        if not view_dependence:
+            self.basis[:, 0] = CONSTANT_BASIS[0]
+            return
         self._launch(
             basis_kernel,
             self.ray_count,

@@ -1,16 +1,14 @@
-"""Posed images on disk, in the Blender layout of NeRF-synthetic.
+"""Posed images on disk: which layout a folder has, and its images in memory.
 
-A folder holds transforms_<split>.json: `camera_angle_x`, the horizontal field of view in
-radians, and `frames`, each with a `file_path` (relative, its ending may be left out) and a
-`transform_matrix`, camera to world (OpenGL axes: the camera looks along −z, y is up).
+| layout | recognised by | read by |
+|---|---|---|
+| Blender, instant-ngp, nerfstudio | transforms_<split>.json, or transforms.json | transforms.py |
+| NSVF (Tanks and Temples) | rgb/ and pose/ | nsvf.py |
+| COLMAP | sparse/0/cameras.bin | colmap.py |
 
-The camera is a pinhole with its axis through the image's center; lens distortion and other
-intrinsics that some tools write into the same file are not used.
-
-Shapes: N views of H rows and W columns.
+Shapes: N views of H_i rows and W_i columns, P pixels in all.
 """
 
-import json
 import os
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -22,14 +20,12 @@ from PIL import Image, UnidentifiedImageError
 from rich.console import Console
 from rich.progress import Progress
 
-from ..render.camera import Camera
+from ..render.lens import Lens, LensCamera
+from . import colmap, nsvf, transforms
+from .capture import Capture, DatasetError
 
-ENDINGS = ("", ".png", ".webp", ".jpg", ".jpeg")
 SILENT_SECONDS = 2.0  # a load that takes longer shows a progress bar
-
-
-class DatasetError(ValueError):
-    """The folder is not a data set that can be read; the message is one sentence for the user."""
+UNREADABLE = (OSError, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError)
 
 
 @dataclass(frozen=True)
@@ -37,24 +33,27 @@ class Dataset:
     """The views of one split.
 
     Attributes:
-        images: RGBA, straight alpha as stored; 255 where the file has none.  [N, H, W, 4] uint8
-        poses: Camera to world.  [N, 4, 4] float64
-        focal: In pixels, of the images as loaded.
-        width, height: In pixels.
-        names: One per view, the image's file name without its ending.
+        pixels: RGBA, straight alpha as stored, 255 where the file has none; view after view,
+            row after row.  [P, 4] uint8
+        poses: Camera to world, OpenGL's axes.  [N, 4, 4] float64
+        lenses: Of each view, in pixels of the images as loaded.  [N]
+        names: One per view, the image's file name without its ending.  [N]
         split: "train", "test", ...
+        missing: Images that the files name but that are not there.
+        bounds: Lowest and highest corner of the object's box, if the files have one.  [2, 3]
     """
 
-    images: np.ndarray
+    pixels: np.ndarray
     poses: np.ndarray
-    focal: float
-    width: int
-    height: int
+    lenses: tuple[Lens, ...]
     names: tuple[str, ...]
     split: str
+    missing: tuple[str, ...] = ()
+    bounds: np.ndarray | None = None
 
     def __post_init__(self):
-        assert self.images.shape == (self.view_count, self.height, self.width, 4)
+        assert len(self.lenses) == len(self.names) == len(self.poses)
+        assert self.pixels.shape == (self.first_pixels[-1], 4), self.pixels.shape
         assert self.poses.shape == (self.view_count, 4, 4), self.poses.shape
 
     @property
@@ -62,16 +61,51 @@ class Dataset:
         return len(self.names)
 
     @property
+    def first_pixels(self):
+        """Where each view's pixels begin, and P.  [N + 1]"""
+        return np.cumsum([0, *(lens.width * lens.height for lens in self.lenses)])
+
+    @property
     def has_alpha(self) -> bool:
         """Whether any pixel is not opaque: then alpha is a measurement, else it is unknown."""
-        return bool((self.images[..., 3] < 255).any())
+        return bool((self.pixels[:, 3] < 255).any())
+
+    def image(self, view: int):
+        """RGBA of one view.  [H, W, 4] uint8"""
+        first, last = self.first_pixels[view : view + 2]
+        lens = self.lenses[view]
+        return self.pixels[first:last].reshape(lens.height, lens.width, 4)
+
+    def camera(self, view: int) -> LensCamera:
+        """The camera of one view, in world space."""
+        return LensCamera(self.poses[view], self.lenses[view])
+
+    def subset(self, views) -> "Dataset":
+        """Some of the views, by their numbers."""
+        return from_images(
+            [self.image(v) for v in views],
+            self.poses[list(views)],
+            [self.lenses[v] for v in views],
+            [self.names[v] for v in views],
+            self.split,
+            self.missing,
+            self.bounds,
+        )
+
+
+def from_images(images, poses, lenses, names, split, missing=(), bounds=None) -> Dataset:
+    """A Dataset of images in memory, RGBA uint8 [H_i, W_i, 4] each."""
+    pixels = np.concatenate([image.reshape(-1, 4) for image in images])
+    return Dataset(
+        pixels, np.asarray(poses), tuple(lenses), tuple(names), split, tuple(missing), bounds
+    )
 
 
 def load(folder, split, image_size=None, view_count=None) -> Dataset:
     """Read one split.
 
     Args:
-        folder: Where transforms_<split>.json is.
+        folder: The data set.
         split: "train", "test", ...
         image_size: Longer side in pixels to shrink the images to; they are never enlarged.
         view_count: Read that many views, spread evenly over the split; None reads all.
@@ -82,25 +116,49 @@ def load(folder, split, image_size=None, view_count=None) -> Dataset:
     for name, value in (("image size", image_size), ("number of views", view_count)):
         if value is not None and value < 1:
             raise DatasetError(f"The {name} is {value}: it has to be at least 1")
+    capture = read_capture(Path(folder), split)
+    views = capture.views
+    if view_count is not None and view_count < len(views):
+        chosen = np.linspace(0, len(views) - 1, view_count).round().astype(int)
+        views = [views[i] for i in chosen]
+    lenses = []
+    for view in views:
+        width, height = size_on_disk(view.path)
+        lens = view.lens(width, height)
+        lenses.append(lens.resized(*shrunk_size(width, height, image_size)))
+    pixels = read_images([view.path for view in views], lenses)
+    poses = np.stack([view.camera_to_world for view in views])
+    names = tuple(view.path.stem for view in views)
+    return Dataset(pixels, poses, tuple(lenses), names, split, capture.missing, capture.bounds)
+
+
+def read_capture(folder, split) -> Capture:
+    """What the files say of a split, in whichever layout the folder has."""
+    if not folder.is_dir():
+        raise DatasetError(f"{folder} is not a folder: give the one that holds the data set")
+    if transforms.transforms_path(folder, split):
+        return transforms.read(folder, split)
+    if nsvf.is_here(folder):
+        return nsvf.read(folder, split)
+    if colmap.sparse_folder(folder):
+        return colmap.read(folder, split)
+    others = ", ".join(sorted(p.name for p in folder.glob("transforms*.json"))) or "none"
+    raise DatasetError(
+        f"{folder} holds no transforms_{split}.json (transforms files there: {others}), and "
+        f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP)"
+    )
+
+
+def has_test_split(folder) -> bool:
+    """Whether there are views to score a model with; a transforms_test.json always counts."""
     folder = Path(folder)
-    scene = read_transforms(folder, split)
-    frames = scene["frames"]
-    if view_count is not None and view_count < len(frames):
-        chosen = np.linspace(0, len(frames) - 1, view_count).round().astype(int)
-        frames = [frames[i] for i in chosen]
-    paths = [image_path(folder, frame) for frame in frames]
-    poses = np.stack([pose(frame) for frame in frames])
-    images = read_images(paths, image_size)
-    height, width = images.shape[1:3]
-    focal = 0.5 * width / np.tan(0.5 * scene["camera_angle_x"])
-    names = tuple(path.stem for path in paths)
-    return Dataset(images, poses, float(focal), width, height, names, split)
-
-
-def cameras(dataset: Dataset) -> list[Camera]:
-    """The camera of each view, in world space."""
-    size = dataset.width, dataset.height
-    return [Camera(pose, dataset.focal, *size) for pose in dataset.poses]
+    if (folder / "transforms_test.json").is_file():
+        return True
+    try:
+        read_capture(folder, "test")
+    except DatasetError:
+        return False
+    return True
 
 
 def white_composite(images):
@@ -110,90 +168,49 @@ def white_composite(images):
     return values[..., :3] * alpha + (1.0 - alpha)
 
 
-def read_transforms(folder, split) -> dict:
-    """transforms_<split>.json, checked as far as a file by itself can be."""
-    path = folder / f"transforms_{split}.json"
-    if not folder.is_dir():
-        raise DatasetError(f"{folder} is not a folder: give the one that holds {path.name}")
-    if not path.is_file():
-        others = ", ".join(sorted(p.name for p in folder.glob("transforms*.json"))) or "none"
-        raise DatasetError(f"{folder} holds no {path.name} (transforms files there: {others})")
+def size_on_disk(path):
+    """Width and height, without decoding the image."""
     try:
-        scene = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise DatasetError(f"{path} is not JSON: {error}") from None
-    if not isinstance(scene, dict) or not isinstance(scene.get("frames", []), list):
-        raise DatasetError(f"{path} has to be a JSON object with a list of frames")
-    if not scene.get("frames"):
-        raise DatasetError(f"{path} lists no frames: there is nothing to load")
-    angle = scene.get("camera_angle_x")
-    if not isinstance(angle, int | float) or not 0.0 < angle < np.pi:
-        raise DatasetError(
-            f"{path} has camera_angle_x = {angle}: it has to be the horizontal field of view "
-            f"in radians, between 0 and 3.14"
-        )
-    return scene
+        with Image.open(path) as file:
+            return file.size
+    except UNREADABLE:
+        raise DatasetError(f"{path} can't be read as an image") from None
 
 
-def image_path(folder, frame) -> Path:
-    name = frame.get("file_path") if isinstance(frame, dict) else None
-    if not isinstance(name, str) or not name:
-        raise DatasetError(f"A frame of the data set in {folder} has no file_path")
-    for ending in ENDINGS:
-        path = folder / (name + ending)
-        if path.is_file():
-            return path
-    raise DatasetError(
-        f"The image {folder / name} is missing (tried as it is, and with .png, .webp, .jpg, .jpeg)"
-    )
+def shrunk_size(width, height, image_size):
+    if image_size is None or image_size >= max(width, height):
+        return width, height
+    scale = image_size / max(width, height)
+    return tuple(max(1, round(scale * side)) for side in (width, height))
 
 
-def pose(frame):
-    """A frame's camera-to-world matrix.  [4, 4] float64"""
-    try:
-        matrix = np.array(frame["transform_matrix"], np.float64)
-    except (KeyError, TypeError, ValueError):
-        matrix = np.empty(0)
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise DatasetError(
-            f"The transform_matrix of {frame['file_path']} has to be 4 rows of 4 finite numbers"
-        )
-    return matrix
+def read_images(paths, lenses):
+    """All images in their lenses' sizes, decoded by a few threads.  [P, 4] uint8"""
+    first = np.cumsum([0, *(lens.width * lens.height for lens in lenses)])
+    pixels = np.empty((first[-1], 4), np.uint8)
 
+    def read(index):
+        lens = lenses[index]
+        image = read_image(paths[index], lens.width, lens.height)
+        pixels[first[index] : first[index + 1]] = image.reshape(-1, 4)
 
-def read_images(paths, image_size=None):
-    """All images, decoded by a few threads.  [N, H, W, 4] uint8"""
-    images = None
     with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
-        decoded = pool.map(lambda path: read_image(path, image_size), paths)
-        for index, (image, size) in enumerate(slow_track(decoded, len(paths), "Loading images")):
-            if images is None:
-                images = np.empty((len(paths), *image.shape), np.uint8)
-                first_size = size
-            if size != first_size:
-                raise DatasetError(
-                    f"{paths[index]} has {size[0]}x{size[1]} pixels, but {paths[0].name} "
-                    f"{first_size[0]}x{first_size[1]}: all images need one size"
-                )
-            images[index] = image
-    return images
+        for _ in slow_track(pool.map(read, range(len(paths))), len(paths), "Loading images"):
+            pass
+    return pixels
 
 
-def read_image(path, image_size):
-    """One image, shrunk if asked for, and its size (width, height) on disk."""
+def read_image(path, width, height):
+    """One image, shrunk to that size.  [H, W, 4] uint8"""
     try:
         with Image.open(path) as file:
             image = file.convert("RGBA")
-    except (OSError, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError):
-        # Pillow raises SyntaxError where a PNG's chunks are broken.
+    except UNREADABLE:  # Pillow raises SyntaxError where a PNG's chunks are broken
         raise DatasetError(f"{path} can't be read as an image") from None
-    size = image.size
-    if image_size is not None and image_size < max(size):
-        scale = image_size / max(size)
-        smaller = tuple(max(1, round(scale * side)) for side in size)
+    if image.size != (width, height):
         # A box filter is the mean over a pixel's area; Pillow weights RGBA by alpha for it.
-        image = image.resize(smaller, Image.Resampling.BOX)
-    return np.asarray(image), size
+        image = image.resize((width, height), Image.Resampling.BOX)
+    return np.asarray(image)
 
 
 def slow_track(items, count, description):

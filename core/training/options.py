@@ -8,7 +8,8 @@ class TrainOptions:
     """Settings of a training run; lengths are in model units (the scene box has edge 1).
 
     Attributes:
-        scene_radius: The box from -r to r in the data's space becomes the unit cube.
+        aabb: The object's box in the data's space, lowest and highest corner; see scene_box.py.
+        scene_radius: The box from -r to r, if there is no aabb; None leaves it to the data.
         spacing: dx of the A15 grid of stage 1 (the paper's 0.02).
         coarse_steps: Optimiser steps of stage 1, which finds the occupied tets.
         fine_steps: Optimiser steps of stage 2, on the kept tets with all levels.
@@ -19,11 +20,15 @@ class TrainOptions:
         march_step: Δ, rest length of a quadrature piece.
         samples_per_step: Samples that an optimiser step aims at; the ray count follows.
         learning_rate: Of Adam at the start; falls along a cosine.
+        surroundings: What is behind the object: "white" (or what alpha cuts out), "learnt"
+            beside it, or "auto": learnt where images have neither alpha nor a white border.
+        view_dependence: Whether color may depend on the direction.
         distortion: Weight of the distortion loss (the paper's 1e-2).
         seed: Of all random choices.
     """
 
-    scene_radius: float = 1.5
+    aabb: tuple[float, ...] | None = None
+    scene_radius: float | None = None
     spacing: float = 0.02
     coarse_steps: int = 1500
     fine_steps: int = 15000
@@ -34,6 +39,8 @@ class TrainOptions:
     march_step: float = 0.002
     samples_per_step: int = 2**18
     learning_rate: float = 1e-2
+    surroundings: str = "auto"
+    view_dependence: bool = True
     distortion: float = 1e-2
     seed: int = 0
 

@@ -1,7 +1,7 @@
 """The progress bar of a training run: PSNR, samples per second, time left."""
 
 import time
-from math import log10
+from math import isfinite, log10
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -26,9 +26,13 @@ class TrainingProgress:
     def __exit__(self, *_):
         self._bar.stop()
 
-    def begin(self, title: str, step_count: int):
+    def begin(self, title: str, step_count: int, done: int = 0):
         self._since = time.perf_counter()
-        return self._bar.add_task(title, total=step_count, psnr="", rate="")
+        return self._bar.add_task(title, total=step_count, completed=done, psnr="", rate="")
+
+    def say(self, sentence: str):
+        """A line above the bar."""
+        self._bar.console.print(sentence)
 
     def advance(self, task, step_count: int, mse: float, sample_count: int):
         """Count steps; `mse` and `sample_count` are those of the last one."""
@@ -38,6 +42,6 @@ class TrainingProgress:
         self._bar.update(
             task,
             advance=step_count,
-            psnr=f"{-10.0 * log10(max(mse, 1e-12)):.2f} dB",
+            psnr=f"{-10.0 * log10(max(mse, 1e-12)):.2f} dB" if isfinite(mse) else "lost",
             rate=f"{rate / 1e6:.1f} M samples/s",
         )

@@ -15,6 +15,7 @@ import warp as wp
 
 from ..field.encoding import make_layout, make_tables
 from ..field.field import FieldOptions, TetField, random_field
+from ..field.network import GEOMETRY_FEATURES
 from ..field.network_torch import Networks
 from ..field.occupancy import LEVELS, SUBTET_COUNT, subtet_of
 from ..geometry.mesh import TetMesh, tet_neighbours
@@ -48,10 +49,11 @@ def mark_seen_kernel(
 class Stage:
     """A learning field; see the module's text."""
 
-    def __init__(self, mesh: TetMesh, options: FieldOptions, device, seed=0):
+    def __init__(self, mesh: TetMesh, options: FieldOptions, device, seed=0, surroundings=None):
         self.device = wp.get_device(device)
         self.torch_device = torch.device(wp.device_to_torch(self.device))
         self.options = options
+        self.surroundings = surroundings  # LearntSurroundings, or None
         neighbours = tet_neighbours(mesh.tets)
         self._start = random_field(mesh, neighbours, options, seed, INITIAL_CONTRAST)
         self.layout = make_layout(mesh, options.level_count, options.table_size)
@@ -82,7 +84,8 @@ class Stage:
         Returns:
             color [R, 3] without background, opacity [R], distortion [R], weights [N].
         """
-        batch.march(self.pose, self.mask, self.options.march_step)
+        options = self.options
+        batch.march(self.pose, self.mask, options.march_step, options.view_dependence)
         samples = batch.samples
         with self.precision():
             features = self.encode(samples.tet, samples.bary)
@@ -130,20 +133,17 @@ class Stage:
         return self.networks.sigma(h) * self.options.march_step
 
     @torch.no_grad()
-    def hide_unseen(self, ray_batches, smallest_weight):
+    def hide_unseen(self, batches, smallest_weight):
         """Mask sub-tets in which no ray has a sample of at least that weight.
 
         What no camera ever saw, above all the inside of opaque parts, stays hidden in
         every pose, because optical depth is measured in rest space.
 
         Args:
-            ray_batches: Iterable of (origins, directions).
+            batches: Iterable of Batch, with rays.
         """
         seen = torch.zeros(self.thickness.numel(), device=self.torch_device)
-        for seed, (origins, directions) in enumerate(ray_batches, start=1):
-            batch = Batch(len(origins), None, self.device)
-            batch.origins.copy_(origins)
-            batch.directions.copy_(directions)
+        for seed, batch in enumerate(batches, start=1):
             batch.seed.fill_(seed)
             weights = self.trace(batch)[3]
             wp.launch(
@@ -160,9 +160,36 @@ class Stage:
     def occupied_share(self) -> float:
         return float(self.occupied.float().mean())
 
+    def parameters(self) -> list:
+        """What is trained: the table, then the networks' weights."""
+        around = self.surroundings.parameters() if self.surroundings else ()
+        return [self.table, *self.networks.parameters(), *around]
+
+    def state(self) -> dict:
+        """Everything that learning changes, as tensors."""
+        return {
+            "parameters": [p.detach() for p in self.parameters()],
+            "thickness": self.thickness,
+            "occupied": self.occupied,
+            "hidden": self.hidden,
+            "generator": self._generator.get_state(),
+        }
+
+    @torch.no_grad()
+    def load_state(self, state: dict):
+        """Go on from `state`, which has to be that of a stage with this mesh and options."""
+        for mine, saved in zip(self.parameters(), state["parameters"], strict=True):
+            mine.copy_(saved)
+        for name in ("thickness", "occupied", "hidden"):
+            getattr(self, name).copy_(state[name])
+        self._generator.set_state(state["generator"].cpu())
+        self.refresh_mask()
+
     def export(self, world_to_model, meta) -> TetField:
         """The field as it stands."""
         density, color = self.networks.layers()
+        if not self.options.view_dependence:
+            color[0][0][GEOMETRY_FEATURES + 1 :] = 0.0  # nothing has trained them
         return replace(
             self._start,
             occupancy=self.mask.numpy(),
@@ -171,6 +198,7 @@ class Stage:
             color_layers=color,
             world_to_model=world_to_model,
             meta=meta,
+            surroundings=self.surroundings and self.surroundings.export(),
         )
 
     def precision(self):

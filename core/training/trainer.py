@@ -13,97 +13,223 @@ at its best on the background it is scored on.
 
 import time
 from dataclasses import asdict, dataclass, replace
-from math import cos, pi
 
 import numpy as np
 import torch
 import warp as wp
 
 from ..field.field import FieldOptions, TetField
+from ..field.levels import levels_below_pixel, narrowest_pixel
 from ..field.occupancy import fill_enclosed
 from ..geometry.lattice import a15_grid
 from ..geometry.mesh import TetMesh, extract, face_components, tet_neighbours
-from .datasets import Dataset, DatasetError
+from ..render.camera import in_space
+from . import checkpoint as checkpoints
+from .batch import Batch
+from .capture import DatasetError
+from .checkpoint import Checkpoint
+from .datasets import Dataset
 from .differentiable import on_warp_stream
+from .fit import Diverged, Fit
 from .options import TrainOptions
 from .progress import TrainingProgress
-from .raybank import RayBank, scene_to_unit_cube
+from .raybank import RayBank
+from .scene_box import has_white_border, object_box, world_to_unit_cube
 from .stage import Stage
-from .step import Step
+from .surroundings import LearntSurroundings, random_surroundings
 
-WARM_UP_STEPS = 100
-FINAL_RATE = 0.01  # of the first learning rate, at the cosine's end
-WHITE_SHARE = 0.2  # of the steps, at the end
-OCCUPANCY_INTERVAL = 16  # steps
-OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
 UNSEEN_WEIGHT = 1e-3  # a sub-tet that never contributes as much is hidden
 COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
 COARSE_LOOK, FINE_LOOK = 4, 16  # rays that look for it, over the samples of a step
 SMALLEST_COMPONENT = 0.005  # of the tets; smaller ones are floaters
-RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
-FILLED = 0.9  # share of a step's room for samples that the number of rays aims at
+CHECKPOINT_SECONDS = 60.0
 
 
 @dataclass
 class Trained:
-    """What `train` returns: the field, what happened, and whether it was cut short."""
+    """What `train` returns.
+
+    Attributes:
+        field: As far as it came.
+        report: What happened, plain JSON values.
+        interrupted: Ctrl-C ended it early.
+        diverged: Why it ended early, a sentence, or None.
+    """
 
     field: TetField
     report: dict
     interrupted: bool
+    diverged: str | None = None
+
+    @property
+    def complete(self) -> bool:
+        return not self.interrupted and self.diverged is None
 
 
-def train(dataset: Dataset, options: TrainOptions, device="cpu", name="") -> Trained:
+def train(
+    dataset: Dataset,
+    options: TrainOptions,
+    device="cpu",
+    name="",
+    checkpoint_path=None,
+    resumed: Checkpoint | None = None,
+) -> Trained:
     """Train a field.
 
     Args:
         dataset: The training views.
         device: A Warp device.
         name: Of the data, for the model file.
+        checkpoint_path: Where the run is written every minute and when it is interrupted.
+        resumed: Go on from there; `options` have to be its own.
 
-    A KeyboardInterrupt ends the run early; the field is then what there is.
+    A KeyboardInterrupt or a loss that is lost ends the run early; the field is then what
+    there is.
     """
-    torch.manual_seed(options.seed)
     wp.init()
-    world_to_model = scene_to_unit_cube(options.scene_radius)
-    start = time.perf_counter()
-    report = {
-        "data": name,
-        "view_count": dataset.view_count,
-        "image_size": [dataset.width, dataset.height],
-        "options": asdict(options),
-    }
-    interrupted = False
+    run = _Run(dataset, options, device, name, checkpoint_path, resumed)
     with on_warp_stream(device), TrainingProgress() as progress:
-        bank = RayBank(dataset, world_to_model, wp.device_to_torch(device), options.seed)
-        stage = Stage(a15_grid(options.spacing), coarse_options(options), device, options.seed)
-        try:
-            _fit(stage, bank, dataset.has_alpha, options, options.coarse_steps, "stage 1", progress)
-            stage.update_occupancy()
-            rays = _looking_rays(bank, COARSE_LOOK * options.samples_per_step)
-            stage.hide_unseen(rays, COARSE_UNSEEN_WEIGHT)
-            report["stage_1_seconds"] = time.perf_counter() - start
+        return run.train(progress)
 
-            mesh = kept_mesh(stage)
-            report["stage_1_tet_count"], report["tet_count"] = stage.mesh.tet_count, mesh.tet_count
-            stage = Stage(mesh, field_options(options), device, options.seed)
-            _fit(stage, bank, dataset.has_alpha, options, options.fine_steps, "stage 2", progress)
-            rays = _looking_rays(bank, FINE_LOOK * options.samples_per_step)
-            stage.hide_unseen(rays, UNSEEN_WEIGHT)
+
+class _Run:
+    """The two stages, and where between them a run is."""
+
+    def __init__(self, dataset, options, device, name, checkpoint_path, resumed):
+        self.dataset, self.options, self.device = dataset, options, device
+        self.checkpoint_path, self.resumed = checkpoint_path, resumed
+        self.start = self.saved = time.perf_counter()
+        self.stage = self.fit = None
+        self.surroundings = None
+        self.memory = [0, 0]  # bytes at most, of each stage
+        if resumed:
+            self.world_to_model, self.report = resumed.world_to_model, dict(resumed.report)
+            self.start -= self.report["seconds"]
+        else:
+            self.world_to_model = world_to_unit_cube(dataset, options.aabb, options.scene_radius)
+            self.report = {
+                "data": name,
+                "view_count": dataset.view_count,
+                "image_size": list(max((lens.width, lens.height) for lens in dataset.lenses)),
+                "missing_images": len(dataset.missing),
+                "options": asdict(options),
+            }
+        self.box = object_box(self.world_to_model, options.aabb)
+
+    def train(self, progress) -> Trained:
+        if learns_surroundings(self.dataset, self.options):
+            start = random_surroundings(self.box, self.options.seed)
+            self.surroundings = LearntSurroundings(start, self.device)
+        interrupted, diverged = False, None
+        try:
+            bank = RayBank(self.dataset, self.world_to_model, self.device)
+            mesh = boxed(a15_grid(self.options.spacing), self.box, self.options.spacing)
+            if self.resumed is None or self.resumed.stage == 1:
+                self._coarse(mesh, bank, progress)
+                mesh = kept_mesh(self.stage)
+                self.report["stage_1_tet_count"] = self.stage.mesh.tet_count
+                self.report["tet_count"] = mesh.tet_count
+            else:
+                mesh = self.resumed.mesh
+            self._fine(mesh, bank, progress)
         except KeyboardInterrupt:
             interrupted = True
-        report["seconds"] = time.perf_counter() - start
+            if self.stage is None:
+                raise  # there is nothing yet to keep
+            self._save()
+        except Diverged as error:
+            diverged = str(error)
+        return self._result(interrupted, diverged)
+
+    def _coarse(self, mesh, bank, progress):
+        self._fit(1, mesh, coarse_options(self.options), self.options.coarse_steps, bank, progress)
+        self.stage.update_occupancy()
+        looks = _looking_batches(bank, self.device, COARSE_LOOK * self.options.samples_per_step)
+        self.stage.hide_unseen(looks, COARSE_UNSEEN_WEIGHT)
+        self.report["stage_1_seconds"] = time.perf_counter() - self.start
+
+    def _fine(self, mesh, bank, progress):
+        self._fit(2, mesh, field_options(self.options), self.options.fine_steps, bank, progress)
+        looks = _looking_batches(bank, self.device, FINE_LOOK * self.options.samples_per_step)
+        self.stage.hide_unseen(looks, UNSEEN_WEIGHT)
+
+    def _fit(self, number, mesh, field_options_, step_count, bank, progress):
+        self.fit = None  # the stage before gives its memory back
+        seed = self.options.seed
+        self.stage = Stage(mesh, field_options_, self.device, seed, self.surroundings)
+        has_alpha = self.dataset.has_alpha
+        self.stage_number = number
+        if self.stage.device.is_cuda:
+            torch.cuda.reset_peak_memory_stats()
+        self.fit = Fit(self.stage, bank, self.options, has_alpha, step_count)
+        if self.resumed and self.resumed.stage == number:
+            self.fit.load_state(self.resumed.fit)
+        self.fit.run(progress, f"stage {number}", self._pause)
+        self._note_memory()
+
+    def _note_memory(self):
+        """torch's highest so far in this stage, and what Warp holds: it holds it throughout."""
+        if self.stage.device.is_cuda:
+            used = torch.cuda.max_memory_allocated()
+            used += wp.get_mempool_used_mem_current(self.stage.device)
+            number = self.stage_number - 1
+            self.memory[number] = max(self.memory[number], used)
+
+    def _pause(self):
+        self._note_memory()
+        if time.perf_counter() - self.saved > CHECKPOINT_SECONDS:
+            self._save()
+
+    def _save(self):
+        if self.checkpoint_path is None or self.fit is None:
+            return
+        report = {**self.report, "seconds": time.perf_counter() - self.start}
+        checkpoints.save(
+            Checkpoint(
+                *(self.options, self.stage_number, self.stage.mesh, self.fit.state()),
+                *(self.world_to_model, report),
+            ),
+            self.checkpoint_path,
+        )
+        self.saved = time.perf_counter()
+
+    def _levels_below_pixel(self) -> list[int]:
+        """Levels that no training image could tell apart."""
+        positions = in_space(self.dataset.poses, self.world_to_model)[:, :3, 3]
+        focals = np.array([max(lens.focal) for lens in self.dataset.lenses])
+        mesh = self.stage.mesh
+        pixel = narrowest_pixel(positions, focals, mesh.rest_vertices)
+        return levels_below_pixel(mesh, self.stage.options.level_count, pixel)
+
+    def _result(self, interrupted, diverged) -> Trained:
+        stage, report = self.stage, self.report
+        report["seconds"] = time.perf_counter() - self.start
         report["interrupted"] = interrupted
+        if diverged:
+            report["diverged"] = diverged
         report["occupied_share"] = stage.occupied_share()
         if stage.device.is_cuda:
-            report["peak_memory_bytes"] = torch.cuda.max_memory_allocated() + (
-                wp.get_mempool_used_mem_high(stage.device)
-            )
+            report["peak_memory_bytes"] = self.memory
         report["device"] = stage.device.name
-        field = stage.export(world_to_model, report)
-    return Trained(field, report, interrupted)
+        report["levels_below_pixel"] = self._levels_below_pixel()
+        field = stage.export(self.world_to_model, report)
+        return Trained(field, report, interrupted, diverged)
+
+
+def learns_surroundings(dataset: Dataset, options: TrainOptions) -> bool:
+    """Whether what is around the object is learnt; see TrainOptions.surroundings."""
+    if options.surroundings == "auto":
+        return not dataset.has_alpha and not has_white_border(dataset)
+    return options.surroundings == "learnt"
+
+
+def boxed(mesh: TetMesh, box, spacing) -> TetMesh:
+    """The tets of a grid that lie in a box or at its border."""
+    centers = mesh.rest_vertices[mesh.tets].mean(axis=1)
+    inside = ((centers > box[0] - spacing) & (centers < box[1] + spacing)).all(axis=1)
+    return mesh if inside.all() else extract(mesh, inside)[0]
 
 
 def field_options(options: TrainOptions) -> FieldOptions:
@@ -113,6 +239,7 @@ def field_options(options: TrainOptions) -> FieldOptions:
         density_hidden=(64,) * options.density_layers,
         density_activation=options.density_activation,
         march_step=options.march_step,
+        view_dependence=options.view_dependence,
     )
 
 
@@ -148,50 +275,19 @@ def kept_mesh(stage: Stage) -> TetMesh:
     return extract(mesh, keep)[0]
 
 
-def learning_rate(step: int, step_count: int, highest: float) -> float:
-    """Linear warm-up, then a cosine down to FINAL_RATE."""
-    warm_up = min(1.0, (step + 1) / WARM_UP_STEPS)
-    fall = 0.5 * (1.0 + cos(pi * step / step_count))
-    return highest * warm_up * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
-
-
-def _fit(stage, bank, has_alpha, options, step_count, title, progress):
-    """Optimise for that many steps."""
-    step = Step(stage, bank, options.distortion, options.samples_per_step)
-    step.set_ray_count(RAYS_AT_START)
-    task = progress.begin(title, step_count)
-    shown = 0
-    for number in range(step_count):
-        if number % OCCUPANCY_INTERVAL == 0 and number > 0:
-            stage.update_occupancy(1.0 if number < OCCUPANCY_WARM_UP else 0.25)
-            sample_count = step.sample_count()
-            progress.advance(task, number - shown, float(step.error), sample_count)
-            shown = number
-            ray_count = next_ray_count(step.batch.ray_count, sample_count, options.samples_per_step)
-            if ray_count != step.batch.ray_count:
-                step.set_ray_count(ray_count)
-        white = not has_alpha or number >= (1.0 - WHITE_SHARE) * step_count
-        step.run(learning_rate(number, step_count, options.learning_rate), white)
-    progress.advance(task, step_count - shown, float(step.error), step.sample_count())
-
-
-def next_ray_count(ray_count, sample_count, room):
-    """As many rays as fill the room for samples without overflowing it.
-
-    It stays as it is while that is nearly so: a new number costs a new CUDA graph.
-    """
-    filled = sample_count / room
-    if 0.8 <= filled <= 1.0:
-        return ray_count
-    wanted = ray_count * np.clip(FILLED / max(filled, 1e-6), 0.25, 4.0)
-    return int(np.clip(wanted, FEWEST_RAYS, MOST_RAYS))
-
-
-def _looking_rays(bank: RayBank, most: int, batch=1 << 14):
+def _looking_batches(bank: RayBank, device, most: int, size=1 << 14):
     """Batches of rays through all training pixels, or through `most` random ones."""
     if bank.pixel_count > most:
-        for _ in range(-(-most // batch)):
-            yield bank.draw(batch)[:2]
+        seed = wp.zeros(1, dtype=int, device=device)
+        for number in range(-(-most // size)):
+            batch = Batch(size, None, device)
+            seed.fill_(number)
+            bank.draw(seed, batch.drawn)
+            yield batch
     else:
-        for part in torch.arange(bank.pixel_count, device=bank.images.device).split(batch):
-            yield bank.rays(part)[:2]
+        everything = np.arange(bank.pixel_count, dtype=np.int32)
+        for first in range(0, bank.pixel_count, size):
+            chosen = wp.array(everything[first : first + size], dtype=int, device=device)
+            batch = Batch(len(chosen), None, device)
+            bank.look_up(chosen, batch.drawn)
+            yield batch

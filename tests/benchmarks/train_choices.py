@@ -7,7 +7,6 @@ view, which is held aside, never on test views.
 """
 
 import argparse
-from dataclasses import replace
 
 import numpy as np
 
@@ -32,14 +31,7 @@ CHOICES = {
 def split(dataset):
     """Training views and every fifth one, held aside."""
     aside = np.arange(dataset.view_count) % 5 == 2
-
-    def part(chosen):
-        names = tuple(np.array(dataset.names)[chosen])
-        return replace(
-            dataset, images=dataset.images[chosen], poses=dataset.poses[chosen], names=names
-        )
-
-    return part(~aside), part(aside)
+    return dataset.subset(np.flatnonzero(~aside)), dataset.subset(np.flatnonzero(aside))
 
 
 def main():

@@ -57,9 +57,8 @@ def parts_of(step, times):
         times.setdefault(name, []).append(1e3 * (now - start))
         start = now
 
-    origins, directions, rgba = bank.draw(batch.ray_count)
-    batch.origins.copy_(origins)
-    batch.directions.copy_(directions)
+    bank.draw(batch.seed, batch.drawn)
+    rgba = batch.rgba
     done("draw")
     batch.march(stage.pose, stage.mask, stage.options.march_step)
     done("march")
@@ -94,7 +93,7 @@ def main():
     views = datasets.load(arguments.data, "train", view_count=20)
     with on_warp_stream(arguments.device):
         stage = trained_stage(field, arguments.device)
-        bank = RayBank(views, field.world_to_model, wp.device_to_torch(arguments.device))
+        bank = RayBank(views, field.world_to_model, arguments.device)
         step = Step(stage, bank, options.distortion, options.samples_per_step)
         ray_count = 1 << 10
         for _ in range(8):

@@ -1,0 +1,152 @@
+"""What lies around the object: a hashed grid in contracted space.
+
+A point p outside the object's box, with centre m and half extents b, is y = (p - m) / b and
+then contracted (mip-NeRF 360's rule, Barron et al. 2022, Eq. 10, in the maximum norm, which
+fits a box):
+
+    y                        if |y| <= 1
+    (2 - 1 / |y|) y / |y|    otherwise: all of space, in the cube from -2 to 2
+
+On levels of growing resolution the eight corners of a point's cell have features, hashed
+from integer coordinates and blended trilinearly (Instant-NGP, Müller et al. 2022).
+
+Shapes: N points, G levels, E entries per level, F = 4 features.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from .hashing import hash_address, hash_entry
+from .network import BASIS_COUNT, GEOMETRY_FEATURES
+
+RESOLUTIONS = (16, 28, 49, 84, 147, 256, 446, 776)  # cells across the contracted cube
+GRID_LEVELS = len(RESOLUTIONS)
+GRID_ENTRIES = 2**16  # per level
+HIDDEN = 32  # width of both networks' hidden layer
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What was learnt, as arrays.
+
+    Attributes:
+        box: The object's, model space; the field lies around it.  [2, 3]
+        table: [G·E, F] float32
+        density_layers, color_layers: (weights [in, out], bias [out]) per layer.
+        sky: Color behind everything, 0..1.  [3]
+    """
+
+    box: np.ndarray
+    table: np.ndarray
+    density_layers: tuple
+    color_layers: tuple
+    sky: np.ndarray
+
+
+def surroundings_widths():
+    """Input, hidden and output widths of the density and the color network."""
+    density = (4 * GRID_LEVELS, HIDDEN, GEOMETRY_FEATURES)
+    return density, (GEOMETRY_FEATURES + BASIS_COUNT, HIDDEN, 3)
+
+
+def contract(points, box):
+    """Points to the cube from -2 to 2.  [..., 3], box [2, 3] -> [..., 3]"""
+    low, high = np.asarray(box, float)
+    y = (points - 0.5 * (low + high)) / (0.5 * (high - low))
+    norm = np.abs(y).max(axis=-1, keepdims=True)
+    return np.where(norm <= 1.0, y, (2.0 - 1.0 / np.maximum(norm, 1.0)) * y / np.maximum(norm, 1.0))
+
+
+def grid_encode_reference(points, table):
+    """Features of contracted points.  [N, 3], table [G·E, F] -> [N, G·F]"""
+    features = []
+    for level, resolution in enumerate(RESOLUTIONS):
+        x = (points + 2.0) / 4.0 * resolution
+        cell = np.clip(np.floor(x), 0, resolution - 1).astype(np.int64)
+        fraction = x - cell
+        total = 0.0
+        for corner in np.ndindex(2, 2, 2):
+            weight = np.where(corner, fraction, 1.0 - fraction).prod(axis=1)
+            entry = level * GRID_ENTRIES + hash_address(cell + corner, GRID_ENTRIES)
+            total = total + weight[:, None] * table[entry]
+        features.append(total)
+    return np.concatenate(features, axis=1)
+
+
+@wp.func
+def contracted(p: wp.vec3, center: wp.vec3, half: wp.vec3):
+    """`contract` on the device."""
+    y = wp.cw_div(p - center, half)
+    norm = wp.max(wp.max(wp.abs(y[0]), wp.abs(y[1])), wp.abs(y[2]))
+    if norm > 1.0:
+        y = (2.0 - 1.0 / norm) / norm * y
+    return y
+
+
+@wp.func
+def corner_entry(level: int, cell: wp.vec3i, corner: int):
+    offset = wp.vec3i(corner & 1, (corner >> 1) & 1, corner >> 2)
+    entry = hash_entry(cell + offset, wp.static(GRID_ENTRIES - 1))
+    return level * wp.static(GRID_ENTRIES) + entry
+
+
+@wp.func
+def corner_weight(fraction: wp.vec3, corner: int):
+    weight = float(1.0)
+    axis = int(0)
+    while axis < 3:
+        if (corner >> axis) & 1 == 1:
+            weight *= fraction[axis]
+        else:
+            weight *= 1.0 - fraction[axis]
+        axis += 1
+    return weight
+
+
+@wp.func
+def cell_of(point: wp.vec3, resolution: int):
+    """The cell of a contracted point, and where in it the point is."""
+    x = (point + wp.vec3(2.0, 2.0, 2.0)) * (0.25 * float(resolution))
+    cell = wp.vec3i(
+        wp.clamp(int(wp.floor(x[0])), 0, resolution - 1),
+        wp.clamp(int(wp.floor(x[1])), 0, resolution - 1),
+        wp.clamp(int(wp.floor(x[2])), 0, resolution - 1),
+    )
+    return cell, x - wp.vec3(float(cell[0]), float(cell[1]), float(cell[2]))
+
+
+@wp.kernel
+def grid_encode_kernel(
+    points: wp.array(dtype=wp.vec3),  # [N] contracted
+    resolutions: wp.array(dtype=int),  # [G]
+    table: wp.array(dtype=wp.vec4),  # [G·E]
+    features: wp.array2d(dtype=wp.vec4),  # [N, G] out
+):
+    n, level = wp.tid()
+    cell, fraction = cell_of(points[n], resolutions[level])
+    total = wp.vec4()
+    corner = int(0)
+    while corner < 8:
+        total += corner_weight(fraction, corner) * table[corner_entry(level, cell, corner)]
+        corner += 1
+    features[n, level] = total
+
+
+@wp.kernel
+def grid_encode_backward_kernel(
+    points: wp.array(dtype=wp.vec3),  # [N]
+    resolutions: wp.array(dtype=int),  # [G]
+    features_grad: wp.array2d(dtype=wp.vec4),  # [N, G]
+    table_grad: wp.array(dtype=wp.vec4),  # [G·E] added to
+):
+    n, level = wp.tid()
+    cell, fraction = cell_of(points[n], resolutions[level])
+    corner = int(0)
+    while corner < 8:
+        gradient = corner_weight(fraction, corner) * features_grad[n, level]
+        wp.atomic_add(table_grad, corner_entry(level, cell, corner), gradient)
+        corner += 1

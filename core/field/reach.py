@@ -1,0 +1,136 @@
+"""Which table entries can ever be read: those that an occupied sub-tet reaches.
+
+A sample has density only in an occupied level-2 sub-tet (occupancy.py), so level l reads
+the corners of the level-l descendants that overlap one: its ancestors for l < 2, the
+sub-tet itself, and all of its descendants beyond.  All other entries may be left out of a
+file, or zero, and no image changes.  Collisions count: a hashed entry is reached if any
+such corner has it.
+
+The corners of all descendants of a cell with corner addresses A, m levels down, are the
+points Σ b_j A_j with integers b ≥ 0 of sum 2^m.  Visiting these *nodes* asks for each once
+per cell, where going through the descendants asks for it up to 24 times.
+
+Shapes: T tets, S cells (distinct level-l' descendants, l' = min(l, 2)).
+"""
+
+import numpy as np
+import warp as wp
+
+from ..geometry.mesh import TetMesh
+from ..geometry.subdivision import path_corners, path_nodes
+from .encoding import Layout
+from .hashing import hash_address, hash_entry
+from .occupancy import LEVELS, unpack_mask
+
+NODES_PER_LAUNCH = 1 << 22  # then look whether all entries of the level are reached already
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+def occupied_cells(occupancy, level: int):
+    """Whether each level-`level` descendant overlaps an occupied sub-tet.  [T, 8^level] bool"""
+    occupied = unpack_mask(occupancy)
+    if level >= LEVELS:
+        return np.repeat(occupied, 8 ** (level - LEVELS), axis=1)
+    return occupied.reshape(len(occupied), 8**level, -1).any(axis=2)
+
+
+def reached_reference(mesh: TetMesh, layout: Layout, occupancy):
+    """The definition: every corner of every such descendant.  For small meshes.
+
+    Args:
+        occupancy: [T] uint64
+
+    Returns:
+        [entries] bool, the levels one after another as in the table.
+    """
+    reached = np.zeros(layout.offsets[-1], bool)
+    for level in range(layout.level_count):
+        tet, path = np.nonzero(occupied_cells(occupancy, level))
+        if level < layout.dense_level_count:
+            entry = layout.node_ids[level][tet[:, None], path_nodes(level)[1][path]]
+        else:
+            coarse = mesh.addresses[mesh.tets[tet]].astype(np.int64)  # [S, 4, 3]
+            corners = path_corners(level)[path] @ coarse
+            entry = hash_address(corners, layout.entry_counts[level])
+        reached[layout.offsets[level] + entry] = True
+    return reached
+
+
+@wp.kernel
+def mark_nodes_kernel(
+    corners: wp.array(dtype=wp.vec3i),  # [4 S] addresses at the cells' level
+    first: int,  # cell of thread 0
+    size: int,  # 2^m
+    mask: int,  # entry count - 1
+    reached: wp.array(dtype=wp.uint8),  # [entries of the level] out; set, never cleared
+):
+    """Mark the hashed entries of all nodes of a cell, m levels further down."""
+    cell = 4 * (first + wp.tid())
+    a = corners[cell]
+    b = corners[cell + 1]
+    c = corners[cell + 2]
+    d = corners[cell + 3]
+    i = int(0)
+    while i <= size:
+        j = int(0)
+        while i + j <= size:
+            node = i * a + j * b + (size - i - j) * c
+            step = d - c
+            k = int(0)
+            while i + j + k <= size:
+                reached[hash_entry(node, mask)] = wp.uint8(1)  # every thread writes a 1
+                node = node + step
+                k += 1
+            j += 1
+        i += 1
+
+
+def reached_entries(mesh: TetMesh, layout: Layout, occupancy, device="cpu"):
+    """`reached_reference`, fast.
+
+    Args:
+        occupancy: [T] uint64
+        device: A Warp device.
+
+    Returns:
+        [entries] bool
+    """
+    parts = []
+    for level, entry_count in enumerate(layout.entry_counts):
+        if level < layout.dense_level_count:
+            part = _reached_dense(layout.node_ids[level], occupied_cells(occupancy, level), level)
+        else:
+            part = _reached_hashed(mesh, occupancy, level, entry_count, device)
+        parts.append(part)
+    return np.concatenate(parts)
+
+
+def _reached_dense(node_ids, cells, level):
+    nodes, corner_nodes = path_nodes(level)
+    incidence = np.zeros((len(corner_nodes), len(nodes)), np.float32)
+    incidence[np.arange(len(corner_nodes))[:, None], corner_nodes] = 1.0
+    reached = np.zeros(node_ids.max() + 1, bool)
+    reached[node_ids[cells.astype(np.float32) @ incidence > 0.0]] = True
+    return reached
+
+
+def _reached_hashed(mesh, occupancy, level, entry_count, device):
+    cell_level = min(level, LEVELS)
+    tet, path = np.nonzero(occupied_cells(occupancy, cell_level))
+    corners = path_corners(cell_level)[path] @ mesh.addresses[mesh.tets[tet]].astype(np.int64)
+    corners = wp.array(corners.reshape(-1, 3).astype(np.int32), dtype=wp.vec3i, device=device)
+    reached = wp.zeros(entry_count, dtype=wp.uint8, device=device)
+    size = 2 ** (level - cell_level)
+    chunk = max(1, NODES_PER_LAUNCH // ((size + 1) * (size + 2) * (size + 3) // 6))
+    for first in range(0, len(tet), chunk):
+        wp.launch(
+            mark_nodes_kernel,
+            dim=min(chunk, len(tet) - first),
+            inputs=[corners, first, size, entry_count - 1],
+            outputs=[reached],
+            device=device,
+        )
+        if reached.numpy().all():
+            break
+    return reached.numpy() > 0

@@ -1,0 +1,210 @@
+"""What a real camera's lens does to pixels: intrinsics and distortion, both ways.
+
+OpenCV's model and axes (x right, y down, z forward).  With the normalised coordinates of a
+direction, (x, y) = (X/Z, Y/Z), and r² = x² + y²:
+
+    x_d = x·(1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + 2 p1 x y + p2 (r² + 2 x²)
+    y_d = y·(1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + p1 (r² + 2 y²) + 2 p2 x y
+    u = fx x_d + cx,   v = fy y_d + cy
+
+Pixel (column i, row j) has its centre at u = i + ½, v = j + ½.  Undistorting, from a pixel
+to its ray, has no closed form; Newton's method doubles the digits with each step.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+
+NEWTON_STEPS = 10  # ordinary lenses take three
+UNDISTORT_TOLERANCE = 1e-6  # of normalised coordinates; a pixel is about 1e-3
+
+wp.set_module_options({"enable_backward": False})
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Intrinsics in pixels, and distortion.
+
+    Attributes:
+        width, height: Of the image.
+        focal: fx, fy.
+        center: cx, cy, the principal point.
+        radial: k1, k2, k3, k4.
+        tangential: p1, p2.
+    """
+
+    width: int
+    height: int
+    focal: tuple[float, float]
+    center: tuple[float, float]
+    radial: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    tangential: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def is_distorted(self) -> bool:
+        return any(self.radial) or any(self.tangential)
+
+    def resized(self, width: int, height: int) -> "Lens":
+        """The same view in other pixels; each axis is scaled by itself."""
+        x, y = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            focal=(self.focal[0] * x, self.focal[1] * y),
+            center=(self.center[0] * x, self.center[1] * y),
+        )
+
+
+@dataclass(frozen=True)
+class LensCamera:
+    """A lens with a pose; the renderer takes it like a pinhole `Camera`.
+
+    Attributes:
+        camera_to_world: Rigid pose, OpenGL's axes.  [4, 4] float64
+    """
+
+    camera_to_world: np.ndarray
+    lens: Lens
+
+    @property
+    def width(self) -> int:
+        return self.lens.width
+
+    @property
+    def height(self) -> int:
+        return self.lens.height
+
+
+def pinhole(focal: float, width: int, height: int) -> Lens:
+    """A lens without distortion whose axis goes through the image's centre."""
+    return Lens(width, height, (focal, focal), (0.5 * width, 0.5 * height))
+
+
+def distort(lens: Lens, x, y):
+    """Normalised to distorted coordinates.
+
+    Returns:
+        x_d, y_d and the Jacobian's distinct entries ∂x_d/∂x, ∂x_d/∂y = ∂y_d/∂x, ∂y_d/∂y.
+    """
+    (k1, k2, k3, k4), (p1, p2) = lens.radial, lens.tangential
+    r2 = x * x + y * y
+    factor = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
+    slope = k1 + r2 * (2 * k2 + r2 * (3 * k3 + r2 * 4 * k4))  # ∂factor/∂r²
+    return (
+        x * factor + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+        y * factor + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        factor + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x,
+        2 * x * y * slope + 2 * p1 * x + 2 * p2 * y,
+        factor + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x,
+    )
+
+
+def undistort(lens: Lens, x_d, y_d):
+    """Distorted to normalised coordinates."""
+    x, y = np.array(x_d, float), np.array(y_d, float)
+    for _ in range(NEWTON_STEPS if lens.is_distorted else 0):
+        u, v, xx, xy, yy = distort(lens, x, y)
+        determinant = xx * yy - xy * xy
+        x = x - (yy * (u - x_d) - xy * (v - y_d)) / determinant
+        y = y - (xx * (v - y_d) - xy * (u - x_d)) / determinant
+    return x, y
+
+
+def has_rays(lens: Lens) -> bool:
+    """Whether every pixel of the image's border has a ray; wild coefficients leave none.
+
+    The lens must also grow monotonically up to there: past its turning point it would show
+    one direction at two pixels.
+    """
+    u = np.concatenate([np.linspace(0, lens.width, 33)] * 2 + [np.full(33, x) for x in (0, 1)])
+    v = np.concatenate([np.full(33, y) for y in (0, 1)] + [np.linspace(0, lens.height, 33)] * 2)
+    u[66:] *= lens.width
+    v[:66] *= lens.height
+    x_d = (u - lens.center[0]) / lens.focal[0]
+    y_d = (v - lens.center[1]) / lens.focal[1]
+    with np.errstate(all="ignore"):
+        x, y = undistort(lens, x_d, y_d)
+        grown = [distort(lens, s * x, s * y) for s in np.linspace(0, 1, 33)]
+        again = grown[-1]
+        error = np.hypot(again[0] - x_d, again[1] - y_d)
+        determinants = np.array([xx * yy - xy * xy for _, _, xx, xy, yy in grown])
+    return bool((error < UNDISTORT_TOLERANCE).all() and (determinants > 0).all())
+
+
+def lens_rays(lens: Lens, camera_to_world):
+    """One ray per pixel, row by row.
+
+    Returns:
+        origins [H·W, 3] and unit directions [H·W, 3], float64.
+    """
+    camera_to_world = np.asarray(camera_to_world, float)
+    u, v = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
+    x, y = undistort(
+        lens, (u - lens.center[0]) / lens.focal[0], (v - lens.center[1]) / lens.focal[1]
+    )
+    local = np.stack([x, -y, -np.ones_like(x)], axis=-1).reshape(-1, 3)
+    directions = local @ camera_to_world[:3, :3].T
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.broadcast_to(camera_to_world[:3, 3], directions.shape), directions
+
+
+@wp.struct
+class DeviceLens:
+    """`Lens` for kernels."""
+
+    width: int
+    height: int
+    focal: wp.vec2
+    center: wp.vec2
+    radial: wp.vec4
+    tangential: wp.vec2
+    newton_steps: int  # 0 without distortion
+
+
+def device_lens(lens: Lens) -> DeviceLens:
+    value = DeviceLens()
+    value.width, value.height = lens.width, lens.height
+    value.focal, value.center = wp.vec2(*lens.focal), wp.vec2(*lens.center)
+    value.radial, value.tangential = wp.vec4(*lens.radial), wp.vec2(*lens.tangential)
+    value.newton_steps = NEWTON_STEPS if lens.is_distorted else 0
+    return value
+
+
+@wp.func
+def undistorted(lens: DeviceLens, distorted: wp.vec2):
+    """`undistort` on the device."""
+    x = float(distorted[0])
+    y = float(distorted[1])
+    p1 = lens.tangential[0]
+    p2 = lens.tangential[1]
+    k = lens.radial
+    steps_left = int(lens.newton_steps)
+    while steps_left > 0:
+        r2 = x * x + y * y
+        factor = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])))
+        slope = k[0] + r2 * (2.0 * k[1] + r2 * (3.0 * k[2] + r2 * 4.0 * k[3]))
+        u = x * factor + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x) - distorted[0]
+        v = y * factor + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y - distorted[1]
+        xx = factor + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
+        xy = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
+        yy = factor + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
+        determinant = xx * yy - xy * xy
+        x -= (yy * u - xy * v) / determinant
+        y -= (xx * v - xy * u) / determinant
+        steps_left -= 1
+        if wp.abs(u) + wp.abs(v) < 1.0e-7:
+            steps_left = 0
+    return wp.vec2(x, y)
+
+
+@wp.func
+def lens_direction(lens: DeviceLens, column: int, row: int):
+    """The unit direction of a pixel's centre, in camera space with OpenGL's axes."""
+    distorted = wp.vec2(
+        (float(column) + 0.5 - lens.center[0]) / lens.focal[0],
+        (float(row) + 0.5 - lens.center[1]) / lens.focal[1],
+    )
+    p = undistorted(lens, distorted)
+    return wp.normalize(wp.vec3(p[0], -p[1], -1.0))

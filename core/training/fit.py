@@ -1,0 +1,166 @@
+"""The optimisation of one stage, step after step, and what can go wrong in it.
+
+Every few steps the occupancy is renewed, the number of rays adapted to the room for samples,
+and the loss looked at: one that is no number, or far above what it was, ends the run with
+the last good weights.  Where the GPU's memory is too small, the room is halved, aloud.
+"""
+
+from math import cos, isfinite, pi
+
+import numpy as np
+import torch
+
+from .options import TrainOptions
+from .progress import TrainingProgress
+from .raybank import RayBank
+from .stage import Stage
+from .step import Step
+
+WARM_UP_STEPS = 100
+FINAL_RATE = 0.01  # of the first learning rate, at the cosine's end
+WHITE_SHARE = 0.2  # of the steps, at the end
+OCCUPANCY_INTERVAL = 16  # steps
+OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
+RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
+FILLED = 0.9  # share of a step's room for samples that the number of rays aims at
+SMALLEST_ROOM = 1 << 13  # samples; with less, training takes for ever
+SNAPSHOT_INTERVAL = 512  # steps
+DIVERGED_FACTOR = 20.0  # of the smoothed loss over the lowest so far
+SMOOTHING = 0.8  # of the loss, per OCCUPANCY_INTERVAL
+
+
+class Diverged(Exception):
+    """The loss is lost; the message is one sentence, the stage has its last good weights."""
+
+
+class Fit:
+    """A stage's way through its steps.
+
+    Attributes:
+        step: The optimiser step; it counts.
+    """
+
+    def __init__(self, stage: Stage, bank: RayBank, options: TrainOptions, has_alpha, step_count):
+        self.stage, self.options = stage, options
+        self.has_alpha, self.step_count = has_alpha, step_count
+        self.step = Step(stage, bank, options.distortion, options.samples_per_step, options.seed)
+        self.step.set_ray_count(RAYS_AT_START)
+        self._smooth = self._lowest = None
+        self._good, self._good_number = None, 0
+
+    @property
+    def number(self) -> int:
+        """Steps done."""
+        return self.step.number
+
+    def run(self, progress: TrainingProgress, title: str, after_pause=lambda: None):
+        """All the steps that are left; `after_pause` is called every few of them.
+
+        Raises:
+            Diverged: See there.
+        """
+        task = progress.begin(title, self.step_count, self.number)
+        shown = self.number
+        while self.number < self.step_count:
+            if self.number % OCCUPANCY_INTERVAL == 0 and self.number > shown:
+                error, sample_count = float(self.step.error), self.step.sample_count()
+                progress.advance(task, self.number - shown, error, sample_count)
+                shown = self.number
+                self._watch(error)
+                self.stage.update_occupancy(1.0 if self.number < OCCUPANCY_WARM_UP else 0.25)
+                self._adapt(sample_count)
+                after_pause()
+            try:
+                self._run_step()
+            except RuntimeError as error:
+                if not lacks_memory(error):
+                    raise
+                self._halve_room(progress, error)
+                continue
+        progress.advance(
+            task, self.number - shown, float(self.step.error), self.step.sample_count()
+        )
+        self._watch(float(self.step.error))
+
+    def state(self) -> dict:
+        return {"step": self.step.state(), "stage": self.stage.state()}
+
+    def load_state(self, state: dict):
+        self.stage.load_state(state["stage"])
+        self.step.load_state(state["step"])
+
+    def _run_step(self):
+        white = not self.has_alpha or self.number >= (1.0 - WHITE_SHARE) * self.step_count
+        rate = learning_rate(self.number, self.step_count, self.options.learning_rate)
+        self.step.run(rate, white)
+
+    def _adapt(self, sample_count):
+        room = self.step.samples_per_step
+        ray_count = next_ray_count(self.step.batch.ray_count, sample_count, room)
+        if ray_count != self.step.batch.ray_count:
+            self.step.set_ray_count(ray_count)
+
+    def _watch(self, error):
+        """Keep good weights from time to time; go back to them when the loss is lost."""
+        if not isfinite(error):
+            self._give_up(f"the loss became {error}")
+        if self._smooth is None:
+            self._smooth = self._lowest = error
+        self._smooth = SMOOTHING * self._smooth + (1.0 - SMOOTHING) * error
+        self._lowest = min(self._lowest, self._smooth)
+        if self._smooth > DIVERGED_FACTOR * self._lowest:
+            self._give_up(f"the loss rose from {self._lowest:.2g} to {self._smooth:.2g}")
+        if self._good is None or self.number - self._good_number >= SNAPSHOT_INTERVAL:
+            parameters = [p.detach() for p in self.stage.parameters()]
+            if not all(bool(p.isfinite().all()) for p in parameters):
+                self._give_up("a weight became infinite")
+            self._good, self._good_number = [p.clone() for p in parameters], self.number
+
+    def _give_up(self, what):
+        if self._good is not None:
+            with torch.no_grad():
+                for mine, good in zip(self.stage.parameters(), self._good, strict=True):
+                    mine.copy_(good)
+        raise Diverged(
+            f"{what} at step {self.number} of {self.step_count}; kept are the weights of step "
+            f"{self._good_number}"
+        )
+
+    def _halve_room(self, progress, error):
+        room = self.step.samples_per_step // 2
+        if room < SMALLEST_ROOM:
+            raise MemoryError(
+                f"the GPU's memory is too small for {2 * room} samples a step: shrink the images "
+                f"with --image-size, or take --preset tiny ({error})"
+            ) from error
+        self.step.samples_per_step = room
+        ray_count = max(FEWEST_RAYS, self.step.batch.ray_count // 2)
+        self.step.batch = None
+        if self.stage.device.is_cuda:
+            torch.cuda.empty_cache()
+        self.step.set_ray_count(ray_count)
+        progress.say(f"The GPU's memory is too small; going on with {room} samples a step.")
+
+
+def lacks_memory(error: RuntimeError) -> bool:
+    """Whether torch or Warp could not allocate."""
+    return isinstance(error, torch.OutOfMemoryError) or "Failed to allocate" in str(error)
+
+
+def learning_rate(step: int, step_count: int, highest: float) -> float:
+    """Linear warm-up, then a cosine down to FINAL_RATE."""
+    warm_up = min(1.0, (step + 1) / WARM_UP_STEPS)
+    fall = 0.5 * (1.0 + cos(pi * step / step_count))
+    return highest * warm_up * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
+
+
+def next_ray_count(ray_count, sample_count, room):
+    """As many rays as fill the room for samples without overflowing it.
+
+    It stays as it is while that is nearly so: a new number costs a new CUDA graph.
+    """
+    filled = sample_count / room
+    if 0.8 <= filled <= 1.0:
+        return ray_count
+    wanted = ray_count * np.clip(FILLED / max(filled, 1e-6), 0.25, 4.0)
+    return int(np.clip(wanted, FEWEST_RAYS, MOST_RAYS))

@@ -1,0 +1,90 @@
+"""Which part of the world becomes the unit cube, in which the tets live.
+
+Tets outside the user's box are left out, so that a table beside the object needn't be kept.
+In this order: the box that the user gives (`--aabb`, or `--scene-radius` around the data's
+origin), the box that the data set brings (NSVF's bbox.txt), or a box around the point that
+the cameras look at.  The cube is as wide as the box's longest side.
+"""
+
+import numpy as np
+
+from .capture import DatasetError
+from .datasets import Dataset
+
+# Half an edge over the cameras' median distance: NeRF-synthetic's cameras stand 4.03 from
+# the centre of the box from -1.5 to 1.5, and instant-ngp scales captures to about the same.
+REACH = 1.5 / 4.031
+WHITE, WHITE_SHARE = 250, 0.8  # of 255; of the border
+PARALLEL = 0.02  # smallest eigenvalue of the mean projector below which views have no focus
+
+
+def world_to_unit_cube(dataset: Dataset, aabb=None, radius=None):
+    """The similarity from the data's space to model space.  [4, 4]
+
+    Args:
+        aabb: Lowest and highest corner of the object's box.  [6]
+        radius: Half the edge of a cube around the origin.
+
+    Raises:
+        DatasetError: The box is empty, or the cameras don't look at one place.
+    """
+    if aabb is not None:
+        return box_to_unit_cube(np.reshape(aabb, (2, 3)), "--aabb")
+    if radius is not None:
+        return box_to_unit_cube(np.full((2, 3), radius) * [[-1], [1]], "--scene-radius")
+    if dataset.bounds is not None:
+        return box_to_unit_cube(dataset.bounds, "the data set's bbox.txt")
+    center = focus(dataset.poses)
+    distances = np.linalg.norm(dataset.poses[:, :3, 3] - center, axis=1)
+    half = REACH * np.median(distances)
+    return box_to_unit_cube([center - half, center + half], "the box that the cameras look at")
+
+
+def object_box(world_to_model, aabb=None):
+    """The object's box in model space: the unit cube, or the part of it that `aabb` is.  [2, 3]"""
+    if aabb is None:
+        return np.array([[0.0] * 3, [1.0] * 3])
+    corners = np.reshape(aabb, (2, 3))
+    return corners * np.diag(world_to_model)[:3] + world_to_model[:3, 3]
+
+
+def has_white_border(dataset: Dataset) -> bool:
+    """Whether the images' outermost pixels are white: the object was cut out on white."""
+    white = total = 0
+    for view in range(dataset.view_count):
+        image = dataset.image(view)[..., :3]
+        border = np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
+        white += int((border >= WHITE).all(axis=1).sum())
+        total += len(border)
+    return white > WHITE_SHARE * total
+
+
+def box_to_unit_cube(box, name):
+    low, high = np.asarray(box, float)
+    size = high - low
+    if not np.isfinite(size).all() or (size <= 0.0).any():
+        raise DatasetError(
+            f"{name} has to be x0 y0 z0 x1 y1 z1 with each of the first three smaller than its "
+            f"counterpart; it is {' '.join(f'{v:g}' for v in (*low, *high))}"
+        )
+    matrix = np.eye(4) / size.max()
+    matrix[:3, 3] = 0.5 - 0.5 * (low + high) / size.max()
+    matrix[3, 3] = 1.0
+    return matrix
+
+
+def focus(poses):
+    """The point nearest to all cameras' axes, in the least squares.  [3]
+
+    Raises:
+        DatasetError: The axes are about parallel, so that there is no such point.
+    """
+    origins, axes = poses[:, :3, 3], poses[:, :3, 2]
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # projectors across each axis
+    mean = across.mean(axis=0)
+    if np.linalg.eigvalsh(mean)[0] < PARALLEL:
+        raise DatasetError(
+            "the cameras look into about the same direction, so the place of the object is "
+            "unknown: give its box with --aabb x0 y0 z0 x1 y1 z1 in the data's units"
+        )
+    return np.linalg.solve(mean, np.einsum("nij,nj->i", across, origins) / len(poses))

@@ -1,0 +1,145 @@
+"""A stage's steps: the learning rate, the number of rays, and what happens when things go wrong."""
+
+import numpy as np
+import pytest
+import torch
+
+from deformrf.core.field.field import FieldOptions
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.render.camera import look_at
+from deformrf.core.render.lens import pinhole
+from deformrf.core.training import fit
+from deformrf.core.training.datasets import from_images
+from deformrf.core.training.fit import Diverged, Fit
+from deformrf.core.training.options import preset
+from deformrf.core.training.progress import TrainingProgress
+from deformrf.core.training.raybank import RayBank
+from deformrf.core.training.scene_box import world_to_unit_cube
+from deformrf.core.training.stage import Stage
+from deformrf.core.training.step import Step
+
+OPTIONS = preset("tiny", samples_per_step=2**15, coarse_steps=50, fine_steps=50)
+
+
+@pytest.fixture
+def run():
+    """A stage on a few photographs of gray, with 50 steps to go."""
+    image = np.full((8, 8, 4), 128, np.uint8)
+    eyes = np.random.default_rng().normal(size=(4, 3))
+    poses = [look_at(4 * eye / np.linalg.norm(eye), (0, 0, 0)) for eye in eyes]
+    dataset = from_images([image] * 4, poses, [pinhole(12.0, 8, 8)] * 4, "abcd", "train")
+    bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), "cpu")
+    stage = Stage(a15_grid(0.25), FieldOptions(2, 2**8, march_step=0.05), "cpu")
+    return Fit(stage, bank, OPTIONS, dataset.has_alpha, 50)
+
+
+def go(run):
+    with TrainingProgress() as progress:
+        run.run(progress, "stage")
+
+
+def test_the_learning_rate_warms_up_and_falls_along_a_cosine():
+    rates = [fit.learning_rate(step, 10_000, 1.0) for step in range(10_001)]
+    assert rates[0] == pytest.approx(0.01)
+    assert max(rates) == pytest.approx(1.0, abs=1e-3)
+    assert rates[5000] == pytest.approx(0.505, abs=1e-3)
+    assert rates[-1] == pytest.approx(fit.FINAL_RATE)
+
+
+def test_the_ray_count_fills_the_room_and_then_stays():
+    count = 1024
+    for _ in range(20):
+        count = fit.next_ray_count(count, 13 * count, 2**18)
+    assert 0.8 * 2**18 <= 13 * count <= 2**18
+    assert fit.next_ray_count(count, 13 * count, 2**18) == count
+    assert fit.next_ray_count(256, 10**9, 2**18) == fit.FEWEST_RAYS
+    assert fit.next_ray_count(2**16, 0, 2**18) == fit.MOST_RAYS
+
+
+def test_all_steps_are_done(run):
+    go(run)
+    assert run.number == 50
+
+
+def test_pauses_come_every_few_steps(run):
+    numbers = []
+    with TrainingProgress() as progress:
+        run.run(progress, "stage", lambda: numbers.append(run.number))
+    assert numbers == [16, 32, 48]
+
+
+def test_a_loss_that_is_no_number_ends_the_run_with_good_weights(run, monkeypatch):
+    step_run = Step.run
+
+    def spoiled(self, rate, white):
+        step_run(self, rate, white)
+        if run.number == 40:
+            with torch.no_grad():
+                self.stage.networks.color[0].weight[0, 0] = float("nan")
+
+    monkeypatch.setattr(Step, "run", spoiled)
+    with pytest.raises(Diverged, match=r"the loss became nan at step 48 of 50.* of step 16"):
+        go(run)
+    assert all(bool(p.isfinite().all()) for p in run.stage.parameters())
+
+
+def test_a_weight_that_no_ray_meets_is_watched_too(run, monkeypatch):
+    monkeypatch.setattr(fit, "SNAPSHOT_INTERVAL", 16)
+    step_run = Step.run
+
+    def spoiled(self, rate, white):
+        step_run(self, rate, white)
+        if run.number == 20:
+            self.stage.table.data[-1] = float("inf")
+            self.error.fill_(0.01)
+
+    monkeypatch.setattr(Step, "run", spoiled)
+    with pytest.raises(Diverged):
+        go(run)
+    assert bool(run.stage.table.isfinite().all())
+
+
+def test_a_loss_that_rises_far_ends_the_run(run, monkeypatch):
+    step_run = Step.run
+
+    def rising(self, rate, white):
+        step_run(self, rate, white)
+        self.error.fill_(1e-3 if run.number < 20 else 1.0)
+
+    monkeypatch.setattr(Step, "run", rising)
+    with pytest.raises(Diverged, match=r"the loss rose from 0\.001 to 0\.2 at step 32"):
+        go(run)
+
+
+@pytest.mark.parametrize("error", [torch.OutOfMemoryError(), RuntimeError("Failed to allocate 9")])
+def test_too_little_memory_halves_the_batch_aloud(run, monkeypatch, capsys, error):
+    step_run = Step.run
+
+    def greedy(self, rate, white):
+        if self.samples_per_step > 2**13:
+            raise error
+        step_run(self, rate, white)
+
+    monkeypatch.setattr(Step, "run", greedy)
+    go(run)
+    assert run.number == 50
+    assert run.step.samples_per_step == 2**13
+    assert "going on with 8192 samples a step" in capsys.readouterr().out
+
+
+def test_no_memory_at_all_is_said(run, monkeypatch):
+    def greedy(self, rate, white):
+        raise torch.OutOfMemoryError
+
+    monkeypatch.setattr(Step, "run", greedy)
+    with pytest.raises(MemoryError, match="--image-size"):
+        go(run)
+
+
+def test_other_errors_pass(run, monkeypatch):
+    def broken(self, rate, white):
+        raise RuntimeError("an illegal memory access was encountered")
+
+    monkeypatch.setattr(Step, "run", broken)
+    with pytest.raises(RuntimeError, match="illegal"):
+        go(run)

@@ -1,0 +1,66 @@
+"""Drawn rays are those of the cameras, lens and all, each pixel as often as any other."""
+
+import numpy as np
+import warp as wp
+
+from deformrf.core.render.camera import in_space, look_at
+from deformrf.core.render.lens import Lens, lens_rays
+from deformrf.core.training.datasets import from_images
+from deformrf.core.training.raybank import RayBank, empty_drawn
+from deformrf.core.training.scene_box import world_to_unit_cube
+
+LENSES = (
+    Lens(7, 5, (9.0, 8.0), (3.2, 2.6), (0.05, -0.08, 0.01, 0.0), (-1e-3, 2e-3)),
+    Lens(4, 9, (11.0, 11.0), (2.0, 4.5)),
+    Lens(6, 6, (8.0, 8.5), (2.5, 3.5), (-0.2, 0.03, 0.0, 0.0)),
+)
+
+
+def views():
+    """Three photographs of three shapes, all of random pixels."""
+    rng = np.random.default_rng()
+    images = [rng.integers(0, 256, (lens.height, lens.width, 4), np.uint8) for lens in LENSES]
+    poses = [look_at(rng.normal(size=3) * 3, rng.normal(size=3) * 0.1) for _ in LENSES]
+    return from_images(images, poses, LENSES, "abc", "train")
+
+
+def test_rays_are_those_of_the_cameras(device):
+    dataset = views()
+    world_to_model = world_to_unit_cube(dataset, radius=1.5)
+    bank = RayBank(dataset, world_to_model, device)
+    assert bank.pixel_count == 7 * 5 + 4 * 9 + 6 * 6
+    chosen = np.random.default_rng().permutation(bank.pixel_count).astype(np.int32)
+    drawn = empty_drawn(len(chosen), device)
+    bank.look_up(wp.array(chosen, dtype=int, device=device), drawn)
+    poses = in_space(dataset.poses, world_to_model)
+    rays = [lens_rays(lens, pose) for lens, pose in zip(LENSES, poses, strict=True)]
+    origins, directions = (np.concatenate(part)[chosen] for part in zip(*rays, strict=True))
+    np.testing.assert_allclose(drawn.origins.numpy(), origins, atol=1e-6)
+    np.testing.assert_allclose(drawn.directions.numpy(), directions, atol=2e-6)
+    np.testing.assert_allclose(drawn.rgba.numpy() * 255, dataset.pixels[chosen], atol=1e-4)
+
+
+def test_the_same_seed_draws_the_same_rays(device):
+    bank = RayBank(views(), np.eye(4), device)
+    drawn = []
+    for seed in (1, 1, 2):
+        drawn.append(empty_drawn(50, device))
+        bank.draw(wp.full(1, seed, dtype=int, device=device), drawn[-1])
+    first, same, other = (d.directions.numpy() for d in drawn)
+    np.testing.assert_array_equal(first, same)
+    assert (first != other).any(axis=1).mean() > 0.8
+
+
+def test_every_pixel_is_as_likely_as_any_other(device):
+    dataset = views()
+    count = len(dataset.pixels)
+    # Colors that tell the pixels apart.
+    pixels = np.stack([np.arange(count), np.zeros(count), np.zeros(count), np.full(count, 255)], 1)
+    dataset.pixels[:] = pixels
+    bank = RayBank(dataset, np.eye(4), device)
+    drawn = empty_drawn(200 * count, device)
+    seed = int(np.random.default_rng().integers(2**30))
+    bank.draw(wp.full(1, seed, dtype=int, device=device), drawn)
+    often = np.bincount((drawn.rgba.numpy()[:, 0] * 255).round().astype(int), minlength=count)
+    # Each is binomial with mean 200 and deviation 14.
+    assert np.abs(often - 200).max() < 6 * 14
