@@ -12,6 +12,7 @@ from deformrf.core.field.encoding import (
     encode_reference,
     make_layout,
     make_tables,
+    vec4h,
 )
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import FACES, tet_neighbours
@@ -88,6 +89,10 @@ def test_level_zero_interpolates_the_corner_features(mesh, layout):
     np.testing.assert_allclose(features[:, :FEATURES], expected)
 
 
+def entry_type(entry):
+    return np.float32 if entry is wp.vec4 else np.float16
+
+
 def launch_arguments(mesh, layout, tet, bary, device):
     return (
         make_tables(mesh, layout, device),
@@ -96,12 +101,13 @@ def launch_arguments(mesh, layout, tet, bary, device):
     )
 
 
-def test_forward_kernel_matches_the_reference(mesh, layout, device):
+@pytest.mark.parametrize("entry", [wp.vec4, vec4h])
+def test_forward_kernel_matches_the_reference(mesh, layout, device, entry):
     tet, bary = random_samples(mesh)
-    table = random_table(layout)
+    table = random_table(layout).astype(entry_type(entry))
     tables, tet_array, bary_array = launch_arguments(mesh, layout, tet, bary, device)
-    table_array = wp.array(table.astype(np.float32), dtype=wp.vec4, device=device)
-    features = wp.empty((COUNT, LEVELS), dtype=wp.vec4, device=device)
+    table_array = wp.array(table, dtype=entry, device=device)
+    features = wp.empty((COUNT, LEVELS), dtype=entry, device=device)
     wp.launch(
         encode_kernel,
         dim=COUNT,
@@ -109,18 +115,24 @@ def test_forward_kernel_matches_the_reference(mesh, layout, device):
         outputs=[features],
         device=device,
     )
-    expected = encode_reference(mesh, layout, table, tet, bary)
+    expected = encode_reference(mesh, layout, table.astype(float), tet, bary)
     # Each level doubles the rounding error of bary: 2^5 · 6e-8, times features of size 4.
-    np.testing.assert_allclose(features.numpy().reshape(COUNT, -1), expected, atol=5e-5)
+    # Half precision then rounds once more: half of 2^-10.
+    relative = 0.0 if entry is wp.vec4 else 2.0**-11
+    np.testing.assert_allclose(
+        features.numpy().reshape(COUNT, -1), expected, rtol=relative, atol=5e-5
+    )
 
 
-def test_backward_kernel_is_the_adjoint_of_the_reference(mesh, layout, device):
+@pytest.mark.parametrize("entry", [wp.vec4, vec4h])
+def test_backward_kernel_is_the_adjoint_of_the_reference(mesh, layout, device, entry):
     """<g, encode(table)> = <encode*(g), table> for every table: encode is linear in it."""
     tet, bary = random_samples(mesh)
     gradient = np.random.default_rng().normal(size=(COUNT, LEVELS, FEATURES))
+    gradient = gradient.astype(entry_type(entry))
     tables, tet_array, bary_array = launch_arguments(mesh, layout, tet, bary, device)
     table_grad = wp.zeros(int(layout.offsets[-1]), dtype=wp.vec4, device=device)
-    gradient_array = wp.array(gradient.astype(np.float32), dtype=wp.vec4, device=device)
+    gradient_array = wp.array(gradient, dtype=entry, device=device)
     wp.launch(
         encode_backward_kernel,
         dim=COUNT,
@@ -128,6 +140,7 @@ def test_backward_kernel_is_the_adjoint_of_the_reference(mesh, layout, device):
         outputs=[table_grad],
         device=device,
     )
+    gradient = gradient.astype(float)
     for _ in range(3):
         table = random_table(layout)
         features = encode_reference(mesh, layout, table, tet, bary)

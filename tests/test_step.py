@@ -69,6 +69,27 @@ def test_each_step_draws_other_rays_and_backgrounds(gray_disc, device):
     assert len(set(seeds)) == 3
 
 
+def run_eagerly(step):
+    batch = step.batch
+    step._seed_batch(batch, step.number)
+    step._march(batch)
+    step._learn(batch)
+
+
+@pytest.mark.gpu
+def test_marching_ahead_draws_what_each_step_would_draw(gray_disc):
+    """Whether a batch is marched during the step before, or just now: the same rays."""
+    with on_warp_stream("cuda:0"):
+        steps = [make_step(gray_disc, "cuda:0") for _ in range(2)]
+        for _ in range(4):
+            for step in steps:
+                step.run(0.0, white=False)
+            steps[1]._next_is_marched = False
+            assert torch.equal(steps[0].batch.directions, steps[1].batch.directions)
+            assert torch.equal(steps[0].batch.background, steps[1].batch.background)
+            assert steps[0].sample_count() == steps[1].sample_count() > 0
+
+
 @pytest.mark.gpu
 def test_a_recorded_step_learns_like_one_that_is_run(gray_disc, monkeypatch):
     """With and without a graph; recording takes steps of its own, so draws differ."""
@@ -78,10 +99,7 @@ def test_a_recorded_step_learns_like_one_that_is_run(gray_disc, monkeypatch):
         with on_warp_stream("cuda:0"):
             step = make_step(gray_disc, "cuda:0")
             if not recorded:
-                monkeypatch.setattr(step, "_record", lambda step=step: None)
-                monkeypatch.setattr(
-                    step, "_graph", type("Eager", (), {"replay": staticmethod(step._work)})()
-                )
+                monkeypatch.setattr(step, "_run_graphs", lambda step=step: run_eagerly(step))
             errors = []
             for _ in range(70):
                 step.run(1e-2, white=False)

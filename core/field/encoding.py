@@ -13,6 +13,7 @@ one after another, [sum of entry counts, F].
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -29,6 +30,7 @@ from ..geometry.subdivision import (
 from .hashing import hash_address, hash_entry
 
 FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
+vec4h = wp.types.vector(4, wp.float16)  # an entry in half precision
 MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
@@ -206,22 +208,51 @@ def corner_entries(
     )
 
 
+@wp.func
+def widened(entry: Any):
+    return wp.vec4(float(entry[0]), float(entry[1]), float(entry[2]), float(entry[3]))
+
+
+@wp.func
+def rounded(features: wp.array2d(dtype=Any), f: wp.vec4):
+    """As an entry of `features`."""
+    return features.dtype(
+        features.dtype.dtype(f[0]),
+        features.dtype.dtype(f[1]),
+        features.dtype.dtype(f[2]),
+        features.dtype.dtype(f[3]),
+    )
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+    // One atomic for the entry instead of one for each feature.
+    atomicAdd(reinterpret_cast<float4*>(&wp::index(table_grad, entry)),
+              make_float4(value[0], value[1], value[2], value[3]));
+#else
+    atomic_add(table_grad, entry, value);
+#endif
+""")
+def add_to_entry(table_grad: wp.array(dtype=wp.vec4), entry: int, value: wp.vec4): ...
+
+
 @wp.kernel
 def encode_kernel(
     tables: Tables,
-    table: wp.array(dtype=wp.vec4),  # [entries]
+    table: wp.array(dtype=Any),  # [entries] vec4 or vec4h
     sample_tet: wp.array(dtype=int),  # [N] -1: no sample, zeros come out
     sample_bary: wp.array(dtype=wp.vec4),  # [N]
     level_count: int,
-    features: wp.array2d(dtype=wp.vec4),  # [N, L] out
+    features: wp.array2d(dtype=Any),  # [N, L] out, vec4 or vec4h
 ):
+    """Sums are float32 whatever the table is."""
     n = wp.tid()
     tet = sample_tet[n]
     path = int(0)
     level = int(0)
     if tet < 0:
         while level < level_count:
-            features[n, level] = wp.vec4()
+            features[n, level] = rounded(features, wp.vec4())
             level += 1
         return
     alpha = sample_bary[n]
@@ -237,12 +268,13 @@ def encode_kernel(
             a, b, c, d = child_corners(k, a, b, c, d)
             path = 8 * path + k
         e = corner_entries(tables, level, tet, path, a, b, c, d)
-        features[n, level] = (
-            alpha[0] * table[e[0]]
-            + alpha[1] * table[e[1]]
-            + alpha[2] * table[e[2]]
-            + alpha[3] * table[e[3]]
+        f = (
+            alpha[0] * widened(table[e[0]])
+            + alpha[1] * widened(table[e[1]])
+            + alpha[2] * widened(table[e[2]])
+            + alpha[3] * widened(table[e[3]])
         )
+        features[n, level] = rounded(features, f)
         level += 1
 
 
@@ -251,7 +283,7 @@ def encode_backward_kernel(
     tables: Tables,
     sample_tet: wp.array(dtype=int),  # [N]
     sample_bary: wp.array(dtype=wp.vec4),  # [N]
-    features_grad: wp.array2d(dtype=wp.vec4),  # [N, L]
+    features_grad: wp.array2d(dtype=Any),  # [N, L] vec4 or vec4h
     table_grad: wp.array(dtype=wp.vec4),  # [entries] added to
 ):
     n = wp.tid()
@@ -273,9 +305,17 @@ def encode_backward_kernel(
             a, b, c, d = child_corners(k, a, b, c, d)
             path = 8 * path + k
         e = corner_entries(tables, level, tet, path, a, b, c, d)
-        g = features_grad[n, level]
-        wp.atomic_add(table_grad, e[0], alpha[0] * g)
-        wp.atomic_add(table_grad, e[1], alpha[1] * g)
-        wp.atomic_add(table_grad, e[2], alpha[2] * g)
-        wp.atomic_add(table_grad, e[3], alpha[3] * g)
+        g = widened(features_grad[n, level])
+        add_to_entry(table_grad, e[0], alpha[0] * g)
+        add_to_entry(table_grad, e[1], alpha[1] * g)
+        add_to_entry(table_grad, e[2], alpha[2] * g)
+        add_to_entry(table_grad, e[3], alpha[3] * g)
         level += 1
+
+
+# Named here, because a kernel that is first seen at a launch has its module compiled anew.
+for _entry in (wp.vec4, vec4h):
+    wp.overload(
+        encode_kernel, {"table": wp.array(dtype=_entry), "features": wp.array2d(dtype=_entry)}
+    )
+    wp.overload(encode_backward_kernel, {"features_grad": wp.array2d(dtype=_entry)})

@@ -32,6 +32,7 @@ it.  Triton comes with torch for CUDA on Linux; where it is missing `can_fuse` s
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch.autograd.function import once_differentiable
@@ -176,6 +177,17 @@ def can_fuse(networks: Networks) -> bool:
         and networks.density[0].in_features <= MAX_FEATURES
         and networks.activation in ACTIVATIONS.values()
     )
+
+
+def evaluator(networks: Networks):
+    """The fastest way to evaluate these networks with gradients: `evaluate`, or torch's layers.
+
+    Returns:
+        A function of features, basis and sample_count, as `evaluate` without its networks.
+    """
+    if can_fuse(networks):
+        return partial(evaluate, networks)
+    return lambda features, basis, _sample_count=None: networks(features, basis)
 
 
 def evaluate(networks: Networks, features, basis, sample_count=None):

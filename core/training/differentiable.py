@@ -9,7 +9,7 @@ from contextlib import nullcontext
 import torch
 import warp as wp
 
-from ..field.encoding import FEATURES, Tables, encode_backward_kernel, encode_kernel
+from ..field.encoding import FEATURES, Tables, encode_backward_kernel, encode_kernel, vec4h
 from ..render.compositing import composite_backward_kernel, composite_kernel
 
 
@@ -22,19 +22,22 @@ def on_warp_stream(device):
 
 
 class Encode(torch.autograd.Function):
-    """features [N, L·F] = encode(table [entries, F]); differentiable in the table only."""
+    """features [N, L·F] = encode(table [entries, F]); differentiable in the table only.
+
+    With `half` the kernels read a float16 copy of the table and write float16 features, whose
+    gradients are float16 too; the table, the sums and the table's gradient stay float32.
+    """
 
     @staticmethod
-    def forward(ctx, table, tables: Tables, level_count, sample_tet, sample_bary):
-        device = wp.device_from_torch(table.device)
-        count = len(sample_tet)
-        features = torch.empty(count, level_count * FEATURES, device=table.device)
+    def forward(ctx, table, tables: Tables, level_count, sample_tet, sample_bary, half=False):
+        count, dtype = len(sample_tet), torch.float16 if half else torch.float32
+        features = torch.empty(count, level_count * FEATURES, device=table.device, dtype=dtype)
         wp.launch(
             encode_kernel,
             dim=count,
-            inputs=[tables, _vec4(table), sample_tet, sample_bary, level_count],
+            inputs=[tables, _vec4(table.to(dtype)), sample_tet, sample_bary, level_count],
             outputs=[_levels(features, level_count)],
-            device=device,
+            device=wp.device_from_torch(table.device),
         )
         ctx.tables, ctx.level_count = tables, level_count
         ctx.sample_tet, ctx.sample_bary, ctx.table_shape = sample_tet, sample_bary, table.shape
@@ -50,12 +53,12 @@ class Encode(torch.autograd.Function):
                 ctx.tables,
                 ctx.sample_tet,
                 ctx.sample_bary,
-                _levels(features_grad.float().contiguous(), ctx.level_count),
+                _levels(features_grad.contiguous(), ctx.level_count),
             ],
             outputs=[_vec4(table_grad)],
             device=wp.device_from_torch(features_grad.device),
         )
-        return table_grad, None, None, None, None
+        return table_grad, None, None, None, None, None
 
 
 class Composite(torch.autograd.Function):
@@ -112,8 +115,8 @@ def _vec3(tensor):
 
 
 def _vec4(tensor):
-    return wp.from_torch(tensor.detach(), dtype=wp.vec4)
+    return wp.from_torch(tensor.detach(), dtype=vec4h if tensor.dtype == torch.half else wp.vec4)
 
 
 def _levels(tensor, level_count):
-    return wp.from_torch(tensor.detach().view(-1, level_count, FEATURES), dtype=wp.vec4)
+    return _vec4(tensor.detach().view(-1, level_count, FEATURES))

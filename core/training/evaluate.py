@@ -8,6 +8,7 @@ the host, without the first compilation of the kernels.
 import json
 import os
 import time
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from .metrics import check_size, psnr, ssim
 from .surroundings import LearntSurroundings, over
 
 SURROUNDINGS_RAYS = 1 << 14  # at once: 64 samples each
+WAITING_VIEWS = 32  # rendered, not scored yet
 DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
 
 
@@ -82,20 +84,29 @@ def evaluate(
     small = LensCamera(poses[0], dataset.lenses[0].resized(8, 8))
     renderer.render(small, options).color_array()  # compiles the kernels
 
-    scores, has_alpha = [], dataset.has_alpha
-    try:
-        for index, camera in enumerate(track(views)):
-            begin = time.perf_counter()
-            rendered = render_view(renderer, around, camera, options)
-            seconds = time.perf_counter() - begin
-            truth = dataset.image(index)
-            score = score_view(dataset.names[index], rendered, truth, has_alpha, seconds, lpips)
-            scores.append(score)
-            if out_dir is not None:
-                picture = side_by_side(rendered, truth)
-                Image.fromarray(picture).save(out_dir / f"{index:03d}_{score.name}.png")
-    except KeyboardInterrupt:
-        pass  # the report of what is done says that it is not complete
+    has_alpha = dataset.has_alpha
+
+    def score(index, rendered, seconds):
+        truth = dataset.image(index)
+        if out_dir is not None:
+            picture = side_by_side(rendered, truth)
+            Image.fromarray(picture).save(out_dir / f"{index:03d}_{dataset.names[index]}.png")
+        return score_view(dataset.names[index], rendered, truth, has_alpha, seconds, lpips)
+
+    jobs = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # SSIM takes longer than a render on a GPU
+        try:
+            for index, camera in enumerate(track(views)):
+                begin = time.perf_counter()
+                rendered = render_view(renderer, around, camera, options)
+                seconds = time.perf_counter() - begin
+                jobs.append(pool.submit(score, index, rendered, seconds))
+                if len(jobs) > WAITING_VIEWS:
+                    jobs[-WAITING_VIEWS].result()  # so that images don't fill the memory
+            wait(jobs)
+        except KeyboardInterrupt:
+            pass  # the report of what is done says that it is not complete
+    scores = [job.result() for job in jobs]
     report = {
         "model": model_facts(field, model_path),
         "split": dataset.split,

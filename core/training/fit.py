@@ -27,6 +27,7 @@ SMALLEST_ROOM = 1 << 13  # samples; with less, training takes for ever
 SNAPSHOT_INTERVAL = 512  # steps
 DIVERGED_FACTOR = 20.0  # of the smoothed loss over the lowest so far
 SMOOTHING = 0.8  # of the loss, per OCCUPANCY_INTERVAL
+AVERAGING = 0.9  # of the weights, per OCCUPANCY_INTERVAL; 0: the last ones are taken
 
 
 class Diverged(Exception):
@@ -47,6 +48,7 @@ class Fit:
         self.step.set_ray_count(RAYS_AT_START)
         self._smooth = self._lowest = None
         self._good, self._good_number = None, 0
+        self._average = None  # of the parameters, exponentially weighted
 
     @property
     def number(self) -> int:
@@ -69,6 +71,7 @@ class Fit:
                 self._watch(error)
                 self.stage.update_occupancy(1.0 if self.number < OCCUPANCY_WARM_UP else 0.25)
                 self._adapt(sample_count)
+                self._average_weights()
                 after_pause()
             try:
                 self._run_step()
@@ -81,13 +84,21 @@ class Fit:
             task, self.number - shown, float(self.step.error), self.step.sample_count()
         )
         self._watch(float(self.step.error))
+        self._set_weights(self._average)
 
     def state(self) -> dict:
-        return {"step": self.step.state(), "stage": self.stage.state()}
+        return {
+            "step": self.step.state(),
+            "stage": self.stage.state(),
+            "average": self._average,
+        }
 
     def load_state(self, state: dict):
         self.stage.load_state(state["stage"])
         self.step.load_state(state["step"])
+        if state["average"] is not None:
+            device = self.stage.torch_device
+            self._average = [weights.to(device) for weights in state["average"]]
 
     def _run_step(self):
         white = not self.has_alpha or self.number >= (1.0 - WHITE_SHARE) * self.step_count
@@ -96,8 +107,8 @@ class Fit:
 
     def _adapt(self, sample_count):
         room = self.step.samples_per_step
-        ray_count = next_ray_count(self.step.batch.ray_count, sample_count, room)
-        if ray_count != self.step.batch.ray_count:
+        ray_count = next_ray_count(self.step.ray_count, sample_count, room)
+        if ray_count != self.step.ray_count:
             self.step.set_ray_count(ray_count)
 
     def _watch(self, error):
@@ -116,11 +127,21 @@ class Fit:
                 self._give_up("a weight became infinite")
             self._good, self._good_number = [p.clone() for p in parameters], self.number
 
+    @torch.no_grad()
+    def _average_weights(self):
+        parameters = list(self.stage.parameters())
+        if self._average is None:
+            self._average = [p.clone() for p in parameters]
+        torch._foreach_lerp_(self._average, parameters, 1.0 - AVERAGING)
+
+    @torch.no_grad()
+    def _set_weights(self, weights):
+        """Make them the stage's parameters, if there are any."""
+        for mine, given in zip(self.stage.parameters(), weights or (), strict=weights is not None):
+            mine.copy_(given)
+
     def _give_up(self, what):
-        if self._good is not None:
-            with torch.no_grad():
-                for mine, good in zip(self.stage.parameters(), self._good, strict=True):
-                    mine.copy_(good)
+        self._set_weights(self._good)
         raise Diverged(
             f"{what} at step {self.number} of {self.step_count}; kept are the weights of step "
             f"{self._good_number}"
@@ -134,8 +155,8 @@ class Fit:
                 f"with --image-size, or take --preset tiny ({error})"
             ) from error
         self.step.samples_per_step = room
-        ray_count = max(FEWEST_RAYS, self.step.batch.ray_count // 2)
-        self.step.batch = None
+        ray_count = max(FEWEST_RAYS, self.step.ray_count // 2)
+        self.step.forget_batches()
         if self.stage.device.is_cuda:
             torch.cuda.empty_cache()
         self.step.set_ray_count(ray_count)

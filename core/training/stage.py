@@ -17,6 +17,7 @@ from ..field.encoding import make_layout, make_tables
 from ..field.field import FieldOptions, TetField, random_field
 from ..field.network import GEOMETRY_FEATURES
 from ..field.network_torch import Networks
+from ..field.network_triton import evaluator
 from ..field.occupancy import LEVELS, SUBTET_COUNT, subtet_of
 from ..geometry.mesh import TetMesh, tet_neighbours
 from ..geometry.subdivision import path_corners
@@ -63,6 +64,7 @@ class Stage:
         self.networks = Networks(
             self._start.density_layers, self._start.color_layers, options.density_activation
         ).to(self.torch_device)
+        self.evaluate = evaluator(self.networks)
         shape = (mesh.tet_count, SUBTET_COUNT)
         self.thickness = torch.zeros(shape, device=self.torch_device)
         self.occupied = torch.ones(shape, dtype=torch.bool, device=self.torch_device)
@@ -79,22 +81,31 @@ class Stage:
         return self._start.mesh
 
     def trace(self, batch: Batch):
-        """Render the batch's rays with gradients.
+        """March the batch's rays and composite them; see there."""
+        self.march(batch)
+        return self.composite(batch)
+
+    def march(self, batch: Batch):
+        """Find the samples of the batch's rays in what is occupied."""
+        options = self.options
+        batch.march(self.pose, self.mask, options.march_step, options.view_dependence)
+
+    def composite(self, batch: Batch):
+        """Render marched rays with gradients.
 
         Returns:
             color [R, 3] without background, opacity [R], distortion [R], weights [N].
         """
-        options = self.options
-        batch.march(self.pose, self.mask, options.march_step, options.view_dependence)
         samples = batch.samples
         with self.precision():
             features = self.encode(samples.tet, samples.bary)
-            sigma, rgb = self.networks(features, batch.basis)
+            sigma, rgb = self.evaluate(features, batch.basis, wp.to_torch(batch.sample_count))
         return Composite.apply(sigma, rgb, samples.length, samples.t, batch.counts, batch.ends)
 
     def encode(self, sample_tet, sample_bary):
         return Encode.apply(
-            self.table, self.tables, self.layout.level_count, sample_tet, sample_bary
+            *(self.table, self.tables, self.layout.level_count, sample_tet, sample_bary),
+            self.device.is_cuda,  # there half precision halves what the gathers move
         )
 
     @torch.no_grad()

@@ -1,10 +1,16 @@
-"""One optimiser step: draw rays, render them, compare, go back, update.
+"""One optimiser step: draw rays, march them, render, compare, go back, update.
 
-On CUDA a step has a fixed number of rays and a fixed room for samples, nothing in it waits
-for the host, and it is recorded once as a CUDA graph; learning rate, background and jitter
-seed are values on the device.  On the CPU the same step runs as it is, with exactly as
-many samples as there are.
+On CUDA a step has a fixed number of rays and a fixed room for samples and nothing in it waits
+for the host.  It is recorded as two CUDA graphs, with learning rate, background and seed as
+values on the device: one draws and marches a batch, one learns from it.  There are two
+batches: while one is learnt from, the next is marched on a stream of its own, because a march
+is a long chain of small loads that leaves the GPU nearly idle.  The next batch so misses what
+the current step changes, which is at most the occupancy, and no more than one step of it.
+
+On the CPU the same step runs as it is, with exactly as many samples as there are.
 """
+
+from contextlib import contextmanager
 
 import torch
 import warp as wp
@@ -27,7 +33,7 @@ class Step:
     Attributes:
         number: Steps done.
         error: Mean squared error of the last step.  torch [] on the device
-        batch: The last step's samples.
+        ray_count: Rays of a step.
     """
 
     def __init__(
@@ -40,7 +46,6 @@ class Step:
         self._rate = torch.zeros((), device=device)
         # Draws and jitter follow the step's number, and are apart for each `seed`.
         self._first_seed = (seed * SEED_STRIDE) % 2**30
-        self._seed = torch.zeros(1, dtype=torch.int32, device=device)
         self.error = torch.zeros((), device=device)
         self.optimizer = torch.optim.Adam(
             stage.parameters(),
@@ -51,36 +56,68 @@ class Step:
             capturable=device.type == "cuda",
         )
         self.number = 0
-        self.batch = None
-        self._graph = None
+        self._batches, self._graphs = [], None
+        self._stream = self._ahead = None  # of torch: to learn on, and to march ahead on
+        self._next_is_marched = False
+        self._warm = False
+
+    @property
+    def batch(self) -> Batch:
+        """The last step's samples; before the first, the next step's."""
+        return self._batches[max(self.number - 1, 0) % len(self._batches)]
 
     def set_ray_count(self, ray_count: int):
-        """Make room for that many rays; on CUDA the next run records a new graph."""
-        on_cuda = self.stage.device.is_cuda
-        self._graph = None
-        self.batch = Batch(ray_count, self.samples_per_step if on_cuda else None, self.stage.device)
+        """Make room for that many rays; on CUDA the next run records new graphs."""
+        device = self.stage.device
+        self.forget_batches()
+        room, copies = (self.samples_per_step, 2) if device.is_cuda else (None, 1)
+        self._batches = [Batch(ray_count, room, device) for _ in range(copies)]
+        self.ray_count = ray_count
+
+    def forget_batches(self):
+        """Give the batches' memory back, and that of the graphs."""
+        if self._stream is not None:
+            self._stream.synchronize()
+        self._batches, self._graphs, self._next_is_marched = [], None, False
 
     def run(self, rate: float, white: bool):
         """One step with that learning rate, on white or on random backgrounds."""
         self._white.fill_(float(white))
-        self._seed.fill_(self._first_seed + self.number + 1)  # never 0: that means no jitter
-        if not self.stage.device.is_cuda:
+        if self.stage.device.is_cuda:
+            self._rate.fill_(rate)
+            self._run_graphs()
+        else:
             for group in self.optimizer.param_groups:
                 group["lr"] = rate
-            self._work()
-        else:
-            self._rate.fill_(rate)
-            if self._graph is None:
-                self._record()
-            self._graph.replay()
+            self._seed_batch(self._batches[0], self.number)
+            self._march(self._batches[0])
+            self._learn(self._batches[0])
         self.number += 1
+
+    def _run_graphs(self):
+        if self._graphs is None:
+            self._record()
+        march, learn = self._graphs
+        now, ahead = self.number % 2, (self.number + 1) % 2
+        if not self._next_is_marched:
+            self._seed_batch(self._batches[now], self.number)
+            march[now].replay()
+        # What is on the main stream so far is over before the march begins, what comes later
+        # begins after it has ended: nobody has to know that there are two streams.
+        self._ahead.wait_stream(self._stream)
+        with torch.cuda.stream(self._ahead):
+            self._seed_batch(self._batches[ahead], self.number + 1)
+            march[ahead].replay()
+        learn[now].replay()
+        self._stream.wait_stream(self._ahead)
+        self._next_is_marched = True
 
     def state(self) -> dict:
         """What a later run needs to go on: optimiser, randomness, number of rays."""
         return {
             "optimizer": self.optimizer.state_dict()["state"],
             "number": self.number,
-            "ray_count": self.batch.ray_count,
+            "ray_count": self.ray_count,
             "samples_per_step": self.samples_per_step,
         }
 
@@ -100,13 +137,19 @@ class Step:
         ends = self.batch.ends
         return int(ends[len(ends) - 1 :].numpy()[0])
 
-    def _work(self):
-        stage, batch = self.stage, self.batch
-        wp.to_torch(batch.seed).copy_(self._seed)
+    def _seed_batch(self, batch, number):
+        """Randomness for step `number`; never 0, which means no jitter."""
+        wp.to_torch(batch.seed).fill_(self._first_seed + number + 1)
+
+    def _march(self, batch):
         self.bank.draw(batch.seed, batch.drawn)
+        self.stage.march(batch)
+
+    def _learn(self, batch):
+        stage = self.stage
         rgba = batch.rgba
         alpha = rgba[:, 3:]
-        color, opacity, distortion, _ = stage.trace(batch)
+        color, opacity, distortion, _ = stage.composite(batch)
         if stage.surroundings:
             target = rgba[:, :3]
             with stage.precision():
@@ -127,20 +170,50 @@ class Step:
         self.error.copy_(error.detach())
 
     def _record(self):
-        """Record the step; the runs before the recording are steps too."""
+        """Record the step; the runs before the first recording are steps too."""
         device = self.stage.device
-        stream = wp.get_stream(device)
-        for _ in range(WARM_UP_RUNS):
-            self._seed.add_(WARM_UP_SEED)
-            self._work()
-        self._seed.sub_(WARM_UP_RUNS * WARM_UP_SEED)
-        graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(
-            graph, stream=wp.stream_to_torch(stream), capture_error_mode="thread_local"
-        ):
-            wp.capture_begin(device, stream=stream, external=True)
-            try:
-                self._work()
-            finally:
-                wp.capture_end(device, stream=stream)
-        self._graph = graph
+        main = wp.get_stream(device)
+        self._stream = torch.cuda.current_stream(self.stage.torch_device)
+        if self._ahead is None:
+            self._ahead = torch.cuda.Stream(self.stage.torch_device)
+        if not self._warm:
+            for run in range(WARM_UP_RUNS):
+                batch = self._batches[run % 2]
+                self._seed_batch(batch, WARM_UP_SEED + run)
+                self._march(batch)
+                self._learn(batch)
+            self._warm = True
+        march, learn = [], []
+        for batch in self._batches:
+            with recording(device, main) as graph:
+                self._march(batch)
+            march.append(graph)
+            # Both that learn share one pool: they never run at the same time.
+            with recording(device, main, learn[0].pool() if learn else None) as graph:
+                self._learn(batch)
+            learn.append(graph)
+        self._graphs = march, learn
+
+
+@contextmanager
+def recording(device, stream, pool=None):
+    """Records what torch and Warp launch on a Warp stream, torch's current one, as a CUDA graph.
+
+    Args:
+        pool: Of a graph that never runs at the same time: to use its memory.
+
+    Yields:
+        The torch.cuda.CUDAGraph; `replay` it on any stream.
+    """
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(
+        graph,
+        pool=pool,
+        stream=wp.stream_to_torch(stream),
+        capture_error_mode="thread_local",
+    ):
+        wp.capture_begin(device, stream=stream, external=True)
+        try:
+            yield graph
+        finally:
+            wp.capture_end(device, stream=stream)

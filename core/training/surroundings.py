@@ -12,6 +12,7 @@ with one learnt color for what never ends.  So the tets hold what is inside the 
 Shapes: R rays, K_f + K_b pieces per ray.
 """
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -28,7 +29,7 @@ from ..field.grid import (
     grid_encode_kernel,
     surroundings_widths,
 )
-from ..field.network import basis_of, basis_vector
+from ..field.network import BASIS_COUNT, basis_of, basis_vector
 from ..field.network_torch import Networks
 from .differentiable import Composite
 
@@ -174,19 +175,20 @@ class LearntSurroundings(torch.nn.Module):
         """
         rays, kinds = len(origins), FRONT_PIECES + BEHIND_PIECES
         count = rays * kinds
-        points = wp.empty(count, dtype=wp.vec3, device=self.device)
-        length = wp.empty(count, dtype=float, device=self.device)
-        t = wp.empty(count, dtype=float, device=self.device)
-        basis = wp.empty(count, dtype=basis_vector, device=self.device)
+        # Of torch, whose memory a CUDA graph can hold.
+        empty = partial(torch.empty, device=self.table.device)
+        points = wp.from_torch(empty(count, 3), dtype=wp.vec3)
+        length, t = wp.from_torch(empty(count)), wp.from_torch(empty(count))
+        basis = empty(count, BASIS_COUNT)
         wp.launch(
             pieces_kernel,
             dim=(rays, kinds),
             inputs=[origins, directions, self._center, self._half, seed],
-            outputs=[points, length, t, basis],
+            outputs=[points, length, t, wp.from_torch(basis, dtype=basis_vector)],
             device=self.device,
         )
         features = GridEncode.apply(self.table, points, self._resolutions)
-        sigma, rgb = self.networks(features, wp.to_torch(basis))
+        sigma, rgb = self.networks(features, basis)
         split = rays * FRONT_PIECES
         front = self._composite(sigma[:split], rgb[:split], length[:split], t[:split], FRONT_PIECES)
         behind = self._composite(
@@ -197,8 +199,8 @@ class LearntSurroundings(torch.nn.Module):
 
     def _composite(self, sigma, rgb, length, t, pieces):
         rays = len(length) // pieces
-        counts = wp.full(rays, pieces, dtype=int, device=self.device)
         ends = torch.arange(1, rays + 1, dtype=torch.int32, device=sigma.device) * pieces
+        counts = wp.from_torch(torch.full_like(ends, pieces))
         return Composite.apply(sigma, rgb, length, t, counts, wp.from_torch(ends))[:2]
 
     def export(self) -> Surroundings:

@@ -2,11 +2,15 @@
 
     python tests/benchmarks/train_choices.py DATA [--device cuda:0] [--preset fast] NAME ...
 
-Names: the rows of CHOICES; all of them if none is given.  Scored on every fifth training
-view, which is held aside, never on test views.
+Names: rows of CHOICES, or several joined by " + "; all of them if none is given.  Scored on
+every fifth training view, which is held aside, never on test views.
 """
 
 import argparse
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from importlib import import_module
+from unittest import mock
 
 import numpy as np
 
@@ -14,18 +18,52 @@ from deformrf.core.device import start_warp
 from deformrf.core.training import datasets, evaluate, trainer
 from deformrf.core.training.options import preset
 
+# Options, or constants of a module of core.training ("fit.FINAL_RATE").
 CHOICES = {
     "default": {},
     "2 density layers": {"density_layers": 2},
     "3 sigmoid layers (paper)": {"density_layers": 3, "density_activation": "sigmoid"},
     "T = 2^17": {"table_size_log2": 17},
+    "T = 2^18": {"table_size_log2": 18},
     "T = 2^19": {"table_size_log2": 19},
-    "march step 0.0013": {"march_step": 0.0013},
-    "march step 0.003": {"march_step": 0.003},
+    "T = 2^20": {"table_size_log2": 20},
+    "T = 2^21": {"table_size_log2": 21},
+    "step 0.0013": {"march_step": 0.0013},
+    "step 0.0016": {"march_step": 0.0016},
+    "step 0.003": {"march_step": 0.003},
     "5 levels": {"level_count": 5},
     "7 levels": {"level_count": 7},
+    "8 levels": {"level_count": 8},
+    "2^19 samples": {"samples_per_step": 2**19},
+    "2^17 samples": {"samples_per_step": 2**17},
     "no distortion loss": {"distortion": 0.0},
+    "distortion 1e-3": {"distortion": 1e-3},
+    "rate 2e-2": {"learning_rate": 2e-2},
+    "rate 5e-3": {"learning_rate": 5e-3},
+    "final rate 0.1": {"fit.FINAL_RATE": 0.1},
+    "last weights": {"fit.AVERAGING": 0.0},
+    "longer average": {"fit.AVERAGING": 0.97},
+    "half white": {"fit.WHITE_SHARE": 0.5},
+    "always white": {"fit.WHITE_SHARE": 1.0},
+    "beta2 0.99": {"step.BETAS": (0.9, 0.99)},
+    "thinner occupied": {"stage.OCCUPIED_THICKNESS": 1e-3},
+    "hide less": {"trainer.UNSEEN_WEIGHT": 1e-4, "trainer.COARSE_UNSEEN_WEIGHT": 5e-3},
 }
+
+
+@contextmanager
+def chosen(names, preset_name):
+    """Options of a row "a + b", with the constants that it changes changed."""
+    changes = {}
+    for name in names.split(" + "):
+        changes |= CHOICES[name]
+    constants = {key: value for key, value in changes.items() if "." in key}
+    with ExitStack() as stack:
+        for key, value in constants.items():
+            module, name = key.split(".")
+            module = import_module(f"deformrf.core.training.{module}")
+            stack.enter_context(mock.patch.object(module, name, value))
+        yield preset(preset_name, **{k: v for k, v in changes.items() if k not in constants})
 
 
 def split(dataset):
@@ -41,19 +79,22 @@ def main():
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--preset", default="fast")
     parser.add_argument("--image-size", type=int)
+    parser.add_argument("--fine-steps", type=int)
     arguments = parser.parse_intermixed_args()
     start_warp()
     train_views, held_aside = split(datasets.load(arguments.data, "train", arguments.image_size))
-    print(f"{'choice':<26}{'PSNR':>8}{'SSIM':>8}{'seconds':>9}{'tets':>8}{'occupied':>10}")
+    print(f"{'choice':<40}{'PSNR':>8}{'SSIM':>8}{'seconds':>9}{'tets':>8}{'occupied':>10}")
     for name in arguments.names or CHOICES:
-        options = preset(arguments.preset, **CHOICES[name])
-        trained = trainer.train(train_views, options, arguments.device)
+        with chosen(name, arguments.preset) as options:
+            if arguments.fine_steps:
+                options = replace(options, fine_steps=arguments.fine_steps)
+            trained = trainer.train(train_views, options, arguments.device)
         if trained.interrupted:
             break
         mean = evaluate.evaluate(trained.field, held_aside, device=arguments.device)["mean"]
         report = trained.report
         print(
-            f"{name:<26}{mean['psnr']:>8.2f}{mean['ssim']:>8.4f}{report['seconds']:>9.1f}"
+            f"{name:<40}{mean['psnr']:>8.2f}{mean['ssim']:>8.4f}{report['seconds']:>9.1f}"
             f"{report['tet_count']:>8}{report['occupied_share']:>10.3f}",
             flush=True,
         )

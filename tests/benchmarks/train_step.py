@@ -19,11 +19,11 @@ from deformrf.core.field import modelfile
 from deformrf.core.field.occupancy import unpack_mask
 from deformrf.core.training import datasets
 from deformrf.core.training.differentiable import Composite, on_warp_stream
+from deformrf.core.training.fit import next_ray_count
 from deformrf.core.training.options import preset
 from deformrf.core.training.raybank import RayBank
 from deformrf.core.training.stage import Stage
 from deformrf.core.training.step import Step
-from deformrf.core.training.trainer import next_ray_count
 
 RATE = 1e-4  # small: the field stays what it is
 
@@ -60,13 +60,13 @@ def parts_of(step, times):
     bank.draw(batch.seed, batch.drawn)
     rgba = batch.rgba
     done("draw")
-    batch.march(stage.pose, stage.mask, stage.options.march_step)
+    stage.march(batch)
     done("march")
     samples = batch.samples
     with stage.precision():
         features = stage.encode(samples.tet, samples.bary)
         done("encode")
-        sigma, rgb = stage.networks(features, batch.basis)
+        sigma, rgb = stage.evaluate(features, batch.basis, wp.to_torch(batch.sample_count))
         done("networks")
     color, _, distortion, _ = Composite.apply(
         sigma, rgb, samples.length, samples.t, batch.counts, batch.ends
@@ -74,8 +74,18 @@ def parts_of(step, times):
     done("composite")
     loss = ((color - rgba[:, :3]) ** 2).mean() + step.distortion * distortion.mean()
     step.optimizer.zero_grad(set_to_none=True)
-    loss.backward()
-    done("backward")
+    done("loss")
+    g_sigma, g_rgb = torch.autograd.grad(1024.0 * loss, [sigma, rgb], retain_graph=True)
+    done("composite back")
+    weights = list(stage.networks.parameters())
+    g_features, *g_weights = torch.autograd.grad(
+        [sigma, rgb], [features, *weights], [g_sigma, g_rgb], retain_graph=True
+    )
+    done("networks back")
+    (stage.table.grad,) = torch.autograd.grad(features, [stage.table], [g_features])
+    done("encode back")
+    for parameter, gradient in zip(weights, g_weights, strict=True):
+        parameter.grad = gradient
     step.optimizer.step()
     done("adam")
 
@@ -109,11 +119,11 @@ def main():
             whole.append(1e3 * (time.perf_counter() - start))
         for _ in range(arguments.steps):
             parts_of(step, parts)
-        print(f"{stage.device.name}: {step.sample_count()} samples of {step.batch.ray_count} rays")
+        print(f"{stage.device.name}: {step.sample_count()} samples of {step.ray_count} rays")
         names = {**{name: np.median(values) for name, values in parts.items()}}
         names |= {"sum": sum(names.values()), "as run": np.median(whole)}
-        print("".join(f"{name:>11}" for name in names))
-        print("".join(f"{value:>11.2f}" for value in names.values()))
+        print("".join(f"{name:>16}" for name in names))
+        print("".join(f"{value:>16.2f}" for value in names.values()))
 
 
 if __name__ == "__main__":
