@@ -191,6 +191,22 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(
         np.testing.assert_array_equal(a, b)
 
 
+def test_a_resumed_run_keeps_the_corner_orders_of_its_checkpoint(ball_data, monkeypatch, tmp_path):
+    """Its features and masks belong to them; another version's grid may have others."""
+    path = tmp_path / "ball.checkpoint"
+    grid = trainer.a15_grid(SMALL.spacing)
+    other = replace(grid, tets=grid.tets[:, [0, 2, 3, 1]])
+    with monkeypatch.context() as patch:
+        patch.setattr(trainer, "a15_grid", lambda _: other)
+        Interrupting(patch, 2)
+        first = trainer.train(ball_data[0], SMALL, "cpu", "ball", path)
+    with monkeypatch.context() as patch:
+        Interrupting(patch, 2)
+        resumed = checkpoint.load(path)
+        second = trainer.train(ball_data[0], SMALL, "cpu", "ball", path, resumed)
+    np.testing.assert_array_equal(second.field.mesh.tets, first.field.mesh.tets)
+
+
 def test_a_long_run_is_saved_from_time_to_time(ball_data, monkeypatch, tmp_path):
     monkeypatch.setattr(trainer, "CHECKPOINT_SECONDS", 0.0)
     path = tmp_path / "ball.checkpoint"

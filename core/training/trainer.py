@@ -125,14 +125,15 @@ class _Run:
         interrupted, diverged = False, None
         try:
             bank = RayBank(self.dataset, self.world_to_model, self.device)
-            mesh = boxed(a15_grid(self.options.spacing), self.box, self.options.spacing)
+            if self.resumed:  # another version's grid may order corners otherwise
+                mesh = self.resumed.mesh
+            else:
+                mesh = boxed(a15_grid(self.options.spacing), self.box, self.options.spacing)
             if self.resumed is None or self.resumed.stage == 1:
                 self._coarse(mesh, bank, progress)
                 mesh = kept_mesh(self.stage)
                 self.report["stage_1_tet_count"] = self.stage.mesh.tet_count
                 self.report["tet_count"] = mesh.tet_count
-            else:
-                mesh = self.resumed.mesh
             self._fine(mesh, bank, progress)
         except KeyboardInterrupt:
             interrupted = True
