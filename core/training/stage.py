@@ -29,6 +29,7 @@ OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet is occupied, however ma
 EMPTY_THICKNESS = 1e-4  # below it is empty, even where everything is as thin
 OCCUPANCY_DECAY = 0.95  # per update; so empty space is forgotten within some 60 updates
 UPDATE_CHUNK = 1 << 20  # sub-tets evaluated at once
+HARMONICS = 16
 INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
 
 wp.set_module_options({"enable_backward": False})
@@ -89,6 +90,8 @@ class Stage:
         """Find the samples of the batch's rays in what is occupied."""
         options = self.options
         batch.march(self.pose, self.mask, options.march_step, options.view_dependence)
+        if HARMONICS < 16:
+            batch.basis[:, HARMONICS:] = 0.0
 
     def composite(self, batch: Batch):
         """Render marched rays with gradients.
@@ -201,6 +204,8 @@ class Stage:
         density, color = self.networks.layers()
         if not self.options.view_dependence:
             color[0][0][GEOMETRY_FEATURES + 1 :] = 0.0  # nothing has trained them
+        if HARMONICS < 16:
+            color[0][0][GEOMETRY_FEATURES + HARMONICS :] = 0.0
         return replace(
             self._start,
             occupancy=self.mask.numpy(),
