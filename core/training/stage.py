@@ -13,7 +13,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from ..field.encoding import make_layout, make_tables
+from ..field.encoding import make_tables
 from ..field.field import FieldOptions, TetField, random_field
 from ..field.network import GEOMETRY_FEATURES
 from ..field.network_torch import Networks
@@ -47,16 +47,28 @@ def mark_seen_kernel(
 
 
 class Stage:
-    """A learning field; see the module's text."""
+    """A learning field; see the module's text.
 
-    def __init__(self, mesh: TetMesh, options: FieldOptions, device, seed=0, surroundings=None):
+    Without `subtet_mask` a tet is occupied as a whole, if any of its sub-tets is.
+    """
+
+    def __init__(
+        self,
+        mesh: TetMesh,
+        options: FieldOptions,
+        device,
+        seed=0,
+        surroundings=None,
+        subtet_mask=True,
+    ):
         self.device = wp.get_device(device)
         self.torch_device = torch.device(wp.device_to_torch(self.device))
         self.options = options
         self.surroundings = surroundings  # LearntSurroundings, or None
+        self.subtet_mask = subtet_mask
         neighbours = tet_neighbours(mesh.tets)
         self._start = random_field(mesh, neighbours, options, seed, INITIAL_CONTRAST)
-        self.layout = make_layout(mesh, options.level_count, options.table_size)
+        self.layout = self._start.layout
         self.tables = make_tables(mesh, self.layout, self.device)
         self.pose = Pose(mesh, neighbours, self.device)
         self.table = torch.nn.Parameter(torch.from_numpy(self._start.table).to(self.torch_device))
@@ -115,8 +127,7 @@ class Stage:
         for part in chosen.split(UPDATE_CHUNK):
             flat[part] = torch.maximum(flat[part], self._thickness_of(part))
         threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
-        self.occupied = (self.thickness > threshold) & ~self.hidden
-        self.refresh_mask()
+        self._occupy((self.thickness > threshold) & ~self.hidden)
 
     def _thickness_of(self, cells):
         """σ·Δ at a random point of each sub-tet.  [n] int64 -> [n]"""
@@ -154,7 +165,13 @@ class Stage:
                 device=self.device,
             )
         self.hidden = (seen < smallest_weight).view_as(self.hidden)
-        self.occupied &= ~self.hidden
+        self._occupy(self.occupied & ~self.hidden)
+
+    def _occupy(self, subtets):
+        """Make these the occupied sub-tets.  [T, 64] bool"""
+        if not self.subtet_mask:
+            subtets = subtets | subtets.any(dim=1, keepdim=True)
+        self.occupied = subtets
         self.refresh_mask()
 
     def occupied_share(self) -> float:

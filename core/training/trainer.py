@@ -9,6 +9,9 @@ levels on the kept tets.  Both minimise
 with Adam.  Images with alpha are composited on a random background per ray until the last
 fifth of a stage, then on white: so that empty space learns to be empty, and the result is
 at its best on the background it is scored on.
+
+A run that leaves stage 1 out is stage 2 on the whole grid in the scene box; its model holds
+all of those tets, the empty ones too.
 """
 
 import time
@@ -125,11 +128,12 @@ class _Run:
         interrupted, diverged = False, None
         try:
             bank = RayBank(self.dataset, self.world_to_model, self.device)
-            mesh = boxed(a15_grid(self.options.spacing), self.box, self.options.spacing)
             if self.resumed is None or self.resumed.stage == 1:
-                self._coarse(mesh, bank, progress)
-                mesh = kept_mesh(self.stage)
-                self.report["stage_1_tet_count"] = self.stage.mesh.tet_count
+                mesh = boxed(a15_grid(self.options.spacing), self.box, self.options.spacing)
+                if "coarse-stage" not in self.options.leave_out:
+                    self._coarse(mesh, bank, progress)
+                    mesh = kept_mesh(self.stage)
+                    self.report["stage_1_tet_count"] = self.stage.mesh.tet_count
                 self.report["tet_count"] = mesh.tet_count
             else:
                 mesh = self.resumed.mesh
@@ -158,7 +162,10 @@ class _Run:
     def _fit(self, number, mesh, field_options_, step_count, bank, progress):
         self.fit = None  # the stage before gives its memory back
         seed = self.options.seed
-        self.stage = Stage(mesh, field_options_, self.device, seed, self.surroundings)
+        subtet_mask = "subtet-mask" not in self.options.leave_out
+        self.stage = Stage(
+            *(mesh, field_options_, self.device, seed, self.surroundings, subtet_mask)
+        )
         has_alpha = self.dataset.has_alpha
         self.stage_number = number
         if self.stage.device.is_cuda:
@@ -240,6 +247,7 @@ def field_options(options: TrainOptions) -> FieldOptions:
         density_activation=options.density_activation,
         march_step=options.march_step,
         view_dependence=options.view_dependence,
+        dense_levels="dense-levels" not in options.leave_out,
     )
 
 
