@@ -1,5 +1,6 @@
 """Training: what it keeps, how it learns, and that an interrupted run leaves a model."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -138,6 +139,29 @@ def test_without_view_dependence_all_sides_look_alike(ball_data):
     np.testing.assert_array_equal(colors[0], colors[2])
     # Slower to learn at first; white alone has 10 dB.
     assert evaluate(field, ball_data[1])["mean"]["psnr"] > 17.0
+
+
+def test_who_watches_a_run_neither_changes_it_nor_costs_it_time(ball_data, trained):
+    """Every pause of both stages is told, with the field as it stands then."""
+    calls = []
+
+    def look(stage, seconds, export):
+        field = export()
+        assert field.options.level_count == SMALL.level_count
+        calls.append((stage, seconds, export().table.copy()))
+        time.sleep(0.5)
+
+    begin = time.perf_counter()
+    watched = trainer.train(ball_data[0], SMALL, "cpu", "ball", on_pause=look)
+    elapsed = time.perf_counter() - begin
+    pauses = [(steps - 1) // fit.OCCUPANCY_INTERVAL for steps in (60, 80)]
+    assert [stage for stage, *_ in calls] == [1] * pauses[0] + [2] * pauses[1]
+    seconds = [when for _, when, _ in calls]
+    assert seconds == sorted(seconds)
+    assert seconds[-1] < watched.report["seconds"] < elapsed - 0.5 * len(calls)
+    assert not np.array_equal(calls[-2][2], calls[-1][2])
+    for a, b in zip(parameters(trained), parameters(watched), strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_without_the_coarse_stage_the_whole_grid_learns(ball_data, monkeypatch, tmp_path):
