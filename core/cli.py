@@ -24,6 +24,7 @@ Box = Annotated[
     tuple[float, float, float, float, float, float] | None,
     tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1", help_behavior_hint=""),
 ]
+Words = Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...", help_behavior_hint="")]
 Data = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
 Model = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
 
@@ -58,6 +59,9 @@ class TrainArguments:
     """Store the surroundings in the model, so that deformrf-eval can compare whole images."""
     view_dependence: bool = True
     """Without it colors look the same from all sides, and cost less."""
+    leave_out: Words = ()
+    """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
+    (tets are occupied as a whole), dense-levels (all are hashed), distortion (no such loss)."""
     entry_bits: Literal[8, 16] = 8
     """Of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
     resume: bool = False
@@ -133,6 +137,8 @@ def prepare_training(arguments: TrainArguments):
     checkpoint_path = output.with_suffix(".checkpoint")
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
     options = resumed.options if resumed else preset(arguments.preset)
+    if arguments.leave_out:
+        options = replace(options, leave_out=arguments.leave_out)
     if arguments.steps is not None:
         options = with_steps(options, at_least(2, "--steps", arguments.steps))
     if arguments.seed is not None:
@@ -187,6 +193,8 @@ def prepare_training(arguments: TrainArguments):
             scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
             modelfile.save(kept, output, scores, bits)
         print(summary(trained, path, report["mean"] if test_views and complete else None))
+        if "coarse-stage" in options.leave_out:
+            print("Without the coarse stage the model holds the whole grid, empty tets too.")
         if trained.report.get("levels_below_pixel"):
             print(finest_levels(trained))
         if trained.diverged:
@@ -212,6 +220,7 @@ def resumed_run(arguments: TrainArguments, path: Path):
     for flag, given in (
         ("--no-view-dependence", not arguments.view_dependence),
         ("--surroundings", arguments.surroundings != "auto"),
+        ("--leave-out", arguments.leave_out),
         ("--preset", arguments.preset != "default"),
     ):
         if given:
@@ -292,6 +301,8 @@ def prepare_evaluation(arguments: EvaluateArguments):
 
 def with_steps(options, steps: int):
     """The options with this many steps in all, at least one in each stage."""
+    if "coarse-stage" in options.leave_out:
+        return replace(options, fine_steps=steps)
     share = options.coarse_steps / (options.coarse_steps + options.fine_steps)
     coarse_steps = max(1, round(share * steps))
     return replace(options, coarse_steps=coarse_steps, fine_steps=steps - coarse_steps)

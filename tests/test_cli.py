@@ -18,7 +18,7 @@ from deformrf.core.field.field import FieldOptions, random_field
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import tet_neighbours
 from deformrf.core.training.capture import DatasetError
-from deformrf.core.training.options import PRESETS, preset
+from deformrf.core.training.options import LEAVE_OUT, PRESETS, preset
 
 
 @pytest.fixture
@@ -92,6 +92,20 @@ def test_training_gets_data_options_and_device(call, trainer, data, tmp_path):
     assert options == preset("fast", seed=7, scene_radius=2.0)
     assert (device, name) == ("cpu", "data")
     assert (checkpoint_path, resumed) == (tmp_path / "m.checkpoint", None)
+
+
+def test_what_is_left_out_reaches_the_trainer(call, trainer, data, tmp_path):
+    """All steps are those of the one stage, and the user learns what the model then holds."""
+    flags = ("--steps", 50, "--leave-out", "coarse-stage", "subtet-mask", "--device", "cpu")
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", *flags)
+    assert "whole grid" in result.out
+    options = trainer.calls[0][1]
+    assert options == preset("default", fine_steps=50, leave_out=("coarse-stage", "subtet-mask"))
+
+
+def test_help_names_all_that_can_be_left_out(call):
+    shown = call(cli.train, "--help").out
+    assert all(word in shown for word in LEAVE_OUT)
 
 
 def test_training_writes_the_model_with_its_test_scores(call, trainer, data, tmp_path):
@@ -173,6 +187,7 @@ def test_an_interrupted_run_says_how_to_go_on(call, trainer, data, tmp_path):
         ([], None, "m.checkpoint to resume from"),
         (["--steps", 9], 3, "drop --steps"),
         (["--scene-radius", 2], 3, "drop --scene-radius"),
+        (["--leave-out", "distortion"], 3, "drop --leave-out"),
         ([], 4, "had 4 views, these are 3"),
     ],
 )
@@ -286,6 +301,10 @@ def test_bad_flags_of_evaluation_are_one_sentence(call, data, model, flags, sent
         (["-o", "m.npz", "--seed", -1], "--seed is -1: it has to be at least 0"),
         (["-o", "m.npz", "--image-size", 0], "image size is 0"),
         (["-o", "m.npz", "--scene-radius", 0], "--scene-radius is 0.0"),
+        (
+            ["-o", "m.npz", "--leave-out", "distortion", "stage"],
+            "no 'stage' to leave out; choose from coarse-stage, subtet-mask, dense-levels, ",
+        ),
     ],
 )
 def test_bad_flags_of_training_are_one_sentence(call, trainer, data, flags, sentence):

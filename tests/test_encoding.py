@@ -48,6 +48,14 @@ def test_some_levels_are_dense_and_the_rest_hashed(layout):
     assert all(n <= TABLE_SIZE for n in layout.entry_counts)
 
 
+def test_without_dense_levels_all_are_hashed(mesh):
+    """Also the ones that would fit; and the kernel still finds every entry."""
+    layout = make_layout(mesh, 3, TABLE_SIZE, dense_levels=False)
+    assert layout.entry_counts == (TABLE_SIZE,) * 3
+    assert (layout.dense_level_count, layout.node_ids) == (0, ())
+    check_forward_kernel(mesh, layout, "cpu")
+
+
 @pytest.mark.parametrize("level", [0, 1, 2])
 def test_dense_entries_are_one_to_one_with_vertices(mesh, level):
     ids, count = dense_ids(mesh, level)
@@ -103,15 +111,20 @@ def launch_arguments(mesh, layout, tet, bary, device):
 
 @pytest.mark.parametrize("entry", [wp.vec4, vec4h])
 def test_forward_kernel_matches_the_reference(mesh, layout, device, entry):
+    check_forward_kernel(mesh, layout, device, entry)
+
+
+def check_forward_kernel(mesh, layout, device, entry=wp.vec4):
+    levels = layout.level_count
     tet, bary = random_samples(mesh)
     table = random_table(layout).astype(entry_type(entry))
     tables, tet_array, bary_array = launch_arguments(mesh, layout, tet, bary, device)
     table_array = wp.array(table, dtype=entry, device=device)
-    features = wp.empty((COUNT, LEVELS), dtype=entry, device=device)
+    features = wp.empty((COUNT, levels), dtype=entry, device=device)
     wp.launch(
         encode_kernel,
         dim=COUNT,
-        inputs=[tables, table_array, tet_array, bary_array, LEVELS],
+        inputs=[tables, table_array, tet_array, bary_array, levels],
         outputs=[features],
         device=device,
     )

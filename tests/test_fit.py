@@ -1,5 +1,7 @@
 """A stage's steps: the learning rate, the number of rays, and what happens when things go wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -36,6 +38,12 @@ def run():
 def go(run):
     with TrainingProgress() as progress:
         run.run(progress, "stage")
+
+
+def test_the_distortion_loss_can_be_left_out(run):
+    without = replace(OPTIONS, leave_out=("distortion",))
+    assert run.step.distortion == OPTIONS.distortion > 0.0
+    assert Fit(run.stage, run.step.bank, without, run.has_alpha, 1).step.distortion == 0.0
 
 
 def test_the_learning_rate_warms_up_and_falls_along_a_cosine():

@@ -88,9 +88,7 @@ def test_shrinking_keeps_the_view():
 @wp.kernel
 def directions_kernel(lens: DeviceLens, directions: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    directions[i] = lens_direction(
-        lens, float(i % lens.width) + 0.5, float(i / lens.width) + 0.5
-    )
+    directions[i] = lens_direction(lens, i % lens.width, i / lens.width)
 
 
 def test_the_kernel_matches_the_reference(device):

@@ -205,6 +205,29 @@ def test_bits_beyond_the_last_entry_are_refused(path, field):
         modelfile.load(path)
 
 
+def test_a_field_without_dense_levels_is_loaded(make_ball_field, tmp_path):
+    field = make_ball_field(3, occupied_share=1.0, level_count=3, dense_levels=False)
+    path = tmp_path / "hashed.npz"
+    modelfile.save(field, path)
+    loaded = modelfile.load(path)
+    assert loaded.options == field.options
+    assert loaded.layout.entry_counts == (field.options.table_size,) * 3
+    reached = reached_entries(field.mesh, field.layout, field.occupancy)
+    assert 0 < reached[: field.options.table_size].sum() <= field.mesh.vertex_count  # level 0
+    stored = field.table[reached].astype(np.float16)
+    np.testing.assert_array_equal(loaded.table[reached], stored)
+
+
+def test_a_file_that_says_nothing_of_dense_levels_has_them(path, field):
+    with np.load(path) as archive:
+        options = json.loads(archive["meta"].tobytes())["options"]
+    del options["dense_levels"]
+    rewrite_meta(path, options=options)
+    loaded = modelfile.load(path)
+    assert loaded.options.dense_levels
+    assert loaded.layout.entry_counts == field.layout.entry_counts
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

@@ -1,5 +1,6 @@
 """Training: what it keeps, how it learns, and that an interrupted run leaves a model."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -138,6 +139,76 @@ def test_without_view_dependence_all_sides_look_alike(ball_data):
     np.testing.assert_array_equal(colors[0], colors[2])
     # Slower to learn at first; white alone has 10 dB.
     assert evaluate(field, ball_data[1])["mean"]["psnr"] > 17.0
+
+
+def test_who_watches_a_run_neither_changes_it_nor_costs_it_time(ball_data, trained):
+    """Every pause of both stages is told, with the field as it stands then."""
+    calls = []
+
+    def look(stage, seconds, export):
+        field = export()
+        assert field.options.level_count == SMALL.level_count
+        calls.append((stage, seconds, export().table.copy()))
+        time.sleep(0.5)
+
+    begin = time.perf_counter()
+    watched = trainer.train(ball_data[0], SMALL, "cpu", "ball", on_pause=look)
+    elapsed = time.perf_counter() - begin
+    pauses = [(steps - 1) // fit.OCCUPANCY_INTERVAL for steps in (60, 80)]
+    assert [stage for stage, *_ in calls] == [1] * pauses[0] + [2] * pauses[1]
+    seconds = [when for _, when, _ in calls]
+    assert seconds == sorted(seconds)
+    assert seconds[-1] < watched.report["seconds"] < elapsed - 0.5 * len(calls)
+    assert not np.array_equal(calls[-2][2], calls[-1][2])
+    for a, b in zip(parameters(trained), parameters(watched), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_without_the_coarse_stage_the_whole_grid_learns(ball_data, monkeypatch, tmp_path):
+    """One stage with all steps and levels; what it leaves is a model, and can be resumed."""
+    options = replace(SMALL, leave_out=("coarse-stage",))
+    path = tmp_path / "ball.checkpoint"
+    with monkeypatch.context() as patch:
+        Interrupting(patch, 40)
+        assert trainer.train(ball_data[0], options, "cpu", "ball", path).interrupted
+    trained = trainer.train(
+        ball_data[0], options, "cpu", "ball", path, resumed=checkpoint.load(path)
+    )
+    assert trained.complete
+    field = trained.field
+    assert field.mesh.tet_count == a15_grid(SMALL.spacing).tet_count == trained.report["tet_count"]
+    assert field.options.level_count == SMALL.level_count
+    assert not any(key.startswith("stage_1") for key in trained.report)
+    modelfile.save(field, tmp_path / "ball.npz")
+    assert evaluate(modelfile.load(tmp_path / "ball.npz"), ball_data[1])["mean"]["psnr"] > 17.0
+
+
+def test_without_a_subtet_mask_tets_are_occupied_as_a_whole(ball_data, trained):
+    options = replace(SMALL, leave_out=("subtet-mask",))
+    whole = trainer.train(ball_data[0], options, "cpu", "ball")
+    full = np.uint64(2**64 - 1)
+    assert set(whole.field.occupancy.tolist()) == {0, int(full)}
+    assert not np.isin(trained.field.occupancy, [0, full]).all()
+
+
+def test_a_tet_is_occupied_whole_if_any_of_its_subtets_is():
+    options = FieldOptions(level_count=2, table_size=2**8)
+    stage = Stage(a15_grid(0.25), options, "cpu", subtet_mask=False)
+    with torch.no_grad():
+        stage.networks.density[-1].bias[0] = 8.0
+    stage.hidden[:] = True
+    stage.hidden[3, 17] = stage.hidden[5, 40] = False
+    stage.update_occupancy()
+    assert stage.occupied.all(dim=1).nonzero().ravel().tolist() == [3, 5]
+    assert stage.mask.numpy().nonzero()[0].tolist() == [3, 5]
+    assert stage.occupied.sum() == 2 * 64
+
+
+def test_without_dense_levels_a_ball_is_learnt_from_hashed_ones(ball_data, trained):
+    options = replace(SMALL, leave_out=("dense-levels",))
+    hashed = trainer.train(ball_data[0], options, "cpu", "ball").field
+    assert hashed.layout.dense_level_count == 0 < trained.field.layout.dense_level_count
+    assert evaluate(hashed, ball_data[1])["mean"]["psnr"] > 20.0
 
 
 class Interrupting:

@@ -74,8 +74,11 @@ def dense_ids(mesh: TetMesh, level: int):
     return ids.reshape(key.shape).astype(np.int32), len(unique)
 
 
-def make_layout(mesh: TetMesh, level_count: int, table_size: int) -> Layout:
+def make_layout(mesh: TetMesh, level_count: int, table_size: int, dense_levels=True) -> Layout:
     """Dense levels as long as they fit, hashed ones of `table_size` (a power of two) above.
+
+    Args:
+        dense_levels: If false, all levels are hashed.
 
     Raises:
         ValueError: level_count is outside 1..10 or table_size is no power of two.
@@ -85,7 +88,7 @@ def make_layout(mesh: TetMesh, level_count: int, table_size: int) -> Layout:
     if table_size < 2 or table_size & (table_size - 1):
         raise ValueError(f"the table size {table_size} is not a power of two")
     entry_counts, node_ids = [], []
-    for level in range(min(level_count, MAX_DENSE_LEVELS)):
+    for level in range(min(level_count, MAX_DENSE_LEVELS) if dense_levels else 0):
         # A tet has at least 8^l / 6 vertices of its own, so larger levels needn't be counted.
         if mesh.tet_count * 8**level > 8 * table_size:
             break

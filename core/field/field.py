@@ -28,6 +28,8 @@ class FieldOptions:
         march_step: Δ, the rest length of a quadrature piece, in model units.
         view_dependence: Whether color depends on the direction; if not, the color network's
             weights for all but the constant spherical harmonic are zero.
+        dense_levels: Whether levels that fit their table have an entry per vertex; if not, all
+            are hashed.
     """
 
     level_count: int = 6
@@ -37,6 +39,7 @@ class FieldOptions:
     density_activation: str = "relu"
     march_step: float = 0.002
     view_dependence: bool = True
+    dense_levels: bool = True
 
 
 Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -109,7 +112,7 @@ def random_field(mesh: TetMesh, neighbours, options: FieldOptions, seed=0, contr
     with a larger one.
     """
     rng = np.random.default_rng(seed)
-    layout = make_layout(mesh, options.level_count, options.table_size)
+    layout = make_layout(mesh, options.level_count, options.table_size, options.dense_levels)
 
     def layers(widths):
         bound = [np.sqrt(6.0 / fan_in) for fan_in in widths[:-1]]

@@ -133,7 +133,7 @@ def _build(arrays) -> TetField:
 
     # Version 1 has no lattice spacing: it stores every rest vertex.
     mesh, occupancy = unpack_mesh(arrays, meta.get("lattice_spacing"), options.level_count)
-    layout = make_layout(mesh, options.level_count, options.table_size)
+    layout = make_layout(mesh, options.level_count, options.table_size, options.dense_levels)
     check(
         list(layout.entry_counts) == meta["entry_counts"]
         and layout.dense_level_count == meta["dense_level_count"],

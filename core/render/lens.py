@@ -200,11 +200,11 @@ def undistorted(lens: DeviceLens, distorted: wp.vec2):
 
 
 @wp.func
-def lens_direction(lens: DeviceLens, x: float, y: float):
-    """The unit direction of a point of the image, in camera space with OpenGL's axes.
-
-    In pixels; the centre of the first one is (0.5, 0.5).
-    """
-    distorted = wp.vec2((x - lens.center[0]) / lens.focal[0], (y - lens.center[1]) / lens.focal[1])
+def lens_direction(lens: DeviceLens, column: int, row: int):
+    """The unit direction of a pixel's centre, in camera space with OpenGL's axes."""
+    distorted = wp.vec2(
+        (float(column) + 0.5 - lens.center[0]) / lens.focal[0],
+        (float(row) + 0.5 - lens.center[1]) / lens.focal[1],
+    )
     p = undistorted(lens, distorted)
     return wp.normalize(wp.vec3(p[0], -p[1], -1.0))

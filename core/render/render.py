@@ -93,9 +93,7 @@ def camera_rays_kernel(
     """`lens.lens_rays` for pixels first_pixel, first_pixel + 1, ..."""
     i = wp.tid()
     pixel = first_pixel + i
-    d = lens_direction(
-        lens, float(pixel % lens.width) + 0.5, float(pixel / lens.width) + 0.5
-    )
+    d = lens_direction(lens, pixel % lens.width, pixel / lens.width)
     origins[i] = wp.vec3(camera_to_world[0, 3], camera_to_world[1, 3], camera_to_world[2, 3])
     directions[i] = wp.normalize(wp.transform_vector(camera_to_world, d))
 

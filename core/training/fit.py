@@ -44,7 +44,8 @@ class Fit:
     def __init__(self, stage: Stage, bank: RayBank, options: TrainOptions, has_alpha, step_count):
         self.stage, self.options = stage, options
         self.has_alpha, self.step_count = has_alpha, step_count
-        self.step = Step(stage, bank, options.distortion, options.samples_per_step, options.seed)
+        distortion = 0.0 if "distortion" in options.leave_out else options.distortion
+        self.step = Step(stage, bank, distortion, options.samples_per_step, options.seed)
         self.step.set_ray_count(RAYS_AT_START)
         self._smooth = self._lowest = None
         self._good, self._good_number = None, 0

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+LEAVE_OUT = ("coarse-stage", "subtet-mask", "dense-levels", "distortion")
+
 
 @dataclass(frozen=True)
 class TrainOptions:
@@ -24,6 +26,10 @@ class TrainOptions:
             beside it, or "auto": learnt where images have neither alpha nor a white border.
         view_dependence: Whether color may depend on the direction.
         distortion: Weight of the distortion loss (the paper's 1e-2).
+        leave_out: Parts of the method that this scene is learnt without, of LEAVE_OUT:
+            "coarse-stage": all fine_steps go to all levels on the whole grid, which the model
+            then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":
+            every level is hashed; "distortion": the loss has no such term.
         seed: Of all random choices.
     """
 
@@ -42,7 +48,14 @@ class TrainOptions:
     surroundings: str = "auto"
     view_dependence: bool = True
     distortion: float = 1e-2
+    leave_out: tuple[str, ...] = ()
     seed: int = 0
+
+    def __post_init__(self):
+        for word in self.leave_out:
+            if word not in LEAVE_OUT:
+                words = ", ".join(LEAVE_OUT)
+                raise ValueError(f"there is no '{word}' to leave out; choose from {words}")
 
 
 PRESETS = {

@@ -16,7 +16,6 @@ from ..render.camera import in_space
 from ..render.lens import DeviceLens, device_lens, lens_direction
 from .datasets import Dataset
 
-GOLDEN_RATIO = wp.constant(0.6180339887)
 DRAW = wp.constant(1 << 30)  # keeps its numbers apart from those that jitter the same rays
 
 wp.set_module_options({"enable_backward": False})
@@ -76,15 +75,13 @@ def draw_kernel(
     bank: Bank,
     chosen: wp.array(dtype=int),  # [R] pixels, or [0]: random ones
     seed: wp.array(dtype=int),  # [1]
-    per_pixel: int,  # rays that one pixel is the mean of
     origins: wp.array(dtype=wp.vec3),  # [R] out
     directions: wp.array(dtype=wp.vec3),  # [R] out
     rgba: wp.array(dtype=wp.vec4),  # [R] out
     background: wp.array(dtype=wp.vec3),  # [R] out
 ):
     i = wp.tid()
-    k = i % per_pixel
-    random = wp.rand_init(seed[0], DRAW + i / per_pixel)  # the same for all rays of a pixel
+    random = wp.rand_init(seed[0], DRAW + i)
     pixel_count = bank.pixels.shape[0]
     pixel = int(0)
     if chosen.shape[0] > 0:
@@ -95,18 +92,11 @@ def draw_kernel(
     lens = bank.lenses[view]
     pose = bank.poses[view]
     place = pixel - bank.first_pixels[view]
-    background[i] = wp.vec3(wp.randf(random), wp.randf(random), wp.randf(random))
-    inside = wp.vec2(0.5, 0.5)
-    if per_pixel > 1:  # a lattice that is shifted at random
-        x = wp.randf(random) + float(k) / float(per_pixel)
-        y = wp.randf(random) + float(k) * GOLDEN_RATIO
-        inside = wp.vec2(x - wp.floor(x), y - wp.floor(y))
-    d = lens_direction(
-        lens, float(place % lens.width) + inside[0], float(place / lens.width) + inside[1]
-    )
+    d = lens_direction(lens, place % lens.width, place / lens.width)
     origins[i] = wp.vec3(pose[0, 3], pose[1, 3], pose[2, 3])
     directions[i] = wp.normalize(wp.transform_vector(pose, d))
     c = bank.pixels[pixel]
+    background[i] = wp.vec3(wp.randf(random), wp.randf(random), wp.randf(random))
     rgba[i] = wp.vec4(float(c[0]), float(c[1]), float(c[2]), float(c[3])) / 255.0
 
 
@@ -130,23 +120,19 @@ class RayBank:
     def pixel_count(self) -> int:
         return len(self.bank.pixels)
 
-    def draw(self, seed, drawn: Drawn, per_pixel=1):
-        """Fill with random rays; the same seed (int [1] on the device) draws the same.
-
-        With `per_pixel` above 1, as many rays in a row go through one pixel, spread over its
-        area; with 1 they go through its centre.
-        """
-        self._launch(self._random, seed, drawn, per_pixel)
+    def draw(self, seed, drawn: Drawn):
+        """Fill with random rays; the same seed (int [1] on the device) draws the same."""
+        self._launch(self._random, seed, drawn)
 
     def look_up(self, chosen, drawn: Drawn):
         """Fill with the rays of given pixels, numbered view by view, row by row.  [R] int"""
         self._launch(chosen, self._no_seed, drawn)
 
-    def _launch(self, chosen, seed, drawn, per_pixel=1):
+    def _launch(self, chosen, seed, drawn):
         wp.launch(
             draw_kernel,
             dim=len(drawn.origins),
-            inputs=[self.bank, chosen, seed, per_pixel],
+            inputs=[self.bank, chosen, seed],
             outputs=[drawn.origins, drawn.directions, drawn.rgba, drawn.background],
             device=self.device,
         )

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from ..field.encoding import make_layout, make_tables
+from ..field.encoding import make_tables
 from ..field.field import FieldOptions, TetField, random_field
 from ..field.network import GEOMETRY_FEATURES
 from ..field.network_torch import Networks
@@ -29,7 +29,6 @@ OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet is occupied, however ma
 EMPTY_THICKNESS = 1e-4  # below it is empty, even where everything is as thin
 OCCUPANCY_DECAY = 0.95  # per update; so empty space is forgotten within some 60 updates
 UPDATE_CHUNK = 1 << 20  # sub-tets evaluated at once
-HARMONICS = 16
 INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
 
 wp.set_module_options({"enable_backward": False})
@@ -49,16 +48,28 @@ def mark_seen_kernel(
 
 
 class Stage:
-    """A learning field; see the module's text."""
+    """A learning field; see the module's text.
 
-    def __init__(self, mesh: TetMesh, options: FieldOptions, device, seed=0, surroundings=None):
+    Without `subtet_mask` a tet is occupied as a whole, if any of its sub-tets is.
+    """
+
+    def __init__(
+        self,
+        mesh: TetMesh,
+        options: FieldOptions,
+        device,
+        seed=0,
+        surroundings=None,
+        subtet_mask=True,
+    ):
         self.device = wp.get_device(device)
         self.torch_device = torch.device(wp.device_to_torch(self.device))
         self.options = options
         self.surroundings = surroundings  # LearntSurroundings, or None
+        self.subtet_mask = subtet_mask
         neighbours = tet_neighbours(mesh.tets)
         self._start = random_field(mesh, neighbours, options, seed, INITIAL_CONTRAST)
-        self.layout = make_layout(mesh, options.level_count, options.table_size)
+        self.layout = self._start.layout
         self.tables = make_tables(mesh, self.layout, self.device)
         self.pose = Pose(mesh, neighbours, self.device)
         self.table = torch.nn.Parameter(torch.from_numpy(self._start.table).to(self.torch_device))
@@ -90,8 +101,6 @@ class Stage:
         """Find the samples of the batch's rays in what is occupied."""
         options = self.options
         batch.march(self.pose, self.mask, options.march_step, options.view_dependence)
-        if HARMONICS < 16:
-            batch.basis[:, HARMONICS:] = 0.0
 
     def composite(self, batch: Batch):
         """Render marched rays with gradients.
@@ -129,8 +138,7 @@ class Stage:
         for part in chosen.split(UPDATE_CHUNK):
             flat[part] = torch.maximum(flat[part], self._thickness_of(part))
         threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
-        self.occupied = (self.thickness > threshold) & ~self.hidden
-        self.refresh_mask()
+        self._occupy((self.thickness > threshold) & ~self.hidden)
 
     def _thickness_of(self, cells):
         """σ·Δ at a random point of each sub-tet.  [n] int64 -> [n]"""
@@ -168,7 +176,13 @@ class Stage:
                 device=self.device,
             )
         self.hidden = (seen < smallest_weight).view_as(self.hidden)
-        self.occupied &= ~self.hidden
+        self._occupy(self.occupied & ~self.hidden)
+
+    def _occupy(self, subtets):
+        """Make these the occupied sub-tets.  [T, 64] bool"""
+        if not self.subtet_mask:
+            subtets = subtets | subtets.any(dim=1, keepdim=True)
+        self.occupied = subtets
         self.refresh_mask()
 
     def occupied_share(self) -> float:
@@ -204,8 +218,6 @@ class Stage:
         density, color = self.networks.layers()
         if not self.options.view_dependence:
             color[0][0][GEOMETRY_FEATURES + 1 :] = 0.0  # nothing has trained them
-        if HARMONICS < 16:
-            color[0][0][GEOMETRY_FEATURES + HARMONICS :] = 0.0
         return replace(
             self._start,
             occupancy=self.mask.numpy(),

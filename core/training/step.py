@@ -21,8 +21,6 @@ from .stage import Stage
 from .surroundings import over
 
 BETAS, EPSILON = (0.9, 0.999), 1e-15  # the paper's Adam
-RAYS_PER_PIXEL = 1
-WEIGHT_DECAY = 0.0
 LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing; Adam doesn't see it
 SEED_STRIDE = 15_485_863  # a prime: runs of a million steps stay apart
 WARM_UP_SEED = 1 << 28  # the runs before a recording see rays of their own
@@ -49,12 +47,8 @@ class Step:
         # Draws and jitter follow the step's number, and are apart for each `seed`.
         self._first_seed = (seed * SEED_STRIDE) % 2**30
         self.error = torch.zeros((), device=device)
-        parameters = stage.parameters()
         self.optimizer = torch.optim.Adam(
-            [
-                {"params": parameters[:1]},
-                {"params": parameters[1:], "weight_decay": WEIGHT_DECAY * LOSS_SCALE},
-            ],
+            stage.parameters(),
             lr=self._rate if device.type == "cuda" else 0.0,
             betas=BETAS,
             eps=EPSILON,
@@ -75,7 +69,6 @@ class Step:
     def set_ray_count(self, ray_count: int):
         """Make room for that many rays; on CUDA the next run records new graphs."""
         device = self.stage.device
-        ray_count -= ray_count % RAYS_PER_PIXEL
         self.forget_batches()
         room, copies = (self.samples_per_step, 2) if device.is_cuda else (None, 1)
         self._batches = [Batch(ray_count, room, device) for _ in range(copies)]
@@ -149,7 +142,7 @@ class Step:
         wp.to_torch(batch.seed).fill_(self._first_seed + number + 1)
 
     def _march(self, batch):
-        self.bank.draw(batch.seed, batch.drawn, RAYS_PER_PIXEL)
+        self.bank.draw(batch.seed, batch.drawn)
         self.stage.march(batch)
 
     def _learn(self, batch):
@@ -168,10 +161,7 @@ class Step:
             background = torch.maximum(batch.background, self._white)
             target = rgba[:, :3] * alpha + background * (1.0 - alpha)
             color = color + (1.0 - opacity[:, None]) * background
-        fits = batch.fits.view(-1, RAYS_PER_PIXEL).amin(dim=1)
-        fits = fits / fits.sum().clamp(min=1.0)
-        color, target = (a.view(-1, RAYS_PER_PIXEL, 3).mean(dim=1) for a in (color, target))
-        distortion = distortion.view(-1, RAYS_PER_PIXEL).mean(dim=1)
+        fits = batch.fits / batch.fits.sum().clamp(min=1.0)
         error = (fits[:, None] * (color - target) ** 2).sum() / 3.0
         loss = error + self.distortion * (fits * distortion).sum()
         self.optimizer.zero_grad(set_to_none=True)

@@ -9,9 +9,13 @@ levels on the kept tets.  Both minimise
 with Adam.  Images with alpha are composited on a random background per ray until the last
 fifth of a stage, then on white: so that empty space learns to be empty, and the result is
 at its best on the background it is scored on.
+
+A run that leaves stage 1 out is stage 2 on the whole grid in the scene box; its model holds
+all of those tets, the empty ones too.
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -75,6 +79,7 @@ def train(
     name="",
     checkpoint_path=None,
     resumed: Checkpoint | None = None,
+    on_pause: Callable[[int, float, Callable[[], TetField]], None] | None = None,
 ) -> Trained:
     """Train a field.
 
@@ -84,12 +89,15 @@ def train(
         name: Of the data, for the model file.
         checkpoint_path: Where the run is written every minute and when it is interrupted.
         resumed: Go on from there; `options` have to be its own.
+        on_pause: Called every few steps with the stage's number, the seconds so far and a
+            function that exports the field as it stands, for use within the call.  Its own
+            time isn't counted; the memory it takes is.
 
     A KeyboardInterrupt or a loss that is lost ends the run early; the field is then what
     there is.
     """
     wp.init()
-    run = _Run(dataset, options, device, name, checkpoint_path, resumed)
+    run = _Run(dataset, options, device, name, checkpoint_path, resumed, on_pause)
     with on_warp_stream(device), TrainingProgress() as progress:
         return run.train(progress)
 
@@ -97,9 +105,10 @@ def train(
 class _Run:
     """The two stages, and where between them a run is."""
 
-    def __init__(self, dataset, options, device, name, checkpoint_path, resumed):
+    def __init__(self, dataset, options, device, name, checkpoint_path, resumed, on_pause):
         self.dataset, self.options, self.device = dataset, options, device
         self.checkpoint_path, self.resumed = checkpoint_path, resumed
+        self.on_pause = on_pause
         self.start = self.saved = time.perf_counter()
         self.stage = self.fit = None
         self.surroundings = None
@@ -130,9 +139,10 @@ class _Run:
             else:
                 mesh = boxed(a15_grid(self.options.spacing), self.box, self.options.spacing)
             if self.resumed is None or self.resumed.stage == 1:
-                self._coarse(mesh, bank, progress)
-                mesh = kept_mesh(self.stage)
-                self.report["stage_1_tet_count"] = self.stage.mesh.tet_count
+                if "coarse-stage" not in self.options.leave_out:
+                    self._coarse(mesh, bank, progress)
+                    mesh = kept_mesh(self.stage)
+                    self.report["stage_1_tet_count"] = self.stage.mesh.tet_count
                 self.report["tet_count"] = mesh.tet_count
             self._fine(mesh, bank, progress)
         except KeyboardInterrupt:
@@ -159,7 +169,10 @@ class _Run:
     def _fit(self, number, mesh, field_options_, step_count, bank, progress):
         self.fit = None  # the stage before gives its memory back
         seed = self.options.seed
-        self.stage = Stage(mesh, field_options_, self.device, seed, self.surroundings)
+        subtet_mask = "subtet-mask" not in self.options.leave_out
+        self.stage = Stage(
+            *(mesh, field_options_, self.device, seed, self.surroundings, subtet_mask)
+        )
         has_alpha = self.dataset.has_alpha
         self.stage_number = number
         if self.stage.device.is_cuda:
@@ -182,6 +195,14 @@ class _Run:
         self._note_memory()
         if time.perf_counter() - self.saved > CHECKPOINT_SECONDS:
             self._save()
+        if self.on_pause:
+            wp.synchronize_device(self.stage.device)  # what is under way is training
+            begin = time.perf_counter()
+            self.on_pause(self.stage_number, begin - self.start, self._export)
+            self.start += time.perf_counter() - begin
+
+    def _export(self) -> TetField:
+        return self.stage.export(self.world_to_model, self.report)
 
     def _save(self):
         if self.checkpoint_path is None or self.fit is None:
@@ -215,8 +236,7 @@ class _Run:
             report["peak_memory_bytes"] = self.memory
         report["device"] = stage.device.name
         report["levels_below_pixel"] = self._levels_below_pixel()
-        field = stage.export(self.world_to_model, report)
-        return Trained(field, report, interrupted, diverged)
+        return Trained(self._export(), report, interrupted, diverged)
 
 
 def learns_surroundings(dataset: Dataset, options: TrainOptions) -> bool:
@@ -241,6 +261,7 @@ def field_options(options: TrainOptions) -> FieldOptions:
         density_activation=options.density_activation,
         march_step=options.march_step,
         view_dependence=options.view_dependence,
+        dense_levels="dense-levels" not in options.leave_out,
     )
 
 

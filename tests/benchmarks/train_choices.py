@@ -49,12 +49,6 @@ CHOICES = {
     "always white": {"fit.WHITE_SHARE": 1.0},
     "beta2 0.99": {"step.BETAS": (0.9, 0.99)},
     "thinner occupied": {"stage.OCCUPIED_THICKNESS": 1e-3},
-    "9 harmonics": {"stage.HARMONICS": 9},
-    "4 harmonics": {"stage.HARMONICS": 4},
-    "2 rays a pixel": {"step.RAYS_PER_PIXEL": 2},
-    "4 rays a pixel": {"step.RAYS_PER_PIXEL": 4},
-    "decay 1e-6": {"step.WEIGHT_DECAY": 1e-6},
-    "decay 1e-5": {"step.WEIGHT_DECAY": 1e-5},
     "hide less": {"trainer.UNSEEN_WEIGHT": 1e-4, "trainer.COARSE_UNSEEN_WEIGHT": 5e-3},
 }
 
