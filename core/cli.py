@@ -5,6 +5,7 @@ sentence on stderr and exit code 2.  Then it works.  Ctrl-C ends it with 130, af
 done has been written.  Slow imports wait until the arguments are known to be good.
 """
 
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -31,7 +32,11 @@ Model = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
 
 @dataclass(frozen=True)
 class TrainArguments:
-    """Train a model from posed images: Blender, nerfstudio, instant-ngp, NSVF or COLMAP."""
+    """Train a model from posed images: Blender, nerfstudio, instant-ngp, NSVF or COLMAP.
+
+    On N GPUs of one host: torchrun --standalone --nproc-per-node N --no-python deformrf-train
+    DATA -o MODEL.
+    """
 
     data: Data
     """Folder with transforms_train.json, transforms.json, rgb/ and pose/, or sparse/0/."""
@@ -154,7 +159,9 @@ def prepare_training(arguments: TrainArguments):
     if arguments.aabb is not None:
         options = replace(options, aabb=arguments.aabb)
     train_views = datasets.load(arguments.data, "train", arguments.image_size)
-    warn_of_missing(train_views)
+    is_first = os.environ.get("RANK", "0") == "0"  # of the processes that torchrun started
+    if is_first:
+        warn_of_missing(train_views)
     if resumed and resumed.report["view_count"] != train_views.view_count:
         raise ValueError(
             f"the interrupted run had {resumed.report['view_count']} views, these are "
@@ -170,13 +177,18 @@ def prepare_training(arguments: TrainArguments):
     existed = output.exists()
 
     def job():
-        if device == "cpu" and arguments.preset != "tiny":
+        if device == "cpu" and arguments.preset != "tiny" and is_first:
             print("No GPU is used: this takes hours; --preset tiny takes minutes.", flush=True)
         from .field import modelfile
-        from .training import evaluate, trainer
+        from .training import distributed, evaluate, trainer
 
         name, bits = arguments.data.resolve().name, arguments.entry_bits
-        trained = trainer.train(train_views, options, device, name, checkpoint_path, resumed)
+        with distributed.torchrun_workers(device) as workers:
+            trained = trainer.train(
+                *(train_views, options, device, name, checkpoint_path, resumed), workers=workers
+            )
+        if not workers.is_first:
+            return 0  # the first one tells how it went; torchrun would end it if this one did
         complete = trained.complete
         # An unfinished model doesn't take a finished one's place.
         spare = output.with_stem(output.stem + "-interrupted")

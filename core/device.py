@@ -1,7 +1,7 @@
 """Which device a program runs on, and how Warp starts for it: quietly.
 
 The device has Warp's name, "cpu" or "cuda:0"; the command lines' word "auto" means CUDA if
-there is any.
+there is any.  Training that torchrun starts has as many GPUs as processes, one for each.
 """
 
 import ctypes
@@ -17,7 +17,7 @@ def device_name(choice: Choice, for_training=False) -> str:
     """Start Warp and choose the device; for training, torch has to find it too.
 
     Raises:
-        ValueError: CUDA is asked for and there is none.
+        ValueError: CUDA is asked for and there is none, or not one for each process.
     """
     start_warp()
     import warp as wp
@@ -30,7 +30,12 @@ def device_name(choice: Choice, for_training=False) -> str:
     if choice == "cuda" and not available:
         who = "torch" if for_training and wp.is_cuda_available() else "Warp"
         raise ValueError(f"{who} finds no CUDA device here; --device cpu works everywhere")
-    return "cuda:0" if available else "cpu"
+    if not available:
+        return "cpu"
+    index = int(os.environ.get("LOCAL_RANK", 0)) if for_training else 0
+    if index > 0 and index >= (count := wp.get_cuda_device_count()):
+        raise ValueError(f"torchrun's --nproc-per-node has to be at most {count}, the GPUs here")
+    return f"cuda:{index}"
 
 
 def start_warp():

@@ -64,7 +64,8 @@ def trainer(monkeypatch, field):
     trained = Trained(field, {"seconds": 90.0}, interrupted=False)
     stub = SimpleNamespace(calls=[], trained=trained)
 
-    def train(*arguments):
+    def train(*arguments, workers):
+        assert workers.count == 1
         stub.calls.append(arguments)
         return stub.trained
 
@@ -207,7 +208,7 @@ def test_a_default_run_without_a_gpu_is_announced(call, trainer, data, tmp_path)
 
 
 def test_images_in_which_nothing_is_found_are_one_sentence(call, trainer, data, monkeypatch):
-    def train(*_):
+    def train(*_, workers):
         raise DatasetError("stage 1 found nothing")
 
     monkeypatch.setattr(trainer, "train", train)

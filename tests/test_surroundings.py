@@ -43,7 +43,10 @@ def pieces(origins, directions, device, seed=0):
     wp.launch(
         pieces_kernel,
         dim=(rays, PIECES),
-        inputs=[*on_device((origins, directions), device), wp.vec3(*center), wp.vec3(*half), seed],
+        inputs=[
+            *on_device((origins, directions), device),
+            *(wp.vec3(*center), wp.vec3(*half), seed, 0),
+        ],
         outputs=outputs,
         device=device,
     )

@@ -47,6 +47,7 @@ class Rays:
     tet: wp.array(dtype=int)  # [R] -1: outside the mesh, -2: finished
     entry_face: wp.array(dtype=int)  # [R] of the tet, -1 if it came through the boundary
     piece: wp.array(dtype=int)  # [R] the tet's pieces already done
+    first: int  # number of ray 0: a ray's random places follow its number
 
 
 @wp.struct
@@ -103,7 +104,7 @@ def march_kernel(
     entry_face = rays.entry_face[ray]
     piece = rays.piece[ray]
     seed = jitter_seed[0]
-    random = wp.rand_init(seed, ray)
+    random = wp.rand_init(seed, rays.first + ray)
     base = i * slot_count
     limit = slot_count
     if purpose == WRITE:

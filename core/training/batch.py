@@ -70,16 +70,21 @@ class Batch:
         sample_count: How many there are.  wp int [1]
     """
 
-    def __init__(self, ray_count: int, capacity: int | None, device):
-        """`capacity` None makes room for what each march finds, and waits for the device."""
+    def __init__(self, ray_count: int, capacity: int | None, device, first_ray=0):
+        """`capacity` None makes room for what each march finds, and waits for the device.
+
+        `first_ray` is the number of ray 0, see Drawn.
+        """
         self.device = device
         self.capacity = capacity
         self._rays = empty_rays(ray_count, device)
+        self._rays.first = first_ray
         self.drawn = Drawn(
             self._rays.origins,
             self._rays.directions,
             wp.zeros(ray_count, dtype=wp.vec4, device=device),
             wp.zeros(ray_count, dtype=wp.vec3, device=device),
+            first_ray,
         )
         self.origins = wp.to_torch(self.drawn.origins)
         self.directions = wp.to_torch(self.drawn.directions)

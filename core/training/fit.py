@@ -74,6 +74,7 @@ class Fit:
                 self._adapt(sample_count)
                 self._average_weights()
                 after_pause()
+                self.stage.workers.stop_if_interrupted()
             try:
                 self._run_step()
             except RuntimeError as error:
@@ -149,6 +150,13 @@ class Fit:
         )
 
     def _halve_room(self, progress, error):
+        workers = self.stage.workers
+        if workers.count > 1:  # the others are in the middle of a step that has no end
+            raise MemoryError(
+                f"the GPU of worker {workers.rank} has too little memory for its share of "
+                f"{self.step.samples_per_step} samples a step: take more GPUs, shrink the images "
+                f"with --image-size, or take --preset tiny ({error})"
+            ) from error
         room = self.step.samples_per_step // 2
         if room < SMALLEST_ROOM:
             raise MemoryError(

@@ -20,7 +20,8 @@ class TrainOptions:
         density_layers: Hidden layers, 64 wide, of the density network.
         density_activation: "relu", or "sigmoid" as in the paper.
         march_step: Δ, rest length of a quadrature piece.
-        samples_per_step: Samples that an optimiser step aims at; the ray count follows.
+        samples_per_step: Samples that an optimiser step aims at, on all GPUs together; the ray
+            count follows.
         learning_rate: Of Adam at the start; falls along a cosine.
         surroundings: What is behind the object: "white" (or what alpha cuts out), "learnt"
             beside it, or "auto": learnt where images have neither alpha nor a white border.

@@ -7,9 +7,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 
 class TrainingProgress:
-    """One bar per stage; a context manager."""
+    """One bar per stage, if it is to be `shown`; a context manager."""
 
-    def __init__(self):
+    def __init__(self, shown=True):
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -17,6 +17,7 @@ class TrainingProgress:
             TextColumn("{task.fields[psnr]}"),
             TextColumn("{task.fields[rate]}"),
             TimeRemainingColumn(),
+            disable=not shown,
         )
 
     def __enter__(self):

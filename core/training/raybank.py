@@ -39,12 +39,14 @@ class Drawn:
         origins, directions: Model space, unit directions.  [R] vec3
         rgba: Straight alpha, 0..1.  [R] vec4
         background: A random color for each ray, 0..1.  [R] vec3
+        first: Number of ray 0: what is random about a ray follows its number.
     """
 
     origins: wp.array
     directions: wp.array
     rgba: wp.array
     background: wp.array
+    first: int = 0
 
 
 def empty_drawn(count: int, device) -> Drawn:
@@ -75,13 +77,14 @@ def draw_kernel(
     bank: Bank,
     chosen: wp.array(dtype=int),  # [R] pixels, or [0]: random ones
     seed: wp.array(dtype=int),  # [1]
+    first: int,  # number of ray 0
     origins: wp.array(dtype=wp.vec3),  # [R] out
     directions: wp.array(dtype=wp.vec3),  # [R] out
     rgba: wp.array(dtype=wp.vec4),  # [R] out
     background: wp.array(dtype=wp.vec3),  # [R] out
 ):
     i = wp.tid()
-    random = wp.rand_init(seed[0], DRAW + i)
+    random = wp.rand_init(seed[0], DRAW + first + i)
     pixel_count = bank.pixels.shape[0]
     pixel = int(0)
     if chosen.shape[0] > 0:
@@ -132,7 +135,7 @@ class RayBank:
         wp.launch(
             draw_kernel,
             dim=len(drawn.origins),
-            inputs=[self.bank, chosen, seed],
+            inputs=[self.bank, chosen, seed, drawn.first],
             outputs=[drawn.origins, drawn.directions, drawn.rgba, drawn.background],
             device=self.device,
         )

@@ -8,6 +8,7 @@ Shapes: R rays, N packed samples, T tets with 64 sub-tets each.
 """
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import torch
@@ -24,6 +25,7 @@ from ..geometry.subdivision import path_corners
 from ..render.traversal import Pose
 from .batch import Batch
 from .differentiable import Composite, Encode
+from .distributed import ALONE, Workers
 
 OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet is occupied, however many others are
 EMPTY_THICKNESS = 1e-4  # below it is empty, even where everything is as thin
@@ -61,12 +63,14 @@ class Stage:
         seed=0,
         surroundings=None,
         subtet_mask=True,
+        workers: Workers = ALONE,
     ):
         self.device = wp.get_device(device)
         self.torch_device = torch.device(wp.device_to_torch(self.device))
         self.options = options
         self.surroundings = surroundings  # LearntSurroundings, or None
         self.subtet_mask = subtet_mask
+        self.workers = workers
         neighbours = tet_neighbours(mesh.tets)
         self._start = random_field(mesh, neighbours, options, seed, INITIAL_CONTRAST)
         self.layout = self._start.layout
@@ -137,6 +141,7 @@ class Stage:
         flat = self.thickness.view(-1)
         for part in chosen.split(UPDATE_CHUNK):
             flat[part] = torch.maximum(flat[part], self._thickness_of(part))
+        self.workers.broadcast_(self.thickness)  # of a cell chosen twice, either may stay
         threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
         self._occupy((self.thickness > threshold) & ~self.hidden)
 
@@ -165,7 +170,8 @@ class Stage:
             batches: Iterable of Batch, with rays.
         """
         seen = torch.zeros(self.thickness.numel(), device=self.torch_device)
-        for seed, batch in enumerate(batches, start=1):
+        looks = enumerate(batches, start=1)
+        for seed, batch in islice(looks, self.workers.rank, None, self.workers.count):
             batch.seed.fill_(seed)
             weights = self.trace(batch)[3]
             wp.launch(
@@ -175,6 +181,7 @@ class Stage:
                 outputs=[wp.from_torch(seen)],
                 device=self.device,
             )
+        self.workers.max_(seen)
         self.hidden = (seen < smallest_weight).view_as(self.hidden)
         self._occupy(self.occupied & ~self.hidden)
 
@@ -182,6 +189,7 @@ class Stage:
         """Make these the occupied sub-tets.  [T, 64] bool"""
         if not self.subtet_mask:
             subtets = subtets | subtets.any(dim=1, keepdim=True)
+        self.workers.broadcast_(subtets)
         self.occupied = subtets
         self.refresh_mask()
 

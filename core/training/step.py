@@ -8,6 +8,9 @@ is a long chain of small loads that leaves the GPU nearly idle.  The next batch 
 the current step changes, which is at most the occupancy, and no more than one step of it.
 
 On the CPU the same step runs as it is, with exactly as many samples as there are.
+
+Of several workers each has a share of the rays and of the room.  They exchange their gradients
+between going back and updating, so learning is two graphs then (distributed.py).
 """
 
 from contextlib import contextmanager
@@ -16,6 +19,7 @@ import torch
 import warp as wp
 
 from .batch import Batch
+from .distributed import SharedGradients
 from .raybank import RayBank
 from .stage import Stage
 from .surroundings import over
@@ -33,7 +37,7 @@ class Step:
     Attributes:
         number: Steps done.
         error: Mean squared error of the last step.  torch [] on the device
-        ray_count: Rays of a step.
+        ray_count: Rays of a step, of all workers together.
     """
 
     def __init__(
@@ -41,6 +45,7 @@ class Step:
     ):
         self.stage, self.bank, self.distortion = stage, bank, distortion
         self.samples_per_step = samples_per_step
+        self.workers = stage.workers
         device = stage.torch_device
         self._white = torch.zeros(1, device=device)
         self._rate = torch.zeros((), device=device)
@@ -55,6 +60,9 @@ class Step:
             fused=True,
             capturable=device.type == "cuda",
         )
+        self._shared = None
+        if self.workers.count > 1:
+            self._shared = SharedGradients(self.workers, stage.parameters(), self.error)
         self.number = 0
         self._batches, self._graphs = [], None
         self._stream = self._ahead = None  # of torch: to learn on, and to march ahead on
@@ -70,9 +78,14 @@ class Step:
         """Make room for that many rays; on CUDA the next run records new graphs."""
         device = self.stage.device
         self.forget_batches()
-        room, copies = (self.samples_per_step, 2) if device.is_cuda else (None, 1)
-        self._batches = [Batch(ray_count, room, device) for _ in range(copies)]
+        room, copies = (self._room(), 2) if device.is_cuda else (None, 1)
+        rays = self.workers.share(ray_count)
+        self._batches = [Batch(len(rays), room, device, rays.start) for _ in range(copies)]
         self.ray_count = ray_count
+
+    def _room(self) -> int:
+        """For this worker's samples."""
+        return -(-self.samples_per_step // self.workers.count)
 
     def forget_batches(self):
         """Give the batches' memory back, and that of the graphs."""
@@ -108,7 +121,8 @@ class Step:
         with torch.cuda.stream(self._ahead):
             self._seed_batch(self._batches[ahead], self.number + 1)
             march[ahead].replay()
-        learn[now].replay()
+        for part in learn[now]:
+            part()
         self._stream.wait_stream(self._ahead)
         self._next_is_marched = True
 
@@ -133,9 +147,12 @@ class Step:
         self.set_ray_count(state["ray_count"])
 
     def sample_count(self) -> int:
-        """Samples that the last step's rays had, those left out included; waits for the device."""
+        """Samples that the last step's rays had, those left out included.
+
+        It waits for the device, and for the other workers.
+        """
         ends = self.batch.ends
-        return int(ends[len(ends) - 1 :].numpy()[0])
+        return self.workers.total(int(ends[len(ends) - 1 :].numpy()[0]))
 
     def _seed_batch(self, batch, number):
         """Randomness for step `number`; never 0, which means no jitter."""
@@ -146,6 +163,13 @@ class Step:
         self.stage.march(batch)
 
     def _learn(self, batch):
+        self._go_back(batch)
+        if self._shared:
+            self._shared.exchange()
+        self._update()
+
+    def _go_back(self, batch):
+        """Gradients and error, of this worker's rays."""
         stage = self.stage
         rgba = batch.rgba
         alpha = rgba[:, 3:]
@@ -154,7 +178,7 @@ class Step:
             target = rgba[:, :3]
             with stage.precision():
                 front, behind = stage.surroundings(
-                    batch.drawn.origins, batch.drawn.directions, batch.seed
+                    batch.drawn.origins, batch.drawn.directions, batch.seed, batch.drawn.first
                 )
             color = over(front, color, opacity, behind)
         else:
@@ -166,8 +190,14 @@ class Step:
         loss = error + self.distortion * (fits * distortion).sum()
         self.optimizer.zero_grad(set_to_none=True)
         (loss * LOSS_SCALE).backward()
-        self.optimizer.step()
         self.error.copy_(error.detach())
+        if self._shared:
+            self._shared.collect(batch.fits.sum())
+
+    def _update(self):
+        if self._shared:
+            self._shared.spread()
+        self.optimizer.step()
 
     def _record(self):
         """Record the step; the runs before the first recording are steps too."""
@@ -183,15 +213,23 @@ class Step:
                 self._march(batch)
                 self._learn(batch)
             self._warm = True
-        march, learn = [], []
+        march, learn, pool = [], [], None
         for batch in self._batches:
             with recording(device, main) as graph:
                 self._march(batch)
             march.append(graph)
-            # Both that learn share one pool: they never run at the same time.
-            with recording(device, main, learn[0].pool() if learn else None) as graph:
-                self._learn(batch)
-            learn.append(graph)
+            # All that learn share one pool: they never run at the same time.
+            if self._shared is None:
+                with recording(device, main, pool) as graph:
+                    self._learn(batch)
+                learn.append([graph.replay])
+            else:
+                with recording(device, main, pool) as graph:
+                    self._go_back(batch)
+                with recording(device, main, graph.pool()) as update:
+                    self._update()
+                learn.append([graph.replay, self._shared.exchange, update.replay])
+            pool = graph.pool()
         self._graphs = march, learn
 
 

@@ -55,6 +55,7 @@ def pieces_kernel(
     center: wp.vec3,
     half: wp.vec3,
     seed: wp.array(dtype=int),  # [1]; 0: evaluate at the middle
+    first: int,  # number of ray 0: random places follow a ray's number
     points: wp.array(dtype=wp.vec3),  # [R·(K_f + K_b)] out, contracted; all in front first
     length: wp.array(dtype=float),  # out: in contracted space
     t: wp.array(dtype=float),  # out: of the middle
@@ -92,7 +93,8 @@ def pieces_kernel(
         high = leave + behind_distance(float(END) * float(j + 1) / float(BEHIND_PIECES), reach)
     share = float(0.5)
     if seed[0] != 0:
-        share = wp.randf(wp.rand_init(seed[0], (1 << 29) + index))
+        place = (first + ray) * wp.static(FRONT_PIECES + BEHIND_PIECES) + k
+        share = wp.randf(wp.rand_init(seed[0], (1 << 29) + place))
     points[index] = contracted(o + (low + share * (high - low)) * d, center, half)
     ends = contracted(o + high * d, center, half) - contracted(o + low * d, center, half)
     length[index] = wp.length(ends)
@@ -163,12 +165,13 @@ class LearntSurroundings(torch.nn.Module):
         self.to(torch_device)
         self._resolutions = wp.array(RESOLUTIONS, dtype=int, device=self.device)
 
-    def forward(self, origins, directions, seed):
+    def forward(self, origins, directions, seed, first_ray=0):
         """What rays see before and behind the box.
 
         Args:
             origins, directions: wp.array of vec3.  [R]
             seed: Of the jitter, 0 for none.  wp.array of int [1]
+            first_ray: Number of ray 0, which the jitter follows.
 
         Returns:
             (color [R, 3], opacity [R]) in front, and the color behind, sky included.  [R, 3]
@@ -183,7 +186,7 @@ class LearntSurroundings(torch.nn.Module):
         wp.launch(
             pieces_kernel,
             dim=(rays, kinds),
-            inputs=[origins, directions, self._center, self._half, seed],
+            inputs=[origins, directions, self._center, self._half, seed, first_ray],
             outputs=[points, length, t, wp.from_torch(basis, dtype=basis_vector)],
             device=self.device,
         )

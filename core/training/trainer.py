@@ -34,6 +34,7 @@ from .capture import DatasetError
 from .checkpoint import Checkpoint
 from .datasets import Dataset
 from .differentiable import on_warp_stream
+from .distributed import ALONE, Workers
 from .fit import Diverged, Fit
 from .options import TrainOptions
 from .progress import TrainingProgress
@@ -80,6 +81,7 @@ def train(
     checkpoint_path=None,
     resumed: Checkpoint | None = None,
     on_pause: Callable[[int, float, Callable[[], TetField]], None] | None = None,
+    workers: Workers = ALONE,
 ) -> Trained:
     """Train a field.
 
@@ -92,23 +94,31 @@ def train(
         on_pause: Called every few steps with the stage's number, the seconds so far and a
             function that exports the field as it stands, for use within the call.  Its own
             time isn't counted; the memory it takes is.
+        workers: Who trains together; all make the same call, each with its own device.  All
+            get the field, the first writes checkpoints and calls `on_pause`.
 
     A KeyboardInterrupt or a loss that is lost ends the run early; the field is then what
-    there is.
+    there is.  Several workers stop together, within a few steps.
     """
     wp.init()
-    run = _Run(dataset, options, device, name, checkpoint_path, resumed, on_pause)
-    with on_warp_stream(device), TrainingProgress() as progress:
+    if not workers.is_first:
+        checkpoint_path = on_pause = None
+    run = _Run(dataset, options, device, name, checkpoint_path, resumed, on_pause, workers)
+    with (
+        on_warp_stream(device),
+        workers.stopping_together(),
+        TrainingProgress(workers.is_first) as progress,
+    ):
         return run.train(progress)
 
 
 class _Run:
     """The two stages, and where between them a run is."""
 
-    def __init__(self, dataset, options, device, name, checkpoint_path, resumed, on_pause):
+    def __init__(self, dataset, options, device, name, checkpoint_path, resumed, on_pause, workers):
         self.dataset, self.options, self.device = dataset, options, device
         self.checkpoint_path, self.resumed = checkpoint_path, resumed
-        self.on_pause = on_pause
+        self.on_pause, self.workers = on_pause, workers
         self.start = self.saved = time.perf_counter()
         self.stage = self.fit = None
         self.surroundings = None
@@ -125,6 +135,7 @@ class _Run:
                 "missing_images": len(dataset.missing),
                 "options": asdict(options),
             }
+        self.report["workers"] = workers.count
         self.box = object_box(self.world_to_model, options.aabb)
 
     def train(self, progress) -> Trained:
@@ -171,7 +182,8 @@ class _Run:
         seed = self.options.seed
         subtet_mask = "subtet-mask" not in self.options.leave_out
         self.stage = Stage(
-            *(mesh, field_options_, self.device, seed, self.surroundings, subtet_mask)
+            *(mesh, field_options_, self.device, seed, self.surroundings, subtet_mask),
+            workers=self.workers,
         )
         has_alpha = self.dataset.has_alpha
         self.stage_number = number
