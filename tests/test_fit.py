@@ -50,7 +50,7 @@ def test_the_learning_rate_warms_up_and_falls_along_a_cosine():
     rates = [fit.learning_rate(step, 10_000, 1.0) for step in range(10_001)]
     assert rates[0] == pytest.approx(0.01)
     assert max(rates) == pytest.approx(1.0, abs=1e-3)
-    assert rates[5000] == pytest.approx(0.505, abs=1e-3)
+    assert rates[5000] == pytest.approx(0.5 + 0.5 * fit.FINAL_RATE, abs=1e-3)
     assert rates[-1] == pytest.approx(fit.FINAL_RATE)
 
 

@@ -57,6 +57,16 @@ class Workers:
             # Not every backend knows truth values.
             dist.broadcast(tensor.view(torch.uint8) if tensor.dtype == torch.bool else tensor, 0)
 
+    def gather(self, mine, count: int):
+        """All workers' parts of `count` values, in order; `mine` are those of `share(count)`."""
+        if self.count == 1:
+            return mine
+        whole = mine.new_zeros(count)
+        share = self.share(count)
+        whole[share.start : share.stop] = mine
+        self.sum_(whole)  # zeros elsewhere: exact
+        return whole
+
     def total(self, number: int) -> int:
         """The sum of all workers' numbers; waits for them."""
         if self.count == 1:

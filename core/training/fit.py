@@ -17,8 +17,8 @@ from .stage import Stage
 from .step import Step
 
 WARM_UP_STEPS = 100
-FINAL_RATE = 0.01  # of the first learning rate, at the cosine's end
-WHITE_SHARE = 0.2  # of the steps, at the end
+FINAL_RATE = 0.1  # of the first learning rate, at the cosine's end
+WHITE_SHARE = 0.5  # of the steps, at the end
 OCCUPANCY_INTERVAL = 16  # steps
 OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
 RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
@@ -26,8 +26,9 @@ FILLED = 0.9  # share of a step's room for samples that the number of rays aims 
 SMALLEST_ROOM = 1 << 13  # samples; with less, training takes for ever
 SNAPSHOT_INTERVAL = 512  # steps
 DIVERGED_FACTOR = 20.0  # of the smoothed loss over the lowest so far
+OCCUPANCY_PARTS = 4  # later it looks at every fourth
 SMOOTHING = 0.8  # of the loss, per OCCUPANCY_INTERVAL
-AVERAGING = 0.9  # of the weights, per OCCUPANCY_INTERVAL; 0: the last ones are taken
+AVERAGED_SHARE = 0.02  # of the steps, over which the weights that are kept are averaged
 
 
 class Diverged(Exception):
@@ -70,7 +71,9 @@ class Fit:
                 progress.advance(task, self.number - shown, error, sample_count)
                 shown = self.number
                 self._watch(error)
-                self.stage.update_occupancy(1.0 if self.number < OCCUPANCY_WARM_UP else 0.25)
+                self.stage.update_occupancy(
+                    1 if self.number < OCCUPANCY_WARM_UP else OCCUPANCY_PARTS
+                )
                 self._adapt(sample_count)
                 self._average_weights()
                 after_pause()
@@ -86,6 +89,7 @@ class Fit:
             task, self.number - shown, float(self.step.error), self.step.sample_count()
         )
         self._watch(float(self.step.error))
+        self._average_weights()
         self._set_weights(self._average)
 
     def state(self) -> dict:
@@ -134,7 +138,8 @@ class Fit:
         parameters = list(self.stage.parameters())
         if self._average is None:
             self._average = [p.clone() for p in parameters]
-        torch._foreach_lerp_(self._average, parameters, 1.0 - AVERAGING)
+        span = AVERAGED_SHARE * self.step_count / OCCUPANCY_INTERVAL
+        torch._foreach_lerp_(self._average, parameters, 1.0 / max(span, 1.0))
 
     @torch.no_grad()
     def _set_weights(self, weights):

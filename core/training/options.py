@@ -38,13 +38,13 @@ class TrainOptions:
     scene_radius: float | None = None
     spacing: float = 0.02
     coarse_steps: int = 1500
-    fine_steps: int = 15000
-    level_count: int = 6
-    table_size_log2: int = 18
+    fine_steps: int = 25000
+    level_count: int = 7
+    table_size_log2: int = 20
     density_layers: int = 1
     density_activation: str = "relu"
-    march_step: float = 0.002
-    samples_per_step: int = 2**18
+    march_step: float = 0.0013
+    samples_per_step: int = 2**19
     learning_rate: float = 1e-2
     surroundings: str = "auto"
     view_dependence: bool = True
@@ -61,7 +61,7 @@ class TrainOptions:
 
 PRESETS = {
     "default": TrainOptions(),
-    "fast": TrainOptions(coarse_steps=800, fine_steps=4000),
+    "fast": TrainOptions(coarse_steps=1000, fine_steps=6000),
     "tiny": TrainOptions(
         spacing=0.04,
         coarse_steps=150,

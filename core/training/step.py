@@ -24,7 +24,7 @@ from .raybank import RayBank
 from .stage import Stage
 from .surroundings import over
 
-BETAS, EPSILON = (0.9, 0.999), 1e-15  # the paper's Adam
+BETAS, EPSILON = (0.9, 0.99), 1e-15  # of Adam; the paper has 0.999
 LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing; Adam doesn't see it
 SEED_STRIDE = 15_485_863  # a prime: runs of a million steps stay apart
 WARM_UP_SEED = 1 << 28  # the runs before a recording see rays of their own
