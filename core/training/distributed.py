@@ -116,7 +116,8 @@ def torchrun_workers(device):
         return
     device = torch.device(wp.device_to_torch(wp.get_device(device)))
     if device.type == "cuda":
-        torch.cuda.set_device(device)
+        torch.cuda.set_device(device)  # so that nothing lands on another worker's GPU
+        wp.set_device(wp.device_from_torch(device))
         dist.init_process_group("nccl", timeout=PATIENCE, device_id=device)
     else:
         dist.init_process_group("gloo", timeout=PATIENCE)

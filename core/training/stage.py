@@ -167,8 +167,8 @@ class Stage:
         beta /= beta.sum(dim=1, keepdim=True)
         bary = torch.einsum("nj,njk->nk", beta, self._corners[cells % SUBTET_COUNT])
         tet = (cells // SUBTET_COUNT).int()
-        mine = self.workers.share(len(cells))
-        mine = slice(mine.start, mine.stop)  # all have drawn the same; each looks at its share
+        share = self.workers.share(len(cells))  # all draw the same, and look at their share
+        mine = slice(share.start, share.stop)
         features = self.encode(
             wp.from_torch(tet[mine].contiguous()),
             wp.from_torch(bary[mine].contiguous(), dtype=wp.vec4),
