@@ -16,6 +16,18 @@ def test_auto_is_cuda_where_there_is_any(monkeypatch, available, device):
     assert device_name("auto") == device
 
 
+def test_each_process_of_torchrun_trains_on_a_gpu_of_its_own(monkeypatch):
+    monkeypatch.setattr("warp.is_cuda_available", lambda: True)
+    monkeypatch.setattr("torch.cuda.is_available", lambda: True)
+    monkeypatch.setattr("warp.get_cuda_device_count", lambda: 2)
+    monkeypatch.setenv("LOCAL_RANK", "1")
+    assert device_name("auto", for_training=True) == "cuda:1"
+    assert device_name("auto") == "cuda:0"
+    monkeypatch.setenv("LOCAL_RANK", "2")
+    with pytest.raises(ValueError, match="at most 2"):
+        device_name("auto", for_training=True)
+
+
 def test_training_needs_a_torch_that_finds_cuda_too(monkeypatch):
     monkeypatch.setattr("warp.is_cuda_available", lambda: True)
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)

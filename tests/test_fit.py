@@ -12,6 +12,7 @@ from deformrf.core.render.camera import look_at
 from deformrf.core.render.lens import pinhole
 from deformrf.core.training import fit
 from deformrf.core.training.datasets import from_images
+from deformrf.core.training.distributed import Workers
 from deformrf.core.training.fit import Diverged, Fit
 from deformrf.core.training.options import preset
 from deformrf.core.training.progress import TrainingProgress
@@ -141,6 +142,18 @@ def test_no_memory_at_all_is_said(run, monkeypatch):
 
     monkeypatch.setattr(Step, "run", greedy)
     with pytest.raises(MemoryError, match="--image-size"):
+        go(run)
+
+
+def test_several_workers_without_memory_say_whose_it_is(run, monkeypatch):
+    """They can't halve the room: the others wait in the middle of a step."""
+
+    def greedy(self, rate, white):
+        raise torch.OutOfMemoryError
+
+    monkeypatch.setattr(Step, "run", greedy)
+    run.stage.workers = Workers(3, 4)
+    with pytest.raises(MemoryError, match=r"worker 3 .* more GPUs"):
         go(run)
 
 

@@ -2,7 +2,8 @@
 
 Every few steps the occupancy is renewed, the number of rays adapted to the room for samples,
 and the loss looked at: one that is no number, or far above what it was, ends the run with
-the last good weights.  Where the GPU's memory is too small, the room is halved, aloud.
+the last good weights.  Where the GPU's memory is too small, the room is halved, aloud; of
+several workers that ends the run.
 """
 
 from math import cos, isfinite, pi
