@@ -7,7 +7,7 @@ import warp as wp
 
 from deformrf.core.field.network import spherical_harmonics
 from deformrf.core.render.traversal import Pose
-from deformrf.core.training.batch import END_DEPTH, Batch
+from deformrf.core.training.batch import Batch
 
 RAYS = 300
 
@@ -19,13 +19,13 @@ def scene(make_ball_field, device):
     return field, pose, wp.array(field.occupancy, dtype=wp.uint64, device=device)
 
 
-def marched(scene, capacity, device, rays, least_sigma=None):
+def marched(scene, capacity, device, rays):
     field, pose, mask = scene
     batch = Batch(RAYS, capacity, device)
     for mine, given in zip((batch.origins, batch.directions), rays, strict=True):
         mine.copy_(torch.from_numpy(given.astype(np.float32)))
     batch.seed.fill_(5)
-    batch.march(pose, mask, field.options.march_step, least_sigma)
+    batch.march(pose, mask, field.options.march_step)
     return batch
 
 
@@ -65,24 +65,6 @@ def test_rays_that_do_not_fit_are_left_out(scene, device):
         tight.samples.bary.numpy()[:count], exact.samples.bary.numpy()[:count]
     )
     assert (tight.samples.tet.numpy()[count:] == -1).all()
-
-
-def test_rays_end_where_nothing_behind_can_be_seen(scene, device):
-    rays = random_rays()
-    whole = marched(scene, None, device, rays)
-    tet_count = len(scene[1].tets)
-    sigma = np.random.default_rng().exponential(60.0, tet_count).astype(np.float32)
-    least = wp.array(np.repeat(sigma, 64), dtype=float, device=device)
-    ended = marched(scene, None, device, rays, least)
-    depths = sigma[whole.samples.tet.numpy()] * whole.samples.length.numpy()
-    expected, clear = [], []
-    for end, count in zip(whole.ends.numpy(), whole.counts.numpy(), strict=True):
-        depth = np.cumsum(depths[end - count : end])
-        clear.append(np.all(np.abs(depth - END_DEPTH) > 1e-4))  # no matter of rounding
-        expected.append(min(count, np.count_nonzero(depth <= END_DEPTH) + 1) if count else 0)
-    assert np.mean(clear) > 0.95
-    np.testing.assert_array_equal(ended.counts.numpy()[clear], np.array(expected)[clear])
-    assert sum(expected) < 0.9 * len(depths)
 
 
 def test_no_room_at_all_is_no_sample(make_ball_field, device):

@@ -20,7 +20,7 @@ from deformrf.core.training.capture import DatasetError
 from deformrf.core.training.evaluate import evaluate
 from deformrf.core.training.options import PRESETS, preset
 from deformrf.core.training.raybank import RayBank
-from deformrf.core.training.stage import LEAST_LOOKS, Stage
+from deformrf.core.training.stage import Stage
 
 SIZE, ANGLE = 40, 0.7
 
@@ -314,28 +314,6 @@ def test_occupancy_follows_density():
     for _ in range(250):  # 0.95 to that power takes 6 below 1e-4
         stage.update_occupancy()
     assert stage.occupied_share() == 0.0
-
-
-def test_density_hardly_ever_falls_below_the_least_sigma():
-    """The least of k random values is above one more of them in 1 of k + 1 cases."""
-    seed = int(np.random.default_rng().integers(1000))
-    stage = Stage(a15_grid(0.1), FieldOptions(level_count=3, table_size=2**12), "cpu", seed)
-    with torch.no_grad():
-        stage.table.normal_(std=3.0)
-    assert stage.least_sigma.max() == 0.0
-    parts, cells = 4, torch.arange(stage.thickness.numel())
-    for look in range(1, 13):
-        for _ in range(parts):
-            stage.update_occupancy(parts)
-        with torch.no_grad():
-            sigma = stage._thickness_of(cells) / stage.options.march_step
-        below = float((sigma < stage.least_sigma).float().mean())
-        if look <= LEAST_LOOKS:
-            assert below == 0.0  # too early for a claim
-        else:
-            since = LEAST_LOOKS + (look - 1) % LEAST_LOOKS + 1
-            assert below == pytest.approx(1.0 / (since + 1), rel=0.15)
-            assert stage.least_sigma.min() > 0.0
 
 
 def test_what_no_ray_sees_is_hidden():

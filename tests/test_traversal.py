@@ -88,8 +88,6 @@ def march(field, vertices, origins, directions, device, jitter_seed=0):
             wp.array(np.arange(count, dtype=np.int32), dtype=int, device=device),
             field.options.march_step,
             SLOTS,
-            wp.empty(0, dtype=float, device=device),
-            0.0,
             wp.full(1, jitter_seed, dtype=int, device=device),
             FILL_SLOTS,
             counts,

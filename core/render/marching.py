@@ -5,10 +5,6 @@ length Δ, the last one shorter; a piece counts if its middle lies in an occupie
 Training displaces the evaluation point inside the piece by a random fraction instead of
 taking the middle.
 
-Training also ends a ray where nothing behind can be seen.  It doesn't know the densities
-while it marches, but for each sub-tet a value that its density hardly ever falls below, and
-the optical depth by these values is less than the true one.
-
 A round of marching gives each ray at most K pieces, and a ray that isn't finished keeps
 its state and goes on in the next round.  The samples of all rays end up in arrays without
 gaps, ray after ray.  Two ways lead there: fill slots [R, K], then `pack` them (rendering:
@@ -21,7 +17,7 @@ Shapes: R rays, K slots per ray, N packed samples.
 import warp as wp
 
 from ..field.network import basis_of, basis_vector
-from ..field.occupancy import SUBTET_COUNT, is_occupied, subtet_of
+from ..field.occupancy import is_occupied, subtet_of
 from .traversal import (
     MAX_TETS,
     QUERY_GAP,
@@ -92,8 +88,6 @@ def march_kernel(
     alive: wp.array(dtype=int),  # [R] ray of each thread
     step: float,  # Δ
     slot_count: int,  # K
-    least_sigma: wp.array(dtype=float),  # [T · 64] what a sub-tet has everywhere, or [0]
-    end_depth: float,  # optical depth by least_sigma at which a ray is finished
     jitter_seed: wp.array(dtype=int),  # [1]; MIDDLE or the seed of random places
     purpose: int,  # FILL_SLOTS, COUNT, or WRITE
     ends: wp.array(dtype=int),  # [threads] WRITE: inclusive scan of counts
@@ -112,12 +106,11 @@ def march_kernel(
     seed = jitter_seed[0]
     random = wp.rand_init(seed, rays.first + ray)
     base = i * slot_count
-    limit = int(slot_count)
+    limit = slot_count
     if purpose == WRITE:
         base = ends[i] - counts[i]
         limit = counts[i]
     count = int(0)
-    depth = float(0.0)
     tets_left = int(MAX_TETS)
     while tet > -2 and count < limit:
         if tet == -1:
@@ -160,8 +153,7 @@ def march_kernel(
                     if seed != MIDDLE:
                         at = (low + wp.randf(random) * length) / speed
                     bary = alpha + at * slope
-                    subtet = subtet_of(bary)
-                    if is_occupied(mask, subtet):
+                    if is_occupied(mask, subtet_of(bary)):
                         if purpose != COUNT:
                             slot = base + count
                             samples.tet[slot] = tet
@@ -169,11 +161,6 @@ def march_kernel(
                             samples.length[slot] = fade * length
                             samples.t[slot] = t + middle
                         count += 1
-                        if least_sigma.shape[0] > 0:
-                            cell = tet * wp.static(SUBTET_COUNT) + subtet
-                            depth += least_sigma[cell] * fade * length
-                            if depth > end_depth:
-                                limit = count
                     piece += 1
                 if piece >= piece_count:
                     t += wp.max(distance, SMALLEST_ADVANCE * wp.max(t, 1.0))

@@ -115,7 +115,6 @@ class Renderer:
         self._tables = make_tables(field.mesh, field.layout, self.device)
         self._table = wp.array(field.table, dtype=wp.vec4, device=self.device)
         self._occupancy = wp.array(field.occupancy, dtype=wp.uint64, device=self.device)
-        self._no_sigma = wp.empty(0, dtype=float, device=self.device)
         self._middle = wp.full(1, MIDDLE, dtype=int, device=self.device)
         if self.device.is_cuda:
             self._networks = _torch_networks(field, self.device)
@@ -238,7 +237,7 @@ class Renderer:
             count,
             [
                 *(self.pose.geometry, self._occupancy, rays, alive, step, slot_count),
-                *(self._no_sigma, 0.0, self._middle, FILL_SLOTS, ends),
+                *(self._middle, FILL_SLOTS, ends),
             ],
             [slots, counts],
         )

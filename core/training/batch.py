@@ -23,7 +23,6 @@ from ..render.traversal import Pose
 from .raybank import Drawn
 
 MAX_RAY_SAMPLES = 512  # beyond, a ray is cut off
-END_DEPTH = 9.2  # transmittance 1e-4
 
 wp.set_module_options({"enable_backward": False})
 
@@ -107,20 +106,12 @@ class Batch:
     def ray_count(self) -> int:
         return len(self.counts)
 
-    def march(self, pose: Pose, mask, step: float, least_sigma=None, view_dependence=True):
+    def march(self, pose: Pose, mask, step: float, view_dependence=True):
         """Find the samples of the rays, jittered by `seed`.
 
-        Args:
-            least_sigma: What the density of each sub-tet hardly ever falls below: rays end at
-                an optical depth of END_DEPTH by it.  wp float [T · 64]; None: they go on
-            view_dependence: Without it the samples' basis is constant.
+        Without `view_dependence` their basis is constant.
         """
-        if least_sigma is None:
-            least_sigma = wp.empty(0, dtype=float, device=self.device)
-        common = [
-            *(pose.geometry, mask, self._rays, self._everyone, step, MAX_RAY_SAMPLES),
-            *(least_sigma, END_DEPTH, self.seed),
-        ]
+        common = [pose.geometry, mask, self._rays, self._everyone, step, MAX_RAY_SAMPLES, self.seed]
         nowhere = empty_samples(0, self.device)
         self._launch(
             march_kernel, self.ray_count, [*common, COUNT, self.ends], [nowhere, self.counts]

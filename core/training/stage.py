@@ -2,9 +2,7 @@
 
 Holds what changes from step to step: tables, networks, occupancy.  `trace` renders rays
 with gradients; `update_occupancy` and `hide_unseen` decide which sub-tets can hold
-density (../field/occupancy.py).  The looks of `update_occupancy` also find what density a
-sub-tet has at least, so that rays can end behind what is opaque (../render/marching.py):
-two thirds of all samples lie there and change nothing.
+density (../field/occupancy.py).
 
 Shapes: R rays, N packed samples, T tets with 64 sub-tets each.
 """
@@ -33,8 +31,6 @@ OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet is occupied, however ma
 EMPTY_THICKNESS = 1e-4  # below it is empty, even where everything is as thin
 OCCUPANCY_DECAY = 0.95  # per update; so empty space is forgotten within some 60 updates
 UPDATE_CHUNK = 1 << 20  # sub-tets evaluated at once
-LEAST_LOOKS = 4  # at each sub-tet; its least sigma is that of so many to twice as many
-MEASURED = ("thickness", "occupied", "hidden", "least_sigma", "_least_since", "_least_before")
 INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
 
 wp.set_module_options({"enable_backward": False})
@@ -92,10 +88,7 @@ class Stage:
         self._mask_bits = torch.zeros(shape[0], dtype=torch.int64, device=self.torch_device)
         self.mask = wp.from_torch(self._mask_bits, dtype=wp.uint64)
         self.refresh_mask()
-        self._part, self._looks = 0, 0.0
-        self.least_sigma = torch.zeros(self.thickness.numel(), device=self.torch_device)
-        self._least_since = torch.full_like(self.least_sigma, torch.inf)
-        self._least_before = torch.zeros_like(self.least_sigma)
+        self._part = 0  # of the sub-tets, whose turn it is
         self._generator = torch.Generator(device=self.torch_device).manual_seed(seed)
         corners = path_corners(LEVELS) / 2**LEVELS  # [64, corner, 4]
         self._corners = torch.from_numpy(corners.astype(np.float32)).to(self.torch_device)
@@ -112,10 +105,7 @@ class Stage:
     def march(self, batch: Batch):
         """Find the samples of the batch's rays in what is occupied."""
         options = self.options
-        least_sigma = wp.from_torch(self.least_sigma)
-        batch.march(
-            *(self.pose, self.mask, options.march_step, least_sigma, options.view_dependence)
-        )
+        batch.march(self.pose, self.mask, options.march_step, options.view_dependence)
 
     def composite(self, batch: Batch):
         """Render marched rays with gradients.
@@ -137,7 +127,7 @@ class Stage:
 
     @torch.no_grad()
     def update_occupancy(self, parts=1):
-        """Look at every parts-th sub-tet, other ones each time; renew mask and least sigma."""
+        """Measure the thickness of every parts-th sub-tet, others each time; renew the mask."""
         every = slice(self._part % parts, None, parts)
         self._part += 1
         flat = self.thickness.view(-1)
@@ -147,18 +137,6 @@ class Stage:
         flat[every] = torch.maximum(flat[every], found)
         threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
         self._occupy((self.thickness > threshold) & ~self.hidden)
-        self._lower_sigma(every, found / self.options.march_step, 1.0 / parts)
-
-    def _lower_sigma(self, every, found, share):
-        """Least sigma: over the looks since the last full count of them, and all before that."""
-        now, before = self._least_since, self._least_before
-        now[every] = torch.minimum(now[every], found)
-        torch.minimum(now, before, out=self.least_sigma)
-        self._looks += share
-        if self._looks >= LEAST_LOOKS:
-            before.copy_(now)
-            now.fill_(torch.inf)
-            self._looks = 0.0
 
     def _thickness_of(self, cells):
         """σ·Δ at a random point of each sub-tet.  [n] int64 -> [n]"""
@@ -224,8 +202,10 @@ class Stage:
         """Everything that learning changes, as tensors."""
         return {
             "parameters": [p.detach() for p in self.parameters()],
-            **{name: getattr(self, name) for name in MEASURED},
-            "looks": (self._part, self._looks),
+            "thickness": self.thickness,
+            "occupied": self.occupied,
+            "hidden": self.hidden,
+            "part": self._part,
             "generator": self._generator.get_state(),
         }
 
@@ -234,9 +214,9 @@ class Stage:
         """Go on from `state`, which has to be that of a stage with this mesh and options."""
         for mine, saved in zip(self.parameters(), state["parameters"], strict=True):
             mine.copy_(saved)
-        for name in MEASURED:
+        for name in ("thickness", "occupied", "hidden"):
             getattr(self, name).copy_(state[name])
-        self._part, self._looks = state["looks"]
+        self._part = state["part"]
         self._generator.set_state(state["generator"].cpu())
         self.refresh_mask()
 
