@@ -288,6 +288,7 @@ def test_missing_images_are_said_and_skipped(call, data, model):
         (["--views", 0], "number of views is 0"),
         (["--split", "val"], "holds no transforms_val.json"),
         (["--json", "scores.txt"], "has to end in .json"),
+        (["--step-factor", 0], "--step-factor is 0"),
     ],
 )
 def test_bad_flags_of_evaluation_are_one_sentence(call, data, model, flags, sentence):

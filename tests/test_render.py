@@ -174,6 +174,18 @@ def test_default_mode_is_close(make_ball_field, device):
     assert -10 * np.log10(np.mean((color - expected) ** 2)) > 45.0
 
 
+def test_shorter_steps_are_those_of_a_model_with_a_shorter_step(make_ball_field, device):
+    field = make_ball_field(int(np.random.default_rng().integers(10_000)))
+    step = np.float32(0.5) * field.options.march_step
+    shorter = replace(field, options=replace(field.options, march_step=float(step)))
+    view, half = camera(30), replace(CONFORMANCE, step_factor=0.5)
+    whole = Renderer(field, device).render(view, CONFORMANCE)
+    part = Renderer(field, device).render(view, half)
+    expected = Renderer(shorter, device).render(view, CONFORMANCE)
+    np.testing.assert_array_equal(part.color_array(), expected.color_array())
+    assert part.sample_count == expected.sample_count > 1.3 * whole.sample_count > 0
+
+
 def test_the_image_is_the_rays_in_bytes(make_ball_field, device):
     field = make_ball_field(6)
     view = camera(40).resized(48, 40)

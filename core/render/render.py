@@ -48,10 +48,13 @@ class RenderOptions:
         background: Color behind the object, 0..1.
         conformance: Equal the reference (float32, stop at T < 1e-3); otherwise stop
             earlier and, on CUDA, evaluate the networks in half precision.
+        step_factor: Of the model's Δ: with less, an image takes longer and is closer to the
+            integral that the sum stands for.
     """
 
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
     conformance: bool = False
+    step_factor: float = 1.0
 
     @property
     def stop(self) -> float:
@@ -205,7 +208,9 @@ class Renderer:
         while count > 0:
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
             with self._stage("march"):
-                samples, counts, ends, packed_count = self._march(rays, alive, count, slot_count)
+                samples, counts, ends, packed_count = self._march(
+                    *(rays, alive, count, slot_count, options.step_factor)
+                )
             with self._stage("encode"):
                 features = self._encode(samples, packed_count)
                 basis = self._basis(rays, alive, counts, ends, samples, packed_count)
@@ -227,11 +232,11 @@ class Renderer:
             alive, round_ = still_alive, round_ + 1
         return pixels, sample_count
 
-    def _march(self, rays, alive, count, slot_count):
+    def _march(self, rays, alive, count, slot_count, step_factor):
         slots = empty_samples(count * slot_count, self.device)
         counts = wp.empty(count, dtype=int, device=self.device)
         ends = wp.empty(count, dtype=int, device=self.device)
-        step = self.field.options.march_step
+        step = self.field.options.march_step * step_factor
         self._launch(
             march_kernel,
             count,

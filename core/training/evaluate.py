@@ -112,6 +112,7 @@ def evaluate(
         "split": dataset.split,
         "sizes": sorted({f"{lens.width}x{lens.height}" for lens in dataset.lenses}),
         "device": str(device),
+        "step_factor": options.step_factor,
         "complete": len(scores) == dataset.view_count,
         "mean": mean_scores(scores),
         "views": [plain(asdict(score)) for score in scores],

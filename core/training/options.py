@@ -38,7 +38,7 @@ class TrainOptions:
     scene_radius: float | None = None
     spacing: float = 0.02
     coarse_steps: int = 1500
-    fine_steps: int = 25000
+    fine_steps: int = 30000
     level_count: int = 7
     table_size_log2: int = 20
     density_layers: int = 1
@@ -61,7 +61,7 @@ class TrainOptions:
 
 PRESETS = {
     "default": TrainOptions(),
-    "fast": TrainOptions(coarse_steps=1000, fine_steps=6000),
+    "fast": TrainOptions(coarse_steps=1000, fine_steps=12000),
     "tiny": TrainOptions(
         spacing=0.04,
         coarse_steps=150,

@@ -22,7 +22,7 @@ from .batch import Batch
 from .distributed import SharedGradients
 from .raybank import RayBank
 from .stage import Stage
-from .surroundings import over
+from .surroundings import over, surrounded_cost
 
 BETAS, EPSILON = (0.9, 0.99), 1e-15  # of Adam; the paper has 0.999
 LOSS_SCALE = 1024.0  # keeps fp16 gradients from vanishing; Adam doesn't see it
@@ -174,12 +174,14 @@ class Step:
         rgba = batch.rgba
         alpha = rgba[:, 3:]
         color, opacity, distortion, _ = stage.composite(batch)
+        cost = self.distortion * distortion
         if stage.surroundings:
             target = rgba[:, :3]
             with stage.precision():
                 front, behind = stage.surroundings(
                     batch.drawn.origins, batch.drawn.directions, batch.seed, batch.drawn.first
                 )
+            cost = surrounded_cost(self.distortion, distortion, opacity, front[1])
             color = over(front, color, opacity, behind)
         else:
             background = torch.maximum(batch.background, self._white)
@@ -187,7 +189,7 @@ class Step:
             color = color + (1.0 - opacity[:, None]) * background
         fits = batch.fits / batch.fits.sum().clamp(min=1.0)
         error = (fits[:, None] * (color - target) ** 2).sum() / 3.0
-        loss = error + self.distortion * (fits * distortion).sum()
+        loss = error + (fits * cost).sum()
         self.optimizer.zero_grad(set_to_none=True)
         (loss * LOSS_SCALE).backward()
         self.error.copy_(error.detach())

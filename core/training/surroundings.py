@@ -37,6 +37,8 @@ FRONT_PIECES, BEHIND_PIECES = 16, 48
 NEAR = 0.05  # from the camera; nothing is photographed from closer [model units]
 INITIAL_CONTRAST = 1e-4  # of the features
 INITIAL_LOG_SIGMA = -2.0  # the object has to be seen through it
+DISTORTION_SHARE = 0.1  # of its weight elsewhere: alpha leaves less to decide there
+FRONT_PRICE = 1e-2  # mean squared error that full opacity before the box has to be worth
 END = 0.98  # of contracted space: the rest is the sky
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
@@ -141,6 +143,23 @@ def over(front, object_color, object_opacity, behind):
     color, opacity = front
     seen = object_color + (1.0 - object_opacity[:, None]) * behind
     return color + (1.0 - opacity[:, None]) * seen
+
+
+def surrounded_cost(weight, distortion, opacity, front_opacity):
+    """What rays cost besides their error, where no alpha says what is the object.  torch [R]
+
+    The distortion loss of the object alone is least without an object, and few views allow
+    that: each may be painted on something before or behind that no other view sees.  So the
+    loss is one of whole rays, with all that is behind as a sample half a unit away: a ray ends
+    in the object or misses it.  And matter between a camera and the box has a price.
+
+    Args:
+        weight: Of the distortion loss.
+        distortion, opacity: Of the object's samples.  [R]
+        front_opacity: Of what is before the box.  [R]
+    """
+    whole = distortion + 2.0 * 0.5 * opacity * (1.0 - opacity)
+    return DISTORTION_SHARE * weight * whole + FRONT_PRICE * front_opacity
 
 
 class LearntSurroundings(torch.nn.Module):
