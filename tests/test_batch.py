@@ -6,8 +6,11 @@ import torch
 import warp as wp
 
 from deformrf.core.field.network import spherical_harmonics
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import tet_neighbours
 from deformrf.core.render.traversal import Pose
-from deformrf.core.training.batch import Batch
+from deformrf.core.training.batch import MAX_RAY_SAMPLES, Batch
+from deformrf.core.training.options import PRESETS
 
 RAYS = 300
 
@@ -65,6 +68,21 @@ def test_rays_that_do_not_fit_are_left_out(scene, device):
         tight.samples.bary.numpy()[:count], exact.samples.bary.numpy()[:count]
     )
     assert (tight.samples.tet.numpy()[count:] == -1).all()
+
+
+def test_no_ray_of_any_preset_is_cut_off():
+    """Through the whole grid, all of it occupied, along the cube's diagonal."""
+    options = PRESETS["default"]
+    mesh = a15_grid(options.spacing)
+    pose = Pose(mesh, tet_neighbours(mesh.tets), "cpu")
+    mask = wp.full(mesh.tet_count, 2**64 - 1, dtype=wp.uint64, device="cpu")
+    batch = Batch(8, None, "cpu")
+    start = np.random.default_rng().uniform(-0.02, 0.0, (8, 3))
+    direction = (1.0 - 2.0 * start) / np.linalg.norm(1.0 - 2.0 * start, axis=1, keepdims=True)
+    batch.origins.copy_(torch.from_numpy((start - 0.5 * direction).astype(np.float32)))
+    batch.directions.copy_(torch.from_numpy(direction.astype(np.float32)))
+    batch.march(pose, mask, options.march_step)
+    assert np.sqrt(3) / options.march_step < batch.counts.numpy().max() < MAX_RAY_SAMPLES
 
 
 def test_no_room_at_all_is_no_sample(make_ball_field, device):

@@ -87,9 +87,47 @@ def test_a_loss_that_is_no_number_ends_the_run_with_good_weights(run, monkeypatc
                 self.stage.networks.color[0].weight[0, 0] = float("nan")
 
     monkeypatch.setattr(Step, "run", spoiled)
-    with pytest.raises(Diverged, match=r"the loss became nan at step 48 of 50.* of step 16"):
+    with pytest.raises(Diverged, match=r"the loss became nan at step 48 of 50.* of step 32"):
         go(run)
     assert all(bool(p.isfinite().all()) for p in run.stage.parameters())
+
+
+def test_a_loss_that_is_lost_at_once_leaves_what_the_run_began_with(run, monkeypatch):
+    before = [p.detach().clone() for p in run.stage.parameters()]
+    step_run = Step.run
+
+    def spoiled(self, rate, white):
+        step_run(self, rate, white)
+        with torch.no_grad():
+            self.stage.networks.color[0].weight[0, 0] = float("nan")
+
+    monkeypatch.setattr(Step, "run", spoiled)
+    with pytest.raises(Diverged, match="of step 0"):
+        go(run)
+    for mine, first in zip(run.stage.parameters(), before, strict=True):
+        assert torch.equal(mine, first)
+
+
+def test_a_run_ends_with_averaged_weights_and_lends_them_before(run, monkeypatch):
+    """A parameter that follows the step's number ends at the mean of the last pauses."""
+    monkeypatch.setattr(fit, "AVERAGED_SHARE", 0.64)  # 2 pauses: each time half of what is new
+    step_run, lent = Step.run, []
+
+    def counting(self, rate, white):
+        step_run(self, rate, white)
+        self.stage.table.data[0] = self.number
+
+    def look():
+        raw = run.stage.table[0, 0].item()
+        with run.averaged():
+            lent.append(run.stage.table[0, 0].item())
+        assert run.stage.table[0, 0].item() == raw == run.number
+
+    monkeypatch.setattr(Step, "run", counting)
+    with TrainingProgress() as progress:
+        run.run(progress, "stage", look)
+    assert lent == [16, 24, 36]
+    assert run.stage.table[0, 0].item() == 43
 
 
 def test_a_weight_that_no_ray_meets_is_watched_too(run, monkeypatch):

@@ -23,10 +23,26 @@ from deformrf.core.training.surroundings import (
     over,
     pieces_kernel,
     random_surroundings,
+    surrounded_cost,
 )
 
 BOX = np.array([[0.2, 0.1, 0.3], [0.8, 0.9, 0.7]])
 PIECES = FRONT_PIECES + BEHIND_PIECES
+
+
+def test_rays_cost_least_where_they_end_in_the_object_or_miss_it():
+    """The distortion of a ray with one sample more, behind the object, and a price in front."""
+    rng = np.random.default_rng()
+    w = rng.dirichlet(np.ones(6))[:5]  # what is missing to 1 is behind
+    t = np.sort(rng.uniform(0.0, 1e-9, 5))  # so that all are half a unit before it
+    behind = 1.0 - w.sum()
+    everything, places = np.append(w, behind), np.append(t, 0.5)
+    gaps = np.abs(places[:, None] - places)
+    opacity, front = torch.tensor([w.sum(), 0.0, 1.0]), torch.tensor([0.3, 0.0, 0.0])
+    cost = surrounded_cost(1e-2, torch.zeros(3, dtype=torch.float64), opacity, front)
+    expected = 0.1 * 1e-2 * (everything @ gaps @ everything) + 1e-2 * 0.3
+    np.testing.assert_allclose(cost.numpy(), [expected, 0.0, 0.0], atol=1e-9)
+    assert surrounded_cost(1e-2, 0.7, opacity, front)[1] == pytest.approx(0.1 * 1e-2 * 0.7)
 
 
 def on_device(rays, device):

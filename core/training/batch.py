@@ -22,7 +22,7 @@ from ..render.marching import (
 from ..render.traversal import Pose
 from .raybank import Drawn
 
-MAX_RAY_SAMPLES = 512  # beyond, a ray is cut off
+MAX_RAY_SAMPLES = 2048  # beyond, a ray is cut off; √3/Δ and one for each tet are far fewer
 
 wp.set_module_options({"enable_backward": False})
 

@@ -6,6 +6,7 @@ the last good weights.  Where the GPU's memory is too small, the room is halved,
 several workers that ends the run.
 """
 
+from contextlib import contextmanager
 from math import cos, isfinite, pi
 
 import numpy as np
@@ -64,6 +65,7 @@ class Fit:
         Raises:
             Diverged: See there.
         """
+        self._keep_good()
         task = progress.begin(title, self.step_count, self.number)
         shown = self.number
         while self.number < self.step_count:
@@ -107,6 +109,16 @@ class Fit:
             device = self.stage.torch_device
             self._average = [weights.to(device) for weights in state["average"]]
 
+    @contextmanager
+    def averaged(self):
+        """Context in which the stage has its averaged weights, as at the end of a run."""
+        raw = [p.detach().clone() for p in self.stage.parameters()]
+        self._set_weights(self._average)
+        try:
+            yield
+        finally:
+            self._set_weights(raw)
+
     def _run_step(self):
         white = not self.has_alpha or self.number >= (1.0 - WHITE_SHARE) * self.step_count
         rate = learning_rate(self.number, self.step_count, self.options.learning_rate)
@@ -128,11 +140,15 @@ class Fit:
         self._lowest = min(self._lowest, self._smooth)
         if self._smooth > DIVERGED_FACTOR * self._lowest:
             self._give_up(f"the loss rose from {self._lowest:.2g} to {self._smooth:.2g}")
-        if self._good is None or self.number - self._good_number >= SNAPSHOT_INTERVAL:
-            parameters = [p.detach() for p in self.stage.parameters()]
-            if not all(bool(p.isfinite().all()) for p in parameters):
-                self._give_up("a weight became infinite")
-            self._good, self._good_number = [p.clone() for p in parameters], self.number
+        # Early on, when much is learnt in few steps, more often.
+        if self.number - self._good_number >= min(SNAPSHOT_INTERVAL, max(self._good_number, 1)):
+            self._keep_good()
+
+    def _keep_good(self):
+        parameters = [p.detach() for p in self.stage.parameters()]
+        if not all(bool(p.isfinite().all()) for p in parameters):
+            self._give_up("a weight became infinite")
+        self._good, self._good_number = [p.clone() for p in parameters], self.number
 
     @torch.no_grad()
     def _average_weights(self):
@@ -150,6 +166,7 @@ class Fit:
 
     def _give_up(self, what):
         self._set_weights(self._good)
+        self._average = None  # it may hold what was lost
         raise Diverged(
             f"{what} at step {self.number} of {self.step_count}; kept are the weights of step "
             f"{self._good_number}"

@@ -37,6 +37,7 @@ FRONT_PIECES, BEHIND_PIECES = 16, 48
 NEAR = 0.05  # from the camera; nothing is photographed from closer [model units]
 INITIAL_CONTRAST = 1e-4  # of the features
 INITIAL_LOG_SIGMA = -2.0  # the object has to be seen through it
+BEHIND_DISTANCE = 0.5  # from the object to what is behind it, for the distortion loss
 DISTORTION_SHARE = 0.1  # of its weight elsewhere: alpha leaves less to decide there
 FRONT_PRICE = 1e-2  # mean squared error that full opacity before the box has to be worth
 END = 0.98  # of contracted space: the rest is the sky
@@ -158,7 +159,7 @@ def surrounded_cost(weight, distortion, opacity, front_opacity):
         distortion, opacity: Of the object's samples.  [R]
         front_opacity: Of what is before the box.  [R]
     """
-    whole = distortion + 2.0 * 0.5 * opacity * (1.0 - opacity)
+    whole = distortion + 2.0 * BEHIND_DISTANCE * opacity * (1.0 - opacity)
     return DISTORTION_SHARE * weight * whole + FRONT_PRICE * front_opacity
 
 

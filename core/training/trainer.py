@@ -6,9 +6,10 @@ levels on the kept tets.  Both minimise
 
     mean squared error of the composited color + distortion weight · distortion
 
-with Adam.  Images with alpha are composited on a random background per ray until the last
-fifth of a stage, then on white: so that empty space learns to be empty, and the result is
-at its best on the background it is scored on.
+with Adam.  Images with alpha are composited on a random background per ray in the first half
+of a stage, then on white: so that empty space learns to be empty, and the result is at its
+best on the background it is scored on.  Where the surroundings are learnt too, rays cost
+something else besides their error; see surroundings.surrounded_cost.
 
 A run that leaves stage 1 out is stage 2 on the whole grid in the scene box; its model holds
 all of those tets, the empty ones too.
@@ -16,6 +17,7 @@ all of those tets, the empty ones too.
 
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -126,6 +128,7 @@ class _Run:
         if resumed:
             self.world_to_model, self.report = resumed.world_to_model, dict(resumed.report)
             self.start -= self.report["seconds"]
+            self.memory = list(self.report.pop("peak_memory_bytes", self.memory))
         else:
             self.world_to_model = world_to_unit_cube(dataset, options.aabb, options.scene_radius)
             self.report = {
@@ -170,29 +173,31 @@ class _Run:
         self.stage.update_occupancy()
         looks = _looking_batches(bank, self.device, COARSE_LOOK * self.options.samples_per_step)
         self.stage.hide_unseen(looks, COARSE_UNSEEN_WEIGHT)
+        self._note_memory()
         self.report["stage_1_seconds"] = time.perf_counter() - self.start
 
     def _fine(self, mesh, bank, progress):
         self._fit(2, mesh, field_options(self.options), self.options.fine_steps, bank, progress)
         looks = _looking_batches(bank, self.device, FINE_LOOK * self.options.samples_per_step)
         self.stage.hide_unseen(looks, UNSEEN_WEIGHT)
+        self._note_memory()
 
     def _fit(self, number, mesh, field_options_, step_count, bank, progress):
         self.fit = None  # the stage before gives its memory back
         seed = self.options.seed
         subtet_mask = "subtet-mask" not in self.options.leave_out
-        self.stage = Stage(
+        stage = Stage(
             *(mesh, field_options_, self.device, seed, self.surroundings, subtet_mask),
             workers=self.workers,
         )
-        has_alpha = self.dataset.has_alpha
-        self.stage_number = number
-        if self.stage.device.is_cuda:
+        if stage.device.is_cuda:
             torch.cuda.reset_peak_memory_stats()
-        self.fit = Fit(self.stage, bank, self.options, has_alpha, step_count)
+        fit = Fit(stage, bank, self.options, self.dataset.has_alpha, step_count)
         if self.resumed and self.resumed.stage == number:
-            self.fit.load_state(self.resumed.fit)
-        self.fit.run(progress, f"stage {number}", self._pause)
+            fit.load_state(self.resumed.fit)
+        # Not before: who interrupts has the stage before it, or the checkpoint as it was.
+        self.stage, self.stage_number, self.fit = stage, number, fit
+        fit.run(progress, f"stage {number}", self._pause)
         self._note_memory()
 
     def _note_memory(self):
@@ -214,12 +219,17 @@ class _Run:
             self.start += time.perf_counter() - begin
 
     def _export(self) -> TetField:
-        return self.stage.export(self.world_to_model, self.report)
+        with self.fit.averaged() if self.fit else nullcontext():
+            return self.stage.export(self.world_to_model, self.report)
 
     def _save(self):
         if self.checkpoint_path is None or self.fit is None:
             return
-        report = {**self.report, "seconds": time.perf_counter() - self.start}
+        report = {
+            **self.report,
+            "seconds": time.perf_counter() - self.start,
+            "peak_memory_bytes": self.memory,
+        }
         checkpoints.save(
             Checkpoint(
                 *(self.options, self.stage_number, self.stage.mesh, self.fit.state()),
