@@ -13,14 +13,27 @@ from importlib import import_module
 from unittest import mock
 
 import numpy as np
+import torch
 
 from deformrf.core.device import start_warp
 from deformrf.core.training import datasets, evaluate, trainer
 from deformrf.core.training.options import preset
+from deformrf.core.training.stage import Stage
 
-# Options, or constants of a module of core.training ("fit.FINAL_RATE").
+encode = Stage.encode
+
+
+def two_features(stage, sample_tet, sample_bary):
+    """What F = 2 would learn: the other two features of each entry count for nothing."""
+    features = encode(stage, sample_tet, sample_bary)
+    used = torch.tensor([1.0, 1.0, 0.0, 0.0], device=features.device, dtype=features.dtype)
+    return features * used.repeat(stage.layout.level_count)
+
+
+# Options, or what a module of core.training has ("fit.FINAL_RATE").
 CHOICES = {
     "default": {},
+    "2 features an entry": {"stage.Stage.encode": two_features},
     "2 density layers": {"density_layers": 2},
     "3 sigmoid layers (paper)": {"density_layers": 3, "density_activation": "sigmoid"},
     "T = 2^17": {"table_size_log2": 17},
@@ -63,9 +76,11 @@ def chosen(names, preset_name):
     constants = {key: value for key, value in changes.items() if "." in key}
     with ExitStack() as stack:
         for key, value in constants.items():
-            module, name = key.split(".")
-            module = import_module(f"deformrf.core.training.{module}")
-            stack.enter_context(mock.patch.object(module, name, value))
+            module, *path, name = key.split(".")
+            owner = import_module(f"deformrf.core.training.{module}")
+            for step in path:
+                owner = getattr(owner, step)
+            stack.enter_context(mock.patch.object(owner, name, value))
         yield preset(preset_name, **{k: v for k, v in changes.items() if k not in constants})
 
 
