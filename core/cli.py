@@ -116,19 +116,21 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     """Prepare a job, do it, return the exit code.
 
     ValueErrors (data set and model errors are such) and OSErrors of the preparation are the
-    user's to mend.  So is a DatasetError of the job, that learning from the images found
-    nothing; anything else there is a fault of the program and keeps its traceback.
+    user's to mend, and so is a lack of memory at any time.  So is a DatasetError of the job,
+    that learning from the images found nothing; anything else there is a fault of the program
+    and keeps its traceback.
     """
     from .training.capture import DatasetError
 
-    mendable = (ValueError, OSError)
+    mendable = (ValueError, OSError, MemoryError)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems ask that way
     try:
         job = prepare()
-        mendable = DatasetError
+        mendable = (DatasetError, MemoryError)
         return job()
     except mendable as error:
-        print(f"{program}: {plain_message(error)}", file=sys.stderr)
+        sentence = plain_message(error) or "the memory is too small"  # Python's own says nothing
+        print(f"{program}: {sentence}", file=sys.stderr)
         return INPUT_ERROR
     except KeyboardInterrupt:
         print(f"{program}: interrupted", file=sys.stderr)

@@ -216,6 +216,22 @@ def test_images_in_which_nothing_is_found_are_one_sentence(call, trainer, data, 
     assert "found nothing" in refused(result)
 
 
+@pytest.mark.parametrize(
+    "error, sentence",
+    [
+        (MemoryError("the GPU's memory is too small: take --preset tiny"), "take --preset tiny"),
+        (MemoryError(), "the memory is too small"),
+    ],
+)
+def test_a_lack_of_memory_is_one_sentence(call, trainer, data, monkeypatch, error, sentence):
+    def train(*_, workers):
+        raise error
+
+    monkeypatch.setattr(trainer, "train", train)
+    result = call(cli.train, data, "-o", data / "m.npz", "--preset", "tiny", "--device", "cpu")
+    assert sentence in refused(result)
+
+
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize("steps", [2, 100, 10**6])
 def test_steps_are_shared_out_between_the_stages(name, steps):
