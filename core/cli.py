@@ -139,38 +139,18 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
 
 def prepare_training(arguments: TrainArguments):
     from .training import datasets, metrics
-    from .training.options import preset
     from .training.scene_box import world_to_unit_cube
 
     output = writable_file(arguments.output, ".npz")
     checkpoint_path = output.with_suffix(".checkpoint")
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
-    options = resumed.options if resumed else preset(arguments.preset)
-    if arguments.leave_out:
-        options = replace(options, leave_out=arguments.leave_out)
-    if arguments.steps is not None:
-        options = with_steps(options, at_least(2, "--steps", arguments.steps))
-    if arguments.seed is not None:
-        options = replace(options, seed=at_least(0, "--seed", arguments.seed))
-    if arguments.scene_radius is not None:
-        options = replace(options, scene_radius=arguments.scene_radius)
-        if not 0.0 < options.scene_radius < float("inf"):
-            raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
-    if arguments.surroundings != "auto":
-        options = replace(options, surroundings=arguments.surroundings)
-    if not arguments.view_dependence:
-        options = replace(options, view_dependence=False)
-    if arguments.aabb is not None:
-        options = replace(options, aabb=arguments.aabb)
+    options = resumed.options if resumed else train_options(arguments)
     train_views = datasets.load(arguments.data, "train", arguments.image_size)
     is_first = os.environ.get("RANK", "0") == "0"  # of the processes that torchrun started
     if is_first:
         warn_of_missing(train_views)
-    if resumed and resumed.report["view_count"] != train_views.view_count:
-        raise ValueError(
-            f"the interrupted run had {resumed.report['view_count']} views, these are "
-            f"{train_views.view_count}: --resume needs the same images"
-        )
+    if resumed:
+        check_resumed_views(resumed.report, train_views)
     world_to_unit_cube(train_views, options.aabb, options.scene_radius)  # finds what is wrong
     test_views = None
     if datasets.has_test_split(arguments.data):
@@ -225,23 +205,78 @@ def prepare_training(arguments: TrainArguments):
     return job
 
 
+def train_options(arguments: TrainArguments):
+    """The preset, and what the flags change in it."""
+    from .training.options import preset
+
+    options = preset(arguments.preset)
+    if arguments.leave_out:
+        options = replace(options, leave_out=arguments.leave_out)
+    if arguments.steps is not None:
+        options = with_steps(options, at_least(2, "--steps", arguments.steps))
+    if arguments.seed is not None:
+        options = replace(options, seed=at_least(0, "--seed", arguments.seed))
+    if arguments.scene_radius is not None:
+        options = replace(options, scene_radius=arguments.scene_radius)
+        if not 0.0 < options.scene_radius < float("inf"):
+            raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
+    if arguments.surroundings != "auto":
+        options = replace(options, surroundings=arguments.surroundings)
+    if not arguments.view_dependence:
+        options = replace(options, view_dependence=False)
+    if arguments.aabb is not None:
+        options = replace(options, aabb=arguments.aabb)
+    return options
+
+
 def resumed_run(arguments: TrainArguments, path: Path):
-    """The checkpoint of an interrupted run, which has its own options."""
+    """The checkpoint of an interrupted run, whose options no flag contradicts."""
     from .training import checkpoint
 
-    for name in ("steps", "seed", "aabb", "scene_radius"):
-        if getattr(arguments, name) is not None:
-            flag = name.replace("_", "-")
-            raise ValueError(f"--resume keeps the options of the interrupted run: drop --{flag}")
-    for flag, given in (
-        ("--no-view-dependence", not arguments.view_dependence),
-        ("--surroundings", arguments.surroundings != "auto"),
-        ("--leave-out", arguments.leave_out),
-        ("--preset", arguments.preset != "default"),
-    ):
-        if given:
-            raise ValueError(f"--resume keeps the options of the interrupted run: drop {flag}")
-    return checkpoint.load(path)
+    resumed = checkpoint.load(path)
+    if flag := contradiction(arguments, resumed.options):
+        raise ValueError(
+            f"--resume keeps the options of the interrupted run, from which {flag} differs: "
+            f"drop {flag}"
+        )
+    return resumed
+
+
+def contradiction(arguments: TrainArguments, options) -> str | None:
+    """The first flag that was given and is not what these options come from."""
+    from .training.options import preset
+
+    if set(arguments.leave_out) == set(options.leave_out):  # in any order
+        arguments = replace(arguments, leave_out=options.leave_out)
+    names = ("seed", "aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")
+    known = {name: getattr(options, name) for name in names}
+    for name, value in known.items():
+        mine = getattr(arguments, name)
+        if mine not in (getattr(TrainArguments, name), value):  # the first: not given
+            no = "no-" if name == "view_dependence" else ""
+            return f"--{no}{name.replace('_', '-')}"
+    asked = replace(preset(arguments.preset), **known)
+    if arguments.steps is not None:
+        if with_steps(options, arguments.steps) != options:
+            return "--steps"
+        asked = with_steps(asked, arguments.steps)
+    return "--preset" if arguments.preset != "default" and asked != options else None
+
+
+def check_resumed_views(report: dict, views):
+    """Raise ValueError if these are not the images that the interrupted run had."""
+    if report["view_count"] != views.view_count:
+        raise ValueError(
+            f"the interrupted run had {report['view_count']} views, these are "
+            f"{views.view_count}: --resume needs the same images"
+        )
+    before = tuple(report["image_size"])
+    now = max((lens.width, lens.height) for lens in views.lenses)  # as the trainer notes it
+    if before != now:
+        raise ValueError(
+            "the interrupted run's images had {}x{} pixels, these have {}x{}: --resume needs the "
+            "same --image-size".format(*before, *now)
+        )
 
 
 def warn_of_missing(dataset):

@@ -5,74 +5,21 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from deformrf.core import cli
 from deformrf.core.field import modelfile
-from deformrf.core.field.field import FieldOptions, random_field
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import tet_neighbours
 from deformrf.core.training.capture import DatasetError
 from deformrf.core.training.options import LEAVE_OUT, PRESETS, preset
-
-
-@pytest.fixture
-def data(tmp_path, write_dataset):
-    """Three gray training views and two test views of 16x12 pixels."""
-    for split, count in (("train", 3), ("test", 2)):
-        images = [Image.new("RGBA", (16, 12), (100, 100, 100, 255))] * count
-        write_dataset(tmp_path / "data", images, split)
-    return tmp_path / "data"
-
-
-@pytest.fixture
-def field():
-    mesh = a15_grid(0.25)
-    options = FieldOptions(2, 2**10, (16,), (16,), march_step=0.05)
-    return random_field(mesh, tet_neighbours(mesh.tets), options)
 
 
 @pytest.fixture
 def model(field, tmp_path):
     modelfile.save(field, tmp_path / "model.npz")
     return tmp_path / "model.npz"
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """Call a command with arguments; the exit code and what went to stdout and stderr."""
-
-    def call(command, *arguments):
-        monkeypatch.setattr(sys, "argv", [command.__name__, *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            command()
-        return SimpleNamespace(code=caught.value.code, **capsys.readouterr()._asdict())
-
-    return call
-
-
-@pytest.fixture
-def trainer(monkeypatch, field):
-    """Stands in for the trainer: `calls` is what it was asked to do, `trained` its answer."""
-    from deformrf.core.training.trainer import Trained
-
-    trained = Trained(field, {"seconds": 90.0}, interrupted=False)
-    stub = SimpleNamespace(calls=[], trained=trained)
-
-    def train(*arguments, workers):
-        assert workers.count == 1
-        stub.calls.append(arguments)
-        return stub.trained
-
-    stub.train = train
-    monkeypatch.setitem(sys.modules, "deformrf.core.training.trainer", stub)
-    monkeypatch.setattr("deformrf.core.training.trainer", stub, raising=False)
-    return stub
 
 
 def refused(result):
@@ -153,51 +100,6 @@ def test_a_lost_run_says_why_and_writes_its_last_good_weights(call, trainer, dat
         "deformrf-train: the loss became nan at step 48\n",
     )
     modelfile.load(tmp_path / "m.npz")
-
-
-def unfinished(path, view_count=3):
-    """A checkpoint of a run over that many views."""
-    from deformrf.core.training import checkpoint
-
-    report = {"view_count": view_count, "seconds": 9.0}
-    options = preset("tiny", seed=5)
-    checkpoint.save(checkpoint.Checkpoint(options, 1, a15_grid(0.25), {}, np.eye(4), report), path)
-    return options
-
-
-def test_a_resumed_run_has_the_options_of_its_checkpoint(call, trainer, data, tmp_path):
-    options = unfinished(tmp_path / "m.checkpoint")
-    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu", "--resume")
-    assert result.code == 0
-    [call_] = trainer.calls
-    assert call_[1] == call_[5].options == options
-    assert not (tmp_path / "m.checkpoint").exists()
-
-
-def test_an_interrupted_run_says_how_to_go_on(call, trainer, data, tmp_path):
-    trainer.trained.interrupted = True
-    unfinished(tmp_path / "m.checkpoint")
-    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
-    assert "--resume" in result.out
-    assert (tmp_path / "m.checkpoint").exists()
-
-
-@pytest.mark.parametrize(
-    "flags, view_count, sentence",
-    [
-        ([], None, "m.checkpoint to resume from"),
-        (["--steps", 9], 3, "drop --steps"),
-        (["--scene-radius", 2], 3, "drop --scene-radius"),
-        (["--leave-out", "distortion"], 3, "drop --leave-out"),
-        ([], 4, "had 4 views, these are 3"),
-    ],
-)
-def test_what_can_not_be_resumed_is_one_sentence(call, data, tmp_path, flags, view_count, sentence):
-    if view_count:
-        unfinished(tmp_path / "m.checkpoint", view_count)
-    output = tmp_path / "m.npz"
-    result = call(cli.train, data, "-o", output, "--device", "cpu", "--resume", *flags)
-    assert sentence in refused(result)
 
 
 def test_a_default_run_without_a_gpu_is_announced(call, trainer, data, tmp_path):
