@@ -163,6 +163,12 @@ def prepare_training(arguments: TrainArguments):
     def job():
         if device == "cpu" and arguments.preset != "tiny" and is_first:
             print("No GPU is used: this takes hours; --preset tiny takes minutes.", flush=True)
+        if checkpoint_path.exists() and not resumed and is_first:
+            print(
+                f"{checkpoint_path} is of an interrupted run, which --resume would go on with; "
+                f"this run overwrites it after a minute.",
+                flush=True,
+            )
         from .field import modelfile
         from .training import distributed, evaluate, trainer
 

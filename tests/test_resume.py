@@ -35,6 +35,17 @@ def test_an_interrupted_run_says_how_to_go_on(call, trainer, data, tmp_path):
     assert (tmp_path / "m.checkpoint").exists()
 
 
+def test_a_fresh_run_says_that_it_replaces_an_interrupted_one(call, trainer, data, tmp_path):
+    command = [cli.train, data, "-o", tmp_path / "m.npz", "--preset", "tiny", "--device", "cpu"]
+    assert "--resume" not in call(*command).out
+    for flags, announced in (([], True), (["--resume"], False)):
+        unfinished(tmp_path / "m.checkpoint", preset("tiny"))
+        [*first, _] = call(*command, *flags).out.splitlines()
+        assert (
+            len(first) == 1 and "m.checkpoint is of an interrupted run" in first[0]
+        ) == announced
+
+
 WORDS = {
     "nothing": [],
     "preset": ["--preset", "fast"],
