@@ -31,7 +31,7 @@ from .metrics import check_size, psnr, ssim
 from .surroundings import LearntSurroundings, over
 
 SURROUNDINGS_RAYS = 1 << 14  # at once: 64 samples each
-WAITING_VIEWS = 32  # rendered, not scored yet
+WAITING_VIEWS = 32  # at most, rendered and not scored yet: images would fill the memory
 DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
 
 
@@ -82,7 +82,7 @@ def evaluate(
         out_dir = Path(out_dir)
         out_dir.mkdir(parents=True, exist_ok=True)
     small = LensCamera(poses[0], dataset.lenses[0].resized(8, 8))
-    renderer.render(small, options).color_array()  # compiles the kernels
+    render_view(renderer, around, small, options)  # compiles the kernels
 
     has_alpha = dataset.has_alpha
 
@@ -93,16 +93,18 @@ def evaluate(
             Image.fromarray(picture).save(out_dir / f"{index:03d}_{dataset.names[index]}.png")
         return score_view(dataset.names[index], rendered, truth, has_alpha, seconds, lpips)
 
+    # On a GPU SSIM takes longer than a render.  On the CPU it would take a render's time.
+    waiting = WAITING_VIEWS if wp.get_device(device).is_cuda else 1
     jobs = []
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # SSIM takes longer than a render on a GPU
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         try:
             for index, camera in enumerate(track(views)):
                 begin = time.perf_counter()
                 rendered = render_view(renderer, around, camera, options)
                 seconds = time.perf_counter() - begin
                 jobs.append(pool.submit(score, index, rendered, seconds))
-                if len(jobs) > WAITING_VIEWS:
-                    jobs[-WAITING_VIEWS].result()  # so that images don't fill the memory
+                if len(jobs) >= waiting:
+                    jobs[-waiting].result()
             wait(jobs)
         except KeyboardInterrupt:
             pass  # the report of what is done says that it is not complete
