@@ -350,6 +350,13 @@ def prepare_evaluation(arguments: EvaluateArguments):
     options = RenderOptions(step_factor=arguments.step_factor)
 
     def job():
+        if evaluate.lacks_surroundings(field, dataset):
+            print(
+                "The object alone is scored, over white, against photographs with their "
+                "surroundings; deformrf-train --keep-surroundings keeps them in the model.",
+                file=sys.stderr,
+                flush=True,
+            )
         report = evaluate.evaluate(
             *(field, dataset, arguments.images, device, options),
             model_path=arguments.model,

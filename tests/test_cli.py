@@ -4,11 +4,13 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from deformrf.core import cli
 from deformrf.core.field import modelfile
@@ -166,6 +168,33 @@ def test_evaluation_of_a_few_small_views(call, data, model, tmp_path):
     report = json.loads((tmp_path / "s.json").read_text())
     assert [view["name"] for view in report["views"]] == ["r_0", "r_2"]
     assert (report["sizes"], report["split"]) == (["15x11"], "train")
+
+
+@pytest.mark.parametrize(
+    "asked, kept, color, said",
+    [
+        ("auto", False, (100, 100, 100, 255), True),
+        ("learnt", False, (255, 255, 255, 255), True),
+        ("auto", True, (100, 100, 100, 255), False),
+        ("auto", False, (100, 100, 100, 0), False),
+        ("auto", False, (255, 255, 255, 255), False),
+        ("white", False, (100, 100, 100, 255), False),
+        (None, False, (100, 100, 100, 255), True),
+    ],
+    ids=["photograph", "asked for", "kept", "alpha", "white border", "white", "older file"],
+)
+def test_surroundings_that_a_model_has_not_kept_are_said(
+    call, field, write_dataset, tmp_path, asked, kept, color, said
+):
+    from deformrf.core.training.surroundings import random_surroundings
+
+    write_dataset(tmp_path / "data", [Image.new("RGBA", (16, 12), color)])
+    around = random_surroundings(np.array([[0.0] * 3, [1.0] * 3])) if kept else None
+    meta = {"options": {"surroundings": asked}} if asked else {}
+    modelfile.save(replace(field, surroundings=around, meta=meta), tmp_path / "m.npz")
+    result = call(cli.evaluate, tmp_path / "m.npz", tmp_path / "data", "--device", "cpu")
+    assert result.code == 0
+    assert ("--keep-surroundings" in result.err) == said
 
 
 def spoil_version(path):

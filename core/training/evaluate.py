@@ -28,6 +28,7 @@ from ..render.render import Renderer, RenderOptions
 from .datasets import Dataset, white_composite
 from .differentiable import on_warp_stream
 from .metrics import check_size, psnr, ssim
+from .scene_box import has_white_border
 from .surroundings import LearntSurroundings, over
 
 SURROUNDINGS_RAYS = 1 << 14  # at once: 64 samples each
@@ -148,6 +149,18 @@ def render_view(renderer, around, camera, options):
     pixels = np.column_stack([np.concatenate(parts), opacity])
     image = np.round(255.0 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8)
     return image.reshape(camera.height, camera.width, 4)
+
+
+def lacks_surroundings(field, dataset) -> bool:
+    """Whether photographs show what was learnt beside the object and is not in the model.
+
+    As trainer.learns_surroundings decides it, for these images.
+    """
+    options = field.meta.get("options")
+    asked = options.get("surroundings") if isinstance(options, dict) else None
+    if field.surroundings is not None or asked == "white" or dataset.has_alpha:
+        return False
+    return asked == "learnt" or not has_white_border(dataset)
 
 
 def score_view(name, rendered, truth, has_alpha, seconds, lpips=None) -> ViewScore:
