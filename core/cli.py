@@ -155,6 +155,8 @@ def prepare_training(arguments: TrainArguments):
     test_views = None
     if datasets.has_test_split(arguments.data):
         test_views = datasets.load(arguments.data, "test", arguments.image_size)
+        if is_first:
+            warn_of_missing(test_views)
         for lens in test_views.lenses:
             metrics.check_size(lens.height, lens.width)
     device = device_name(arguments.device, for_training=True)

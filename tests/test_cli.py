@@ -75,6 +75,23 @@ def test_training_needs_no_test_split(call, trainer, data, tmp_path):
     assert "test_mean" not in modelfile.load(tmp_path / "m.npz").meta
 
 
+def test_a_bad_test_split_is_found_before_training(call, trainer, data, tmp_path):
+    scene = json.loads((data / "transforms_test.json").read_text())
+    scene["frames"][1]["transform_matrix"] = "garbage"
+    (data / "transforms_test.json").write_text(json.dumps(scene))
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert "transform_matrix of ./test/r_1.png" in refused(result)
+    assert not trainer.calls
+
+
+def test_missing_test_images_are_said_and_skipped(call, trainer, data, tmp_path):
+    (data / "test" / "r_0.png").unlink()
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert result.code == 0
+    assert "1 of 2 test images are missing and were skipped, first ./test/r_0.png" in result.err
+    assert modelfile.load(tmp_path / "m.npz").meta["test_view_count"] == 1
+
+
 def test_an_interrupted_training_writes_what_there_is(call, trainer, data, tmp_path):
     trainer.trained.interrupted = True
     result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
