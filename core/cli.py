@@ -19,6 +19,7 @@ from .arguments import Count, File, at_least, plain_message, writable_file
 from .device import Choice, device_name
 
 DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
+SPLITS = ("train", "val", "test")
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
 Box = Annotated[
@@ -89,7 +90,7 @@ class EvaluateArguments:
     """Weights of LPIPS with VGG-16: one file of the package lpips, or a folder with
     vgg16-397923af.pth and vgg.pth.  None come with this program."""
     split: str = "test"
-    """Which views."""
+    """Which views: train, val or test."""
     views: Count = None
     """Score that many views, spread evenly, instead of all."""
     image_size: Count = None
@@ -324,6 +325,8 @@ def prepare_evaluation(arguments: EvaluateArguments):
 
     if not 0.01 <= arguments.step_factor <= 100.0:
         raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
+    if arguments.split not in SPLITS:
+        raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
     # The cheap checks first: importing the renderer takes a second.
     dataset = datasets.load(
         arguments.data, arguments.split, arguments.image_size, view_count=arguments.views

@@ -250,6 +250,7 @@ def test_missing_images_are_said_and_skipped(call, data, model):
     [
         (["--image-size", 8], "at least 11x11 pixels"),
         (["--views", 0], "number of views is 0"),
+        (["--split", "tset"], "--split is 'tset'; give train, val, test"),
         (["--split", "val"], "holds no transforms_val.json"),
         (["--json", "scores.txt"], "has to end in .json"),
         (["--step-factor", 0], "--step-factor is 0"),
