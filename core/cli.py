@@ -8,6 +8,7 @@ done has been written.  Slow imports wait until the arguments are known to be go
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from .arguments import Count, File, at_least, plain_message, writable_file
 from .device import Choice, device_name
 
 DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
+FIRST_SECONDS = 10.0  # what the first of several processes may take longer to find an error
 SPLITS = ("train", "val", "test")
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
@@ -131,11 +133,30 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
         return job()
     except mendable as error:
         sentence = plain_message(error) or "the memory is too small"  # Python's own says nothing
-        print(f"{program}: {sentence}", file=sys.stderr)
+        if is_first() or outlives_first():
+            print(f"{program}: {sentence}", file=sys.stderr)
         return INPUT_ERROR
     except KeyboardInterrupt:
-        print(f"{program}: interrupted", file=sys.stderr)
+        if is_first():
+            print(f"{program}: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def is_first() -> bool:
+    """Whether this process speaks for all that torchrun started."""
+    return os.environ.get("RANK", "0") == "0"
+
+
+def outlives_first() -> bool:
+    """Whether this process's error is its own: not one that ends the first one too.
+
+    The first one's end is that of all, because torchrun then sends a signal to the others.
+    """
+    try:
+        time.sleep(FIRST_SECONDS)
+    except KeyboardInterrupt:
+        return False
+    return True
 
 
 def prepare_training(arguments: TrainArguments):
@@ -147,8 +168,7 @@ def prepare_training(arguments: TrainArguments):
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
     options = resumed.options if resumed else train_options(arguments)
     train_views = datasets.load(arguments.data, "train", arguments.image_size)
-    is_first = os.environ.get("RANK", "0") == "0"  # of the processes that torchrun started
-    if is_first:
+    if is_first():
         warn_of_missing(train_views)
     if resumed:
         check_resumed_views(resumed.report, train_views)
@@ -156,7 +176,7 @@ def prepare_training(arguments: TrainArguments):
     test_views = None
     if datasets.has_test_split(arguments.data):
         test_views = datasets.load(arguments.data, "test", arguments.image_size)
-        if is_first:
+        if is_first():
             warn_of_missing(test_views)
         for lens in test_views.lenses:
             metrics.check_size(lens.height, lens.width)
@@ -164,9 +184,9 @@ def prepare_training(arguments: TrainArguments):
     existed = output.exists()
 
     def job():
-        if device == "cpu" and arguments.preset != "tiny" and is_first:
+        if device == "cpu" and arguments.preset != "tiny" and is_first():
             print("No GPU is used: this takes hours; --preset tiny takes minutes.", flush=True)
-        if checkpoint_path.exists() and not resumed and is_first:
+        if checkpoint_path.exists() and not resumed and is_first():
             print(
                 f"{checkpoint_path} is of an interrupted run, which --resume would go on with; "
                 f"this run overwrites it after a minute.",
@@ -218,23 +238,14 @@ def train_options(arguments: TrainArguments):
     """The preset, and what the flags change in it."""
     from .training.options import preset
 
-    options = preset(arguments.preset)
-    if arguments.leave_out:
-        options = replace(options, leave_out=arguments.leave_out)
+    names = ("aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")  # in no preset
+    options = preset(arguments.preset, **{name: getattr(arguments, name) for name in names})
     if arguments.steps is not None:
         options = with_steps(options, at_least(2, "--steps", arguments.steps))
     if arguments.seed is not None:
         options = replace(options, seed=at_least(0, "--seed", arguments.seed))
-    if arguments.scene_radius is not None:
-        options = replace(options, scene_radius=arguments.scene_radius)
-        if not 0.0 < options.scene_radius < float("inf"):
-            raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
-    if arguments.surroundings != "auto":
-        options = replace(options, surroundings=arguments.surroundings)
-    if not arguments.view_dependence:
-        options = replace(options, view_dependence=False)
-    if arguments.aabb is not None:
-        options = replace(options, aabb=arguments.aabb)
+    if options.scene_radius is not None and not 0.0 < options.scene_radius < float("inf"):
+        raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
     return options
 
 

@@ -318,6 +318,35 @@ def test_ctrl_c_exits_with_130_and_says_so(capsys):
     assert capsys.readouterr().err == "deformrf-x: interrupted\n"
 
 
+def test_of_several_processes_the_first_one_speaks(capsys, monkeypatch):
+    """torchrun ends the others when it is gone."""
+
+    def mistaken():
+        raise DatasetError("no data")
+
+    def interrupted(seconds=0.0):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("time.sleep", interrupted)
+    for rank, sentences in (("0", ["no data", "interrupted"]), ("1", [])):
+        monkeypatch.setenv("RANK", rank)
+        codes = [cli.run("x", prepare) for prepare in (mistaken, interrupted)]
+        assert codes == [cli.INPUT_ERROR, cli.INTERRUPTED]
+        assert capsys.readouterr().err == "".join(f"x: {sentence}\n" for sentence in sentences)
+
+
+def test_a_process_says_an_error_that_the_first_one_has_not(capsys, monkeypatch):
+    """Such as more processes than GPUs, or too little memory in one of them."""
+
+    def job():
+        raise MemoryError("the GPU of worker 1 has too little memory")
+
+    monkeypatch.setenv("RANK", "1")
+    monkeypatch.setattr(cli, "FIRST_SECONDS", 0.0)
+    assert cli.run("x", lambda: job) == cli.INPUT_ERROR
+    assert capsys.readouterr().err == "x: the GPU of worker 1 has too little memory\n"
+
+
 def test_a_fault_of_the_program_keeps_its_traceback():
     def job():
         raise ValueError("a bug")
