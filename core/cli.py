@@ -8,6 +8,7 @@ done has been written.  Slow imports wait until the arguments are known to be go
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +20,8 @@ from .arguments import Count, File, at_least, plain_message, writable_file
 from .device import Choice, device_name
 
 DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
+FIRST_SECONDS = 10.0  # what the first of several processes may take longer to find an error
+SPLITS = ("train", "val", "test")
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
 Box = Annotated[
@@ -89,7 +92,7 @@ class EvaluateArguments:
     """Weights of LPIPS with VGG-16: one file of the package lpips, or a folder with
     vgg16-397923af.pth and vgg.pth.  None come with this program."""
     split: str = "test"
-    """Which views."""
+    """Which views: train, val or test."""
     views: Count = None
     """Score that many views, spread evenly, instead of all."""
     image_size: Count = None
@@ -116,71 +119,79 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     """Prepare a job, do it, return the exit code.
 
     ValueErrors (data set and model errors are such) and OSErrors of the preparation are the
-    user's to mend.  So is a DatasetError of the job, that learning from the images found
-    nothing; anything else there is a fault of the program and keeps its traceback.
+    user's to mend, and so is a lack of memory at any time.  So is a DatasetError of the job,
+    that learning from the images found nothing; anything else there is a fault of the program
+    and keeps its traceback.
     """
     from .training.capture import DatasetError
 
-    mendable = (ValueError, OSError)
+    mendable = (ValueError, OSError, MemoryError)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems ask that way
     try:
         job = prepare()
-        mendable = DatasetError
+        mendable = (DatasetError, MemoryError)
         return job()
     except mendable as error:
-        print(f"{program}: {plain_message(error)}", file=sys.stderr)
+        sentence = plain_message(error) or "the memory is too small"  # Python's own says nothing
+        if is_first() or outlives_first():
+            print(f"{program}: {sentence}", file=sys.stderr)
         return INPUT_ERROR
     except KeyboardInterrupt:
-        print(f"{program}: interrupted", file=sys.stderr)
+        if is_first():
+            print(f"{program}: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def is_first() -> bool:
+    """Whether this process speaks for all that torchrun started."""
+    return os.environ.get("RANK", "0") == "0"
+
+
+def outlives_first() -> bool:
+    """Whether this process's error is its own: not one that ends the first one too.
+
+    The first one's end is that of all, because torchrun then sends a signal to the others.
+    """
+    try:
+        time.sleep(FIRST_SECONDS)
+    except KeyboardInterrupt:
+        return False
+    return True
 
 
 def prepare_training(arguments: TrainArguments):
     from .training import datasets, metrics
-    from .training.options import preset
     from .training.scene_box import world_to_unit_cube
 
     output = writable_file(arguments.output, ".npz")
     checkpoint_path = output.with_suffix(".checkpoint")
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
-    options = resumed.options if resumed else preset(arguments.preset)
-    if arguments.leave_out:
-        options = replace(options, leave_out=arguments.leave_out)
-    if arguments.steps is not None:
-        options = with_steps(options, at_least(2, "--steps", arguments.steps))
-    if arguments.seed is not None:
-        options = replace(options, seed=at_least(0, "--seed", arguments.seed))
-    if arguments.scene_radius is not None:
-        options = replace(options, scene_radius=arguments.scene_radius)
-        if not 0.0 < options.scene_radius < float("inf"):
-            raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
-    if arguments.surroundings != "auto":
-        options = replace(options, surroundings=arguments.surroundings)
-    if not arguments.view_dependence:
-        options = replace(options, view_dependence=False)
-    if arguments.aabb is not None:
-        options = replace(options, aabb=arguments.aabb)
+    options = resumed.options if resumed else train_options(arguments)
     train_views = datasets.load(arguments.data, "train", arguments.image_size)
-    is_first = os.environ.get("RANK", "0") == "0"  # of the processes that torchrun started
-    if is_first:
+    if is_first():
         warn_of_missing(train_views)
-    if resumed and resumed.report["view_count"] != train_views.view_count:
-        raise ValueError(
-            f"the interrupted run had {resumed.report['view_count']} views, these are "
-            f"{train_views.view_count}: --resume needs the same images"
-        )
+    if resumed:
+        check_resumed_views(resumed.report, train_views)
     world_to_unit_cube(train_views, options.aabb, options.scene_radius)  # finds what is wrong
     test_views = None
     if datasets.has_test_split(arguments.data):
         test_views = datasets.load(arguments.data, "test", arguments.image_size)
+        if is_first():
+            warn_of_missing(test_views)
         for lens in test_views.lenses:
             metrics.check_size(lens.height, lens.width)
     device = device_name(arguments.device, for_training=True)
     existed = output.exists()
 
     def job():
-        if device == "cpu" and arguments.preset != "tiny" and is_first:
+        if device == "cpu" and arguments.preset != "tiny" and is_first():
             print("No GPU is used: this takes hours; --preset tiny takes minutes.", flush=True)
+        if checkpoint_path.exists() and not resumed and is_first():
+            print(
+                f"{checkpoint_path} is of an interrupted run, which --resume would go on with; "
+                f"this run overwrites it after a minute.",
+                flush=True,
+            )
         from .field import modelfile
         from .training import distributed, evaluate, trainer
 
@@ -223,23 +234,69 @@ def prepare_training(arguments: TrainArguments):
     return job
 
 
+def train_options(arguments: TrainArguments):
+    """The preset, and what the flags change in it."""
+    from .training.options import preset
+
+    names = ("aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")  # in no preset
+    options = preset(arguments.preset, **{name: getattr(arguments, name) for name in names})
+    if arguments.steps is not None:
+        options = with_steps(options, at_least(2, "--steps", arguments.steps))
+    if arguments.seed is not None:
+        options = replace(options, seed=at_least(0, "--seed", arguments.seed))
+    if options.scene_radius is not None and not 0.0 < options.scene_radius < float("inf"):
+        raise ValueError(f"--scene-radius is {options.scene_radius}: it has to be positive")
+    return options
+
+
 def resumed_run(arguments: TrainArguments, path: Path):
-    """The checkpoint of an interrupted run, which has its own options."""
+    """The checkpoint of an interrupted run, whose options no flag contradicts."""
     from .training import checkpoint
 
-    for name in ("steps", "seed", "aabb", "scene_radius"):
-        if getattr(arguments, name) is not None:
-            flag = name.replace("_", "-")
-            raise ValueError(f"--resume keeps the options of the interrupted run: drop --{flag}")
-    for flag, given in (
-        ("--no-view-dependence", not arguments.view_dependence),
-        ("--surroundings", arguments.surroundings != "auto"),
-        ("--leave-out", arguments.leave_out),
-        ("--preset", arguments.preset != "default"),
-    ):
-        if given:
-            raise ValueError(f"--resume keeps the options of the interrupted run: drop {flag}")
-    return checkpoint.load(path)
+    resumed = checkpoint.load(path)
+    if flag := contradiction(arguments, resumed.options):
+        raise ValueError(
+            f"--resume keeps the options of the interrupted run, from which {flag} differs: "
+            f"drop {flag}"
+        )
+    return resumed
+
+
+def contradiction(arguments: TrainArguments, options) -> str | None:
+    """The first flag that was given and is not what these options come from."""
+    from .training.options import preset
+
+    if set(arguments.leave_out) == set(options.leave_out):  # in any order
+        arguments = replace(arguments, leave_out=options.leave_out)
+    names = ("seed", "aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")
+    known = {name: getattr(options, name) for name in names}
+    for name, value in known.items():
+        mine = getattr(arguments, name)
+        if mine not in (getattr(TrainArguments, name), value):  # the first: not given
+            no = "no-" if name == "view_dependence" else ""
+            return f"--{no}{name.replace('_', '-')}"
+    asked = replace(preset(arguments.preset), **known)
+    if arguments.steps is not None:
+        if with_steps(options, arguments.steps) != options:
+            return "--steps"
+        asked = with_steps(asked, arguments.steps)
+    return "--preset" if arguments.preset != "default" and asked != options else None
+
+
+def check_resumed_views(report: dict, views):
+    """Raise ValueError if these are not the images that the interrupted run had."""
+    if report["view_count"] != views.view_count:
+        raise ValueError(
+            f"the interrupted run had {report['view_count']} views, these are "
+            f"{views.view_count}: --resume needs the same images"
+        )
+    before = tuple(report["image_size"])
+    now = max((lens.width, lens.height) for lens in views.lenses)  # as the trainer notes it
+    if before != now:
+        raise ValueError(
+            "the interrupted run's images had {}x{} pixels, these have {}x{}: --resume needs the "
+            "same --image-size".format(*before, *now)
+        )
 
 
 def warn_of_missing(dataset):
@@ -279,6 +336,8 @@ def prepare_evaluation(arguments: EvaluateArguments):
 
     if not 0.01 <= arguments.step_factor <= 100.0:
         raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
+    if arguments.split not in SPLITS:
+        raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
     # The cheap checks first: importing the renderer takes a second.
     dataset = datasets.load(
         arguments.data, arguments.split, arguments.image_size, view_count=arguments.views
@@ -307,6 +366,13 @@ def prepare_evaluation(arguments: EvaluateArguments):
     options = RenderOptions(step_factor=arguments.step_factor)
 
     def job():
+        if evaluate.lacks_surroundings(field, dataset):
+            print(
+                "The object alone is scored, over white, against photographs with their "
+                "surroundings; deformrf-train --keep-surroundings keeps them in the model.",
+                file=sys.stderr,
+                flush=True,
+            )
         report = evaluate.evaluate(
             *(field, dataset, arguments.images, device, options),
             model_path=arguments.model,

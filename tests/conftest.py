@@ -3,9 +3,11 @@
 import json
 import os
 import secrets
+import sys
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -133,6 +135,61 @@ def _pose(view):
     from deformrf.core.render.camera import look_at
 
     return look_at((4.0 * np.cos(view), 4.0 * np.sin(view), 1.0), (0.0, 0.0, 0.0))
+
+
+@pytest.fixture
+def data(tmp_path, write_dataset):
+    """Three gray training views and two test views of 16x12 pixels."""
+    from PIL import Image
+
+    for split, count in (("train", 3), ("test", 2)):
+        images = [Image.new("RGBA", (16, 12), (100, 100, 100, 255))] * count
+        write_dataset(tmp_path / "data", images, split)
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def field():
+    """A little field of random contents on a whole grid."""
+    from deformrf.core.field.field import FieldOptions, random_field
+    from deformrf.core.geometry.lattice import a15_grid
+    from deformrf.core.geometry.mesh import tet_neighbours
+
+    mesh = a15_grid(0.25)
+    options = FieldOptions(2, 2**10, (16,), (16,), march_step=0.05)
+    return random_field(mesh, tet_neighbours(mesh.tets), options)
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """Call a command with arguments; the exit code and what went to stdout and stderr."""
+
+    def call(command, *arguments):
+        monkeypatch.setattr(sys, "argv", [command.__name__, *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            command()
+        return SimpleNamespace(code=caught.value.code, **capsys.readouterr()._asdict())
+
+    return call
+
+
+@pytest.fixture
+def trainer(monkeypatch, field):
+    """Stands in for the trainer: `calls` is what it was asked to do, `trained` its answer."""
+    from deformrf.core.training.trainer import Trained
+
+    trained = Trained(field, {"seconds": 90.0}, interrupted=False)
+    stub = SimpleNamespace(calls=[], trained=trained)
+
+    def train(*arguments, workers):
+        assert workers.count == 1
+        stub.calls.append(arguments)
+        return stub.trained
+
+    stub.train = train
+    monkeypatch.setitem(sys.modules, "deformrf.core.training.trainer", stub)
+    monkeypatch.setattr("deformrf.core.training.trainer", stub, raising=False)
+    return stub
 
 
 @pytest.fixture(scope="session")

@@ -4,8 +4,8 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -14,65 +14,14 @@ from PIL import Image
 
 from deformrf.core import cli
 from deformrf.core.field import modelfile
-from deformrf.core.field.field import FieldOptions, random_field
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import tet_neighbours
 from deformrf.core.training.capture import DatasetError
 from deformrf.core.training.options import LEAVE_OUT, PRESETS, preset
-
-
-@pytest.fixture
-def data(tmp_path, write_dataset):
-    """Three gray training views and two test views of 16x12 pixels."""
-    for split, count in (("train", 3), ("test", 2)):
-        images = [Image.new("RGBA", (16, 12), (100, 100, 100, 255))] * count
-        write_dataset(tmp_path / "data", images, split)
-    return tmp_path / "data"
-
-
-@pytest.fixture
-def field():
-    mesh = a15_grid(0.25)
-    options = FieldOptions(2, 2**10, (16,), (16,), march_step=0.05)
-    return random_field(mesh, tet_neighbours(mesh.tets), options)
 
 
 @pytest.fixture
 def model(field, tmp_path):
     modelfile.save(field, tmp_path / "model.npz")
     return tmp_path / "model.npz"
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """Call a command with arguments; the exit code and what went to stdout and stderr."""
-
-    def call(command, *arguments):
-        monkeypatch.setattr(sys, "argv", [command.__name__, *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            command()
-        return SimpleNamespace(code=caught.value.code, **capsys.readouterr()._asdict())
-
-    return call
-
-
-@pytest.fixture
-def trainer(monkeypatch, field):
-    """Stands in for the trainer: `calls` is what it was asked to do, `trained` its answer."""
-    from deformrf.core.training.trainer import Trained
-
-    trained = Trained(field, {"seconds": 90.0}, interrupted=False)
-    stub = SimpleNamespace(calls=[], trained=trained)
-
-    def train(*arguments, workers):
-        assert workers.count == 1
-        stub.calls.append(arguments)
-        return stub.trained
-
-    stub.train = train
-    monkeypatch.setitem(sys.modules, "deformrf.core.training.trainer", stub)
-    monkeypatch.setattr("deformrf.core.training.trainer", stub, raising=False)
-    return stub
 
 
 def refused(result):
@@ -126,6 +75,23 @@ def test_training_needs_no_test_split(call, trainer, data, tmp_path):
     assert "test_mean" not in modelfile.load(tmp_path / "m.npz").meta
 
 
+def test_a_bad_test_split_is_found_before_training(call, trainer, data, tmp_path):
+    scene = json.loads((data / "transforms_test.json").read_text())
+    scene["frames"][1]["transform_matrix"] = "garbage"
+    (data / "transforms_test.json").write_text(json.dumps(scene))
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert "transform_matrix of ./test/r_1.png" in refused(result)
+    assert not trainer.calls
+
+
+def test_missing_test_images_are_said_and_skipped(call, trainer, data, tmp_path):
+    (data / "test" / "r_0.png").unlink()
+    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert result.code == 0
+    assert "1 of 2 test images are missing and were skipped, first ./test/r_0.png" in result.err
+    assert modelfile.load(tmp_path / "m.npz").meta["test_view_count"] == 1
+
+
 def test_an_interrupted_training_writes_what_there_is(call, trainer, data, tmp_path):
     trainer.trained.interrupted = True
     result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
@@ -155,51 +121,6 @@ def test_a_lost_run_says_why_and_writes_its_last_good_weights(call, trainer, dat
     modelfile.load(tmp_path / "m.npz")
 
 
-def unfinished(path, view_count=3):
-    """A checkpoint of a run over that many views."""
-    from deformrf.core.training import checkpoint
-
-    report = {"view_count": view_count, "seconds": 9.0}
-    options = preset("tiny", seed=5)
-    checkpoint.save(checkpoint.Checkpoint(options, 1, a15_grid(0.25), {}, np.eye(4), report), path)
-    return options
-
-
-def test_a_resumed_run_has_the_options_of_its_checkpoint(call, trainer, data, tmp_path):
-    options = unfinished(tmp_path / "m.checkpoint")
-    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu", "--resume")
-    assert result.code == 0
-    [call_] = trainer.calls
-    assert call_[1] == call_[5].options == options
-    assert not (tmp_path / "m.checkpoint").exists()
-
-
-def test_an_interrupted_run_says_how_to_go_on(call, trainer, data, tmp_path):
-    trainer.trained.interrupted = True
-    unfinished(tmp_path / "m.checkpoint")
-    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
-    assert "--resume" in result.out
-    assert (tmp_path / "m.checkpoint").exists()
-
-
-@pytest.mark.parametrize(
-    "flags, view_count, sentence",
-    [
-        ([], None, "m.checkpoint to resume from"),
-        (["--steps", 9], 3, "drop --steps"),
-        (["--scene-radius", 2], 3, "drop --scene-radius"),
-        (["--leave-out", "distortion"], 3, "drop --leave-out"),
-        ([], 4, "had 4 views, these are 3"),
-    ],
-)
-def test_what_can_not_be_resumed_is_one_sentence(call, data, tmp_path, flags, view_count, sentence):
-    if view_count:
-        unfinished(tmp_path / "m.checkpoint", view_count)
-    output = tmp_path / "m.npz"
-    result = call(cli.train, data, "-o", output, "--device", "cpu", "--resume", *flags)
-    assert sentence in refused(result)
-
-
 def test_a_default_run_without_a_gpu_is_announced(call, trainer, data, tmp_path):
     for preset_name, announced in (("default", True), ("tiny", False)):
         output = tmp_path / f"{preset_name}.npz"
@@ -214,6 +135,22 @@ def test_images_in_which_nothing_is_found_are_one_sentence(call, trainer, data, 
     monkeypatch.setattr(trainer, "train", train)
     result = call(cli.train, data, "-o", data / "m.npz", "--preset", "tiny", "--device", "cpu")
     assert "found nothing" in refused(result)
+
+
+@pytest.mark.parametrize(
+    "error, sentence",
+    [
+        (MemoryError("the GPU's memory is too small: take --preset tiny"), "take --preset tiny"),
+        (MemoryError(), "the memory is too small"),
+    ],
+)
+def test_a_lack_of_memory_is_one_sentence(call, trainer, data, monkeypatch, error, sentence):
+    def train(*_, workers):
+        raise error
+
+    monkeypatch.setattr(trainer, "train", train)
+    result = call(cli.train, data, "-o", data / "m.npz", "--preset", "tiny", "--device", "cpu")
+    assert sentence in refused(result)
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -248,6 +185,33 @@ def test_evaluation_of_a_few_small_views(call, data, model, tmp_path):
     report = json.loads((tmp_path / "s.json").read_text())
     assert [view["name"] for view in report["views"]] == ["r_0", "r_2"]
     assert (report["sizes"], report["split"]) == (["15x11"], "train")
+
+
+@pytest.mark.parametrize(
+    "asked, kept, color, said",
+    [
+        ("auto", False, (100, 100, 100, 255), True),
+        ("learnt", False, (255, 255, 255, 255), True),
+        ("auto", True, (100, 100, 100, 255), False),
+        ("auto", False, (100, 100, 100, 0), False),
+        ("auto", False, (255, 255, 255, 255), False),
+        ("white", False, (100, 100, 100, 255), False),
+        (None, False, (100, 100, 100, 255), True),
+    ],
+    ids=["photograph", "asked for", "kept", "alpha", "white border", "white", "older file"],
+)
+def test_surroundings_that_a_model_has_not_kept_are_said(
+    call, field, write_dataset, tmp_path, asked, kept, color, said
+):
+    from deformrf.core.training.surroundings import random_surroundings
+
+    write_dataset(tmp_path / "data", [Image.new("RGBA", (16, 12), color)])
+    around = random_surroundings(np.array([[0.0] * 3, [1.0] * 3])) if kept else None
+    meta = {"options": {"surroundings": asked}} if asked else {}
+    modelfile.save(replace(field, surroundings=around, meta=meta), tmp_path / "m.npz")
+    result = call(cli.evaluate, tmp_path / "m.npz", tmp_path / "data", "--device", "cpu")
+    assert result.code == 0
+    assert ("--keep-surroundings" in result.err) == said
 
 
 def spoil_version(path):
@@ -286,6 +250,7 @@ def test_missing_images_are_said_and_skipped(call, data, model):
     [
         (["--image-size", 8], "at least 11x11 pixels"),
         (["--views", 0], "number of views is 0"),
+        (["--split", "tset"], "--split is 'tset'; give train, val, test"),
         (["--split", "val"], "holds no transforms_val.json"),
         (["--json", "scores.txt"], "has to end in .json"),
         (["--step-factor", 0], "--step-factor is 0"),
@@ -351,6 +316,35 @@ def test_ctrl_c_exits_with_130_and_says_so(capsys):
 
     assert cli.run("deformrf-x", lambda: interrupted) == 130
     assert capsys.readouterr().err == "deformrf-x: interrupted\n"
+
+
+def test_of_several_processes_the_first_one_speaks(capsys, monkeypatch):
+    """torchrun ends the others when it is gone."""
+
+    def mistaken():
+        raise DatasetError("no data")
+
+    def interrupted(seconds=0.0):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("time.sleep", interrupted)
+    for rank, sentences in (("0", ["no data", "interrupted"]), ("1", [])):
+        monkeypatch.setenv("RANK", rank)
+        codes = [cli.run("x", prepare) for prepare in (mistaken, interrupted)]
+        assert codes == [cli.INPUT_ERROR, cli.INTERRUPTED]
+        assert capsys.readouterr().err == "".join(f"x: {sentence}\n" for sentence in sentences)
+
+
+def test_a_process_says_an_error_that_the_first_one_has_not(capsys, monkeypatch):
+    """Such as more processes than GPUs, or too little memory in one of them."""
+
+    def job():
+        raise MemoryError("the GPU of worker 1 has too little memory")
+
+    monkeypatch.setenv("RANK", "1")
+    monkeypatch.setattr(cli, "FIRST_SECONDS", 0.0)
+    assert cli.run("x", lambda: job) == cli.INPUT_ERROR
+    assert capsys.readouterr().err == "x: the GPU of worker 1 has too little memory\n"
 
 
 def test_a_fault_of_the_program_keeps_its_traceback():

@@ -82,6 +82,10 @@ def test_missing_images_are_counted(tmp_path):
     assert datasets.load(folder, "train").missing == ("images/r_3.png",)
 
 
+def test_there_is_always_a_test_split(tmp_path):
+    assert datasets.has_test_split(write(tmp_path)[0])
+
+
 def test_another_model_is_named(tmp_path):
     pytest.importorskip("pycolmap")
     fisheye = {1: ("OPENCV_FISHEYE", 16, 12, (20, 21, 8, 6, 0, 0, 0, 0))}

@@ -131,6 +131,16 @@ def test_missing_images_are_skipped_and_counted(tmp_path, write_dataset):
     np.testing.assert_allclose(dataset.poses, view_poses(3)[[0, 2]], atol=1e-12)
 
 
+def test_a_test_split_is_one_that_is_named(tmp_path, write_dataset):
+    write_dataset(tmp_path, [view_image(0)], split="train")
+    assert not datasets.has_test_split(tmp_path)
+    write_dataset(tmp_path, [], paths=["test/gone"])
+    assert datasets.has_test_split(tmp_path)
+    (tmp_path / "transforms_test.json").write_text("{")
+    with pytest.raises(DatasetError, match="is not JSON"):
+        datasets.has_test_split(tmp_path)
+
+
 def bad(id, prepare, sentence):
     return pytest.param(prepare, sentence, id=id)
 

@@ -1,6 +1,8 @@
 """Scores of a model: against its own renders, against known errors, and cut short."""
 
 import json
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from deformrf.core.render.render import Renderer
 from deformrf.core.training import evaluate as evaluation
 from deformrf.core.training.datasets import from_images
 from deformrf.core.training.evaluate import evaluate, print_report
+from deformrf.core.training.surroundings import LearntSurroundings, random_surroundings
 
 SIZE = 16
 VIEWS = 3
@@ -163,6 +166,41 @@ def test_ctrl_c_leaves_a_report_of_what_is_done(fake, field, tmp_path, capsys, d
     assert json.loads((tmp_path / "report.json").read_text()) == report
     print_report(report)
     assert f"mean of the {done} views done" in capsys.readouterr().out
+
+
+def test_on_the_cpu_nothing_is_scored_while_a_view_is_timed(fake, field):
+    scoring, score_view = [], evaluation.score_view
+
+    def slow_score(*arguments):
+        scoring.append(1)
+        time.sleep(0.05)
+        scoring.pop()
+        return score_view(*arguments)
+
+    class Watching(FakeRenderer):
+        def render(self, camera, options):
+            assert not scoring
+            time.sleep(0.01)
+            return super().render(camera, options)
+
+    fake.setattr(evaluation, "Renderer", Watching)
+    fake.setattr(evaluation, "score_view", slow_score)
+    report = evaluate(field, constant_views((9, 9, 9, 255)))
+    assert len(report["views"]) == VIEWS
+
+
+def test_the_first_view_finds_the_surroundings_warm(field, dataset, monkeypatch):
+    """Else its seconds are those of a compilation."""
+    ray_counts, forward = [], LearntSurroundings.forward
+
+    def counted(self, origins, *rest):
+        ray_counts.append(len(origins))
+        return forward(self, origins, *rest)
+
+    monkeypatch.setattr(LearntSurroundings, "forward", counted)
+    around = random_surroundings(np.array([[0.0] * 3, [1.0] * 3]))
+    evaluate(replace(field, surroundings=around), dataset)
+    assert ray_counts == [8 * 8, *[SIZE * SIZE] * VIEWS]
 
 
 def test_images_too_small_for_ssim_are_refused(field, dataset):

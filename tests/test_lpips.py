@@ -1,8 +1,13 @@
 import re
+import time
+from concurrent.futures import ThreadPoolExecutor
+from itertools import groupby
+from threading import Barrier, get_ident
 
 import numpy as np
 import pytest
 
+from deformrf.core.training import lpips
 from deformrf.core.training.lpips import Lpips, LpipsError
 
 STAGES = ((0, 2), (5, 7), (10, 12, 14), (17, 19, 21), (24, 26, 28))  # VGG-16's convolutions
@@ -144,6 +149,27 @@ def test_features_that_are_all_zero_have_no_distance(small_states, tmp_path):
 def test_it_is_symmetric(metric):
     a, b = images(6)
     assert metric(a, b) == metric(b, a)
+
+
+def test_threads_compute_one_distance_after_the_other(metric, monkeypatch):
+    """cuDNN's flags, which a distance changes and puts back, are those of the process."""
+    order, compute = [], lpips.features
+
+    def features(*arguments, **keywords):
+        order.append(get_ident())
+        time.sleep(0.002)  # another thread's turn
+        return compute(*arguments, **keywords)
+
+    monkeypatch.setattr(lpips, "features", features)
+    start = Barrier(3)
+
+    def distance(seed):
+        start.wait()
+        return metric(*images(seed))
+
+    with ThreadPoolExecutor(3) as pool:
+        assert list(pool.map(distance, range(3)))
+    assert len(list(groupby(order))) == len(set(order)) == 3
 
 
 def test_single_precision_images_are_taken(metric):

@@ -49,6 +49,15 @@ def test_with_a_third_split_the_second_is_for_validation(tmp_path):
     assert datasets.load(folder, "val").names == ("1_00002",)
 
 
+def test_only_a_split_without_poses_is_no_test_split(tmp_path):
+    folder, _ = write(tmp_path / "bad", "0012")
+    (folder / "pose/2_00003.txt").write_text("nan " * 16)
+    assert datasets.has_test_split(folder)
+    with pytest.raises(DatasetError, match=r"2_00003\.txt has to be 4 rows"):
+        datasets.load(folder, "test")
+    assert not datasets.has_test_split(write(tmp_path / "none", "000")[0])
+
+
 def test_the_synthetic_scenes_intrinsics(tmp_path):
     folder, _ = write(tmp_path, intrinsics="20.0 8.0 6.0 0.\n0. 0. 0.\n1.\n12 16\n")
     assert datasets.load(folder, "train").lenses[0].focal == (20.0, 20.0)

@@ -69,6 +69,19 @@ def test_a_common_file_is_no_test_split_of_one_that_has_its_own(tmp_path):
         datasets.load(tmp_path, "test")
 
 
+def test_only_a_split_without_views_is_no_test_split(tmp_path):
+    """A test view that can't be read is a mistake, which `load` has to name."""
+    write(tmp_path / "bad", per_frame={8: {"transform_matrix": [[1, 2], [3, 4]]}})
+    assert datasets.load(tmp_path / "bad", "train").view_count == 7
+    assert datasets.has_test_split(tmp_path / "bad")
+    with pytest.raises(DatasetError, match=r"transform_matrix of images/0008\.png"):
+        datasets.load(tmp_path / "bad", "test")
+    write(tmp_path / "one", count=1)
+    write(tmp_path / "all", train_filenames=[f"images/{i:04d}.png" for i in range(9)])
+    assert not datasets.has_test_split(tmp_path / "one")
+    assert not datasets.has_test_split(tmp_path / "all")
+
+
 def test_frames_may_have_their_own_lens(tmp_path):
     """Portrait and landscape in one folder."""
     turned = {"w": 40, "h": 30, "cx": 21.0, "cy": 14.5, "fl_x": 39.0, "k1": 0.0, "k2": 0.0}

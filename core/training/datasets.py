@@ -150,15 +150,17 @@ def read_capture(folder, split) -> Capture:
 
 
 def has_test_split(folder) -> bool:
-    """Whether there are views to score a model with; a transforms_test.json always counts."""
+    """Whether the files name views to score a model with; `load` finds what is wrong with them.
+
+    Raises:
+        DatasetError: A file that names the views of all splits can't be read.
+    """
     folder = Path(folder)
-    if (folder / "transforms_test.json").is_file():
-        return True
-    try:
-        read_capture(folder, "test")
-    except DatasetError:
-        return False
-    return True
+    if transforms.transforms_path(folder, "test"):
+        return transforms.has_split(folder, "test")
+    if nsvf.is_here(folder):
+        return bool(nsvf.files_of(folder, "test")[0])
+    return colmap.sparse_folder(folder) is not None  # every eighth view of any
 
 
 def white_composite(images):

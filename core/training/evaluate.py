@@ -28,10 +28,11 @@ from ..render.render import Renderer, RenderOptions
 from .datasets import Dataset, white_composite
 from .differentiable import on_warp_stream
 from .metrics import check_size, psnr, ssim
+from .scene_box import has_white_border
 from .surroundings import LearntSurroundings, over
 
 SURROUNDINGS_RAYS = 1 << 14  # at once: 64 samples each
-WAITING_VIEWS = 32  # rendered, not scored yet
+WAITING_VIEWS = 32  # at most, rendered and not scored yet: images would fill the memory
 DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
 
 
@@ -82,7 +83,7 @@ def evaluate(
         out_dir = Path(out_dir)
         out_dir.mkdir(parents=True, exist_ok=True)
     small = LensCamera(poses[0], dataset.lenses[0].resized(8, 8))
-    renderer.render(small, options).color_array()  # compiles the kernels
+    render_view(renderer, around, small, options)  # compiles the kernels
 
     has_alpha = dataset.has_alpha
 
@@ -93,16 +94,18 @@ def evaluate(
             Image.fromarray(picture).save(out_dir / f"{index:03d}_{dataset.names[index]}.png")
         return score_view(dataset.names[index], rendered, truth, has_alpha, seconds, lpips)
 
+    # On a GPU SSIM takes longer than a render.  On the CPU it would take a render's time.
+    waiting = WAITING_VIEWS if wp.get_device(device).is_cuda else 1
     jobs = []
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # SSIM takes longer than a render on a GPU
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         try:
             for index, camera in enumerate(track(views)):
                 begin = time.perf_counter()
                 rendered = render_view(renderer, around, camera, options)
                 seconds = time.perf_counter() - begin
                 jobs.append(pool.submit(score, index, rendered, seconds))
-                if len(jobs) > WAITING_VIEWS:
-                    jobs[-WAITING_VIEWS].result()  # so that images don't fill the memory
+                if len(jobs) >= waiting:
+                    jobs[-waiting].result()
             wait(jobs)
         except KeyboardInterrupt:
             pass  # the report of what is done says that it is not complete
@@ -146,6 +149,18 @@ def render_view(renderer, around, camera, options):
     pixels = np.column_stack([np.concatenate(parts), opacity])
     image = np.round(255.0 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8)
     return image.reshape(camera.height, camera.width, 4)
+
+
+def lacks_surroundings(field, dataset) -> bool:
+    """Whether photographs show what was learnt beside the object and is not in the model.
+
+    As trainer.learns_surroundings decides it, for these images.
+    """
+    options = field.meta.get("options")
+    asked = options.get("surroundings") if isinstance(options, dict) else None
+    if field.surroundings is not None or asked == "white" or dataset.has_alpha:
+        return False
+    return asked == "learnt" or not has_white_border(dataset)
 
 
 def score_view(name, rendered, truth, has_alpha, seconds, lpips=None) -> ViewScore:

@@ -20,6 +20,7 @@ Shapes: images [H, W, 3], floats in [0, 1]; inside, features [1, C, H, W] float3
 """
 
 from pathlib import Path
+from threading import Lock
 
 from .metrics import as_float64
 
@@ -33,6 +34,8 @@ SIZE_MIN = 2 ** (len(WIDTHS) - 1)  # pixels; the poolings leave nothing of a sma
 BACKBONE_FILE = "vgg16-397923af.pth"  # torchvision's name
 LINEAR_FILE = "vgg.pth"  # the name in the package lpips, of wₛ alone
 LINEAR_SHAPES = {f"lin{s}.model.1.weight": (1, width, 1, 1) for s, width in enumerate(WIDTHS)}
+
+ONE_AT_A_TIME = Lock()  # cuDNN's flags are those of all threads, and features take memory
 
 
 class LpipsError(ValueError):
@@ -76,7 +79,11 @@ class Lpips:
         check_size(*a.shape[:2])
         distance = 0.0
         # By default cuDNN rounds a convolution's inputs to 10 bits of mantissa (TF32).
-        with torch.inference_mode(), torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
+        with (
+            ONE_AT_A_TIME,
+            torch.inference_mode(),
+            torch.backends.cudnn.flags(enabled=True, allow_tf32=False),
+        ):
             # One after the other, not as a batch: equal images then have equal features.
             a, b = (network_input(image, self.device) for image in (a, b))
             for s, (convolutions, weights) in enumerate(zip(self.stages, self.linear, strict=True)):

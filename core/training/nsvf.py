@@ -35,9 +35,7 @@ def read(folder, split) -> Capture:
     Raises:
         DatasetError: A file is missing or not as it has to be.
     """
-    images = sorted(p for p in (folder / "rgb").iterdir() if p.suffix.lower() in IMAGE_ENDINGS)
-    prefix = split_prefix({path.name[:2] for path in images}, split)
-    poses = sorted((folder / "pose").glob(f"{prefix}*.txt"))
+    poses, images, prefix = files_of(folder, split)
     if not poses:
         raise DatasetError(f"{folder / 'pose'} has no poses {prefix}*.txt, the {split} split")
     by_stem = {path.stem: path for path in images}
@@ -58,6 +56,13 @@ def read(folder, split) -> Capture:
             raise DatasetError(f"{folder / 'bbox.txt'} has to begin with the six numbers of a box")
         bounds = values[:6].reshape(2, 3)
     return Capture(tuple(views), tuple(missing), bounds)
+
+
+def files_of(folder, split):
+    """A split's poses, the images of all splits, and how the split's names begin."""
+    images = sorted(p for p in (folder / "rgb").iterdir() if p.suffix.lower() in IMAGE_ENDINGS)
+    prefix = split_prefix({path.name[:2] for path in images}, split)
+    return sorted((folder / "pose").glob(f"{prefix}*.txt")), images, prefix
 
 
 def split_prefix(prefixes, split) -> str:

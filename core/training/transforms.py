@@ -43,17 +43,7 @@ def read(folder, split) -> Capture:
     Raises:
         DatasetError: The file is not as it has to be, or no image is there.
     """
-    path = transforms_path(folder, split)
-    scene = read_json(path)
-    frames = scene.get("frames")
-    if not isinstance(frames, list) or not frames:
-        raise DatasetError(f"{path} lists no frames: there is nothing to load")
-    for frame in frames:
-        name = frame.get("file_path") if isinstance(frame, dict) else None
-        if not isinstance(name, str) or not name:
-            raise DatasetError(f"a frame of {path} has no file_path")
-    if path.name == "transforms.json":
-        frames = frames_of(scene, frames, split)
+    path, scene, frames = listed(folder, split)
     views, missing = [], []
     for frame in frames:
         image = image_path(folder, frame["file_path"])
@@ -72,6 +62,31 @@ def read(folder, split) -> Capture:
             else f"{path} has no {split} views"
         )
     return Capture(tuple(views), tuple(missing))
+
+
+def has_split(folder, split) -> bool:
+    """Whether a folder's file, of the split or of all, lists any of its frames."""
+    return bool(listed(folder, split)[2])
+
+
+def listed(folder, split):
+    """A split's file, what is in it, and those of its frames that are the split's.
+
+    Raises:
+        DatasetError: The file is not as it has to be.
+    """
+    path = transforms_path(folder, split)
+    scene = read_json(path)
+    frames = scene.get("frames")
+    if not isinstance(frames, list) or not frames:
+        raise DatasetError(f"{path} lists no frames: there is nothing to load")
+    for frame in frames:
+        name = frame.get("file_path") if isinstance(frame, dict) else None
+        if not isinstance(name, str) or not name:
+            raise DatasetError(f"a frame of {path} has no file_path")
+    if path.name == "transforms.json":
+        frames = frames_of(scene, frames, split)
+    return path, scene, frames
 
 
 def frames_of(scene, frames, split):
