@@ -40,5 +40,9 @@ def best_corner_order(corners):
     diagonal = path - crossing.sum(axis=-1)  # |r|²
     sums = 2 * path[..., None] - np.concatenate([crossing, diagonal[..., None]], axis=-1)
     sums = np.sort(sums, axis=-1)  # equal shapes then have bitwise equal means
-    worst, mean = sums[..., -1], (1.0 / sums).sum(axis=-1)
+    # Where |r|² is least, 2S - |r|² is the sum of all six squared edges, whatever the order:
+    # rounding must not decide between equals.
+    total = squared.sum(axis=1)[:, None]
+    worst = np.where(diagonal <= crossing.min(axis=-1), total, sums[..., -1])
+    mean = (1.0 / sums).sum(axis=-1)
     return ORDERS[np.lexsort((-mean, worst))[:, 0]]
