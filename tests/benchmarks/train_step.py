@@ -23,7 +23,7 @@ from deformrf.core.training.fit import next_ray_count
 from deformrf.core.training.options import preset
 from deformrf.core.training.raybank import RayBank
 from deformrf.core.training.stage import Stage
-from deformrf.core.training.step import Step
+from deformrf.core.training.step import LOSS_SCALE, Step
 
 RATE = 1e-4  # small: the field stays what it is
 
@@ -75,7 +75,7 @@ def parts_of(step, times):
     loss = ((color - rgba[:, :3]) ** 2).mean() + step.distortion * distortion.mean()
     step.optimizer.zero_grad(set_to_none=True)
     done("loss")
-    g_sigma, g_rgb = torch.autograd.grad(1024.0 * loss, [sigma, rgb], retain_graph=True)
+    g_sigma, g_rgb = torch.autograd.grad(LOSS_SCALE * loss, [sigma, rgb], retain_graph=True)
     done("composite back")
     weights = list(stage.networks.parameters())
     g_features, *g_weights = torch.autograd.grad(
