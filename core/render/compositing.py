@@ -136,6 +136,8 @@ class Pixels:
     color: wp.array(dtype=wp.vec3)
     depth: wp.array(dtype=float)  # Σ w t
     transmittance: wp.array(dtype=float)
+    tet: wp.array(dtype=int)  # where transmittance passes ½, -1 before
+    sample_count: wp.array(dtype=int)  # that were evaluated
 
 
 def empty_pixels(count: int, device) -> Pixels:
@@ -143,6 +145,8 @@ def empty_pixels(count: int, device) -> Pixels:
     pixels.color = wp.zeros(count, dtype=wp.vec3, device=device)
     pixels.depth = wp.zeros(count, dtype=float, device=device)
     pixels.transmittance = wp.full(count, 1.0, dtype=float, device=device)
+    pixels.tet = wp.full(count, -1, dtype=int, device=device)
+    pixels.sample_count = wp.zeros(count, dtype=int, device=device)
     return pixels
 
 
@@ -152,11 +156,13 @@ def accumulate_kernel(
     rgb: wp.array(dtype=wp.vec3),  # [N]
     length: wp.array(dtype=float),  # [N]
     t: wp.array(dtype=float),  # [N]
+    tet: wp.array(dtype=int),  # [N]
     alive: wp.array(dtype=int),  # [threads]
     counts: wp.array(dtype=int),  # [threads]
     ends: wp.array(dtype=int),  # [threads]
     ray_tet: wp.array(dtype=int),  # [R] -2 where the ray has left the mesh for good
-    stop: float,  # transmittance below which nothing more is seen
+    stop: float,  # transmittance below which a ray ends
+    closing: int,  # 1: what is behind a ray's end looks like what is before it; 0: black
     pixels: Pixels,
     still_alive: wp.array(dtype=int),  # [threads] out
     still_alive_count: wp.array(dtype=int),  # [1] out
@@ -167,18 +173,26 @@ def accumulate_kernel(
     transmittance = pixels.transmittance[ray]
     c = pixels.color[ray]
     depth = pixels.depth[ray]
+    pixels.sample_count[ray] = pixels.sample_count[ray] + counts[i]
     n = ends[i] - counts[i]
     while n < ends[i] and transmittance >= stop:
         remaining = wp.exp(-sigma[n] * length[n])
         w = transmittance * (1.0 - remaining)
         c += w * rgb[n]
         depth += w * t[n]
+        if transmittance >= 0.5 and transmittance * remaining < 0.5:
+            pixels.tet[ray] = tet[n]
         transmittance *= remaining
         n += 1
+    ended = transmittance < stop
+    if ended and closing == 1:
+        c /= 1.0 - transmittance
+        depth /= 1.0 - transmittance
+        transmittance = 0.0
     pixels.transmittance[ray] = transmittance
     pixels.color[ray] = c
     pixels.depth[ray] = depth
-    if transmittance >= stop and ray_tet[ray] > -2:
+    if not ended and ray_tet[ray] > -2:
         still_alive[wp.atomic_add(still_alive_count, 0, 1)] = ray
 
 
