@@ -21,6 +21,7 @@ from ..field.encoding import FEATURES, encode_kernel, make_tables
 from ..field.field import TetField
 from .camera import Camera
 from .compositing import accumulate_kernel, empty_pixels, resolve_kernel
+from .layers import Layers
 from .lens import DeviceLens, LensCamera, device_lens, lens_direction
 from .marching import (
     FILL_SLOTS,
@@ -31,6 +32,7 @@ from .marching import (
     march_kernel,
     pack_kernel,
 )
+from .overlap import Overlap, sort_rays_kernel
 from .traversal import Pose
 
 CPU_TILE_RAYS = 4096  # samples of a tile stay in a core's cache
@@ -130,6 +132,8 @@ class Renderer:
         self._tables = make_tables(field.mesh, field.layout, self.device)
         self._table = wp.array(field.table, dtype=wp.vec4, device=self.device)
         self._occupancy = wp.array(field.occupancy, dtype=wp.uint64, device=self.device)
+        self._overlap = Overlap(field.mesh, field.neighbours, self.pose)
+        self._layers = Layers(self.pose, self._occupancy)
         self._middle = wp.full(1, MIDDLE, dtype=int, device=self.device)
         if self.device.is_cuda:
             self._networks = _torch_networks(field, self.device)
@@ -140,6 +144,10 @@ class Renderer:
     def set_vertices(self, vertices):
         """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""
         self.pose.set_vertices(vertices)
+
+    def tangle(self):
+        """What the mesh overlaps with in its present pose: overlap.Tangle, false if nothing."""
+        return self._overlap.tangle()
 
     def render(self, camera: Camera | LensCamera, options=None, rows=None) -> Image:
         """Render the rows first..last-1 (all by default) as `camera` sees them.
@@ -162,6 +170,7 @@ class Renderer:
             image["tet"] = wp.empty(count, dtype=int, device=self.device)
             image["samples"] = wp.empty(count, dtype=int, device=self.device)
         tile_rays = CUDA_TILE_RAYS if self.device.is_cuda else CPU_TILE_RAYS
+        self._prepare()
         tiles = [(a, min(a + tile_rays, count)) for a in range(0, count, tile_rays)]
         work = partial(self._render_tile, camera, options, first_pixel, image)
         if self.device.is_cuda:
@@ -186,6 +195,7 @@ class Renderer:
             float32 arrays.
         """
         options = options or RenderOptions()
+        self._prepare()
         count = len(origins)
         rays = empty_rays(count, self.device)
         rays.origins.assign(np.ascontiguousarray(origins, np.float32))
@@ -195,6 +205,11 @@ class Renderer:
         opacity = 1.0 - transmittance
         color = pixels.color.numpy() + transmittance[:, None] * np.float32(options.background)
         return color, opacity, pixels.depth.numpy() / np.maximum(opacity, 1e-6)
+
+    def _prepare(self):
+        """Look for overlap, and get ready for it."""
+        if self.tangle():
+            self._layers.prepare()
 
     def _render_tile(self, camera, options, first_pixel, image, tile) -> int:
         count = tile[1] - tile[0]
@@ -225,8 +240,15 @@ class Renderer:
     def _accumulate(self, rays, count, options):
         pixels = empty_pixels(count, self.device)
         alive = wp.empty(count, dtype=int, device=self.device)
-        self._launch(count_up_kernel, count, [], [alive])
         sample_count, round_ = 0, 0
+        if self.tangle():
+            alive, tangled = self._sort_rays(rays, count)
+            count = len(alive)
+            if len(tangled):
+                with self._stage("layers"):
+                    sample_count += self._render_layers(rays, tangled, pixels, options)
+        else:
+            self._launch(count_up_kernel, count, [], [alive])
         while count > 0:
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
             with self._stage("march"):
@@ -254,6 +276,34 @@ class Renderer:
                 count = int(still_alive_count.numpy()[0])
             alive, round_ = still_alive, round_ + 1
         return pixels, sample_count
+
+    def _sort_rays(self, rays, count):
+        """The numbers of plain and of tangled rays."""
+        tangle = self.tangle()
+        counts = wp.zeros(2, dtype=int, device=self.device)
+        plain = wp.empty(count, dtype=int, device=self.device)
+        tangled = wp.empty(count, dtype=int, device=self.device)
+        bvh = tangle.tets.id if tangle.tets is not None else 0
+        self._launch(
+            sort_rays_kernel,
+            count,
+            [
+                *(self.pose.geometry, rays.origins, rays.directions),
+                *(bvh, tangle.tet_ids, int(tangle.shells)),
+            ],
+            [counts, plain, tangled],
+        )
+        plain_count, tangled_count = counts.numpy()
+        return plain[: int(plain_count)], tangled[: int(tangled_count)]
+
+    def _render_layers(self, rays, tangled, pixels, options):
+        def shade(samples, alive, counts, ends, count):
+            features = self._encode(samples, count, options.level_count)
+            basis = self._basis(rays, alive, counts, ends, samples, count)
+            return self._networks(features, basis, half=not options.conformance)
+
+        step = self.field.options.march_step * options.step_factor
+        return self._layers.render(rays, tangled, step, pixels, shade)
 
     def _march(self, rays, alive, count, slot_count, step_factor):
         slots = empty_samples(count * slot_count, self.device)

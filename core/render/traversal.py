@@ -24,6 +24,7 @@ QUERY_GAP = wp.constant(4.0e-6)
 # Two units of the last place of t per face: a ray through an edge or a vertex, where
 # rounding makes the tets around it disagree, is carried past it instead of circling.
 SMALLEST_ADVANCE = wp.constant(2.4e-7)
+FADED = wp.constant(1.0)  # a smaller fade s: a tet so flat that it isn't fully there
 # A tet flatter than this (σ_min/σ_max) is a wall without thickness: rays jump over it.
 FLAT = wp.constant(1.0e-5)
 MAX_TETS = wp.constant(4096)  # per ray and round; a walk this long goes in circles
@@ -74,6 +75,8 @@ def tet_frames_kernel(
     rest_from_current: wp.array(dtype=wp.mat33),  # [T] out, F^-1
     rotations: wp.array(dtype=wp.mat33),  # [T] out, Q
     fades: wp.array(dtype=float),  # [T] out, s
+    signs: wp.array(dtype=float),  # [T] out, ±1: -1 if the tet is mirrored
+    mirrored_count: wp.array(dtype=int),  # [1] added to
 ):
     i = wp.tid()
     tet = tets[i]
@@ -85,8 +88,8 @@ def tet_frames_kernel(
     stretches = wp.vec3()
     wp.svd3(f, u, stretches, v)
     # svd3 returns rotations and puts a reflection into the sign of a stretch.
-    signs = wp.vec3(wp.sign(stretches[0]), wp.sign(stretches[1]), wp.sign(stretches[2]))
-    rotations[i] = u * wp.diag(signs) * wp.transpose(v)
+    flips = wp.vec3(wp.sign(stretches[0]), wp.sign(stretches[1]), wp.sign(stretches[2]))
+    rotations[i] = u * wp.diag(flips) * wp.transpose(v)
     largest = wp.max(wp.abs(stretches))
     smallest = wp.min(wp.abs(stretches))
     ratio = smallest / wp.max(largest, 1.0e-30)
@@ -118,6 +121,10 @@ def tet_frames_kernel(
     gradients[i] = g
     rest_from_current[i] = inverse_f
     fades[i] = fade
+    sign = wp.where(wp.determinant(f) < 0.0, -1.0, 1.0)
+    signs[i] = sign
+    if sign < 0.0:
+        wp.atomic_add(mirrored_count, 0, 1)
 
 
 @wp.struct
@@ -131,14 +138,28 @@ class Geometry:
     rest_from_current: wp.array(dtype=wp.mat33)  # [T]
     rotations: wp.array(dtype=wp.mat33)  # [T]
     fades: wp.array(dtype=float)  # [T]
+    signs: wp.array(dtype=float)  # [T]
+    mirrored_count: wp.array(dtype=int)  # [1]
+
+
+@wp.func
+def orientation(geometry: Geometry):
+    """1, or -1 if most tets are mirrored: then the boundary's normals point inwards."""
+    return wp.where(2 * geometry.mirrored_count[0] > geometry.signs.shape[0], -1.0, 1.0)
 
 
 class Pose:
-    """The mesh in its current shape on one device: frames, boundary BVH, `geometry`."""
+    """The mesh in its current shape on one device: frames, boundary BVH, `geometry`.
+
+    Attributes:
+        boundary_faces: Vertex ids.  [B, 3]
+        revision: Counts the changes of the vertices.
+    """
 
     def __init__(self, mesh: TetMesh, neighbours, device):
         self.device = wp.get_device(device)
         faces, behind = boundary_faces(mesh.tets, neighbours)
+        self.boundary_faces, self.revision = faces, 0
         rest_edges = np.swapaxes(
             mesh.rest_vertices[mesh.tets[:, 1:]] - mesh.rest_vertices[mesh.tets[:, :1]], 1, 2
         )
@@ -161,6 +182,8 @@ class Pose:
             geometry.rest_from_current = wp.empty(mesh.tet_count, dtype=wp.mat33)
             geometry.rotations = wp.empty(mesh.tet_count, dtype=wp.mat33)
             geometry.fades = wp.empty(mesh.tet_count, dtype=float)
+            geometry.signs = wp.empty(mesh.tet_count, dtype=float)
+            geometry.mirrored_count = wp.zeros(1, dtype=int)
         self.set_vertices(self.vertices)
 
     def set_vertices(self, vertices):
@@ -176,7 +199,9 @@ class Pose:
             wp.copy(self.vertices, vertices)
         wp.copy(self._boundary.points, vertices)
         self._boundary.refit()
+        self.revision += 1
         geometry = self.geometry
+        geometry.mirrored_count.zero_()
         wp.launch(
             tet_frames_kernel,
             dim=len(self.tets),
@@ -186,9 +211,36 @@ class Pose:
                 geometry.rest_from_current,
                 geometry.rotations,
                 geometry.fades,
+                geometry.signs,
+                geometry.mirrored_count,
             ],
             device=self.device,
         )
+
+
+@wp.func
+def interval_in_tet(geometry: Geometry, tet: int, origin: wp.vec3, direction: wp.vec3):
+    """Where a ray is inside a tet, by itself: nothing is known of its neighbours.
+
+    Returns:
+        The coordinates at t = 0, their slopes, and t_in >= 0 and t_out; the ray is inside
+        if t_out > t_in.
+    """
+    g = geometry.gradients[tet]
+    alpha = g * wp.vec4(origin[0], origin[1], origin[2], 1.0)
+    slope = g * wp.vec4(direction[0], direction[1], direction[2], 0.0)
+    t_in = float(0.0)
+    t_out = float(1.0e30)
+    i = int(0)
+    while i < 4:
+        if slope[i] > 0.0:
+            t_in = wp.max(t_in, -alpha[i] / slope[i])
+        elif slope[i] < 0.0:
+            t_out = wp.min(t_out, -alpha[i] / slope[i])
+        elif alpha[i] < 0.0:
+            t_out = -1.0
+        i += 1
+    return alpha, slope, t_in, t_out
 
 
 @wp.func
@@ -244,7 +296,7 @@ def enter_mesh(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, t: float
         searching = 0
         if query.result:
             hit = start + query.t
-            if wp.dot(query.normal, direction) < 0.0:
+            if wp.dot(query.normal, direction) * orientation(geometry) < 0.0:
                 tet = geometry.boundary_tets[query.face]
                 entry = wp.max(t, hit)
             elif hit <= t + QUERY_GAP:  # the face that the ray has just left

@@ -1,0 +1,296 @@
+"""Which rays see the mesh overlap itself: the ones that a walk from tet to tet can't follow.
+
+A mesh overlaps itself nowhere if all its tets have one orientation, none is nearly flat, no
+edge of the boundary goes through a face of it, and no part lies inside another (a map that
+keeps orientation and is one to one on the boundary is one to one inside).  Two kernels
+check that once per pose: `crossed_edges_kernel` and `nested_parts_kernel`, beside the
+determinants that the tet frames need anyway.  Without overlap nothing else happens.
+
+Otherwise each ray is asked: it is *tangled* if it meets a tet that is turned inside out or
+nearly flat, or is inside two boundary shells at once.  Tangled rays are rendered by
+layers.py, the others by the walk.
+
+Shapes: R rays, T tets, V vertices, B boundary faces, C parts that no face joins.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from ..geometry.mesh import TetMesh, edges, face_components
+from .traversal import (
+    FADED,
+    QUERY_GAP,
+    SMALLEST_ADVANCE,
+    Geometry,
+    Pose,
+    interval_in_tet,
+    orientation,
+)
+
+TANGLED_TETS = 0  # places in `Overlap.counts`
+CROSSINGS = 1
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+@dataclass(frozen=True)
+class Tangle:
+    """What one pose overlaps with.
+
+    Attributes:
+        tets: BVH of the tets that are turned inside out or nearly flat; None without any.
+        tet_ids: Their numbers, in the order of the BVH.
+        shells: Whether the boundary goes through itself, or a part lies inside another.
+    """
+
+    tets: wp.Bvh | None
+    tet_ids: wp.array
+    shells: bool
+
+    def __bool__(self) -> bool:
+        return self.tets is not None or self.shells
+
+
+class Overlap:
+    """Finds the tangle of a pose, once per change of its vertices."""
+
+    def __init__(self, mesh: TetMesh, neighbours, pose: Pose):
+        self._pose = pose
+        self._revision, self._tangle = -1, None
+        device = pose.device
+        boundary_edges = edges(_as_tets(pose.boundary_faces))
+        labels = face_components(neighbours)
+        _, first = np.unique(labels, return_index=True)  # a tet of each part
+        with wp.ScopedDevice(device):
+            self._faces = wp.array(pose.boundary_faces, dtype=wp.vec3i)
+            self._edges = wp.array(boundary_edges, dtype=wp.vec2i)
+            self._labels = wp.array(labels, dtype=int)
+            self._part_vertices = wp.array(mesh.tets[first, 0].astype(np.int32), dtype=int)
+            self._counts = wp.zeros(2, dtype=int)
+            self._tangled = wp.empty(mesh.tet_count, dtype=int)
+
+    def tangle(self) -> Tangle:
+        """What the present pose overlaps with; waits for the device after a change."""
+        if self._revision != self._pose.revision:
+            self._revision, self._tangle = self._pose.revision, self._find()
+        return self._tangle
+
+    def _find(self):
+        pose, device = self._pose, self._pose.device
+        geometry = pose.geometry
+        self._counts.zero_()
+        wp.launch(
+            tangled_tets_kernel,
+            dim=len(pose.tets),
+            inputs=[geometry],
+            outputs=[self._counts, self._tangled],
+            device=device,
+        )
+        wp.launch(
+            crossed_edges_kernel,
+            dim=len(self._edges),
+            inputs=[geometry.boundary, pose.vertices, self._edges, self._faces],
+            outputs=[self._counts],
+            device=device,
+        )
+        if len(self._part_vertices) > 1:
+            wp.launch(
+                nested_parts_kernel,
+                dim=(len(self._part_vertices), len(pose.tets)),
+                inputs=[geometry, pose.vertices, pose.tets, self._part_vertices, self._labels],
+                outputs=[self._counts],
+                device=device,
+            )
+        count, crossings = (int(n) for n in self._counts.numpy())
+        bvh = None
+        if count:
+            lowers, uppers = tet_boxes(pose, self._tangled, count)
+            bvh = wp.Bvh(lowers, uppers)
+        return Tangle(bvh, self._tangled, crossings > 0)
+
+
+def tet_boxes(pose: Pose, tet_ids, count: int):
+    """Lowest and highest corners of `count` tets' boxes, wp.arrays of vec3."""
+    lowers = wp.empty(count, dtype=wp.vec3, device=pose.device)
+    uppers = wp.empty(count, dtype=wp.vec3, device=pose.device)
+    wp.launch(
+        tet_boxes_kernel,
+        dim=count,
+        inputs=[pose.vertices, pose.tets, tet_ids],
+        outputs=[lowers, uppers],
+        device=pose.device,
+    )
+    return lowers, uppers
+
+
+def _as_tets(faces):
+    """Faces with their first corner repeated: what `edges` takes, and no new edges but loops."""
+    return np.concatenate([faces, faces[:, :1]], axis=1)
+
+
+@wp.kernel
+def tangled_tets_kernel(
+    geometry: Geometry,
+    counts: wp.array(dtype=int),  # [2] added to
+    tangled: wp.array(dtype=int),  # [T] out, in no particular order
+):
+    """Tets that are mirrored unlike most, or so flat that they fade."""
+    tet = wp.tid()
+    if orientation(geometry) * geometry.signs[tet] <= 0.0 or geometry.fades[tet] < FADED:
+        tangled[wp.atomic_add(counts, wp.static(TANGLED_TETS), 1)] = tet
+
+
+@wp.kernel
+def tet_boxes_kernel(
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    tets: wp.array(dtype=wp.vec4i),  # [T]
+    tet_ids: wp.array(dtype=int),  # [threads]
+    lowers: wp.array(dtype=wp.vec3),  # [threads] out
+    uppers: wp.array(dtype=wp.vec3),  # [threads] out
+):
+    i = wp.tid()
+    tet = tets[tet_ids[i]]
+    a = vertices[tet[0]]
+    b = vertices[tet[1]]
+    c = vertices[tet[2]]
+    d = vertices[tet[3]]
+    # A ray in the plane of a flat box has to meet it in spite of rounding.
+    gap = wp.vec3(QUERY_GAP, QUERY_GAP, QUERY_GAP)
+    lowers[i] = wp.min(wp.min(a, b), wp.min(c, d)) - gap
+    uppers[i] = wp.max(wp.max(a, b), wp.max(c, d)) + gap
+
+
+@wp.func
+def side(a: wp.vec3, b: wp.vec3, c: wp.vec3, p: wp.vec3):
+    """On which side of the plane through a, b, c the point p is."""
+    return wp.dot(wp.cross(b - a, c - a), p - a)
+
+
+@wp.func
+def crosses(p: wp.vec3, q: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Whether the line segment from p to q goes through the triangle a, b, c."""
+    through = side(a, b, c, p) * side(a, b, c, q) < 0.0
+    if through:
+        ab = side(p, q, a, b)
+        bc = side(p, q, b, c)
+        ca = side(p, q, c, a)
+        through = ab * bc >= 0.0 and bc * ca >= 0.0 and ab * ca >= 0.0
+    return through
+
+
+@wp.kernel
+def crossed_edges_kernel(
+    boundary: wp.uint64,  # id of the wp.Mesh of boundary faces
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    boundary_edges: wp.array(dtype=wp.vec2i),  # [E]
+    faces: wp.array(dtype=wp.vec3i),  # [B]
+    counts: wp.array(dtype=int),  # [2] added to
+):
+    """Boundary edges that go through a boundary face which they don't belong to."""
+    edge = boundary_edges[wp.tid()]
+    i = edge[0]
+    j = edge[1]
+    p = vertices[i]
+    q = vertices[j]
+    if counts[wp.static(CROSSINGS)] > 0:  # one is enough
+        return
+    query = wp.mesh_query_aabb(boundary, wp.min(p, q), wp.max(p, q))
+    index = int(0)
+    while wp.mesh_query_aabb_next(query, index):
+        face = faces[index]
+        beside = face[0] == i or face[1] == i or face[2] == i
+        beside = beside or face[0] == j or face[1] == j or face[2] == j
+        if not beside:
+            if crosses(p, q, vertices[face[0]], vertices[face[1]], vertices[face[2]]):
+                wp.atomic_add(counts, wp.static(CROSSINGS), 1)
+                return
+
+
+@wp.kernel
+def nested_parts_kernel(
+    geometry: Geometry,
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    tets: wp.array(dtype=wp.vec4i),  # [T]
+    part_vertices: wp.array(dtype=int),  # [C]
+    labels: wp.array(dtype=int),  # [T] part of each tet
+    counts: wp.array(dtype=int),  # [2] added to
+):
+    """A vertex of one part in a tet of another: without crossings, the part is inside."""
+    part, tet = wp.tid()
+    vertex = part_vertices[part]
+    corners = tets[tet]
+    beside = corners[0] == vertex or corners[1] == vertex
+    beside = beside or corners[2] == vertex or corners[3] == vertex
+    if labels[tet] == part or beside:
+        return
+    p = vertices[vertex]
+    alpha = geometry.gradients[tet] * wp.vec4(p[0], p[1], p[2], 1.0)
+    if wp.min(alpha) > 0.0:
+        wp.atomic_add(counts, wp.static(CROSSINGS), 1)
+
+
+@wp.func
+def is_inside_two_shells(geometry: Geometry, origin: wp.vec3, direction: wp.vec3):
+    """Whether a ray is anywhere inside the boundary twice.
+
+    Behind everything a ray is outside, so what the crossings add up to says how many shells
+    it starts in.  Where crossings don't add up, two of them were too close to tell apart:
+    that counts as overlap, which costs time but no truth.
+    """
+    facing = orientation(geometry)
+    t = float(0.0)
+    depth = int(0)
+    lowest = int(0)
+    highest = int(0)
+    searching = int(1)
+    while searching == 1:
+        query = wp.mesh_query_ray(geometry.boundary, origin + t * direction, direction, 1.0e6)
+        searching = 0
+        if query.result:
+            depth += wp.where(wp.dot(query.normal, direction) * facing < 0.0, 1, -1)
+            lowest = wp.min(lowest, depth)
+            highest = wp.max(highest, depth)
+            t += query.t
+            t += 4.0 * SMALLEST_ADVANCE * wp.max(t, 1.0)
+            searching = 1
+    start = -depth
+    return start < 0 or start > 1 or lowest + start < 0 or highest + start > 1
+
+
+@wp.kernel
+def sort_rays_kernel(
+    geometry: Geometry,
+    origins: wp.array(dtype=wp.vec3),  # [R]
+    directions: wp.array(dtype=wp.vec3),  # [R]
+    tangled_tets: wp.uint64,  # id of a BVH, or 0
+    tet_ids: wp.array(dtype=int),
+    shells: int,  # 1 if the boundary overlaps itself
+    counts: wp.array(dtype=int),  # [2] out: plain and tangled rays
+    plain: wp.array(dtype=int),  # [R] out: which rays
+    tangled: wp.array(dtype=int),  # [R] out
+):
+    """Sort rays into plain and tangled ones."""
+    ray = wp.tid()
+    origin = origins[ray]
+    direction = directions[ray]
+    found = int(0)
+    if tangled_tets != wp.uint64(0):
+        query = wp.bvh_query_ray(tangled_tets, origin, direction)
+        index = int(0)
+        while found == 0 and wp.bvh_query_next(query, index):
+            tet = tet_ids[index]
+            if geometry.fades[tet] <= 0.0:
+                found = 1  # perhaps too flat to have coordinates: its box has to do
+            else:
+                _alpha, _slope, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
+                if t_out >= t_in:
+                    found = 1
+    if found == 0 and shells == 1:
+        if is_inside_two_shells(geometry, origin, direction):
+            found = 1
+    if found == 1:
+        tangled[wp.atomic_add(counts, 1, 1)] = ray
+    else:
+        plain[wp.atomic_add(counts, 0, 1)] = ray
