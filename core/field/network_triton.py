@@ -190,6 +190,25 @@ def evaluator(networks: Networks):
     return lambda features, basis, _sample_count=None: networks(features, basis)
 
 
+def launch_forward(networks: Networks, parameters, features, basis, sample_count, sigma, rgb):
+    """`evaluate` without gradients, into arrays that are there: nothing is allocated.
+
+    Args:
+        parameters: `pack(networks)`.
+        sample_count: int32 [1], on the device.
+        sigma, rgb: float32 [N], [N, 3], out.
+    """
+    _launch(
+        kernels.forward_kernel,
+        FORWARD,
+        *(features, basis, parameters, sample_count, sigma, rgb),
+        FEATURES=features.shape[1],
+        MIDDLE=len(networks.density) - 2,
+        SIGMOID=networks.activation is ACTIVATIONS["sigmoid"],
+        COUNTED=True,
+    )
+
+
 def evaluate(networks: Networks, features, basis, sample_count=None):
     """Density and color of samples, as `networks(features, basis)`.
 

@@ -199,11 +199,14 @@ def accumulate_kernel(
 @wp.kernel
 def resolve_kernel(
     pixels: Pixels,
+    ids: wp.array(dtype=int),  # rays, one per thread; all of them if it is empty
     background: wp.vec3,
     color: wp.array(dtype=wp.vec4ub),  # [R] out: over the background, a = opacity
     depth: wp.array(dtype=float),  # [R] out: inf where opacity < 0.5
 ):
     ray = wp.tid()
+    if ids.shape[0] > 0:
+        ray = ids[ray]
     t = pixels.transmittance[ray]
     c = pixels.color[ray] + t * background
     color[ray] = wp.vec4ub(to_byte(c[0]), to_byte(c[1]), to_byte(c[2]), to_byte(1.0 - t))

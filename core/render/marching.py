@@ -80,36 +80,31 @@ def empty_samples(count: int, device) -> Samples:
     return samples
 
 
-@wp.kernel
-def march_kernel(
+@wp.func
+def march_ray(
     geometry: Geometry,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
-    alive: wp.array(dtype=int),  # [R] ray of each thread
+    ray: int,
     step: float,  # Δ
-    slot_count: int,  # K
-    jitter_seed: wp.array(dtype=int),  # [1]; MIDDLE or the seed of random places
+    seed: int,  # MIDDLE or that of random places
     purpose: int,  # FILL_SLOTS, COUNT, or WRITE
-    ends: wp.array(dtype=int),  # [threads] WRITE: inclusive scan of counts
-    samples: Samples,  # out: [threads · K], or [N] for WRITE
-    counts: wp.array(dtype=int),  # [threads] out: samples of each ray; WRITE: in
+    first_slot: int,
+    slot_spacing: int,  # from one slot of this ray to the next
+    limit: int,  # slots
+    samples: Samples,  # out
 ):
-    """One round for each ray.  COUNT leaves the rays' state alone, so that WRITE finds it."""
-    i = wp.tid()
-    ray = alive[i]
+    """One round of one ray; returns the number of its samples.
+
+    FILL_SLOTS leaves the ray where it has come to; the others leave its state alone.
+    """
     origin = rays.origins[ray]
     direction = rays.directions[ray]
     t = rays.t[ray]
     tet = rays.tet[ray]
     entry_face = rays.entry_face[ray]
     piece = rays.piece[ray]
-    seed = jitter_seed[0]
     random = wp.rand_init(seed, rays.first + ray)
-    base = i * slot_count
-    limit = slot_count
-    if purpose == WRITE:
-        base = ends[i] - counts[i]
-        limit = counts[i]
     count = int(0)
     tets_left = int(MAX_TETS)
     while tet > -2 and count < limit:
@@ -155,7 +150,7 @@ def march_kernel(
                     bary = alpha + at * slope
                     if is_occupied(mask, subtet_of(bary)):
                         if purpose != COUNT:
-                            slot = base + count
+                            slot = first_slot + count * slot_spacing
                             samples.tet[slot] = tet
                             samples.bary[slot] = bary
                             samples.length[slot] = fade * length
@@ -170,13 +165,50 @@ def march_kernel(
                     tets_left -= 1
                     if tet >= 0:
                         entry_face = face_towards(geometry.neighbours[tet], previous)
-    if purpose != WRITE:
-        counts[i] = count
     if purpose == FILL_SLOTS:
         rays.t[ray] = t
         rays.tet[ray] = tet
         rays.entry_face[ray] = entry_face
         rays.piece[ray] = piece
+    return count
+
+
+@wp.kernel
+def march_kernel(
+    geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    rays: Rays,
+    alive: wp.array(dtype=int),  # [R] ray of each thread
+    step: float,  # Δ
+    slot_count: int,  # K
+    jitter_seed: wp.array(dtype=int),  # [1]; MIDDLE or the seed of random places
+    purpose: int,  # FILL_SLOTS, COUNT, or WRITE
+    ends: wp.array(dtype=int),  # [threads] WRITE: inclusive scan of counts
+    samples: Samples,  # out: [threads · K], or [N] for WRITE
+    counts: wp.array(dtype=int),  # [threads] out: samples of each ray; WRITE: in
+):
+    """One round for each ray.  COUNT leaves the rays' state alone, so that WRITE finds it."""
+    i = wp.tid()
+    base = i * slot_count
+    limit = slot_count
+    if purpose == WRITE:
+        base = ends[i] - counts[i]
+        limit = counts[i]
+    count = march_ray(
+        geometry,
+        occupancy,
+        rays,
+        alive[i],
+        step,
+        jitter_seed[0],
+        purpose,
+        base,
+        1,
+        limit,
+        samples,
+    )
+    if purpose != WRITE:
+        counts[i] = count
 
 
 @wp.kernel

@@ -58,7 +58,8 @@ class Overlap:
 
     def __init__(self, mesh: TetMesh, neighbours, pose: Pose):
         self._pose = pose
-        self._revision, self._tangle = -1, None
+        self._sought = self._found = -1  # revisions of the pose
+        self._tangle = None
         device = pose.device
         boundary_edges = edges(_as_tets(pose.boundary_faces))
         labels = face_components(neighbours)
@@ -70,14 +71,25 @@ class Overlap:
             self._part_vertices = wp.array(mesh.tets[first, 0].astype(np.int32), dtype=int)
             self._counts = wp.zeros(2, dtype=int)
             self._tangled = wp.empty(mesh.tet_count, dtype=int)
+        self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=device.is_cuda)
 
     def tangle(self) -> Tangle:
         """What the present pose overlaps with; waits for the device after a change."""
-        if self._revision != self._pose.revision:
-            self._revision, self._tangle = self._pose.revision, self._find()
+        self.seek()
+        if self._found != self._pose.revision:
+            if self._pose.device.is_cuda:
+                wp.synchronize_stream(wp.get_stream(self._pose.device))
+            count, crossings = (int(n) for n in self._host_counts.numpy())
+            bvh = wp.Bvh(*tet_boxes(self._pose, self._tangled, count)) if count else None
+            self._found = self._pose.revision
+            self._tangle = Tangle(bvh, self._tangled, crossings > 0)
         return self._tangle
 
-    def _find(self):
+    def seek(self) -> None:
+        """Begin to look, if the vertices have changed, without waiting."""
+        if self._sought == self._pose.revision:
+            return
+        self._sought = self._pose.revision
         pose, device = self._pose, self._pose.device
         geometry = pose.geometry
         self._counts.zero_()
@@ -103,12 +115,7 @@ class Overlap:
                 outputs=[self._counts],
                 device=device,
             )
-        count, crossings = (int(n) for n in self._counts.numpy())
-        bvh = None
-        if count:
-            lowers, uppers = tet_boxes(pose, self._tangled, count)
-            bvh = wp.Bvh(lowers, uppers)
-        return Tangle(bvh, self._tangled, crossings > 0)
+        wp.copy(self._host_counts, self._counts)
 
 
 def tet_boxes(pose: Pose, tet_ids, count: int):

@@ -7,9 +7,7 @@ uses one core, and releases the interpreter).
 """
 
 import os
-import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,7 +15,7 @@ import numpy as np
 import warp as wp
 
 from ..field import network
-from ..field.encoding import FEATURES, encode_kernel, make_tables
+from ..field.encoding import FEATURES, encode_kernel, make_tables, vec4h
 from ..field.field import TetField
 from .camera import Camera
 from .compositing import accumulate_kernel, empty_pixels, resolve_kernel
@@ -33,7 +31,9 @@ from .marching import (
     pack_kernel,
 )
 from .overlap import Overlap, sort_rays_kernel
+from .stages import Stages
 from .traversal import Pose
+from .wavefront import Wavefront
 
 CPU_TILE_RAYS = 4096  # samples of a tile stay in a core's cache
 CUDA_TILE_RAYS = 1 << 20
@@ -127,23 +127,35 @@ class Renderer:
     def __init__(self, field: TetField, device="cpu"):
         self.field = field
         self.device = wp.get_device(device)
-        self.stage_seconds = None  # a dict here collects time per stage, and waits after each
+        self.stage = Stages(self.device)  # stage(name) times what happens within
         self.pose = Pose(field.mesh, field.neighbours, self.device)
         self._tables = make_tables(field.mesh, field.layout, self.device)
         self._table = wp.array(field.table, dtype=wp.vec4, device=self.device)
         self._occupancy = wp.array(field.occupancy, dtype=wp.uint64, device=self.device)
         self._overlap = Overlap(field.mesh, field.neighbours, self.pose)
         self._layers = Layers(self.pose, self._occupancy)
+        self._all_rays = wp.empty(0, dtype=int, device=self.device)
+        self._wavefront = self._evaluate_slots = None
         self._middle = wp.full(1, MIDDLE, dtype=int, device=self.device)
         if self.device.is_cuda:
-            self._networks = _torch_networks(field, self.device)
+            self._networks, self._evaluate_slots = _torch_networks(field, self.device)
         else:
             self._networks = _numpy_networks(field)
             self._pool = ThreadPoolExecutor(os.cpu_count())
 
+    @property
+    def stage_seconds(self):
+        """None, or a dict that collects seconds per stage; then each stage is waited for."""
+        return self.stage.seconds
+
+    @stage_seconds.setter
+    def stage_seconds(self, seconds):
+        self.stage.seconds = seconds
+
     def set_vertices(self, vertices):
         """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""
-        self.pose.set_vertices(vertices)
+        with self.stage("pose"):
+            self.pose.set_vertices(vertices)
 
     def tangle(self):
         """What the mesh overlaps with in its present pose: overlap.Tangle, false if nothing."""
@@ -162,6 +174,10 @@ class Renderer:
         options = options or RenderOptions()
         first, last = rows or (0, camera.height)
         first_pixel, count = first * camera.width, (last - first) * camera.width
+        shape = (last - first, camera.width)
+        if self._evaluate_slots and not options.conformance and not options.details:
+            if options.level_count is None:
+                return self._render_wavefront(camera, options, (first, last), shape)
         image = {
             "color": wp.empty(count, dtype=wp.vec4ub, device=self.device),
             "depth": wp.empty(count, dtype=float, device=self.device),
@@ -180,7 +196,6 @@ class Renderer:
 
             with threadpool_limits(1, user_api="blas"):  # the tiles are the parallelism
                 sample_count = sum(self._pool.map(work, tiles))
-        shape = (last - first, camera.width)
         image = {name: array.reshape(shape) for name, array in image.items()}
         return Image(**image, sample_count=sample_count)
 
@@ -206,6 +221,40 @@ class Renderer:
         color = pixels.color.numpy() + transmittance[:, None] * np.float32(options.background)
         return color, opacity, pixels.depth.numpy() / np.maximum(opacity, 1e-6)
 
+    def _render_wavefront(self, camera, options, rows, shape):
+        count = shape[0] * shape[1]
+        if self._wavefront is None or self._wavefront.capacity < count:
+            self._wavefront = None  # its memory first
+            table = wp.array(self.field.table.astype(np.float16), dtype=vec4h, device=self.device)
+            self._wavefront = Wavefront(
+                *(self.pose, self._occupancy, self._tables, table, self._evaluate_slots),
+                *(self.field.options, count),
+            )
+        self._overlap.seek()
+        wavefront, lens = self._wavefront, device_lens(camera.lens)
+        pose = wp.mat44(camera.camera_to_world)
+        sample_count = wavefront.render(pose, lens, rows, options, self.stage)
+        if self.tangle():
+            sample_count += self._mend(wavefront, count, options)
+        color, depth = wp.clone(wavefront.color[:count]), wp.clone(wavefront.depth[:count])
+        return Image(color.reshape(shape), depth.reshape(shape), sample_count)
+
+    def _mend(self, wavefront, count, options) -> int:
+        """Render tangled rays again, which the wavefront got wrong."""
+        with self.stage("layers"):
+            self._layers.prepare()
+            _, tangled = self._sort_rays(wavefront.rays, count)
+            if not len(tangled):
+                return 0
+            sample_count = self._render_layers(wavefront.rays, tangled, wavefront.pixels, options)
+            self._launch(
+                resolve_kernel,
+                len(tangled),
+                [wavefront.pixels, tangled, wp.vec3(*options.background)],
+                [wavefront.color, wavefront.depth],
+            )
+        return sample_count
+
     def _prepare(self):
         """Look for overlap, and get ready for it."""
         if self.tangle():
@@ -229,7 +278,7 @@ class Renderer:
         self._launch(
             resolve_kernel,
             count,
-            [pixels, wp.vec3(*options.background)],
+            [pixels, self._all_rays, wp.vec3(*options.background)],
             [image["color"], image["depth"]],
         )
         if options.details:
@@ -245,22 +294,22 @@ class Renderer:
             alive, tangled = self._sort_rays(rays, count)
             count = len(alive)
             if len(tangled):
-                with self._stage("layers"):
+                with self.stage("layers"):
                     sample_count += self._render_layers(rays, tangled, pixels, options)
         else:
             self._launch(count_up_kernel, count, [], [alive])
         while count > 0:
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
-            with self._stage("march"):
+            with self.stage("march"):
                 samples, counts, ends, packed_count = self._march(
                     *(rays, alive, count, slot_count, options.step_factor)
                 )
-            with self._stage("encode"):
+            with self.stage("encode"):
                 features = self._encode(samples, packed_count, options.level_count)
                 basis = self._basis(rays, alive, counts, ends, samples, packed_count)
-            with self._stage("networks"):
+            with self.stage("networks"):
                 sigma, rgb = self._networks(features, basis, half=not options.conformance)
-            with self._stage("accumulate"):
+            with self.stage("accumulate"):
                 still_alive = wp.empty(count, dtype=int, device=self.device)
                 still_alive_count = wp.zeros(1, dtype=int, device=self.device)
                 self._launch(
@@ -349,18 +398,6 @@ class Renderer:
         )
         return basis
 
-    @contextmanager
-    def _stage(self, name):
-        """Time what happens within, if somebody asks for it."""
-        if self.stage_seconds is None:
-            yield
-            return
-        start = time.perf_counter()
-        yield
-        wp.synchronize_device(self.device)
-        elapsed = time.perf_counter() - start
-        self.stage_seconds[name] = self.stage_seconds.get(name, 0.0) + elapsed
-
     def _launch(self, kernel, dim, inputs, outputs=()):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
@@ -387,9 +424,15 @@ def _numpy_networks(field):
 
 
 def _torch_networks(field, device):
-    """evaluate(features, basis, half) -> sigma, rgb, all Warp arrays on a CUDA device."""
+    """The networks on a CUDA device, in two forms.
+
+    Returns:
+        evaluate(features, basis, half) -> sigma, rgb, all Warp arrays; and what Wavefront
+        takes as `evaluate`, or None where Triton can't do these networks.
+    """
     import torch
 
+    from ..field import network_triton
     from ..field.network_torch import Networks
 
     networks = Networks(
@@ -412,4 +455,18 @@ def _torch_networks(field, device):
                 sigma, rgb = networks(x, y)
             return wp.from_torch(sigma), wp.from_torch(rgb, dtype=wp.vec3)
 
-    return evaluate
+    if not network_triton.can_fuse(networks):
+        return evaluate, None
+    parameters = network_triton.pack(networks).detach()
+
+    @torch.no_grad()
+    def evaluate_slots(features, basis, total, sigma, rgb):
+        with torch.cuda.stream(wp.stream_to_torch(wp.get_stream(device))):
+            network_triton.launch_forward(
+                networks,
+                parameters,
+                wp.to_torch(features).flatten(1),
+                *(wp.to_torch(array) for array in (basis, total, sigma, rgb)),
+            )
+
+    return evaluate, evaluate_slots

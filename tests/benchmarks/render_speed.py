@@ -1,10 +1,17 @@
-"""Milliseconds per frame by stage, with the error against conformance mode beside them.
+"""Frames per second, milliseconds by stage, memory, and the error against the reference beside.
 
-    python tests/benchmarks/render_speed.py [--model M] [--device cpu|cuda:0] [--sizes 400 800]
+    python tests/benchmarks/render_speed.py [--model M] [--device cpu|cuda:0]
+        [--cases orbit drag fill] [--sizes 400 800] [--frames 40]
 
-The camera moves from frame to frame and the vertices are set anew each time, as in a drag.
-`total` is measured without waiting between stages; the stages are measured one by one, so
-on CUDA their sum is larger than the total.
+orbit: the camera goes around the object, which rests.
+drag: a handle goes in a circle, the solver makes 20 substeps a frame, the camera stands
+    still, and the image goes into an OpenGL texture where there is one.
+fill: as drag, at 1920x1080, so near that the object fills the image.
+
+Each frame is rendered anew, in default mode, at the pixels of the size.  fps and ms are those
+of a run without waiting between the stages, which are measured in another run, one by one:
+on CUDA their sum is larger; on the CPU it is the sum of both threads.  dB and max compare
+3000 random pixels of the last pose with the float64 reference, which knows no shortcuts.
 """
 
 import argparse
@@ -14,72 +21,186 @@ import numpy as np
 import warp as wp
 
 from deformrf.core import paths
+from deformrf.core.deform.handles import control_vertices, lowest_pins, vertices_within
+from deformrf.core.deform.material import Material
+from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
-from deformrf.core.render.camera import from_field_of_view, look_at
+from deformrf.core.render import reference
+from deformrf.core.render.camera import from_field_of_view, look_at, rays
 from deformrf.core.render.render import Renderer, RenderOptions
 from deformrf.core.training.metrics import psnr
 
+REFERENCE_PIXELS = 3000
+STEP = 1.0 / 60.0  # s
+WARM_UP_FRAMES = 4
+FILLING = 0.45  # distance of the camera that sees nothing but the object, of the usual one
+CENTER = (0.5, 0.5, 0.5)
 
-def cameras(count, size):
-    """`count` cameras on a circle around the unit cube, at the training distance."""
-    for angle in np.linspace(0.0, 2.0 * np.pi, count, endpoint=False):
-        eye = 0.5 + 1.344 * np.array([np.cos(angle) * 0.9, np.sin(angle) * 0.9, 0.43])
-        yield from_field_of_view(look_at(eye, (0.5, 0.5, 0.5)), 0.691, size, size)
+
+def camera(angle, width, height, distance=1.344):
+    """A camera on a circle around the unit cube, by default at the training distance."""
+    eye = 0.5 + distance * np.array([np.cos(angle) * 0.9, np.sin(angle) * 0.9, 0.43])
+    return from_field_of_view(look_at(eye, CENTER), 0.691 * width / height, width, height)
 
 
-def measure(renderer, size, frame_count):
-    """Median total and mean stages in ms, samples per pixel, PSNR against conformance."""
-    views = list(cameras(frame_count, size))
-    vertices = wp.clone(renderer.pose.vertices)
-    device = renderer.device
-    for view in views:  # kernels compile, allocators find their sizes
-        renderer.render(view)
-    totals, sample_count = [], 0
-    for view in views:
-        wp.synchronize_device(device)
+class Orbit:
+    """The object rests and the camera moves."""
+
+    def __init__(self, renderer, size, frame_count):
+        self.renderer, self.size, self.frame_count = renderer, size, frame_count
+        self.vertices = renderer.field.mesh.rest_vertices
+        renderer.set_vertices(self.vertices)
+
+    def view(self, frame):
+        return camera(2.0 * np.pi * frame / self.frame_count, *self.size)
+
+    def frame(self, frame):
+        return self.renderer.render(self.view(frame))
+
+
+class Drag:
+    """A handle at the top goes in a circle; `upload` takes the images."""
+
+    def __init__(self, renderer, size, frame_count, upload, distance=1.344):
+        self.renderer, self.size, self.frame_count = renderer, size, frame_count
+        self.upload = upload
+        self.camera = camera(0.6, *size, distance)
+        mesh = renderer.field.mesh
+        rest = mesh.rest_vertices
+        pins = lowest_pins(rest, mesh.tets)
+        self.solver = XpbdSolver(
+            rest, mesh.tets, Material(), pins, XpbdOptions(substep_count=20), renderer.device
+        )
+        ids = control_vertices(rest, np.flatnonzero(~pins), 40)
+        handle = ids[np.argmax(rest[ids, 2])]
+        self.ids = vertices_within(rest, handle, 0.05)
+        self.ids = self.ids[~pins[self.ids]]
+        self.solver.grab(self.ids)
+
+    @property
+    def vertices(self):
+        return self.solver.vertices.numpy()
+
+    def view(self, frame):
+        return self.camera
+
+    def frame(self, frame):
+        angle = 0.1 * frame
+        offset = 0.12 * np.array([np.sin(angle), 1.0 - np.cos(angle), 0.0])
+        stage = self.renderer.stage
+        with stage("solver"):
+            self.solver.move(self.renderer.field.mesh.rest_vertices[self.ids] + offset)
+            self.solver.step(STEP)
+        self.renderer.set_vertices(self.solver.vertices)
+        image = self.renderer.render(self.view(frame))
+        with stage("upload"):
+            self.upload(image)
+        return image
+
+
+def texture_upload(device, size):
+    """write(image) into an OpenGL texture, and how; or None if there is no OpenGL."""
+    from deformrf.viewer.upload import ImageTexture, choose_path
+    from deformrf.viewer.window import WindowError, open_window
+
+    try:
+        _, context = open_window((64, 64), headless=True)
+    except WindowError:
+        return (lambda image: None), "not uploaded: no OpenGL"
+    path = choose_path(context, device, "auto")
+    texture = ImageTexture(context, size, device, path)
+    return texture.write, path
+
+
+def measure(case):
+    """Median and spread of a frame in ms, mean stages in ms, samples per pixel, error."""
+    renderer, device = case.renderer, case.renderer.device
+    for frame in range(WARM_UP_FRAMES):  # kernels compile, allocators find their sizes
+        case.frame(frame)
+    wp.synchronize_device(device)
+    seconds, sample_count = [], 0
+    for frame in range(case.frame_count):
         start = time.perf_counter()
-        renderer.set_vertices(vertices)
-        sample_count += renderer.render(view).sample_count
+        image = case.frame(frame)
         wp.synchronize_device(device)
-        totals.append(time.perf_counter() - start)
-
+        seconds.append(time.perf_counter() - start)
+        sample_count += image.sample_count
     stages = renderer.stage_seconds = {}
-    pose_seconds = 0.0
-    for view in views:
-        start = time.perf_counter()
-        renderer.set_vertices(vertices)
-        wp.synchronize_device(device)
-        pose_seconds += time.perf_counter() - start
-        renderer.render(view)
+    for frame in range(case.frame_count):
+        case.frame(frame)
     renderer.stage_seconds = None
-    default = renderer.render(views[0]).color_array()[..., :3] / 255.0
-    exact = renderer.render(views[0], RenderOptions(conformance=True)).color_array()[..., :3]
+    width, height = case.size
+    low, middle, high = np.percentile(seconds, [10, 50, 90])
     return {
-        "size": f"{size}x{size}",
-        "total": 1e3 * float(np.median(totals)),
-        "pose": 1e3 * pose_seconds / frame_count,
-        **{name: 1e3 * seconds / frame_count for name, seconds in stages.items()},
-        "samples/px": sample_count / frame_count / size**2,
-        "dB": psnr(default, exact / 255.0),
+        "size": f"{width}x{height}",
+        "fps": 1.0 / middle,
+        "ms": 1e3 * middle,
+        "p10": 1e3 * low,
+        "p90": 1e3 * high,
+        **{name: 1e3 * total / case.frame_count for name, total in stages.items()},
+        "samples/px": sample_count / case.frame_count / (width * height),
+        **error(case),
     }
+
+
+def error(case):
+    """PSNR and largest difference of random pixels to the reference."""
+    renderer, view = case.renderer, case.view(case.frame_count - 1)
+    image = case.renderer.render(view).color_array()[..., :3].reshape(-1, 3) / 255.0
+    some = np.random.default_rng(0).choice(len(image), REFERENCE_PIXELS, replace=False)
+    origins, directions = rays(view)
+    expected, _, _ = reference.render_rays(
+        renderer.field,
+        np.asarray(case.vertices, np.float32),
+        *(a[some] for a in (origins, directions)),
+        RenderOptions().background,
+    )
+    off = 255.0 * np.abs(image[some] - expected).max()
+    return {"dB": psnr(image[some], np.clip(expected, 0.0, 1.0)), "max/255": off}
+
+
+def cases(name, renderer, arguments):
+    """The cases of that name, one per size."""
+    count = arguments.frames
+    if name == "orbit":
+        for size in arguments.sizes:
+            yield Orbit(renderer, (size, size), count)
+        return
+    sizes = [(s, s) for s in arguments.sizes] if name == "drag" else [(1920, 1080)]
+    distance = 1.344 if name == "drag" else FILLING * 1.344
+    for size in sizes:
+        upload, path = texture_upload(arguments.device, size)
+        print(f"{name}: frames go by {path}")
+        yield Drag(renderer, size, count, upload, distance)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--model", default=paths.DEFAULT_MODEL)
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--cases", nargs="+", default=["orbit"])
     parser.add_argument("--sizes", type=int, nargs="+", default=[400, 800])
     parser.add_argument("--frames", type=int, default=8)
     arguments = parser.parse_args()
     start_warp()
+    device = wp.get_device(arguments.device)
+
+    def free():
+        return device.free_memory if device.is_cuda else 0
+
+    wp.zeros(1, device=device)  # the context
+    before = free()
     renderer = Renderer(modelfile.load(arguments.model), arguments.device)
-    rows = [measure(renderer, size, arguments.frames) for size in arguments.sizes]
     print(f"{renderer.device.name}, {arguments.frames} frames, ms per frame")
-    print("".join(f"{name:>12}" for name in rows[0]))
-    for row in rows:
-        cells = (v if isinstance(v, str) else f"{v:.2f}" for v in row.values())
-        print("".join(f"{cell:>12}" for cell in cells))
+    for name in arguments.cases:
+        for case in cases(name, renderer, arguments):
+            row = {"case": name, **measure(case)}
+            if device.is_cuda:
+                row["GB"] = (before - free()) / 2**30
+            print("".join(f"{key:>11}" for key in row))
+            cells = (v if isinstance(v, str) else f"{v:.2f}" for v in row.values())
+            print("".join(f"{cell:>11}" for cell in cells), flush=True)
 
 
 if __name__ == "__main__":

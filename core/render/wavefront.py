@@ -1,0 +1,450 @@
+"""The common case on CUDA: an image in rounds that nothing has to wait for.
+
+One launch makes the rays and lists those that meet the mesh.  Then come rounds, each one a
+CUDA graph of five launches:
+
+    advance     the list that the last round wrote is the one to read; how many slots
+    march       the first rays of the list, as many as there is room for, K pieces each
+    encode      slots to features and spherical harmonics, in half precision
+    evaluate    both networks, one fused kernel
+    composite   slots to pixels; rays that go on are listed for the next round
+
+How long the list is, and so K, is known on the device only.  The host launches as many
+rounds as the last image needed and one more, and looks at the list's length when all are
+done: if rays are left, which is rare, further rounds follow.
+
+Rays that meet each other's pixels lie side by side in lists and slots: a warp takes a tile of
+8 x 4 pixels, and slot k of ray i is at k * stride + i.
+
+Shapes: R rays, S slots, L levels.
+"""
+
+import warp as wp
+
+from ..field.encoding import Tables, corner_entries, vec4h, widened
+from ..field.network import BASIS_COUNT, basis_of
+from ..geometry.subdivision import child_corners, child_of, into_child
+from .compositing import Pixels, empty_pixels, to_byte
+from .lens import DeviceLens, lens_direction
+from .marching import FILL_SLOTS, MIDDLE, Rays, Samples, empty_rays, empty_samples, march_ray
+from .traversal import Geometry, enter_mesh
+
+TILE_WIDTH, TILE_HEIGHT = wp.constant(8), wp.constant(4)  # pixels of a warp
+LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
+WANTED_SLOTS = wp.constant(1 << 19)  # of a round: enough to fill a GPU, few behind a surface
+SLOTS = 1 << 20  # S
+ALIGNMENT = wp.constant(64)  # of the stride
+BACKGROUND_DEPTH = wp.constant(wp.inf)
+# Places in the state, integers on the device.
+PARITY = wp.constant(0)  # which list is read
+LISTED = wp.constant(1)  # rays in it
+NEXT_LISTED = wp.constant(2)  # rays in the other one, so far
+TAKEN = wp.constant(3)  # rays that have slots in this round
+STRIDE = wp.constant(4)
+PER_RAY = wp.constant(5)  # K
+TOTAL = wp.constant(6)  # stride · K
+ROUNDS = wp.constant(7)  # that had something to do
+SAMPLES = wp.constant(8)  # evaluated
+STATE_SIZE = 9
+
+basis_half = wp.types.vector(length=BASIS_COUNT, dtype=wp.float16)
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    // One atomic for all threads of a warp that are here.
+    unsigned mask = __activemask();
+    int lane = threadIdx.x & 31;
+    int leader = __ffs(mask) - 1;
+    int first = 0;
+    if (lane == leader) first = atomicAdd(&wp::index(state, place), __popc(mask));
+    first = __shfl_sync(mask, first, leader);
+    return first + __popc(mask & ((1u << lane) - 1));
+#else
+    return wp::atomic_add(state, place, 1);
+#endif
+""")
+def claim(state: wp.array(dtype=int), place: int) -> int: ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
+    unsigned mask = __activemask();
+    int sum = __reduce_add_sync(mask, value);
+    if ((threadIdx.x & 31) == __ffs(mask) - 1) atomicAdd(&wp::index(state, place), sum);
+#else
+    wp::atomic_add(state, place, value);
+#endif
+""")
+def add_up(state: wp.array(dtype=int), place: int, value: int): ...
+
+
+@wp.func
+def list_ray(state: wp.array(dtype=int), lists: wp.array2d(dtype=int), ray: int):
+    """Put a ray into the list of the next round."""
+    lists[1 - state[PARITY], claim(state, NEXT_LISTED)] = ray
+
+
+@wp.kernel
+def begin_kernel(
+    geometry: Geometry,
+    camera_to_world: wp.mat44,
+    lens: DeviceLens,
+    first_row: int,
+    row_count: int,
+    background: wp.vec3,
+    rays: Rays,
+    pixels: Pixels,
+    state: wp.array(dtype=int),
+    lists: wp.array2d(dtype=int),  # [2, R]
+    color: wp.array(dtype=wp.vec4ub),  # [R] out: background where no ray meets the mesh
+    depth: wp.array(dtype=float),  # [R] out
+):
+    """Rays of the image, the first tet of each; ray numbers are pixels, row by row."""
+    i = wp.tid()
+    tile = i / (TILE_WIDTH * TILE_HEIGHT)
+    within = i % (TILE_WIDTH * TILE_HEIGHT)
+    tiles_across = (lens.width + TILE_WIDTH - 1) / TILE_WIDTH
+    column = (tile % tiles_across) * TILE_WIDTH + within % TILE_WIDTH
+    row = (tile / tiles_across) * TILE_HEIGHT + within / TILE_WIDTH
+    if column >= lens.width or row >= row_count:
+        return
+    ray = row * lens.width + column
+    d = lens_direction(lens, column, first_row + row)
+    direction = wp.normalize(wp.transform_vector(camera_to_world, d))
+    origin = wp.vec3(camera_to_world[0, 3], camera_to_world[1, 3], camera_to_world[2, 3])
+    rays.origins[ray] = origin
+    rays.directions[ray] = direction
+    tet, t = enter_mesh(geometry, origin, direction, 0.0)
+    if tet < 0:
+        color[ray] = wp.vec4ub(
+            to_byte(background[0]), to_byte(background[1]), to_byte(background[2]), wp.uint8(0)
+        )
+        depth[ray] = BACKGROUND_DEPTH
+        return
+    rays.t[ray] = t
+    rays.tet[ray] = tet
+    rays.entry_face[ray] = -1
+    rays.piece[ray] = 0
+    pixels.color[ray] = wp.vec3()
+    pixels.depth[ray] = 0.0
+    pixels.transmittance[ray] = 1.0
+    list_ray(state, lists, ray)
+
+
+@wp.kernel
+def advance_kernel(state: wp.array(dtype=int)):
+    """Turn to the list that is complete, and share the slots out among its rays."""
+    listed = state[NEXT_LISTED]
+    state[PARITY] = 1 - state[PARITY]
+    state[LISTED] = listed
+    state[NEXT_LISTED] = 0
+    taken = wp.min(listed, wp.static(SLOTS) / LEAST_SLOTS)
+    stride = (taken + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT
+    per_ray = wp.clamp(WANTED_SLOTS / wp.max(stride, 1), LEAST_SLOTS, MOST_SLOTS)
+    state[TAKEN] = taken
+    state[STRIDE] = stride
+    state[PER_RAY] = per_ray
+    state[TOTAL] = stride * per_ray
+    if listed > 0:
+        state[ROUNDS] = state[ROUNDS] + 1
+
+
+@wp.kernel
+def march_slots_kernel(
+    geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    rays: Rays,
+    state: wp.array(dtype=int),
+    lists: wp.array2d(dtype=int),  # [2, R]
+    step: float,  # Δ
+    slots: Samples,  # out [S]
+    counts: wp.array(dtype=int),  # [S / LEAST_SLOTS] out
+):
+    i = wp.tid()
+    if i >= state[STRIDE]:
+        return
+    count = int(0)
+    if i < state[TAKEN]:
+        ray = lists[state[PARITY], i]
+        count = march_ray(
+            geometry,
+            occupancy,
+            rays,
+            ray,
+            step,
+            MIDDLE,
+            FILL_SLOTS,
+            i,
+            state[STRIDE],
+            state[PER_RAY],
+            slots,
+        )
+    counts[i] = count
+
+
+@wp.func
+def half_basis(d: wp.vec3):
+    b = basis_of(d)
+    return basis_half(
+        wp.float16(b[0]),
+        wp.float16(b[1]),
+        wp.float16(b[2]),
+        wp.float16(b[3]),
+        wp.float16(b[4]),
+        wp.float16(b[5]),
+        wp.float16(b[6]),
+        wp.float16(b[7]),
+        wp.float16(b[8]),
+        wp.float16(b[9]),
+        wp.float16(b[10]),
+        wp.float16(b[11]),
+        wp.float16(b[12]),
+        wp.float16(b[13]),
+        wp.float16(b[14]),
+        wp.float16(b[15]),
+    )
+
+
+@wp.kernel
+def encode_slots_kernel(
+    tables: Tables,
+    table: wp.array(dtype=vec4h),
+    rotations: wp.array(dtype=wp.mat33),  # [T] Q
+    rays: Rays,
+    state: wp.array(dtype=int),
+    lists: wp.array2d(dtype=int),  # [2, R]
+    slots: Samples,  # [S]
+    counts: wp.array(dtype=int),
+    constant_direction: int,  # 1: the color depends on no direction
+    features: wp.array2d(dtype=vec4h),  # [S, L] out
+    basis: wp.array(dtype=basis_half),  # [S] out
+):
+    n = wp.tid()
+    if n >= state[TOTAL]:
+        return
+    stride = state[STRIDE]
+    i = n % stride
+    if n / stride >= counts[i]:
+        return
+    tet = slots.tet[n]
+    alpha = slots.bary[n]
+    if constant_direction == 0:
+        direction = rays.directions[lists[state[PARITY], i]]
+        basis[n] = half_basis(wp.transpose(rotations[tet]) * direction)
+    corners = tables.tets[tet]
+    a = tables.addresses[corners[0]]
+    b = tables.addresses[corners[1]]
+    c = tables.addresses[corners[2]]
+    d = tables.addresses[corners[3]]
+    path = int(0)
+    level = int(0)
+    while level < features.shape[1]:
+        if level > 0:
+            k = child_of(alpha)
+            alpha = into_child(k, alpha)
+            a, b, c, d = child_corners(k, a, b, c, d)
+            path = 8 * path + k
+        e = corner_entries(tables, level, tet, path, a, b, c, d)
+        f = (
+            alpha[0] * widened(table[e[0]])
+            + alpha[1] * widened(table[e[1]])
+            + alpha[2] * widened(table[e[2]])
+            + alpha[3] * widened(table[e[3]])
+        )
+        features[n, level] = vec4h(
+            wp.float16(f[0]), wp.float16(f[1]), wp.float16(f[2]), wp.float16(f[3])
+        )
+        level += 1
+
+
+@wp.kernel
+def composite_slots_kernel(
+    state: wp.array(dtype=int),
+    lists: wp.array2d(dtype=int),  # [2, R]
+    slots: Samples,  # [S]
+    counts: wp.array(dtype=int),
+    sigma: wp.array(dtype=float),  # [S]
+    rgb: wp.array(dtype=wp.vec3),  # [S]
+    ray_tet: wp.array(dtype=int),  # [R] -2 where the ray has left the mesh for good
+    stop: float,
+    background: wp.array(dtype=wp.vec3),  # [1]
+    pixels: Pixels,
+    color: wp.array(dtype=wp.vec4ub),  # [R] out
+    depth: wp.array(dtype=float),  # [R] out
+):
+    """`accumulate_kernel` and `resolve_kernel` on slots; what is behind a ray's end is alike."""
+    i = wp.tid()
+    if i >= state[LISTED]:
+        return
+    ray = lists[state[PARITY], i]
+    if i >= state[TAKEN]:
+        list_ray(state, lists, ray)
+        return
+    stride = state[STRIDE]
+    add_up(state, SAMPLES, counts[i])
+    transmittance = pixels.transmittance[ray]
+    c = pixels.color[ray]
+    total_t = pixels.depth[ray]
+    n = int(i)
+    last = i + counts[i] * stride
+    while n < last and transmittance >= stop:
+        remaining = wp.exp(-sigma[n] * slots.length[n])
+        w = transmittance * (1.0 - remaining)
+        c += w * rgb[n]
+        total_t += w * slots.t[n]
+        transmittance *= remaining
+        n += stride
+    if transmittance >= stop and ray_tet[ray] > -2:
+        pixels.transmittance[ray] = transmittance
+        pixels.color[ray] = c
+        pixels.depth[ray] = total_t
+        list_ray(state, lists, ray)
+        return
+    opacity = 1.0 - transmittance
+    total_t /= wp.max(opacity, 1.0e-6)
+    if transmittance < stop:
+        c /= opacity
+        opacity = 1.0
+    c += (1.0 - opacity) * background[0]
+    color[ray] = wp.vec4ub(to_byte(c[0]), to_byte(c[1]), to_byte(c[2]), to_byte(opacity))
+    depth[ray] = wp.where(opacity < 0.5, BACKGROUND_DEPTH, total_t)
+
+
+class Wavefront:
+    """Renders images of up to `capacity` pixels in default mode.
+
+    `evaluate` fills arrays: evaluate(features [S, L] vec4h, basis [S] basis_half,
+    total [1], sigma [S], rgb [S]), without waiting or allocating.
+    """
+
+    def __init__(self, pose, occupancy, tables, table, evaluate, options, capacity: int):
+        """Make room.
+
+        Args:
+            table: vec4h [entries]
+            options: FieldOptions.
+        """
+        self.capacity = capacity
+        self._pose, self._occupancy = pose, occupancy
+        self._tables, self._table, self._evaluate = tables, table, evaluate
+        self._view_dependence = options.view_dependence
+        self._march_step, self._level_count = options.march_step, options.level_count
+        self.device = device = pose.device
+        self.rays = empty_rays(capacity, device)
+        self.pixels = empty_pixels(capacity, device)
+        self._slots = empty_samples(SLOTS, device)
+        with wp.ScopedDevice(device):
+            self._state = wp.zeros(STATE_SIZE, dtype=int)
+            self._lists = wp.empty((2, capacity), dtype=int)
+            self._counts = wp.empty(SLOTS // LEAST_SLOTS, dtype=int)
+            self._features = wp.zeros((SLOTS, options.level_count), dtype=vec4h)
+            self._basis = wp.zeros(SLOTS, dtype=basis_half)
+            if not options.view_dependence:
+                self._basis.fill_(basis_half(*([0.28209479177387814] + 15 * [0.0])))
+            self._sigma = wp.empty(SLOTS, dtype=float)
+            self._rgb = wp.empty(SLOTS, dtype=wp.vec3)
+            self._background = wp.zeros(1, dtype=wp.vec3)
+            self.color = wp.empty(capacity, dtype=wp.vec4ub)
+            self.depth = wp.empty(capacity, dtype=float)
+        self._host_state = wp.zeros(STATE_SIZE, dtype=int, device="cpu", pinned=device.is_cuda)
+        self._shown_background = None
+        self._graphs = {}  # of one round each, by step and stop
+        self._likely_rounds = 4
+
+    def render(self, camera_to_world, lens: DeviceLens, rows, options, stage) -> int:
+        """Fill `color` and `depth` with the rows first..last-1; the number of samples.
+
+        Args:
+            camera_to_world: mat44
+            options: RenderOptions.
+            stage: Times what happens within stage(name), if somebody wants to know.
+        """
+        self._begin(camera_to_world, lens, rows, options, stage)
+        rounds = self._likely_rounds
+        while True:
+            for _ in range(rounds):
+                self._round(options, stage)
+            wp.copy(self._host_state, self._state)
+            if self.device.is_cuda:
+                wp.synchronize_stream(wp.get_stream(self.device))
+            state = self._host_state.numpy()
+            if state[NEXT_LISTED] == 0:
+                break
+            rounds = 2
+        self._likely_rounds = int(state[ROUNDS]) + 1
+        return int(state[SAMPLES])
+
+    def _begin(self, camera_to_world, lens, rows, options, stage):
+        background = tuple(options.background)
+        if background != self._shown_background:
+            self._background.fill_(wp.vec3(*background))
+            self._shown_background = background
+        tiles = -(-lens.width // TILE_WIDTH) * -(-(rows[1] - rows[0]) // TILE_HEIGHT)
+        with stage("begin"):
+            self._state.zero_()
+            self._launch(
+                begin_kernel,
+                tiles * TILE_WIDTH * TILE_HEIGHT,
+                [
+                    *(self._pose.geometry, camera_to_world, lens, rows[0], rows[1] - rows[0]),
+                    *(wp.vec3(*background), self.rays, self.pixels, self._state, self._lists),
+                ],
+                [self.color, self.depth],
+            )
+
+    def _round(self, options, stage):
+        """One round; recorded once, unless somebody times the stages."""
+        if not self.device.is_cuda or stage.seconds is not None:
+            self._launch_round(options, stage)
+            return
+        key = options.step_factor, options.stop
+        if key not in self._graphs:
+            self._launch_round(options, stage)  # compiles
+            with wp.ScopedCapture(self.device, force_module_load=False) as capture:
+                self._launch_round(options, stage)
+            self._graphs[key] = capture.graph
+        wp.capture_launch(self._graphs[key])
+
+    def _launch_round(self, options, stage):
+        with stage("march"):
+            self._launch(advance_kernel, 1, [self._state])
+            self._launch(
+                march_slots_kernel,
+                len(self._counts),
+                [
+                    *(self._pose.geometry, self._occupancy, self.rays, self._state, self._lists),
+                    self._march_step * options.step_factor,
+                ],
+                [self._slots, self._counts],
+            )
+        with stage("encode"):
+            self._launch(
+                encode_slots_kernel,
+                SLOTS,
+                [
+                    *(self._tables, self._table, self._pose.geometry.rotations, self.rays),
+                    *(self._state, self._lists, self._slots, self._counts),
+                    int(not self._view_dependence),
+                ],
+                [self._features, self._basis],
+            )
+        with stage("networks"):
+            total = self._state[TOTAL : TOTAL + 1]
+            self._evaluate(self._features, self._basis, total, self._sigma, self._rgb)
+        with stage("composite"):
+            self._launch(
+                composite_slots_kernel,
+                self.capacity,
+                [
+                    *(self._state, self._lists, self._slots, self._counts),
+                    *(self._sigma, self._rgb, self.rays.tet, options.stop),
+                    *(self._background, self.pixels),
+                ],
+                [self.color, self.depth],
+            )
+
+    def _launch(self, kernel, dim, inputs, outputs=()):
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
