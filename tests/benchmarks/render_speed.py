@@ -105,12 +105,12 @@ def texture_upload(device, size):
     from deformrf.viewer.window import WindowError, open_window
 
     try:
-        _, context = open_window((64, 64), headless=True)
+        window, context = open_window((64, 64), headless=True)
     except WindowError:
         return (lambda image: None), "not uploaded: no OpenGL"
     path = choose_path(context, device, "auto")
     texture = ImageTexture(context, size, device, path)
-    return texture.write, path
+    return (lambda image, window=window: texture.write(image)), path  # a window lost is closed
 
 
 def measure(case):
