@@ -48,6 +48,31 @@ def subtet_of(bary: wp.vec4):
 
 
 @wp.func
+def exit_distance(alpha: wp.vec4, slope: wp.vec4):
+    """How far it is to where a coordinate of alpha + x slope reaches 0; 1e30 if none does."""
+    distance = float(1.0e30)
+    distance = wp.where(slope[0] < 0.0, wp.min(distance, -alpha[0] / slope[0]), distance)
+    distance = wp.where(slope[1] < 0.0, wp.min(distance, -alpha[1] / slope[1]), distance)
+    distance = wp.where(slope[2] < 0.0, wp.min(distance, -alpha[2] / slope[2]), distance)
+    return wp.where(slope[3] < 0.0, wp.min(distance, -alpha[3] / slope[3]), distance)
+
+
+@wp.func
+def subtet_ahead(bary: wp.vec4, slope: wp.vec4):
+    """subtet_of a point on a line, and how far the line stays in that sub-tet.
+
+    Args:
+        slope: Change of `bary` per unit of the line.
+    """
+    k1 = child_of(bary)
+    alpha = into_child(k1, bary)
+    direction = into_child(k1, slope, 0.0)
+    k2 = child_of(alpha)
+    distance = exit_distance(into_child(k2, alpha), into_child(k2, direction, 0.0))
+    return 8 * k1 + k2, distance
+
+
+@wp.func
 def is_occupied(mask: wp.uint64, subtet: int):
     return ((mask >> wp.uint64(subtet)) & wp.uint64(1)) != wp.uint64(0)
 

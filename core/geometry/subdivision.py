@@ -117,26 +117,27 @@ def child_of(alpha: wp.vec4):
 
 
 @wp.func
-def into_child(k: int, alpha: wp.vec4):
-    """C[k] @ alpha, each row shortened with sum(alpha) = 1."""
+def into_child(k: int, alpha: wp.vec4, total: float = 1.0):
+    """C[k] @ alpha, each row shortened with sum(alpha) = total.
+
+    1 for a point, 0 for a direction.  Without branches: threads side by side go to different
+    children.
+    """
     s = 2.0 * (alpha[1] + alpha[2])
     u = 2.0 * (alpha[2] + alpha[3])
     a = 2.0 * alpha
-    if k == 0:
-        return wp.vec4(a[0] - 1.0, a[1], a[2], a[3])
-    if k == 1:
-        return wp.vec4(a[0], a[1] - 1.0, a[2], a[3])
-    if k == 2:
-        return wp.vec4(a[0], a[1], a[2] - 1.0, a[3])
-    if k == 3:
-        return wp.vec4(a[0], a[1], a[2], a[3] - 1.0)
-    if k == 4:
-        return wp.vec4(1.0 - u, a[2], 1.0 - s, 1.0 - a[0])
-    if k == 5:
-        return wp.vec4(1.0 - u, 1.0 - a[1], s - 1.0, a[3])
-    if k == 6:
-        return wp.vec4(1.0 - a[3], 1.0 - s, a[1], u - 1.0)
-    return wp.vec4(a[0], s - 1.0, 1.0 - a[2], u - 1.0)
+    inner0 = wp.where(k < 6, total - u, wp.where(k == 6, total - a[3], a[0]))
+    inner1 = wp.where(k < 6, wp.where(k == 4, a[2], total - a[1]), total - s)
+    inner1 = wp.where(k == 7, s - total, inner1)
+    inner2 = wp.where(k < 6, wp.where(k == 4, total - s, s - total), a[1])
+    inner2 = wp.where(k == 7, total - a[2], inner2)
+    inner3 = wp.where(k < 6, wp.where(k == 4, total - a[0], a[3]), u - total)
+    return wp.vec4(
+        wp.where(k < 4, a[0] - wp.where(k == 0, total, 0.0), inner0),
+        wp.where(k < 4, a[1] - wp.where(k == 1, total, 0.0), inner1),
+        wp.where(k < 4, a[2] - wp.where(k == 2, total, 0.0), inner2),
+        wp.where(k < 4, a[3] - wp.where(k == 3, total, 0.0), inner3),
+    )
 
 
 @wp.func

@@ -19,7 +19,7 @@ from ..field.occupancy import is_occupied, subtet_of
 from .compositing import Pixels
 from .marching import Rays, Samples, empty_samples
 from .overlap import tet_boxes
-from .traversal import Geometry, Pose, interval_in_tet
+from .traversal import Geometry, Pose, interval_in_tet, speed_and_fade
 
 CPU_PIECES = 1 << 17  # at once, if no single ray has more
 CUDA_PIECES = 1 << 20
@@ -122,10 +122,10 @@ def count_pieces_kernel(
     tet = int(0)
     while wp.bvh_query_next(query, tet):
         mask = occupancy[tet]
-        if mask != wp.uint64(0) and geometry.fades[tet] > 0.0:
+        if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
             alpha, slope, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
             if t_out > t_in:
-                speed = wp.length(geometry.rest_from_current[tet] * direction)
+                speed, _fade = speed_and_fade(geometry, tet, slope)
                 rest_length = (t_out - t_in) * speed
                 piece_count = piece_count_of(rest_length, step)
                 piece = int(0)
@@ -168,11 +168,10 @@ def write_pieces_kernel(
     tet = int(0)
     while wp.bvh_query_next(query, tet):
         mask = occupancy[tet]
-        fade = geometry.fades[tet]
-        if mask != wp.uint64(0) and fade > 0.0:
+        if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
             alpha, slope, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
             if t_out > t_in:
-                speed = wp.length(geometry.rest_from_current[tet] * direction)
+                speed, fade = speed_and_fade(geometry, tet, slope)
                 rest_length = (t_out - t_in) * speed
                 piece_count = piece_count_of(rest_length, step)
                 piece = int(0)

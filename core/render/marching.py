@@ -17,7 +17,8 @@ Shapes: R rays, K slots per ray, N packed samples.
 import warp as wp
 
 from ..field.network import basis_of, basis_vector
-from ..field.occupancy import is_occupied, subtet_of
+from ..field.occupancy import is_occupied, subtet_ahead
+from ..wide import store_wide
 from .traversal import (
     MAX_TETS,
     QUERY_GAP,
@@ -26,13 +27,16 @@ from .traversal import (
     across_flat_tet,
     enter_mesh,
     exit_tet,
-    face_towards,
+    line_in_tet,
+    link_across,
+    speed_and_fade,
 )
 
 FILL_SLOTS = wp.constant(0)  # what one launch of march_kernel is for
 COUNT = wp.constant(1)
 WRITE = wp.constant(2)
 MIDDLE = wp.constant(0)  # jitter seed: evaluate at the middle
+MOST_PIECES = wp.constant(1.0e6)  # of a sub-tet
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -117,54 +121,59 @@ def march_ray(
             if found < 0:
                 tet = -2
         if tet >= 0:
-            g = geometry.gradients[tet]
             p = origin + t * direction
-            alpha = g * wp.vec4(p[0], p[1], p[2], 1.0)
-            slope = g * wp.vec4(direction[0], direction[1], direction[2], 0.0)
+            alpha, slope = line_in_tet(geometry, tet, p, direction)
             face, distance = exit_tet(alpha, slope, entry_face)
+            link = int(-1)
             if tets_left <= 0:
                 tet = -2
             elif face < 0:  # a flat tet
-                previous = tet
-                tet = across_flat_tet(geometry, tet, entry_face, p, direction)
+                link = across_flat_tet(geometry, tet, entry_face, p, direction)
                 t += QUERY_GAP
                 piece = 0
                 tets_left -= 1
-                if tet >= 0:
-                    entry_face = face_towards(geometry.neighbours[tet], previous)
+                tet = wp.where(link >= 0, link / 4, -1)
+                entry_face = link % 4
             else:
-                speed = wp.length(geometry.rest_from_current[tet] * direction)
+                speed, fade = speed_and_fade(geometry, tet, slope)
                 rest_length = distance * speed
-                fade = geometry.fades[tet]
                 mask = occupancy[tet]
                 piece_count = int(wp.ceil(rest_length / step))
                 if mask == wp.uint64(0) or fade <= 0.0:
                     piece_count = 0
                 while piece < piece_count and count < limit:
-                    low = float(piece) * step
-                    length = wp.min(step, rest_length - low)
-                    middle = (low + 0.5 * length) / speed
-                    at = middle
+                    length = wp.min(step, rest_length - float(piece) * step)
+                    at = (float(piece) * step + 0.5 * length) / speed
+                    last = piece + 1
                     if seed != MIDDLE:
-                        at = (low + wp.randf(random) * length) / speed
-                    bary = alpha + at * slope
-                    if is_occupied(mask, subtet_of(bary)):
-                        if purpose != COUNT:
-                            slot = first_slot + count * slot_spacing
-                            samples.tet[slot] = tet
-                            samples.bary[slot] = bary
-                            samples.length[slot] = fade * length
-                            samples.t[slot] = t + middle
-                        count += 1
-                    piece += 1
+                        at = (float(piece) * step + wp.randf(random) * length) / speed
+                    subtet, ahead = subtet_ahead(alpha + at * slope, slope)
+                    if seed == MIDDLE:  # the pieces up to the sub-tet's end are as this one
+                        last += int(wp.clamp(ahead * speed / step, 0.0, MOST_PIECES))
+                    last = wp.min(last, piece_count)
+                    if is_occupied(mask, subtet):
+                        last = wp.min(last, piece + limit - count)
+                        while piece < last:
+                            length = wp.min(step, rest_length - float(piece) * step)
+                            middle = (float(piece) * step + 0.5 * length) / speed
+                            if seed == MIDDLE:
+                                at = middle
+                            if purpose != COUNT:
+                                slot = first_slot + count * slot_spacing
+                                samples.tet[slot] = tet
+                                store_wide(samples.bary, slot, alpha + at * slope)
+                                samples.length[slot] = fade * length
+                                samples.t[slot] = t + middle
+                            count += 1
+                            piece += 1
+                    piece = last
                 if piece >= piece_count:
                     t += wp.max(distance, SMALLEST_ADVANCE * wp.max(t, 1.0))
-                    previous = tet
-                    tet = geometry.neighbours[tet][face]
+                    link = link_across(geometry, tet, face)
                     piece = 0
                     tets_left -= 1
-                    if tet >= 0:
-                        entry_face = face_towards(geometry.neighbours[tet], previous)
+                    tet = wp.where(link >= 0, link / 4, -1)
+                    entry_face = link % 4
     if purpose == FILL_SLOTS:
         rays.t[ray] = t
         rays.tet[ray] = tet

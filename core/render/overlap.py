@@ -26,6 +26,7 @@ from .traversal import (
     Geometry,
     Pose,
     interval_in_tet,
+    line_in_tet,
     orientation,
 )
 
@@ -145,7 +146,8 @@ def tangled_tets_kernel(
 ):
     """Tets that are mirrored unlike most, or so flat that they fade."""
     tet = wp.tid()
-    if orientation(geometry) * geometry.signs[tet] <= 0.0 or geometry.fades[tet] < FADED:
+    shape = geometry.shapes[2 * tet + 1]
+    if orientation(geometry) * shape[3] <= 0.0 or shape[2] < FADED:
         tangled[wp.atomic_add(counts, wp.static(TANGLED_TETS), 1)] = tet
 
 
@@ -233,7 +235,7 @@ def nested_parts_kernel(
     if labels[tet] == part or beside:
         return
     p = vertices[vertex]
-    alpha = geometry.gradients[tet] * wp.vec4(p[0], p[1], p[2], 1.0)
+    alpha, _slope = line_in_tet(geometry, tet, p, p)
     if wp.min(alpha) > 0.0:
         wp.atomic_add(counts, wp.static(CROSSINGS), 1)
 
@@ -288,7 +290,7 @@ def sort_rays_kernel(
         index = int(0)
         while found == 0 and wp.bvh_query_next(query, index):
             tet = tet_ids[index]
-            if geometry.fades[tet] <= 0.0:
+            if geometry.shapes[2 * tet + 1][2] <= 0.0:
                 found = 1  # perhaps too flat to have coordinates: its box has to do
             else:
                 _alpha, _slope, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)

@@ -18,6 +18,7 @@ import numpy as np
 import warp as wp
 
 from ..geometry.mesh import TetMesh, boundary_faces
+from ..wide import load_wide, load_wide_int
 
 # A boundary query looks this far around t for faces that rounding has moved across it.
 QUERY_GAP = wp.constant(4.0e-6)
@@ -59,6 +60,16 @@ def tet_frames_reference(rest_vertices, vertices, tets):
     return gradients, inverse_f, u @ vt, fade
 
 
+def links(neighbours):
+    """Across each face 4 · tet + the face of that tet, -1 outside.  [T, 4] -> [T, 4] int32"""
+    tet, face = np.nonzero(neighbours >= 0)
+    across = neighbours[tet, face]
+    back = (neighbours[across] == tet[:, None]).argmax(axis=1)
+    result = np.full(neighbours.shape, -1, np.int32)
+    result[tet, face] = 4 * across + back
+    return result
+
+
 @wp.func
 def smoothstep(low: float, high: float, x: float):
     y = wp.clamp((x - low) / (high - low), 0.0, 1.0)
@@ -71,11 +82,9 @@ def tet_frames_kernel(
     vertices: wp.array(dtype=wp.vec3),  # [V] current
     rest_edges: wp.array(dtype=wp.mat33),  # [T] columns x1-x0, x2-x0, x3-x0 at rest
     rest_edges_inverse: wp.array(dtype=wp.mat33),  # [T]
-    gradients: wp.array(dtype=wp.mat44),  # [T] out
-    rest_from_current: wp.array(dtype=wp.mat33),  # [T] out, F^-1
+    rows: wp.array(dtype=wp.vec4),  # [3 T] out: coordinates 1..3 of a point are row · (p, 1)
+    shapes: wp.array(dtype=wp.vec4),  # [2 T] out, see `Geometry`
     rotations: wp.array(dtype=wp.mat33),  # [T] out, Q
-    fades: wp.array(dtype=float),  # [T] out, s
-    signs: wp.array(dtype=float),  # [T] out, ±1: -1 if the tet is mirrored
     mirrored_count: wp.array(dtype=int),  # [1] added to
 ):
     i = wp.tid()
@@ -94,58 +103,71 @@ def tet_frames_kernel(
     smallest = wp.min(wp.abs(stretches))
     ratio = smallest / wp.max(largest, 1.0e-30)
     fade = smoothstep(1.0e-3, 1.0e-2, ratio)
-    g = wp.mat44()
-    inverse_f = wp.mat33()
+    m = wp.mat33()
     if ratio > FLAT:  # a faded tet has no density, but rays still have to cross it
         m = wp.inverse(edges)
-        o = -(m * x0)
-        g = wp.mat44(
-            -m[0, 0] - m[1, 0] - m[2, 0],
-            -m[0, 1] - m[1, 1] - m[2, 1],
-            -m[0, 2] - m[1, 2] - m[2, 2],
-            1.0 - o[0] - o[1] - o[2],
-            m[0, 0],
-            m[0, 1],
-            m[0, 2],
-            o[0],
-            m[1, 0],
-            m[1, 1],
-            m[1, 2],
-            o[1],
-            m[2, 0],
-            m[2, 1],
-            m[2, 2],
-            o[2],
-        )
-        inverse_f = rest_edges[i] * m
-    gradients[i] = g
-    rest_from_current[i] = inverse_f
-    fades[i] = fade
+    o = -(m * x0)
+    rows[3 * i] = wp.vec4(m[0, 0], m[0, 1], m[0, 2], o[0])
+    rows[3 * i + 1] = wp.vec4(m[1, 0], m[1, 1], m[1, 2], o[1])
+    rows[3 * i + 2] = wp.vec4(m[2, 0], m[2, 1], m[2, 2], o[2])
+    gram = wp.transpose(rest_edges[i]) * rest_edges[i]
     sign = wp.where(wp.determinant(f) < 0.0, -1.0, 1.0)
-    signs[i] = sign
+    shapes[2 * i] = wp.vec4(gram[0, 0], gram[1, 1], gram[2, 2], 2.0 * gram[0, 1])
+    shapes[2 * i + 1] = wp.vec4(2.0 * gram[0, 2], 2.0 * gram[1, 2], fade, sign)
     if sign < 0.0:
         wp.atomic_add(mirrored_count, 0, 1)
 
 
 @wp.struct
 class Geometry:
-    """What a walk needs; one per device, refreshed per pose."""
+    """What a walk needs; one per device, refreshed per pose.
+
+    A tet has three `rows`, the gradients of its last three coordinates with their offsets, and
+    two `shapes`: products of its edges at rest, e_i · e_j, those of two different ones doubled:
+    (11, 22, 33, 12), (13, 23, s, sign), where sign is -1 if the tet is mirrored.
+    """
 
     boundary: wp.uint64  # id of the wp.Mesh of boundary faces
     boundary_tets: wp.array(dtype=int)  # [B] the tet behind each face
-    neighbours: wp.array(dtype=wp.vec4i)  # [T]
-    gradients: wp.array(dtype=wp.mat44)  # [T]
-    rest_from_current: wp.array(dtype=wp.mat33)  # [T]
+    links: wp.array(dtype=wp.vec4i)  # [T] across each face: 4 · tet + its face, -1 outside
+    rows: wp.array(dtype=wp.vec4)  # [3 T]
+    shapes: wp.array(dtype=wp.vec4)  # [2 T]
     rotations: wp.array(dtype=wp.mat33)  # [T]
-    fades: wp.array(dtype=float)  # [T]
-    signs: wp.array(dtype=float)  # [T]
     mirrored_count: wp.array(dtype=int)  # [1]
 
 
 @wp.func
 def orientation(geometry: Geometry):
     """1, or -1 if most tets are mirrored: then the boundary's normals point inwards."""
-    return wp.where(2 * geometry.mirrored_count[0] > geometry.signs.shape[0], -1.0, 1.0)
+    return wp.where(2 * geometry.mirrored_count[0] > geometry.links.shape[0], -1.0, 1.0)
+
+
+@wp.func
+def line_in_tet(geometry: Geometry, tet: int, p: wp.vec3, d: wp.vec3):
+    """Barycentric coordinates of p, and how they change along d."""
+    row1 = load_wide(geometry.rows, 3 * tet)
+    row2 = load_wide(geometry.rows, 3 * tet + 1)
+    row3 = load_wide(geometry.rows, 3 * tet + 2)
+    a1 = row1[0] * p[0] + row1[1] * p[1] + row1[2] * p[2] + row1[3]
+    a2 = row2[0] * p[0] + row2[1] * p[1] + row2[2] * p[2] + row2[3]
+    a3 = row3[0] * p[0] + row3[1] * p[1] + row3[2] * p[2] + row3[3]
+    s1 = row1[0] * d[0] + row1[1] * d[1] + row1[2] * d[2]
+    s2 = row2[0] * d[0] + row2[1] * d[1] + row2[2] * d[2]
+    s3 = row3[0] * d[0] + row3[1] * d[1] + row3[2] * d[2]
+    return wp.vec4(1.0 - a1 - a2 - a3, a1, a2, a3), wp.vec4(-s1 - s2 - s3, s1, s2, s3)
+
+
+@wp.func
+def speed_and_fade(geometry: Geometry, tet: int, slope: wp.vec4):
+    """|F^-1 d|, from the coordinates' change along d, and the tet's fade s."""
+    a = load_wide(geometry.shapes, 2 * tet)
+    b = load_wide(geometry.shapes, 2 * tet + 1)
+    x = slope[1]
+    y = slope[2]
+    z = slope[3]
+    square = a[0] * x * x + a[1] * y * y + a[2] * z * z
+    square += a[3] * x * y + b[0] * x * z + b[1] * y * z
+    return wp.sqrt(wp.max(square, 0.0)), b[2]
 
 
 class Pose:
@@ -177,12 +199,10 @@ class Pose:
             geometry = self.geometry = Geometry()
             geometry.boundary = self._boundary.id
             geometry.boundary_tets = wp.array(behind, dtype=int)
-            geometry.neighbours = wp.array(neighbours, dtype=wp.vec4i)
-            geometry.gradients = wp.empty(mesh.tet_count, dtype=wp.mat44)
-            geometry.rest_from_current = wp.empty(mesh.tet_count, dtype=wp.mat33)
+            geometry.links = wp.array(links(neighbours), dtype=wp.vec4i)
+            geometry.rows = wp.empty(3 * mesh.tet_count, dtype=wp.vec4)
+            geometry.shapes = wp.empty(2 * mesh.tet_count, dtype=wp.vec4)
             geometry.rotations = wp.empty(mesh.tet_count, dtype=wp.mat33)
-            geometry.fades = wp.empty(mesh.tet_count, dtype=float)
-            geometry.signs = wp.empty(mesh.tet_count, dtype=float)
             geometry.mirrored_count = wp.zeros(1, dtype=int)
         self.set_vertices(self.vertices)
 
@@ -207,11 +227,9 @@ class Pose:
             dim=len(self.tets),
             inputs=[self.tets, self.vertices, self._rest_edges, self._rest_edges_inverse],
             outputs=[
-                geometry.gradients,
-                geometry.rest_from_current,
+                geometry.rows,
+                geometry.shapes,
                 geometry.rotations,
-                geometry.fades,
-                geometry.signs,
                 geometry.mirrored_count,
             ],
             device=self.device,
@@ -226,9 +244,7 @@ def interval_in_tet(geometry: Geometry, tet: int, origin: wp.vec3, direction: wp
         The coordinates at t = 0, their slopes, and t_in >= 0 and t_out; the ray is inside
         if t_out > t_in.
     """
-    g = geometry.gradients[tet]
-    alpha = g * wp.vec4(origin[0], origin[1], origin[2], 1.0)
-    slope = g * wp.vec4(direction[0], direction[1], direction[2], 0.0)
+    alpha, slope = line_in_tet(geometry, tet, origin, direction)
     t_in = float(0.0)
     t_out = float(1.0e30)
     i = int(0)
@@ -250,30 +266,24 @@ def exit_tet(alpha: wp.vec4, slope: wp.vec4, entry_face: int):
     Returns:
         The face, or -1 if no coordinate falls (a flat tet), and the distance (>= 0).
     """
-    face = int(-1)
-    distance = float(1.0e30)
-    i = int(0)
-    while i < 4:
-        if i != entry_face and slope[i] < 0.0:
-            d = -alpha[i] / slope[i]
-            if d < distance:
-                distance = d
-                face = i
-        i += 1
-    return face, wp.max(distance, 0.0)
+    # Written out: a loop over i would put both vectors into memory.
+    far = float(1.0e30)
+    d0 = wp.where(slope[0] < 0.0 and entry_face != 0, -alpha[0] / slope[0], far)
+    d1 = wp.where(slope[1] < 0.0 and entry_face != 1, -alpha[1] / slope[1], far)
+    d2 = wp.where(slope[2] < 0.0 and entry_face != 2, -alpha[2] / slope[2], far)
+    d3 = wp.where(slope[3] < 0.0 and entry_face != 3, -alpha[3] / slope[3], far)
+    distance = wp.min(wp.min(d0, d1), wp.min(d2, d3))
+    face = wp.where(d0 == distance, 0, wp.where(d1 == distance, 1, wp.where(d2 == distance, 2, 3)))
+    return wp.where(distance < far, face, -1), wp.max(distance, 0.0)
 
 
 @wp.func
-def face_towards(neighbours: wp.vec4i, tet: int):
-    """The face of a tet (given by its neighbours) behind which `tet` lies."""
-    face = int(3)
-    if neighbours[0] == tet:
-        face = 0
-    if neighbours[1] == tet:
-        face = 1
-    if neighbours[2] == tet:
-        face = 2
-    return face
+def link_across(geometry: Geometry, tet: int, face: int):
+    """Across a face: 4 · tet + the face of that tet, or -1 outside."""
+    link = load_wide_int(geometry.links, tet)
+    return wp.where(
+        face < 2, wp.where(face == 0, link[0], link[1]), wp.where(face == 2, link[2], link[3])
+    )
 
 
 @wp.func
@@ -320,10 +330,8 @@ def walk_back(
     tets_left = int(MAX_TETS)
     walking = int(1)
     while walking == 1:
-        g = geometry.gradients[tet]
         p = origin + position * direction
-        alpha = g * wp.vec4(p[0], p[1], p[2], 1.0)
-        slope = -(g * wp.vec4(direction[0], direction[1], direction[2], 0.0))
+        alpha, slope = line_in_tet(geometry, tet, p, -direction)
         face, distance = exit_tet(alpha, slope, exit_face)
         walking = 0
         previous = int(-1)
@@ -331,10 +339,10 @@ def walk_back(
             previous = across_flat_tet(geometry, tet, exit_face, p, -direction)
         else:
             position -= wp.max(distance, SMALLEST_ADVANCE * wp.max(position, 1.0))
-            previous = geometry.neighbours[tet][face]
+            previous = link_across(geometry, tet, face)
         if position > t and tets_left > 0 and previous >= 0:
-            exit_face = face_towards(geometry.neighbours[previous], tet)
-            tet = previous
+            tet = previous / 4
+            exit_face = previous % 4
             tets_left -= 1
             walking = 1
     return tet, wp.max(position, t)
@@ -344,17 +352,17 @@ def walk_back(
 def across_flat_tet(
     geometry: Geometry, tet: int, entry_face: int, point: wp.vec3, direction: wp.vec3
 ):
-    """The neighbour of a tet without thickness that holds the ray right behind it, or -1."""
+    """The link of a tet without thickness to the one that holds the ray right behind it, or -1."""
     p = point + QUERY_GAP * direction
     best = int(-1)
     best_inside = float(-1.0e-3)
     i = int(0)
     while i < 4:
-        other = geometry.neighbours[tet][i]
-        if i != entry_face and other >= 0:
-            alpha = geometry.gradients[other] * wp.vec4(p[0], p[1], p[2], 1.0)
+        link = link_across(geometry, tet, i)
+        if i != entry_face and link >= 0:
+            alpha, _slope = line_in_tet(geometry, link / 4, p, direction)
             if wp.min(alpha) > best_inside:
                 best_inside = wp.min(alpha)
-                best = other
+                best = link
         i += 1
     return best
