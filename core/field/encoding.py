@@ -246,15 +246,7 @@ def add_to_entry(table_grad: wp.array(dtype=wp.vec4), entry: int, value: wp.vec4
     __builtin_prefetch(&wp::index(table, entry));
 #endif
 """)
-def prefetch(table: wp.array(dtype=wp.vec4), entry: int): ...
-
-
-@wp.func_native("""
-#if !defined(__CUDA_ARCH__)
-    __builtin_prefetch(&wp::index(table, entry));
-#endif
-""")
-def prefetch(table: wp.array(dtype=vec4h), entry: int): ...
+def prefetch(table: wp.array(dtype=Any), entry: int): ...
 
 
 @wp.func_native("""

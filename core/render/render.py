@@ -318,16 +318,11 @@ class Renderer:
 def _numpy_networks(field):
     """evaluate(features, basis, half) -> sigma, rgb, all Warp arrays on the CPU."""
 
+    networks = network.BlockedNetworks(field.density_layers, field.color_layers, field.options)
+
     def evaluate(features, basis, half):  # half precision would be slower here
         width = FEATURES * features.shape[1]
-        (weights, bias), *rest = field.density_layers
-        sigma, rgb = network.evaluate(
-            features.numpy().reshape(len(basis), width),
-            basis.numpy(),
-            ((weights[:width], bias), *rest),
-            field.color_layers,
-            field.options,
-        )
+        sigma, rgb = networks.evaluate(features.numpy().reshape(len(basis), width), basis.numpy())
         return (
             wp.array(sigma, dtype=float, device="cpu", copy=False),
             wp.array(rgb, dtype=wp.vec3, device="cpu", copy=False),
