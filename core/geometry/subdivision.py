@@ -150,26 +150,6 @@ def into_child(k: int, alpha: wp.vec4):
 
 
 @wp.func
-def child_corners(k: int, a: wp.vec3i, b: wp.vec3i, c: wp.vec3i, d: wp.vec3i):
-    """Addresses of child k's corners, at the child's scale, from its parent's."""
-    if k == 0:
-        return a + a, a + b, a + c, a + d
-    if k == 1:
-        return a + b, b + b, b + c, b + d
-    if k == 2:
-        return a + c, b + c, c + c, c + d
-    if k == 3:
-        return a + d, b + d, c + d, d + d
-    if k == 4:
-        return a + b, a + c, a + d, b + d
-    if k == 5:
-        return a + b, a + c, b + c, b + d
-    if k == 6:
-        return a + c, a + d, b + d, c + d
-    return a + c, b + c, b + d, c + d
-
-
-@wp.func
 def lattice_point(alpha: wp.vec4):
     """x, for a point that may be outside by a rounding error."""
     z = wp.max(alpha[3], 0.0)
