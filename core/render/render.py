@@ -33,9 +33,9 @@ from .marching import (
 )
 from .traversal import Pose
 
-CPU_TILE_RAYS = 4096  # samples of a tile stay in a core's cache
+CPU_TILE_RAYS = 8192  # few enough for both cores to have some, many for each launch
 CUDA_TILE_RAYS = 1 << 20
-ROUND_SLOTS = (8, 8, 16, 32, 64, 128)  # most rays end in the first round or two
+ROUND_SLOTS = (4, 4, 4, 4, 8, 8, 16, 32, 64, 128)  # 12 samples end most rays
 
 wp.set_module_options({"enable_backward": False})
 
