@@ -64,6 +64,32 @@ def test_torch_and_numpy_networks_agree(make_ball_field, activation):
             np.testing.assert_array_equal(b2, b)
 
 
+@pytest.mark.parametrize("activation", ["relu", "sigmoid"])
+@pytest.mark.parametrize("levels", [6, 4])
+def test_networks_in_blocks_agree_with_the_reference(make_ball_field, activation, levels):
+    """Also with biases, without the finest levels, and where the last block isn't full."""
+    rng = np.random.default_rng()
+    field = make_ball_field(0, density_activation=activation, density_hidden=(64, 32))
+    density, color = (
+        tuple((w, rng.normal(size=b.shape).astype(np.float32)) for w, b in layers)
+        for layers in (field.density_layers, field.color_layers)
+    )
+    count = network.BLOCK + 100
+    features = rng.normal(size=(count, 24)).astype(np.float32)
+    features[:, 4 * levels :] = 0.0
+    basis = spherical_harmonics(random_directions(count)).astype(np.float32)
+    networks = network.BlockedNetworks(density, color, field.options)
+    sigma, rgb = networks.evaluate(features[:, : 4 * levels], basis)
+    double = [
+        [(w.astype(float), b.astype(float)) for w, b in layers] for layers in (density, color)
+    ]
+    expected_sigma, expected_rgb = network.evaluate(
+        features.astype(float), basis.astype(float), *double, field.options
+    )
+    np.testing.assert_allclose(sigma, expected_sigma, rtol=1e-4)
+    np.testing.assert_allclose(rgb, expected_rgb, atol=1e-5)
+
+
 def test_sigmoid_does_not_overflow():
     x = np.array([-1e4, -1.0, 0.0, 1.0, 1e4])
     np.testing.assert_allclose(network.sigmoid(x.copy()), [0, 0.26894142, 0.5, 0.73105858, 1])

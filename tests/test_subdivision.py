@@ -6,13 +6,16 @@ import warp as wp
 
 from deformrf.core.geometry.subdivision import (
     CHILD_FROM_PARENT,
-    CHILD_VERTICES,
     PARENT_FROM_CHILD,
-    child_corners,
+    along,
     child_of,
     child_path,
     descend,
     into_child,
+    lattice_axes,
+    lattice_cell,
+    lattice_point,
+    lattice_weights,
     path_corners,
     path_nodes,
 )
@@ -71,42 +74,89 @@ def test_paths_lead_to_the_corners_they_name(levels):
 @wp.kernel
 def descend_kernel(
     alpha: wp.array(dtype=wp.vec4),
-    corners: wp.array2d(dtype=wp.vec3i),
     child: wp.array(dtype=int),
     child_alpha: wp.array(dtype=wp.vec4),
-    new_corners: wp.array2d(dtype=wp.vec3i),
 ):
     n = wp.tid()
     k = child_of(alpha[n])
     child[n] = k
     child_alpha[n] = into_child(k, alpha[n])
-    a, b, c, d = child_corners(k, corners[n, 0], corners[n, 1], corners[n, 2], corners[n, 3])
-    new_corners[n, 0] = a
-    new_corners[n, 1] = b
-    new_corners[n, 2] = c
-    new_corners[n, 3] = d
 
 
 def test_kernel_functions_match_numpy(device):
     count = 4096
     alpha = random_alpha(count).astype(np.float32)
-    corners = np.random.default_rng().integers(0, 2**20, (count, 4, 3)).astype(np.int32)
     child = wp.empty(count, dtype=int, device=device)
     child_alpha = wp.empty(count, dtype=wp.vec4, device=device)
-    new_corners = wp.empty((count, 4), dtype=wp.vec3i, device=device)
     wp.launch(
         descend_kernel,
         dim=count,
-        inputs=[
-            wp.array(alpha, dtype=wp.vec4, device=device),
-            wp.array(corners, dtype=wp.vec3i, device=device),
-        ],
-        outputs=[child, child_alpha, new_corners],
+        inputs=[wp.array(alpha, dtype=wp.vec4, device=device)],
+        outputs=[child, child_alpha],
         device=device,
     )
     k, expected = descend(alpha)
     np.testing.assert_array_equal(child.numpy(), k)
     np.testing.assert_allclose(child_alpha.numpy(), expected, atol=1e-6)
-    rows = np.arange(count)[:, None]
-    a, b = CHILD_VERTICES[k, :, 0], CHILD_VERTICES[k, :, 1]
-    np.testing.assert_array_equal(new_corners.numpy(), corners[rows, a] + corners[rows, b])
+
+
+@wp.kernel
+def lattice_kernel(
+    alpha: wp.array(dtype=wp.vec4),
+    level: int,
+    corners: wp.array2d(dtype=wp.vec3i),
+    weights: wp.array(dtype=wp.vec4),
+):
+    n = wp.tid()
+    cell, fraction = lattice_cell(lattice_point(alpha[n]), level)
+    first, last = lattice_axes(fraction)
+    x, y, z = wp.vec3i(1, 0, 0), wp.vec3i(0, 1, 0), wp.vec3i(0, 0, 1)
+    corners[n, 0] = cell
+    corners[n, 1] = cell + along(first, x, y, z)
+    corners[n, 2] = cell + x + y + z - along(last, x, y, z)
+    corners[n, 3] = cell + x + y + z
+    weights[n] = lattice_weights(fraction)
+
+
+def lattice_corners(alpha, level, device):
+    """Corners as integer coordinates, [N, corner, 3], and the weights."""
+    corners = wp.empty((len(alpha), 4), dtype=wp.vec3i, device=device)
+    weights = wp.empty(len(alpha), dtype=wp.vec4, device=device)
+    inputs = [wp.array(alpha, dtype=wp.vec4, device=device), level]
+    outputs = [corners, weights]
+    wp.launch(lattice_kernel, dim=len(alpha), inputs=inputs, outputs=outputs, device=device)
+    return corners.numpy(), weights.numpy()
+
+
+@pytest.mark.parametrize("level", [1, 4])
+def test_the_lattice_knows_the_descendants_corners(level, device):
+    """Descending level by level leads to the same corners with the same weights."""
+    points = np.sort(np.random.default_rng().integers(0, 2**20 + 1, (4000, 3)))[:, ::-1]
+    alpha = -np.diff(points, prepend=2**20, append=0) / 2**20  # exact in float32
+    path, local = child_path(alpha, level), alpha
+    for _ in range(level):
+        _, local = descend(local)
+    inside = local.min(axis=1) > 0  # on a face it may be either neighbour
+    assert inside.mean() > 0.9
+    expected = path_corners(level)[path][..., ::-1].cumsum(axis=-1)[..., 2::-1]  # [N, corner, 3]
+    corners, weights = lattice_corners(alpha.astype(np.float32), level, device)
+    for points_, weights_ in ((expected, local), (corners, weights)):
+        order = points_.sum(axis=-1).argsort(axis=1)
+        points_[:] = np.take_along_axis(points_, order[..., None], axis=1)
+        weights_[:] = np.take_along_axis(weights_, order, axis=1)
+    np.testing.assert_array_equal(corners[inside], expected[inside])
+    np.testing.assert_array_equal(weights[inside], local[inside])
+
+
+def test_lattice_corners_are_in_the_tet_even_for_points_that_are_not_quite(device):
+    """Whatever rounding did to them; then every corner has an entry."""
+    rng = np.random.default_rng()
+    alpha = rng.integers(0, 3, (4000, 4)).astype(float)
+    alpha /= np.maximum(alpha.sum(axis=1, keepdims=True), 1)
+    alpha += rng.choice([-1e-6, 0.0, 1e-6], alpha.shape)
+    for level in range(7):
+        corners, weights = lattice_corners(alpha.astype(np.float32), level, device)
+        assert corners.max() <= 2**level
+        assert corners.min() >= 0
+        assert (np.diff(corners, axis=-1) <= 0).all()
+        assert weights.min() >= 0.0

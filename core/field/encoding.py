@@ -21,16 +21,20 @@ import warp as wp
 from ..geometry.mesh import TetMesh
 from ..geometry.subdivision import (
     CHILD_VERTICES,
-    child_corners,
-    child_of,
+    along,
     descend,
-    into_child,
+    lattice_axes,
+    lattice_cell,
+    lattice_point,
+    lattice_weights,
     path_nodes,
 )
-from .hashing import hash_address, hash_entry
+from .hashing import hash_address, hash_products, products_entry
 
 FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
 vec4h = wp.types.vector(4, wp.float16)  # an entry in half precision
+mat43ui = wp.types.matrix((4, 3), wp.uint32)
+PREFETCH_SAMPLES = wp.constant(8)
 MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
@@ -137,13 +141,10 @@ def encode_reference(mesh: TetMesh, layout: Layout, table, tet, bary, level_coun
 class Tables:
     """What the kernels need of a mesh and its layout; one per device."""
 
-    tets: wp.array(dtype=wp.vec4i)  # [T]
-    addresses: wp.array(dtype=wp.vec3i)  # [V]
+    products: wp.array(dtype=mat43ui)  # [T] hash_products of corner 0 and of the edges 01, 12, 23
     node_ids: wp.array(dtype=int)  # all dense levels, [T, n_l] each
     node_starts: wp.array(dtype=int)  # [D] where each dense level's ids begin
     node_counts: wp.array(dtype=int)  # [D] nodes per tet
-    path_nodes: wp.array(dtype=wp.vec4i)  # all dense levels, [8^l] each
-    path_starts: wp.array(dtype=int)  # [D]
     entry_starts: wp.array(dtype=int)  # [L]
     entry_masks: wp.array(dtype=int)  # [L] entry count - 1 where hashed
     dense_level_count: int
@@ -151,27 +152,18 @@ class Tables:
 
 def make_tables(mesh: TetMesh, layout: Layout, device) -> Tables:
     """Copy a layout to a device."""
-    nodes = [path_nodes(level)[1] for level in range(layout.dense_level_count)]
-
-    def starts(arrays):
-        return np.cumsum([0, *(len(a) for a in arrays)])[:-1].astype(np.int32)
-
-    def joined(arrays, empty):
-        return np.concatenate(arrays) if arrays else empty
-
-    flat_ids = [ids.ravel() for ids in layout.node_ids]
+    corners = mesh.addresses[mesh.tets]  # [T, 4, 3]
+    corners[:, 1:] -= corners[:, :-1].copy()
+    node_ids = [ids.ravel() for ids in layout.node_ids]
+    node_starts = np.cumsum([0, *map(len, node_ids)])[:-1].astype(np.int32)
+    node_ids = np.concatenate([*node_ids, np.zeros(1, np.int32)])  # not empty without any
     tables = Tables()
-    tables.tets = wp.array(mesh.tets, dtype=wp.vec4i, device=device)
-    tables.addresses = wp.array(mesh.addresses, dtype=wp.vec3i, device=device)
-    tables.node_ids = wp.array(joined(flat_ids, np.zeros(1, np.int32)), dtype=int, device=device)
-    tables.node_starts = wp.array(starts(flat_ids), dtype=int, device=device)
+    tables.products = wp.array(hash_products(corners), dtype=mat43ui, device=device)
+    tables.node_ids = wp.array(node_ids, dtype=int, device=device)
+    tables.node_starts = wp.array(node_starts, dtype=int, device=device)
     tables.node_counts = wp.array(
         np.array([ids.shape[1] for ids in layout.node_ids], np.int32), dtype=int, device=device
     )
-    tables.path_nodes = wp.array(
-        joined(nodes, np.zeros((1, 4), np.int32)), dtype=wp.vec4i, device=device
-    )
-    tables.path_starts = wp.array(starts(nodes), dtype=int, device=device)
     tables.entry_starts = wp.array(layout.offsets[:-1].astype(np.int32), dtype=int, device=device)
     tables.entry_masks = wp.array(
         np.array(layout.entry_counts, np.int32) - 1, dtype=int, device=device
@@ -181,34 +173,44 @@ def make_tables(mesh: TetMesh, layout: Layout, device) -> Tables:
 
 
 @wp.func
-def corner_entries(
-    tables: Tables,
-    level: int,
-    tet: int,
-    path: int,
-    a: wp.vec3i,
-    b: wp.vec3i,
-    c: wp.vec3i,
-    d: wp.vec3i,
-):
-    """Table entries of the four corners of a descendant."""
+def corner_entries(tables: Tables, level: int, tet: int, x: wp.vec3, products: mat43ui):
+    """Entries of the corners of the descendant that holds a point, and their weights.
+
+    Args:
+        x: lattice_point of the sample.
+        products: tables.products[tet].
+    """
+    cell, fraction = lattice_cell(x, level)
+    first, last = lattice_axes(fraction)
     start = tables.entry_starts[level]
+    e = wp.vec4i()
     if level < tables.dense_level_count:
-        local = tables.path_nodes[tables.path_starts[level] + path]
-        base = tables.node_starts[level] + tet * tables.node_counts[level]
-        return wp.vec4i(
-            start + tables.node_ids[base + local[0]],
-            start + tables.node_ids[base + local[1]],
-            start + tables.node_ids[base + local[2]],
-            start + tables.node_ids[base + local[3]],
+        # path_nodes counts down in y1, then y2, then y3 of the corner:
+        # node = node_count - 1 - (C(y1 + 2, 3) + C(y2 + 1, 2) + y3).
+        nx = (cell[0] + 1) * (cell[0] + 2) / 2
+        ny = cell[1] + 1
+        node = (tet + 1) * tables.node_counts[level] - 1 + tables.node_starts[level]
+        node -= nx * cell[0] / 3 + ny * cell[1] / 2 + cell[2]
+        last_node = node - nx - ny - 1
+        e[0] = start + tables.node_ids[node]
+        e[1] = start + tables.node_ids[node - along(first, nx, ny, 1)]
+        e[2] = start + tables.node_ids[last_node + along(last, nx, ny, 1)]
+        e[3] = start + tables.node_ids[last_node]
+    else:
+        mask = tables.entry_masks[level]
+        sx, sy, sz = products[1], products[2], products[3]
+        h = (
+            wp.uint32(1 << level) * products[0]
+            + wp.uint32(cell[0]) * sx
+            + wp.uint32(cell[1]) * sy
+            + wp.uint32(cell[2]) * sz
         )
-    mask = tables.entry_masks[level]
-    return wp.vec4i(
-        start + hash_entry(a, mask),
-        start + hash_entry(b, mask),
-        start + hash_entry(c, mask),
-        start + hash_entry(d, mask),
-    )
+        end = h + sx + sy + sz
+        e[0] = start + products_entry(h, mask)
+        e[1] = start + products_entry(h + along(first, sx, sy, sz), mask)
+        e[2] = start + products_entry(end - along(last, sx, sy, sz), mask)
+        e[3] = start + products_entry(end, mask)
+    return e, lattice_weights(fraction)
 
 
 @wp.func
@@ -239,6 +241,43 @@ def rounded(features: wp.array2d(dtype=Any), f: wp.vec4):
 def add_to_entry(table_grad: wp.array(dtype=wp.vec4), entry: int, value: wp.vec4): ...
 
 
+@wp.func_native("""
+#if !defined(__CUDA_ARCH__)
+    __builtin_prefetch(&wp::index(table, entry));
+#endif
+""")
+def prefetch(table: wp.array(dtype=Any), entry: int): ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return false;
+#else
+    return true;
+#endif
+""")
+def on_cpu() -> bool: ...
+
+
+@wp.func
+def prefetch_entries(
+    tables: Tables, table: wp.array(dtype=Any), tet: int, bary: wp.vec4, level_count: int
+):
+    """Ask for a later sample's entries of the large levels, which are rarely in the cache."""
+    if tet < 0:
+        return
+    x = lattice_point(bary)
+    products = tables.products[tet]
+    level = int(tables.dense_level_count)
+    while level < level_count:
+        e, _ = corner_entries(tables, level, tet, x, products)
+        prefetch(table, e[0])
+        prefetch(table, e[1])
+        prefetch(table, e[2])
+        prefetch(table, e[3])
+        level += 1
+
+
 @wp.kernel
 def encode_kernel(
     tables: Tables,
@@ -250,32 +289,25 @@ def encode_kernel(
 ):
     """Sums are float32 whatever the table is."""
     n = wp.tid()
+    if on_cpu():
+        ahead = wp.min(n + PREFETCH_SAMPLES, sample_tet.shape[0] - 1)
+        prefetch_entries(tables, table, sample_tet[ahead], sample_bary[ahead], level_count)
     tet = sample_tet[n]
-    path = int(0)
     level = int(0)
     if tet < 0:
         while level < level_count:
             features[n, level] = rounded(features, wp.vec4())
             level += 1
         return
-    alpha = sample_bary[n]
-    corners = tables.tets[tet]
-    a = tables.addresses[corners[0]]
-    b = tables.addresses[corners[1]]
-    c = tables.addresses[corners[2]]
-    d = tables.addresses[corners[3]]
+    x = lattice_point(sample_bary[n])
+    products = tables.products[tet]
     while level < level_count:
-        if level > 0:
-            k = child_of(alpha)
-            alpha = into_child(k, alpha)
-            a, b, c, d = child_corners(k, a, b, c, d)
-            path = 8 * path + k
-        e = corner_entries(tables, level, tet, path, a, b, c, d)
+        e, weights = corner_entries(tables, level, tet, x, products)
         f = (
-            alpha[0] * widened(table[e[0]])
-            + alpha[1] * widened(table[e[1]])
-            + alpha[2] * widened(table[e[2]])
-            + alpha[3] * widened(table[e[3]])
+            weights[0] * widened(table[e[0]])
+            + weights[1] * widened(table[e[1]])
+            + weights[2] * widened(table[e[2]])
+            + weights[3] * widened(table[e[3]])
         )
         features[n, level] = rounded(features, f)
         level += 1
@@ -293,26 +325,16 @@ def encode_backward_kernel(
     tet = sample_tet[n]
     if tet < 0:
         return
-    alpha = sample_bary[n]
-    corners = tables.tets[tet]
-    a = tables.addresses[corners[0]]
-    b = tables.addresses[corners[1]]
-    c = tables.addresses[corners[2]]
-    d = tables.addresses[corners[3]]
-    path = int(0)
+    x = lattice_point(sample_bary[n])
+    products = tables.products[tet]
     level = int(0)
     while level < features_grad.shape[1]:
-        if level > 0:
-            k = child_of(alpha)
-            alpha = into_child(k, alpha)
-            a, b, c, d = child_corners(k, a, b, c, d)
-            path = 8 * path + k
-        e = corner_entries(tables, level, tet, path, a, b, c, d)
+        e, weights = corner_entries(tables, level, tet, x, products)
         g = widened(features_grad[n, level])
-        add_to_entry(table_grad, e[0], alpha[0] * g)
-        add_to_entry(table_grad, e[1], alpha[1] * g)
-        add_to_entry(table_grad, e[2], alpha[2] * g)
-        add_to_entry(table_grad, e[3], alpha[3] * g)
+        add_to_entry(table_grad, e[0], weights[0] * g)
+        add_to_entry(table_grad, e[1], weights[1] * g)
+        add_to_entry(table_grad, e[2], weights[2] * g)
+        add_to_entry(table_grad, e[3], weights[3] * g)
         level += 1
 
 

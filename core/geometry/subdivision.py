@@ -13,12 +13,22 @@ is the sum of theirs: addresses double with each level, so they stay exact.
 
 A child's path p after l levels is 8·p' + k; path 0 is the coarse tet itself.
 
+Level l can also be found at once.  In lattice coordinates
+
+    x = (α1 + α2 + α3, α2 + α3, α3),        1 ≥ x1 ≥ x2 ≥ x3 ≥ 0
+
+the tet is a simplex of Kuhn's triangulation of the cube, and in Bey's order its descendants
+are those of the cubes with edge 2^-l: y = 2^l·x lies in the cube at c = floor(y), and the
+corners of its descendant go from c to c + (1, 1, 1), a step along the axis of the largest
+fraction y - c first, of the smallest one last.
+
 Shapes: N points.  Barycentric coordinates are [..., 4], sum to one, and are
 dimensionless.
 """
 
 from functools import cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -141,20 +151,49 @@ def into_child(k: int, alpha: wp.vec4, total: float = 1.0):
 
 
 @wp.func
-def child_corners(k: int, a: wp.vec3i, b: wp.vec3i, c: wp.vec3i, d: wp.vec3i):
-    """Addresses of child k's corners, at the child's scale, from its parent's."""
-    if k == 0:
-        return a + a, a + b, a + c, a + d
-    if k == 1:
-        return a + b, b + b, b + c, b + d
-    if k == 2:
-        return a + c, b + c, c + c, c + d
-    if k == 3:
-        return a + d, b + d, c + d, d + d
-    if k == 4:
-        return a + b, a + c, a + d, b + d
-    if k == 5:
-        return a + b, a + c, b + c, b + d
-    if k == 6:
-        return a + c, a + d, b + d, c + d
-    return a + c, b + c, b + d, c + d
+def lattice_point(alpha: wp.vec4):
+    """x, for a point that may be outside by a rounding error."""
+    z = wp.max(alpha[3], 0.0)
+    y = z + wp.max(alpha[2], 0.0)
+    return wp.vec3(wp.min(y + wp.max(alpha[1], 0.0), 1.0), wp.min(y, 1.0), wp.min(z, 1.0))
+
+
+@wp.func
+def lattice_cell(x: wp.vec3, level: int):
+    """The cube c that holds a point, and the point's fractions in it."""
+    size = 1 << level
+    y = float(size) * x
+    last = size - 1  # a point at the upper end is in the last cube
+    c = wp.vec3i(wp.min(int(y[0]), last), wp.min(int(y[1]), last), wp.min(int(y[2]), last))
+    return c, wp.vec3(y[0] - float(c[0]), y[1] - float(c[1]), y[2] - float(c[2]))
+
+
+@wp.func
+def lattice_axes(fraction: wp.vec3):
+    """Axes, 0..2, of the first and the last step.
+
+    Of equal fractions the first axis goes first: then all corners are in the coarse tet.
+    """
+    xy = fraction[0] >= fraction[1]
+    xz = fraction[0] >= fraction[2]
+    yz = fraction[1] >= fraction[2]
+    first = wp.where(xy and xz, 0, wp.where(yz, 1, 2))
+    last = wp.where(xz and yz, 2, wp.where(xy, 1, 0))
+    return first, last
+
+
+@wp.func
+def lattice_weights(fraction: wp.vec3):
+    """The point's barycentric coordinates in its descendant, in the order of the steps."""
+    low = wp.min(fraction[0], fraction[1])
+    high = wp.max(fraction[0], fraction[1])
+    middle = wp.max(low, wp.min(high, fraction[2]))
+    low = wp.min(low, fraction[2])
+    high = wp.max(high, fraction[2])
+    return wp.vec4(1.0 - high, high - middle, middle - low, low)
+
+
+@wp.func
+def along(axis: int, x: Any, y: Any, z: Any):
+    """What belongs to an axis."""
+    return wp.where(axis == 0, x, wp.where(axis == 1, y, z))

@@ -35,9 +35,9 @@ from .stages import Stages
 from .traversal import Pose
 from .wavefront import Wavefront
 
-CPU_TILE_RAYS = 4096  # samples of a tile stay in a core's cache
+CPU_TILE_RAYS = 8192  # few enough for both cores to have some, many for each launch
 CUDA_TILE_RAYS = 1 << 20
-ROUND_SLOTS = (8, 8, 16, 32, 64, 128)  # most rays end in the first round or two
+ROUND_SLOTS = (4, 4, 4, 4, 8, 8, 16, 32, 64, 128)  # 12 samples end most rays
 
 wp.set_module_options({"enable_backward": False})
 
@@ -405,16 +405,11 @@ class Renderer:
 def _numpy_networks(field):
     """evaluate(features, basis, half) -> sigma, rgb, all Warp arrays on the CPU."""
 
+    networks = network.BlockedNetworks(field.density_layers, field.color_layers, field.options)
+
     def evaluate(features, basis, half):  # half precision would be slower here
         width = FEATURES * features.shape[1]
-        (weights, bias), *rest = field.density_layers
-        sigma, rgb = network.evaluate(
-            features.numpy().reshape(len(basis), width),
-            basis.numpy(),
-            ((weights[:width], bias), *rest),
-            field.color_layers,
-            field.options,
-        )
+        sigma, rgb = networks.evaluate(features.numpy().reshape(len(basis), width), basis.numpy())
         return (
             wp.array(sigma, dtype=float, device="cpu", copy=False),
             wp.array(rgb, dtype=wp.vec3, device="cpu", copy=False),
