@@ -34,7 +34,7 @@ def app(window, ball, monkeypatch, tmp_path):
 
 
 def frames(app, count):
-    app.run(app._frame_count + count)
+    app.run(app.frame_count + count)
 
 
 def send(app, name, *arguments):

@@ -60,12 +60,14 @@ class RadianceLayer:
     Attributes:
         path: How frames reach OpenGL, "buffer" or "copy".
         factor: Resolution of the coarse image, relative to the window's.
+        cheaper: What the coarse image saves on, as arguments of RenderOptions.
         render_count: Images rendered so far; strips, and so sub-pixel samples, not counted.
     """
 
     def __init__(self, ctx: moderngl.Context, renderer, device: str, path: str, clock=None):
         self.path = path
         self.factor = 1.0
+        self.cheaper = {}
         self.render_count = 0
         self._ctx, self._renderer, self._device = ctx, renderer, device
         self._clock = clock or time.perf_counter
@@ -104,15 +106,14 @@ class RadianceLayer:
         return int(self.factor == 1.0)
 
     @property
-    def settled(self) -> bool:
-        """Whether nothing is left to render until something changes."""
-        wanted = SAMPLE_COUNT if self._accumulate else 1
-        return self.refined == 1.0 and self.sample_count >= wanted
+    def most_samples(self) -> int:
+        """What `sample_count` will be at rest."""
+        return SAMPLE_COUNT if self._accumulate else 1
 
     @property
-    def rung(self):
-        """How images are rendered while things move, if that is automatic."""
-        return self._moving.rung
+    def settled(self) -> bool:
+        """Whether nothing is left to render until something changes."""
+        return self.refined == 1.0 and self.sample_count >= self.most_samples
 
     @property
     def _progress(self):
@@ -185,18 +186,17 @@ class RadianceLayer:
         moving, rung = self._moving, self._moving.rung
         others = times.recent(OTHER_STAGES)
         moving.target_seconds = render_budget(scene.settings.target_fps, others)
-        pixel = scene.orbit.distance / (camera.focal * rung.factor)
-        level_count = levels_shown(
-            self._renderer.field.layout.level_count,
-            self._coarse_edge,
-            pixel,
-            rung.spared_levels,
-        )
         start = time.perf_counter()
-        self._render_coarse(
-            camera, rung.factor, times, step_factor=rung.step_factor, level_count=level_count
-        )
+        self._render_coarse(camera, rung.factor, times, **self._savings(rung, scene, camera))
         moving.measured(time.perf_counter() - start)
+
+    def _savings(self, rung, scene, camera):
+        """What a rung saves on beside pixels, as arguments of RenderOptions."""
+        pixel = scene.orbit.distance / (camera.focal * rung.factor)
+        count = self._renderer.field.layout.level_count
+        shown = levels_shown(count, self._coarse_edge, pixel, rung.spared_levels)
+        savings = {} if rung.step_factor == 1.0 else {"step_factor": rung.step_factor}
+        return savings if shown == count else {**savings, "level_count": shown}
 
     def _render_coarse(self, camera, factor, times, **cheaper):
         size = size_at(factor, camera.width, camera.height)
@@ -208,6 +208,7 @@ class RadianceLayer:
             self._coarse.write(image)
         self._images, self._host_depth = [image], None
         self.factor, self._strips, self._strip_images = factor, None, []
+        self.cheaper = cheaper
         self._sampling = None
         self.render_count += 1
 
@@ -227,6 +228,7 @@ class RadianceLayer:
             self._coarse, self._fine = self._fine, self._coarse
             self._images, self._strip_images = self._strip_images, []
             self.factor, self._strips, self._host_depth = self._fine_factor, None, None
+            self.cheaper = {}
 
     def _sample(self, camera, times):
         """Render the next strip of a shifted image; one that is complete joins the mean."""
