@@ -281,7 +281,7 @@ def until(app, condition, seconds=60.0):
 
 def rest(app):
     """Run until nothing is left to draw."""
-    until(app, lambda: app._resting(time.perf_counter()))
+    until(app, lambda: app.radiance.settled and app._quiet(time.perf_counter()))
 
 
 def test_at_rest_hardly_a_frame_is_drawn_and_nothing_is_rendered(app):
@@ -292,6 +292,15 @@ def test_at_rest_hardly_a_frame_is_drawn_and_nothing_is_rendered(app):
     until(app, lambda: time.monotonic() - start > 3.0)
     assert 3 <= app.frame_count - frame_count <= 8
     assert time.process_time() - cpu < 1.0
+
+
+def test_while_samples_are_added_frames_are_drawn_only_for_whole_ones(app):
+    until(app, lambda: app.radiance.refined == 1.0)
+    app.activity.last_event = 0.0
+    before, start = app.frame_count, time.monotonic()
+    rest(app)
+    assert app.radiance.sample_count == 16
+    assert app.frame_count - before <= 15 + 2 * (time.monotonic() - start) + 3
 
 
 @pytest.mark.parametrize("at", ["panel", "view"])

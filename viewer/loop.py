@@ -119,19 +119,28 @@ class App:
                 break
             now = time.perf_counter()
             elapsed, last = now - last, now
-            if frame_count is None and self._resting(now):
-                self.status.times.rest()
-                time.sleep(POLL_SECONDS)
+            if frame_count is None and self._quiet(now) and not self._rest():
                 continue
             self.frame(elapsed)
             time.sleep(max(0.0, FRAME_SECONDS - (time.perf_counter() - now)))
 
-    def _resting(self, now) -> bool:
+    def _rest(self) -> bool:
+        """Do what there is to do without a frame; whether it is to be seen in one."""
+        times, radiance = self.status.times, self.radiance
+        before = radiance.sample_count
+        if radiance.settled:
+            time.sleep(POLL_SECONDS)
+        else:
+            radiance.update(self.scene, self.controls.camera, times)
+        times.rest()
+        return radiance.sample_count != before
+
+    def _quiet(self, now) -> bool:
         """Whether the next frame would look like the last one."""
         return (
             now - self._drawn_at < REDRAW_SECONDS
             and now - self.activity.last_event > AWAKE_SECONDS
-            and self.radiance.settled
+            and self.radiance.refined == 1.0
             and not self.scene.moving
             and not self.capture.wants_screenshot
             and self.status.recorder is None

@@ -47,8 +47,9 @@ class StageTimes:
         return seconds
 
     def rest(self) -> None:
-        """No frame follows for a while: the pause is not part of any."""
+        """No frame follows for a while: what happens meanwhile is not part of any."""
         self._last = None
+        self._now = dict.fromkeys(STAGES, 0.0)
 
     def recent(self, stages) -> float:
         """Median seconds that these stages took together in the last few frames."""
