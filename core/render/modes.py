@@ -30,7 +30,7 @@ from .render import Image, RenderOptions
 
 MODES = ("color", "depth", "accumulation", "normals", "tets", "samples", "error")
 SAMPLES_SHOWN = 64  # of the bundled model's rays that meet it, 1 % take more
-ERROR_GAIN = 16.0  # 1/255, which nobody sees, becomes 16/255
+ERROR_GAIN = 64.0  # 1/255, which nobody sees, becomes a quarter of white
 HEAT = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))  # viridis
 
 # Multipliers of the hash: Knuth's, and one of xxHash.
