@@ -8,13 +8,9 @@ from deformrf.core.render.render import Renderer, RenderOptions
 from deformrf.core.render.subpixel import shifted
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer.gl import Canvas, depth_terms
-from deformrf.viewer.radiance_layer import (
-    CHECKER_SIZE,
-    REST_SECONDS,
-    SAMPLE_COUNT,
-    RadianceLayer,
-)
+from deformrf.viewer.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceLayer
 from deformrf.viewer.resolution import CPU_LADDER
+from deformrf.viewer.sampling import SAMPLE_COUNT
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.timing import StageTimes
 

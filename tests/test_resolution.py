@@ -15,6 +15,7 @@ from deformrf.viewer.resolution import (
     finer,
     levels_shown,
     render_budget,
+    savings,
     size_at,
 )
 
@@ -99,6 +100,12 @@ def test_noise_does_not_make_it_flicker():
 )
 def test_only_levels_finer_than_a_pixel_are_spared(pixel, spared, levels):
     assert levels_shown(6, 0.1, pixel, spared) == levels
+
+
+def test_a_rung_saves_on_what_it_names_and_on_nothing_else():
+    assert savings(CPU_LADDER[0], 6, 0.1, 9.0) == {}
+    assert savings(CPU_LADDER[-1], 6, 0.1, 9.0) == {"step_factor": 2.0, "level_count": 5}
+    assert savings(CPU_LADDER[-1], 6, 0.1, 0.001) == {"step_factor": 2.0}
 
 
 def test_what_else_takes_time_is_taken_from_rendering_but_not_all_of_it():

@@ -8,7 +8,8 @@ unshifted image: other things in the scene hide behind the object.
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import moderngl
 import numpy as np
@@ -17,41 +18,24 @@ import warp as wp
 from ..core.geometry.mesh import edges
 from ..core.render.modes import render_mode
 from ..core.render.render import RenderOptions
-from ..core.render.subpixel import RunningMean, shifted
 from . import gl
 from .resolution import (
     CPU_LADDER,
     LADDER,
+    STRIP_SECONDS,
     MovingResolution,
     Strips,
     finer,
-    levels_shown,
     render_budget,
+    savings,
     size_at,
 )
+from .sampling import SAMPLE_COUNT, Sampling
 from .upload import ImageTexture
 
-STRIP_SECONDS = 0.045  # rendering a strip at rest
 REST_SECONDS = 0.15  # without a change, before refining begins
-SAMPLE_COUNT = 16  # images whose mean is shown in the end
 OTHER_STAGES = ("simulate", "draw", "panel")
 CHECKER_SIZE = 12  # pixels
-
-
-@dataclass
-class _Sampling:
-    """Sub-pixel samples of the full image.
-
-    Attributes:
-        count: Whole images in the mean.
-        strips: Of the next one, None between two.
-        color: The mean that is shown, None while it is the first image itself.
-    """
-
-    mean: RunningMean
-    count: int = 1
-    strips: Strips | None = None
-    color: wp.array | None = None
 
 
 class RadianceLayer:
@@ -189,17 +173,12 @@ class RadianceLayer:
         flip = ("flip",) if self._device == "cpu" else ()
         others = times.recent((*OTHER_STAGES, *flip))
         moving.target_seconds = render_budget(scene.settings.target_fps, others)
-        start = time.perf_counter()
-        self._render_coarse(camera, rung.factor, times, **self._savings(rung, scene, camera))
-        moving.measured(time.perf_counter() - start)
-
-    def _savings(self, rung, scene, camera):
-        """What a rung saves on beside pixels, as arguments of RenderOptions."""
         pixel = scene.orbit.distance / (camera.focal * rung.factor)
-        count = self._renderer.field.layout.level_count
-        shown = levels_shown(count, self._coarse_edge, pixel, rung.spared_levels)
-        savings = {} if rung.step_factor == 1.0 else {"step_factor": rung.step_factor}
-        return savings if shown == count else {**savings, "level_count": shown}
+        level_count = self._renderer.field.layout.level_count
+        cheaper = savings(rung, level_count, self._coarse_edge, pixel)
+        start = time.perf_counter()
+        self._render_coarse(camera, rung.factor, times, **cheaper)
+        moving.measured(time.perf_counter() - start)
 
     def _render_coarse(self, camera, factor, times, **cheaper):
         size = size_at(factor, camera.width, camera.height)
@@ -236,23 +215,10 @@ class RadianceLayer:
     def _sample(self, camera, times):
         """Render the next strip of a shifted image; one that is complete joins the mean."""
         if self._sampling is None:
-            self._sampling = _Sampling(RunningMean(camera.width, camera.height, self._device))
-            row = 0
-            for image in self._images:
-                self._sampling.mean.add(image, row)
-                row += image.color.shape[0]
-        sampling = self._sampling
-        if sampling.strips is None:
-            sampling.strips = Strips(camera.height, STRIP_SECONDS, 0, self._row_seconds)
-        moved = shifted(camera, sampling.count)
-        first_row, image = self._next_strip(sampling.strips, moved, times)
-        sampling.mean.add(image, first_row)
-        if sampling.strips.done:
-            sampling.strips = None
-            sampling.count += 1
-            sampling.color = sampling.mean.color(sampling.count)
+            self._sampling = Sampling(self._images, camera, self._device, self._row_seconds)
+        if self._sampling.step(camera, partial(self._next_strip, times=times)):
             with times.stage("upload"):
-                self._coarse.write_color(sampling.color)
+                self._coarse.write_color(self._sampling.color)
 
     def _next_strip(self, strips, camera, times):
         """The first row of the next strip, and its image."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 FACTORS = tuple(0.5 ** (0.5 * step) for step in range(7))  # 1 .. 0.125
 TOO_SLOW, FITS = 1.25, 1.1  # of the target: what leads to less, what more may be expected to take
 SMALLEST_STRIP = 4  # rows
+STRIP_SECONDS = 0.045  # rendering a strip at rest
 SMALLEST_SHARE = 0.4  # of a frame that rendering gets, whatever else takes time
 RECOGNIZABLE = 0.35  # the factor below which pixels are the last thing to save on
 
@@ -64,6 +65,13 @@ def levels_shown(level_count: int, coarse_edge: float, pixel: float, most_spared
     """
     finer_count = sum(coarse_edge / 2**level < pixel for level in range(level_count))
     return max(level_count - min(finer_count, most_spared), 1)
+
+
+def savings(rung: Rung, level_count: int, coarse_edge: float, pixel: float) -> dict:
+    """What a rung saves on beside pixels, as arguments of RenderOptions."""
+    saved = {} if rung.step_factor == 1.0 else {"step_factor": rung.step_factor}
+    shown = levels_shown(level_count, coarse_edge, pixel, rung.spared_levels)
+    return saved if shown == level_count else {**saved, "level_count": shown}
 
 
 def render_budget(target_fps: float, other_seconds: float) -> float:
