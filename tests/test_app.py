@@ -70,6 +70,7 @@ def test_a_model_of_another_version_is_refused(capfd, tmp_path, ball_file):
         (["--headless", "--record", "clip.avi"], "has to end in .mp4"),
         (["--headless", "--screenshot", "shot.jpg"], "has to end in .png"),
         (["--headless", "--fps", "0"], "--fps is 0"),
+        (["--transparent"], "it needs --screenshot"),
         (["--headless", "--frames", "9"], "it needs --record or --screenshot"),
     ],
 )
@@ -151,6 +152,27 @@ def test_a_headless_drag_is_recorded(ball_file, tmp_path, window):
     picture = np.asarray(Image.open(shot))
     assert picture.shape == (121, 161, 3)
     assert abs(picture[:120, :160].astype(int) - bent).mean() < 8  # both before the release
+
+
+@pytest.mark.gl
+def test_a_transparent_picture_of_a_mode_is_the_field_alone(ball_file, tmp_path, window):
+    shot = tmp_path / "a.png"
+    arguments = ("--headless", "--frames", 1, "--size", "80x64", "--device", "cpu")
+    done = run(ball_file, *arguments, "--mode", "tets", "--transparent", "--screenshot", shot)
+    assert done.returncode == 0, done.stderr
+    picture = np.asarray(Image.open(shot))
+    assert picture.shape == (64, 80, 4)
+    assert set(np.unique(picture[..., 3])) == {0, 255}
+    assert (picture[picture[..., 3] == 0] == 0).all()
+    assert picture[picture[..., 3] == 255][:, :3].min() >= 64  # colors of tets, no red handles
+
+
+def test_the_modes_of_the_command_line_are_the_renderers():
+    from typing import get_args
+
+    from deformrf.core.render.modes import MODES
+
+    assert get_args(options.Mode) == MODES
 
 
 @pytest.mark.gl

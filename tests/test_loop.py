@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.core.render.render import RenderOptions
 from deformrf.viewer import picking
 
 pytestmark = pytest.mark.gl
@@ -34,7 +35,7 @@ def app(window, ball, monkeypatch, tmp_path):
 
 
 def frames(app, count):
-    app.run(app._frame_count + count)
+    app.run(app.frame_count + count)
 
 
 def send(app, name, *arguments):
@@ -246,6 +247,127 @@ def test_handles_are_in_the_picture_only_if_asked_for(bare):
         bare.scene.settings.handles_in_clips = with_handles
         pictures.append(screenshot(bare))
     assert (abs(pictures[0] - pictures[1]).max(axis=-1) > 60).sum() > 100
+
+
+def test_a_transparent_screenshot_is_the_field_in_full_whatever_is_in_the_window(app):
+    settings = app.scene.settings
+    settings.transparent_screenshots = settings.panel_in_screenshots = True
+    settings.background, settings.fixed_resolution = (0.2, 0.6, 0.1), 0.25
+    picture = screenshot(app)
+    assert picture.shape == (240, 320, 4)
+    image = app.radiance._renderer.render(app.controls.camera, RenderOptions((0.0, 0.0, 0.0)))
+    wanted = image.color_array().astype(int)
+    assert np.array_equal(picture[..., 3], wanted[..., 3])
+    own = picture[..., :3] * picture[..., 3:] / 255
+    assert abs(own - wanted[..., :3]).max() <= 2
+    assert app.radiance.refined == 1.0
+
+
+def until(app, condition, seconds=60.0):
+    """Run the loop as a user has it, until something holds."""
+    end = time.monotonic() + seconds
+    switch_to = app.window.switch_to
+
+    def watched():
+        if condition():
+            app.window.has_exit = True
+        assert time.monotonic() < end
+        switch_to()
+
+    app.window.switch_to = watched
+    app.run()
+    app.window.has_exit, app.window.switch_to = False, switch_to
+
+
+def rest(app):
+    """Run until nothing is left to draw."""
+    until(app, lambda: app.radiance.settled and app._quiet(time.perf_counter()))
+
+
+def test_at_rest_hardly_a_frame_is_drawn_and_nothing_is_rendered(app):
+    rest(app)
+    assert app.radiance.sample_count == 16
+    start, frame_count, cpu = time.monotonic(), app.frame_count, time.process_time()
+    app.radiance._renderer.render = None  # would fail if called
+    until(app, lambda: time.monotonic() - start > 3.0)
+    assert 3 <= app.frame_count - frame_count <= 8
+    assert time.process_time() - cpu < 1.0
+
+
+def test_while_samples_are_added_frames_are_drawn_only_for_whole_ones(app):
+    until(app, lambda: app.radiance.refined == 1.0)
+    app.activity.last_event = 0.0
+    before, start = app.frame_count, time.monotonic()
+    rest(app)
+    assert app.radiance.sample_count == 16
+    assert app.frame_count - before <= 15 + 2 * (time.monotonic() - start) + 3
+
+
+@pytest.mark.parametrize("at", ["panel", "view"])
+def test_the_mouse_wakes_it_up_wherever_it_is(app, at):
+    app.scene.settings.show_panel = at == "panel"
+    rest(app)
+    x, y = 60, app.window.height - 60
+    assert app.gui.covers(x, y) == (at == "panel")
+    frame_count = app.frame_count
+    app.window.dispatch_event("on_mouse_motion", x, y, 0, 0)
+    start = time.monotonic()
+    until(app, lambda: time.monotonic() - start > 0.5)
+    assert app.frame_count - frame_count > 8
+
+
+def test_a_pause_is_no_slow_frame(app):
+    rest(app)
+    start = time.monotonic()
+    until(app, lambda: time.monotonic() - start > 1.2)
+    assert max(app.status.times.frames) < 1.0
+
+
+def test_the_panel_says_what_the_picture_is(app):
+    from deformrf.viewer.panels.view import shown_lines
+
+    pixels, state = shown_lines(app.status)
+    assert pixels.startswith("50%, pixels 2.0 wide, ")
+    assert state == "0% refined"
+    rest(app)
+    pixels, state = shown_lines(app.status)
+    assert pixels.startswith("100%, pixels 1.0 wide, ")
+    assert state == "full + 16/16 samples"
+    app.status.refined, app.status.saved = 0.4, "steps × 2.0, 4 levels"
+    assert shown_lines(app.status)[1] == "40% refined, steps × 2.0, 4 levels"
+
+
+def test_m_goes_through_the_modes(bare):
+    from pyglet.window import key
+
+    from deformrf.core.render.modes import MODES
+
+    seen = []
+    for _ in MODES:
+        send(bare, "on_key_press", key.M, 0)
+        seen.append(bare.scene.settings.mode)
+        frames(bare, 1)
+    assert seen == [*MODES[1:], MODES[0]]
+
+
+def test_stages_of_rendering_are_shown_if_asked_for(app, monkeypatch):
+    from imgui_bundle import imgui
+
+    from deformrf.viewer.panels import layout
+
+    only = tuple((*section[:2], True) for section in layout.SECTIONS if section[0] == "Time")
+    monkeypatch.setattr(layout, "SECTIONS", only)
+    lines = []
+    monkeypatch.setattr(imgui, "text_disabled", lines.append)
+    app.scene.settings.time_rendering = True
+    app.scene.settings.background = (0.5, 0.5, 0.5)
+    frames(app, 2)
+    assert {"march", "networks"} <= set(lines)
+    app.scene.settings.time_rendering = False
+    lines.clear()
+    frames(app, 1)
+    assert "networks" not in lines
+    assert "render" in lines
 
 
 def test_closing_the_window_ends_the_loop(bare):

@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
+from deformrf.core.render.modes import MODES, render_mode
 from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.subpixel import shifted
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer.gl import Canvas, depth_terms
-from deformrf.viewer.radiance_layer import REST_SECONDS, RadianceLayer
+from deformrf.viewer.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceLayer
+from deformrf.viewer.resolution import CPU_LADDER
+from deformrf.viewer.sampling import SAMPLE_COUNT
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.timing import StageTimes
 
@@ -72,7 +76,8 @@ def test_the_depth_written_is_the_depth_of_the_surface(stage, window):
 
 
 def test_moving_it_is_coarse_and_at_rest_it_becomes_the_full_image(stage):
-    stage.layer._moving.step = 6  # so that there is a resolution in between
+    stage.scene.settings.accumulate = False
+    stage.layer._moving.step = len(CPU_LADDER) - 1  # so that there is a resolution in between
     stage.frame()
     assert stage.layer.factor < 0.2
     assert stage.layer.refined == 0
@@ -87,7 +92,7 @@ def test_moving_it_is_coarse_and_at_rest_it_becomes_the_full_image(stage):
 
 
 def test_at_rest_the_depth_to_pick_against_becomes_the_full_one_too(stage):
-    stage.layer._moving.step = 6
+    stage.layer._moving.step = len(CPU_LADDER) - 1
     stage.frame()
     shapes = [stage.layer.depth_image().shape]
     while stage.layer.refined < 1:
@@ -137,3 +142,120 @@ def test_another_size_of_the_window_is_another_image(stage):
     camera = orbits.camera(stage.scene.orbit, 90, 70)
     stage.layer.update(stage.scene, camera, StageTimes(), whole=True)
     assert stage.layer.depth_image().shape == (70, 90)
+
+
+def rest(stage):
+    """Frames until nothing is left to do; how many it took."""
+    for count in range(400):
+        if stage.layer.settled:
+            return count
+        stage.frame(passing=REST_SECONDS)
+    pytest.fail("it does not come to rest")
+
+
+def test_at_rest_sixteen_shifted_images_are_averaged_and_then_nothing_happens(stage):
+    stage.frame()
+    rest(stage)
+    assert stage.layer.sample_count == SAMPLE_COUNT == 16
+    shown = stage.frame().astype(int)
+    camera, renderer = stage.camera, stage.renderer
+    wanted = np.mean(
+        [renderer.render(shifted(camera, k)).color_array()[..., :3] for k in range(16)], axis=0
+    )
+    plain = stage.reference().color_array()[:, :, :3]
+    assert abs(shown - wanted).max() <= 1
+    assert abs(plain - wanted).max() > 10
+    assert np.array_equal(stage.layer.depth_image(), stage.reference().depth_array())
+    assert stage.layer.color_image()[..., :3] == pytest.approx(shown, abs=1)
+    stage.renderer.render = None  # would fail if called
+    for _ in range(5):
+        assert np.array_equal(stage.frame(passing=1.0), shown)
+
+
+def test_a_change_begins_the_mean_again(stage):
+    stage.frame(whole=True)
+    while stage.layer.sample_count < 5:
+        stage.frame(passing=REST_SECONDS)
+    stage.scene.orbit = orbits.turned(stage.scene.orbit, 9, 3, 120)
+    stage.frame(whole=True)
+    assert stage.layer.sample_count == 1
+    rest(stage)
+    shown = stage.layer.color_image().astype(int)
+    again = Stage(stage.scene.field, stage.layer._ctx)
+    again.scene.orbit = stage.scene.orbit
+    again.frame(whole=True)
+    rest(again)
+    assert np.array_equal(again.layer.color_image(), shown)
+
+
+def test_without_accumulation_the_full_image_is_the_end(stage):
+    stage.scene.settings.accumulate = False
+    stage.frame()
+    rest(stage)
+    assert stage.layer.sample_count == 1
+    assert np.array_equal(stage.layer.color_image(), stage.reference().color_array())
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_each_mode_is_shown_as_it_is_rendered(stage, mode):
+    stage.scene.settings.mode = mode
+    shown = stage.frame(whole=True).astype(int)
+    image = render_mode(
+        stage.renderer, stage.camera, mode, RenderOptions(), None, stage.scene.depth_range
+    )
+    assert abs(shown - image.color_array()[..., :3]).max() <= 1
+    assert np.array_equal(stage.layer.depth_image(), stage.reference().depth_array())
+
+
+def test_another_mode_is_a_change(stage):
+    stage.frame(whole=True)
+    stage.scene.settings.mode = "tets"
+    stage.frame(whole=True)
+    assert stage.layer.render_count == 2
+
+
+@pytest.mark.parametrize("background", [(1.0, 1.0, 1.0), (0.1, 0.4, 0.2)])
+def test_the_checkerboard_is_behind_the_object(stage, background):
+    settings = stage.scene.settings
+    settings.background, settings.checkerboard = background, True
+    shown = stage.frame(whole=True).astype(float)
+    image = stage.renderer.render(stage.camera, RenderOptions(background)).color_array()
+    color, opacity = image[..., :3].astype(float), image[..., 3:] / 255.0
+    y, x = np.indices(SIZE[::-1]) // CHECKER_SIZE
+    gray = np.where((x + y) % 2, 0.70, 0.86)[..., None]
+    wanted = color + 255 * (1 - opacity) * (gray - np.array(background))
+    assert abs(shown - wanted).max() <= 1.01
+    assert shown[opacity[..., 0] == 0].std() > 15
+
+
+def test_a_slow_cpu_renders_its_last_rungs_with_cheaper_settings(stage):
+    asked = []
+    render = stage.renderer.render
+
+    def noted(camera, options=None, rows=None):
+        asked.append(options)
+        return render(camera, options, rows)
+
+    stage.renderer.render = noted
+    stage.layer._moving.step = len(CPU_LADDER) - 1
+    stage.frame()
+    assert (asked[0].step_factor, asked[0].level_count) == (2.0, 2)
+    rest(stage)
+    assert all(options.step_factor == 1.0 and not options.level_count for options in asked[1:])
+
+
+def test_the_target_frame_rate_is_the_settings_less_what_else_takes_time(stage):
+    stage.scene.settings.target_fps = 4.0
+    stage.frame()
+    assert stage.layer._moving.target_seconds == pytest.approx(0.25, abs=0.01)
+
+
+def test_stages_of_rendering_are_measured_only_if_asked_for(stage):
+    times = StageTimes()
+    stage.layer.update(stage.scene, stage.camera, times, True)
+    assert times.rendering == {}
+    stage.scene.settings.time_rendering = True
+    stage.scene.settings.background = (0.0, 0.0, 0.0)
+    stage.layer.update(stage.scene, stage.camera, times, True)
+    assert len(times.rendering) >= 3
+    assert all(seconds > 0 for seconds in times.rendering.values())

@@ -158,3 +158,15 @@ def test_a_stamped_name_is_never_taken(tmp_path, monkeypatch):
     recorder.save_png(first, gray(3))
     assert first.name == "shot-now.png"
     assert recorder.stamped("shot", ".png", tmp_path).name == "shot-now-2.png"
+
+
+def test_a_background_is_taken_out_of_a_picture():
+    rng = np.random.default_rng()
+    color, alpha = rng.uniform(size=(40, 50, 3)), rng.integers(0, 256, (40, 50, 1)) / 255
+    background = rng.uniform(size=3)
+    over = np.concatenate([alpha * color + (1 - alpha) * background, alpha], axis=-1)
+    straight = recorder.without_background(np.round(255 * over).astype(np.uint8), background)
+    assert np.array_equal(straight[..., 3:], np.round(255 * alpha))
+    error = abs(straight[..., :3] - 255 * color) * alpha  # as it shows over any color
+    assert error.max() <= 1.01
+    assert (straight[alpha[..., 0] == 0, :3] == 0).all()

@@ -4,17 +4,30 @@ from itertools import pairwise
 
 import pytest
 
-from deformrf.viewer.resolution import FACTORS, MovingResolution, Strips, finer, size_at
+from deformrf.viewer.resolution import (
+    CPU_LADDER,
+    FACTORS,
+    LADDER,
+    RECOGNIZABLE,
+    TOO_SLOW,
+    MovingResolution,
+    Strips,
+    finer,
+    levels_shown,
+    render_budget,
+    savings,
+    size_at,
+)
 
 
-def settle(seconds_at_full, target=0.04, start=3, frames=60):
-    """The factors chosen for an image that takes that long at full resolution."""
-    moving = MovingResolution(target, start)
-    factors = []
+def settle(seconds_at_full, target=0.04, ladder=LADDER, frames=60):
+    """The rungs chosen for an image that takes that long in full."""
+    moving = MovingResolution(target, ladder)
+    rungs = []
     for _ in range(frames):
-        factors.append(moving.factor)
-        moving.measured(seconds_at_full * moving.factor**2)
-    return factors
+        rungs.append(moving.rung)
+        moving.measured(seconds_at_full * moving.rung.cost)
+    return rungs
 
 
 def test_each_step_halves_the_pixels():
@@ -22,37 +35,83 @@ def test_each_step_halves_the_pixels():
     assert min(FACTORS) == pytest.approx(0.125)
 
 
-def test_a_fast_renderer_gets_all_pixels():
-    assert settle(0.01)[-1] == 1.0
+@pytest.mark.parametrize("ladder", [LADDER, CPU_LADDER])
+def test_a_fast_renderer_gets_all_pixels_in_full_quality(ladder):
+    assert settle(0.01, ladder=ladder)[-1] == ladder[0]
+    assert (ladder[0].factor, ladder[0].step_factor, ladder[0].spared_levels) == (1.0, 1.0, 0)
 
 
-@pytest.mark.parametrize("seconds", [0.05, 0.1, 0.3, 0.9, 2.0])
-def test_a_slow_renderer_meets_the_target_and_then_keeps_its_factor(seconds):
-    factors = settle(seconds)
-    assert len(set(factors[20:])) == 1
-    assert seconds * factors[-1] ** 2 <= 1.25 * 0.04
+@pytest.mark.parametrize("ladder", [LADDER, CPU_LADDER])
+@pytest.mark.parametrize("seconds", [0.05, 0.1, 0.3, 0.45, 0.9, 2.0])
+def test_a_slow_renderer_meets_the_target_and_then_keeps_its_rung(seconds, ladder):
+    rungs = settle(seconds, ladder=ladder)
+    assert len(set(rungs[30:])) == 1
+    assert seconds * rungs[-1].cost <= TOO_SLOW * 0.04
 
 
-def test_two_cores_show_a_quarter_of_the_width_also_after_one_slow_frame():
-    from deformrf.viewer.radiance_layer import CPU_MOVING_SECONDS
+def test_each_rung_is_cheaper_than_the_one_before():
+    for ladder in (LADDER, CPU_LADDER):
+        assert all(a.cost > b.cost for a, b in pairwise(ladder))
+        assert all(a.factor >= b.factor for a, b in pairwise(ladder))
+    assert {rung.factor for rung in CPU_LADDER} == set(FACTORS)
 
-    moving = MovingResolution(CPU_MOVING_SECONDS)
-    for k in range(30):
-        moving.measured(0.4 if k == 10 else 0.125 * (moving.factor / 0.25) ** 2)
-    assert moving.factor == pytest.approx(0.25)
+
+def test_on_a_cpu_quality_is_given_up_before_a_picture_turns_into_a_mosaic():
+    for rung in CPU_LADDER:
+        plain = rung.step_factor == 1.0 and rung.spared_levels == 0
+        assert rung.factor >= RECOGNIZABLE or rung.step_factor == 2.0
+        assert plain or rung.factor < FACTORS[2]
+    assert all(rung.step_factor == 1.0 and rung.spared_levels == 0 for rung in LADDER)
+
+
+def test_one_slow_frame_costs_no_more_than_a_moment():
+    moving = MovingResolution(0.1, CPU_LADDER)
+    for k in range(60):
+        moving.measured(0.4 if k == 10 else 1.2 * moving.rung.cost)
+        if k == 11:
+            assert moving.rung.factor < 0.3
+    assert moving.rung.factor == pytest.approx(0.354, abs=1e-3)
 
 
 def test_one_very_slow_frame_is_enough_to_go_down():
-    moving = MovingResolution(0.04, 0)
+    moving = MovingResolution(0.04, LADDER, 0)
     moving.measured(1.0)
-    assert moving.factor**2 * 1.0 <= 1.25 * 0.04
+    assert moving.rung.cost * 1.0 <= TOO_SLOW * 0.04
 
 
 def test_noise_does_not_make_it_flicker():
-    moving = MovingResolution(0.04, 2)
+    moving = MovingResolution(0.04, LADDER, 2)
     for k in range(100):
         moving.measured(0.03 * (1.3 if k % 2 else 0.7))
     assert moving.step == 2
+
+
+@pytest.mark.parametrize(
+    "pixel, spared, levels",
+    [
+        (0.001, 2, 6),  # every edge is longer than a pixel
+        (0.004, 2, 5),  # the finest is 0.1 / 2^5 = 0.003
+        (0.007, 2, 4),
+        (0.007, 1, 5),
+        (0.007, 0, 6),
+        (9.0, 2, 4),
+        (9.0, 9, 1),
+    ],
+)
+def test_only_levels_finer_than_a_pixel_are_spared(pixel, spared, levels):
+    assert levels_shown(6, 0.1, pixel, spared) == levels
+
+
+def test_a_rung_saves_on_what_it_names_and_on_nothing_else():
+    assert savings(CPU_LADDER[0], 6, 0.1, 9.0) == {}
+    assert savings(CPU_LADDER[-1], 6, 0.1, 9.0) == {"step_factor": 2.0, "level_count": 5}
+    assert savings(CPU_LADDER[-1], 6, 0.1, 0.001) == {"step_factor": 2.0}
+
+
+def test_what_else_takes_time_is_taken_from_rendering_but_not_all_of_it():
+    assert render_budget(10, 0.0) == pytest.approx(0.1)
+    assert render_budget(10, 0.03) == pytest.approx(0.07)
+    assert render_budget(10, 0.5) == pytest.approx(0.04)
 
 
 def test_strips_cover_every_row_once():

@@ -28,3 +28,25 @@ def test_a_stage_that_fails_is_still_timed():
         raise ValueError
     times.end_frame()
     assert times.frames[-1] == 0.0  # the first frame has no beginning
+
+
+def test_what_happens_at_rest_is_part_of_no_frame():
+    times = StageTimes()
+    times.end_frame()
+    with times.stage("render"):
+        time.sleep(0.05)
+    times.rest()
+    times.end_frame()
+    times.end_frame()
+    assert max(times.frames) < 0.05
+    assert times.recent(("render", "draw")) == 0.0
+
+
+def test_recent_stages_are_added_up_frame_by_frame():
+    times = StageTimes()
+    for _ in range(9):
+        for stage in ("draw", "panel", "flip"):
+            with times.stage(stage):
+                time.sleep(0.003)
+        times.end_frame()
+    assert times.recent(("draw", "panel")) == pytest.approx(0.006, rel=0.5)

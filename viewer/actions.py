@@ -1,5 +1,7 @@
 """What keys and buttons do; one method each, named in controls.INPUTS."""
 
+from ..core.render.modes import MODES
+
 
 class Actions:
     """The user's commands to one App."""
@@ -25,6 +27,10 @@ class Actions:
 
     def single_step(self):
         self._scene.single_step()
+
+    def next_mode(self):
+        settings = self._scene.settings
+        settings.mode = MODES[(MODES.index(settings.mode) + 1) % len(MODES)]
 
     def toggle_handles(self):
         self._toggle("show_handles")

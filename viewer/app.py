@@ -50,6 +50,8 @@ def view(chosen: options.ViewArguments) -> int:
         try:
             with _told_if_slow():
                 app.load(field, chosen.model.stem, device, chosen.interop, chosen.fps)
+            app.scene.settings.mode = chosen.mode
+            app.scene.settings.transparent_screenshots = chosen.run.transparent
             if drag is not None:
                 from .script import resolved
 

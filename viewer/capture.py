@@ -21,6 +21,11 @@ class Capture:
         self._canvas, self._status, self._log = canvas, status, log
         self._screenshot: Path | None = None
 
+    @property
+    def wants_screenshot(self) -> bool:
+        """Whether the frame that is being drawn is to be kept."""
+        return self._screenshot is not None
+
     def screenshot(self, path: Path | None = None) -> None:
         """Keep the next frame; in the current folder with the time as its name by default."""
         self._screenshot = path or stamped("deformrf", ".png")
@@ -51,12 +56,13 @@ class Capture:
         except RuntimeError:  # stopping reports it
             self.stop()
 
-    def save_screenshot(self) -> None:
-        """Write the canvas as it is now, if a screenshot is wanted."""
+    def save_screenshot(self, image=None) -> None:
+        """Write an image, by default the canvas as it is now, if a screenshot is wanted."""
         if self._screenshot is not None:
             path, self._screenshot = self._screenshot, None
+            image = self._canvas.read() if image is None else image
             try:
-                self._finished(save_png(path, self._canvas.read()))
+                self._finished(save_png(path, image))
             except OSError as error:
                 self._fail(f"can't write {path}: {error.strerror or error}")
 

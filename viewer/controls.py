@@ -44,6 +44,7 @@ INPUTS = (
     Input("R", "reset the deformation", "R", "reset"),
     Input("Space", "pause, or go on", "SPACE", "pause"),
     Input(".", "single step", "PERIOD", "single_step"),
+    Input("M", "next view mode: depth, normals, ...", "M", "next_mode"),
     Input("H", "hide or show the vertices", "H", "toggle_handles"),
     Input("W", "wireframe", "W", "toggle_wireframe"),
     Input("Tab", "hide or show the panel", "TAB", "toggle_panel"),

@@ -36,6 +36,8 @@ def state_of(app) -> dict:
         "moving": scene.moving,
         "paused": scene.paused,
         "refined": app.radiance.refined,
+        "samples": app.radiance.sample_count,
+        "frames": app.frame_count,
         "frame_seconds": app.status.times.frame_seconds(),
         "stage_seconds": app.status.times.medians(),
         "resolution": app.radiance.factor,

@@ -41,5 +41,6 @@ def apply_style() -> None:
         colors.slider_grab_active: (*dark, 1.0),
         colors.check_mark: (*ACCENT, 1.0),
         colors.plot_lines: (*ACCENT, 1.0),
+        colors.plot_histogram: (*ACCENT, 0.75),  # progress bars
     }.items():
         style.set_color_(name, color)

@@ -9,16 +9,28 @@ from .controls import action_of
 BUTTONS = {mouse.LEFT: "left", mouse.MIDDLE: "middle", mouse.RIGHT: "right"}
 
 
-class Handlers:
-    """The methods that a window looks for; until the App has a scene they do nothing.
+class Activity:
+    """Notes that something has happened to the window, whoever deals with it.
+
+    Pushed last, so that it sees what the panels keep to themselves, too.
 
     Attributes:
-        last_event: When the user last did anything, by time.perf_counter.
+        last_event: When it was, by time.perf_counter.
     """
+
+    def __init__(self, window):
+        self.last_event = 0.0
+        window.push_handlers(**dict.fromkeys(window.event_types, self._note))
+
+    def _note(self, *arguments):
+        self.last_event = time.perf_counter()
+
+
+class Handlers:
+    """The methods that a window looks for; until the App has a scene they do nothing."""
 
     def __init__(self, app):
         self._app = app
-        self.last_event = 0.0
 
     def on_mouse_motion(self, x, y, dx, dy):
         if self._ready():
@@ -49,12 +61,10 @@ class Handlers:
         return True  # pyglet's own handler would close the window on Esc
 
     def on_resize(self, width, height):
-        self._ready()
         self._app.log("resize", size=[width, height], framebuffer=self._app.size)
         return True  # pyglet's own handler would set a viewport
 
     def _ready(self):
-        self.last_event = time.perf_counter()
         return self._app.scene is not None
 
     def _pixel(self, x, y):

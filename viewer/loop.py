@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pyglet
 
-from ..core.render.render import Renderer
 from . import orbit as orbits
 from . import script
 from .actions import Actions
@@ -18,15 +17,18 @@ from .capture import Capture
 from .controls import Controls
 from .events import state_of
 from .gl import Canvas
-from .handlers import Handlers
+from .handlers import Activity, Handlers
+from .loading import Progress, kernel_modules, prepare
 from .mesh_layer import MeshLayer
 from .radiance_layer import RadianceLayer
-from .scene import Scene
+from .recorder import without_background
 from .status import Status
-from .surface import visible_points
 from .upload import choose_path
 
-ACTIVE_SECONDS, IDLE_SECONDS = 1.0 / 60.0, 1.0 / 30.0  # shortest frame, where vsync sets none
+FRAME_SECONDS = 1.0 / 60.0  # the shortest frame, where vsync sets none
+AWAKE_SECONDS = 1.0  # of frames after an event: panels answer over several of them
+POLL_SECONDS = 1.0 / 30.0  # between two looks for events at rest
+REDRAW_SECONDS = 0.5  # between two frames at rest, for messages that go and curves that grow
 STATE_SECONDS = 0.5  # between two "state" events in the log
 
 
@@ -36,6 +38,7 @@ class App:
     Attributes:
         scene: Set by `load`.
         actions: What keys and buttons do, set by `load`.
+        frame_count: Frames drawn so far.
     """
 
     def __init__(self, window, ctx, log, gui: bool = True):
@@ -45,7 +48,7 @@ class App:
         self.status = Status(gl_renderer=ctx.info["GL_RENDERER"])
         self.canvas = Canvas(ctx)
         self.capture = Capture(self.canvas, self.status, log)
-        self._frame_count = 0
+        self.frame_count = 0
         self._last_state = 0.0
         self.handlers = Handlers(self)
         window.push_handlers(self.handlers)
@@ -53,7 +56,9 @@ class App:
         if gui:
             from .gui import Gui
 
-            self.gui = Gui(window)  # pushed last, asked first
+            self.gui = Gui(window)  # pushed after the view's, asked before it
+        self.activity = Activity(window)
+        self._drawn_at = 0.0
 
     # -- start ---------------------------------------------------------------------------
 
@@ -67,13 +72,14 @@ class App:
 
         self.status.device = wp.get_device(device).name
         self.status.interop = choose_path(self.ctx, device, interop)
+        progress = Progress(kernel_modules())
         if self.gui is None:
-            scene, renderer = _prepare(field, name, device)
+            scene, renderer = prepare(field, name, device, progress)
         else:
             with ThreadPoolExecutor(1) as pool:
-                preparing = pool.submit(_prepare, field, name, device)
+                preparing = pool.submit(prepare, field, name, device, progress)
                 while not preparing.done():
-                    self._splash(f"{name}: preparing; compiling kernels takes a while once")
+                    self._splash(f"preparing {name}", progress)
                 scene, renderer = preparing.result()
         self.radiance = RadianceLayer(self.ctx, renderer, device, self.status.interop)
         self.mesh = MeshLayer(self.ctx, scene)
@@ -83,15 +89,15 @@ class App:
         )
         self.scene = scene
 
-    def _splash(self, text):
-        from .panels.layout import show_message
+    def _splash(self, title, progress):
+        from .panels.loading import loading_window
 
         self.window.switch_to()
         self.window.dispatch_events()
         self.canvas.use(self.size)
         self.ctx.clear(0.94, 0.94, 0.95, 1.0)
         self.gui.begin()
-        show_message(text, centered=True)
+        loading_window(title, progress)
         self.gui.end()
         self.canvas.show(self.size)
         self.window.flip()
@@ -100,21 +106,45 @@ class App:
     # -- loops ---------------------------------------------------------------------------
 
     def run(self, frame_count: int | None = None) -> None:
-        """Show frames until the window is closed, or that many."""
+        """Show frames until the window is closed, or that many.
+
+        Without a number of frames, none is drawn while there is nothing new to see.
+        """
         last = time.perf_counter()
-        while not self.window.has_exit and self._frame_count != frame_count:
+        while not self.window.has_exit and self.frame_count != frame_count:
             pyglet.clock.tick()
             self.window.switch_to()
             self.window.dispatch_events()
             if self.window.has_exit:
                 break
             now = time.perf_counter()
-            self.frame(now - last)
-            last = now
-            idle = not self.scene.moving and self.radiance.refined == 1.0
-            idle = idle and now - self.handlers.last_event > 1.0 and self.status.recorder is None
-            shortest = IDLE_SECONDS if idle else ACTIVE_SECONDS
-            time.sleep(max(0.0, shortest - (time.perf_counter() - now)))
+            elapsed, last = now - last, now
+            if frame_count is None and self._quiet(now) and not self._rest():
+                continue
+            self.frame(elapsed)
+            time.sleep(max(0.0, FRAME_SECONDS - (time.perf_counter() - now)))
+
+    def _rest(self) -> bool:
+        """Do what there is to do without a frame; whether it is to be seen in one."""
+        times, radiance = self.status.times, self.radiance
+        before = radiance.sample_count
+        if radiance.settled:
+            time.sleep(POLL_SECONDS)
+        else:
+            radiance.update(self.scene, self.controls.camera, times)
+        times.rest()
+        return radiance.sample_count != before
+
+    def _quiet(self, now) -> bool:
+        """Whether the next frame would look like the last one."""
+        return (
+            now - self._drawn_at < REDRAW_SECONDS
+            and now - self.activity.last_event > AWAKE_SECONDS
+            and self.radiance.refined == 1.0
+            and not self.scene.moving
+            and not self.capture.wants_screenshot
+            and self.status.recorder is None
+        )
 
     def run_offline(self, frame_count: int, fps: int, drag=None, screenshot=None):
         """Render frames one after another, each in full; yields the number of each.
@@ -142,9 +172,8 @@ class App:
         with times.stage("simulate"):
             scene.advance(seconds)
         camera = self.controls.camera
-        self.radiance.update(scene, camera, times, whole)
-        self.status.resolution = self.radiance.factor
-        self.status.refined = self.radiance.refined
+        self.radiance.update(scene, camera, times, whole or self._wants_transparent)
+        self._report()
         with times.stage("draw"):
             self._draw(camera, size)
         with times.stage("panel"):
@@ -155,7 +184,17 @@ class App:
                 self.window.flip()
         times.end_frame()
         self._log_state()
-        self._frame_count += 1
+        self.frame_count += 1
+        self._drawn_at = time.perf_counter()
+
+    def _report(self):
+        status, radiance = self.status, self.radiance
+        status.resolution, status.refined = radiance.factor, radiance.refined
+        status.sample_count, status.most_samples = radiance.sample_count, radiance.most_samples
+        status.saved = ", ".join(
+            {"step_factor": f"steps × {value}", "level_count": f"{value} levels"}[name]
+            for name, value in radiance.cheaper.items()
+        )
 
     def _draw(self, camera, size):
         clip_range = orbits.clip_range(self.scene.orbit)
@@ -169,8 +208,15 @@ class App:
 
     def _capture_view(self):
         self.capture.view_drawn()
-        if self.gui is None or not self.scene.settings.panel_in_screenshots:
+        if self._wants_transparent:
+            image, background = self.radiance.color_image(), self.scene.settings.background
+            self.capture.save_screenshot(without_background(image, background))
+        elif self.gui is None or not self.scene.settings.panel_in_screenshots:
             self.capture.save_screenshot()
+
+    @property
+    def _wants_transparent(self):
+        return self.capture.wants_screenshot and self.scene.settings.transparent_screenshots
 
     def _draw_panels(self):
         if self.gui is None:
@@ -206,18 +252,8 @@ class App:
 
     def _log_state(self):
         now = time.perf_counter()
-        ready = self._frame_count == 0
+        ready = self.frame_count == 0
         if not self.log.enabled or (now - self._last_state < STATE_SECONDS and not ready):
             return
         self._last_state = now
         self.log("ready" if ready else "state", **state_of(self))
-
-
-def _prepare(field, name, device):
-    """Scene and renderer, every kernel compiled."""
-    rest = field.mesh.rest_vertices
-    renderer = Renderer(field, device)
-    renderer.set_vertices(rest)
-    scene = Scene(field, name, device, visible_points(renderer, rest))
-    scene.warm_up()
-    return scene, renderer

@@ -19,6 +19,7 @@ AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
 ]
 Size = Annotated[str | None, tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
 Drag = Annotated[str | None, tyro.conf.arg(metavar="VERTEX:DX,DY,DZ", help_behavior_hint="")]
+Mode = Literal["color", "depth", "accumulation", "normals", "tets", "samples", "error"]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 
 
@@ -38,6 +39,8 @@ class RunArguments:
     """Write an MP4 of the run."""
     screenshot: File = None
     """Write a PNG of the last frame; with --drag, of the last one before it is let go."""
+    transparent: Flag = False
+    """The PNG shows the field alone, with its opacity as alpha."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,8 @@ class ViewArguments:
     size: Size = None
     """Size of the window [points], 1200x800 by default, or, headless, of the frames [pixels],
     400x400 by default."""
+    mode: Mode = "color"
+    """What the picture shows; error is that against the exact mode of rendering."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
     """Frames per second of clips."""
     interop: Literal["auto", "buffer", "copy"] = "auto"
@@ -85,6 +90,8 @@ def check(arguments: ViewArguments) -> None:
         raise ValueError("--drag plays without a mouse: it needs --headless")
     if run.headless and run.record is None and run.screenshot is None:
         raise ValueError("--headless writes files: it needs --record or --screenshot, or both")
+    if run.transparent and run.screenshot is None:
+        raise ValueError("--transparent is about a picture: it needs --screenshot")
     if run.record is not None:
         _can_write(run.record, ".mp4")
     if run.screenshot is not None:

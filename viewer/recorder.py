@@ -167,8 +167,26 @@ def fitted(image, width: int, height: int):
     return canvas
 
 
+def without_background(image, background):
+    """An image over a background color as straight color and alpha.
+
+    Args:
+        image: Color over the background, and opacity.  [H, W, 4] uint8
+        background: 0..1.  [3]
+
+    Returns:
+        [H, W, 4] uint8, black where nothing is.
+    """
+    color, opacity = image[..., :3].astype(np.float32), image[..., 3:] / np.float32(255.0)
+    own = color - 255.0 * np.float32(background) * (1.0 - opacity)
+    straight = np.divide(own, opacity, out=np.zeros_like(own), where=opacity > 0)
+    return np.concatenate(
+        [np.clip(straight + 0.5, 0.0, 255.0).astype(np.uint8), image[..., 3:]], axis=-1
+    )
+
+
 def save_png(path: Path, image) -> Path:
-    """Write an image [H, W, 3] uint8, top row first."""
+    """Write an image [H, W, 3 or 4] uint8, top row first."""
     from PIL import Image
 
     part = Path(path).with_suffix(".part.png")

@@ -12,7 +12,7 @@ from ..core.deform.handles import control_vertices, lowest_pins, vertices_within
 from ..core.deform.material import Material
 from ..core.deform.xpbd import XpbdOptions, XpbdSolver
 from . import orbit as orbits
-from .settings import Grab, Settings
+from .settings import CPU_TARGET_FPS, Grab, Settings
 from .surface import bounds, nearest_vertices
 
 STEP = 1.0 / 60.0  # s
@@ -21,6 +21,7 @@ VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 CONTROL_COUNT = 40
 PINNED_PART = 0.05  # of the object's height
 MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
+DEPTH_PART = 0.75  # of its size, that the object may reach from its center towards the eye
 FIRST_VIEW = orbits.Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
 
 
@@ -37,6 +38,8 @@ class Scene:
         self.name = name
         self.device = device
         self.settings = Settings()
+        if device == "cpu":
+            self.settings.target_fps = CPU_TARGET_FPS
         self.material = Material()
         rest = field.mesh.rest_vertices
         surface = rest if surface is None else surface
@@ -213,6 +216,12 @@ class Scene:
         low, high = bounds(self._surface + moved[self._nearest])
         radius = MARGIN * float((high - low).max())
         self.orbit = orbits.framing(self.orbit, 0.5 * (low + high), radius)
+
+    @property
+    def depth_range(self) -> tuple[float, float]:
+        """Distances from the eye between which the object lies at rest, whatever its shape."""
+        away = float(np.linalg.norm(orbits.pose(self.orbit)[:3, 3] - self.center))
+        return max(away - DEPTH_PART * self.size, 0.0), away + DEPTH_PART * self.size
 
     # -- how handles look ----------------------------------------------------------------
 

@@ -18,6 +18,8 @@ class Status:
         gl_renderer: OpenGL's own name of what draws.
         resolution: Factor of the image that is shown, relative to the window.
         refined: The part of its rows that are at full resolution.
+        sample_count, most_samples: Shifted images in its mean, and how many they will be.
+        saved: On what else than pixels it saves, empty in full quality.
         recorder: The clip that is being recorded, if any.
     """
 
@@ -26,6 +28,9 @@ class Status:
     gl_renderer: str = ""
     resolution: float = 1.0
     refined: float = 1.0
+    sample_count: int = 1
+    most_samples: int = 1
+    saved: str = ""
     recorder: object = None
     times: StageTimes = field(default_factory=StageTimes)
     _message: tuple[float, str] = (0.0, "")

@@ -95,6 +95,13 @@ class ImageTexture:
             else None
         )
 
+    def write_color(self, color) -> None:
+        """Put a whole color image [H, W] vec4ub and leave the depth as it is."""
+        if self._shared:
+            self._shared[0].write(self.color, color, None)
+        else:
+            self.color.write(np.ascontiguousarray(color.numpy()))
+
     def write(self, image, first_row: int = 0) -> None:
         """Put a strip (an Image of core/render) at `first_row`, counted from the top."""
         height, width = image.color.shape

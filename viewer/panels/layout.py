@@ -65,11 +65,10 @@ def _help(gui, scene, actions, status):
     imgui.end()
 
 
-def show_message(text: str, centered: bool = False) -> None:
-    """One line at the bottom of the window, or in its middle."""
+def show_message(text: str) -> None:
+    """One line at the bottom of the window."""
     size = imgui.get_io().display_size
-    height = 0.5 * size.y if centered else size.y - MARGIN
-    imgui.set_next_window_pos((0.5 * size.x, height), pivot=(0.5, 0.5 if centered else 1.0))
+    imgui.set_next_window_pos((0.5 * size.x, size.y - MARGIN), pivot=(0.5, 1.0))
     imgui.begin("message", flags=FLOATING | imgui.WindowFlags_.no_inputs.value)
     imgui.text(text)
     imgui.end()

@@ -23,6 +23,11 @@ def record_panel(scene, actions, status):
             f"{recorder.frame_count} frames, {recorder.repeated_count} repeated, "
             f"{recorder.dropped_count} left out"
         )
+    changed, wanted = imgui.checkbox(
+        "transparent screenshots of the field alone", settings.transparent_screenshots
+    )
+    if changed:
+        settings.transparent_screenshots = wanted
     changed, wanted = imgui.checkbox("vertices in clips and screenshots", settings.handles_in_clips)
     if changed:
         settings.handles_in_clips = wanted

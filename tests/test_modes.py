@@ -1,0 +1,151 @@
+"""View modes: each picture is what it is said to be, against NumPy, on random fields."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.render import modes
+from deformrf.core.render.camera import from_field_of_view, look_at, rays
+from deformrf.core.render.modes import MODES, render_mode
+from deformrf.core.render.render import Renderer, RenderOptions
+
+RANGE = 1.2, 2.0
+BACKGROUND = (0.2, 0.5, 0.9)
+OPTIONS = RenderOptions(BACKGROUND)
+
+
+@pytest.fixture
+def field(make_ball_field):
+    return make_ball_field(int(np.random.default_rng().integers(10_000)))
+
+
+def camera(width=48, height=40):
+    angle = np.random.default_rng().uniform(0, 2 * np.pi)
+    eye = 0.5 + np.array([1.5 * np.cos(angle), 1.5 * np.sin(angle), 0.4])
+    return from_field_of_view(look_at(eye, (0.5, 0.5, 0.5)), 0.6, width, height)
+
+
+@pytest.fixture
+def shown(field, device):
+    """A function: a mode's color [H, W, 4] int and alpha's mask, and the plain image."""
+    renderer, view = Renderer(field, device), camera()
+
+    def show(mode, rows=None):
+        return render_mode(renderer, view, mode, OPTIONS, rows, RANGE)
+
+    show.view, show.renderer = view, renderer
+    return show
+
+
+def picture(image):
+    color = image.color_array().astype(int)
+    return color[..., :3], color[..., 3] > 0
+
+
+def expect(image, wanted, mask):
+    """Within half a byte of `wanted` 0..1, and the background where nothing is."""
+    color, there = picture(image)
+    np.testing.assert_array_equal(there, mask)
+    assert 0.05 < mask.mean()
+    assert np.abs(color - 255 * np.clip(wanted, 0, 1))[mask].max() <= 0.51
+    assert np.abs(color - 255 * np.array(BACKGROUND))[~mask].max(initial=0) <= 0.51
+
+
+def test_depth_is_white_when_near_and_black_when_far(shown):
+    t = shown("color").depth_array()
+    gray = (RANGE[1] - t) / (RANGE[1] - RANGE[0])
+    expect(shown("depth"), np.repeat(gray[..., None], 3, -1), np.isfinite(t))
+    assert np.ptp(gray[np.isfinite(t)]) > 0.05
+
+
+def test_accumulation_is_the_opacity(shown):
+    opacity = shown("color").color_array()[..., 3]
+    wanted = np.repeat(opacity[..., None], 3, -1) / 255
+    expect(shown("accumulation"), wanted, np.ones(opacity.shape, bool))
+
+
+def test_normals_are_those_of_the_depth_image(shown):
+    t = shown("color").depth_array()
+    _, directions = rays(shown.view)
+    points = np.where(np.isfinite(t)[..., None], t[..., None], np.nan)
+    points = points * directions.reshape(*t.shape, 3)
+    normals = modes.normals_reference(points)
+    color, there = picture(shown("normals"))
+    np.testing.assert_array_equal(there, np.isfinite(normals[..., 0]))
+    assert there.mean() > 0.05
+    # Differences of depths in float32: where they all but vanish, a rounding turns the normal,
+    # and where two jumps tie, another neighbour counts.
+    close = np.abs(color - 255 * (0.5 + 0.5 * normals))[there].max(axis=-1) < 1.6
+    assert close.mean() > 0.99
+
+
+def test_the_normal_of_a_plane_is_the_planes():
+    rng = np.random.default_rng()
+    normal = rng.normal(size=3)
+    normal[2] = abs(normal[2]) + 2.0  # towards the eye, and not edge on
+    normal /= np.linalg.norm(normal)
+    _, directions = rays(from_field_of_view(np.eye(4), 0.6, 20, 14))
+    points = directions * (-1.5 / (directions @ normal))[:, None]
+    points = points.reshape(14, 20, 3)
+    points[rng.uniform(size=(14, 20)) < 0.1] = np.nan
+    found = modes.normals_reference(points)
+    there = np.isfinite(found[..., 0])
+    assert there.mean() > 0.5
+    np.testing.assert_allclose(found[there], np.tile(normal, (there.sum(), 1)), atol=1e-9)
+
+
+def test_at_a_silhouette_the_normal_is_that_of_the_pixels_own_surface():
+    _, directions = rays(from_field_of_view(np.eye(4), 0.6, 8, 8))
+    z = np.where(np.arange(8) < 4, 1.0, 3.0)  # two walls that face the eye
+    points = directions.reshape(8, 8, 3) * (z / -directions.reshape(8, 8, 3)[..., 2])[..., None]
+    assert modes.normals_reference(points) == pytest.approx(
+        np.broadcast_to([0.0, 0.0, 1.0], (8, 8, 3))
+    )
+
+
+def test_each_tet_keeps_its_color(shown):
+    tet = shown.renderer.render(shown.view, RenderOptions(details=True)).tet.numpy()
+    expect(shown("tets"), modes.tet_colors_reference(tet) / 255, tet >= 0)
+
+
+def test_few_tets_share_a_color():
+    ids = np.arange(100_000)
+    assert len(np.unique(modes.tet_colors_reference(ids), axis=0)) > 0.9 * len(ids)
+
+
+def test_samples_are_counted_by_heat(shown):
+    samples = shown.renderer.render(shown.view, RenderOptions(details=True)).samples.numpy()
+    assert samples.max() > 5
+    wanted = modes.heat_reference(samples / modes.SAMPLES_SHOWN)
+    expect(shown("samples"), wanted, np.ones(samples.shape, bool))
+
+
+def test_heat_begins_dark_and_ends_in_yellow_for_all_that_is_more():
+    first, last = np.array(modes.HEAT[0]) / 255, np.array(modes.HEAT[-1]) / 255
+    found = modes.heat_reference([0.0, 1.0, 7.0])
+    assert found == pytest.approx(np.array([first, last, last]))
+
+
+def test_the_error_is_the_difference_to_conformance_mode(shown):
+    view, renderer = shown.view, shown.renderer
+    default, exact = (
+        renderer.render(view, RenderOptions(BACKGROUND, conformance=c)).color_array().astype(int)
+        for c in (False, True)
+    )
+    error = modes.ERROR_GAIN * np.abs(default - exact)[..., :3] / 255
+    assert error.max() > 0
+    expect(shown("error"), error, np.ones(error.shape[:2], bool))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_strips_make_up_the_picture(shown, mode):
+    whole = shown(mode).color_array()
+    strips = [shown(mode, rows) for rows in ((0, 7), (7, 8), (8, 40))]
+    np.testing.assert_array_equal(np.concatenate([s.color_array() for s in strips]), whole)
+    depths = np.concatenate([s.depth_array() for s in strips])
+    np.testing.assert_array_equal(depths, shown("color").depth_array())
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_each_mode_says_what_it_shows(mode):
+    assert len(modes.caption(mode, RANGE)) < 50
+    assert bool(modes.caption(mode, RANGE)) == (mode != "color")
