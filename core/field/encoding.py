@@ -29,10 +29,10 @@ from ..geometry.subdivision import (
     lattice_weights,
     path_nodes,
 )
+from ..wide import vec4h
 from .hashing import hash_address, hash_products, products_entry
 
 FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
-vec4h = wp.types.vector(4, wp.float16)  # an entry in half precision
 mat43ui = wp.types.matrix((4, 3), wp.uint32)
 PREFETCH_SAMPLES = wp.constant(8)
 MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
@@ -137,6 +137,17 @@ def encode_reference(mesh: TetMesh, layout: Layout, table, tet, bary, level_coun
     return np.concatenate(features, axis=1)
 
 
+def node_table(layout: Layout, table):
+    """Dense levels with an entry for each node of each tet, in the order of `Tables.node_ids`.
+
+    Entries are repeated where tets meet, and nothing has to be looked up: as much memory as
+    the ids, and one load instead of two in a row.  [entries, F] -> [nodes, F]
+    """
+    starts = layout.offsets
+    levels = [table[starts[k] + ids.ravel()] for k, ids in enumerate(layout.node_ids)]
+    return np.concatenate([*levels, np.zeros((1, table.shape[1]), table.dtype)])
+
+
 @wp.struct
 class Tables:
     """What the kernels need of a mesh and its layout; one per device."""
@@ -173,6 +184,44 @@ def make_tables(mesh: TetMesh, layout: Layout, device) -> Tables:
 
 
 @wp.func
+def dense_nodes(tables: Tables, level: int, tet: int, cell: wp.vec3i, first: int, last: int):
+    """Places in `node_ids` of a descendant's corners.
+
+    path_nodes counts down in y1, then y2, then y3 of the corner:
+    node = node_count - 1 - (C(y1 + 2, 3) + C(y2 + 1, 2) + y3).
+    """
+    nx = (cell[0] + 1) * (cell[0] + 2) / 2
+    ny = cell[1] + 1
+    node = (tet + 1) * tables.node_counts[level] - 1 + tables.node_starts[level]
+    node -= nx * cell[0] / 3 + ny * cell[1] / 2 + cell[2]
+    end = node - nx - ny - 1
+    return wp.vec4i(node, node - along(first, nx, ny, 1), end + along(last, nx, ny, 1), end)
+
+
+@wp.func
+def hashed_entries(
+    tables: Tables, level: int, products: mat43ui, cell: wp.vec3i, first: int, last: int
+):
+    """Entries of a descendant's corners in a hashed level."""
+    start = tables.entry_starts[level]
+    mask = tables.entry_masks[level]
+    sx, sy, sz = products[1], products[2], products[3]
+    h = (
+        wp.uint32(1 << level) * products[0]
+        + wp.uint32(cell[0]) * sx
+        + wp.uint32(cell[1]) * sy
+        + wp.uint32(cell[2]) * sz
+    )
+    end = h + sx + sy + sz
+    return wp.vec4i(
+        start + products_entry(h, mask),
+        start + products_entry(h + along(first, sx, sy, sz), mask),
+        start + products_entry(end - along(last, sx, sy, sz), mask),
+        start + products_entry(end, mask),
+    )
+
+
+@wp.func
 def corner_entries(tables: Tables, level: int, tet: int, x: wp.vec3, products: mat43ui):
     """Entries of the corners of the descendant that holds a point, and their weights.
 
@@ -182,34 +231,16 @@ def corner_entries(tables: Tables, level: int, tet: int, x: wp.vec3, products: m
     """
     cell, fraction = lattice_cell(x, level)
     first, last = lattice_axes(fraction)
-    start = tables.entry_starts[level]
     e = wp.vec4i()
     if level < tables.dense_level_count:
-        # path_nodes counts down in y1, then y2, then y3 of the corner:
-        # node = node_count - 1 - (C(y1 + 2, 3) + C(y2 + 1, 2) + y3).
-        nx = (cell[0] + 1) * (cell[0] + 2) / 2
-        ny = cell[1] + 1
-        node = (tet + 1) * tables.node_counts[level] - 1 + tables.node_starts[level]
-        node -= nx * cell[0] / 3 + ny * cell[1] / 2 + cell[2]
-        last_node = node - nx - ny - 1
-        e[0] = start + tables.node_ids[node]
-        e[1] = start + tables.node_ids[node - along(first, nx, ny, 1)]
-        e[2] = start + tables.node_ids[last_node + along(last, nx, ny, 1)]
-        e[3] = start + tables.node_ids[last_node]
+        start = tables.entry_starts[level]
+        nodes = dense_nodes(tables, level, tet, cell, first, last)
+        e[0] = start + tables.node_ids[nodes[0]]
+        e[1] = start + tables.node_ids[nodes[1]]
+        e[2] = start + tables.node_ids[nodes[2]]
+        e[3] = start + tables.node_ids[nodes[3]]
     else:
-        mask = tables.entry_masks[level]
-        sx, sy, sz = products[1], products[2], products[3]
-        h = (
-            wp.uint32(1 << level) * products[0]
-            + wp.uint32(cell[0]) * sx
-            + wp.uint32(cell[1]) * sy
-            + wp.uint32(cell[2]) * sz
-        )
-        end = h + sx + sy + sz
-        e[0] = start + products_entry(h, mask)
-        e[1] = start + products_entry(h + along(first, sx, sy, sz), mask)
-        e[2] = start + products_entry(end - along(last, sx, sy, sz), mask)
-        e[3] = start + products_entry(end, mask)
+        e = hashed_entries(tables, level, products, cell, first, last)
     return e, lattice_weights(fraction)
 
 

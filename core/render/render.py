@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 
 from ..field import network
-from ..field.encoding import FEATURES, encode_kernel, make_tables, vec4h
+from ..field.encoding import FEATURES, encode_kernel, make_tables, node_table, vec4h
 from ..field.field import TetField
 from .camera import Camera
 from .compositing import accumulate_kernel, empty_pixels, resolve_kernel
@@ -225,9 +225,11 @@ class Renderer:
         count = shape[0] * shape[1]
         if self._wavefront is None or self._wavefront.capacity < count:
             self._wavefront = None  # its memory first
-            table = wp.array(self.field.table.astype(np.float16), dtype=vec4h, device=self.device)
+            table = self.field.table.astype(np.float16)
+            nodes = node_table(self.field.layout, table)
+            table, nodes = (wp.array(a, dtype=vec4h, device=self.device) for a in (table, nodes))
             self._wavefront = Wavefront(
-                *(self.pose, self._occupancy, self._tables, table, self._evaluate_slots),
+                *(self.pose, self._occupancy, self._tables, table, nodes, self._evaluate_slots),
                 *(self.field.options, count),
             )
         self._overlap.seek()
@@ -460,8 +462,9 @@ def _torch_networks(field, device):
             network_triton.launch_forward(
                 networks,
                 parameters,
-                wp.to_torch(features).flatten(1),
-                *(wp.to_torch(array) for array in (basis, total, sigma, rgb)),
+                wp.to_torch(features).view(len(sigma), -1),
+                wp.to_torch(basis).view(len(sigma), -1),
+                *(wp.to_torch(array) for array in (total, sigma, rgb)),
             )
 
     return evaluate, evaluate_slots

@@ -19,11 +19,13 @@ Rays that meet each other's pixels lie side by side in lists and slots: a warp t
 Shapes: R rays, S slots, L levels.
 """
 
+import numpy as np
 import warp as wp
 
-from ..field.encoding import Tables, corner_entries, vec4h, widened
-from ..field.network import BASIS_COUNT, basis_of
-from ..geometry.subdivision import child_corners, child_of, into_child
+from ..field.encoding import Tables, dense_nodes, hashed_entries
+from ..field.network import CONSTANT_BASIS, basis_of
+from ..geometry.subdivision import lattice_axes, lattice_cell, lattice_point, lattice_weights
+from ..wide import load_wide, load_wide_half, store_wide_half, vec4h
 from .compositing import Pixels, empty_pixels, to_byte
 from .lens import DeviceLens, lens_direction
 from .marching import FILL_SLOTS, MIDDLE, Rays, Samples, empty_rays, empty_samples, march_ray
@@ -46,8 +48,6 @@ TOTAL = wp.constant(6)  # stride · K
 ROUNDS = wp.constant(7)  # that had something to do
 SAMPLES = wp.constant(8)  # evaluated
 STATE_SIZE = 9
-
-basis_half = wp.types.vector(length=BASIS_COUNT, dtype=wp.float16)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -185,42 +185,21 @@ def march_slots_kernel(
     counts[i] = count
 
 
-@wp.func
-def half_basis(d: wp.vec3):
-    b = basis_of(d)
-    return basis_half(
-        wp.float16(b[0]),
-        wp.float16(b[1]),
-        wp.float16(b[2]),
-        wp.float16(b[3]),
-        wp.float16(b[4]),
-        wp.float16(b[5]),
-        wp.float16(b[6]),
-        wp.float16(b[7]),
-        wp.float16(b[8]),
-        wp.float16(b[9]),
-        wp.float16(b[10]),
-        wp.float16(b[11]),
-        wp.float16(b[12]),
-        wp.float16(b[13]),
-        wp.float16(b[14]),
-        wp.float16(b[15]),
-    )
-
-
 @wp.kernel
 def encode_slots_kernel(
     tables: Tables,
-    table: wp.array(dtype=vec4h),
+    table: wp.array(dtype=vec4h),  # [entries]
+    nodes: wp.array(dtype=vec4h),  # node_table of the dense levels
     rotations: wp.array(dtype=wp.mat33),  # [T] Q
     rays: Rays,
     state: wp.array(dtype=int),
     lists: wp.array2d(dtype=int),  # [2, R]
     slots: Samples,  # [S]
     counts: wp.array(dtype=int),
+    level_count: int,
     constant_direction: int,  # 1: the color depends on no direction
-    features: wp.array2d(dtype=vec4h),  # [S, L] out
-    basis: wp.array(dtype=basis_half),  # [S] out
+    features: wp.array(dtype=vec4h),  # [S · L] out
+    basis: wp.array(dtype=vec4h),  # [4 S] out
 ):
     n = wp.tid()
     if n >= state[TOTAL]:
@@ -230,34 +209,37 @@ def encode_slots_kernel(
     if n / stride >= counts[i]:
         return
     tet = slots.tet[n]
-    alpha = slots.bary[n]
+    x = lattice_point(load_wide(slots.bary, n))
+    products = tables.products[tet]
+    level = int(0)
+    while level < level_count:
+        cell, fraction = lattice_cell(x, level)
+        first, last = lattice_axes(fraction)
+        weights = lattice_weights(fraction)
+        f = wp.vec4()
+        if level < tables.dense_level_count:
+            f = mixed(nodes, dense_nodes(tables, level, tet, cell, first, last), weights)
+        else:
+            f = mixed(table, hashed_entries(tables, level, products, cell, first, last), weights)
+        store_wide_half(features, n * level_count + level, f)
+        level += 1
     if constant_direction == 0:
         direction = rays.directions[lists[state[PARITY], i]]
-        basis[n] = half_basis(wp.transpose(rotations[tet]) * direction)
-    corners = tables.tets[tet]
-    a = tables.addresses[corners[0]]
-    b = tables.addresses[corners[1]]
-    c = tables.addresses[corners[2]]
-    d = tables.addresses[corners[3]]
-    path = int(0)
-    level = int(0)
-    while level < features.shape[1]:
-        if level > 0:
-            k = child_of(alpha)
-            alpha = into_child(k, alpha)
-            a, b, c, d = child_corners(k, a, b, c, d)
-            path = 8 * path + k
-        e = corner_entries(tables, level, tet, path, a, b, c, d)
-        f = (
-            alpha[0] * widened(table[e[0]])
-            + alpha[1] * widened(table[e[1]])
-            + alpha[2] * widened(table[e[2]])
-            + alpha[3] * widened(table[e[3]])
-        )
-        features[n, level] = vec4h(
-            wp.float16(f[0]), wp.float16(f[1]), wp.float16(f[2]), wp.float16(f[3])
-        )
-        level += 1
+        b = basis_of(wp.transpose(rotations[tet]) * direction)
+        store_wide_half(basis, 4 * n, wp.vec4(b[0], b[1], b[2], b[3]))
+        store_wide_half(basis, 4 * n + 1, wp.vec4(b[4], b[5], b[6], b[7]))
+        store_wide_half(basis, 4 * n + 2, wp.vec4(b[8], b[9], b[10], b[11]))
+        store_wide_half(basis, 4 * n + 3, wp.vec4(b[12], b[13], b[14], b[15]))
+
+
+@wp.func
+def mixed(table: wp.array(dtype=vec4h), e: wp.vec4i, weights: wp.vec4):
+    """Entries, weighted."""
+    a = weights[0] * load_wide_half(table, e[0])
+    b = weights[1] * load_wide_half(table, e[1])
+    c = weights[2] * load_wide_half(table, e[2])
+    d = weights[3] * load_wide_half(table, e[3])
+    return (a + b) + (c + d)
 
 
 @wp.kernel
@@ -316,20 +298,21 @@ def composite_slots_kernel(
 class Wavefront:
     """Renders images of up to `capacity` pixels in default mode.
 
-    `evaluate` fills arrays: evaluate(features [S, L] vec4h, basis [S] basis_half,
+    `evaluate` fills arrays: evaluate(features [S · L] vec4h, basis [4 S] vec4h,
     total [1], sigma [S], rgb [S]), without waiting or allocating.
     """
 
-    def __init__(self, pose, occupancy, tables, table, evaluate, options, capacity: int):
+    def __init__(self, pose, occupancy, tables, table, nodes, evaluate, options, capacity: int):
         """Make room.
 
         Args:
-            table: vec4h [entries]
+            table, nodes: Features in half precision, by entry and by node, vec4h.
             options: FieldOptions.
         """
         self.capacity = capacity
         self._pose, self._occupancy = pose, occupancy
-        self._tables, self._table, self._evaluate = tables, table, evaluate
+        self._tables, self._table, self._nodes = tables, table, nodes
+        self._evaluate = evaluate
         self._view_dependence = options.view_dependence
         self._march_step, self._level_count = options.march_step, options.level_count
         self.device = device = pose.device
@@ -340,10 +323,9 @@ class Wavefront:
             self._state = wp.zeros(STATE_SIZE, dtype=int)
             self._lists = wp.empty((2, capacity), dtype=int)
             self._counts = wp.empty(SLOTS // LEAST_SLOTS, dtype=int)
-            self._features = wp.zeros((SLOTS, options.level_count), dtype=vec4h)
-            self._basis = wp.zeros(SLOTS, dtype=basis_half)
-            if not options.view_dependence:
-                self._basis.fill_(basis_half(*([0.28209479177387814] + 15 * [0.0])))
+            self._features = wp.zeros(SLOTS * options.level_count, dtype=vec4h)
+            basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (SLOTS, 1))
+            self._basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
             self._sigma = wp.empty(SLOTS, dtype=float)
             self._rgb = wp.empty(SLOTS, dtype=wp.vec3)
             self._background = wp.zeros(1, dtype=wp.vec3)
@@ -425,9 +407,10 @@ class Wavefront:
                 encode_slots_kernel,
                 SLOTS,
                 [
-                    *(self._tables, self._table, self._pose.geometry.rotations, self.rays),
+                    *(self._tables, self._table, self._nodes),
+                    *(self._pose.geometry.rotations, self.rays),
                     *(self._state, self._lists, self._slots, self._counts),
-                    int(not self._view_dependence),
+                    *(self._level_count, int(not self._view_dependence)),
                 ],
                 [self._features, self._basis],
             )
