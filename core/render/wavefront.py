@@ -135,13 +135,13 @@ def begin_kernel(
 
 
 @wp.kernel
-def advance_kernel(state: wp.array(dtype=int)):
+def advance_kernel(slot_count: int, state: wp.array(dtype=int)):
     """Turn to the list that is complete, and share the slots out among its rays."""
     listed = state[NEXT_LISTED]
     state[PARITY] = 1 - state[PARITY]
     state[LISTED] = listed
     state[NEXT_LISTED] = 0
-    taken = wp.min(listed, wp.static(SLOTS) / LEAST_SLOTS)
+    taken = wp.min(listed, slot_count / LEAST_SLOTS)
     stride = (taken + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT
     per_ray = wp.clamp(WANTED_SLOTS / wp.max(stride, 1), LEAST_SLOTS, MOST_SLOTS)
     state[TAKEN] = taken
@@ -316,6 +316,7 @@ class Wavefront:
         self._view_dependence = options.view_dependence
         self._march_step, self._level_count = options.march_step, options.level_count
         self.device = device = pose.device
+        self._slot_count = SLOTS
         self.rays = empty_rays(capacity, device)
         self.pixels = empty_pixels(capacity, device)
         self._slots = empty_samples(SLOTS, device)
@@ -392,7 +393,7 @@ class Wavefront:
 
     def _launch_round(self, options, stage):
         with stage("march"):
-            self._launch(advance_kernel, 1, [self._state])
+            self._launch(advance_kernel, 1, [self._slot_count, self._state])
             self._launch(
                 march_slots_kernel,
                 len(self._counts),
@@ -405,7 +406,7 @@ class Wavefront:
         with stage("encode"):
             self._launch(
                 encode_slots_kernel,
-                SLOTS,
+                self._slot_count,
                 [
                     *(self._tables, self._table, self._nodes),
                     *(self._pose.geometry.rotations, self.rays),

@@ -1,0 +1,135 @@
+"""Rounds of slots make the image that rounds of packed samples make."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from deformrf.core.field import network
+from deformrf.core.field.encoding import node_table
+from deformrf.core.render import wavefront
+from deformrf.core.render.camera import from_field_of_view, look_at
+from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.wide import vec4h
+
+BACKGROUND = (0.2, 0.5, 0.9)
+DETAILS = RenderOptions(BACKGROUND, details=True)  # takes the other way on every device
+
+
+def view(width=50, height=37):
+    rng = np.random.default_rng()
+    direction = rng.normal(size=3) * [1.0, 1.0, 0.5]
+    eye = 0.5 + 1.4 * direction / np.linalg.norm(direction)
+    return from_field_of_view(look_at(eye, (0.5, 0.5, 0.5)), 0.6, width, height)
+
+
+def in_slots(renderer):
+    """Let a renderer on the CPU work in slots too, with NumPy's networks."""
+    if renderer.device.is_cuda:
+        return renderer
+    field = renderer.field
+
+    def evaluate(features, basis, total, sigma, rgb):
+        count = int(total.numpy()[0])
+        rows = (a.numpy().reshape(len(sigma), -1)[:count].astype(float) for a in (features, basis))
+        if count:
+            values = network.evaluate(
+                *rows, field.density_layers, field.color_layers, field.options
+            )
+            sigma.numpy()[:count], rgb.numpy()[:count] = values
+
+    renderer._evaluate_slots = evaluate
+    return renderer
+
+
+def assert_alike(image, expected):
+    """Half precision in one of them: a few levels of 255 at most, next to none on average."""
+    difference = np.abs(image.color_array().astype(int) - expected.color_array())
+    assert difference.mean() < 0.3
+    assert (difference.max(axis=-1) > 6).mean() < 5e-3
+    seen = np.isfinite(expected.depth_array()) & np.isfinite(image.depth_array())
+    depths = image.depth_array()[seen], expected.depth_array()[seen]
+    assert np.isclose(*depths, atol=3e-3).mean() > 0.99
+    assert (np.isfinite(image.depth_array()) == np.isfinite(expected.depth_array())).mean() > 0.99
+
+
+@pytest.mark.parametrize("slot_count", [wavefront.SLOTS, 1 << 11])
+def test_slots_make_the_same_image(make_ball_field, device, monkeypatch, slot_count):
+    """Also where only some of the rays have room in a round."""
+    monkeypatch.setattr(wavefront, "SLOTS", slot_count)
+    renderer = in_slots(
+        Renderer(make_ball_field(int(np.random.default_rng().integers(1000))), device)
+    )
+    camera = view()
+    for _ in range(2):  # the second time knows how many rounds it takes
+        assert_alike(
+            renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, DETAILS)
+        )
+
+
+def test_strips_and_smaller_images_use_the_same_room(make_ball_field, device):
+    renderer = in_slots(Renderer(make_ball_field(2), device))
+    camera = view()
+    whole = renderer.render(camera).color_array()
+    room = renderer._wavefront
+    strips = [renderer.render(camera, rows=rows).color_array() for rows in ((0, 5), (5, 37))]
+    np.testing.assert_array_equal(np.concatenate(strips), whole)
+    assert renderer.render(camera.resized(20, 10)).color_array().shape == (10, 20, 4)
+    assert renderer._wavefront is room
+    assert renderer.render(camera.resized(60, 50)).color_array().shape == (50, 60, 4)
+
+
+def test_another_background_needs_no_new_graphs(make_ball_field, device):
+    renderer = in_slots(Renderer(make_ball_field(3), device))
+    camera = view()
+    renderer.render(camera)
+    dark = RenderOptions(background=(0.0, 0.0, 0.0))
+    assert_alike(
+        renderer.render(camera, dark),
+        renderer.render(camera, RenderOptions((0, 0, 0), details=True)),
+    )
+
+
+def test_what_overlaps_is_mended(make_ball_field, device):
+    field = make_ball_field(4)
+    rng = np.random.default_rng()
+    renderer = in_slots(Renderer(field, device))
+    renderer.set_vertices(
+        field.mesh.rest_vertices + rng.normal(size=(len(field.mesh.rest_vertices), 3)) * 0.03
+    )
+    assert renderer.tangle()
+    camera = view()
+    assert_alike(
+        renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, DETAILS)
+    )
+
+
+def test_without_view_dependence_the_basis_is_constant(make_ball_field, device):
+    field = make_ball_field(5, view_dependence=False)
+    renderer = in_slots(Renderer(field, device))
+    camera = view()
+    assert_alike(
+        renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, DETAILS)
+    )
+
+
+def test_nodes_hold_what_entries_hold(make_ball_field):
+    field = make_ball_field(6)
+    nodes = node_table(field.layout, field.table)
+    assert len(nodes) == 1 + sum(ids.size for ids in field.layout.node_ids)
+    first = field.layout.node_ids[0]
+    np.testing.assert_array_equal(nodes[: first.size], field.table[first.ravel()])
+
+
+def test_half_entries_are_read_and_written_whole(device):
+    from deformrf.core.wide import load_wide_half, store_wide_half
+
+    @wp.kernel
+    def twice(values: wp.array(dtype=vec4h), result: wp.array(dtype=vec4h)):
+        i = wp.tid()
+        store_wide_half(result, i, 2.0 * load_wide_half(values, i))
+
+    values = np.random.default_rng().normal(size=(33, 4)).astype(np.float16)
+    result = wp.zeros(33, dtype=vec4h, device=device)
+    inputs = [wp.array(values, dtype=vec4h, device=device)]
+    wp.launch(twice, 33, inputs=inputs, outputs=[result], device=device)
+    np.testing.assert_array_equal(result.numpy(), 2 * values)
