@@ -94,7 +94,7 @@ def test_what_overlaps_is_mended(make_ball_field, device):
     rng = np.random.default_rng()
     renderer = in_slots(Renderer(field, device))
     renderer.set_vertices(
-        field.mesh.rest_vertices + rng.normal(size=(len(field.mesh.rest_vertices), 3)) * 0.03
+        field.mesh.rest_vertices + rng.normal(size=(len(field.mesh.rest_vertices), 3)) * 0.08
     )
     assert renderer.tangle()
     camera = view()

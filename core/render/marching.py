@@ -19,13 +19,13 @@ import warp as wp
 from ..field.network import basis_of, basis_vector
 from ..field.occupancy import is_occupied, subtet_ahead
 from ..wide import store_wide
+from .entries import Entries, next_entry
 from .traversal import (
     MAX_TETS,
     QUERY_GAP,
     SMALLEST_ADVANCE,
     Geometry,
     across_flat_tet,
-    enter_mesh,
     exit_tet,
     line_in_tet,
     link_across,
@@ -87,6 +87,7 @@ def empty_samples(count: int, device) -> Samples:
 @wp.func
 def march_ray(
     geometry: Geometry,
+    entries: Entries,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
     ray: int,
@@ -112,15 +113,14 @@ def march_ray(
     count = int(0)
     tets_left = int(MAX_TETS)
     while tet > -2 and count < limit:
+        # Two loops, so that on CUDA a warp's rays search together and then walk together.
         if tet == -1:
-            found, entry_t = enter_mesh(geometry, origin, direction, t)
+            found, entry_t = next_entry(geometry, entries, ray, origin, direction, t)
             t = entry_t
             entry_face = -1
             piece = 0
-            tet = found
-            if found < 0:
-                tet = -2
-        if tet >= 0:
+            tet = wp.where(found < 0, -2, found)
+        while tet >= 0 and count < limit:
             p = origin + t * direction
             alpha, slope = line_in_tet(geometry, tet, p, direction)
             face, distance = exit_tet(alpha, slope, entry_face)
@@ -205,6 +205,7 @@ def march_kernel(
         limit = counts[i]
     count = march_ray(
         geometry,
+        Entries(),  # none: rays search as they go
         occupancy,
         rays,
         alive[i],

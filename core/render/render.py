@@ -33,6 +33,7 @@ from .marching import (
 from .overlap import Overlap, sort_rays_kernel
 from .stages import Stages
 from .traversal import Pose
+from .visible import visible_part
 from .wavefront import Wavefront
 
 CPU_TILE_RAYS = 8192  # few enough for both cores to have some, many for each launch
@@ -121,6 +122,16 @@ def count_up_kernel(values: wp.array(dtype=int)):
     values[i] = i
 
 
+@wp.kernel
+def old_ids_kernel(
+    tet_ids: wp.array(dtype=int),  # [K] of the visible part
+    tets: wp.array(dtype=int),  # [R] -1: none
+    old_ids: wp.array(dtype=int),  # [R] out
+):
+    i = wp.tid()
+    old_ids[i] = wp.where(tets[i] < 0, -1, tet_ids[wp.max(tets[i], 0)])
+
+
 class Renderer:
     """Renders one field in a pose that changes: `set_vertices`, then `render`."""
 
@@ -128,11 +139,14 @@ class Renderer:
         self.field = field
         self.device = wp.get_device(device)
         self.stage = Stages(self.device)  # stage(name) times what happens within
-        self.pose = Pose(field.mesh, field.neighbours, self.device)
-        self._tables = make_tables(field.mesh, field.layout, self.device)
+        self._part, tet_ids = visible_part(field)
+        mesh, neighbours = self._part.mesh, self._part.neighbours
+        self._tet_ids = wp.array(tet_ids, dtype=int, device=self.device)
+        self.pose = Pose(mesh, neighbours, self.device)
+        self._tables = make_tables(mesh, self._part.layout, self.device)
         self._table = wp.array(field.table, dtype=wp.vec4, device=self.device)
-        self._occupancy = wp.array(field.occupancy, dtype=wp.uint64, device=self.device)
-        self._overlap = Overlap(field.mesh, field.neighbours, self.pose)
+        self._occupancy = wp.array(self._part.occupancy, dtype=wp.uint64, device=self.device)
+        self._overlap = Overlap(mesh, neighbours, self.pose)
         self._layers = Layers(self.pose, self._occupancy)
         self._all_rays = wp.empty(0, dtype=int, device=self.device)
         self._wavefront = self._evaluate_slots = None
@@ -226,7 +240,7 @@ class Renderer:
         if self._wavefront is None or self._wavefront.capacity < count:
             self._wavefront = None  # its memory first
             table = self.field.table.astype(np.float16)
-            nodes = node_table(self.field.layout, table)
+            nodes = node_table(self._part.layout, table)
             table, nodes = (wp.array(a, dtype=vec4h, device=self.device) for a in (table, nodes))
             self._wavefront = Wavefront(
                 *(self.pose, self._occupancy, self._tables, table, nodes, self._evaluate_slots),
@@ -284,7 +298,7 @@ class Renderer:
             [image["color"], image["depth"]],
         )
         if options.details:
-            wp.copy(image["tet"], pixels.tet)
+            self._launch(old_ids_kernel, count, [self._tet_ids, pixels.tet], [image["tet"]])
             wp.copy(image["samples"], pixels.sample_count)
         return sample_count
 

@@ -27,9 +27,10 @@ from ..field.network import CONSTANT_BASIS, basis_of
 from ..geometry.subdivision import lattice_axes, lattice_cell, lattice_point, lattice_weights
 from ..wide import load_wide, load_wide_half, store_wide_half, vec4h
 from .compositing import Pixels, empty_pixels, to_byte
+from .entries import Entries, FaceBoxes, empty_entries, find_entries
 from .lens import DeviceLens, lens_direction
 from .marching import FILL_SLOTS, MIDDLE, Rays, Samples, empty_rays, empty_samples, march_ray
-from .traversal import Geometry, enter_mesh
+from .traversal import Geometry
 
 TILE_WIDTH, TILE_HEIGHT = wp.constant(8), wp.constant(4)  # pixels of a warp
 LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
@@ -95,6 +96,10 @@ def begin_kernel(
     first_row: int,
     row_count: int,
     background: wp.vec3,
+    boxes: wp.uint64,  # id of FaceBoxes
+    vertices: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    entries: Entries,
     rays: Rays,
     pixels: Pixels,
     state: wp.array(dtype=int),
@@ -102,7 +107,7 @@ def begin_kernel(
     color: wp.array(dtype=wp.vec4ub),  # [R] out: background where no ray meets the mesh
     depth: wp.array(dtype=float),  # [R] out
 ):
-    """Rays of the image, the first tet of each; ray numbers are pixels, row by row."""
+    """Rays of the image, and where they enter the mesh; their numbers are pixels, row by row."""
     i = wp.tid()
     tile = i / (TILE_WIDTH * TILE_HEIGHT)
     within = i % (TILE_WIDTH * TILE_HEIGHT)
@@ -117,15 +122,14 @@ def begin_kernel(
     origin = wp.vec3(camera_to_world[0, 3], camera_to_world[1, 3], camera_to_world[2, 3])
     rays.origins[ray] = origin
     rays.directions[ray] = direction
-    tet, t = enter_mesh(geometry, origin, direction, 0.0)
-    if tet < 0:
+    if find_entries(geometry, boxes, vertices, faces, origin, direction, ray, entries) == 0:
         color[ray] = wp.vec4ub(
             to_byte(background[0]), to_byte(background[1]), to_byte(background[2]), wp.uint8(0)
         )
         depth[ray] = BACKGROUND_DEPTH
         return
-    rays.t[ray] = t
-    rays.tet[ray] = tet
+    rays.t[ray] = 0.0
+    rays.tet[ray] = -1
     rays.entry_face[ray] = -1
     rays.piece[ray] = 0
     pixels.color[ray] = wp.vec3()
@@ -143,7 +147,8 @@ def advance_kernel(slot_count: int, state: wp.array(dtype=int)):
     state[NEXT_LISTED] = 0
     taken = wp.min(listed, slot_count / LEAST_SLOTS)
     stride = (taken + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT
-    per_ray = wp.clamp(WANTED_SLOTS / wp.max(stride, 1), LEAST_SLOTS, MOST_SLOTS)
+    wanted = wp.min(WANTED_SLOTS, slot_count)
+    per_ray = wp.clamp(wanted / wp.max(stride, 1), LEAST_SLOTS, MOST_SLOTS)
     state[TAKEN] = taken
     state[STRIDE] = stride
     state[PER_RAY] = per_ray
@@ -155,6 +160,7 @@ def advance_kernel(slot_count: int, state: wp.array(dtype=int)):
 @wp.kernel
 def march_slots_kernel(
     geometry: Geometry,
+    entries: Entries,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
     state: wp.array(dtype=int),
@@ -171,6 +177,7 @@ def march_slots_kernel(
         ray = lists[state[PARITY], i]
         count = march_ray(
             geometry,
+            entries,
             occupancy,
             rays,
             ray,
@@ -317,6 +324,8 @@ class Wavefront:
         self._march_step, self._level_count = options.march_step, options.level_count
         self.device = device = pose.device
         self._slot_count = SLOTS
+        self._boxes = FaceBoxes(pose)
+        self._entries = empty_entries(capacity, device)
         self.rays = empty_rays(capacity, device)
         self.pixels = empty_pixels(capacity, device)
         self._slots = empty_samples(SLOTS, device)
@@ -367,13 +376,16 @@ class Wavefront:
             self._shown_background = background
         tiles = -(-lens.width // TILE_WIDTH) * -(-(rows[1] - rows[0]) // TILE_HEIGHT)
         with stage("begin"):
+            self._boxes.refresh()
             self._state.zero_()
             self._launch(
                 begin_kernel,
                 tiles * TILE_WIDTH * TILE_HEIGHT,
                 [
                     *(self._pose.geometry, camera_to_world, lens, rows[0], rows[1] - rows[0]),
-                    *(wp.vec3(*background), self.rays, self.pixels, self._state, self._lists),
+                    *(wp.vec3(*background), self._boxes.id, self._pose.vertices),
+                    *(self._boxes.faces, self._entries),
+                    *(self.rays, self.pixels, self._state, self._lists),
                 ],
                 [self.color, self.depth],
             )
@@ -398,7 +410,8 @@ class Wavefront:
                 march_slots_kernel,
                 len(self._counts),
                 [
-                    *(self._pose.geometry, self._occupancy, self.rays, self._state, self._lists),
+                    *(self._pose.geometry, self._entries, self._occupancy),
+                    *(self.rays, self._state, self._lists),
                     self._march_step * options.step_factor,
                 ],
                 [self._slots, self._counts],

@@ -16,6 +16,7 @@ on CUDA their sum is larger; on the CPU it is the sum of both threads.  dB and m
 
 import argparse
 import time
+from functools import cache
 
 import numpy as np
 import warp as wp
@@ -99,18 +100,26 @@ class Drag:
         return image
 
 
-def texture_upload(device, size):
-    """write(image) into an OpenGL texture, and how; or None if there is no OpenGL."""
-    from deformrf.viewer.upload import ImageTexture, choose_path
+@cache
+def opengl():
+    """A window that nobody sees, and its context: kept, or it is closed; None if there is none."""
     from deformrf.viewer.window import WindowError, open_window
 
     try:
-        window, context = open_window((64, 64), headless=True)
+        return open_window((64, 64), headless=True)
     except WindowError:
-        return (lambda image: None), "not uploaded: no OpenGL"
+        return None
+
+
+def texture_upload(device, size):
+    """write(image) into an OpenGL texture, and how the bytes go there."""
+    from deformrf.viewer.upload import ImageTexture, choose_path
+
+    if opengl() is None:
+        return (lambda image: None), "nowhere: there is no OpenGL"
+    _, context = opengl()
     path = choose_path(context, device, "auto")
-    texture = ImageTexture(context, size, device, path)
-    return (lambda image, window=window: texture.write(image)), path  # a window lost is closed
+    return ImageTexture(context, size, device, path).write, path
 
 
 def measure(case):
