@@ -36,9 +36,9 @@ from .traversal import Pose
 from .visible import visible_part
 from .wavefront import Wavefront
 
-CPU_TILE_RAYS = 8192  # few enough for both cores to have some, many for each launch
+CPU_TILE_RAYS = 8192  # many for each launch, few enough for all cores to have some
 CUDA_TILE_RAYS = 1 << 20
-ROUND_SLOTS = (4, 4, 4, 4, 8, 8, 16, 32, 64, 128)  # 12 samples end most rays
+ROUND_SLOTS = (4, 4, 4, 4, 8, 8, 16, 32, 64, 128)  # most rays end after some 12 samples
 
 wp.set_module_options({"enable_backward": False})
 
