@@ -33,9 +33,8 @@ from deformrf.core.field import modelfile
 from deformrf.core.field.network import basis_of, basis_vector
 from deformrf.core.render.camera import in_space
 from deformrf.core.render.lens import LensCamera
-from deformrf.core.render.marching import Rays
-from deformrf.core.render.render import Renderer
-from deformrf.core.render.traversal import Geometry
+from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.traversal import tet_frames_reference
 from deformrf.core.training import datasets
 from deformrf.core.training.datasets import white_composite
 from deformrf.core.training.metrics import psnr, ssim
@@ -48,7 +47,10 @@ WAYS = {  # name: direction, path length
     "direction F⁻¹d": ("F⁻¹d", "rest"),
 }
 HEADINGS = ("IoU", "ΔIoU", "alpha dB", "color dB", "SSIM")
+ROUNDS = RenderOptions(details=True)  # details: in rounds everywhere, which can be overridden
 SQUASHES = (1.0, 0.3, 0.1)
+SQUASH_SIZE = 200  # rays each way
+OFF_LATTICE = 1.37e-4  # in the planes of the lattice rounding decides what a ray meets
 
 
 def twist(p):
@@ -69,39 +71,37 @@ MAPS = {"helmet_twist": twist, "helmet_lean": lean}
 
 @wp.kernel
 def current_length_kernel(
-    geometry: Geometry,
-    rays: Rays,
-    alive: wp.array(dtype=int),  # [threads]
-    counts: wp.array(dtype=int),  # [threads]
+    directions: wp.array(dtype=wp.vec3),  # [R]
+    rest_from_current: wp.array(dtype=wp.mat33),  # [T] F⁻¹
+    alive: wp.array(dtype=int),  # [threads] ray of each
+    counts: wp.array(dtype=int),  # [threads] samples of each
     ends: wp.array(dtype=int),  # [threads] inclusive scan of counts
     sample_tet: wp.array(dtype=int),  # [N]
     length: wp.array(dtype=float),  # [N] in: at rest; out: in the pose
 ):
     i = wp.tid()
-    direction = rays.directions[alive[i]]
+    direction = directions[alive[i]]
     n = ends[i] - counts[i]
     while n < ends[i]:
-        length[n] = length[n] / wp.length(geometry.rest_from_current[sample_tet[n]] * direction)
+        length[n] = length[n] / wp.length(rest_from_current[sample_tet[n]] * direction)
         n += 1
 
 
 @wp.kernel
-def pulled_back_basis_kernel(
-    geometry: Geometry,
-    rays: Rays,
+def turned_basis_kernel(
+    directions: wp.array(dtype=wp.vec3),
+    turns: wp.array(dtype=wp.mat33),  # [T] what stands for Qᵀ
     alive: wp.array(dtype=int),
     counts: wp.array(dtype=int),
     ends: wp.array(dtype=int),
     sample_tet: wp.array(dtype=int),
     basis: wp.array(dtype=basis_vector),  # [N] out
 ):
-    """Harmonics of F⁻¹d instead of Qᵀd."""
     i = wp.tid()
-    direction = rays.directions[alive[i]]
+    direction = directions[alive[i]]
     n = ends[i] - counts[i]
     while n < ends[i]:
-        pulled_back = geometry.rest_from_current[sample_tet[n]] * direction
-        basis[n] = basis_of(wp.normalize(pulled_back))
+        basis[n] = basis_of(wp.normalize(turns[sample_tet[n]] * direction))
         n += 1
 
 
@@ -112,23 +112,28 @@ class WayRenderer(Renderer):
 
     def set_vertices(self, vertices):
         super().set_vertices(vertices)
-        if self.direction == "d":
-            rotations = self.pose.geometry.rotations
-            rotations.assign(np.tile(np.eye(3, dtype=np.float32), (len(rotations), 1, 1)))
+        mesh = self.field.mesh
+        _, inverses, _, _ = tet_frames_reference(mesh.rest_vertices, vertices, mesh.tets)
+        still = np.tile(np.eye(3), (mesh.tet_count, 1, 1))
+        self._rest_from_current, self._still = (
+            wp.array(turns.astype(np.float32), dtype=wp.mat33, device=self.device)
+            for turns in (inverses, still)
+        )
 
     def _march(self, rays, alive, *rest):
         samples, counts, ends, count = super()._march(rays, alive, *rest)
         if self.length == "current":
-            inputs = [self.pose.geometry, rays, alive, counts, ends, samples.tet]
+            inputs = [rays.directions, self._rest_from_current, alive, counts, ends, samples.tet]
             self._launch(current_length_kernel, len(counts), inputs, [samples.length])
         return samples, counts, ends, count
 
     def _basis(self, rays, alive, counts, ends, samples, count):
-        if self.direction != "F⁻¹d":
+        if self.direction == "Qᵀd":
             return super()._basis(rays, alive, counts, ends, samples, count)
+        turns = {"d": self._still, "F⁻¹d": self._rest_from_current}[self.direction]
         basis = wp.empty(count, dtype=basis_vector, device=self.device)
-        inputs = [self.pose.geometry, rays, alive, counts, ends, samples.tet]
-        self._launch(pulled_back_basis_kernel, len(counts), inputs, [basis])
+        inputs = [rays.directions, turns, alive, counts, ends, samples.tet]
+        self._launch(turned_basis_kernel, len(counts), inputs, [basis])
         return basis
 
 
@@ -153,7 +158,7 @@ def measure(renderer, dataset, pictures=None):
     poses = in_space(dataset.poses, renderer.field.world_to_model)
     scores = []
     for view, (pose, lens) in enumerate(zip(poses, dataset.lenses, strict=True)):
-        rendered = renderer.render(LensCamera(pose, lens)).color_array()
+        rendered = renderer.render(LensCamera(pose, lens), ROUNDS).color_array()
         truth = dataset.image(view)
         scores.append(score(rendered, truth))
         if pictures and view % 8 == 0:
@@ -168,11 +173,11 @@ def print_row(name, scores, iou):
     print(f"{name:32}" + "".join(f"{c:>10}" for c in (*cells, f"{scores[3]:.4f}")), flush=True)
 
 
-def print_squashes(renderer, size):
+def print_squashes(renderer):
     """Mean opacity where the object is opaque at rest, and PSNR to the image at rest."""
     field = renderer.field
     low, high = field.mesh.rest_vertices.min(axis=0), field.mesh.rest_vertices.max(axis=0)
-    x, y = (np.linspace(low[i], high[i], size) for i in (0, 1))
+    x, y = (np.linspace(low[i], high[i], SQUASH_SIZE) + OFF_LATTICE for i in (0, 1))
     origins = np.stack(np.meshgrid(x, y, [high[2] + 0.1]), axis=-1).reshape(-1, 3)
     directions = np.tile([0.0, 0.0, -1.0], (len(origins), 1))
     print(f"\n{'squashed along z':32}" + "".join(f"{h:>10}" for h in ("opacity", "color dB")))
@@ -220,7 +225,7 @@ def main():
                 arguments.pictures.mkdir(parents=True, exist_ok=True)
                 pictures = arguments.pictures / data_name
             print_row(f"{data_name}, {way}", measure(renderer, dataset, pictures), iou)
-    print_squashes(renderer, 2 * (arguments.size or 400) // 4)
+    print_squashes(renderer)
 
 
 if __name__ == "__main__":

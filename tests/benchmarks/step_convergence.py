@@ -3,8 +3,8 @@
     python tests/benchmarks/step_convergence.py [--model M] [--device cpu|cuda:0] [--size 100]
         [--out docs/figures/step_convergence.png]
 
-RMS difference of color (0..1, over white) to the image with Δ/64, at rest and twisted, of
-conformance mode with Δ·f; order is log2 e(f)/e(f/2).  Three rows a pose:
+RMS and mean difference of color (0..1, over white) to the image with Δ/64, at rest and
+twisted, of conformance mode with Δ·f; order is log2 e(f)/e(f/2).  Three images a pose:
 
     conformance           rays end at T < 10⁻³, somewhere between 0 and 10⁻³: a floor
     stop at 10⁻⁶          the same without that floor
@@ -59,14 +59,15 @@ def colors(renderer, view, options):
 
 
 def errors(renderer, view, options):
-    """RMS difference to the finest image, for each factor."""
+    """RMS and mean difference to the finest image, for each factor.  [2, factors]"""
     finest = colors(renderer, view, replace(options, step_factor=FINEST))
     images = (colors(renderer, view, replace(options, step_factor=f)) for f in FACTORS)
-    return np.array([np.sqrt(np.mean((image - finest) ** 2)) for image in images])
+    differences = [np.abs(image - finest) for image in images]
+    return np.array([[np.sqrt(np.mean(d**2)) for d in differences], np.mean(differences, (1, 2))])
 
 
 def measure(field, device, view):
-    """Errors by (pose, row's name)."""
+    """Errors, by pose and by name of the image."""
     open_field = replace(field, occupancy=np.where(field.occupancy, ALL_OCCUPIED, np.uint64(0)))
     rows = {
         "conformance": (field, RenderOptions(conformance=True)),
@@ -116,11 +117,13 @@ def main():
     view = from_field_of_view(look_at(eye, (0.5,) * 3), 0.691, arguments.size, arguments.size)
     print(f"{'':32}" + "".join(f"{f'Δ·{f:g}':>10}" for f in FACTORS))
     curves = {}
-    for key, values in measure(field, arguments.device, view):
-        curves[key] = values
-        print(f"{', '.join(key):32}" + "".join(f"{e:10.2e}" for e in values))
-        orders = np.log2(values[:-1] / values[1:])
-        print(f"{'  order':32}" + "".join(f"{o:10.2f}" for o in orders), flush=True)
+    for key, (rms, mean) in measure(field, arguments.device, view):
+        curves[key] = rms
+        print(", ".join(key))
+        for name, values in (("RMS", rms), ("mean", mean)):
+            print(f"{'  ' + name:32}" + "".join(f"{e:10.2e}" for e in values))
+            orders = np.log2(values[:-1] / values[1:])
+            print(f"{'  order':42}" + "".join(f"{o:10.2f}" for o in orders), flush=True)
     if arguments.out:
         draw(curves, arguments.out)
 
