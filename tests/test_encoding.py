@@ -137,37 +137,6 @@ def check_forward_kernel(mesh, layout, device, entry=wp.vec4):
     )
 
 
-@pytest.mark.parametrize("count", [1, 15, 33, 1024, 1040])
-def test_empty_places_have_zeros_and_nothing_behind_the_last_is_written(
-    mesh, layout, device, count
-):
-    """On the CPU samples are encoded in blocks, the last of which may not be full."""
-    tet, bary = random_samples(mesh)
-    tet, bary = tet[:count], bary[:count]
-    tet[::3] = -1
-    table = random_table(layout).astype(np.float32)
-    tables, tet_array, bary_array = launch_arguments(mesh, layout, tet, bary, device)
-    features = wp.full((count + 8, LEVELS), 7.0, dtype=wp.vec4, device=device)
-    wp.launch(
-        encode_kernel,
-        dim=count,
-        inputs=[
-            tables,
-            wp.array(table, dtype=wp.vec4, device=device),
-            tet_array,
-            bary_array,
-            LEVELS,
-        ],
-        outputs=[features],
-        device=device,
-    )
-    expected = encode_reference(mesh, layout, table.astype(float), tet, bary)
-    expected[tet < 0] = 0.0
-    found = features.numpy().reshape(count + 8, -1)
-    np.testing.assert_allclose(found[:count], expected, atol=5e-5)
-    assert (found[count:] == 7.0).all()
-
-
 @pytest.mark.parametrize("entry", [wp.vec4, vec4h])
 def test_backward_kernel_is_the_adjoint_of_the_reference(mesh, layout, device, entry):
     """<g, encode(table)> = <encode*(g), table> for every table: encode is linear in it."""

@@ -13,7 +13,6 @@ one after another, [sum of entry counts, F].
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,7 @@ from .hashing import hash_address, hash_products, products_entry
 
 FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
 mat43ui = wp.types.matrix((4, 3), wp.uint32)
-CPU_CHUNK = wp.constant(1024)  # samples that one of the "threads" encodes there
+PREFETCH_SAMPLES = wp.constant(8)
 MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
@@ -274,6 +273,14 @@ def add_to_entry(table_grad: wp.array(dtype=wp.vec4), entry: int, value: wp.vec4
 
 
 @wp.func_native("""
+#if !defined(__CUDA_ARCH__)
+    __builtin_prefetch(&wp::index(table, entry));
+#endif
+""")
+def prefetch(table: wp.array(dtype=Any), entry: int): ...
+
+
+@wp.func_native("""
 #if defined(__CUDA_ARCH__)
     return false;
 #else
@@ -283,19 +290,23 @@ def add_to_entry(table_grad: wp.array(dtype=wp.vec4), entry: int, value: wp.vec4
 def on_cpu() -> bool: ...
 
 
-@wp.func_native(Path(__file__).with_name("encode_block.cpp").read_text("utf-8"))
-def encode_block(
-    tables: Tables,
-    table: wp.array(dtype=Any),
-    sample_tet: wp.array(dtype=int),
-    sample_bary: wp.array(dtype=wp.vec4),
-    first: int,
-    chunk: int,
-    level_count: int,
-    features: wp.array2d(dtype=Any),
+@wp.func
+def prefetch_entries(
+    tables: Tables, table: wp.array(dtype=Any), tet: int, bary: wp.vec4, level_count: int
 ):
-    """What encode_kernel does, for many samples at once; nothing on CUDA."""
-    ...
+    """Ask for a later sample's entries of the large levels, which are rarely in the cache."""
+    if tet < 0:
+        return
+    x = lattice_point(bary)
+    products = tables.products[tet]
+    level = int(tables.dense_level_count)
+    while level < level_count:
+        e, _ = corner_entries(tables, level, tet, x, products)
+        prefetch(table, e[0])
+        prefetch(table, e[1])
+        prefetch(table, e[2])
+        prefetch(table, e[3])
+        level += 1
 
 
 @wp.kernel
@@ -310,11 +321,8 @@ def encode_kernel(
     """Sums are float32 whatever the table is."""
     n = wp.tid()
     if on_cpu():
-        if n % CPU_CHUNK == 0:
-            encode_block(
-                tables, table, sample_tet, sample_bary, n, CPU_CHUNK, level_count, features
-            )
-        return
+        ahead = wp.min(n + PREFETCH_SAMPLES, sample_tet.shape[0] - 1)
+        prefetch_entries(tables, table, sample_tet[ahead], sample_bary[ahead], level_count)
     tet = sample_tet[n]
     level = int(0)
     if tet < 0:

@@ -109,12 +109,7 @@ def replace_corner_entries():
         )
         return e, alpha
 
-    @wp.func
-    def on_cpu() -> bool:
-        return False
-
     encoding.corner_entries = corner_entries
-    encoding.on_cpu = on_cpu  # encode_block.cpp knows only Bey's, too
 
 
 def install():
