@@ -217,8 +217,10 @@ def test_jitter_moves_samples_inside_their_pieces_only(make_ball_field, device):
     rest = field.mesh.rest_vertices
     still = march(field, rest, origins, directions, device)
     moved = march(field, rest, origins, directions, device, jitter_seed=7)
-    for i in (0, 1, 3, 4):  # ray, tet, length, t: the pieces themselves stay
+    for i in (0, 1):  # ray and tet: the pieces themselves stay
         np.testing.assert_array_equal(still[i], moved[i])
+    for i in (3, 4):  # length and t, which compilers may round differently
+        np.testing.assert_allclose(still[i], moved[i], rtol=1e-5)
     corners = rest[field.mesh.tets[still[1]]]
     apart = np.einsum("nc,ncx->nx", moved[2] - still[2], corners)
     along = np.einsum("nx,nx->n", apart, directions[still[0]])

@@ -37,6 +37,7 @@ LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, 
 WANTED_SLOTS = wp.constant(1 << 19)  # of a round: enough to fill a GPU, few behind a surface
 SLOTS = 1 << 20  # S
 ALIGNMENT = wp.constant(64)  # of the stride
+BLOCK_SIZE = 256  # threads
 BACKGROUND_DEPTH = wp.constant(wp.inf)
 # Places in the state, integers on the device.
 PARITY = wp.constant(0)  # which list is read
@@ -444,4 +445,11 @@ class Wavefront:
             )
 
     def _launch(self, kernel, dim, inputs, outputs=()):
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+        wp.launch(
+            kernel,
+            dim=dim,
+            inputs=inputs,
+            outputs=outputs,
+            device=self.device,
+            block_dim=BLOCK_SIZE,
+        )
