@@ -7,7 +7,7 @@ from deformrf.viewer.loading import OTHERS, Progress, kernel_modules, prepare
 
 
 def test_the_modules_are_those_of_renderer_and_solver():
-    modules = kernel_modules()
+    modules = kernel_modules("cpu")
     for name in ("render.marching", "render.modes", "field.encoding", "deform.constraints"):
         assert f"deformrf.core.{name}" in modules
     assert len(modules) == len(set(modules))
@@ -15,7 +15,7 @@ def test_the_modules_are_those_of_renderer_and_solver():
 
 
 def test_every_stage_is_counted(ball):
-    progress = Progress(kernel_modules())
+    progress = Progress(kernel_modules("cpu"))
     seen, done = [], progress.done
 
     def noted():
@@ -33,7 +33,7 @@ def test_every_stage_is_counted(ball):
 
 
 def test_no_other_module_is_needed_in_the_end(ball, monkeypatch):
-    progress, needed = Progress(kernel_modules()), []
+    progress, needed = Progress(kernel_modules("cpu")), []
     load = wp.Module.load
 
     def noted(module, *arguments, **options):

@@ -37,7 +37,7 @@ def in_slots(renderer):
             )
             sigma.numpy()[:count], rgb.numpy()[:count] = values
 
-    renderer._evaluate_slots = evaluate
+    renderer.shading.evaluate_slots = evaluate
     return renderer
 
 
@@ -52,14 +52,14 @@ def assert_alike(image, expected):
     assert (np.isfinite(image.depth_array()) == np.isfinite(expected.depth_array())).mean() > 0.99
 
 
-@pytest.mark.parametrize("slot_count", [wavefront.SLOTS, 1 << 11])
-def test_slots_make_the_same_image(make_ball_field, device, monkeypatch, slot_count):
+@pytest.mark.parametrize("slots_per_pixel", [wavefront.SLOTS_PER_PIXEL, 0.1])
+def test_slots_make_the_same_image(make_ball_field, device, monkeypatch, slots_per_pixel):
     """Also where only some of the rays have room in a round."""
-    monkeypatch.setattr(wavefront, "SLOTS", slot_count)
+    monkeypatch.setattr(wavefront, "SLOTS_PER_PIXEL", slots_per_pixel)
     renderer = in_slots(
         Renderer(make_ball_field(int(np.random.default_rng().integers(1000))), device)
     )
-    camera = view()
+    camera = view(150, 120)
     for _ in range(2):  # the second time knows how many rounds it takes
         assert_alike(
             renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, DETAILS)

@@ -13,6 +13,7 @@ from ..core.render.render import Renderer
 from .scene import Scene
 from .surface import visible_points
 
+NEEDED = ("render.", "deform.", "field.encoding")  # parts of core
 OTHERS = ("networks and tables", "the surface, from eight sides", "the solver")
 
 
@@ -51,13 +52,15 @@ class Progress:
         self._since = now
 
 
-def kernel_modules() -> list[str]:
-    """The modules of core that have been imported and define Warp kernels."""
+def kernel_modules(device: str) -> list[str]:
+    """The modules of core that have been imported and whose Warp kernels a viewer needs there."""
     core = __package__.rpartition(".")[0] + ".core."
+    if device != "cpu":
+        from ..core.render import wavefront  # noqa: F401  or it is imported with the first image
     return sorted(
         name
         for name, module in list(sys.modules.items())
-        if name.startswith(core)
+        if name.startswith(tuple(core + part for part in NEEDED))
         and any(isinstance(v, wp.Kernel) and v.module.name == name for v in vars(module).values())
     )
 

@@ -72,7 +72,7 @@ class App:
 
         self.status.device = wp.get_device(device).name
         self.status.interop = choose_path(self.ctx, device, interop)
-        progress = Progress(kernel_modules())
+        progress = Progress(kernel_modules(device))
         if self.gui is None:
             scene, renderer = prepare(field, name, device, progress)
         else:

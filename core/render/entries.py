@@ -12,7 +12,7 @@ import warp as wp
 
 from .traversal import QUERY_GAP, Geometry, Pose, enter_mesh, orientation
 
-MOST_ENTRIES = wp.constant(6)
+MOST_ENTRIES = wp.constant(4)
 UNKNOWN = wp.constant(-1)  # a ray's count: it searches as it goes
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})

@@ -14,8 +14,6 @@ from functools import partial
 import numpy as np
 import warp as wp
 
-from ..field import network
-from ..field.encoding import FEATURES, encode_kernel, make_tables, node_table, vec4h
 from ..field.field import TetField
 from .camera import Camera
 from .compositing import accumulate_kernel, empty_pixels, resolve_kernel
@@ -24,17 +22,16 @@ from .lens import DeviceLens, LensCamera, device_lens, lens_direction
 from .marching import (
     FILL_SLOTS,
     MIDDLE,
-    basis_kernel,
     empty_rays,
     empty_samples,
     march_kernel,
     pack_kernel,
 )
 from .overlap import Overlap, sort_rays_kernel
+from .shading import Shading
 from .stages import Stages
 from .traversal import Pose
 from .visible import visible_part
-from .wavefront import Wavefront
 
 CPU_TILE_RAYS = 8192  # many for each launch, few enough for all cores to have some
 CUDA_TILE_RAYS = 1 << 20
@@ -133,28 +130,30 @@ def old_ids_kernel(
 
 
 class Renderer:
-    """Renders one field in a pose that changes: `set_vertices`, then `render`."""
+    """Renders one field in a pose that changes: `set_vertices`, then `render`.
+
+    Attributes:
+        part: What can be seen of the field: fewer tets, in another order.
+        pose: Of that part.
+        shading: Of that part.
+    """
 
     def __init__(self, field: TetField, device="cpu"):
         self.field = field
         self.device = wp.get_device(device)
         self.stage = Stages(self.device)  # stage(name) times what happens within
-        self._part, tet_ids = visible_part(field)
-        mesh, neighbours = self._part.mesh, self._part.neighbours
+        self.part, tet_ids = visible_part(field)
+        mesh, neighbours = self.part.mesh, self.part.neighbours
         self._tet_ids = wp.array(tet_ids, dtype=int, device=self.device)
         self.pose = Pose(mesh, neighbours, self.device)
-        self._tables = make_tables(mesh, self._part.layout, self.device)
-        self._table = wp.array(field.table, dtype=wp.vec4, device=self.device)
-        self._occupancy = wp.array(self._part.occupancy, dtype=wp.uint64, device=self.device)
+        self.shading = Shading(self.part, self.pose.geometry.rotations, self.device)
+        self._occupancy = wp.array(self.part.occupancy, dtype=wp.uint64, device=self.device)
         self._overlap = Overlap(mesh, neighbours, self.pose)
         self._layers = Layers(self.pose, self._occupancy)
         self._all_rays = wp.empty(0, dtype=int, device=self.device)
-        self._wavefront = self._evaluate_slots = None
+        self._wavefront = None
         self._middle = wp.full(1, MIDDLE, dtype=int, device=self.device)
-        if self.device.is_cuda:
-            self._networks, self._evaluate_slots = _torch_networks(field, self.device)
-        else:
-            self._networks = _numpy_networks(field)
+        if not self.device.is_cuda:
             self._pool = ThreadPoolExecutor(os.cpu_count())
 
     @property
@@ -189,9 +188,8 @@ class Renderer:
         first, last = rows or (0, camera.height)
         first_pixel, count = first * camera.width, (last - first) * camera.width
         shape = (last - first, camera.width)
-        if self._evaluate_slots and not options.conformance and not options.details:
-            if options.level_count is None:
-                return self._render_wavefront(camera, options, (first, last), shape)
+        if self._has_slots(options):
+            return self._render_wavefront(camera, options, (first, last), shape)
         image = {
             "color": wp.empty(count, dtype=wp.vec4ub, device=self.device),
             "depth": wp.empty(count, dtype=float, device=self.device),
@@ -235,16 +233,19 @@ class Renderer:
         color = pixels.color.numpy() + transmittance[:, None] * np.float32(options.background)
         return color, opacity, pixels.depth.numpy() / np.maximum(opacity, 1e-6)
 
+    def _has_slots(self, options) -> bool:
+        """Whether a wavefront renders the image."""
+        special = options.conformance or options.details or options.level_count is not None
+        return self.shading.evaluate_slots is not None and not special
+
     def _render_wavefront(self, camera, options, rows, shape):
         count = shape[0] * shape[1]
+        from .wavefront import Wavefront  # whose kernels only CUDA needs
+
         if self._wavefront is None or self._wavefront.capacity < count:
             self._wavefront = None  # its memory first
-            table = self.field.table.astype(np.float16)
-            nodes = node_table(self._part.layout, table)
-            table, nodes = (wp.array(a, dtype=vec4h, device=self.device) for a in (table, nodes))
             self._wavefront = Wavefront(
-                *(self.pose, self._occupancy, self._tables, table, nodes, self._evaluate_slots),
-                *(self.field.options, count),
+                self.pose, self._occupancy, self.shading, self.field.options, count
             )
         self._overlap.seek()
         wavefront, lens = self._wavefront, device_lens(camera.lens)
@@ -320,11 +321,9 @@ class Renderer:
                 samples, counts, ends, packed_count = self._march(
                     *(rays, alive, count, slot_count, options.step_factor)
                 )
-            with self.stage("encode"):
-                features = self._encode(samples, packed_count, options.level_count)
-                basis = self._basis(rays, alive, counts, ends, samples, packed_count)
-            with self.stage("networks"):
-                sigma, rgb = self._networks(features, basis, half=not options.conformance)
+            sigma, rgb = self.shading.shade(
+                *(rays, alive, counts, ends, samples, packed_count, options, self.stage)
+            )
             with self.stage("accumulate"):
                 still_alive = wp.empty(count, dtype=int, device=self.device)
                 still_alive_count = wp.zeros(1, dtype=int, device=self.device)
@@ -363,9 +362,8 @@ class Renderer:
 
     def _render_layers(self, rays, tangled, pixels, options):
         def shade(samples, alive, counts, ends, count):
-            features = self._encode(samples, count, options.level_count)
-            basis = self._basis(rays, alive, counts, ends, samples, count)
-            return self._networks(features, basis, half=not options.conformance)
+            unasked = Stages(self.device)  # the stage "layers" has it all
+            return self.shading.shade(rays, alive, counts, ends, samples, count, options, unasked)
 
         step = self.field.options.march_step * options.step_factor
         return self._layers.render(rays, tangled, step, pixels, shade)
@@ -390,95 +388,5 @@ class Renderer:
         self._launch(pack_kernel, count, [slots, counts, ends, slot_count], [packed])
         return packed, counts, ends, packed_count
 
-    def _encode(self, samples, count, level_count):
-        level_count = level_count or self.field.layout.level_count
-        features = wp.empty((count, level_count), dtype=wp.vec4, device=self.device)
-        self._launch(
-            encode_kernel,
-            count,
-            [self._tables, self._table, samples.tet, samples.bary, level_count],
-            [features],
-        )
-        return features
-
-    def _basis(self, rays, alive, counts, ends, samples, count):
-        if not self.field.options.view_dependence:
-            constant = network.basis_vector(network.CONSTANT_BASIS)
-            return wp.full(count, constant, dtype=network.basis_vector, device=self.device)
-        basis = wp.empty(count, dtype=network.basis_vector, device=self.device)
-        self._launch(
-            basis_kernel,
-            len(counts),
-            [rays, self.pose.geometry.rotations, alive, counts, ends, samples.tet],
-            [basis],
-        )
-        return basis
-
     def _launch(self, kernel, dim, inputs, outputs=()):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
-
-
-def _numpy_networks(field):
-    """evaluate(features, basis, half) -> sigma, rgb, all Warp arrays on the CPU."""
-
-    networks = network.BlockedNetworks(field.density_layers, field.color_layers, field.options)
-
-    def evaluate(features, basis, half):  # half precision would be slower here
-        width = FEATURES * features.shape[1]
-        sigma, rgb = networks.evaluate(features.numpy().reshape(len(basis), width), basis.numpy())
-        return (
-            wp.array(sigma, dtype=float, device="cpu", copy=False),
-            wp.array(rgb, dtype=wp.vec3, device="cpu", copy=False),
-        )
-
-    return evaluate
-
-
-def _torch_networks(field, device):
-    """The networks on a CUDA device, in two forms.
-
-    Returns:
-        evaluate(features, basis, half) -> sigma, rgb, all Warp arrays; and what Wavefront
-        takes as `evaluate`, or None where Triton can't do these networks.
-    """
-    import torch
-
-    from ..field import network_triton
-    from ..field.network_torch import Networks
-
-    networks = Networks(
-        field.density_layers, field.color_layers, field.options.density_activation
-    ).to(f"cuda:{device.ordinal}")
-    half_networks = Networks(*networks.layers(), field.options.density_activation)
-    half_networks = half_networks.to(f"cuda:{device.ordinal}").half()
-
-    @torch.no_grad()
-    def evaluate(features, basis, half):
-        # On Warp's stream, so that kernels and layers follow each other without waiting.
-        with torch.cuda.stream(wp.stream_to_torch(wp.get_stream(device))):
-            x = wp.to_torch(features).flatten(1)
-            missing = networks.density[0].in_features - x.shape[1]
-            x = torch.nn.functional.pad(x, (0, missing)) if missing else x
-            y = wp.to_torch(basis)
-            if half:
-                sigma, rgb = half_networks(x.half(), y.half())
-            else:
-                sigma, rgb = networks(x, y)
-            return wp.from_torch(sigma), wp.from_torch(rgb, dtype=wp.vec3)
-
-    if not network_triton.can_fuse(networks):
-        return evaluate, None
-    parameters = network_triton.pack(networks).detach()
-
-    @torch.no_grad()
-    def evaluate_slots(features, basis, total, sigma, rgb):
-        with torch.cuda.stream(wp.stream_to_torch(wp.get_stream(device))):
-            network_triton.launch_forward(
-                networks,
-                parameters,
-                wp.to_torch(features).view(len(sigma), -1),
-                wp.to_torch(basis).view(len(sigma), -1),
-                *(wp.to_torch(array) for array in (total, sigma, rgb)),
-            )
-
-    return evaluate, evaluate_slots

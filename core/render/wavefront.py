@@ -22,327 +22,63 @@ Shapes: R rays, S slots, L levels.
 import numpy as np
 import warp as wp
 
-from ..field.encoding import Tables, dense_nodes, hashed_entries
-from ..field.network import CONSTANT_BASIS, basis_of
-from ..geometry.subdivision import lattice_axes, lattice_cell, lattice_point, lattice_weights
-from ..wide import load_wide, load_wide_half, store_wide_half, vec4h
-from .compositing import Pixels, empty_pixels, to_byte
-from .entries import Entries, FaceBoxes, empty_entries, find_entries
-from .lens import DeviceLens, lens_direction
-from .marching import FILL_SLOTS, MIDDLE, Rays, Samples, empty_rays, empty_samples, march_ray
-from .traversal import Geometry
+from ..field.network import CONSTANT_BASIS
+from ..wide import vec4h
+from . import slots
+from .compositing import empty_pixels
+from .entries import FaceBoxes, empty_entries
+from .lens import DeviceLens
+from .marching import empty_rays, empty_samples
+from .shading import Shading
 
-TILE_WIDTH, TILE_HEIGHT = wp.constant(8), wp.constant(4)  # pixels of a warp
-LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
-WANTED_SLOTS = wp.constant(1 << 19)  # of a round: enough to fill a GPU, few behind a surface
-SLOTS = 1 << 20  # S
-ALIGNMENT = wp.constant(64)  # of the stride
-BLOCK_SIZE = 256  # threads
-BACKGROUND_DEPTH = wp.constant(wp.inf)
-# Places in the state, integers on the device.
-PARITY = wp.constant(0)  # which list is read
-LISTED = wp.constant(1)  # rays in it
-NEXT_LISTED = wp.constant(2)  # rays in the other one, so far
-TAKEN = wp.constant(3)  # rays that have slots in this round
-STRIDE = wp.constant(4)
-PER_RAY = wp.constant(5)  # K
-TOTAL = wp.constant(6)  # stride · K
-ROUNDS = wp.constant(7)  # that had something to do
-SAMPLES = wp.constant(8)  # evaluated
-STATE_SIZE = 9
-
-wp.set_module_options({"enable_backward": False, "max_unroll": 2})
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    // One atomic for all threads of a warp that are here.
-    unsigned mask = __activemask();
-    int lane = threadIdx.x & 31;
-    int leader = __ffs(mask) - 1;
-    int first = 0;
-    if (lane == leader) first = atomicAdd(&wp::index(state, place), __popc(mask));
-    first = __shfl_sync(mask, first, leader);
-    return first + __popc(mask & ((1u << lane) - 1));
-#else
-    return wp::atomic_add(state, place, 1);
-#endif
-""")
-def claim(state: wp.array(dtype=int), place: int) -> int: ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
-    unsigned mask = __activemask();
-    int sum = __reduce_add_sync(mask, value);
-    if ((threadIdx.x & 31) == __ffs(mask) - 1) atomicAdd(&wp::index(state, place), sum);
-#else
-    wp::atomic_add(state, place, value);
-#endif
-""")
-def add_up(state: wp.array(dtype=int), place: int, value: int): ...
-
-
-@wp.func
-def list_ray(state: wp.array(dtype=int), lists: wp.array2d(dtype=int), ray: int):
-    """Put a ray into the list of the next round."""
-    lists[1 - state[PARITY], claim(state, NEXT_LISTED)] = ray
-
-
-@wp.kernel
-def begin_kernel(
-    geometry: Geometry,
-    camera_to_world: wp.mat44,
-    lens: DeviceLens,
-    first_row: int,
-    row_count: int,
-    background: wp.vec3,
-    boxes: wp.uint64,  # id of FaceBoxes
-    vertices: wp.array(dtype=wp.vec3),
-    faces: wp.array(dtype=wp.vec3i),
-    entries: Entries,
-    rays: Rays,
-    pixels: Pixels,
-    state: wp.array(dtype=int),
-    lists: wp.array2d(dtype=int),  # [2, R]
-    color: wp.array(dtype=wp.vec4ub),  # [R] out: background where no ray meets the mesh
-    depth: wp.array(dtype=float),  # [R] out
-):
-    """Rays of the image, and where they enter the mesh; their numbers are pixels, row by row."""
-    i = wp.tid()
-    tile = i / (TILE_WIDTH * TILE_HEIGHT)
-    within = i % (TILE_WIDTH * TILE_HEIGHT)
-    tiles_across = (lens.width + TILE_WIDTH - 1) / TILE_WIDTH
-    column = (tile % tiles_across) * TILE_WIDTH + within % TILE_WIDTH
-    row = (tile / tiles_across) * TILE_HEIGHT + within / TILE_WIDTH
-    if column >= lens.width or row >= row_count:
-        return
-    ray = row * lens.width + column
-    d = lens_direction(lens, column, first_row + row)
-    direction = wp.normalize(wp.transform_vector(camera_to_world, d))
-    origin = wp.vec3(camera_to_world[0, 3], camera_to_world[1, 3], camera_to_world[2, 3])
-    rays.origins[ray] = origin
-    rays.directions[ray] = direction
-    if find_entries(geometry, boxes, vertices, faces, origin, direction, ray, entries) == 0:
-        color[ray] = wp.vec4ub(
-            to_byte(background[0]), to_byte(background[1]), to_byte(background[2]), wp.uint8(0)
-        )
-        depth[ray] = BACKGROUND_DEPTH
-        return
-    rays.t[ray] = 0.0
-    rays.tet[ray] = -1
-    rays.entry_face[ray] = -1
-    rays.piece[ray] = 0
-    pixels.color[ray] = wp.vec3()
-    pixels.depth[ray] = 0.0
-    pixels.transmittance[ray] = 1.0
-    list_ray(state, lists, ray)
-
-
-@wp.kernel
-def advance_kernel(slot_count: int, state: wp.array(dtype=int)):
-    """Turn to the list that is complete, and share the slots out among its rays."""
-    listed = state[NEXT_LISTED]
-    state[PARITY] = 1 - state[PARITY]
-    state[LISTED] = listed
-    state[NEXT_LISTED] = 0
-    taken = wp.min(listed, slot_count / LEAST_SLOTS)
-    stride = (taken + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT
-    wanted = wp.min(WANTED_SLOTS, slot_count)
-    per_ray = wp.clamp(wanted / wp.max(stride, 1), LEAST_SLOTS, MOST_SLOTS)
-    state[TAKEN] = taken
-    state[STRIDE] = stride
-    state[PER_RAY] = per_ray
-    state[TOTAL] = stride * per_ray
-    if listed > 0:
-        state[ROUNDS] = state[ROUNDS] + 1
-
-
-@wp.kernel
-def march_slots_kernel(
-    geometry: Geometry,
-    entries: Entries,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    rays: Rays,
-    state: wp.array(dtype=int),
-    lists: wp.array2d(dtype=int),  # [2, R]
-    step: float,  # Δ
-    slots: Samples,  # out [S]
-    counts: wp.array(dtype=int),  # [S / LEAST_SLOTS] out
-):
-    i = wp.tid()
-    if i >= state[STRIDE]:
-        return
-    count = int(0)
-    if i < state[TAKEN]:
-        ray = lists[state[PARITY], i]
-        count = march_ray(
-            geometry,
-            entries,
-            occupancy,
-            rays,
-            ray,
-            step,
-            MIDDLE,
-            FILL_SLOTS,
-            i,
-            state[STRIDE],
-            state[PER_RAY],
-            slots,
-        )
-    counts[i] = count
-
-
-@wp.kernel
-def encode_slots_kernel(
-    tables: Tables,
-    table: wp.array(dtype=vec4h),  # [entries]
-    nodes: wp.array(dtype=vec4h),  # node_table of the dense levels
-    rotations: wp.array(dtype=wp.mat33),  # [T] Q
-    rays: Rays,
-    state: wp.array(dtype=int),
-    lists: wp.array2d(dtype=int),  # [2, R]
-    slots: Samples,  # [S]
-    counts: wp.array(dtype=int),
-    level_count: int,
-    constant_direction: int,  # 1: the color depends on no direction
-    features: wp.array(dtype=vec4h),  # [S · L] out
-    basis: wp.array(dtype=vec4h),  # [4 S] out
-):
-    n = wp.tid()
-    if n >= state[TOTAL]:
-        return
-    stride = state[STRIDE]
-    i = n % stride
-    if n / stride >= counts[i]:
-        return
-    tet = slots.tet[n]
-    x = lattice_point(load_wide(slots.bary, n))
-    products = tables.products[tet]
-    level = int(0)
-    while level < level_count:
-        cell, fraction = lattice_cell(x, level)
-        first, last = lattice_axes(fraction)
-        weights = lattice_weights(fraction)
-        f = wp.vec4()
-        if level < tables.dense_level_count:
-            f = mixed(nodes, dense_nodes(tables, level, tet, cell, first, last), weights)
-        else:
-            f = mixed(table, hashed_entries(tables, level, products, cell, first, last), weights)
-        store_wide_half(features, n * level_count + level, f)
-        level += 1
-    if constant_direction == 0:
-        direction = rays.directions[lists[state[PARITY], i]]
-        b = basis_of(wp.transpose(rotations[tet]) * direction)
-        store_wide_half(basis, 4 * n, wp.vec4(b[0], b[1], b[2], b[3]))
-        store_wide_half(basis, 4 * n + 1, wp.vec4(b[4], b[5], b[6], b[7]))
-        store_wide_half(basis, 4 * n + 2, wp.vec4(b[8], b[9], b[10], b[11]))
-        store_wide_half(basis, 4 * n + 3, wp.vec4(b[12], b[13], b[14], b[15]))
-
-
-@wp.func
-def mixed(table: wp.array(dtype=vec4h), e: wp.vec4i, weights: wp.vec4):
-    """Entries, weighted."""
-    a = weights[0] * load_wide_half(table, e[0])
-    b = weights[1] * load_wide_half(table, e[1])
-    c = weights[2] * load_wide_half(table, e[2])
-    d = weights[3] * load_wide_half(table, e[3])
-    return (a + b) + (c + d)
-
-
-@wp.kernel
-def composite_slots_kernel(
-    state: wp.array(dtype=int),
-    lists: wp.array2d(dtype=int),  # [2, R]
-    slots: Samples,  # [S]
-    counts: wp.array(dtype=int),
-    sigma: wp.array(dtype=float),  # [S]
-    rgb: wp.array(dtype=wp.vec3),  # [S]
-    ray_tet: wp.array(dtype=int),  # [R] -2 where the ray has left the mesh for good
-    stop: float,
-    background: wp.array(dtype=wp.vec3),  # [1]
-    pixels: Pixels,
-    color: wp.array(dtype=wp.vec4ub),  # [R] out
-    depth: wp.array(dtype=float),  # [R] out
-):
-    """`accumulate_kernel` and `resolve_kernel` on slots; what is behind a ray's end is alike."""
-    i = wp.tid()
-    if i >= state[LISTED]:
-        return
-    ray = lists[state[PARITY], i]
-    if i >= state[TAKEN]:
-        list_ray(state, lists, ray)
-        return
-    stride = state[STRIDE]
-    add_up(state, SAMPLES, counts[i])
-    transmittance = pixels.transmittance[ray]
-    c = pixels.color[ray]
-    total_t = pixels.depth[ray]
-    n = int(i)
-    last = i + counts[i] * stride
-    while n < last and transmittance >= stop:
-        remaining = wp.exp(-sigma[n] * slots.length[n])
-        w = transmittance * (1.0 - remaining)
-        c += w * rgb[n]
-        total_t += w * slots.t[n]
-        transmittance *= remaining
-        n += stride
-    if transmittance >= stop and ray_tet[ray] > -2:
-        pixels.transmittance[ray] = transmittance
-        pixels.color[ray] = c
-        pixels.depth[ray] = total_t
-        list_ray(state, lists, ray)
-        return
-    opacity = 1.0 - transmittance
-    total_t /= wp.max(opacity, 1.0e-6)
-    if transmittance < stop:
-        c /= opacity
-        opacity = 1.0
-    c += (1.0 - opacity) * background[0]
-    color[ray] = wp.vec4ub(to_byte(c[0]), to_byte(c[1]), to_byte(c[2]), to_byte(opacity))
-    depth[ray] = wp.where(opacity < 0.5, BACKGROUND_DEPTH, total_t)
+SLOTS_PER_PIXEL = 1.2  # room; rays that don't fit wait for the next round
+MOST_SLOTS_IN_ALL = 1 << 21  # 280 MB of them
+SLOT_MULTIPLE = 4096  # strides fit in
+BLOCK_SIZE = 128  # threads: fewer wait for the longest way of a block
 
 
 class Wavefront:
     """Renders images of up to `capacity` pixels in default mode.
 
-    `evaluate` fills arrays: evaluate(features [S · L] vec4h, basis [4 S] vec4h,
+    `shading.evaluate_slots` fills arrays: evaluate(features [S · L] vec4h, basis [4 S] vec4h,
     total [1], sigma [S], rgb [S]), without waiting or allocating.
     """
 
-    def __init__(self, pose, occupancy, tables, table, nodes, evaluate, options, capacity: int):
+    def __init__(self, pose, occupancy, shading: Shading, options, capacity: int):
         """Make room.
 
         Args:
-            table, nodes: Features in half precision, by entry and by node, vec4h.
             options: FieldOptions.
         """
         self.capacity = capacity
         self._pose, self._occupancy = pose, occupancy
-        self._tables, self._table, self._nodes = tables, table, nodes
-        self._evaluate = evaluate
+        self._tables, self._evaluate = shading.tables, shading.evaluate_slots
+        self._table, self._nodes = shading.half_tables()
         self._view_dependence = options.view_dependence
         self._march_step, self._level_count = options.march_step, options.level_count
         self.device = device = pose.device
-        self._slot_count = SLOTS
+        slot_count = min(int(SLOTS_PER_PIXEL * capacity), MOST_SLOTS_IN_ALL)
+        self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
         self._boxes = FaceBoxes(pose)
         self._entries = empty_entries(capacity, device)
         self.rays = empty_rays(capacity, device)
         self.pixels = empty_pixels(capacity, device)
-        self._slots = empty_samples(SLOTS, device)
+        self._slots = empty_samples(slot_count, device)
         with wp.ScopedDevice(device):
-            self._state = wp.zeros(STATE_SIZE, dtype=int)
+            self._state = wp.zeros(slots.STATE_SIZE, dtype=int)
             self._lists = wp.empty((2, capacity), dtype=int)
-            self._counts = wp.empty(SLOTS // LEAST_SLOTS, dtype=int)
-            self._features = wp.zeros(SLOTS * options.level_count, dtype=vec4h)
-            basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (SLOTS, 1))
+            self._counts = wp.empty(slot_count // slots.LEAST_SLOTS, dtype=int)
+            self._features = wp.zeros(slot_count * options.level_count, dtype=vec4h)
+            basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (slot_count, 1))
             self._basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
-            self._sigma = wp.empty(SLOTS, dtype=float)
-            self._rgb = wp.empty(SLOTS, dtype=wp.vec3)
+            self._sigma = wp.empty(slot_count, dtype=float)
+            self._rgb = wp.empty(slot_count, dtype=wp.vec3)
             self._background = wp.zeros(1, dtype=wp.vec3)
             self.color = wp.empty(capacity, dtype=wp.vec4ub)
             self.depth = wp.empty(capacity, dtype=float)
-        self._host_state = wp.zeros(STATE_SIZE, dtype=int, device="cpu", pinned=device.is_cuda)
+        self._host_state = wp.zeros(
+            slots.STATE_SIZE, dtype=int, device="cpu", pinned=device.is_cuda
+        )
         self._shown_background = None
         self._graphs = {}  # of one round each, by step and stop
         self._likely_rounds = 4
@@ -364,24 +100,24 @@ class Wavefront:
             if self.device.is_cuda:
                 wp.synchronize_stream(wp.get_stream(self.device))
             state = self._host_state.numpy()
-            if state[NEXT_LISTED] == 0:
+            if state[slots.NEXT_LISTED] == 0:
                 break
             rounds = 2
-        self._likely_rounds = int(state[ROUNDS]) + 1
-        return int(state[SAMPLES])
+        self._likely_rounds = int(state[slots.ROUNDS]) + 1
+        return int(state[slots.SAMPLES])
 
     def _begin(self, camera_to_world, lens, rows, options, stage):
         background = tuple(options.background)
         if background != self._shown_background:
             self._background.fill_(wp.vec3(*background))
             self._shown_background = background
-        tiles = -(-lens.width // TILE_WIDTH) * -(-(rows[1] - rows[0]) // TILE_HEIGHT)
+        tiles = -(-lens.width // slots.TILE_WIDTH) * -(-(rows[1] - rows[0]) // slots.TILE_HEIGHT)
         with stage("begin"):
             self._boxes.refresh()
             self._state.zero_()
             self._launch(
-                begin_kernel,
-                tiles * TILE_WIDTH * TILE_HEIGHT,
+                slots.begin_kernel,
+                tiles * slots.TILE_WIDTH * slots.TILE_HEIGHT,
                 [
                     *(self._pose.geometry, camera_to_world, lens, rows[0], rows[1] - rows[0]),
                     *(wp.vec3(*background), self._boxes.id, self._pose.vertices),
@@ -406,9 +142,9 @@ class Wavefront:
 
     def _launch_round(self, options, stage):
         with stage("march"):
-            self._launch(advance_kernel, 1, [self._slot_count, self._state])
+            self._launch(slots.advance_kernel, 1, [self._slot_count, self._state])
             self._launch(
-                march_slots_kernel,
+                slots.march_slots_kernel,
                 len(self._counts),
                 [
                     *(self._pose.geometry, self._entries, self._occupancy),
@@ -419,7 +155,7 @@ class Wavefront:
             )
         with stage("encode"):
             self._launch(
-                encode_slots_kernel,
+                slots.encode_slots_kernel,
                 self._slot_count,
                 [
                     *(self._tables, self._table, self._nodes),
@@ -430,11 +166,11 @@ class Wavefront:
                 [self._features, self._basis],
             )
         with stage("networks"):
-            total = self._state[TOTAL : TOTAL + 1]
+            total = self._state[slots.TOTAL : slots.TOTAL + 1]
             self._evaluate(self._features, self._basis, total, self._sigma, self._rgb)
         with stage("composite"):
             self._launch(
-                composite_slots_kernel,
+                slots.composite_slots_kernel,
                 self.capacity,
                 [
                     *(self._state, self._lists, self._slots, self._counts),

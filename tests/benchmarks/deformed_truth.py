@@ -110,9 +110,13 @@ class WayRenderer(Renderer):
 
     direction, length = WAYS["as defined"]
 
+    def __init__(self, field, device):
+        super().__init__(field, device)
+        self._defined_basis, self.shading.basis = self.shading.basis, self._basis
+
     def set_vertices(self, vertices):
         super().set_vertices(vertices)
-        mesh = self.field.mesh
+        mesh = self.part.mesh
         _, inverses, _, _ = tet_frames_reference(mesh.rest_vertices, vertices, mesh.tets)
         still = np.tile(np.eye(3), (mesh.tet_count, 1, 1))
         self._rest_from_current, self._still = (
@@ -129,7 +133,7 @@ class WayRenderer(Renderer):
 
     def _basis(self, rays, alive, counts, ends, samples, count):
         if self.direction == "Qᵀd":
-            return super()._basis(rays, alive, counts, ends, samples, count)
+            return self._defined_basis(rays, alive, counts, ends, samples, count)
         turns = {"d": self._still, "F⁻¹d": self._rest_from_current}[self.direction]
         basis = wp.empty(count, dtype=basis_vector, device=self.device)
         inputs = [rays.directions, turns, alive, counts, ends, samples.tet]
