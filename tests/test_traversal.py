@@ -63,7 +63,8 @@ def test_frames_kernel_matches_the_reference(make_ball_field, device):
     geometry = pose.geometry
     expected = tet_frames_reference(mesh.rest_vertices, vertices, mesh.tets)
     rows = geometry.rows.numpy().reshape(-1, 3, 4)
-    np.testing.assert_allclose(rows, expected[0][:, 1:], rtol=1e-3, atol=2e-3)
+    np.testing.assert_allclose(rows[..., :3], expected[0][:, 1:, :3], rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(rows[..., 3], vertices[mesh.tets[:, 0]], rtol=1e-6)
     directions = rng.normal(size=(mesh.tet_count, 3))
     speeds, fades = rest_speeds(geometry, directions, device)
     expected_speeds = np.linalg.norm(np.einsum("tij,tj->ti", expected[1], directions), axis=1)

@@ -123,7 +123,7 @@ def count_pieces_kernel(
     while wp.bvh_query_next(query, tet):
         mask = occupancy[tet]
         if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
-            alpha, slope, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
+            alpha, slope, near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
             if t_out > t_in:
                 speed, _fade = speed_and_fade(geometry, tet, slope)
                 rest_length = (t_out - t_in) * speed
@@ -133,7 +133,7 @@ def count_pieces_kernel(
                     low = float(piece) * step
                     length = wp.min(step, rest_length - low)
                     middle = t_in + (low + 0.5 * length) / speed
-                    if is_occupied(mask, subtet_of(alpha + middle * slope)):
+                    if is_occupied(mask, subtet_of(alpha + (middle - near) * slope)):
                         count += 1
                     piece += 1
     counts[i] = count
@@ -169,7 +169,7 @@ def write_pieces_kernel(
     while wp.bvh_query_next(query, tet):
         mask = occupancy[tet]
         if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
-            alpha, slope, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
+            alpha, slope, near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
             if t_out > t_in:
                 speed, fade = speed_and_fade(geometry, tet, slope)
                 rest_length = (t_out - t_in) * speed
@@ -179,7 +179,7 @@ def write_pieces_kernel(
                     low = float(piece) * step
                     length = wp.min(step, rest_length - low)
                     middle = t_in + (low + 0.5 * length) / speed
-                    bary = alpha + middle * slope
+                    bary = alpha + (middle - near) * slope
                     if is_occupied(mask, subtet_of(bary)):
                         samples.tet[n] = tet
                         samples.bary[n] = bary

@@ -293,7 +293,9 @@ def sort_rays_kernel(
             if geometry.shapes[2 * tet + 1][2] <= 0.0:
                 found = 1  # perhaps too flat to have coordinates: its box has to do
             else:
-                _alpha, _slope, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
+                _alpha, _slope, _near, t_in, t_out = interval_in_tet(
+                    geometry, tet, origin, direction
+                )
                 if t_out >= t_in:
                     found = 1
     if found == 0 and shells == 1:

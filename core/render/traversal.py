@@ -82,7 +82,7 @@ def tet_frames_kernel(
     vertices: wp.array(dtype=wp.vec3),  # [V] current
     rest_edges: wp.array(dtype=wp.mat33),  # [T] columns x1-x0, x2-x0, x3-x0 at rest
     rest_edges_inverse: wp.array(dtype=wp.mat33),  # [T]
-    rows: wp.array(dtype=wp.vec4),  # [3 T] out: coordinates 1..3 of a point are row · (p, 1)
+    rows: wp.array(dtype=wp.vec4),  # [3 T] out, see `Geometry`
     shapes: wp.array(dtype=wp.vec4),  # [2 T] out, see `Geometry`
     rotations: wp.array(dtype=wp.mat33),  # [T] out, Q
     mirrored_count: wp.array(dtype=int),  # [1] added to
@@ -99,19 +99,29 @@ def tet_frames_kernel(
     # svd3 returns rotations and puts a reflection into the sign of a stretch.
     flips = wp.vec3(wp.sign(stretches[0]), wp.sign(stretches[1]), wp.sign(stretches[2]))
     rotations[i] = u * wp.diag(flips) * wp.transpose(v)
-    largest = wp.max(wp.abs(stretches))
-    smallest = wp.min(wp.abs(stretches))
-    ratio = smallest / wp.max(largest, 1.0e-30)
+    # A flat tet's least stretch is small against rounding: it comes from the volume.  That and
+    # the inverse are float64, or a thin tet's coordinates would be off by its own thickness.
+    x0d = wp.vec3d(x0)
+    current = wp.matrix_from_cols(
+        wp.vec3d(vertices[tet[1]]) - x0d,
+        wp.vec3d(vertices[tet[2]]) - x0d,
+        wp.vec3d(vertices[tet[3]]) - x0d,
+    )
+    volume = wp.determinant(current)
+    rest_volume = wp.determinant(wp.mat33d(rest_edges[i]))
+    a = wp.abs(stretches)
+    largest = wp.max(a)
+    middle = a[0] + a[1] + a[2] - largest - wp.min(a)
+    smallest = wp.abs(float(volume / rest_volume)) / wp.max(largest * middle, 1.0e-30)
+    ratio = wp.min(smallest / wp.max(largest, 1.0e-30), 1.0)
     fade = smoothstep(1.0e-3, 1.0e-2, ratio)
-    m = wp.mat33()
+    m = wp.mat33d()
     if ratio > FLAT:  # a faded tet has no density, but rays still have to cross it
-        m = wp.inverse(edges)
-    o = -(m * x0)
-    rows[3 * i] = wp.vec4(m[0, 0], m[0, 1], m[0, 2], o[0])
-    rows[3 * i + 1] = wp.vec4(m[1, 0], m[1, 1], m[1, 2], o[1])
-    rows[3 * i + 2] = wp.vec4(m[2, 0], m[2, 1], m[2, 2], o[2])
+        m = wp.inverse(current)
+    for k in range(3):
+        rows[3 * i + k] = wp.vec4(float(m[k, 0]), float(m[k, 1]), float(m[k, 2]), x0[k])
     gram = wp.transpose(rest_edges[i]) * rest_edges[i]
-    sign = wp.where(wp.determinant(f) < 0.0, -1.0, 1.0)
+    sign = wp.where(volume < wp.float64(0.0), -1.0, 1.0)
     shapes[2 * i] = wp.vec4(gram[0, 0], gram[1, 1], gram[2, 2], 2.0 * gram[0, 1])
     shapes[2 * i + 1] = wp.vec4(2.0 * gram[0, 2], 2.0 * gram[1, 2], fade, sign)
     if sign < 0.0:
@@ -122,9 +132,11 @@ def tet_frames_kernel(
 class Geometry:
     """What a walk needs; one per device, refreshed per pose.
 
-    A tet has three `rows`, the gradients of its last three coordinates with their offsets, and
-    two `shapes`: products of its edges at rest, e_i · e_j, those of two different ones doubled:
-    (11, 22, 33, 12), (13, 23, s, sign), where sign is -1 if the tet is mirrored.
+    A tet has three `rows`, the gradients of its last three coordinates, each followed by a
+    coordinate of its corner 0, from where they are counted: thin tets have large gradients,
+    which would make a large error of an offset from the origin.  And it has two `shapes`:
+    products of its edges at rest, e_i · e_j, those of two different ones doubled,
+    (11, 22, 33, 12) and (13, 23, s, sign), where sign is -1 if the tet is mirrored.
     """
 
     boundary: wp.uint64  # id of the wp.Mesh of boundary faces
@@ -148,9 +160,10 @@ def line_in_tet(geometry: Geometry, tet: int, p: wp.vec3, d: wp.vec3):
     row1 = load_wide(geometry.rows, 3 * tet)
     row2 = load_wide(geometry.rows, 3 * tet + 1)
     row3 = load_wide(geometry.rows, 3 * tet + 2)
-    a1 = row1[0] * p[0] + row1[1] * p[1] + row1[2] * p[2] + row1[3]
-    a2 = row2[0] * p[0] + row2[1] * p[1] + row2[2] * p[2] + row2[3]
-    a3 = row3[0] * p[0] + row3[1] * p[1] + row3[2] * p[2] + row3[3]
+    q = p - wp.vec3(row1[3], row2[3], row3[3])
+    a1 = row1[0] * q[0] + row1[1] * q[1] + row1[2] * q[2]
+    a2 = row2[0] * q[0] + row2[1] * q[1] + row2[2] * q[2]
+    a3 = row3[0] * q[0] + row3[1] * q[1] + row3[2] * q[2]
     s1 = row1[0] * d[0] + row1[1] * d[1] + row1[2] * d[2]
     s2 = row2[0] * d[0] + row2[1] * d[1] + row2[2] * d[2]
     s3 = row3[0] * d[0] + row3[1] * d[1] + row3[2] * d[2]
@@ -241,22 +254,26 @@ def interval_in_tet(geometry: Geometry, tet: int, origin: wp.vec3, direction: wp
     """Where a ray is inside a tet, by itself: nothing is known of its neighbours.
 
     Returns:
-        The coordinates at t = 0, their slopes, and t_in >= 0 and t_out; the ray is inside
-        if t_out > t_in.
+        The coordinates at t_near, where the ray is close to the tet, their slopes, t_near,
+        t_in >= 0, and t_out; the ray is inside if t_out > t_in.
     """
-    alpha, slope = line_in_tet(geometry, tet, origin, direction)
+    corner = wp.vec3(
+        geometry.rows[3 * tet][3], geometry.rows[3 * tet + 1][3], geometry.rows[3 * tet + 2][3]
+    )
+    near = wp.dot(corner - origin, direction)
+    alpha, slope = line_in_tet(geometry, tet, origin + near * direction, direction)
     t_in = float(0.0)
     t_out = float(1.0e30)
     i = int(0)
     while i < 4:
         if slope[i] > 0.0:
-            t_in = wp.max(t_in, -alpha[i] / slope[i])
+            t_in = wp.max(t_in, near - alpha[i] / slope[i])
         elif slope[i] < 0.0:
-            t_out = wp.min(t_out, -alpha[i] / slope[i])
+            t_out = wp.min(t_out, near - alpha[i] / slope[i])
         elif alpha[i] < 0.0:
             t_out = -1.0
         i += 1
-    return alpha, slope, t_in, t_out
+    return alpha, slope, near, t_in, t_out
 
 
 @wp.func
