@@ -138,11 +138,13 @@ def test_the_error_is_the_difference_to_conformance_mode(shown):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_strips_make_up_the_picture(shown, mode):
-    whole = shown(mode).color_array()
+    whole = shown(mode)
     strips = [shown(mode, rows) for rows in ((0, 7), (7, 8), (8, 40))]
-    np.testing.assert_array_equal(np.concatenate([s.color_array() for s in strips]), whole)
+    np.testing.assert_array_equal(
+        np.concatenate([s.color_array() for s in strips]), whole.color_array()
+    )
     depths = np.concatenate([s.depth_array() for s in strips])
-    np.testing.assert_array_equal(depths, shown("color").depth_array())
+    np.testing.assert_array_equal(depths, whole.depth_array())
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -13,7 +13,7 @@ from ..core.render.render import Renderer
 from .scene import Scene
 from .surface import visible_points
 
-NEEDED = ("render.", "deform.", "field.encoding")  # parts of core
+NEEDED = ("render.", "deform.", "field.encoding", "field.network_mma")  # parts of core
 OTHERS = ("networks and tables", "the surface, from eight sides", "the solver")
 
 

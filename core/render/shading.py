@@ -1,6 +1,8 @@
 """What samples look like: features from the tables, density and color from the networks.
 
-On the CPU the networks are NumPy's, in blocks; on CUDA torch's, and Triton's for slots.
+On the CPU the networks are NumPy's, in blocks.  On CUDA they run in half precision on tensor
+cores (network_mma.py; for networks of other shapes Triton, if it is there); where float32 is
+asked for, torch does it, which takes seconds to import and so waits until then.
 
 Shapes: N packed samples, L levels.
 """
@@ -8,7 +10,7 @@ Shapes: N packed samples, L levels.
 import numpy as np
 import warp as wp
 
-from ..field import network
+from ..field import network, network_mma
 from ..field.encoding import FEATURES, encode_kernel, make_tables, node_table
 from ..field.field import TetField
 from ..wide import vec4h
@@ -32,13 +34,15 @@ class Shading:
         """
         self._field, self._rotations, self.device = field, rotations, device
         self.tables = make_tables(field.mesh, field.layout, device)
-        self._table = None
+        self._table = self._half_tables = self._networks = None
         self.evaluate_slots = None
-        if device.is_cuda:
-            self._networks, self.evaluate_slots = torch_networks(field, device)
-        else:
+        if not device.is_cuda:
             self._networks = numpy_networks(field)
             self._upload_table()
+        elif network_mma.fits(field, device):
+            self.evaluate_slots = network_mma.Networks(field, device).evaluate
+        else:
+            self._networks, self.evaluate_slots = torch_networks(field, device)
 
     def shade(self, rays: Rays, alive, counts, ends, samples: Samples, count, options, stage):
         """Density and color of packed samples.
@@ -52,11 +56,33 @@ class Shading:
         Returns:
             sigma [N] and rgb [N], Warp arrays.
         """
+        if self.evaluate_slots is not None and not options.conformance:
+            return self._shade_half(rays, alive, counts, ends, samples, count, options, stage)
+        if self._networks is None:
+            self._networks, _ = torch_networks(self._field, self.device)
         with stage("encode"):
             features = self.encode(samples, count, options.level_count)
             basis = self.basis(rays, alive, counts, ends, samples, count)
         with stage("networks"):
             return self._networks(features, basis, half=not options.conformance)
+
+    def _shade_half(self, rays, alive, counts, ends, samples, count, options, stage):
+        device = self.device
+        with stage("encode"):
+            level_count = self._field.layout.level_count
+            features = wp.zeros((count, level_count), dtype=vec4h, device=device)
+            inputs = [self.tables, self.half_tables()[0], samples.tet, samples.bary]
+            inputs.append(options.level_count or level_count)
+            wp.launch(encode_kernel, count, inputs=inputs, outputs=[features], device=device)
+            basis = wp.empty((count, 4), dtype=vec4h, device=device)
+            exact = self.basis(rays, alive, counts, ends, samples, count)
+            wp.launch(half_basis_kernel, count, inputs=[exact], outputs=[basis], device=device)
+        with stage("networks"):
+            sigma = wp.empty(count, dtype=float, device=device)
+            rgb = wp.empty(count, dtype=wp.vec3, device=device)
+            total = wp.full(1, count, dtype=int, device=device)
+            self.evaluate_slots(features.flatten(), basis.flatten(), total, sigma, rgb)
+        return sigma, rgb
 
     def encode(self, samples, count, level_count=None):
         """Features of samples, float32.  [N, L] vec4"""
@@ -89,14 +115,33 @@ class Shading:
 
     def half_tables(self):
         """Entries, and nodes of the dense levels, in half precision.  Two arrays of vec4h"""
-        table = self._field.table.astype(np.float16)
-        nodes = node_table(self._field.layout, table)
-        return tuple(wp.array(a, dtype=vec4h, device=self.device) for a in (table, nodes))
+        if self._half_tables is None:
+            table = self._field.table.astype(np.float16)
+            tables = table, node_table(self._field.layout, table)
+            tables = tuple(wp.array(a, dtype=vec4h, device=self.device) for a in tables)
+            self._half_tables = tables
+        return self._half_tables
 
     def _upload_table(self):
         """In float32: on CUDA only if somebody asks, as the common case has `half_tables`."""
         if self._table is None:
             self._table = wp.array(self._field.table, dtype=wp.vec4, device=self.device)
+
+
+@wp.kernel
+def half_basis_kernel(
+    basis: wp.array(dtype=network.basis_vector),  # [N]
+    halves: wp.array2d(dtype=vec4h),  # [N, 4] out
+):
+    n = wp.tid()
+    b = basis[n]
+    for k in range(4):
+        halves[n, k] = vec4h(
+            wp.float16(b[4 * k]),
+            wp.float16(b[4 * k + 1]),
+            wp.float16(b[4 * k + 2]),
+            wp.float16(b[4 * k + 3]),
+        )
 
 
 def numpy_networks(field):
