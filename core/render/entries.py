@@ -88,6 +88,30 @@ def face_boxes_kernel(
 
 
 @wp.func
+def crossing_of(
+    vertices: wp.array(dtype=wp.vec3), face: wp.vec3i, origin: wp.vec3, direction: wp.vec3
+):
+    """How a ray crosses a face: 1 along its normal, -1 against it, 0 not; and where."""
+    a = vertices[face[0]] - origin
+    b = vertices[face[1]] - origin
+    c = vertices[face[2]] - origin
+    # Volumes of the tets that the ray spans with the edges: all of one sign inside.
+    u = wp.dot(direction, wp.cross(c, b))
+    v = wp.dot(direction, wp.cross(a, c))
+    w = wp.dot(direction, wp.cross(b, a))
+    same = (u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)
+    crossing = int(0)
+    t = float(0.0)
+    if same and u + v + w != 0.0:
+        normal = wp.cross(b - a, c - a)
+        along = wp.dot(normal, direction)
+        t = wp.dot(normal, a) / along
+        if t >= 0.0:
+            crossing = wp.where(along < 0.0, -1, 1)
+    return crossing, t
+
+
+@wp.func
 def find_entries(
     geometry: Geometry,
     boxes: wp.uint64,  # id of FaceBoxes
@@ -105,32 +129,19 @@ def find_entries(
     query = wp.bvh_query_ray(boxes, origin, direction)
     index = int(0)
     while wp.bvh_query_next(query, index):
-        face = faces[index]
-        a = vertices[face[0]] - origin
-        b = vertices[face[1]] - origin
-        c = vertices[face[2]] - origin
-        # Volumes of the tets that the ray spans with the edges: all of one sign inside.
-        u = wp.dot(direction, wp.cross(c, b))
-        v = wp.dot(direction, wp.cross(a, c))
-        w = wp.dot(direction, wp.cross(b, a))
-        same = (u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)
-        volume = u + v + w
-        if same and volume != 0.0:
-            normal = wp.cross(b - a, c - a)
-            t = wp.dot(normal, a) / wp.dot(normal, direction)
-            if t >= 0.0:
-                if wp.dot(normal, direction) * facing < 0.0:
-                    place = wp.min(count, MOST_ENTRIES)
-                    if count < MOST_ENTRIES:
-                        while place > 0 and entries.t[wp.max(place - 1, 0), ray] > t:
-                            entries.t[place, ray] = entries.t[place - 1, ray]
-                            entries.tet[place, ray] = entries.tet[place - 1, ray]
-                            place -= 1
-                        entries.t[place, ray] = t
-                        entries.tet[place, ray] = geometry.boundary_tets[index]
-                    count += 1
-                else:
-                    exits += 1
+        crossing, t = crossing_of(vertices, faces[index], origin, direction)
+        if float(crossing) * facing > 0.0:
+            exits += 1
+        elif crossing != 0:
+            place = wp.min(count, MOST_ENTRIES)
+            if count < MOST_ENTRIES:
+                while place > 0 and entries.t[wp.max(place - 1, 0), ray] > t:
+                    entries.t[place, ray] = entries.t[place - 1, ray]
+                    entries.tet[place, ray] = entries.tet[place - 1, ray]
+                    place -= 1
+                entries.t[place, ray] = t
+                entries.tet[place, ray] = geometry.boundary_tets[index]
+            count += 1
     if count != exits or count > MOST_ENTRIES:
         count = UNKNOWN
     entries.count[ray] = count

@@ -6,10 +6,10 @@ Training displaces the evaluation point inside the piece by a random fraction in
 taking the middle.
 
 A round of marching gives each ray at most K pieces, and a ray that isn't finished keeps
-its state and goes on in the next round.  The samples of all rays end up in arrays without
-gaps, ray after ray.  Two ways lead there: fill slots [R, K], then `pack` them (rendering:
-K is small); or count first and march again to write (training: one round with a large K,
-for which slots would take a gigabyte).
+its state and goes on in the next round.  Three ways lead from there to arrays of samples:
+fill slots [R, K], then `pack` them without gaps, ray after ray (rendering: K is small); work
+on the slots as they are (rendering on CUDA, see wavefront.py); or count first and march again
+to write (training: one round with a large K, for which slots would take a gigabyte).
 
 Shapes: R rays, K slots per ray, N packed samples.
 """
@@ -22,10 +22,8 @@ from ..wide import store_wide
 from .entries import Entries, next_entry
 from .traversal import (
     MAX_TETS,
-    QUERY_GAP,
     SMALLEST_ADVANCE,
     Geometry,
-    across_flat_tet,
     exit_tet,
     line_in_tet,
     link_across,
@@ -36,7 +34,7 @@ FILL_SLOTS = wp.constant(0)  # what one launch of march_kernel is for
 COUNT = wp.constant(1)
 WRITE = wp.constant(2)
 MIDDLE = wp.constant(0)  # jitter seed: evaluate at the middle
-MOST_PIECES = wp.constant(1.0e6)  # of a sub-tet
+MOST_PIECES = wp.constant(1.0e6)  # ahead: int() takes no larger numbers
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -124,16 +122,8 @@ def march_ray(
             p = origin + t * direction
             alpha, slope = line_in_tet(geometry, tet, p, direction)
             face, distance = exit_tet(alpha, slope, entry_face)
-            link = int(-1)
-            if tets_left <= 0:
+            if tets_left <= 0 or face < 0:  # in circles, or in a tet without thickness
                 tet = -2
-            elif face < 0:  # a flat tet
-                link = across_flat_tet(geometry, tet, entry_face, p, direction)
-                t += QUERY_GAP
-                piece = 0
-                tets_left -= 1
-                tet = wp.where(link >= 0, link / 4, -1)
-                entry_face = link % 4
             else:
                 speed, fade = speed_and_fade(geometry, tet, slope)
                 rest_length = distance * speed

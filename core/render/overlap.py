@@ -1,14 +1,16 @@
 """Which rays see the mesh overlap itself: the ones that a walk from tet to tet can't follow.
 
 A mesh overlaps itself nowhere if all its tets have one orientation, none is nearly flat, no
-edge of the boundary goes through a face of it, and no part lies inside another (a map that
-keeps orientation and is one to one on the boundary is one to one inside).  Two kernels
-check that once per pose: `crossed_edges_kernel` and `nested_parts_kernel`, beside the
-determinants that the tet frames need anyway.  Without overlap nothing else happens.
+edge of the boundary touches a face of it that it has no vertex in common with, and no part
+lies inside another: a map that keeps orientation and is one to one on the boundary is one to
+one inside.  Two kernels check that once per pose, `crossed_edges_kernel` and
+`nested_parts_kernel`, beside the determinants that the tet frames need anyway.  Without
+overlap nothing else happens.
 
 Otherwise each ray is asked: it is *tangled* if it meets a tet that is turned inside out or
 nearly flat, or is inside two boundary shells at once.  Tangled rays are rendered by
-layers.py, the others by the walk.
+layers.py, the others by the walk.  A ray that is called tangled for nothing costs time, and
+no truth; so what rounding can't decide counts as overlap.
 
 Shapes: R rays, T tets, V vertices, B boundary faces, C parts that no face joins.
 """
@@ -19,19 +21,23 @@ import numpy as np
 import warp as wp
 
 from ..geometry.mesh import TetMesh, edges, face_components
+from .entries import FaceBoxes, crossing_of
 from .traversal import (
     FADED,
     QUERY_GAP,
-    SMALLEST_ADVANCE,
     Geometry,
     Pose,
     interval_in_tet,
-    line_in_tet,
     orientation,
 )
 
-TANGLED_TETS = 0  # places in `Overlap.counts`
-CROSSINGS = 1
+TANGLED_TETS, CROSSINGS = 0, 1  # places in a pose's counts
+PLAIN, TANGLED = 0, 1  # places in the counts of rays
+COPLANAR = wp.constant(1.0e-6)  # of what a volume could be: rounding, or none
+MOST_CROSSINGS = wp.constant(8)  # of a ray; with more it is tangled
+TOUCHING = wp.constant(1.0e-6)  # t: shells so close may be inside each other
+PROBE = wp.constant(wp.vec3(0.4124, 0.5763, 0.7056))  # a direction along no plane of a lattice
+crossings_vector = wp.types.vector(8, wp.float32)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -57,8 +63,8 @@ class Tangle:
 class Overlap:
     """Finds the tangle of a pose, once per change of its vertices."""
 
-    def __init__(self, mesh: TetMesh, neighbours, pose: Pose):
-        self._pose = pose
+    def __init__(self, mesh: TetMesh, neighbours, pose: Pose, boxes: FaceBoxes):
+        self._pose, self.boxes = pose, boxes
         self._sought = self._found = -1  # revisions of the pose
         self._tangle = None
         device = pose.device
@@ -66,10 +72,8 @@ class Overlap:
         labels = face_components(neighbours)
         _, first = np.unique(labels, return_index=True)  # a tet of each part
         with wp.ScopedDevice(device):
-            self._faces = wp.array(pose.boundary_faces, dtype=wp.vec3i)
             self._edges = wp.array(boundary_edges, dtype=wp.vec2i)
-            self._labels = wp.array(labels, dtype=int)
-            self._part_vertices = wp.array(mesh.tets[first, 0].astype(np.int32), dtype=int)
+            self._part_tets = wp.array(mesh.tets[first], dtype=wp.vec4i)
             self._counts = wp.zeros(2, dtype=int)
             self._tangled = wp.empty(mesh.tet_count, dtype=int)
         self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=device.is_cuda)
@@ -104,15 +108,16 @@ class Overlap:
         wp.launch(
             crossed_edges_kernel,
             dim=len(self._edges),
-            inputs=[geometry.boundary, pose.vertices, self._edges, self._faces],
+            inputs=[geometry.boundary, pose.vertices, self._edges, self.boxes.faces],
             outputs=[self._counts],
             device=device,
         )
-        if len(self._part_vertices) > 1:
+        if len(self._part_tets) > 1:
+            self.boxes.refresh()
             wp.launch(
                 nested_parts_kernel,
-                dim=(len(self._part_vertices), len(pose.tets)),
-                inputs=[geometry, pose.vertices, pose.tets, self._part_vertices, self._labels],
+                dim=len(self._part_tets),
+                inputs=[geometry, self.boxes.id, pose.vertices, self.boxes.faces, self._part_tets],
                 outputs=[self._counts],
                 device=device,
             )
@@ -173,19 +178,27 @@ def tet_boxes_kernel(
 
 @wp.func
 def side(a: wp.vec3, b: wp.vec3, c: wp.vec3, p: wp.vec3):
-    """On which side of the plane through a, b, c the point p is."""
-    return wp.dot(wp.cross(b - a, c - a), p - a)
+    """On which side of the plane through a, b, c the point p is: -1, 1, or 0 in it."""
+    normal = wp.cross(b - a, c - a)
+    volume = wp.dot(normal, p - a)
+    most = wp.length(normal) * wp.length(p - a)
+    return wp.where(wp.abs(volume) <= COPLANAR * most, 0, wp.where(volume < 0.0, -1, 1))
 
 
 @wp.func
-def crosses(p: wp.vec3, q: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Whether the line segment from p to q goes through the triangle a, b, c."""
-    through = side(a, b, c, p) * side(a, b, c, q) < 0.0
+def touches(p: wp.vec3, q: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Whether the line segment from p to q goes through the triangle a, b, c, or ends on it.
+
+    Not if it lies in the triangle's plane: where volumes overlap, other edges don't.
+    """
+    from_side = side(a, b, c, p)
+    to_side = side(a, b, c, q)
+    through = from_side * to_side <= 0 and from_side != to_side
     if through:
         ab = side(p, q, a, b)
         bc = side(p, q, b, c)
         ca = side(p, q, c, a)
-        through = ab * bc >= 0.0 and bc * ca >= 0.0 and ab * ca >= 0.0
+        through = ab * bc >= 0 and bc * ca >= 0 and ab * ca >= 0
     return through
 
 
@@ -197,7 +210,7 @@ def crossed_edges_kernel(
     faces: wp.array(dtype=wp.vec3i),  # [B]
     counts: wp.array(dtype=int),  # [2] added to
 ):
-    """Boundary edges that go through a boundary face which they don't belong to."""
+    """Boundary edges that touch a boundary face which they don't belong to."""
     edge = boundary_edges[wp.tid()]
     i = edge[0]
     j = edge[1]
@@ -212,7 +225,7 @@ def crossed_edges_kernel(
         beside = face[0] == i or face[1] == i or face[2] == i
         beside = beside or face[0] == j or face[1] == j or face[2] == j
         if not beside:
-            if crosses(p, q, vertices[face[0]], vertices[face[1]], vertices[face[2]]):
+            if touches(p, q, vertices[face[0]], vertices[face[1]], vertices[face[2]]):
                 wp.atomic_add(counts, wp.static(CROSSINGS), 1)
                 return
 
@@ -220,52 +233,71 @@ def crossed_edges_kernel(
 @wp.kernel
 def nested_parts_kernel(
     geometry: Geometry,
+    boxes: wp.uint64,  # id of FaceBoxes
     vertices: wp.array(dtype=wp.vec3),  # [V]
-    tets: wp.array(dtype=wp.vec4i),  # [T]
-    part_vertices: wp.array(dtype=int),  # [C]
-    labels: wp.array(dtype=int),  # [T] part of each tet
+    faces: wp.array(dtype=wp.vec3i),  # [B]
+    part_tets: wp.array(dtype=wp.vec4i),  # [C] corners of a tet of each part
     counts: wp.array(dtype=int),  # [2] added to
 ):
-    """A vertex of one part in a tet of another: without crossings, the part is inside."""
-    part, tet = wp.tid()
-    vertex = part_vertices[part]
-    corners = tets[tet]
-    beside = corners[0] == vertex or corners[1] == vertex
-    beside = beside or corners[2] == vertex or corners[3] == vertex
-    if labels[tet] == part or beside:
-        return
-    p = vertices[vertex]
-    alpha, _slope = line_in_tet(geometry, tet, p, p)
-    if wp.min(alpha) > 0.0:
+    """A point of each part is inside its own shell, and no other: else the part is inside one.
+
+    Behind everything a ray is outside, so what its crossings add up to is where it starts.
+    """
+    corners = part_tets[wp.tid()]
+    point = vertices[corners[0]] + vertices[corners[1]] + vertices[corners[2]]
+    point = 0.25 * (point + vertices[corners[3]])
+    facing = orientation(geometry)
+    shells = int(0)
+    query = wp.bvh_query_ray(boxes, point, PROBE)
+    index = int(0)
+    while wp.bvh_query_next(query, index):
+        crossing, _t = crossing_of(vertices, faces[index], point, PROBE)
+        shells += int(facing) * crossing
+    if shells != 1:
         wp.atomic_add(counts, wp.static(CROSSINGS), 1)
 
 
 @wp.func
-def is_inside_two_shells(geometry: Geometry, origin: wp.vec3, direction: wp.vec3):
-    """Whether a ray is anywhere inside the boundary twice.
-
-    Behind everything a ray is outside, so what the crossings add up to says how many shells
-    it starts in.  Where crossings don't add up, two of them were too close to tell apart:
-    that counts as overlap, which costs time but no truth.
-    """
-    facing = orientation(geometry)
-    t = float(0.0)
-    depth = int(0)
-    lowest = int(0)
-    highest = int(0)
-    searching = int(1)
-    while searching == 1:
-        query = wp.mesh_query_ray(geometry.boundary, origin + t * direction, direction, 1.0e6)
-        searching = 0
-        if query.result:
-            depth += wp.where(wp.dot(query.normal, direction) * facing < 0.0, 1, -1)
-            lowest = wp.min(lowest, depth)
-            highest = wp.max(highest, depth)
-            t += query.t
-            t += 4.0 * SMALLEST_ADVANCE * wp.max(t, 1.0)
-            searching = 1
-    start = -depth
-    return start < 0 or start > 1 or lowest + start < 0 or highest + start > 1
+def is_inside_two_shells(
+    geometry: Geometry,
+    boxes: wp.uint64,
+    vertices: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    origin: wp.vec3,
+    direction: wp.vec3,
+):
+    """Whether a ray is anywhere inside the boundary twice, or may be."""
+    facing = int(orientation(geometry))
+    places = crossings_vector()
+    signs = crossings_vector()  # 1 where it leaves, -1 where it enters
+    count = int(0)
+    start = int(0)
+    query = wp.bvh_query_ray(boxes, origin, direction)
+    index = int(0)
+    while wp.bvh_query_next(query, index):
+        crossing, t = crossing_of(vertices, faces[index], origin, direction)
+        if crossing != 0:
+            start += facing * crossing
+            if count < MOST_CROSSINGS:
+                places[count] = t
+                signs[count] = float(facing * crossing)
+            count += 1
+    if start < 0 or start > 1 or count > MOST_CROSSINGS:
+        return True
+    i = int(0)
+    while i < count:
+        depth = int(start)  # right behind place i, entries that are close counted, exits not
+        j = int(0)
+        while j < count:
+            if signs[j] < 0.0 and places[j] <= places[i] + TOUCHING:
+                depth += 1
+            if signs[j] > 0.0 and places[j] < places[i] - TOUCHING:
+                depth -= 1
+            j += 1
+        if signs[i] < 0.0 and depth != 1:
+            return True
+        i += 1
+    return False
 
 
 @wp.kernel
@@ -276,6 +308,9 @@ def sort_rays_kernel(
     tangled_tets: wp.uint64,  # id of a BVH, or 0
     tet_ids: wp.array(dtype=int),
     shells: int,  # 1 if the boundary overlaps itself
+    boxes: wp.uint64,  # id of FaceBoxes
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    faces: wp.array(dtype=wp.vec3i),  # [B]
     counts: wp.array(dtype=int),  # [2] out: plain and tangled rays
     plain: wp.array(dtype=int),  # [R] out: which rays
     tangled: wp.array(dtype=int),  # [R] out
@@ -299,9 +334,9 @@ def sort_rays_kernel(
                 if t_out >= t_in:
                     found = 1
     if found == 0 and shells == 1:
-        if is_inside_two_shells(geometry, origin, direction):
+        if is_inside_two_shells(geometry, boxes, vertices, faces, origin, direction):
             found = 1
     if found == 1:
-        tangled[wp.atomic_add(counts, 1, 1)] = ray
+        tangled[wp.atomic_add(counts, wp.static(TANGLED), 1)] = ray
     else:
-        plain[wp.atomic_add(counts, 0, 1)] = ray
+        plain[wp.atomic_add(counts, wp.static(PLAIN), 1)] = ray

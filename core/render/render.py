@@ -17,6 +17,7 @@ import warp as wp
 from ..field.field import TetField
 from .camera import Camera
 from .compositing import accumulate_kernel, empty_pixels, resolve_kernel
+from .entries import FaceBoxes
 from .layers import Layers
 from .lens import DeviceLens, LensCamera, device_lens, lens_direction
 from .marching import (
@@ -35,6 +36,7 @@ from .visible import visible_part
 
 CPU_TILE_RAYS = 8192  # many for each launch, few enough for all cores to have some
 CUDA_TILE_RAYS = 1 << 20
+WAVEFRONT_PIXELS = 1 << 16  # a wavefront has room for a multiple of these
 ROUND_SLOTS = (4, 4, 4, 4, 8, 8, 16, 32, 64, 128)  # most rays end after some 12 samples
 
 wp.set_module_options({"enable_backward": False})
@@ -148,7 +150,8 @@ class Renderer:
         self.pose = Pose(mesh, neighbours, self.device)
         self.shading = Shading(self.part, self.pose.geometry.rotations, self.device)
         self._occupancy = wp.array(self.part.occupancy, dtype=wp.uint64, device=self.device)
-        self._overlap = Overlap(mesh, neighbours, self.pose)
+        self._boxes = FaceBoxes(self.pose)
+        self._overlap = Overlap(mesh, neighbours, self.pose, self._boxes)
         self._layers = Layers(self.pose, self._occupancy)
         self._all_rays = wp.empty(0, dtype=int, device=self.device)
         self._wavefront = None
@@ -184,7 +187,7 @@ class Renderer:
         Returns:
             An Image of last - first rows.
         """
-        options = options or RenderOptions()
+        options = self._checked(options)
         first, last = rows or (0, camera.height)
         first_pixel, count = first * camera.width, (last - first) * camera.width
         shape = (last - first, camera.width)
@@ -221,7 +224,7 @@ class Renderer:
             color [R, 3] over the background, opacity [R], depth [R] (0 without opacity),
             float32 arrays.
         """
-        options = options or RenderOptions()
+        options = self._checked(options)
         self._prepare()
         count = len(origins)
         rays = empty_rays(count, self.device)
@@ -232,6 +235,20 @@ class Renderer:
         opacity = 1.0 - transmittance
         color = pixels.color.numpy() + transmittance[:, None] * np.float32(options.background)
         return color, opacity, pixels.depth.numpy() / np.maximum(opacity, 1e-6)
+
+    def _checked(self, options) -> RenderOptions:
+        """The options, or the default ones.
+
+        Raises:
+            ValueError: The field has no so many levels, or the step is none.
+        """
+        options = options or RenderOptions()
+        most = self.field.layout.level_count
+        if options.level_count is not None and not 1 <= options.level_count <= most:
+            raise ValueError(f"level_count is {options.level_count}; the field has {most} levels")
+        if not options.step_factor > 0.0:
+            raise ValueError(f"step_factor is {options.step_factor}; give a positive number")
+        return options
 
     def _has_slots(self, options) -> bool:
         """Whether a wavefront renders the image."""
@@ -244,8 +261,9 @@ class Renderer:
 
         if self._wavefront is None or self._wavefront.capacity < count:
             self._wavefront = None  # its memory first
+            room = -(-count // WAVEFRONT_PIXELS) * WAVEFRONT_PIXELS  # a window grows bit by bit
             self._wavefront = Wavefront(
-                self.pose, self._occupancy, self.shading, self.field.options, count
+                self.pose, self._boxes, self._occupancy, self.shading, self.field.options, room
             )
         self._overlap.seek()
         wavefront, lens = self._wavefront, device_lens(camera.lens)
@@ -259,7 +277,7 @@ class Renderer:
     def _mend(self, wavefront, count, options) -> int:
         """Render tangled rays again, which the wavefront got wrong."""
         with self.stage("layers"):
-            self._layers.prepare()
+            self._prepare()
             _, tangled = self._sort_rays(wavefront.rays, count)
             if not len(tangled):
                 return 0
@@ -276,6 +294,7 @@ class Renderer:
         """Look for overlap, and get ready for it."""
         if self.tangle():
             self._layers.prepare()
+            self._boxes.refresh()
 
     def _render_tile(self, camera, options, first_pixel, image, tile) -> int:
         count = tile[1] - tile[0]
@@ -354,6 +373,7 @@ class Renderer:
             [
                 *(self.pose.geometry, rays.origins, rays.directions),
                 *(bvh, tangle.tet_ids, int(tangle.shells)),
+                *(self._boxes.id, self.pose.vertices, self._boxes.faces),
             ],
             [counts, plain, tangled],
         )

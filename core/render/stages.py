@@ -1,5 +1,6 @@
 """How long the stages of rendering take, for whoever asks."""
 
+import threading
 import time
 from contextlib import contextmanager
 
@@ -16,6 +17,7 @@ class Stages:
     def __init__(self, device):
         self.seconds = None
         self._device = device
+        self._lock = threading.Lock()
 
     @contextmanager
     def __call__(self, name: str):
@@ -24,6 +26,10 @@ class Stages:
             yield
             return
         start = time.perf_counter()
-        yield
-        wp.synchronize_device(self._device)
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        try:
+            yield
+            wp.synchronize_device(self._device)
+        finally:
+            elapsed = time.perf_counter() - start
+            with self._lock:  # tiles of an image run in threads
+                self.seconds[name] = self.seconds.get(name, 0.0) + elapsed

@@ -2,8 +2,8 @@
 
 Per pose, each tet k gets a frame:
 
-    alpha(p) = G_k p + g_k       barycentric coordinates of a current point
-    F_k^-1                       current to rest directions; |F_k^-1 d| is rest length per t
+    alpha(p)                     barycentric coordinates of a current point, linear in p
+    |F_k^-1 d|                   rest length per t, from how alpha changes along d
     Q_k                          orthogonal polar factor of F_k, reflection kept
     s_k                          smoothstep(1e-3, 1e-2, σ_min/σ_max of F_k): flat tets fade
 
@@ -26,7 +26,8 @@ QUERY_GAP = wp.constant(4.0e-6)
 # rounding makes the tets around it disagree, is carried past it instead of circling.
 SMALLEST_ADVANCE = wp.constant(2.4e-7)
 FADED = wp.constant(1.0)  # a smaller fade s: a tet so flat that it isn't fully there
-# A tet flatter than this (σ_min/σ_max) is a wall without thickness: rays jump over it.
+# A tet flatter than this (σ_min/σ_max) has no coordinates.  Rays that meet one that fades are
+# tangled (overlap.py), so that a walk comes to one by rounding only, and ends there.
 FLAT = wp.constant(1.0e-5)
 MAX_TETS = wp.constant(4096)  # per ray and round; a walk this long goes in circles
 
@@ -352,9 +353,7 @@ def walk_back(
         face, distance = exit_tet(alpha, slope, exit_face)
         walking = 0
         previous = int(-1)
-        if face < 0:
-            previous = across_flat_tet(geometry, tet, exit_face, p, -direction)
-        else:
+        if face >= 0:
             position -= wp.max(distance, SMALLEST_ADVANCE * wp.max(position, 1.0))
             previous = link_across(geometry, tet, face)
         if position > t and tets_left > 0 and previous >= 0:
@@ -363,23 +362,3 @@ def walk_back(
             tets_left -= 1
             walking = 1
     return tet, wp.max(position, t)
-
-
-@wp.func
-def across_flat_tet(
-    geometry: Geometry, tet: int, entry_face: int, point: wp.vec3, direction: wp.vec3
-):
-    """The link of a tet without thickness to the one that holds the ray right behind it, or -1."""
-    p = point + QUERY_GAP * direction
-    best = int(-1)
-    best_inside = float(-1.0e-3)
-    i = int(0)
-    while i < 4:
-        link = link_across(geometry, tet, i)
-        if i != entry_face and link >= 0:
-            alpha, _slope = line_in_tet(geometry, link / 4, p, direction)
-            if wp.min(alpha) > best_inside:
-                best_inside = wp.min(alpha)
-                best = link
-        i += 1
-    return best

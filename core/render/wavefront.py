@@ -44,7 +44,7 @@ class Wavefront:
     total [1], sigma [S], rgb [S]), without waiting or allocating.
     """
 
-    def __init__(self, pose, occupancy, shading: Shading, options, capacity: int):
+    def __init__(self, pose, boxes: FaceBoxes, occupancy, shading: Shading, options, capacity: int):
         """Make room.
 
         Args:
@@ -59,7 +59,7 @@ class Wavefront:
         self.device = device = pose.device
         slot_count = min(int(SLOTS_PER_PIXEL * capacity), MOST_SLOTS_IN_ALL)
         self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
-        self._boxes = FaceBoxes(pose)
+        self._boxes = boxes
         self._entries = empty_entries(capacity, device)
         self.rays = empty_rays(capacity, device)
         self.pixels = empty_pixels(capacity, device)
