@@ -188,6 +188,24 @@ def test_a_change_begins_the_mean_again(stage):
     assert np.array_equal(again.layer.color_image(), shown)
 
 
+def test_a_window_of_one_pixel_has_room_for_its_image(stage):
+    """Images are 8 x 8 at least."""
+    camera = orbits.camera(stage.scene.orbit, 1, 1)
+    for _ in range(40):
+        stage.now += 0.3
+        stage.layer.update(stage.scene, camera, StageTimes())
+    assert stage.layer.sample_count > 1
+
+
+@pytest.mark.parametrize("mode", ["tets", "samples", "error", "normals"])
+def test_what_has_no_mean_is_not_averaged(stage, mode):
+    stage.scene.settings.mode = mode
+    stage.frame(whole=True)
+    for _ in range(5):
+        stage.frame(passing=0.3)
+    assert stage.layer.sample_count == stage.layer.most_samples == 1
+
+
 def test_without_accumulation_the_full_image_is_the_end(stage):
     stage.scene.settings.accumulate = False
     stage.frame()

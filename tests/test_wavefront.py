@@ -8,6 +8,7 @@ from deformrf.core.field import network
 from deformrf.core.field.encoding import node_table
 from deformrf.core.render import wavefront
 from deformrf.core.render.camera import from_field_of_view, look_at
+from deformrf.core.render.lens import Lens, LensCamera
 from deformrf.core.render.render import Renderer, RenderOptions
 from deformrf.core.wide import vec4h
 
@@ -90,17 +91,38 @@ def test_another_background_needs_no_new_graphs(make_ball_field, device):
 
 
 def test_what_overlaps_is_mended(make_ball_field, device):
-    field = make_ball_field(4)
-    rng = np.random.default_rng()
+    """In an image of which only a part does."""
+    field = make_ball_field(int(np.random.default_rng().integers(1000)), occupied_share=1.0)
     renderer = in_slots(Renderer(field, device))
-    renderer.set_vertices(
-        field.mesh.rest_vertices + rng.normal(size=(len(field.mesh.rest_vertices), 3)) * 0.08
-    )
-    assert renderer.tangle()
     camera = view()
-    assert_alike(
-        renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, DETAILS)
-    )
+    plain = renderer.render(camera, RenderOptions(BACKGROUND))
+    kept = plain.color_array().copy()
+    vertices = field.mesh.rest_vertices.copy()
+    vertices[np.argmax(vertices @ camera.camera_to_world[:3, 2])] += 0.25 * camera.forward
+    renderer.set_vertices(vertices)
+    mended = renderer.render(camera, RenderOptions(BACKGROUND))
+    assert_alike(mended, renderer.render(camera, DETAILS))
+    _, tangled = renderer._sort_rays(renderer._wavefront.rays, camera.width * camera.height)
+    assert 0 < len(tangled) < 0.5 * (mended.color_array()[..., 3] > 0).sum()
+    np.testing.assert_array_equal(plain.color_array(), kept)  # earlier images stay what they are
+
+
+def test_other_steps_have_rounds_of_their_own(make_ball_field, device):
+    renderer = in_slots(Renderer(make_ball_field(7), device))
+    camera = view()
+    images = [renderer.render(camera, RenderOptions(step_factor=f)) for f in (1.0, 0.5, 1.0)]
+    assert images[1].sample_count > 1.1 * images[0].sample_count
+    np.testing.assert_array_equal(images[2].color_array(), images[0].color_array())
+
+
+def test_a_real_lens_in_strips(make_ball_field, device):
+    renderer = in_slots(Renderer(make_ball_field(8), device))
+    pose = view().camera_to_world
+    lens = Lens(60, 45, (80.0, 82.0), (28.0, 24.0), (0.1, -0.05, 0.0, 0.0), (0.01, -0.02))
+    camera = LensCamera(pose, lens)
+    strips = [renderer.render(camera, rows=rows).color_array() for rows in ((0, 13), (13, 45))]
+    expected = renderer.render(camera, RenderOptions(details=True)).color_array()
+    assert np.abs(np.concatenate(strips).astype(int) - expected).mean() < 0.3
 
 
 def test_without_view_dependence_the_basis_is_constant(make_ball_field, device):

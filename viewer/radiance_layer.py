@@ -36,6 +36,7 @@ from .upload import ImageTexture
 REST_SECONDS = 0.15  # without a change, before refining begins
 OTHER_STAGES = ("simulate", "draw", "panel")
 CHECKER_SIZE = 12  # pixels
+AVERAGED_MODES = ("color", "accumulation")
 
 
 class RadianceLayer:
@@ -132,7 +133,9 @@ class RadianceLayer:
         settings = scene.settings
         self._mode, self._depth_range = settings.mode, scene.depth_range
         self._options = RenderOptions(background=tuple(settings.background))
-        self._checkerboard, self._accumulate = settings.checkerboard, settings.accumulate
+        self._checkerboard = settings.checkerboard
+        # The mean of hashed colors or of a heat map is the color of something else.
+        self._accumulate = settings.accumulate and settings.mode in AVERAGED_MODES
         fixed = None if settings.automatic_resolution else settings.fixed_resolution
         seen = (
             camera.camera_to_world.tobytes(),
@@ -214,6 +217,7 @@ class RadianceLayer:
 
     def _sample(self, camera, times):
         """Render the next strip of a shifted image; one that is complete joins the mean."""
+        camera = camera.resized(*self._coarse.size)  # a tiny window has an image larger than it
         if self._sampling is None:
             self._sampling = Sampling(self._images, camera, self._device, self._row_seconds)
         if self._sampling.step(camera, partial(self._next_strip, times=times)):

@@ -67,6 +67,9 @@ class RunningMean:
 
     def add(self, image, first_row: int = 0) -> None:
         """Add a strip (an Image) that begins at `first_row`."""
+        height, width = image.color.shape
+        assert width == self._sums.shape[1], (width, self._sums.shape)
+        assert first_row + height <= self._sums.shape[0], (first_row, height, self._sums.shape)
         wp.launch(
             add_kernel,
             dim=image.color.shape,
