@@ -1,0 +1,93 @@
+"""Frames per second and pixels while somebody drags: the viewer's own frames, without a display.
+
+    python tests/benchmarks/drag_speed.py [--model M] [--device cpu|cuda:0]
+        [--sizes 400 800] [--targets 10 15] [--seconds 10]
+
+A control vertex goes in a circle in real time; resolution and savings follow the target, as in
+the window.  pixels is the shorter side of the image that was rendered, and the share of frames
+with all levels and whole steps follows; ms are medians of the stages, and dB compares the last
+frame with the same pose rendered in full, scaled as the window scales it.
+"""
+
+import argparse
+import time
+
+import numpy as np
+
+from deformrf.core import paths
+from deformrf.core.device import device_name, start_warp
+from deformrf.core.field import modelfile
+from deformrf.core.training.metrics import psnr
+
+WARM_UP_SECONDS = 3.0  # the ladder finds its rung
+TURN = 4.0  # s for a circle
+
+
+def measure(app, target, seconds):
+    """A row of the table."""
+    scene, layer = app.scene, app.radiance
+    scene.reset()
+    scene.settings.target_fps = target
+    scene.settings.show_handles = False
+    vertex = scene.control_ids[np.argmax(scene.field.mesh.rest_vertices[scene.control_ids, 2])]
+    scene.grab(vertex)
+    start = scene.grabbed.target.copy()
+    frames, sides, whole = [], [], []
+    begin = last = time.perf_counter()
+    while last - begin < WARM_UP_SECONDS + seconds:
+        angle = 2.0 * np.pi * (last - begin) / TURN
+        offset = 0.15 * scene.size * np.array([np.sin(angle), 1.0 - np.cos(angle), 0.0])
+        scene.drag_to(start + offset)
+        now = time.perf_counter()
+        app.frame(now - last)
+        if last - begin > WARM_UP_SECONDS:
+            frames.append(now - last)
+            sides.append(min(layer.depth_image().shape))
+            whole.append(not layer.cheaper)
+        last = now
+    shown = app.canvas.read()[..., :3] / 255.0
+    medians = {name: 1e3 * value for name, value in app.status.times.medians().items()}
+    scene.paused = True
+    app.frame(0.0, whole=True)
+    exact = app.canvas.read()[..., :3] / 255.0
+    scene.paused = False
+    scene.release()
+    return {
+        "target": target,
+        "fps": 1.0 / np.mean(frames),
+        "pixels": int(np.median(sides)),
+        "whole": np.mean(whole),
+        **medians,
+        "dB": psnr(shown, exact),
+    }
+
+
+def main():
+    from deformrf.viewer.window import open_window
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--model", default=paths.DEFAULT_MODEL)
+    parser.add_argument("--device", default="auto")
+    parser.add_argument("--sizes", type=int, nargs="+", default=[400, 800])
+    parser.add_argument("--targets", type=float, nargs="+", default=[10.0, 15.0])
+    parser.add_argument("--seconds", type=float, default=10.0)
+    arguments = parser.parse_args()
+    start_warp()
+    for size in arguments.sizes:
+        window, context = open_window((size, size), headless=True)
+        from deformrf.viewer.events import EventLog  # pyglet knows by now that there is no display
+        from deformrf.viewer.loop import App
+
+        app = App(window, context, EventLog(False), gui=False)
+        app.load(modelfile.load(arguments.model), "model", device_name(arguments.device))
+        app.canvas.use((size, size))
+        for target in arguments.targets:
+            row = {"window": f"{size}x{size}", **measure(app, target, arguments.seconds)}
+            print("".join(f"{key:>10}" for key in row))
+            cells = (v if isinstance(v, str) else f"{v:.2f}" for v in row.values())
+            print("".join(f"{cell:>10}" for cell in cells), flush=True)
+        app.close()
+
+
+if __name__ == "__main__":
+    main()
