@@ -33,7 +33,7 @@ from .traversal import (
 
 TANGLED_TETS, CROSSINGS = 0, 1  # places in a pose's counts
 PLAIN, TANGLED = 0, 1  # places in the counts of rays
-COPLANAR = wp.constant(1.0e-6)  # of what a volume could be: rounding, or none
+COPLANAR = wp.constant(1.0e-5)  # of what a volume could be: float32 can't tell it from none
 MOST_CROSSINGS = wp.constant(8)  # of a ray; with more it is tangled
 TOUCHING = wp.constant(1.0e-6)  # t: shells so close may be inside each other
 PROBE = wp.constant(wp.vec3(0.4124, 0.5763, 0.7056))  # a direction along no plane of a lattice
