@@ -1,9 +1,11 @@
 """Rays to an image of the mesh in its current shape, on the CPU and on CUDA.
 
 Rounds of: march (at most K pieces per ray) -> pack -> encode and evaluate -> accumulate,
-until every ray has left the mesh or sees nothing more.  A CUDA device takes the whole
-image at once; on the CPU, tiles of the image go to a pool of threads (a Warp launch there
-uses one core, and releases the interpreter).
+until every ray has left the mesh or sees nothing more.  On the CPU, tiles of the image go
+to a pool of threads (a Warp launch there uses one core, and releases the interpreter).  On
+CUDA default mode has rounds of its own, which nothing waits for (wavefront.py).
+
+Where the mesh overlaps itself, the rays that see it are rendered by layers.py.
 """
 
 import os
