@@ -107,6 +107,25 @@ def test_each_tet_keeps_its_color(shown):
     expect(shown("tets"), modes.tet_colors_reference(tet) / 255, tet >= 0)
 
 
+def test_levels_are_those_that_a_pixel_can_show(shown):
+    renderer, t = shown.renderer, shown("color").depth_array()
+    edge, count = modes.mean_edge(renderer.field.mesh), renderer.field.layout.level_count
+    levels = modes.levels_reference(t, edge, shown.view.focal, count)
+    seen = np.isfinite(t)
+    # Where the level changes, depths are rounded to either side.
+    changing = modes.levels_reference(1.0001 * t, edge, shown.view.focal, count) != levels
+    image = shown("levels")
+    color, there = picture(image)
+    np.testing.assert_array_equal(there, seen)
+    wanted = 255 * modes.heat_reference(levels / (count - 1))
+    assert np.abs(color - wanted)[seen & ~changing].max() <= 0.51
+
+
+def test_a_level_more_is_half_the_distance():
+    t = np.array([np.inf, 8.0, 4.0, 2.0, 1.0, 1e-3])
+    assert modes.levels_reference(t, 0.1, 40.0, 6).tolist() == [0, 0, 0, 1, 2, 5]
+
+
 def test_few_tets_share_a_color():
     ids = np.arange(100_000)
     assert len(np.unique(modes.tet_colors_reference(ids), axis=0)) > 0.9 * len(ids)

@@ -19,7 +19,7 @@ AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
 ]
 Size = Annotated[str | None, tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
 Drag = Annotated[str | None, tyro.conf.arg(metavar="VERTEX:DX,DY,DZ", help_behavior_hint="")]
-Mode = Literal["color", "depth", "accumulation", "normals", "tets", "samples", "error"]
+Mode = Literal["color", "depth", "accumulation", "normals", "tets", "levels", "samples", "error"]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 
 

@@ -5,6 +5,8 @@
     accumulation  opacity in gray
     normals       ½ + ½n, n the unit normal in model space, towards the eye
     tets          a color that belongs to the tet in which transmittance passes ½
+    levels        the finest level whose edges are at least a pixel long there, dark blue for 0
+                  to yellow for the last one
     samples       evaluated samples, from dark blue for 0 to yellow for SAMPLES_SHOWN
     error         ERROR_GAIN · |default mode - conformance mode|, each channel by itself
 
@@ -24,11 +26,12 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from ..geometry.mesh import EDGES
 from .compositing import to_byte
 from .lens import DeviceLens, device_lens, lens_direction
 from .render import Image, RenderOptions
 
-MODES = ("color", "depth", "accumulation", "normals", "tets", "samples", "error")
+MODES = ("color", "depth", "accumulation", "normals", "tets", "levels", "samples", "error")
 SAMPLES_SHOWN = 64  # of the bundled model's rays that meet it, 1 % take more
 ERROR_GAIN = 64.0  # 1/255, which nobody sees, becomes a quarter of white
 HEAT = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))  # viridis
@@ -49,6 +52,7 @@ def caption(mode: str, depth_range=(0.0, 1.0)) -> str:
         "accumulation": "opacity: white is opaque",
         "normals": "x, y, z as red, green, blue, from the depths",
         "tets": "a color for each tet",
+        "levels": "finest level a pixel can show: dark 0, yellow all",
         "samples": f"samples a pixel: 0 dark to {SAMPLES_SHOWN} yellow",
         "error": f"{ERROR_GAIN:.0f} times the error of the default mode",
     }[mode]
@@ -89,6 +93,18 @@ def tet_colors_reference(tet):
     h = h * PRIMES[1] & 0xFFFFFFFF
     h ^= h >> 13
     return np.stack([64 + (h >> shift & 255) * 3 // 4 for shift in (0, 8, 16)], -1).astype(np.uint8)
+
+
+def levels_reference(t, edge, focal, level_count):
+    """The finest level whose edges, of length edge / 2^level, span a pixel at distance t.  int
+
+    Args:
+        t: Distances [...]; at inf no level does, and 0 comes out.
+        focal: In pixels.
+    """
+    with np.errstate(divide="ignore"):
+        level = np.floor(np.log2(edge * focal / np.asarray(t, float)))
+    return np.clip(level, 0, level_count - 1).astype(int)
 
 
 def heat_reference(x):
@@ -210,6 +226,15 @@ def tet_byte(h: wp.uint32):
     return wp.uint8(wp.uint32(64) + (h & wp.uint32(255)) * wp.uint32(3) / wp.uint32(4))
 
 
+@wp.func
+def heated(heat: wp.array(dtype=wp.vec3), x: float):
+    """`heat_reference`."""
+    last = heat.shape[0] - 1
+    place = wp.clamp(x, 0.0, 1.0) * float(last)
+    k = wp.min(int(place), last - 1)
+    return opaque(wp.lerp(heat[k], heat[k + 1], place - float(k)))
+
+
 @wp.kernel
 def samples_kernel(
     samples: wp.array2d(dtype=int),
@@ -217,12 +242,27 @@ def samples_kernel(
     most: int,
     color: wp.array2d(dtype=wp.vec4ub),  # out
 ):
-    """`heat_reference`."""
     i, j = wp.tid()
-    last = heat.shape[0] - 1
-    x = wp.min(float(samples[i, j]) / float(most), 1.0) * float(last)
-    k = wp.min(int(x), last - 1)
-    color[i, j] = opaque(wp.lerp(heat[k], heat[k + 1], x - float(k)))
+    color[i, j] = heated(heat, float(samples[i, j]) / float(most))
+
+
+@wp.kernel
+def levels_kernel(
+    depth: wp.array2d(dtype=float),
+    heat: wp.array(dtype=wp.vec3),
+    edge_pixels: float,  # length of a coarse edge at distance 1
+    level_count: int,
+    background: wp.vec3,
+    color: wp.array2d(dtype=wp.vec4ub),  # out
+):
+    """`levels_reference`."""
+    i, j = wp.tid()
+    c = nothing(background)
+    if wp.isfinite(depth[i, j]):
+        level = wp.floor(wp.log2(edge_pixels / depth[i, j]))
+        level = wp.clamp(level, 0.0, float(level_count - 1))
+        c = heated(heat, level / float(wp.max(level_count - 1, 1)))
+    color[i, j] = c
 
 
 @wp.kernel
@@ -280,9 +320,13 @@ def render_mode(
         inputs = [pose, lens, rendered.depth, first - above, above, background]
     elif mode == "tets":
         kernel, inputs = tets_kernel, [rendered.tet, background]
+    elif mode == "levels":
+        levels = renderer.field.layout.level_count
+        edge_pixels = mean_edge(renderer.field.mesh) * camera.lens.focal[0]
+        kernel = levels_kernel
+        inputs = [rendered.depth, _heat(device), edge_pixels, levels, background]
     elif mode == "samples":
-        heat = wp.array(np.array(HEAT, np.float32) / 255.0, dtype=wp.vec3, device=device)
-        kernel, inputs = samples_kernel, [rendered.samples, heat, SAMPLES_SHOWN]
+        kernel, inputs = samples_kernel, [rendered.samples, _heat(device), SAMPLES_SHOWN]
     else:
         exact = RenderOptions(background=options.background, conformance=True)
         conformance = renderer.render(camera, exact, rows)
@@ -290,3 +334,13 @@ def render_mode(
     wp.launch(kernel, dim=color.shape, inputs=inputs, outputs=[color], device=device)
     depth = rendered.depth[above : above + last - first]
     return Image(color, depth, rendered.sample_count)
+
+
+def mean_edge(mesh) -> float:
+    """Mean length of the tets' edges at rest."""
+    corners = mesh.rest_vertices[mesh.tets]
+    return float(np.linalg.norm(np.diff(corners[:, EDGES], axis=2), axis=-1).mean())
+
+
+def _heat(device):
+    return wp.array(np.array(HEAT, np.float32) / 255.0, dtype=wp.vec3, device=device)
