@@ -6,7 +6,7 @@ import warp as wp
 
 from deformrf.core.field import network, network_mma
 from deformrf.core.field.network import BASIS_COUNT
-from deformrf.core.wide import vec4h
+from deformrf.core.field.wide import vec4h
 
 
 def test_fragments_are_what_the_products_of_a_warp_take():

@@ -6,11 +6,11 @@ import warp as wp
 
 from deformrf.core.field import network
 from deformrf.core.field.encoding import node_table
+from deformrf.core.field.wide import vec4h
 from deformrf.core.render import wavefront
 from deformrf.core.render.camera import from_field_of_view, look_at
 from deformrf.core.render.lens import Lens, LensCamera
 from deformrf.core.render.render import Renderer, RenderOptions
-from deformrf.core.wide import vec4h
 
 BACKGROUND = (0.2, 0.5, 0.9)
 DETAILS = RenderOptions(BACKGROUND, details=True)  # takes the other way on every device
@@ -102,7 +102,7 @@ def test_what_overlaps_is_mended(make_ball_field, device):
     renderer.set_vertices(vertices)
     mended = renderer.render(camera, RenderOptions(BACKGROUND))
     assert_alike(mended, renderer.render(camera, DETAILS))
-    _, tangled = renderer._sort_rays(renderer._wavefront.rays, camera.width * camera.height)
+    _, tangled = renderer._overlap.sort_rays(renderer._wavefront.rays, camera.width * camera.height)
     assert 0 < len(tangled) < 0.5 * (mended.color_array()[..., 3] > 0).sum()
     np.testing.assert_array_equal(plain.color_array(), kept)  # earlier images stay what they are
 
@@ -143,7 +143,7 @@ def test_nodes_hold_what_entries_hold(make_ball_field):
 
 
 def test_half_entries_are_read_and_written_whole(device):
-    from deformrf.core.wide import load_wide_half, store_wide_half
+    from deformrf.core.field.wide import load_wide_half, store_wide_half
 
     @wp.kernel
     def twice(values: wp.array(dtype=vec4h), result: wp.array(dtype=vec4h)):

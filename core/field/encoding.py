@@ -29,8 +29,8 @@ from ..geometry.subdivision import (
     lattice_weights,
     path_nodes,
 )
-from ..wide import vec4h
 from .hashing import hash_address, hash_products, products_entry
+from .wide import vec4h
 
 FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
 mat43ui = wp.types.matrix((4, 3), wp.uint32)

@@ -15,8 +15,8 @@ Shapes: N samples, L levels.
 import numpy as np
 import warp as wp
 
-from ..wide import vec4h
 from .network import BASIS_COUNT, GEOMETRY_FEATURES, MAX_LOG_SIGMA
+from .wide import vec4h
 
 WIDTH = 64  # of the hidden layers
 MAX_FEATURES = 32  # 4 L

@@ -18,7 +18,7 @@ import warp as wp
 
 from ..field.network import basis_of, basis_vector
 from ..field.occupancy import is_occupied, subtet_ahead
-from ..wide import store_wide
+from ..field.wide import store_wide
 from .entries import Entries, next_entry
 from .traversal import (
     MAX_TETS,

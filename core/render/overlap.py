@@ -22,6 +22,7 @@ import warp as wp
 
 from ..geometry.mesh import TetMesh, edges, face_components
 from .entries import FaceBoxes, crossing_of
+from .marching import Rays
 from .traversal import (
     FADED,
     QUERY_GAP,
@@ -122,6 +123,30 @@ class Overlap:
                 device=device,
             )
         wp.copy(self._host_counts, self._counts)
+
+    def sort_rays(self, rays: Rays, count: int):
+        """The numbers of plain and of tangled rays, of those from 0 to count - 1.
+
+        The boxes have to be up to date.
+        """
+        tangle, device = self.tangle(), self._pose.device
+        counts = wp.zeros(2, dtype=int, device=device)
+        plain = wp.empty(count, dtype=int, device=device)
+        tangled = wp.empty(count, dtype=int, device=device)
+        bvh = tangle.tets.id if tangle.tets is not None else 0
+        wp.launch(
+            sort_rays_kernel,
+            dim=count,
+            inputs=[
+                *(self._pose.geometry, rays.origins, rays.directions),
+                *(bvh, tangle.tet_ids, int(tangle.shells)),
+                *(self.boxes.id, self._pose.vertices, self.boxes.faces),
+            ],
+            outputs=[counts, plain, tangled],
+            device=device,
+        )
+        plain_count, tangled_count = counts.numpy()
+        return plain[: int(plain_count)], tangled[: int(tangled_count)]
 
 
 def tet_boxes(pose: Pose, tet_ids, count: int):

@@ -30,7 +30,7 @@ from .marching import (
     march_kernel,
     pack_kernel,
 )
-from .overlap import Overlap, sort_rays_kernel
+from .overlap import Overlap
 from .shading import Shading
 from .stages import Stages
 from .traversal import Pose
@@ -280,7 +280,7 @@ class Renderer:
         """Render tangled rays again, which the wavefront got wrong."""
         with self.stage("layers"):
             self._prepare()
-            _, tangled = self._sort_rays(wavefront.rays, count)
+            _, tangled = self._overlap.sort_rays(wavefront.rays, count)
             if not len(tangled):
                 return 0
             sample_count = self._render_layers(wavefront.rays, tangled, wavefront.pixels, options)
@@ -329,7 +329,7 @@ class Renderer:
         alive = wp.empty(count, dtype=int, device=self.device)
         sample_count, round_ = 0, 0
         if self.tangle():
-            alive, tangled = self._sort_rays(rays, count)
+            alive, tangled = self._overlap.sort_rays(rays, count)
             count = len(alive)
             if len(tangled):
                 with self.stage("layers"):
@@ -361,26 +361,6 @@ class Renderer:
                 count = int(still_alive_count.numpy()[0])
             alive, round_ = still_alive, round_ + 1
         return pixels, sample_count
-
-    def _sort_rays(self, rays, count):
-        """The numbers of plain and of tangled rays."""
-        tangle = self.tangle()
-        counts = wp.zeros(2, dtype=int, device=self.device)
-        plain = wp.empty(count, dtype=int, device=self.device)
-        tangled = wp.empty(count, dtype=int, device=self.device)
-        bvh = tangle.tets.id if tangle.tets is not None else 0
-        self._launch(
-            sort_rays_kernel,
-            count,
-            [
-                *(self.pose.geometry, rays.origins, rays.directions),
-                *(bvh, tangle.tet_ids, int(tangle.shells)),
-                *(self._boxes.id, self.pose.vertices, self._boxes.faces),
-            ],
-            [counts, plain, tangled],
-        )
-        plain_count, tangled_count = counts.numpy()
-        return plain[: int(plain_count)], tangled[: int(tangled_count)]
 
     def _render_layers(self, rays, tangled, pixels, options):
         def shade(samples, alive, counts, ends, count):

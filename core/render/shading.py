@@ -13,7 +13,7 @@ import warp as wp
 from ..field import network, network_mma
 from ..field.encoding import FEATURES, encode_kernel, make_tables, node_table
 from ..field.field import TetField
-from ..wide import vec4h
+from ..field.wide import vec4h
 from .marching import Rays, Samples, basis_kernel
 
 wp.set_module_options({"enable_backward": False})

@@ -10,8 +10,8 @@ import warp as wp
 
 from ..field.encoding import Tables, dense_nodes, hashed_entries
 from ..field.network import basis_of
+from ..field.wide import load_wide, load_wide_half, store_wide_half, vec4h
 from ..geometry.subdivision import lattice_axes, lattice_cell, lattice_point, lattice_weights
-from ..wide import load_wide, load_wide_half, store_wide_half, vec4h
 from .compositing import Pixels, to_byte
 from .entries import Entries, find_entries
 from .lens import DeviceLens, lens_direction

@@ -17,8 +17,8 @@ Shapes: T tets, V vertices, B boundary faces.  Model units.
 import numpy as np
 import warp as wp
 
+from ..field.wide import load_wide, load_wide_int
 from ..geometry.mesh import TetMesh, boundary_faces
-from ..wide import load_wide, load_wide_int
 
 # A boundary query looks this far around t for faces that rounding has moved across it.
 QUERY_GAP = wp.constant(4.0e-6)

@@ -23,7 +23,7 @@ import numpy as np
 import warp as wp
 
 from ..field.network import CONSTANT_BASIS
-from ..wide import vec4h
+from ..field.wide import vec4h
 from . import slots
 from .compositing import empty_pixels
 from .entries import FaceBoxes, empty_entries
