@@ -33,5 +33,5 @@ def writable_file(path: Path, ending: str) -> Path:
     existed = path.exists()
     path.open("ab").close()
     if not existed:
-        path.unlink()
+        path.unlink(missing_ok=True)  # several processes of one run may look at once
     return path
