@@ -110,7 +110,7 @@ def occupied_kernel(
     occupied[n] = is_occupied(occupancy[sample_tet[n]], subtet_of(sample_bary[n]))
 
 
-def test_features_are_bit_equal_without_the_other_entries(make_ball_field, device):
+def test_features_are_the_same_without_the_other_entries(make_ball_field, device):
     field = random_field(make_ball_field)
     tet, bary = samples_in_occupied_subtets(field, 20_000)
     occupancy = wp.array(field.occupancy, dtype=wp.uint64, device=device)
@@ -145,4 +145,6 @@ def test_features_are_bit_equal_without_the_other_entries(make_ball_field, devic
             device=device,
         )
         results.append(features.numpy()[occupied])
-    np.testing.assert_array_equal(*results)
+    # On a sub-tet's face, as float32 has it, a corner beyond has a weight of a rounding.
+    np.testing.assert_allclose(*results, rtol=0.0, atol=2e-6 * np.abs(field.table).max())
+    assert (results[0] == results[1]).mean() > 0.999

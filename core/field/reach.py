@@ -3,7 +3,8 @@
 A sample has density only in an occupied level-2 sub-tet (occupancy.py), so level l reads
 the corners of the level-l descendants that overlap one: its ancestors for l < 2, the
 sub-tet itself, and all of its descendants beyond.  All other entries may be left out of a
-file, or zero, and no image changes.  Collisions count: a hashed entry is reached if any
+file, or zero, and no image changes (a point on a sub-tet's face may read a corner beyond, with
+the weight of a rounding).  Collisions count: a hashed entry is reached if any
 such corner has it.
 
 The corners of all descendants of a cell with corner addresses A, m levels down, are the
