@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.field import network
+from deformrf.core.field import network, network_mma
 from deformrf.core.field.encoding import node_table
 from deformrf.core.field.wide import vec4h
 from deformrf.core.render import wavefront
@@ -132,6 +132,19 @@ def test_without_view_dependence_the_basis_is_constant(make_ball_field, device):
     assert_alike(
         renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, DETAILS)
     )
+
+
+def test_networks_of_another_shape_make_the_same_image(make_ball_field, device):
+    """The paper's density network, which network_mma.py doesn't do: Triton on CUDA."""
+    field = make_ball_field(9, density_hidden=(64, 64, 64), density_activation="sigmoid")
+    renderer = in_slots(Renderer(field, device))
+    assert not network_mma.fits(field, renderer.device)
+    camera = view()
+    assert_alike(
+        renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, DETAILS)
+    )
+    if renderer.shading.evaluate_slots is not None:
+        assert renderer._wavefront is not None
 
 
 def test_nodes_hold_what_entries_hold(make_ball_field):
