@@ -5,12 +5,13 @@ stored.  With compliance α, inverse masses w and gradients g_i = ∂C/∂x_i
 
     Δλ = −C / (Σ w_i |g_i|² + a),   x_i += w_i Δλ g_i,   a = max(α/h², r_min · w̄)
 
-    edge:   C = |x_i − x_j| − L,   α = 1/k_e,      k_e = 15 μ V_e / L²,   w̄ = w_i + w_j
+    edge:   C = |x_i − x_j| − L,   α = 1/k_e,    k_e = 15 μ f V_e / L²,   w̄ = w_i + w_j
     volume: C = 6 (V − V0),        α = 36 V0 / K,  w̄ = Σ w_i |g_i|² at rest
 
 (XPBD, Macklin 2016, eq. 18; n substeps of one iteration, Macklin 2019.)  The floor
 r_min · w̄ keeps a stiff system from tangling.  An edge of no length takes a fixed
-pseudo-random direction, or a collapsed body would never open again.  A volume
+pseudo-random direction, or a collapsed body would never open again.  The factor f makes
+a lattice equally stiff in all directions (isotropy.py).  A volume
 projection moves no vertex farther than STEP_LIMIT · (6 V0)^(1/3).
 
 In float32 a position x is the vertex at the frame's start plus a small delta d, and a
@@ -29,6 +30,7 @@ import warp as wp
 from ..geometry.coloring import greedy_colors, sort_by_color
 from ..geometry.mesh import EDGES, signed_volumes
 from .bracing import hinge_braces
+from .isotropy import edge_factors
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,17 +49,19 @@ class EdgeConstraints:
         vertices: Ends of each edge.  [E, 2] int32
         rest_lengths: L.  [E]
         volumes: V_e, a sixth of the volume of the tets around the edge.  [E]
+        factors: f.  [E]
         offsets: Color c is offsets[c]:offsets[c + 1].
     """
 
     vertices: np.ndarray
     rest_lengths: np.ndarray
     volumes: np.ndarray
+    factors: np.ndarray
     offsets: np.ndarray
 
     def compliances(self, shear_modulus):
-        """α = L² / (15 μ V_e) [m/N].  [E]"""
-        return self.rest_lengths**2 / (15.0 * shear_modulus * self.volumes)
+        """α = L² / (15 μ f V_e) [m/N].  [E]"""
+        return self.rest_lengths**2 / (15.0 * shear_modulus * self.factors * self.volumes)
 
     def regularization(self, shear_modulus, inverse_masses, substep):
         """a = max(α/h², r_min (w_i + w_j)) [1/kg].  [E]"""
@@ -100,13 +104,15 @@ def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
     volumes = np.bincount(edge_of.ravel(), weights=shares, minlength=len(ends))
     # An edge between flat tets alone would have no stiffness at all.
     volumes = np.maximum(volumes, 1e-3 * volumes.mean())
+    factors = edge_factors(np.linalg.norm(np.diff(rest_vertices[ends], axis=1)[:, 0], axis=1))
     braces = hinge_braces(tets)
     ends = np.concatenate([ends, braces])
     volumes = np.append(volumes, np.full(len(braces), BRACE_VOLUME * volumes.mean()))
+    factors = np.append(factors, np.ones(len(braces)))
     order, offsets = sort_by_color(greedy_colors(ends, len(rest_vertices)))
-    ends, volumes = ends[order], volumes[order]
+    ends, volumes, factors = ends[order], volumes[order], factors[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
-    return EdgeConstraints(ends.astype(np.int32), lengths, volumes, offsets)
+    return EdgeConstraints(ends.astype(np.int32), lengths, volumes, factors, offsets)
 
 
 def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
