@@ -183,7 +183,9 @@ def project_volumes(vertices, inverse_masses, tets, rest_volumes, regularization
     w = inverse_masses[tets]
     squared = (gradients**2).sum(-1)
     constraint = 6.0 * signed_volumes(vertices, tets) - rest_volumes
-    multiplier = -constraint / ((w * squared).sum(1) + regularization)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        multiplier = -constraint / ((w * squared).sum(1) + regularization)
+    multiplier[~(w > 0).any(axis=1)] = 0.0
     longest = np.abs(multiplier) * (w * np.sqrt(squared)).max(1)
     limit = STEP_LIMIT * np.cbrt(rest_volumes)
     multiplier *= np.minimum(1.0, limit / np.maximum(longest, 1e-300))
