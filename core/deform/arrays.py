@@ -15,13 +15,15 @@ import warp as wp
 from . import integration
 
 
+PADDING = 8  # what a CPU reads at once
+
+
 class VertexArrays(NamedTuple):
     """One entry per vertex.
 
     Attributes:
         vertices: Positions at the frame's start.  [V] vec3
         deltas: The way from there; between frames, what float32 rounded away.  [V] vec3
-        previous: Deltas at the substep's start.  [V] vec3
         velocities: [V] vec3
         inverse_masses: 0 = kinematic.  [V]
         anchors: Where targets were at the frame's start; of springs only.  [V] vec3
@@ -31,7 +33,6 @@ class VertexArrays(NamedTuple):
 
     vertices: wp.array
     deltas: wp.array
-    previous: wp.array
     velocities: wp.array
     inverse_masses: wp.array
     anchors: wp.array
@@ -40,21 +41,68 @@ class VertexArrays(NamedTuple):
 
 
 class ConstraintArrays(NamedTuple):
-    """One entry per constraint in use, sorted by color, in the order that kernels take them.
+    """One entry per constraint in use, sorted by color; PADDING more that may be read.
 
     Attributes:
         vertices: [C] vec2i or vec4i
-        spans: Differences of its vertices at the frame's start.  [C] or [3 C] vec3
+        ids: Where it stands in the list of all constraints.  [C] int
         rest_values: L or 6 V0.  [C]
         regularization: a.  [C]
         offsets: Color c is offsets[c]:offsets[c + 1]; it may be empty.  [color_count + 1]
     """
 
     vertices: wp.array
-    spans: wp.array
+    ids: wp.array
     rest_values: wp.array
     regularization: wp.array
     offsets: wp.array
+
+
+@wp.struct
+class FrameArrays:
+    """All of it, as the kernels of a frame take it; edge_ and tet_ are ConstraintArrays."""
+
+    vertices: wp.array(dtype=wp.vec3)
+    deltas: wp.array(dtype=wp.vec3)
+    velocities: wp.array(dtype=wp.vec3)
+    inverse_masses: wp.array(dtype=float)
+    anchors: wp.array(dtype=wp.vec3)
+    targets: wp.array(dtype=wp.vec3)
+    springs: wp.array(dtype=wp.vec2)
+    timing: wp.array(dtype=float)  # integration.Timing
+    motion: wp.array(dtype=float)  # feedback.py
+    edge_vertices: wp.array(dtype=wp.vec2i)
+    edge_ids: wp.array(dtype=int)
+    edge_rest: wp.array(dtype=float)
+    edge_regularization: wp.array(dtype=float)
+    edge_offsets: wp.array(dtype=int)
+    tet_vertices: wp.array(dtype=wp.vec4i)
+    tet_rest: wp.array(dtype=float)
+    tet_regularization: wp.array(dtype=float)
+    tet_offsets: wp.array(dtype=int)
+    vertex_count: int
+    edge_room: int  # with PADDING
+    tet_room: int
+    edge_colors: int
+    tet_colors: int
+
+
+def frame_arrays(state: VertexArrays, edges, volumes, timing, motion) -> FrameArrays:
+    """Everything in one struct; edges and volumes are ConstraintLists."""
+    frame = FrameArrays()
+    for name, array in state._asdict().items():
+        setattr(frame, name, array)
+    frame.timing, frame.motion = timing, motion
+    for kind, arrays in (("edge", edges.arrays), ("tet", volumes.arrays)):
+        setattr(frame, f"{kind}_vertices", arrays.vertices)
+        setattr(frame, f"{kind}_rest", arrays.rest_values)
+        setattr(frame, f"{kind}_regularization", arrays.regularization)
+        setattr(frame, f"{kind}_offsets", arrays.offsets)
+        setattr(frame, f"{kind}_room", len(arrays.vertices))
+        setattr(frame, f"{kind}_colors", len(arrays.offsets) - 1)
+    frame.edge_ids = edges.arrays.ids
+    frame.vertex_count = len(state.vertices)
+    return frame
 
 
 def vertex_arrays(count, device) -> VertexArrays:
@@ -64,8 +112,8 @@ def vertex_arrays(count, device) -> VertexArrays:
         return wp.zeros(count, dtype=dtype, device=device)
 
     springs = wp.full(count, wp.vec2(integration.NO_SPRING, 0.0), dtype=wp.vec2, device=device)
-    x, d, previous, v, anchors, targets = (zeros() for _ in range(6))
-    return VertexArrays(x, d, previous, v, zeros(float), anchors, targets, springs)
+    x, d, v, anchors, targets = (zeros() for _ in range(5))
+    return VertexArrays(x, d, v, zeros(float), anchors, targets, springs)
 
 
 def upload(array, dtype, device):
@@ -87,20 +135,18 @@ class ConstraintList:
 
     def __init__(self, constraints, rest_values, dtype, device):
         self.constraints = constraints
-        self.arrays = None
         self._rest_values = rest_values
-        self._dtype = dtype
-        count, width = constraints.vertices.shape
-        span_count = count * (width - 1)
-        self.in_use = np.arange(count)
+        self.in_use = np.arange(len(rest_values))
         self.offsets = constraints.offsets
+        room = len(rest_values) + PADDING
         self.arrays = ConstraintArrays(
-            upload(constraints.vertices, dtype, device),
-            wp.zeros(span_count, dtype=wp.vec3, device=device),
-            upload(rest_values, float, device),
-            wp.zeros(count, dtype=float, device=device),
-            upload(np.asarray(constraints.offsets, np.int32), int, device),
+            wp.zeros(room, dtype=dtype, device=device),
+            wp.zeros(room, dtype=int, device=device),
+            wp.ones(room, dtype=float, device=device),
+            wp.ones(room, dtype=float, device=device),
+            wp.zeros(len(self.offsets), dtype=int, device=device),
         )
+        self._write()
 
     def select(self, movable) -> bool:
         """Use the constraints that have a movable vertex ([V] bool); whether that is new."""
@@ -110,17 +156,21 @@ class ConstraintList:
             return False
         self.in_use = in_use
         self.offsets = np.append(0, np.cumsum(keep))[self.constraints.offsets]
-        _write(self.arrays.vertices, self.constraints.vertices[in_use])
-        _write(self.arrays.rest_values, self._rest_values[in_use])
-        _write(self.arrays.offsets, self.offsets)
+        self._write()
         return True
+
+    def _write(self):
+        _put(self.arrays.vertices, self.constraints.vertices[self.in_use])
+        _put(self.arrays.ids, self.in_use)
+        _put(self.arrays.rest_values, self._rest_values[self.in_use])
+        _put(self.arrays.offsets, self.offsets)
 
     def set_regularization(self, values):
         """Take a of all constraints.  [C]"""
-        _write(self.arrays.regularization, values[self.in_use])
+        _put(self.arrays.regularization, values[self.in_use])
 
 
-def _write(array, values):
+def _put(array, values):
     """Put values at the beginning of a device array."""
     if len(values):
         kind = np.float32 if np.issubdtype(values.dtype, np.floating) else np.int32

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from ..geometry.coloring import greedy_colors, sort_by_color
+from ..geometry.coloring import color_order
 from ..geometry.mesh import EDGES, signed_volumes
 from .bracing import hinge_braces
 from .isotropy import edge_factors
@@ -109,7 +109,7 @@ def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
     ends = np.concatenate([ends, braces])
     volumes = np.append(volumes, np.full(len(braces), BRACE_VOLUME * volumes.mean()))
     factors = np.append(factors, np.ones(len(braces)))
-    order, offsets = sort_by_color(greedy_colors(ends, len(rest_vertices)))
+    order, offsets = color_order(ends, rest_vertices)
     ends, volumes, factors = ends[order], volumes[order], factors[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
     return EdgeConstraints(ends.astype(np.int32), lengths, volumes, factors, offsets)
@@ -121,7 +121,7 @@ def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
     tets = np.where((volumes < 0)[:, None], tets[:, [0, 1, 3, 2]], tets)
     solid = np.abs(volumes) > 1e-6 * np.abs(volumes).mean()
     tets, volumes = tets[solid], np.abs(volumes[solid])
-    order, offsets = sort_by_color(greedy_colors(tets, len(rest_vertices)))
+    order, offsets = color_order(tets, rest_vertices)
     tets, volumes = tets[order], volumes[order]
     gradients = volume_gradients(rest_vertices, tets)
     return VolumeConstraints(tets.astype(np.int32), volumes, (gradients**2).sum(-1), offsets)

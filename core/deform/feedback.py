@@ -8,20 +8,22 @@ import warp as wp
 
 from . import constraints
 from .arrays import ConstraintList
+from .frame_cpu import MOST_THREADS
 
 
 class Feedback:
     """Copies on their way to the host.
 
     Attributes:
-        motion: The farthest that a vertex moved in this frame [m].  [1] on the device
+        motion: The farthest that a vertex moved in this frame [m], in several parts of the
+            mesh.  [MOST_THREADS] on the device
     """
 
     def __init__(self, device):
         self._device = device
-        self.motion = wp.zeros(1, dtype=float, device=device)
+        self.motion = wp.zeros(MOST_THREADS, dtype=float, device=device)
         self._inverted = wp.zeros(1, dtype=int, device=device)
-        self._motion_on_host = wp.zeros(1, dtype=float, device="cpu", pinned=device.is_cuda)
+        self._motion_on_host = wp.zeros_like(self.motion, device="cpu", pinned=device.is_cuda)
         self._inverted_on_host = wp.zeros(1, dtype=int, device="cpu", pinned=device.is_cuda)
         self._copied = wp.Event(device) if device.is_cuda else None
         self._motion_is_coming = self._count_is_coming = False
@@ -51,7 +53,7 @@ class Feedback:
         if self._motion_is_coming and self._copied is not None:
             wp.synchronize_event(self._copied)
         if self._motion_is_coming:
-            motion = float(self._motion_on_host.numpy()[0])
+            motion = float(self._motion_on_host.numpy().max())
         if self._count_is_coming:
             inverted_count = int(self._inverted_on_host.numpy()[0])
         self.drop()

@@ -5,7 +5,7 @@ Physics Simulation", 2019): move (integration.py), project edges, then volumes, 
 color (constraints.py), springs and ground, take velocities from the way gone.
 
 This is the part on the host: what a user does becomes contents of arrays (arrays.py),
-in float64 up to there.  launches.py runs a frame on them.
+in float64 up to there.  frame_cpu.py and frame_cuda.py run a frame on them.
 
 Units: SI; model space is one metre wide.  Shapes: V vertices, K handles.
 """
@@ -17,10 +17,11 @@ import warp as wp
 
 from ..geometry.mesh import components
 from . import checks, constraints, integration
-from .arrays import ConstraintList, upload, vertex_arrays
+from .arrays import ConstraintList, frame_arrays, upload, vertex_arrays
 from .feedback import Feedback
+from .frame_cpu import CpuFrame
+from .frame_cuda import CudaFrame
 from .integration import NO_SPRING, Timing
-from .launches import Launches
 from .material import Material
 from .options import FRAME, XpbdOptions
 from .rescue import RATIO, Rescue
@@ -86,8 +87,11 @@ class XpbdSolver:
         self._volume_list = ConstraintList(volumes, volumes.rest_volumes, wp.vec4i, device)
         self._timing = wp.zeros(len(Timing._fields), dtype=float, device=device)
         self._feedback = Feedback(device)
-        self._launches = Launches(
+        frame = frame_arrays(
             self._state, self._edge_list, self._volume_list, self._timing, self._feedback.motion
+        )
+        self._frame = (
+            CudaFrame(frame, self.rest_vertices, device) if device.is_cuda else CpuFrame(frame)
         )
 
     # -- material, masses --------------------------------------------------------------
@@ -289,7 +293,7 @@ class XpbdSolver:
         if self._stale:
             self._prepare()
         self._feedback.begin()
-        self._launches.run(
+        self._frame.run(
             self.options.substeps(dt),
             self._compliances[1] is not None or self._rescued,
             self._springs is not None,
@@ -339,9 +343,8 @@ class XpbdSolver:
         options, material, w = self.options, self.material, self._inverse_masses
         h = self._dt / options.substeps(self._dt)
         movable = (self._free_inverse_masses > 0) & ~self.pinned & self._active[self._part_of]
-        changed = [part.select(movable) for part in (self._edge_list, self._volume_list)]
-        if any(changed):
-            self._launches.forget()
+        for part in (self._edge_list, self._volume_list):
+            part.select(movable)
         self._timing.assign(options.timing(self._dt, material.damping, self.object_size))
         pairs = zip((self._edge_list, self._volume_list), self._compliances, strict=True)
         for part, compliances in pairs:
