@@ -15,7 +15,8 @@ import warp as wp
 from . import integration
 
 
-PADDING = 8  # what a CPU reads at once
+CPU_GROUP = 8  # constraints that a CPU projects at once
+CUDA_GROUP = 32  # threads of a warp
 
 
 class VertexArrays(NamedTuple):
@@ -41,7 +42,10 @@ class VertexArrays(NamedTuple):
 
 
 class ConstraintArrays(NamedTuple):
-    """One entry per constraint in use, sorted by color; PADDING more that may be read.
+    """One entry per constraint in use, sorted by color.
+
+    A color begins at a multiple of a group (CPU_GROUP, CUDA_GROUP) and fills whole groups;
+    entries that aren't used have vertex V, which no array but a frame's own has.
 
     Attributes:
         vertices: [C] vec2i or vec4i
@@ -81,7 +85,7 @@ class FrameArrays:
     tet_regularization: wp.array(dtype=float)
     tet_offsets: wp.array(dtype=int)
     vertex_count: int
-    edge_room: int  # with PADDING
+    edge_room: int  # entries of ConstraintArrays
     tet_room: int
     edge_colors: int
     tet_colors: int
@@ -129,49 +133,57 @@ class ConstraintList:
     Attributes:
         constraints: All of them, an EdgeConstraints or a VolumeConstraints.
         in_use: Indices into it, ascending.  [N] int
-        offsets: As in `arrays`, on the host.
+        vertices: As in `arrays`, on the host.  [C, 2 or 4] int32
         arrays: ConstraintArrays with room for all.
     """
 
-    def __init__(self, constraints, rest_values, dtype, device):
+    def __init__(self, constraints, rest_values, dtype, vertex_count, device):
         self.constraints = constraints
         self._rest_values = rest_values
-        self.in_use = np.arange(len(rest_values))
-        self.offsets = constraints.offsets
-        room = len(rest_values) + PADDING
+        self._unused = vertex_count
+        self._group = CUDA_GROUP if device.is_cuda else CPU_GROUP
+        offsets = constraints.offsets
+        self._colors = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
+        room = int(self._whole_groups(np.diff(offsets)).sum())
+        self.vertices = np.empty((room, constraints.vertices.shape[1]), np.int32)
         self.arrays = ConstraintArrays(
             wp.zeros(room, dtype=dtype, device=device),
             wp.zeros(room, dtype=int, device=device),
-            wp.ones(room, dtype=float, device=device),
-            wp.ones(room, dtype=float, device=device),
-            wp.zeros(len(self.offsets), dtype=int, device=device),
+            wp.zeros(room, dtype=float, device=device),
+            wp.zeros(room, dtype=float, device=device),
+            wp.zeros(len(offsets), dtype=int, device=device),
         )
-        self._write()
+        self.in_use = None
+        self.select(np.ones(vertex_count, bool))
+
+    def _whole_groups(self, counts):
+        return -(-counts // self._group) * self._group
 
     def select(self, movable) -> bool:
         """Use the constraints that have a movable vertex ([V] bool); whether that is new."""
-        keep = movable[self.constraints.vertices].any(axis=1)
-        in_use = np.flatnonzero(keep)
-        if np.array_equal(in_use, self.in_use):
+        in_use = np.flatnonzero(movable[self.constraints.vertices].any(axis=1))
+        if self.in_use is not None and np.array_equal(in_use, self.in_use):
             return False
         self.in_use = in_use
-        self.offsets = np.append(0, np.cumsum(keep))[self.constraints.offsets]
-        self._write()
+        counts = np.bincount(self._colors[in_use], minlength=len(self.arrays.offsets) - 1)
+        starts = np.append(0, np.cumsum(self._whole_groups(counts)))
+        within = np.arange(len(in_use)) - np.repeat(np.append(0, np.cumsum(counts))[:-1], counts)
+        self._places = np.repeat(starts[:-1], counts) + within
+        self.vertices[:] = self._unused
+        self.vertices[self._places] = self.constraints.vertices[in_use]
+        self.arrays.vertices.assign(self.vertices)
+        self._put(self.arrays.ids, in_use)
+        self._put(self.arrays.rest_values, self._rest_values[in_use])
+        self.arrays.offsets.assign(starts.astype(np.int32))
         return True
-
-    def _write(self):
-        _put(self.arrays.vertices, self.constraints.vertices[self.in_use])
-        _put(self.arrays.ids, self.in_use)
-        _put(self.arrays.rest_values, self._rest_values[self.in_use])
-        _put(self.arrays.offsets, self.offsets)
 
     def set_regularization(self, values):
         """Take a of all constraints.  [C]"""
-        _put(self.arrays.regularization, values[self.in_use])
+        self._put(self.arrays.regularization, values[self.in_use])
 
-
-def _put(array, values):
-    """Put values at the beginning of a device array."""
-    if len(values):
+    def _put(self, array, values):
+        """Fill an array, with 1 in unused entries: no division by zero happens there."""
         kind = np.float32 if np.issubdtype(values.dtype, np.floating) else np.int32
-        array[: len(values)].assign(np.ascontiguousarray(values, kind))
+        filled = np.ones(len(self.vertices), kind)
+        filled[self._places] = values
+        array.assign(filled)

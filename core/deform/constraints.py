@@ -318,9 +318,12 @@ def project_volumes_kernel(
 def count_inverted_kernel(
     vertices: wp.array(dtype=wp.vec3),  # [V]
     tets: wp.array(dtype=wp.vec4i),  # [T]
+    vertex_count: int,  # entries with a corner V aren't used
     count: wp.array(dtype=int),  # [1] in and out
 ):
     corners = tets[wp.tid()]
+    if corners[0] >= vertex_count:
+        return
     origin = vertices[corners[0]]
     e1 = vertices[corners[1]] - origin
     e2 = vertices[corners[2]] - origin

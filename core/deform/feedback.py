@@ -38,9 +38,9 @@ class Feedback:
         self._motion_is_coming = True
         if tets is not None:
             self._inverted.zero_()
-            inputs = [vertices, tets.arrays.vertices, self._inverted]
+            inputs = [vertices, tets.arrays.vertices, len(vertices), self._inverted]
             wp.launch(
-                constraints.count_inverted_kernel, len(tets.in_use), inputs, device=self._device
+                constraints.count_inverted_kernel, len(tets.vertices), inputs, device=self._device
             )
             wp.copy(self._inverted_on_host, self._inverted)
             self._count_is_coming = True

@@ -5,7 +5,7 @@ vector, and threads take parts of a color.  They meet at a barrier between color
 spins: waiting for the operating system would take longer than a color.  The result doesn't
 depend on the number of threads.
 
-A color's last group may be short; its idle lanes work on a vertex V that has no mass.
+Entries that aren't used (arrays.py) are about a vertex V that has no mass.
 
 The substep itself is in xpbd.py and reference.py.  Shapes: V vertices, E edges, T tets.
 """
@@ -114,24 +114,17 @@ _SNIPPET = """
     auto larger = [](f8 a, f8 b) { return __builtin_elementwise_max(a, b); };
     auto any = [](i8 mask) { return __builtin_reduce_or(mask) != 0; };
 
-    // The vertices of eight constraints of `corners` each, idle lanes on vertex V.
-    auto pick = [&](const int* ids, int corners, int k, int last, int* picked) {
-        const int count = last - k;
-        if (count >= 8) {
-            for (int j = 0; j < corners; ++j)
-                for (int i = 0; i < 8; ++i) picked[8 * j + i] = ids[corners * (k + i) + j];
-        } else {
-            for (int j = 0; j < corners; ++j)
-                for (int i = 0; i < 8; ++i)
-                    picked[8 * j + i] = i < count ? ids[corners * (k + i) + j] : vertex_count;
-        }
+    // The vertices of eight constraints of `corners` each, by corner.
+    auto pick = [&](const int* ids, int corners, int k, int* picked) {
+        for (int j = 0; j < corners; ++j)
+            for (int i = 0; i < 8; ++i) picked[8 * j + i] = ids[corners * (k + i) + j];
     };
     const int* const ends = reinterpret_cast<const int*>(frame.edge_vertices.data);
     const int* const corners = reinterpret_cast<const int*>(frame.tet_vertices.data);
 
-    auto project_edges = [&](int k, int last) {
+    auto project_edges = [&](int k) {
         int id[16];
-        pick(ends, 2, k, last, id);
+        pick(ends, 2, k, id);
         const int* const first_id = id;
         const int* const second_id = id + 8;
         Eight p = gather(first_id), q = gather(second_id);
@@ -147,7 +140,7 @@ _SNIPPET = """
         if (any(collapsed)) {
             for (int i = 0; i < 8; ++i) {
                 if (!collapsed[i]) continue;
-                unsigned bits = (frame.edge_ids.data[k + i < last ? k + i : k] + 1u) * 2654435761u;
+                unsigned bits = (frame.edge_ids.data[k + i] + 1u) * 2654435761u;
                 bits ^= bits >> 16;
                 bits *= 2246822519u;
                 bits ^= bits >> 13;
@@ -168,9 +161,9 @@ _SNIPPET = """
         scatter(second_id, q);
     };
 
-    auto project_tets = [&](int k, int last) {
+    auto project_tets = [&](int k) {
         int id[32];
-        pick(corners, 4, k, last, id);
+        pick(corners, 4, k, id);
         Eight p0 = gather(id), p1 = gather(id + 8), p2 = gather(id + 16), p3 = gather(id + 24);
         auto span = [&](int j) { return load(tet_span + j * tet_stride + k); };
         const f8 ax = span(0) + (p1.x - p0.x), ay = span(1) + (p1.y - p0.y);
@@ -227,17 +220,22 @@ _SNIPPET = """
     };
 
     // The frame begins: spans, and the first prediction.
-    for (int k = part(0, edge_count, thread), last = part(0, edge_count, thread + 1); k < last; ++k)
+    for (int k = part(0, edge_count, thread), last = part(0, edge_count, thread + 1); k < last;
+         ++k) {
+        if (ends[2 * k] == vertex_count) continue;
         for (int j = 0; j < 3; ++j)
             edge_span[j * edge_stride + k]
                 = x[3 * ends[2 * k] + j] - x[3 * ends[2 * k + 1] + j];
+    }
     if (tet_colors > 0)
         for (int k = part(0, tet_count, thread), last = part(0, tet_count, thread + 1); k < last;
-             ++k)
+             ++k) {
+            if (corners[4 * k] == vertex_count) continue;
             for (int i = 0; i < 3; ++i)
                 for (int j = 0; j < 3; ++j)
                     tet_span[(3 * i + j) * tet_stride + k] = x[3 * corners[4 * k + i + 1] + j]
                         - x[3 * corners[4 * k] + j];
+        }
     const int first_vertex = part(0, vertex_count, thread);
     const int last_vertex = part(0, vertex_count, thread + 1);
     for (int i = first_vertex; i < last_vertex; ++i)
@@ -251,13 +249,13 @@ _SNIPPET = """
         for (int c = 0; c < edge_colors; ++c) {
             const int first = frame.edge_offsets.data[c], end = frame.edge_offsets.data[c + 1];
             const int last = part(first, end, thread + 1);
-            for (int k = part(first, end, thread); k < last; k += 8) project_edges(k, last);
+            for (int k = part(first, end, thread); k < last; k += 8) project_edges(k);
             meet();
         }
         for (int c = 0; c < tet_colors; ++c) {
             const int first = frame.tet_offsets.data[c], end = frame.tet_offsets.data[c + 1];
             const int last = part(first, end, thread + 1);
-            for (int k = part(first, end, thread); k < last; k += 8) project_tets(k, last);
+            for (int k = part(first, end, thread); k < last; k += 8) project_tets(k);
             meet();
         }
         const bool over = substep + 1 == substep_count;
@@ -374,6 +372,9 @@ class CpuFrame:
         self._arrivals = self._scratch[-1].numpy()
         self._launches = {}
         self._pace = Pace(thread_limit(frame.tet_room))
+
+    def refresh(self, edges, tets) -> None:
+        """Other constraints are in use; the arrays say which, and nothing follows from them."""
 
     def run(self, substep_count: int, volumes: bool, springs: bool, ground: bool) -> None:
         """One frame; what isn't needed isn't done."""

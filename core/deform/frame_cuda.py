@@ -1,18 +1,17 @@
-"""One frame of the solver on a GPU, in one launch: n substeps, every color of every substep.
+"""One frame of the solver on a GPU, in one launch, without a barrier between colors.
 
-A launch per color costs 1.3 µs or more, whatever it does, and a substep has about 40 of
-them.  Here one kernel does the whole frame and waits at a barrier between colors instead.
-What it waits with, and where it keeps the positions, depends on the mesh's size:
+A launch per color costs 1.3 µs or more, a barrier of all blocks 1.1 µs, whatever a color
+does, and a substep has 40 of them.  Here constraints wait for their own vertices only.  A
+vertex is stored with how many constraints have moved it in this frame, its turn, in one
+word of 16 bytes; whoever comes next in the order of colors waits for that turn, moves the
+vertex, and counts on.  So every vertex is moved in the order of colors, as with barriers,
+and the result is the same to the bit, but neighbors are all that anyone waits for.
 
-    block  one block of threads, positions in its shared memory, __syncthreads
-    grid   as many blocks as the GPU runs at once, positions in its L2 cache, a counter
-
-Constraints of the next color are loaded before the barrier, so that only positions are
-waited for behind it.  Colors and the order within them are the same for both.
-
-Shared memory has eight banks of 16 bytes, and eight threads that want the same one wait
-for each other.  Translates of one constraint are neighbors in the order (coloring.py), so
-a vertex's bank is the parity of its lattice cell: then most eights have eight banks.
+Constraints, edges before tets, and then vertices are one list; thread t takes entries t,
+t + threads, …, in this order.  The first entry that isn't done yet waits for nothing, so
+someone always goes on, if all blocks run at once: there are no more than processors.  A
+warp never has constraints of two colors (arrays.py pads them), as lanes that wait for each
+other might stand still.
 
 The substep itself is in xpbd.py and reference.py.  Shapes: V vertices, E edges, T tets.
 """
@@ -20,102 +19,77 @@ The substep itself is in xpbd.py and reference.py.  Shapes: V vertices, E edges,
 import numpy as np
 import warp as wp
 
-from ..geometry.periodic import lattice_addresses
 from .arrays import FrameArrays
 from .constraints import COLLAPSED, STEP_LIMIT
 
 wp.set_module_options({"enable_backward": False})
 
-BLOCK_THREADS = 512
-GRID_THREADS = 256
-SHARED_VERTICES = 2900  # 16 bytes each; 48 KiB hold them and the offsets of colors
-MOST_COLORS = 126  # of edges and tets together, plus 2
-BANKS = 8
+THREADS = 512  # of a block
+PATIENCE = 1 << 24  # looks at a vertex, many seconds, until a frame is given up
 
-# Position and inverse mass of a vertex lie together: one load of 16 bytes.
-_BLOCK = """
-    __shared__ float4 shared_bodies[@SHARED_VERTICES];
-    const int rank = 0, rank_bits = 0;
-    const int first_vertex = threadIdx.x, vertex_end = vertex_count, vertex_step = blockDim.x;
-#define SLOT(i) slots.data[i]
-    auto get = [&](int i) { return shared_bodies[i]; };
-    auto put = [&](int i, float4 b) { shared_bodies[i] = b; };
-    auto arrive = [&]() {};
-    auto wait = [&]() { __syncthreads(); };
-"""
-
-_GRID = """
-    const int rank = blockIdx.x, rank_bits = 31 - __clz(gridDim.x);
-    const int first_vertex = blockIdx.x * blockDim.x + threadIdx.x, vertex_end = vertex_count;
-    const int vertex_step = gridDim.x * blockDim.x;
-    float4* const global_bodies = reinterpret_cast<float4*>(bodies.data);
-    unsigned* const counter = reinterpret_cast<unsigned*>(arrivals.data);
-    unsigned goal = 0;
-#define SLOT(i) (i)
-    auto get = [&](int i) { return __ldcg(global_bodies + i); };
-    auto put = [&](int i, float4 b) { __stcg(global_bodies + i, b); };
-    // The counter only grows and gridDim.x is a power of two, so wrapping around is harmless,
-    // and blocks that have arrived already don't change what the others begin with.
-    if (threadIdx.x == 0) goal = __ldcg(counter) & ~(gridDim.x - 1u);
-    auto arrive = [&]() {
-        __syncthreads();
-        if (threadIdx.x == 0) {
-            goal += gridDim.x;
-            asm volatile("red.add.release.gpu.u32 [%0], 1;" :: "l"(counter) : "memory");
-        }
-    };
-    auto wait = [&]() {
-        if (threadIdx.x == 0) {
-            unsigned now;
-            do {
-                asm volatile("ld.acquire.gpu.u32 %0, [%1];" : "=r"(now) : "l"(counter) : "memory");
-            } while ((int)(now - goal) < 0);
-        }
-        __syncthreads();
-    };
-"""
-
-_FRAME = """
+_SNIPPET = """
 #if defined(__CUDA_ARCH__)
-    const int vertex_count = frame.vertex_count, edge_colors = frame.edge_colors;
-    @STORAGE
-    const int tet_colors = has_volumes ? frame.tet_colors : 0;
-    const int edge_count = frame.edge_offsets.data[edge_colors];
-    const int tet_count = frame.tet_offsets.data[frame.tet_colors], tet_room = frame.tet_room;
-    __shared__ int offsets[@MOST_COLORS + 2];
-    for (int c = threadIdx.x; c <= edge_colors; c += blockDim.x)
-        offsets[c] = frame.edge_offsets.data[c];
-    for (int c = threadIdx.x; c <= tet_colors; c += blockDim.x)
-        offsets[edge_colors + 1 + c] = frame.tet_offsets.data[c];
+    const int vertex_count = frame.vertex_count;
+    const int edge_count = frame.edge_offsets.data[frame.edge_colors];
+    const int tet_count = has_volumes ? frame.tet_offsets.data[frame.tet_colors] : 0;
+    const int tet_room = frame.tet_room;
     const float* const timing = frame.timing.data;
-    const float h = timing[0], decay = timing[1], limit = timing[2];
+    const float h = timing[0], per_h = 1.0f / h, decay = timing[1], limit = timing[2];
     const float gx = timing[3], gy = timing[4], gz = timing[5];
     const int2* const ends = reinterpret_cast<const int2*>(frame.edge_vertices.data);
     const int4* const corners = reinterpret_cast<const int4*>(frame.tet_vertices.data);
-    int2* const edge_slot = reinterpret_cast<int2*>(edge_slots.data);
-    int4* const tet_slot = reinterpret_cast<int4*>(tet_slots.data);
     float4* const edge_span = reinterpret_cast<float4*>(edge_spans.data);
     float4* const tet_span = reinterpret_cast<float4*>(tet_spans.data);
     const float* const x = reinterpret_cast<const float*>(frame.vertices.data);
+    const float* const w = frame.inverse_masses.data;
     const float* const target = reinterpret_cast<const float*>(frame.targets.data);
-    const float* const anchor = reinterpret_cast<const float*>(frame.anchors.data);
+    float* const anchor = reinterpret_cast<float*>(frame.anchors.data);
     float* const velocity = reinterpret_cast<float*>(frame.velocities.data);
     float* const before = reinterpret_cast<float*>(previous.data);
     float* const rest_delta = reinterpret_cast<float*>(frame.deltas.data);
+    const int* const turns_of_vertex = has_volumes ? all_turns.data : edge_turns.data;
 
+    struct Body { float x, y, z; int turn; };
+    // Position and turn are read and written at once.
+    auto get = [&](int i) {
+        int x, y, z, turn;
+        asm volatile("{.reg .b128 q; .reg .b64 a, b; ld.relaxed.gpu.global.b128 q, [%4];"
+                     "mov.b128 {a, b}, q; mov.b64 {%0, %1}, a; mov.b64 {%2, %3}, b;}"
+                     : "=r"(x), "=r"(y), "=r"(z), "=r"(turn) : "l"(bodies.data + i) : "memory");
+        return Body{__int_as_float(x), __int_as_float(y), __int_as_float(z), turn};
+    };
+    auto put = [&](int i, float x, float y, float z, int turn) {
+        asm volatile("{.reg .b128 q; .reg .b64 a, b; mov.b64 a, {%1, %2}; mov.b64 b, {%3, %4};"
+                     "mov.b128 q, {a, b}; st.relaxed.gpu.global.b128 [%0], q;}"
+                     :: "l"(bodies.data + i), "r"(__float_as_int(x)), "r"(__float_as_int(y)),
+                     "r"(__float_as_int(z)), "r"(turn) : "memory");
+    };
+    int looks = 0;
+    auto await = [&](int i, int turn) {
+        Body b = get(i);
+        while (b.turn != turn) {
+            if (++looks > @PATIENCE) {
+                frame.motion.data[0] = __int_as_float(0x7fc00000);  // not a number
+                break;
+            }
+            b = get(i);
+        }
+        return b;
+    };
+
+    const int worker = blockIdx.x * @THREADS + threadIdx.x, worker_count = gridDim.x * @THREADS;
     // Spans of the frame's start.
-    const int worker = rank * blockDim.x + threadIdx.x, worker_count = blockDim.x << rank_bits;
+#pragma unroll 4
     for (int k = worker; k < edge_count; k += worker_count) {
         const int2 e = ends[k];
-        edge_slot[k] = make_int2(SLOT(e.x), SLOT(e.y));
-        edge_span[k] = make_float4(x[3 * e.x] - x[3 * e.y], x[3 * e.x + 1] - x[3 * e.y + 1],
-                                   x[3 * e.x + 2] - x[3 * e.y + 2], frame.edge_rest.data[k]);
+        if (e.x < vertex_count)
+            edge_span[k] = make_float4(x[3 * e.x] - x[3 * e.y], x[3 * e.x + 1] - x[3 * e.y + 1],
+                                       x[3 * e.x + 2] - x[3 * e.y + 2], frame.edge_rest.data[k]);
     }
-    if (tet_colors > 0)
-        for (int k = worker; k < tet_count; k += worker_count) {
-            const int4 q = corners[k];
-            tet_slot[k] = make_int4(SLOT(q.x), SLOT(q.y), SLOT(q.z), SLOT(q.w));
-            const int other[3] = {q.y, q.z, q.w};
+    for (int k = worker; k < tet_count; k += worker_count) {
+        const int4 q = corners[k];
+        const int other[3] = {q.y, q.z, q.w};
+        if (q.x < vertex_count)
 #pragma unroll
             for (int j = 0; j < 3; ++j)
                 tet_span[j * tet_room + k] = make_float4(
@@ -123,16 +97,16 @@ _FRAME = """
                     x[3 * other[j] + 2] - x[3 * q.x + 2],
                     j == 0 ? frame.tet_rest.data[k]
                            : j == 1 ? frame.tet_regularization.data[k] : 0.0f);
-        }
+    }
 
-    auto predict = [&](int i, int substep, float dx, float dy, float dz, float w,
+    auto predict = [&](int i, int substep, float dx, float dy, float dz,
                        float vx, float vy, float vz) {
-        if (w > 0.0f) {
+        if (w[i] > 0.0f) {
             before[3 * i] = dx; before[3 * i + 1] = dy; before[3 * i + 2] = dz;
             vx = decay * vx + h * gx; vy = decay * vy + h * gy; vz = decay * vz + h * gz;
             const float squared = vx * vx + vy * vy + vz * vz;
             if (squared > limit * limit) {
-                const float less = limit / sqrtf(squared);
+                const float less = limit * rsqrtf(squared);
                 vx *= less; vy *= less; vz *= less;
             }
             dx += h * vx; dy += h * vy; dz += h * vz;
@@ -142,42 +116,52 @@ _FRAME = """
             dy = part * (target[3 * i + 1] - x[3 * i + 1]);
             dz = part * (target[3 * i + 2] - x[3 * i + 2]);
         }
-        put(SLOT(i), make_float4(dx, dy, dz, w));
+        put(i, dx, dy, dz, substep * turns);
     };
 
-    auto project_edge = [&](int k, int2 e, float4 span, float a) {
-        float4 p = get(e.x), q = get(e.y);
-        const float w = p.w + q.w;
-        if (w <= 0.0f) return;
+    auto project_edge = [&](int k, int first_turn) {
+        const int2 e = __ldcg(ends + k);
+        if (e.x >= vertex_count) return;
+        const float4 span = __ldcg(edge_span + k);
+        const float a = __ldcg(frame.edge_regularization.data + k);
+        const unsigned order = edge_order.data[k];
+        const float wp = w[e.x], wq = w[e.y];
+        const int pt = first_turn + (order & 0xFFFFu), qt = first_turn + (order >> 16);
+        Body p = await(e.x, pt), q = await(e.y, qt);
         float ux = span.x + (p.x - q.x), uy = span.y + (p.y - q.y), uz = span.z + (p.z - q.z);
         const float squared = ux * ux + uy * uy + uz * uz;
-        const float rest = span.w;
+        const float rest = span.w, total = wp + wq + a;
         float inverse_length = rsqrtf(squared);
         float length = squared * inverse_length;
         length += 0.5f * inverse_length * (squared - length * length);
-        float along = __fdividef(rest - length, w + a) * inverse_length;
+        float along = __fdividef(rest - length, total) * inverse_length;
         if (!(squared > @COLLAPSED * @COLLAPSED * rest * rest)) {  // it has no direction of its own
             unsigned bits = (unsigned(frame.edge_ids.data[k]) + 1u) * 2654435761u;
             bits ^= bits >> 16;
             bits *= 2246822519u;
             bits ^= bits >> 13;
             uz = (bits & 0xFFFFu) / 32768.0f - 1.0f;
-            const float angle = (bits >> 16) * (6.2831853f / 65536.0f);
+            const float half_turns = (bits >> 16) / 32768.0f;
             const float ring = sqrtf(fmaxf(1.0f - uz * uz, 0.0f));
-            ux = ring * cosf(angle);
-            uy = ring * sinf(angle);
-            along = rest / (w + a);
+            ux = ring * cospif(half_turns);
+            uy = ring * sinpif(half_turns);
+            along = rest / total;
         }
-        const float mp = p.w * along, mq = q.w * along;
-        p.x += mp * ux; p.y += mp * uy; p.z += mp * uz;
-        q.x -= mq * ux; q.y -= mq * uy; q.z -= mq * uz;
-        put(e.x, p);
-        put(e.y, q);
+        const float mp = wp * along, mq = wq * along;
+        put(e.x, p.x + mp * ux, p.y + mp * uy, p.z + mp * uz, pt + 1);
+        put(e.y, q.x - mq * ux, q.y - mq * uy, q.z - mq * uz, qt + 1);
     };
 
-    auto project_tet = [&](int4 t, float4 s1, float4 s2, float4 s3) {
-        float4 p0 = get(t.x), p1 = get(t.y), p2 = get(t.z), p3 = get(t.w);
-        if (p0.w + p1.w + p2.w + p3.w <= 0.0f) return;
+    auto project_tet = [&](int k, int first_turn) {
+        const int4 t = __ldcg(corners + k);
+        if (t.x >= vertex_count) return;
+        const float4 s1 = __ldcg(tet_span + k), s2 = __ldcg(tet_span + tet_room + k);
+        const float4 s3 = __ldcg(tet_span + 2 * tet_room + k);
+        const uint2 order = reinterpret_cast<const uint2*>(tet_order.data)[k];
+        const float w0 = w[t.x], w1 = w[t.y], w2 = w[t.z], w3 = w[t.w];
+        const int t0 = first_turn + (order.x & 0xFFFFu), t1 = first_turn + (order.x >> 16);
+        const int t2 = first_turn + (order.y & 0xFFFFu), t3 = first_turn + (order.y >> 16);
+        Body p0 = await(t.x, t0), p1 = await(t.y, t1), p2 = await(t.z, t2), p3 = await(t.w, t3);
         const float ax = s1.x + (p1.x - p0.x), ay = s1.y + (p1.y - p0.y), az = s1.z + (p1.z - p0.z);
         const float bx = s2.x + (p2.x - p0.x), by = s2.y + (p2.y - p0.y), bz = s2.z + (p2.z - p0.z);
         const float cx = s3.x + (p3.x - p0.x), cy = s3.y + (p3.y - p0.y), cz = s3.z + (p3.z - p0.z);
@@ -190,288 +174,245 @@ _FRAME = """
         const float n2 = g2x * g2x + g2y * g2y + g2z * g2z;
         const float n3 = g3x * g3x + g3y * g3y + g3z * g3z;
         const float rest = s1.w, a = s2.w;
-        const float weighted = p0.w * n0 + p1.w * n1 + p2.w * n2 + p3.w * n3;
+        const float weighted = w0 * n0 + w1 * n1 + w2 * n2 + w3 * n3;
         float multiplier = __fdividef(rest - (ax * g1x + ay * g1y + az * g1z), weighted + a);
-        const float largest = fmaxf(fmaxf(p0.w * p0.w * n0, p1.w * p1.w * n1),
-                                    fmaxf(p2.w * p2.w * n2, p3.w * p3.w * n3));
-        const float longest = fabsf(multiplier) * sqrtf(largest);
-        // Cubed, so that only the few that are too long pay for a cube root.
-        if (longest * longest * longest > @STEP_LIMIT * @STEP_LIMIT * @STEP_LIMIT * rest)
-            multiplier *= @STEP_LIMIT * cbrtf(rest) / longest;
-        float m = multiplier * p0.w;
-        p0.x += m * g0x; p0.y += m * g0y; p0.z += m * g0z;
-        m = multiplier * p1.w;
-        p1.x += m * g1x; p1.y += m * g1y; p1.z += m * g1z;
-        m = multiplier * p2.w;
-        p2.x += m * g2x; p2.y += m * g2y; p2.z += m * g2z;
-        m = multiplier * p3.w;
-        p3.x += m * g3x; p3.y += m * g3y; p3.z += m * g3z;
-        put(t.x, p0);
-        put(t.y, p1);
-        put(t.z, p2);
-        put(t.w, p3);
+        const float largest = fmaxf(fmaxf(w0 * w0 * n0, w1 * w1 * n1),
+                                    fmaxf(w2 * w2 * n2, w3 * w3 * n3));
+        const float squared = multiplier * multiplier * largest;  // of the longest move
+        constexpr float cube = @STEP_LIMIT * @STEP_LIMIT * @STEP_LIMIT;
+        // To the sixth power, so that only the few that are too long pay for roots.
+        if (squared * squared * squared > cube * cube * rest * rest)
+            multiplier *= @STEP_LIMIT * cbrtf(rest) * rsqrtf(squared);
+        float m = multiplier * w0;
+        put(t.x, p0.x + m * g0x, p0.y + m * g0y, p0.z + m * g0z, t0 + 1);
+        m = multiplier * w1;
+        put(t.y, p1.x + m * g1x, p1.y + m * g1y, p1.z + m * g1z, t1 + 1);
+        m = multiplier * w2;
+        put(t.z, p2.x + m * g2x, p2.y + m * g2y, p2.z + m * g2z, t2 + 1);
+        m = multiplier * w3;
+        put(t.w, p3.x + m * g3x, p3.y + m * g3y, p3.z + m * g3z, t3 + 1);
     };
 
-    for (int i = first_vertex; i < vertex_end; i += vertex_step)
-        predict(i, 0, rest_delta[3 * i], rest_delta[3 * i + 1], rest_delta[3 * i + 2],
-                frame.inverse_masses.data[i],
-                velocity[3 * i], velocity[3 * i + 1], velocity[3 * i + 2]);
-    __syncthreads();  // offsets
-    arrive();
-    wait();
-
-    int2 e;
-    float4 span;
-    float a;
-    int4 t;
-    float4 s1, s2, s3;
-    auto load_edge = [&](int k) {
-        e = __ldcg(edge_slot + k);
-        span = __ldcg(edge_span + k);
-        a = __ldcg(frame.edge_regularization.data + k);
-    };
-    auto load_tet = [&](int k) {
-        t = __ldcg(tet_slot + k);
-        s1 = __ldcg(tet_span + k);
-        s2 = __ldcg(tet_span + tet_room + k);
-        s3 = __ldcg(tet_span + 2 * tet_room + k);
-    };
-    // Every block takes one part of each color; neighbors in the mesh are mostly in one part.
-    int k, end;
-    auto begin = [&](int c) {
-        const int size = offsets[c + 1] - offsets[c];
-        const int part = (size + (1 << rank_bits) - 1) >> rank_bits;
-        k = offsets[c] + rank * part + threadIdx.x;
-        end = min(offsets[c] + (rank + 1) * part, offsets[c + 1]);
-    };
-    auto begin_edges = [&](int c) {
-        begin(c);
-        if (k < end) load_edge(k);
-    };
-    auto begin_tets = [&](int c) {
-        begin(edge_colors + 1 + c);
-        if (k < end) load_tet(k);
-    };
-    if (edge_colors > 0) begin_edges(0);
-    for (int substep = 0; substep < substep_count; ++substep) {
-        for (int c = 0; c < edge_colors; ++c) {
-            while (k < end) {
-                project_edge(k, e, span, a);
-                k += blockDim.x;
-                if (k < end) load_edge(k);
-            }
-            arrive();
-            if (c + 1 < edge_colors) begin_edges(c + 1);
-            else if (tet_colors > 0) begin_tets(0);
-            wait();
-        }
-        for (int c = 0; c < tet_colors; ++c) {
-            while (k < end) {
-                project_tet(t, s1, s2, s3);
-                k += blockDim.x;
-                if (k < end) load_tet(k);
-            }
-            arrive();
-            if (c + 1 < tet_colors) begin_tets(c + 1);
-            wait();
-        }
-        const bool over = substep + 1 == substep_count;
+    auto finish = [&](int i, int substep) {
+        const int first_turn = substep * turns;
         const float part = (substep + 1.0f) / substep_count;
-        for (int i = first_vertex; i < vertex_end; i += vertex_step) {
-            float4 b = get(SLOT(i));
-            float vx = 0.0f, vy = 0.0f, vz = 0.0f;
-            if (b.w > 0.0f) {
-                const float px = before[3 * i], py = before[3 * i + 1], pz = before[3 * i + 2];
-                if (has_springs) {
-                    const float a = frame.springs.data[i][0];
-                    if (a >= 0.0f) {
-                        float u[3], squared = 0.0f;
-                        const float d[3] = {b.x, b.y, b.z};
-                        for (int j = 0; j < 3; ++j) {
-                            const float from = anchor[3 * i + j];
-                            const float way = part * (target[3 * i + j] - from);
-                            u[j] = ((from - x[3 * i + j]) + way) - d[j];
-                            squared += u[j] * u[j];
-                        }
-                        const float most = frame.springs.data[i][1];
-                        const float along
-                            = fminf(b.w / (b.w + a), most * rsqrtf(fmaxf(squared, 1e-30f)));
-                        b.x += along * u[0]; b.y += along * u[1]; b.z += along * u[2];
-                    }
+        Body b = await(i, first_turn + turns_of_vertex[i]);
+        float vx = 0.0f, vy = 0.0f, vz = 0.0f;
+        const float own = w[i];
+        if (own > 0.0f) {
+            const float px = before[3 * i], py = before[3 * i + 1], pz = before[3 * i + 2];
+            const float a = has_springs ? frame.springs.data[i][0] : -1.0f;
+            if (a >= 0.0f) {
+                float u[3], squared = 0.0f;
+                const float d[3] = {b.x, b.y, b.z};
+                for (int j = 0; j < 3; ++j) {
+                    const float from = anchor[3 * i + j];
+                    const float way = part * (target[3 * i + j] - from);
+                    u[j] = ((from - x[3 * i + j]) + way) - d[j];
+                    squared += u[j] * u[j];
                 }
-                if (has_ground) {
-                    const float push = (timing[6] - x[3 * i + 2]) - b.z;
-                    if (push > 0.0f) {
-                        b.z += push;
-                        const float sx = b.x - px, sy = b.y - py;
-                        const float slid = sqrtf(sx * sx + sy * sy);
-                        const float held = fminf(1.0f, timing[7] * push / fmaxf(slid, 1e-30f));
-                        b.x -= held * sx; b.y -= held * sy;
-                    }
-                }
-                vx = (b.x - px) / h; vy = (b.y - py) / h; vz = (b.z - pz) / h;
+                const float most = frame.springs.data[i][1];
+                const float along = fminf(own / (own + a), most * rsqrtf(fmaxf(squared, 1e-30f)));
+                b.x += along * u[0]; b.y += along * u[1]; b.z += along * u[2];
             }
-            if (!over) {
-                predict(i, substep + 1, b.x, b.y, b.z, b.w, vx, vy, vz);
-                continue;
+            const float push = has_ground ? (timing[6] - x[3 * i + 2]) - b.z : 0.0f;
+            if (push > 0.0f) {
+                b.z += push;
+                const float sx = b.x - px, sy = b.y - py;
+                const float slid = sqrtf(sx * sx + sy * sy);
+                const float held = fminf(1.0f, timing[7] * push / fmaxf(slid, 1e-30f));
+                b.x -= held * sx; b.y -= held * sy;
             }
-            velocity[3 * i] = vx; velocity[3 * i + 1] = vy; velocity[3 * i + 2] = vz;
-            const float moved = sqrtf(b.x * b.x + b.y * b.y + b.z * b.z);
-            float* const place = reinterpret_cast<float*>(frame.vertices.data) + 3 * i;
-            const float d[3] = {b.x, b.y, b.z};
-            for (int j = 0; j < 3; ++j) {
-                const float start = place[j];
-                place[j] = b.w > 0.0f ? start + d[j] : target[3 * i + j];
-                // What the addition rounded away isn't lost.
-                rest_delta[3 * i + j] = b.w > 0.0f ? (start - place[j]) + d[j] : 0.0f;
-                const_cast<float*>(anchor)[3 * i + j] = target[3 * i + j];
-            }
-            if (moved > frame.motion.data[0])  // a plain read spares most threads the atomic
-                atomicMax(reinterpret_cast<int*>(frame.motion.data), __float_as_int(moved));
+            vx = (b.x - px) * per_h; vy = (b.y - py) * per_h; vz = (b.z - pz) * per_h;
         }
-        if (!over) {
-            arrive();
-            if (edge_colors > 0) begin_edges(0);
-            wait();
+        if (substep + 1 < substep_count) {
+            predict(i, substep + 1, b.x, b.y, b.z, vx, vy, vz);
+            return;
         }
+        velocity[3 * i] = vx; velocity[3 * i + 1] = vy; velocity[3 * i + 2] = vz;
+        const float moved = sqrtf(b.x * b.x + b.y * b.y + b.z * b.z);
+        float* const place = reinterpret_cast<float*>(frame.vertices.data) + 3 * i;
+        const float d[3] = {b.x, b.y, b.z};
+        for (int j = 0; j < 3; ++j) {
+            const float start = place[j];
+            place[j] = own > 0.0f ? start + d[j] : target[3 * i + j];
+            // What the addition rounded away isn't lost.
+            rest_delta[3 * i + j] = own > 0.0f ? (start - place[j]) + d[j] : 0.0f;
+            anchor[3 * i + j] = target[3 * i + j];
+        }
+        if (moved > frame.motion.data[0])  // a plain read spares most threads the atomic
+            atomicMax(reinterpret_cast<int*>(frame.motion.data), __float_as_int(moved));
+    };
+
+    for (int i = worker; i < vertex_count; i += worker_count)
+        predict(i, 0, rest_delta[3 * i], rest_delta[3 * i + 1], rest_delta[3 * i + 2],
+                velocity[3 * i], velocity[3 * i + 1], velocity[3 * i + 2]);
+    // All blocks wait for all, once: for spans, and for turns of this frame.  The counter only
+    // grows and gridDim.x is a power of two, so wrapping around is harmless.
+    __syncthreads();
+    if (threadIdx.x == 0) {
+        unsigned* const counter = reinterpret_cast<unsigned*>(arrivals.data);
+        __threadfence();
+        const unsigned goal = (atomicAdd(counter, 1u) & ~(gridDim.x - 1u)) + gridDim.x;
+        while ((int)(*reinterpret_cast<volatile unsigned*>(counter) - goal) < 0) {}
+        __threadfence();
     }
+    __syncthreads();
+
+    const int first_vertex = edge_count + tet_count;
+    for (int substep = 0; substep < substep_count; ++substep)
+        for (int j = worker; j < first_vertex + vertex_count; j += worker_count) {
+            if (j < edge_count) project_edge(j, substep * turns);
+            else if (j < first_vertex) project_tet(j - edge_count, substep * turns);
+            else finish(j - first_vertex, substep);
+        }
 #endif
 """
 
 
-def _kernel(storage):
-    """The kernel with one kind of storage."""
-    snippet = _FRAME
-    for name, value in {
-        "STORAGE": storage,
-        "SHARED_VERTICES": SHARED_VERTICES,
-        "MOST_COLORS": MOST_COLORS,
-        "COLLAPSED": f"{COLLAPSED}f",
-        "STEP_LIMIT": f"{STEP_LIMIT}f",
-    }.items():
-        snippet = snippet.replace(f"@{name}", str(value))
-
-    @wp.func_native(snippet)
-    def frame_native(
-        frame: FrameArrays,
-        slots: wp.array(dtype=int),
-        bodies: wp.array(dtype=wp.vec4),
-        previous: wp.array(dtype=wp.vec3),
-        edge_slots: wp.array(dtype=wp.vec2i),
-        edge_spans: wp.array(dtype=wp.vec4),
-        tet_slots: wp.array(dtype=wp.vec4i),
-        tet_spans: wp.array(dtype=wp.vec4),
-        arrivals: wp.array(dtype=int),
-        substep_count: int,
-        has_volumes: int,
-        has_springs: int,
-        has_ground: int,
-    ): ...
-
-    @wp.kernel(module="unique", grid_stride=False, enable_backward=False)
-    def frame_kernel(
-        frame: FrameArrays,
-        slots: wp.array(dtype=int),  # [V] where a block keeps each vertex
-        bodies: wp.array(dtype=wp.vec4),  # [V] deltas and inverse masses, of a grid
-        previous: wp.array(dtype=wp.vec3),  # [V] deltas at the substep's start
-        edge_slots: wp.array(dtype=wp.vec2i),  # [edge_room]
-        edge_spans: wp.array(dtype=wp.vec4),  # [edge_room] of the frame's start, and L
-        tet_slots: wp.array(dtype=wp.vec4i),  # [tet_room]
-        tet_spans: wp.array(dtype=wp.vec4),  # [3 tet_room] and 6 V0, a, 0
-        arrivals: wp.array(dtype=int),  # [1] at barriers
-        substep_count: int,
-        has_volumes: int,
-        has_springs: int,
-        has_ground: int,
-    ):
-        frame_native(
-            frame,
-            slots,
-            bodies,
-            previous,
-            edge_slots,
-            edge_spans,
-            tet_slots,
-            tet_spans,
-            arrivals,
-            substep_count,
-            has_volumes,
-            has_springs,
-            has_ground,
-        )
-
-    return frame_kernel
+@wp.func_native(
+    _SNIPPET.replace("@THREADS", str(THREADS))
+    .replace("@PATIENCE", str(PATIENCE))
+    .replace("@COLLAPSED", f"{COLLAPSED}f")
+    .replace("@STEP_LIMIT", f"{STEP_LIMIT}f")
+)
+def frame_native(
+    frame: FrameArrays,
+    edge_order: wp.array(dtype=wp.uint32),
+    tet_order: wp.array(dtype=wp.vec2ui),
+    edge_turns: wp.array(dtype=int),
+    all_turns: wp.array(dtype=int),
+    turns: int,
+    bodies: wp.array(dtype=wp.vec4),
+    previous: wp.array(dtype=wp.vec3),
+    edge_spans: wp.array(dtype=wp.vec4),
+    tet_spans: wp.array(dtype=wp.vec4),
+    arrivals: wp.array(dtype=int),
+    substep_count: int,
+    has_volumes: int,
+    has_springs: int,
+    has_ground: int,
+): ...
 
 
-block_kernel = _kernel(_BLOCK)
-grid_kernel = _kernel(_GRID)
+@wp.kernel(grid_stride=False)
+def frame_kernel(
+    frame: FrameArrays,
+    edge_order: wp.array(dtype=wp.uint32),  # [edge_room] turn of each end when it comes
+    tet_order: wp.array(dtype=wp.vec2ui),  # [tet_room] of each corner; 16 bits each
+    edge_turns: wp.array(dtype=int),  # [V] turns in a substep without volume constraints
+    all_turns: wp.array(dtype=int),  # [V] and with them
+    turns: int,  # more than any vertex has
+    bodies: wp.array(dtype=wp.vec4),  # [V] deltas and turns
+    previous: wp.array(dtype=wp.vec3),  # [V] deltas at the substep's start
+    edge_spans: wp.array(dtype=wp.vec4),  # [edge_room] of the frame's start, and L
+    tet_spans: wp.array(dtype=wp.vec4),  # [3 tet_room] and 6 V0, a, 0
+    arrivals: wp.array(dtype=int),  # [1] at the barrier
+    substep_count: int,
+    has_volumes: int,
+    has_springs: int,
+    has_ground: int,
+):
+    frame_native(
+        frame,
+        edge_order,
+        tet_order,
+        edge_turns,
+        all_turns,
+        turns,
+        bodies,
+        previous,
+        edge_spans,
+        tet_spans,
+        arrivals,
+        substep_count,
+        has_volumes,
+        has_springs,
+        has_ground,
+    )
 
 
 class CudaFrame:
     """Runs frames of one solver on a GPU."""
 
-    def __init__(self, frame: FrameArrays, rest_vertices, device):
-        """Take the arrays to work on, and where vertices are at rest.  [V, 3]"""
-        if frame.edge_colors + frame.tet_colors > MOST_COLORS:
-            raise ValueError(
-                f"constraints have {frame.edge_colors} + {frame.tet_colors} colors; "
-                f"the solver takes {MOST_COLORS} on a GPU: some vertex has too many edges or tets"
-            )
+    def __init__(self, frame: FrameArrays, device):
+        """Take the arrays to work on."""
         self._frame, self._device = frame, device
-        slots = bank_slots(rest_vertices)
-        self._in_block = slots.max() < SHARED_VERTICES
 
         def scratch(count, dtype):
             return wp.zeros(count, dtype=dtype, device=device)
 
+        self._orders = (
+            scratch(frame.edge_room, wp.uint32),
+            scratch(frame.tet_room, wp.vec2ui),
+            scratch(frame.vertex_count, int),
+            scratch(frame.vertex_count, int),
+        )
+        self._turns = 1
         self._scratch = (
-            wp.array(slots.astype(np.int32), device=device),
-            scratch(1 if self._in_block else frame.vertex_count, wp.vec4),
+            scratch(frame.vertex_count, wp.vec4),
             scratch(frame.vertex_count, wp.vec3),
-            scratch(frame.edge_room, wp.vec2i),
             scratch(frame.edge_room, wp.vec4),
-            scratch(frame.tet_room, wp.vec4i),
             scratch(3 * frame.tet_room, wp.vec4),
             scratch(1, int),
         )
         self._launches = {}
 
+    def refresh(self, edges, tets) -> None:
+        """Other constraints are in use: find the turns anew.
+
+        Args:
+            edges, tets: Vertex ids, V in entries that aren't used.  [edge_room, 2], [tet_room, 4]
+        """
+        count = self._frame.vertex_count
+        edge_turns, counts = turns(edges, np.zeros(count, np.int64))
+        tet_turns, all_counts = turns(tets, counts)
+        packed = edge_turns.astype(np.uint32) @ np.array([1, 1 << 16], np.uint32)
+        values = (
+            packed,
+            tet_turns.reshape(-1, 2, 2).astype(np.uint32) @ np.array([1, 1 << 16], np.uint32),
+            counts.astype(np.int32),
+            all_counts.astype(np.int32),
+        )
+        for array, value in zip(self._orders, values, strict=True):
+            array.assign(value)
+        self._turns = int(all_counts.max()) + 1
+        self._launches.clear()
+
     def run(self, substep_count: int, volumes: bool, springs: bool, ground: bool) -> None:
         """One frame; what isn't needed isn't done."""
         key = substep_count, volumes, springs, ground
         if key not in self._launches:
-            threads = BLOCK_THREADS if self._in_block else GRID_THREADS
             # A power of two, all of which run at once: they wait for each other.
-            blocks = 1 if self._in_block else 2 ** int(np.log2(self._device.sm_count))
+            blocks = 2 ** int(np.log2(self._device.sm_count))
             self._launches[key] = wp.launch(
-                block_kernel if self._in_block else grid_kernel,
-                blocks * threads,
-                [self._frame, *self._scratch, *map(int, key)],
+                frame_kernel,
+                blocks * THREADS,
+                [self._frame, *self._orders, self._turns, *self._scratch, *map(int, key)],
                 device=self._device,
-                block_dim=threads,
+                block_dim=THREADS,
                 record_cmd=True,
             )
         self._launches[key].launch()
 
 
-def bank_slots(rest_vertices):
-    """Where a block keeps each vertex, so that neighboring threads find different banks.
+def turns(constraints, counts):
+    """When it is whose turn: how many constraints have moved a vertex before this one.
 
     Args:
-        rest_vertices: [V, 3]
+        constraints: Vertex ids in the order of solving; V or more in unused entries.  [C, n]
+        counts: How many have moved each vertex before all of these.  [V]
 
     Returns:
-        Slots, each once; a few are empty.  [V] int
+        Turns [C, n], and the counts after these [V].
     """
-    count = len(rest_vertices)
-    found = lattice_addresses(rest_vertices)
-    if found is None:
-        return np.arange(count)
-    lattice, addresses, _ = found
-    bank = (addresses // lattice.cell_edge % 2) @ (1, 2, 4)
-    order = np.argsort(bank, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(np.bincount(bank, minlength=BANKS))])
-    rank = np.empty(count, np.int64)
-    rank[order] = np.arange(count) - starts[bank[order]]
-    slots = BANKS * rank + bank
-    return slots if slots.max() < SHARED_VERTICES or count > SHARED_VERTICES else np.arange(count)
+    flat = constraints.ravel()
+    order = np.argsort(flat, kind="stable")
+    ids = flat[order]
+    first = np.searchsorted(ids, ids)
+    result = np.empty(len(flat), np.int64)
+    result[order] = (
+        np.arange(len(flat)) - first + np.append(counts, 0)[np.minimum(ids, len(counts))]
+    )
+    added = np.bincount(flat[flat < len(counts)], minlength=len(counts))
+    return result.reshape(constraints.shape), counts + added

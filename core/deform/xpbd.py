@@ -83,16 +83,16 @@ class XpbdSolver:
         self._state = vertex_arrays(len(self.rest_vertices), device)
         self.vertices, self.velocities = self._state.vertices, self._state.velocities
         edges, volumes = self.edges, self.volumes
-        self._edge_list = ConstraintList(edges, edges.rest_lengths, wp.vec2i, device)
-        self._volume_list = ConstraintList(volumes, volumes.rest_volumes, wp.vec4i, device)
+        count = len(self.rest_vertices)
+        self._edge_list = ConstraintList(edges, edges.rest_lengths, wp.vec2i, count, device)
+        self._volume_list = ConstraintList(volumes, volumes.rest_volumes, wp.vec4i, count, device)
         self._timing = wp.zeros(len(Timing._fields), dtype=float, device=device)
         self._feedback = Feedback(device)
         frame = frame_arrays(
             self._state, self._edge_list, self._volume_list, self._timing, self._feedback.motion
         )
-        self._frame = (
-            CudaFrame(frame, self.rest_vertices, device) if device.is_cuda else CpuFrame(frame)
-        )
+        self._frame = CudaFrame(frame, device) if device.is_cuda else CpuFrame(frame)
+        self._frame.refresh(self._edge_list.vertices, self._volume_list.vertices)
 
     # -- material, masses --------------------------------------------------------------
 
@@ -343,8 +343,9 @@ class XpbdSolver:
         options, material, w = self.options, self.material, self._inverse_masses
         h = self._dt / options.substeps(self._dt)
         movable = (self._free_inverse_masses > 0) & ~self.pinned & self._active[self._part_of]
-        for part in (self._edge_list, self._volume_list):
-            part.select(movable)
+        lists = self._edge_list, self._volume_list
+        if any([part.select(movable) for part in lists]):  # all of them: no generator
+            self._frame.refresh(*(part.vertices for part in lists))
         self._timing.assign(options.timing(self._dt, material.damping, self.object_size))
         pairs = zip((self._edge_list, self._volume_list), self._compliances, strict=True)
         for part, compliances in pairs:
