@@ -14,7 +14,6 @@ import warp as wp
 
 from . import integration
 
-
 CPU_GROUP = 8  # constraints that a CPU projects at once
 CUDA_GROUP = 32  # threads of a warp
 

@@ -8,7 +8,7 @@ import warp as wp
 
 from . import constraints
 from .arrays import ConstraintList
-from .frame_cpu import MOST_THREADS
+from .pace import MOST_THREADS
 
 
 class Feedback:

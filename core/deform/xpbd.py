@@ -91,8 +91,9 @@ class XpbdSolver:
         frame = frame_arrays(
             self._state, self._edge_list, self._volume_list, self._timing, self._feedback.motion
         )
-        self._frame = CudaFrame(frame, device) if device.is_cuda else CpuFrame(frame)
-        self._frame.refresh(self._edge_list.vertices, self._volume_list.vertices)
+        self._frame = (
+            CudaFrame(frame, self.rest_vertices, device) if device.is_cuda else CpuFrame(frame)
+        )
 
     # -- material, masses --------------------------------------------------------------
 
@@ -343,9 +344,8 @@ class XpbdSolver:
         options, material, w = self.options, self.material, self._inverse_masses
         h = self._dt / options.substeps(self._dt)
         movable = (self._free_inverse_masses > 0) & ~self.pinned & self._active[self._part_of]
-        lists = self._edge_list, self._volume_list
-        if any([part.select(movable) for part in lists]):  # all of them: no generator
-            self._frame.refresh(*(part.vertices for part in lists))
+        for part in (self._edge_list, self._volume_list):
+            part.select(movable)
         self._timing.assign(options.timing(self._dt, material.damping, self.object_size))
         pairs = zip((self._edge_list, self._volume_list), self._compliances, strict=True)
         for part, compliances in pairs:
