@@ -7,7 +7,7 @@ import pytest
 
 from deformrf.core.deform import constraints, integration, reference
 from deformrf.core.deform.material import Material
-from deformrf.core.deform.rescue import RATIO
+from deformrf.core.deform.rescue import RATIOS
 from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import extract
@@ -147,7 +147,7 @@ def test_a_frame_of_a_rescue_is_the_references(device):
     assert solver.rescuing
     x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
     solver.step(DT)
-    frame = frame_of(options, material, floor=RATIO, targets=x, anchors=x)
+    frame = frame_of(options, material, floor=RATIOS[0], targets=x, anchors=x)
     assert_agrees(solver, frame, x, v)
 
 

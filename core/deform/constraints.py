@@ -36,7 +36,7 @@ wp.set_module_options({"enable_backward": False})
 
 COMPLIANCE_FLOOR = 0.1  # r_min
 STEP_LIMIT = 0.5
-STEP_LIMIT_CUBED = STEP_LIMIT**3
+SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for what belongs to flat tets alone
 BRACE_VOLUME = 0.25  # V_e of a brace, in means over edges; a hinge has many braces
 COLLAPSED = 1e-12  # of L; a shorter edge has no direction of its own
 
@@ -96,14 +96,20 @@ class VolumeConstraints:
 
 
 def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
-    """The edges of a mesh and the braces of its hinges, sorted by color."""
+    """The edges of a mesh and the braces of its hinges, sorted by color.
+
+    Raises:
+        ValueError: All tets are flat.
+    """
     ends, edge_of = np.unique(
         np.sort(tets[:, EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True
     )
     shares = np.repeat(np.abs(signed_volumes(rest_vertices, tets)) / 6.0, 6)
     volumes = np.bincount(edge_of.ravel(), weights=shares, minlength=len(ends))
+    if not volumes.any():
+        raise ValueError(f"no tet has a volume; all {len(tets)} are flat")
     # An edge between flat tets alone would have no stiffness at all.
-    volumes = np.maximum(volumes, 1e-3 * volumes.mean())
+    volumes = np.maximum(volumes, SMALLEST_SHARE * volumes.mean())
     factors = edge_factors(np.linalg.norm(np.diff(rest_vertices[ends], axis=1)[:, 0], axis=1))
     braces = hinge_braces(tets)
     ends = np.concatenate([ends, braces])
@@ -128,9 +134,16 @@ def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
 
 
 def lumped_masses(rest_vertices, tets, density):
-    """A quarter of each tet's mass to each of its corners, kg.  [V]"""
+    """A quarter of each tet's mass to each of its corners, kg.  [V]
+
+    A vertex without a tet has no mass; one of flat tets alone has little, or it would
+    stay where it is and pin what is joined to it.
+    """
     shares = np.repeat(density * np.abs(signed_volumes(rest_vertices, tets)) / 4.0, 4)
-    return np.bincount(tets.ravel(), weights=shares, minlength=len(rest_vertices))
+    masses = np.bincount(tets.ravel(), weights=shares, minlength=len(rest_vertices))
+    used = np.unique(tets)
+    masses[used] = np.maximum(masses[used], SMALLEST_SHARE * masses[used].mean())
+    return masses
 
 
 def volume_gradients(vertices, tets):
@@ -198,120 +211,6 @@ def project_volumes(vertices, inverse_masses, tets, rest_volumes, regularization
     moved = vertices.copy()
     moved[tets] += multiplier[:, None, None] * w[:, :, None] * gradients
     return moved
-
-
-_FIRST_FACTOR = wp.constant(wp.uint32(2654435761))
-_SECOND_FACTOR = wp.constant(wp.uint32(2246822519))
-
-
-@wp.func
-def fallback_direction(edge: int):
-    """fallback_directions for one edge."""
-    bits = (wp.uint32(edge) + wp.uint32(1)) * _FIRST_FACTOR
-    bits = bits ^ (bits >> wp.uint32(16))
-    bits = bits * _SECOND_FACTOR
-    bits = bits ^ (bits >> wp.uint32(13))
-    z = float(bits & wp.uint32(0xFFFF)) / 32768.0 - 1.0
-    angle = float(bits >> wp.uint32(16)) * (2.0 * wp.pi / 65536.0)
-    ring = wp.sqrt(wp.max(1.0 - z * z, 0.0))
-    return wp.vec3(ring * wp.cos(angle), ring * wp.sin(angle), z)
-
-
-@wp.kernel(grid_stride=False)
-def edge_spans_kernel(
-    vertices: wp.array(dtype=wp.vec3),  # [V]
-    ends: wp.array(dtype=wp.vec2i),  # [E]
-    spans: wp.array(dtype=wp.vec3),  # [E] out: first end minus second
-):
-    edge = wp.tid()
-    spans[edge] = vertices[ends[edge][0]] - vertices[ends[edge][1]]
-
-
-@wp.kernel(grid_stride=False)
-def tet_spans_kernel(
-    vertices: wp.array(dtype=wp.vec3),  # [V]
-    tets: wp.array(dtype=wp.vec4i),  # [T]
-    spans: wp.array(dtype=wp.vec3),  # [3 T] out: corners 1 to 3 minus corner 0
-):
-    tet, i = wp.tid()
-    spans[3 * tet + i] = vertices[tets[tet][i + 1]] - vertices[tets[tet][0]]
-
-
-@wp.kernel(grid_stride=False)
-def project_edges_kernel(
-    deltas: wp.array(dtype=wp.vec3),  # [V] in and out
-    inverse_masses: wp.array(dtype=float),  # [V] 0 = kinematic
-    ends: wp.array(dtype=wp.vec2i),  # [E]
-    spans: wp.array(dtype=wp.vec3),  # [E]
-    rest_lengths: wp.array(dtype=float),  # [E]
-    regularization: wp.array(dtype=float),  # [E] a
-    offset: int,  # where the color begins
-):
-    edge = wp.tid() + offset
-    first = ends[edge][0]
-    second = ends[edge][1]
-    w0 = inverse_masses[first]
-    w1 = inverse_masses[second]
-    if w0 + w1 > 0.0:
-        d0 = deltas[first]
-        d1 = deltas[second]
-        along = spans[edge] + (d0 - d1)
-        length = wp.length(along)
-        rest = rest_lengths[edge]
-        multiplier = (rest - length) / (w0 + w1 + regularization[edge])
-        if length > COLLAPSED * rest:
-            along = (multiplier / length) * along
-        else:
-            along = multiplier * fallback_direction(edge)
-        # Not "+=", which Warp turns into atomic additions.
-        deltas[first] = d0 + w0 * along
-        deltas[second] = d1 - w1 * along
-
-
-@wp.kernel(grid_stride=False)
-def project_volumes_kernel(
-    deltas: wp.array(dtype=wp.vec3),  # [V] in and out
-    inverse_masses: wp.array(dtype=float),  # [V] 0 = kinematic
-    tets: wp.array(dtype=wp.vec4i),  # [T]
-    spans: wp.array(dtype=wp.vec3),  # [3 T], flat because that is 10 % faster on a CPU
-    rest_volumes: wp.array(dtype=float),  # [T] 6 V0
-    regularization: wp.array(dtype=float),  # [T] a
-    offset: int,  # where the color begins
-):
-    tet = wp.tid() + offset
-    corners = tets[tet]
-    w0 = inverse_masses[corners[0]]
-    w1 = inverse_masses[corners[1]]
-    w2 = inverse_masses[corners[2]]
-    w3 = inverse_masses[corners[3]]
-    if w0 + w1 + w2 + w3 > 0.0:
-        d0 = deltas[corners[0]]
-        d1 = deltas[corners[1]]
-        d2 = deltas[corners[2]]
-        d3 = deltas[corners[3]]
-        e1 = spans[3 * tet] + (d1 - d0)
-        e2 = spans[3 * tet + 1] + (d2 - d0)
-        e3 = spans[3 * tet + 2] + (d3 - d0)
-        g1 = wp.cross(e2, e3)
-        g2 = wp.cross(e3, e1)
-        g3 = wp.cross(e1, e2)
-        g0 = -(g1 + g2 + g3)
-        s0 = wp.dot(g0, g0)
-        s1 = wp.dot(g1, g1)
-        s2 = wp.dot(g2, g2)
-        s3 = wp.dot(g3, g3)
-        rest = rest_volumes[tet]
-        weighted = w0 * s0 + w1 * s1 + w2 * s2 + w3 * s3
-        multiplier = (rest - wp.dot(g1, e1)) / (weighted + regularization[tet])
-        largest = wp.max(wp.max(w0 * w0 * s0, w1 * w1 * s1), wp.max(w2 * w2 * s2, w3 * w3 * s3))
-        longest = wp.abs(multiplier) * wp.sqrt(largest)
-        # Cubed, so that only the few that are too long pay for a cube root.
-        if longest * longest * longest > STEP_LIMIT_CUBED * rest:
-            multiplier *= STEP_LIMIT * wp.cbrt(rest) / longest
-        deltas[corners[0]] = d0 + (multiplier * w0) * g0
-        deltas[corners[1]] = d1 + (multiplier * w1) * g1
-        deltas[corners[2]] = d2 + (multiplier * w2) * g2
-        deltas[corners[3]] = d3 + (multiplier * w3) * g3
 
 
 @wp.kernel(grid_stride=False)
