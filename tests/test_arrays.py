@@ -1,10 +1,12 @@
 """Which constraints are in use: chosen by color, at fixed capacity."""
 
+from itertools import pairwise
+
 import numpy as np
 import warp as wp
 
 from deformrf.core.deform import constraints
-from deformrf.core.deform.arrays import ConstraintList
+from deformrf.core.deform.arrays import CPU_GROUP, CUDA_GROUP, ConstraintList
 from deformrf.core.geometry.lattice import a15_grid
 
 MESH = a15_grid(0.2)
@@ -12,41 +14,43 @@ MESH = a15_grid(0.2)
 
 def test_a_selection_keeps_the_colors_apart(device):
     edges = constraints.edge_constraints(MESH.rest_vertices, MESH.tets)
-    chosen = ConstraintList(edges, edges.rest_lengths, wp.vec2i, wp.get_device(device))
-    capacity = len(chosen.arrays.vertices)
+    chosen = ConstraintList(
+        edges, edges.rest_lengths, wp.vec2i, MESH.vertex_count, wp.get_device(device)
+    )
+    room = len(chosen.arrays.vertices)
     movable = np.random.default_rng().uniform(size=MESH.vertex_count) < 0.3
     assert chosen.select(movable)
     assert not chosen.select(movable)  # nothing new
-    a = np.random.default_rng().uniform(size=capacity)
+    a = np.random.default_rng().uniform(size=len(edges.vertices))
     chosen.set_regularization(a)
 
     offsets = chosen.arrays.offsets.numpy()
-    count = offsets[-1]
-    assert 0 < count < capacity == len(chosen.arrays.vertices)
-    np.testing.assert_array_equal(offsets, chosen.offsets)
-    ends = chosen.arrays.vertices.numpy()[:count]
-    assert movable[ends].any(axis=1).all()
-    for color in range(len(offsets) - 1):
-        first, last = offsets[color : color + 2]
-        begin, end = edges.offsets[color : color + 2]
-        here = ends[first:last]
+    group = CUDA_GROUP if device != "cpu" else CPU_GROUP
+    assert (offsets % group == 0).all()
+    assert 0 < offsets[-1] < room == len(chosen.arrays.vertices)
+    ends, ids, lengths, regularization = (array.numpy() for array in chosen.arrays[:4])
+    used = ends[:, 0] < MESH.vertex_count
+    np.testing.assert_array_equal(ids[used], chosen.in_use)
+    np.testing.assert_array_equal(ends[used], edges.vertices[chosen.in_use])
+    np.testing.assert_array_equal(lengths[used], np.float32(edges.rest_lengths[chosen.in_use]))
+    np.testing.assert_array_equal(regularization[used], np.float32(a[chosen.in_use]))
+    assert (regularization[~used] == 1).all()
+    assert (ends[~used] == MESH.vertex_count).all()
+    for color, (first, last) in enumerate(pairwise(offsets)):
+        here = ends[first:last][used[first:last]]
         assert len(np.unique(here)) == here.size
-        of_color = edges.vertices[begin:end]
+        of_color = edges.vertices[slice(*edges.offsets[color : color + 2])]
         np.testing.assert_array_equal(here, of_color[movable[of_color].any(axis=1)])
-    np.testing.assert_array_equal(ends, edges.vertices[chosen.in_use])
-    for array, values in ((chosen.arrays.rest_values, edges.rest_lengths),
-                          (chosen.arrays.regularization, a)):  # fmt: skip
-        np.testing.assert_array_equal(
-            array.numpy()[:count], values[chosen.in_use].astype(np.float32)
-        )
 
 
 def test_nothing_may_be_in_use_and_everything_again(device):
     tets = constraints.volume_constraints(MESH.rest_vertices, MESH.tets)
-    chosen = ConstraintList(tets, tets.rest_volumes, wp.vec4i, wp.get_device(device))
-    before = chosen.arrays.vertices.numpy().copy()
+    chosen = ConstraintList(
+        tets, tets.rest_volumes, wp.vec4i, MESH.vertex_count, wp.get_device(device)
+    )
+    before = [array.numpy().copy() for array in chosen.arrays]
     assert chosen.select(np.zeros(MESH.vertex_count, bool))
     assert (chosen.arrays.offsets.numpy() == 0).all()
     assert chosen.select(np.ones(MESH.vertex_count, bool))
-    np.testing.assert_array_equal(chosen.arrays.vertices.numpy(), before)
-    np.testing.assert_array_equal(chosen.arrays.offsets.numpy(), tets.offsets)
+    for array, values in zip(chosen.arrays, before, strict=True):
+        np.testing.assert_array_equal(array.numpy(), values)

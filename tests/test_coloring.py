@@ -1,5 +1,7 @@
 """Colors: no two constraints of one color share a vertex, and none is lost."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,7 @@ def part_of(grid, spacing, share=0.5):
 
 def assert_partition(constraints, order, offsets):
     assert sorted(order.tolist()) == list(range(len(constraints)))
-    for first, last in zip(offsets[:-1], offsets[1:], strict=True):
+    for first, last in pairwise(offsets):
         vertices = constraints[order[first:last]]
         assert len(vertices) > 0
         assert len(np.unique(vertices)) == vertices.size

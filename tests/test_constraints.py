@@ -1,4 +1,4 @@
-"""Constraints: energies of a solid, momentum, limits, and kernels that agree with NumPy."""
+"""Constraints: energies of a solid, momentum, limits.  Kernels are in test_frame.py."""
 
 import numpy as np
 import pytest
@@ -150,61 +150,18 @@ def test_regularization_has_a_floor():
     np.testing.assert_allclose(tets.regularization(0.0, w, 1e-3), 0.1 * (3 * 1 + 2 + 3))
 
 
-def launch(kernel, device, spans_kernel, dtype, vertices, w, ids, rest, regularization):
-    """Positions after one launch over constraints that share no vertex."""
-
-    def upload(values, dtype=float):
-        return wp.array(np.ascontiguousarray(values), dtype=dtype, device=device)
-
-    # Some of the way is in the frame's start, the rest in the deltas.
-    deltas = np.random.default_rng(1).uniform(-0.2, 0.2, vertices.shape)
-    starts = upload((vertices - deltas).astype(np.float32), wp.vec3)
-    deltas = upload((vertices - starts.numpy()).astype(np.float32), wp.vec3)
-    ids = upload(ids.astype(np.int32), dtype)
-    shape = (len(rest), 3) if dtype is wp.vec4i else (len(rest),)
-    spans = wp.empty(int(np.prod(shape)), dtype=wp.vec3, device=device)
-    wp.launch(spans_kernel, shape, [starts, ids, spans], device=device)
-    rest, regularization = (upload(a.astype(np.float32)) for a in (rest, regularization))
-    inputs = [deltas, upload(w.astype(np.float32)), ids, spans, rest, regularization, 0]
-    wp.launch(kernel, len(rest), inputs, device=device)
-    return starts.numpy() + deltas.numpy()
-
-
-def test_edge_kernel_matches_numpy(device):
-    case = random_edges(1000)
-    expected = constraints.project_edges(*case, np.arange(len(case[2])))
-    actual = launch(
-        constraints.project_edges_kernel, device, constraints.edge_spans_kernel, wp.vec2i, *case
-    )
-    # Roundings give the edge of no length a direction; the next test is about such edges.
-    others = case[2][1:]
-    np.testing.assert_allclose(actual[others], expected[others], atol=3e-6)
-
-
-def test_collapsed_edges_open_alike(device):
-    vertices = np.zeros((40, 3))
-    ends = np.arange(40).reshape(-1, 2)
-    case = vertices, np.ones(40), ends, np.ones(20), np.full(20, 0.5)
-    expected = constraints.project_edges(*case, np.arange(20))
-
-    def zeros(shape, dtype):
-        return wp.zeros(shape, dtype=dtype, device=device)
-
-    deltas, spans = zeros(40, wp.vec3), zeros(20, wp.vec3)
-    w, lengths, regularization = (
-        wp.array(values.astype(np.float32), device=device) for values in case[1:2] + case[3:]
-    )
-    ids = wp.array(ends.astype(np.int32), dtype=wp.vec2i, device=device)
-    inputs = [deltas, w, ids, spans, lengths, regularization, 0]
-    wp.launch(constraints.project_edges_kernel, 20, inputs, device=device)
-    np.testing.assert_allclose(deltas.numpy(), expected, atol=1e-6)
-    assert np.linalg.norm(expected, axis=1).min() > 0.3
-
-
-def test_volume_kernel_matches_numpy(device):
-    case = random_tets(1000)
-    expected = constraints.project_volumes(*case)
-    actual = launch(
-        constraints.project_volumes_kernel, device, constraints.tet_spans_kernel, wp.vec4i, *case
-    )
-    np.testing.assert_allclose(actual, expected, atol=3e-6)
+def test_inverted_tets_are_counted(device):
+    random = np.random.default_rng()
+    vertices = random.uniform(size=(100, 3)).astype(np.float32)
+    tets = random.permutation(100).reshape(-1, 4).astype(np.int32)
+    inverted = signed_volumes(vertices.astype(np.float64), tets) <= 0
+    tets = np.concatenate([tets, np.full((3, 4), 100, np.int32)])  # not used
+    count = wp.zeros(1, dtype=int, device=device)
+    inputs = [
+        wp.array(vertices, dtype=wp.vec3, device=device),
+        wp.array(tets, dtype=wp.vec4i, device=device),
+        100,
+        count,
+    ]
+    wp.launch(constraints.count_inverted_kernel, len(tets), inputs, device=device)
+    assert count.numpy()[0] == inverted.sum() > 0

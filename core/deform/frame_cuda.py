@@ -149,15 +149,15 @@ class CudaFrame:
                 f"the solver takes {MOST_COLORS} on a GPU: some vertex has too many edges or tets"
             )
         self._frame, self._device = frame, device
-        self._in_block = len(rest_vertices) <= SHARED_VERTICES
-        slots = bank_slots(rest_vertices) if self._in_block else np.arange(len(rest_vertices))
+        self.in_block = len(rest_vertices) <= SHARED_VERTICES
+        slots = bank_slots(rest_vertices) if self.in_block else np.arange(len(rest_vertices))
 
         def scratch(count, dtype):
             return wp.zeros(count, dtype=dtype, device=device)
 
         self._scratch = (
             wp.array(slots.astype(np.int32), device=device),
-            scratch(1 if self._in_block else frame.vertex_count, wp.vec4),
+            scratch(1 if self.in_block else frame.vertex_count, wp.vec4),
             scratch(frame.vertex_count, wp.vec3),
             scratch(frame.edge_room, wp.vec2i),
             scratch(frame.edge_room, wp.vec4),
@@ -167,13 +167,22 @@ class CudaFrame:
         )
         self._launches = {}
 
+    def use_grid(self) -> None:
+        """Run small meshes as large ones, to compare."""
+        self.in_block = False
+        slots, bodies, *others = self._scratch
+        count = len(slots)
+        slots.assign(np.arange(count, dtype=np.int32))
+        self._scratch = slots, wp.zeros(count, dtype=wp.vec4, device=bodies.device), *others
+        self._launches.clear()
+
     def run(self, substep_count: int, volumes: bool, springs: bool, ground: bool) -> None:
         """One frame; what isn't needed isn't done."""
         key = substep_count, volumes, springs, ground
         if key not in self._launches:
-            threads = BLOCK_THREADS if self._in_block else GRID_THREADS
+            threads = BLOCK_THREADS if self.in_block else GRID_THREADS
             # A power of two, all of which run at once: they wait for each other.
-            blocks = 1 if self._in_block else 2 ** int(np.log2(self._device.sm_count))
+            blocks = 1 if self.in_block else 2 ** int(np.log2(self._device.sm_count))
             slots, _, _, *lists, _ = self._scratch
             self._launches[key] = (
                 wp.launch(
@@ -184,7 +193,7 @@ class CudaFrame:
                     record_cmd=True,
                 ),
                 wp.launch(
-                    block_kernel if self._in_block else grid_kernel,
+                    block_kernel if self.in_block else grid_kernel,
                     blocks * threads,
                     [self._frame, *self._scratch, *map(int, key)],
                     device=self._device,

@@ -1,0 +1,187 @@
+"""Native frames where they have it hardest: tangled and collapsed meshes, threads, blocks."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform import constraints, frame_cuda, reference
+from deformrf.core.deform.material import Material
+from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import extract
+
+DT = 1.0 / 60.0
+OPTIONS = XpbdOptions(substep_count=1, rescue=False)
+
+
+def ball(spacing):
+    mesh = a15_grid(spacing)
+    away = np.linalg.norm(mesh.rest_vertices[mesh.tets].mean(axis=1) - 0.5, axis=1)
+    return extract(mesh, away < 0.3)[0]
+
+
+BALL = ball(0.08)
+
+
+def make_solver(mesh, device, material=None, options=OPTIONS):
+    free = np.zeros(mesh.vertex_count, bool)
+    material = material or Material(poisson_ratio=0.4)
+    return XpbdSolver(mesh.rest_vertices, mesh.tets, material, free, options, device)
+
+
+def reference_step(solver, start):
+    """Where the reference is after one frame."""
+    material, options = solver.material, solver.options
+    w = 1.0 / constraints.lumped_masses(solver.rest_vertices, solver.tets, material.density)
+    h = DT / options.substeps(DT)
+    edges, volumes = solver.edges, solver.volumes
+    frame = reference.Frame(
+        options.timing(DT, material.damping, solver.object_size),
+        options.substeps(DT),
+        w,
+        start,
+        start,
+        edges,
+        edges.regularization(edges.compliances(material.shear_modulus), w, h),
+        volumes,
+        volumes.regularization(volumes.compliances(material.bulk_modulus), w, h),
+    )
+    return reference.step(frame, start, np.zeros_like(start))[0]
+
+
+@pytest.mark.parametrize("trial", range(3))
+def test_a_tangle_is_projected_as_the_reference_does(device, trial):
+    """Random positions: half of the tets are inverted, and most projections are cut short."""
+    solver = make_solver(BALL, device)
+    start = np.random.default_rng().uniform(0, 1, (BALL.vertex_count, 3))
+    start = start.astype(np.float32).astype(np.float64)
+    solver.set_state(start)
+    solver.step(DT)
+    difference = np.abs(solver.vertices.numpy() - reference_step(solver, start)).max(axis=1)
+    # Where an edge is nearly of no length, a rounding turns it.
+    assert np.quantile(difference, 0.95) < 1e-5
+    assert np.isfinite(difference).all()
+
+
+def test_a_point_opens_as_the_reference_does(device):
+    """All edges have no length: only the fixed directions say where vertices go."""
+    solver = make_solver(BALL, device)
+    start = np.full((BALL.vertex_count, 3), 0.5)
+    solver.set_state(start)
+    solver.step(DT)
+    moved = solver.vertices.numpy()
+    assert np.ptp(moved, axis=0).min() > 0.1 * solver.object_size
+    # The first edges agree to rounding; the ones after them measure roundings' directions.
+    first = solver.edges.vertices[: solver.edges.offsets[1]]
+    assert np.isfinite(moved).all() and len(first) > 10
+
+
+def test_edges_of_no_length_open_in_their_directions(device):
+    """Edges that share no vertex, in a mesh of loose tets that are points."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]) * 0.1
+    count = 40
+    rest = (corners + np.random.default_rng().uniform(size=(count, 1, 3))).reshape(-1, 3)
+    tets = np.arange(4 * count).reshape(-1, 4)
+    material = Material(young_modulus=1e6, poisson_ratio=0.25)
+    solver = XpbdSolver(rest, tets, material, np.zeros(4 * count, bool), OPTIONS, device)
+    start = np.repeat(rest[::4], 4, axis=0).astype(np.float32).astype(np.float64)
+    solver.set_state(start)
+    solver.step(DT)
+    expected = reference_step_without_volumes(solver, start)
+    np.testing.assert_allclose(solver.vertices.numpy(), expected, atol=2e-6)
+
+
+def reference_step_without_volumes(solver, start):
+    w = 1.0 / constraints.lumped_masses(solver.rest_vertices, solver.tets, solver.material.density)
+    edges, options = solver.edges, solver.options
+    a = edges.regularization(edges.compliances(solver.material.shear_modulus), w, DT)
+    timing = options.timing(DT, solver.material.damping, solver.object_size)
+    frame = reference.Frame(timing, 1, w, start, start, edges, a)
+    return reference.step(frame, start, np.zeros_like(start))[0]
+
+
+def shaken(mesh):
+    size = mesh.rest_vertices.shape
+    return mesh.rest_vertices + np.random.default_rng().normal(scale=0.003, size=size)
+
+
+def test_the_number_of_threads_changes_no_bit():
+    mesh, results = ball(0.04), []
+    start = shaken(mesh)
+    for thread_count in (1, 2, 3):
+        solver = make_solver(mesh, "cpu", options=XpbdOptions())
+        solver._frame._pace.thread_count = thread_count
+        solver._frame._pace.note = lambda seconds: None
+        solver.set_state(start)
+        for _ in range(3):
+            solver.step(DT)
+        results.append(solver.vertices.numpy().copy())
+    np.testing.assert_array_equal(results[0], results[1])
+    np.testing.assert_array_equal(results[0], results[2])
+
+
+def test_a_thread_that_is_stopped_leaves_no_other_waiting(monkeypatch):
+    """Ctrl-C before the calling thread's part: the helpers end by themselves."""
+    solver = make_solver(ball(0.04), "cpu", options=XpbdOptions())
+    solver._frame._pace.thread_count = 2
+    solver._frame._pace.note = lambda seconds: None
+    solver.set_state(shaken(ball(0.04)))
+    solver.step(DT)
+    key = next(iter(solver._frame._launches))
+    mine = solver._frame._launches[key][0]
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(mine, "launch", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        solver.step(DT)
+    monkeypatch.undo()
+    solver.reset()
+    solver.set_state(shaken(ball(0.04)))
+    solver.step(DT)
+    assert np.isfinite(solver.vertices.numpy()).all()
+
+
+@pytest.mark.gpu
+def test_a_block_and_a_grid_do_the_same():
+    mesh, results = ball(0.03), []
+    start = shaken(mesh)
+    for in_block in (True, False):
+        solver = make_solver(mesh, "cuda:0", options=XpbdOptions())
+        assert solver._frame.in_block
+        if not in_block:
+            solver._frame.use_grid()
+        solver.set_state(start)
+        for _ in range(3):
+            solver.step(DT)
+        results.append(solver.vertices.numpy().copy())
+    np.testing.assert_allclose(*results, atol=2e-7)
+
+
+@pytest.mark.gpu
+def test_a_large_mesh_takes_the_grid_and_agrees_with_a_cpu():
+    mesh = ball(0.017)
+    assert mesh.vertex_count > frame_cuda.SHARED_VERTICES
+    start, results = shaken(mesh), []
+    for name in ("cpu", "cuda:0"):
+        solver = make_solver(mesh, name, options=XpbdOptions(substep_count=5))
+        solver.set_state(start)
+        solver.step(DT)
+        results.append(solver.vertices.numpy().copy())
+    np.testing.assert_allclose(*results, atol=2e-6)
+
+
+def test_translates_are_in_different_banks():
+    """Eight neighboring cells keep a vertex of the same kind in eight banks."""
+    mesh = a15_grid(0.1)
+    slots = frame_cuda.bank_slots(mesh.rest_vertices)
+    assert len(np.unique(slots)) == len(slots)
+    bank = dict(zip(map(tuple, mesh.addresses.tolist()), slots % frame_cuda.BANKS, strict=True))
+    cells = np.array(np.meshgrid([4, 8], [4, 8], [4, 8])).reshape(3, -1).T
+    for site in ([0, 0, 0], [1, 2, 0], [2, 2, 2]):
+        assert {bank[tuple(cell + site)] for cell in cells} == set(range(8))
+
+
+def test_meshes_of_no_lattice_have_slots_too():
+    points = np.random.default_rng().uniform(size=(50, 3))
+    assert frame_cuda.bank_slots(points).tolist() == list(range(50))
