@@ -41,6 +41,7 @@ class XpbdOptions:
     speed_limit: float = 20.0
     sleep_motion: float = 1e-5
     sleep_frames: int = 30
+    rescue: bool = True
 
     def __post_init__(self):
         if self.substep_count < 1:
@@ -90,8 +91,8 @@ class XpbdSolver:
                 f"the pin mask has shape {self.pinned.shape}; the mesh has {vertex_count} vertices"
             )
         self.object_size = float(np.ptp(self.rest_vertices, axis=0).max())
-        self._edges = constraints.edge_constraints(self.rest_vertices, self.tets)
-        self._tets = constraints.volume_constraints(self.rest_vertices, self.tets)
+        self.edges = constraints.edge_constraints(self.rest_vertices, self.tets)
+        self.volumes = constraints.volume_constraints(self.rest_vertices, self.tets)
         self._dt = 1.0 / 60.0
         self._handles = np.empty(0, np.int64)
 
@@ -108,7 +109,7 @@ class XpbdSolver:
         self._motion = self._zeros(1)
         self._motion_on_host = wp.zeros(1, device="cpu", pinned=self.device.is_cuda)
         self._motion_copied = wp.Event(self.device) if self.device.is_cuda else None
-        edges, tets = self._edges, self._tets
+        edges, tets = self.edges, self.volumes
         self._edge_arrays = ConstraintArrays(
             self._upload(edges.vertices, wp.vec2i),
             self._zeros(len(edges.vertices), wp.vec3),
@@ -135,10 +136,23 @@ class XpbdSolver:
     def set_material(self, material: Material):
         """Take another material; positions and velocities stay."""
         self.material = material
+        self._compliances = (
+            self.edges.compliances(material.shear_modulus),
+            self.volumes.compliances(material.bulk_modulus) if material.bulk_modulus > 0 else None,
+        )
         masses = constraints.lumped_masses(self.rest_vertices, self.tets, material.density)
         # A vertex without a tet has no mass; it stays where it is.
         self._free_inverse_masses = np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
         self._update_inverse_masses()
+
+    def set_compliances(self, edges, volumes):
+        """α of edges [m/N] and volumes [m⁵/N], None for no volumes, in place of the material's."""
+        edges = np.broadcast_to(np.asarray(edges, np.float64), len(self.edges.vertices))
+        if volumes is not None:
+            volumes = np.broadcast_to(np.asarray(volumes, np.float64), len(self.volumes.vertices))
+        self._compliances = edges, volumes
+        self._update_coefficients()
+        self._wake()
 
     def set_pinned(self, mask):
         """Pin these vertices where they are now, and free all others.  [V] bool"""
@@ -238,9 +252,9 @@ class XpbdSolver:
         Below 1 the substeps, not Young's modulus, decide how stiff the object is; below
         0.1 the compliance floor softens it.
         """
-        w = self._free_inverse_masses[self._edges.vertices].sum(axis=1)
+        w = self._free_inverse_masses[self.edges.vertices].sum(axis=1)
         h = self._dt / self.options.substep_count
-        alpha = self._edges.compliances(self.material.shear_modulus)
+        alpha = self.edges.compliances(self.material.shear_modulus)
         return float(np.median(alpha[w > 0] / (w[w > 0] * h * h)))
 
     # -- time --------------------------------------------------------------------------
@@ -256,7 +270,7 @@ class XpbdSolver:
         if self.settled:
             return
         self._motion.zero_()
-        schedule = self._schedule(volumes=self.material.bulk_modulus > 0.0)
+        schedule = self._schedule(volumes=self._compliances[1] is not None)
         if self.device.is_cuda:
             wp.capture_launch(schedule)
             wp.copy(self._motion_on_host, self._motion)
@@ -289,13 +303,10 @@ class XpbdSolver:
         self._timing.assign(
             [h, math.exp(-material.damping * h), self.options.speed_limit * self.object_size]
         )
-        self._edge_arrays.regularization.assign(
-            self._edges.regularization(material.shear_modulus, w, h)
-        )
-        if material.bulk_modulus > 0.0:
-            self._tet_arrays.regularization.assign(
-                self._tets.regularization(material.bulk_modulus, w, h)
-            )
+        edges, volumes = self._compliances
+        self._edge_arrays.regularization.assign(self.edges.regularization(edges, w, h))
+        if volumes is not None:
+            self._tet_arrays.regularization.assign(self.volumes.regularization(volumes, w, h))
 
     def _schedule(self, volumes):
         """One frame: a captured graph on CUDA, a list of recorded launches on the CPU."""
@@ -325,11 +336,13 @@ class XpbdSolver:
         edges, tets = self._edge_arrays, self._tet_arrays
 
         begin = [record(constraints.edge_spans_kernel, len(edges.vertices), x, *edges[:2])]
-        project = by_color(constraints.project_edges_kernel, self._edges.offsets, d, w, *edges)
+        project = by_color(constraints.project_edges_kernel, self.edges.offsets, d, w, *edges)
         if volumes:
             dim = (len(tets.vertices), 3)
             begin.append(record(constraints.tet_spans_kernel, dim, x, *tets[:2]))
-            project += by_color(constraints.project_volumes_kernel, self._tets.offsets, d, w, *tets)
+            project += by_color(
+                constraints.project_volumes_kernel, self.volumes.offsets, d, w, *tets
+            )
         finish = record(integration.update_velocities_kernel, count, d, self._previous, timing, v)
         launches = begin
         for substep in range(self.options.substep_count):
