@@ -39,7 +39,14 @@ class Motion:
 
 
 def motion(
-    energy: Energy, start, held, duration, gravity=(0.0, 0.0, 0.0), damping=0.0, targets=None, step=None
+    energy: Energy,
+    start,
+    held,
+    duration,
+    gravity=(0.0, 0.0, 0.0),
+    damping=0.0,
+    targets=None,
+    step=None,
 ) -> Motion:
     """From rest at `start`, for a duration [s].
 
@@ -54,7 +61,9 @@ def motion(
         step = COURANT * 2.0 / highest_frequency(energy, start, held)
     count = 2 * math.ceil(duration / step / 2)
     end = np.asarray(start if targets is None else targets, np.float64)
-    run = Run(energy, np.asarray(start, np.float64), end, ~np.asarray(held), np.array(gravity), damping)
+    run = Run(
+        energy, np.asarray(start, np.float64), end, ~np.asarray(held), np.array(gravity), damping
+    )
     coarse, _, _ = run.go(duration, count // 2)
     fine, velocities, drift = run.go(duration, count)
     difference = float(np.sqrt(((fine - coarse) ** 2).sum(axis=1).mean()))
