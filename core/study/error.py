@@ -5,10 +5,12 @@
 
 Three schemes: n substeps of one iteration (the solver); one substep of n iterations with
 stored multipliers (iterations.py); and those without the floor under the compliance.  The
-floor is in units of h²: at one substep a frame it is what decides.  Compliance is the same at every edge, without volume
-constraints, or None: the default material with its volumes.  At compliance 0 the
-reference is the rest pose: a clamped body that is infinitely stiff doesn't move, so what is
-left there is the artificial compliance of one iteration and of the floor.
+floor is in units of h²: at one substep a frame it is what decides.
+
+Compliance is the same at every edge, without volume constraints, or None: the default
+material with its volumes.  At compliance 0 the reference is the rest pose: a clamped body
+that is infinitely stiff doesn't move, so what is left there is the artificial compliance of
+one iteration and of the floor.
 
 Error is the RMS over vertices of |x − reference|, over the object's size; the largest and
 the RMS over the reference's RMS displacement are given beside it.
@@ -182,40 +184,43 @@ def measure(case: Case, scheme, count, device) -> Row:
 def plot(rows, path):
     """Errors of one scene over counts and over milliseconds, a column for each lattice."""
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
-    lattices = sorted({row.lattice for row in rows})
-    labels = list(dict.fromkeys(str(row.compliance) for row in rows))
-    figure = Figure(figsize=(4.6 * len(lattices), 7.2), layout="constrained")
+    lattices, labels = (
+        list(dict.fromkeys(column)) for column in zip(*map(_kind, rows), strict=True)
+    )
+    figure = Figure(figsize=(4.6 * len(lattices), 7.6), layout="constrained")
     axes = figure.subplots(2, len(lattices), sharey=True, squeeze=False)
     for column, lattice in zip(axes.T, lattices, strict=True):
-        for index, compliance in enumerate(labels):
-            for scheme, style in SCHEMES.items():
-                line = sorted(
-                    (row.count, row.milliseconds, row.rms)
-                    for row in rows
-                    if (row.lattice, str(row.compliance), row.scheme)
-                    == (lattice, compliance, scheme)
-                )
-                if not line:
-                    continue
-                count, milliseconds, rms = zip(*line, strict=True)
-                for axis, along in zip(column, (count, milliseconds), strict=True):
+        tets = next(row.tets for row in rows if row.lattice == lattice)
+        column[0].set_title(f"{lattice}, {tets} tets, {rows[0].scene}, {rows[0].device}")
+        for axis, along in zip(column, ("count", "milliseconds"), strict=True):
+            for index, label in enumerate(labels):
+                for scheme, style in SCHEMES.items():
+                    line = [r for r in rows if (*_kind(r), r.scheme) == (lattice, label, scheme)]
                     axis.loglog(
-                        along,
-                        rms,
+                        [getattr(row, along) for row in line],
+                        [row.rms for row in line],
                         style,
                         color=f"C{index}",
                         markersize=3.5,
                         linewidth=1.1,
-                        label=f"{compliance}, {scheme}",
                     )
+            axis.grid(True, which="major", linewidth=0.4)
         column[0].set_xlabel("substeps or iterations a frame")
         column[1].set_xlabel("ms a frame")
-        tets = next(row.tets for row in rows if row.lattice == lattice)
-        column[0].set_title(f"{lattice}, {tets} tets, {rows[0].scene}, {rows[0].device}")
-    for axis in axes.ravel():
-        axis.grid(True, which="major", linewidth=0.4)
     for axis in axes[:, 0]:
         axis.set_ylabel("RMS error / size")
-    axes[0, 0].legend(fontsize=7, title="compliance [m/N], scheme", title_fontsize=7)
+    colors = [Line2D([], [], color=f"C{i}", label=label) for i, label in enumerate(labels)]
+    styles = [
+        Line2D([], [], color="gray", linestyle=style[:-1], marker=style[-1], label=scheme)
+        for scheme, style in SCHEMES.items()
+    ]
+    figure.legend(
+        handles=colors + styles, loc="outside lower center", ncols=4, fontsize=8, frameon=False
+    )
     figure.savefig(path, dpi=100)
+
+
+def _kind(row):
+    return row.lattice, str(row.compliance)
