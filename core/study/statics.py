@@ -144,7 +144,7 @@ class NewtonStep:
                 step = conjugate_gradients(shifted, forces, self._factors.solve)
                 if step is not None:
                     return step
-            shift = max(10.0 * shift, 1e-4 * hessian.diagonal().mean())
+            shift = max(10.0 * shift, 1e-4 * abs(hessian).max())
 
 
 def factorize(hessian):
