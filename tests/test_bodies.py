@@ -68,3 +68,8 @@ def test_a_ball_is_round(lattice):
     volume = signed_volumes(mesh.rest_vertices, mesh.tets).sum()
     assert volume == pytest.approx(4 / 3 * np.pi * 0.5**3, rel=0.05)
     assert np.linalg.norm(mesh.rest_vertices, axis=1).max() < 0.5 + 2.5 / 24
+
+
+def test_too_coarse_a_lattice_is_named():
+    with pytest.raises(ValueError, match=r"spacing of 0\.125 leaves no tet"):
+        beam(A15, 1 / 8)

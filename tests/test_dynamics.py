@@ -41,7 +41,7 @@ def test_a_free_body_falls():
     found = motion(energy, mesh.rest_vertices, free, 0.3, gravity=(1.0, 0.0, -9.81))
     expected = mesh.rest_vertices + 0.5 * 0.3**2 * np.array([1.0, 0.0, -9.81])
     np.testing.assert_allclose(found.vertices, expected, atol=1e-10)
-    np.testing.assert_allclose(found.velocities, np.tile([0.3, 0, -2.943], (len(expected), 1)))
+    np.testing.assert_allclose(found.velocities - [0.3, 0, -2.943], 0, atol=1e-10)
 
 
 def test_a_swinging_body_keeps_its_momentum():

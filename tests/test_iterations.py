@@ -40,7 +40,7 @@ def test_one_iteration_is_one_substep(device, ratio):
 @pytest.mark.parametrize("ratio", [0.25, 0.4])
 def test_many_iterations_solve_implicit_euler(device, ratio):
     """m (x − x̂)/h² + ∂energy/∂x = 0, whatever their number: multipliers are stored."""
-    common = arguments(BCC, Material(young_modulus=2e4, poisson_ratio=ratio))
+    common = arguments(BCC, Material(young_modulus=1e6, poisson_ratio=ratio))
     rest, tets, material, clamped, options = common
     energy, residuals = material_energy(rest, tets, material), []
     for count in (10, 100, 400):
@@ -51,19 +51,28 @@ def test_many_iterations_solve_implicit_euler(device, ratio):
         forces = energy.masses[:, None] * (x - inertial) / DT**2 + energy.gradient(x)
         loads = energy.masses[:, None] * options.gravity
         residuals.append(np.linalg.norm(forces[~clamped]) / np.linalg.norm(loads[~clamped]))
-    assert residuals[0] > 5e-3
+    assert residuals[0] > 1.0
     assert residuals[1] < 0.5 * residuals[0]
-    assert residuals[2] < 5e-3
+    assert residuals[2] < 0.02  # float32 leaves 0.004
 
 
 def test_given_compliances_replace_the_materials(device):
-    common = arguments(A15, Material(young_modulus=1e4, poisson_ratio=0.4))
-    fallen = []
-    for compliances in (None, (1e-4, None), (0.0, 0.0)):
-        solver = IterationSolver(*common, iteration_count=50, floor=0.0, device=device)
-        if compliances is not None:
-            solver.set_compliances(*compliances)
+    material = Material(young_modulus=1e4, poisson_ratio=0.4)
+    common, places = arguments(A15, material), []
+    solvers = [
+        IterationSolver(*common, iteration_count=50, floor=0.0, device=device) for _ in range(5)
+    ]
+    own = solvers[0]
+    solvers[1].set_compliances(
+        own.edges.compliances(material.shear_modulus),
+        own.volumes.compliances(material.bulk_modulus),
+    )
+    for solver, alpha in zip(solvers[2:], (1e-4, 1e-6, 0.0), strict=True):
+        solver.set_compliances(alpha, None)
+    for solver in solvers:
         for _ in range(10):
             solver.step(DT)
-        fallen.append((common[0] - positions(solver))[:, 2].max())
-    assert fallen[0] > 1.5 * fallen[1] > 1.5 * fallen[2] > 0
+        places.append(positions(solver))
+    np.testing.assert_array_equal(places[1], places[0])
+    fallen = [(common[0] - x)[:, 2].max() for x in places[2:]]
+    assert fallen[0] > 1.5 * fallen[1] and fallen[1] > fallen[2]
