@@ -187,7 +187,7 @@ class IterationSolver:
         decay = math.exp(-self.material.damping * h)
         inputs = [v, w, push, decay, self._speed_limit, h, d, self._previous]
         frame = [self._launch(predict_kernel, len(x), inputs)]
-        sweep = []
+        sweep, self._kept = [], []  # a recorded launch doesn't keep its arrays alive
         kinds = [
             (edges_kernel, self.edges, self.edges.rest_lengths, wp.vec2i),
             (volumes_kernel, self.volumes, self.volumes.rest_volumes, wp.vec4i),
@@ -200,6 +200,7 @@ class IterationSolver:
             multipliers = wp.zeros(len(rest), dtype=float, device=self.device)
             arrays = [self._upload(a, t) for a, t in ((table.vertices, dtype), (rest, float))]
             inputs = [x, d, w, *arrays, self._upload(regularization, float), multipliers]
+            self._kept += inputs
             offsets = table.offsets if self.device.is_cuda else table.offsets[[0, -1]]
             for first, last in zip(offsets[:-1].tolist(), offsets[1:].tolist(), strict=True):
                 sweep.append(self._launch(kernel, last - first, [*inputs, first]))
@@ -211,7 +212,6 @@ class IterationSolver:
         with wp.ScopedCapture(device=self.device) as capture:
             for action in frame:
                 action()
-        self._kept = frame  # the arrays that the graph reads
         return capture.graph
 
     def _launch(self, kernel, dim, inputs):
