@@ -112,6 +112,9 @@ def region(lattice: Lattice, spacing, low, high, inside, offset=(0, 0, 0)) -> Te
         offset: Where the lattice's origin is in the box from its center line, in dx.  [3]
 
     Tets that hang on one face are left out: trimming again and again until there are none.
+
+    Raises:
+        ValueError: Nothing is left.
     """
     edge = lattice.cell_edge
     shift = np.asarray(offset)
@@ -128,11 +131,12 @@ def region(lattice: Lattice, spacing, low, high, inside, offset=(0, 0, 0)) -> Te
     addresses = addresses[order].astype(np.int32)
     tets = rank[ids.reshape(-1, 4)].astype(np.int32)
     mesh = TetMesh((addresses - shift) * spacing, addresses, tets)
-    while True:
+    while len(mesh.tets):
         neighbours = tet_neighbours(mesh.tets)
         held = (neighbours >= 0).sum(axis=1) > 1
         labels = face_components(neighbours, held)
-        keep = labels == np.bincount(labels[held]).argmax()
+        keep = held & (labels == np.bincount(labels[held], minlength=1).argmax())
         if keep.all():
             return mesh
         mesh, _ = extract(mesh, keep)
+    raise ValueError(f"a spacing of {spacing} leaves no tet of the body; give a smaller one")

@@ -5,8 +5,9 @@ by conjugate gradients, preconditioned by a sparse factorization of an earlier H
 are renewed when that gets slow.  The shift s is 0 unless the Hessian has a direction of
 negative curvature.  A line search keeps Π falling (Armijo).
 
-The factorization eliminates vertices in the order of a nested dissection by position:
-94k tets take 10 s and 0.4 GB where the lexicographic order takes 24 s (measured).
+The factorization eliminates vertices in the order of a nested dissection by position: a
+beam of 94k tets takes 10 s and 30 million numbers, ordered along its axis 24 s and 46 million
+(measured).
 
 Shapes: V vertices, F free ones.
 """
@@ -144,7 +145,7 @@ class NewtonStep:
                 step = conjugate_gradients(shifted, forces, self._factors.solve)
                 if step is not None:
                     return step
-            shift = max(10.0 * shift, 1e-4 * hessian.diagonal().mean())
+            shift = max(10.0 * shift, 1e-4 * abs(hessian).max())
 
 
 def factorize(hessian):

@@ -1,0 +1,91 @@
+"""The solver's error: closed form of one spring, floors on beams, and the plot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform.constraints import lumped_masses
+from deformrf.core.deform.material import Material
+from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
+from deformrf.core.study import error
+
+FLOORS = {20: 0.05, 50: 0.01}  # of the RMS error, by substeps
+
+
+@pytest.mark.parametrize("substeps", [10, 20, 50])
+def test_one_spring_loses_energy_as_backward_euler_does(device, substeps):
+    """A factor of 1/(1 + ω²h²) a substep, about exp(−ω² h t), and the frequency atan(ωh)/h."""
+    vertices = np.array([[-0.3, -0.3, 0], [0.3, -0.3, 0], [0, 0.4, 0], [0, 0, 0.5]])
+    vertices -= vertices[0]  # along the spring, its length has few roundings
+    tets = np.array([[0, 1, 2, 3]])
+    material = Material(damping=0.0)
+    options = XpbdOptions(substep_count=substeps, sleep_motion=0.0, rescue=False)
+    pinned = np.array([True, True, True, False])
+    solver = XpbdSolver(vertices, tets, material, pinned, options, device)
+    springs = (solver.edges.vertices == [0, 3]).all(axis=1)
+    mass = lumped_masses(vertices, tets, material.density)[3]
+    omega = 31.6
+    solver.set_compliances(np.where(springs, 1.0 / (mass * omega**2), 1e9), None)
+    along = vertices[3] / np.linalg.norm(vertices[3])
+    start = vertices.copy()
+    start[3] += 2e-3 * along
+    solver.set_state(start)
+    frames = 120
+    for _ in range(frames):
+        solver.step(error.DT)
+    stretch = (solver.vertices.numpy()[3] - vertices[3]) @ along
+    speed = solver.velocities.numpy()[3] @ along
+    left = (speed**2 + (omega * stretch) ** 2) / (omega * 2e-3) ** 2
+    h, count = error.DT / substeps, frames * substeps
+    assert left == pytest.approx((1 + (omega * h) ** 2) ** -count, rel=0.01)
+    assert left == pytest.approx(np.exp(-(omega**2) * h * frames * error.DT), rel=0.12)
+    angle = count * np.arctan(omega * h)
+    amplitude = 2e-3 * (1 + (omega * h) ** 2) ** (-count / 2)
+    assert stretch == pytest.approx(amplitude * np.cos(angle), abs=0.02 * amplitude)
+
+
+@pytest.mark.parametrize("lattice", ["a15", "bcc"])
+@pytest.mark.parametrize("compliance", [0.0, 1e-4, None])
+def test_a_settled_beam_is_as_exact_as_owed(device, lattice, compliance):
+    case = error.make_case(lattice, 1 / 32, compliance, "static")
+    rms = {n: error.measure(case, "substeps", n, device).rms for n in (20, 50, 100)}
+    for count, floor in FLOORS.items():
+        assert rms[count] <= floor
+    assert rms[50] <= rms[20] / 4 and rms[100] <= rms[50] / 3  # about n^-2
+
+
+@pytest.mark.parametrize("lattice", ["a15", "bcc"])
+def test_float32_is_enough_for_200_substeps(device, lattice):
+    case = error.make_case(lattice, 1 / 16, None, "static")
+    rms = [error.measure(case, "substeps", n, device).rms for n in (50, 100, 200)]
+    assert rms[1] <= rms[0] / 3 and rms[2] <= rms[1] / 2
+
+
+def test_a_falling_beam_follows_verlet(device):
+    case = error.make_case("a15", 1 / 16, None, "dynamic")
+    rows = [error.measure(case, "substeps", n, device) for n in (20, 50, 200)]
+    assert [row.frames for row in rows] == [error.FALL_FRAMES] * 3
+    assert rows[0].rms <= 0.01 and rows[1].rms <= 0.002 and rows[2].rms <= 5e-4
+    assert rows[0].of_motion <= 0.05
+
+
+def test_substeps_beat_iterations(device):
+    case = error.make_case("bcc", 1 / 16, 1e-6, "static")
+    substeps, iterations, unfloored = (
+        error.measure(case, scheme, 20, device).rms for scheme in error.SCHEMES
+    )
+    assert 5 * substeps < unfloored < iterations
+
+
+def test_the_plot_is_a_small_image(tmp_path):
+    case = error.make_case("bcc", 1 / 8, 1e-4, "dynamic")
+    row = error.measure(case, "substeps", 1, "cpu")
+    rows = [
+        replace(row, lattice=lattice, scheme=scheme, count=n, milliseconds=n * 0.1, rms=0.1 / n**2)
+        for lattice in ("a15", "bcc")
+        for scheme in error.SCHEMES
+        for n in error.COUNTS
+    ]
+    error.plot(rows, tmp_path / "plot.png")
+    assert 10_000 < (tmp_path / "plot.png").stat().st_size < 150_000
