@@ -1,0 +1,1 @@
+"""Measured answers: error against run time, stability, what was left out."""
