@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.geometry.corner_order import best_corner_order
-from deformrf.core.geometry.lattice import _cell_tets, a15_grid
+from deformrf.core.geometry.lattice import A15, a15_grid, cell_tets
 from deformrf.core.geometry.mesh import EDGES, FACES
 from deformrf.core.geometry.subdivision import path_corners
 
@@ -89,7 +89,7 @@ def test_the_permutation_is_even_and_the_best_order_stays():
 
 def test_descendants_of_the_lattice_keep_their_shape():
     """The worst orders would come down to a mean ratio of 0.69 and go up to 127 degrees."""
-    tets = _cell_tets()
+    tets = cell_tets(A15)
     assert np.linalg.det(tets[:, 1:] - tets[:, :1]).min() > 0
     _, distinct = np.unique(edge_lengths_squared(tets), axis=0, return_index=True)
     for corners in tets[distinct]:

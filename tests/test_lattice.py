@@ -1,4 +1,4 @@
-"""The A15 grid: 46 tets a cell, acute, conforming, and it covers the cube."""
+"""The grids: cells filled, conforming, positively oriented, and they cover the cube."""
 
 from dataclasses import replace
 
@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from deformrf.core.geometry.lattice import (
-    CELL_EDGE,
-    _cell_tets,
+    A15,
+    BCC,
+    KUHN,
+    MARGIN,
     a15_grid,
+    bcc_grid,
+    cell_tets,
+    grid,
+    kuhn_grid,
     lattice_spacing,
     lattice_vertices,
     morton_order,
@@ -16,25 +22,49 @@ from deformrf.core.geometry.lattice import (
 from deformrf.core.geometry.mesh import (
     EDGES,
     boundary_faces,
+    edges,
     extract,
     signed_volumes,
     tet_neighbours,
 )
 
+LATTICES = [A15, BCC, KUHN]
+lattices = pytest.mark.parametrize("lattice", LATTICES, ids=["a15", "bcc", "kuhn"])
 
-def test_a_cell_has_46_tets_that_fill_its_volume():
-    tets = _cell_tets()
-    assert tets.shape == (46, 4, 3)
+
+@pytest.mark.parametrize(("lattice", "count"), zip(LATTICES, (46, 12, 6), strict=True))
+def test_the_tets_of_a_cell_fill_its_volume(lattice, count):
+    tets = cell_tets(lattice)
+    assert tets.shape == (count, 4, 3)
     corners = tets.reshape(-1, 3).astype(float)
-    volumes = np.abs(signed_volumes(corners, np.arange(184).reshape(46, 4)))
-    assert volumes.sum() == pytest.approx(CELL_EDGE**3)
+    volumes = signed_volumes(corners, np.arange(4 * count).reshape(count, 4))
+    assert volumes.min() > 0
+    assert volumes.sum() == pytest.approx(lattice.cell_edge**3)
 
 
-def test_edges_have_the_three_lengths_of_a15():
-    mesh = a15_grid(0.1)
+@pytest.mark.parametrize(
+    ("mesh", "lengths"),
+    [(a15_grid(0.1), {4, 5, 6}), (bcc_grid(0.2), {3, 4}), (kuhn_grid(0.3), {1, 2, 3})],
+)
+def test_edges_have_the_lengths_of_their_lattice(mesh, lengths):
     ends = mesh.addresses[mesh.tets][:, EDGES]
     squared = ((ends[:, :, 0] - ends[:, :, 1]) ** 2).sum(axis=-1)
-    assert set(np.unique(squared)) == {4, 5, 6}
+    assert set(np.unique(squared)) == lengths
+
+
+@pytest.mark.parametrize(
+    ("mesh", "in_edges", "in_tets"),
+    [
+        (a15_grid(0.1), {12, 14}, {20, 24}),
+        (bcc_grid(0.1), {14}, {24}),
+        (kuhn_grid(0.1), {14}, {24}),
+    ],
+)
+def test_inner_vertices_have_the_valence_of_their_lattice(mesh, in_edges, in_tets):
+    faces, _ = boundary_faces(mesh.tets, tet_neighbours(mesh.tets))
+    inner = np.setdiff1d(np.arange(mesh.vertex_count), faces)
+    assert set(np.bincount(edges(mesh.tets).ravel())[inner]) == in_edges
+    assert set(np.bincount(mesh.tets.ravel())[inner]) == in_tets
 
 
 def test_no_dihedral_angle_exceeds_78_5_degrees():
@@ -54,9 +84,10 @@ def test_no_dihedral_angle_exceeds_78_5_degrees():
     assert angles.min() > 50.0
 
 
-@pytest.mark.parametrize("spacing", [0.25, 0.11, 0.04])
-def test_the_mesh_is_conforming_and_positively_oriented(spacing):
-    mesh = a15_grid(spacing)
+@lattices
+@pytest.mark.parametrize("spacing", [0.25, 0.11, 0.05])
+def test_the_mesh_is_conforming_and_positively_oriented(lattice, spacing):
+    mesh = grid(lattice, spacing)
     volumes = signed_volumes(mesh.rest_vertices, mesh.tets)
     assert volumes.min() > 0
     faces, _ = boundary_faces(mesh.tets, tet_neighbours(mesh.tets))
@@ -65,8 +96,9 @@ def test_the_mesh_is_conforming_and_positively_oriented(spacing):
     assert enclosed == pytest.approx(volumes.sum(), rel=1e-9)  # no gap, no overlap
 
 
-def test_every_point_of_the_cube_lies_in_a_tet():
-    mesh = a15_grid(0.2)
+@lattices
+def test_every_point_of_the_cube_lies_in_a_tet(lattice):
+    mesh = grid(lattice, 0.2)
     points = np.random.default_rng().uniform(size=(2000, 3))
     points[:8] = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T  # the corners
     x = mesh.rest_vertices[mesh.tets]
@@ -80,7 +112,7 @@ def test_the_papers_spacing_gives_about_the_papers_grid():
     """QuarTet cuts the grid at the cube's faces (17,933 and 92,234); ours is uncut."""
     mesh = a15_grid(0.02)
     assert (mesh.vertex_count, mesh.tet_count) == (18083, 92675)
-    np.testing.assert_allclose(mesh.rest_vertices, (mesh.addresses - CELL_EDGE) * 0.02, atol=1e-12)
+    np.testing.assert_allclose(mesh.rest_vertices, (mesh.addresses - MARGIN) * 0.02, atol=1e-12)
     assert mesh.addresses.min() >= 0
 
 
@@ -88,6 +120,8 @@ def test_the_papers_spacing_gives_about_the_papers_grid():
 def test_a_wrong_spacing_is_named(spacing):
     with pytest.raises(ValueError, match=str(spacing)):
         a15_grid(spacing)
+    with pytest.raises(ValueError, match=r"1.1; give a number in \(0, 1.0\]"):
+        kuhn_grid(1.1)
 
 
 def test_morton_order_keeps_octants_together():
@@ -96,10 +130,11 @@ def test_morton_order_keeps_octants_together():
     assert (np.diff(octant[morton_order(points)]) >= 0).all()
 
 
-def test_the_spacing_of_any_part_of_a_lattice_gives_its_vertices_exactly():
+@lattices
+def test_the_spacing_of_any_part_of_a_lattice_gives_its_vertices_exactly(lattice):
     rng = np.random.default_rng()
-    grid = a15_grid(rng.uniform(0.07, 0.25))
-    part, _ = extract(grid, rng.random(grid.tet_count) < 0.1)
+    mesh = grid(lattice, rng.uniform(0.07, 0.25))
+    part, _ = extract(mesh, rng.random(mesh.tet_count) < 0.1)
     spacing = lattice_spacing(part)
     np.testing.assert_array_equal(lattice_vertices(part.addresses, spacing), part.rest_vertices)
 

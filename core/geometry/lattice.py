@@ -1,14 +1,20 @@
-"""The A15 tetrahedral lattice that covers the unit cube.
+"""Tetrahedral lattices that cover the unit cube: A15, BCC and Kuhn's.
 
-A cell of edge 4·dx holds 8 vertices and 46 tets; every vertex is an integer multiple of
-dx, every edge has length² in {4, 5, 6}·dx², no dihedral angle exceeds 78.5° (the acute
-tiling that QuarTet uses; DeformRF, section 4.1, takes dx = 0.02).
+    lattice  cell edge  vertices  tets   length² of edges   dihedral angles
+    A15      4 dx       8         46     4, 5, 6 dx²        up to 78.5°
+    BCC      2 dx       2         12     3, 4 dx²           60° and 90°
+    Kuhn     1 dx       1         6      1, 2, 3 dx²        45° to 90°
+
+Every vertex is an integer multiple of dx.  A15 is the acute tiling that QuarTet uses;
+DeformRF, section 4.1, takes dx = 0.02.  The others are there to compare with.
 
 The tets are not typed in: they are the 4-cliques of the graph that joins vertices at
-those three distances, which in a tetrahedrally close-packed structure are the Delaunay
-cells.
+the distances above.  In tetrahedrally close-packed structures (A15) and in BCC those are
+the Delaunay cells.  Kuhn's joins only vertices whose differences have no mixed signs, so
+its cliques are the monotone paths through a cube.
 """
 
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -16,27 +22,56 @@ import numpy as np
 from .corner_order import best_corner_order
 from .mesh import TetMesh
 
-CELL_EDGE = 4  # in units of dx
-CELL_VERTICES = np.array(
-    [[0, 0, 0], [2, 2, 2], [1, 2, 0], [3, 2, 0], [0, 1, 2], [0, 3, 2], [2, 0, 1], [2, 0, 3]]
-)  # [8, 3], in units of dx
-EDGE_LENGTHS_SQUARED = (4, 5, 6)  # in units of dx²
+
+@dataclass(frozen=True)
+class Lattice:
+    """One cell and who is joined to whom, in units of dx.
+
+    Attributes:
+        cell_edge: A whole divisor of MARGIN.
+        cell_vertices: [C, 3] int
+        squared_lengths: Of the edges.
+        monotone: Whether an edge must not rise along one axis and fall along another.
+    """
+
+    cell_edge: int
+    cell_vertices: tuple
+    squared_lengths: tuple
+    monotone: bool = False
+
+    def joins(self, differences):
+        """Whether vertices that are apart by these are joined.  [..., 3] int -> [...] bool"""
+        joined = np.isin((differences**2).sum(-1), self.squared_lengths)
+        if self.monotone:
+            joined &= (differences >= 0).all(-1) | (differences <= 0).all(-1)
+            joined &= (np.abs(differences) <= 1).all(-1)
+        return joined
 
 
-def _cell_tets():
-    """The 46 tets of one cell and its translates, as corner positions.  [46, 4, 3] int
+_A15_VERTICES = (
+    (0, 0, 0),
+    (2, 2, 2),
+    *((1, 2, 0), (3, 2, 0), (0, 1, 2), (0, 3, 2), (2, 0, 1), (2, 0, 3)),
+)
+A15 = Lattice(4, _A15_VERTICES, (4, 5, 6))
+BCC = Lattice(2, ((0, 0, 0), (1, 1, 1)), (3, 4))
+KUHN = Lattice(1, ((0, 0, 0),), (1, 2, 3), monotone=True)
+MARGIN = 4  # the address of the unit cube's lowest corner, along each axis
+
+
+def cell_tets(lattice: Lattice):
+    """The tets of one cell and its translates, as corner positions.  [T, 4, 3] int
 
     A tet belongs to the cell that holds its lexicographically lowest vertex.  Corners are
     in the order that is best for the shapes of the descendants, volumes positive.
     """
-    offsets = np.array(list(product((-1, 0, 1), repeat=3))) * CELL_EDGE
-    points = (CELL_VERTICES[None] + offsets[:, None]).reshape(-1, 3)
+    offsets = np.array(list(product((-1, 0, 1), repeat=3))) * lattice.cell_edge
+    points = (np.array(lattice.cell_vertices)[None] + offsets[:, None]).reshape(-1, 3)
     order = np.lexsort(points.T[::-1])
     points = points[order]
-    squared = ((points[:, None] - points[None]) ** 2).sum(-1)
-    joined = np.isin(squared, EDGE_LENGTHS_SQUARED)
+    joined = lattice.joins(points[:, None] - points[None])
     later = joined & (np.arange(len(points))[:, None] < np.arange(len(points)))
-    in_cell = ((points >= 0) & (points < CELL_EDGE)).all(axis=1)
+    in_cell = ((points >= 0) & (points < lattice.cell_edge)).all(axis=1)
     tets = [
         (a, b, c, d)
         for a in np.flatnonzero(in_cell)
@@ -60,26 +95,42 @@ def morton_order(points):
 
 
 def a15_grid(spacing: float) -> TetMesh:
-    """The tets of the A15 lattice that meet the unit cube, uncut.
+    """The tets of the A15 lattice that meet the unit cube; edges are 2 to 2.45 dx long."""
+    return grid(A15, spacing)
+
+
+def bcc_grid(spacing: float) -> TetMesh:
+    """The tets of the BCC lattice that meet the unit cube; edges are 1.73 to 2 dx long."""
+    return grid(BCC, spacing)
+
+
+def kuhn_grid(spacing: float) -> TetMesh:
+    """Cubes of edge dx, cut into 6 tets each; edges are 1 to 1.73 dx long."""
+    return grid(KUHN, spacing)
+
+
+def grid(lattice: Lattice, spacing: float) -> TetMesh:
+    """The tets of a lattice that meet the unit cube, uncut.
 
     Args:
-        spacing: dx, in (0, 1/4]; the cube's edge is 1.  Edges are 2 to 2.45 dx long.
+        spacing: dx, up to one cell a cube; the cube's edge is 1.
 
     Returns:
         A mesh that covers the cube; its addresses are non-negative and sorted along a
         space-filling curve, so neighbours lie close in memory.
 
     Raises:
-        ValueError: spacing is outside (0, 1/4].
+        ValueError: spacing is not positive, or a cell is wider than the cube.
     """
-    if not 0.0 < spacing <= 0.25:
-        raise ValueError(f"the lattice spacing is {spacing}; give a number in (0, 0.25]")
-    cell_count = int(np.ceil(1.0 / (CELL_EDGE * spacing) - 1e-9)) + 2
-    cells = np.array(list(product(range(cell_count), repeat=3))) * CELL_EDGE
-    tets = (cells[:, None, None] + _cell_tets()[None]).reshape(-1, 4, 3)
-
+    edge = lattice.cell_edge
+    if not 0.0 < spacing <= 1.0 / edge:
+        raise ValueError(f"the lattice spacing is {spacing}; give a number in (0, {1 / edge}]")
+    cell_count = int(np.ceil(1.0 / (edge * spacing) - 1e-9)) + 2
     # One cell of margin below the cube keeps every address non-negative.
-    low, high = CELL_EDGE, CELL_EDGE + 1.0 / spacing
+    cells = np.array(list(product(range(cell_count), repeat=3))) * edge + (MARGIN - edge)
+    tets = (cells[:, None, None] + cell_tets(lattice)[None]).reshape(-1, 4, 3)
+
+    low, high = MARGIN, MARGIN + 1.0 / spacing
     meets = ((tets.max(axis=1) > low + 1e-9) & (tets.min(axis=1) < high - 1e-9)).all(axis=1)
     tets = tets[meets]
     tets = tets[morton_order(tets.sum(axis=1) // 4)]
@@ -98,12 +149,12 @@ def a15_grid(spacing: float) -> TetMesh:
 
 def lattice_vertices(addresses, spacing: float):
     """Where the vertices of these addresses are.  [V, 3] int -> [V, 3] float64"""
-    return (addresses - CELL_EDGE) * float(spacing)  # the margin below the cube
+    return (addresses - MARGIN) * float(spacing)
 
 
 def lattice_spacing(mesh: TetMesh) -> float | None:
     """The dx with which `lattice_vertices` gives the mesh's rest vertices, bit for bit."""
-    multiples = mesh.addresses - CELL_EDGE
+    multiples = mesh.addresses - MARGIN
     ratios = mesh.rest_vertices[multiples != 0] / multiples[multiples != 0]
     # A product and a quotient are rounded: the ratios of a lattice are a few neighbours.
     if len(ratios) == 0 or np.ptp(ratios) > 4 * np.spacing(np.abs(ratios).max()):

@@ -9,7 +9,7 @@ import argparse
 
 import numpy as np
 
-from deformrf.core.geometry.lattice import _cell_tets
+from deformrf.core.geometry.lattice import A15, cell_tets
 from deformrf.core.geometry.mesh import EDGES, FACES
 from deformrf.core.geometry.subdivision import CHILD_VERTICES
 
@@ -80,7 +80,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--levels", type=int, default=5)
     levels = parser.parse_args().levels
-    best = _cell_tets()
+    best = cell_tets(A15)
     print(f"{'children, corners':<24}{'shapes':>7}{'mean ratio':>18}{'dihedral':>16}{'edges':>7}")
     for name, cell, child_vertices in (
         ("published, as found", as_found(best), PUBLISHED_CHILD_VERTICES),
