@@ -27,8 +27,8 @@ def test_predict_kernel_matches_numpy(device):
     expected = np.where((w > 0)[:, None], free, fraction * (target - x))
 
     previous = wp.zeros_like(arrays[1])
-    timing = wp.array([h, decay, limit], dtype=float, device=device)
-    inputs = [*arrays[:3], w_array, arrays[3], timing, wp.vec3(*gravity), fraction, previous]
+    timing = wp.array([h, decay, limit, *gravity], dtype=float, device=device)
+    inputs = [*arrays[:3], w_array, arrays[3], timing, fraction, previous]
     wp.launch(integration.predict_kernel, COUNT, inputs, device=device)
     np.testing.assert_allclose(arrays[1].numpy(), expected, rtol=1e-5, atol=1e-6)
     np.testing.assert_array_equal(previous.numpy(), d)
@@ -46,7 +46,8 @@ def test_velocities_are_the_way_gone_by_the_time(device):
 def test_at_the_frames_end_nothing_is_rounded_away(device):
     (x, d, _, target), w, arrays, w_array = state(device)
     motion = wp.zeros(1, dtype=float, device=device)
-    inputs = [arrays[0], arrays[1], w_array, arrays[3], motion]
+    anchors = wp.zeros_like(arrays[3])
+    inputs = [arrays[0], arrays[1], w_array, arrays[3], anchors, motion]
     wp.launch(integration.end_frame_kernel, COUNT, inputs, device=device)
     moved, rest = arrays[0].numpy(), arrays[1].numpy()
     free = w > 0
@@ -56,6 +57,7 @@ def test_at_the_frames_end_nothing_is_rounded_away(device):
     np.testing.assert_array_equal((moved.astype(np.float64) + rest)[small], (x + d)[small])
     np.testing.assert_array_equal(moved[~free], target[~free])
     assert (rest[~free] == 0).all()
+    np.testing.assert_array_equal(anchors.numpy(), target)
     np.testing.assert_allclose(motion.numpy()[0], np.linalg.norm(d, axis=1).max(), rtol=1e-6)
 
 
@@ -64,7 +66,10 @@ def test_holding_and_moving_set_targets(device):
     held = np.zeros(COUNT, bool)
     held[::3] = True
     flags = wp.array(held, dtype=bool, device=device)
-    wp.launch(integration.hold_kernel, COUNT, [arrays[0], flags, arrays[3]], device=device)
+    anchors = wp.zeros_like(arrays[3])
+    inputs = [arrays[0], flags, anchors, arrays[3]]
+    wp.launch(integration.hold_kernel, COUNT, inputs, device=device)
+    np.testing.assert_array_equal(anchors.numpy(), np.where(held[:, None], x, 0.0))
     expected = np.where(held[:, None], x, target)
     np.testing.assert_array_equal(arrays[3].numpy(), expected)
 

@@ -59,10 +59,10 @@ class EdgeConstraints:
         """α = L² / (15 μ V_e) [m/N].  [E]"""
         return self.rest_lengths**2 / (15.0 * shear_modulus * self.volumes)
 
-    def regularization(self, shear_modulus, inverse_masses, substep):
+    def regularization(self, compliances, inverse_masses, substep, floor=COMPLIANCE_FLOOR):
         """a = max(α/h², r_min (w_i + w_j)) [1/kg].  [E]"""
-        floor = COMPLIANCE_FLOOR * inverse_masses[self.vertices].sum(axis=1)
-        return np.maximum(self.compliances(shear_modulus) / substep**2, floor)
+        weights = inverse_masses[self.vertices].sum(axis=1)
+        return np.maximum(compliances / substep**2, floor * weights)
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,10 @@ class VolumeConstraints:
         """α = 36 V0 / K [m⁵/N].  [T]"""
         return 6.0 * self.rest_volumes / bulk_modulus
 
-    def regularization(self, bulk_modulus, inverse_masses, substep):
+    def regularization(self, compliances, inverse_masses, substep, floor=COMPLIANCE_FLOOR):
         """a = max(α/h², r_min Σ w_i |g_i|² at rest) [m⁴/kg].  [T]"""
-        rest = (inverse_masses[self.vertices] * self.rest_gradients_squared).sum(axis=1)
-        return np.maximum(self.compliances(bulk_modulus) / substep**2, COMPLIANCE_FLOOR * rest)
+        weights = (inverse_masses[self.vertices] * self.rest_gradients_squared).sum(axis=1)
+        return np.maximum(compliances / substep**2, floor * weights)
 
 
 def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
@@ -183,7 +183,9 @@ def project_volumes(vertices, inverse_masses, tets, rest_volumes, regularization
     w = inverse_masses[tets]
     squared = (gradients**2).sum(-1)
     constraint = 6.0 * signed_volumes(vertices, tets) - rest_volumes
-    multiplier = -constraint / ((w * squared).sum(1) + regularization)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        multiplier = -constraint / ((w * squared).sum(1) + regularization)
+    multiplier[~(w > 0).any(axis=1)] = 0.0
     longest = np.abs(multiplier) * (w * np.sqrt(squared)).max(1)
     limit = STEP_LIMIT * np.cbrt(rest_volumes)
     multiplier *= np.minimum(1.0, limit / np.maximum(longest, 1e-300))
@@ -304,3 +306,18 @@ def project_volumes_kernel(
         deltas[corners[1]] = d1 + (multiplier * w1) * g1
         deltas[corners[2]] = d2 + (multiplier * w2) * g2
         deltas[corners[3]] = d3 + (multiplier * w3) * g3
+
+
+@wp.kernel(grid_stride=False)
+def count_inverted_kernel(
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    tets: wp.array(dtype=wp.vec4i),  # [T]
+    count: wp.array(dtype=int),  # [1] in and out
+):
+    corners = tets[wp.tid()]
+    origin = vertices[corners[0]]
+    e1 = vertices[corners[1]] - origin
+    e2 = vertices[corners[2]] - origin
+    e3 = vertices[corners[3]] - origin
+    if wp.dot(wp.cross(e1, e2), e3) <= 0.0:
+        wp.atomic_add(count, 0, 1)

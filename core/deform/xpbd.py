@@ -2,67 +2,42 @@
 
 One frame of length dt is n substeps of length h = dt/n (Macklin et al., "Small Steps in
 Physics Simulation", 2019): move (integration.py), project edges, then volumes, color by
-color (constraints.py), take velocities from the way gone.
+color (constraints.py), springs and ground, take velocities from the way gone.
 
-Changing handles, pins, targets, dt or stiffness changes the contents of arrays, never
-the sequence of launches; on CUDA the sequence is a captured graph, one launch per color.
-On the CPU a launch runs serially, so one launch per constraint type, sorted by color, is
-the same Gauss–Seidel sweep.
+This is the part on the host: what a user does becomes contents of arrays (arrays.py),
+in float64 up to there.  launches.py runs a frame on them.
 
 Units: SI; model space is one metre wide.  Shapes: V vertices, K handles.
 """
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
-from . import constraints, integration
+from ..geometry.mesh import components
+from . import checks, constraints, integration
+from .arrays import ConstraintList, upload, vertex_arrays
+from .feedback import Feedback
+from .integration import NO_SPRING, Timing
+from .launches import Launches
 from .material import Material
+from .options import FRAME, XpbdOptions
+from .rescue import RATIO, Rescue
 
-
-@dataclass(frozen=True)
-class XpbdOptions:
-    """How time is stepped; fixed for the life of a solver.
-
-    Attributes:
-        substep_count: n; the stiffness that can be held grows with n².
-        gravity: g [m/s²].
-        speed_limit: v_max in object sizes per second; without it a release after an
-            extreme drag throws vertices through each other.
-        sleep_motion: In object sizes; a frame that moves no vertex farther is still.
-        sleep_frames: The solver sleeps after as many still frames.
-    """
-
-    substep_count: int = 20
-    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    speed_limit: float = 20.0
-    sleep_motion: float = 1e-5
-    sleep_frames: int = 30
-
-    def __post_init__(self):
-        if self.substep_count < 1:
-            raise ValueError(f"{self.substep_count} substeps a frame; give 1 or more")
-
-
-class ConstraintArrays(NamedTuple):
-    """On the device, in the order in which the kernels take them."""
-
-    vertices: wp.array
-    spans: wp.array
-    rest_values: wp.array
-    regularization: wp.array
+ONE_SUBSTEP_ERROR = 0.75  # c: one projection acts like a compliance of α + c w h² (measured)
 
 
 class XpbdSolver:
     """Positions of one mesh over time.
 
-    Pinned vertices stay where they are, grabbed ones go where move() says, and both have
-    no inverse mass; a vertex that is pinned and grabbed stays pinned.
+    Pinned vertices stay where they are.  Grabbed ones go where move() says, exactly, or
+    are pulled there by springs; a vertex that is pinned and grabbed stays pinned.  A part
+    of the mesh that nothing has touched is left out until something does.
 
     Attributes:
+        options: See set_options.
+        edges, volumes: All constraints, sorted by color.
         vertices: Current positions, the same array for ever.  [V] vec3 on the device
         velocities: [V] vec3 on the device
         pinned: [V] bool
@@ -83,100 +58,135 @@ class XpbdSolver:
         # Rounded as on the device, so that lengths at rest are exact.
         self.rest_vertices = np.array(rest_vertices, np.float32).astype(np.float64)
         self.tets = np.asarray(tets)
-        self.pinned = np.array(pinned, bool)
-        vertex_count = len(self.rest_vertices)
-        if self.pinned.shape != (vertex_count,):
-            raise ValueError(
-                f"the pin mask has shape {self.pinned.shape}; the mesh has {vertex_count} vertices"
-            )
+        self.pinned = checks.pin_mask(pinned, len(self.rest_vertices))
         self.object_size = float(np.ptp(self.rest_vertices, axis=0).max())
-        self._edges = constraints.edge_constraints(self.rest_vertices, self.tets)
-        self._tets = constraints.volume_constraints(self.rest_vertices, self.tets)
-        self._dt = 1.0 / 60.0
+        self.edges = constraints.edge_constraints(self.rest_vertices, self.tets)
+        self.volumes = constraints.volume_constraints(self.rest_vertices, self.tets)
+        self._free_inverse_masses = np.zeros(len(self.rest_vertices))
+        self._part_of = components(len(self.rest_vertices), self.tets)  # [V]
+        self._active = np.zeros(self._part_of.max() + 1, bool)  # by part
+        self._dt = FRAME
         self._handles = np.empty(0, np.int64)
+        self._handle_targets = None  # as last given to move()
+        self._springs = None  # stiffness and force limit of each handle, [K, 2]; None: exact
+        self._handles_moved = False
+        self._rescue = Rescue()
+        self._rescued = False  # whether the coefficients are those of a rescue
 
-        self._allocate(vertex_count)
-        self._schedules = {}  # one sequence of launches with volumes, one without
+        self._allocate()
         self.set_material(material)
         self.reset()
 
-    def _allocate(self, vertex_count):
-        for name in ("vertices", "velocities", "_deltas", "_previous", "_targets"):
-            setattr(self, name, wp.zeros(vertex_count, dtype=wp.vec3, device=self.device))
-        self._inverse_masses = self._zeros(vertex_count)
-        self._timing = self._zeros(3)
-        self._motion = self._zeros(1)
-        self._motion_on_host = wp.zeros(1, device="cpu", pinned=self.device.is_cuda)
-        self._motion_copied = wp.Event(self.device) if self.device.is_cuda else None
-        edges, tets = self._edges, self._tets
-        self._edge_arrays = ConstraintArrays(
-            self._upload(edges.vertices, wp.vec2i),
-            self._zeros(len(edges.vertices), wp.vec3),
-            self._upload(edges.rest_lengths, float),
-            self._zeros(len(edges.vertices)),
-        )
-        self._tet_arrays = ConstraintArrays(
-            self._upload(tets.vertices, wp.vec4i),
-            self._zeros(3 * len(tets.vertices), wp.vec3),
-            self._upload(tets.rest_volumes, float),
-            self._zeros(len(tets.vertices)),
+    def _allocate(self):
+        device = self.device
+        self._state = vertex_arrays(len(self.rest_vertices), device)
+        self.vertices, self.velocities = self._state.vertices, self._state.velocities
+        edges, volumes = self.edges, self.volumes
+        self._edge_list = ConstraintList(edges, edges.rest_lengths, wp.vec2i, device)
+        self._volume_list = ConstraintList(volumes, volumes.rest_volumes, wp.vec4i, device)
+        self._timing = wp.zeros(len(Timing._fields), dtype=float, device=device)
+        self._feedback = Feedback(device)
+        self._launches = Launches(
+            self._state, self._edge_list, self._volume_list, self._timing, self._feedback.motion
         )
 
-    def _zeros(self, shape, dtype=float):
-        return wp.zeros(shape, dtype=dtype, device=self.device)
-
-    def _upload(self, array, dtype):
-        if np.issubdtype(array.dtype, np.floating):
-            array = array.astype(np.float32)
-        return wp.array(np.ascontiguousarray(array), dtype=dtype, device=self.device)
-
-    # -- material, pins, handles -------------------------------------------------------
+    # -- material, masses --------------------------------------------------------------
 
     def set_material(self, material: Material):
         """Take another material; positions and velocities stay."""
         self.material = material
-        masses = constraints.lumped_masses(self.rest_vertices, self.tets, material.density)
-        # A vertex without a tet has no mass; it stays where it is.
+        self._compliances = (
+            self.edges.compliances(material.shear_modulus),
+            self.volumes.compliances(material.bulk_modulus) if material.bulk_modulus > 0 else None,
+        )
+        self._set_masses(constraints.lumped_masses(self.rest_vertices, self.tets, material.density))
+
+    def set_compliances(self, edges, volumes):
+        """Take these instead of the material's, until set_material is called.
+
+        Args:
+            edges: α [m/N].  [E] or a number
+            volumes: α [m⁵/N].  [T] or a number; None leaves volume constraints out
+        """
+        edge_count, volume_count = len(self.edges.vertices), len(self.volumes.vertices)
+        self._compliances = (
+            checks.compliances(edges, edge_count, "edges"),
+            None if volumes is None else checks.compliances(volumes, volume_count, "volumes"),
+        )
+        self._touch(everything=True)
+
+    def set_masses(self, masses):
+        """Take these [kg] instead of the material's, until set_material is called.
+
+        Args:
+            masses: A vertex without any stays where it is.  [V]
+        """
+        self._set_masses(checks.masses(masses, len(self.pinned)))
+
+    def _set_masses(self, masses):
+        self._hold((masses == 0.0) & (self._free_inverse_masses > 0.0))
         self._free_inverse_masses = np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
         self._update_inverse_masses()
+        self._touch(everything=True)
+
+    def set_options(self, options: XpbdOptions):
+        """Step time in another way from now on."""
+        self.options = options
+        self._touch(everything=True)
+
+    # -- pins, handles -----------------------------------------------------------------
 
     def set_pinned(self, mask):
         """Pin these vertices where they are now, and free all others.  [V] bool"""
-        mask = np.array(mask, bool)
-        if mask.shape != self.pinned.shape:
-            raise ValueError(
-                f"the pin mask has shape {mask.shape}; the mesh has {len(self.pinned)} vertices"
-            )
-        held_anew = mask & ~self.pinned
+        mask = checks.pin_mask(mask, len(self.pinned))
+        changed, held_anew = mask != self.pinned, mask & ~self.pinned
         self.pinned = mask
+        self._handle_targets = None  # what is freed has missed the last ones
         self._hold(held_anew)
+        self._update_inverse_masses()
+        self._touch(changed)
 
-    def grab(self, ids):
-        """Make these vertices handles, in place of those grabbed before.  [K] int"""
-        ids = np.asarray(ids, np.int64).reshape(-1)
-        if len(ids) and not (0 <= ids.min() and ids.max() < len(self.pinned)):
-            raise ValueError(
-                f"handles {ids.min()} to {ids.max()}; the mesh has {len(self.pinned)} vertices"
-            )
+    def grab(self, ids, stiffness=None, force_limit=math.inf):
+        """Make these vertices handles, in place of those grabbed before.
+
+        Args:
+            ids: [K] int
+            stiffness: Of the springs that pull them to their targets [N/m], a number or
+                [K]; None moves them there exactly, whatever it takes.
+            force_limit: The most that a spring pulls with [N], a number or [K].
+        """
+        ids = checks.handles(ids, len(self.pinned))
+        self._springs = (
+            None if stiffness is None else checks.springs(stiffness, force_limit, len(ids))
+        )
         self._handles = ids
+        self._handle_targets = None
         held_anew = np.zeros(len(self.pinned), bool)
         held_anew[ids] = True
         self._hold(held_anew & ~self.pinned)
+        self._update_inverse_masses()
+        self._touch(held_anew)
 
     def move(self, targets):
         """Where the handles, in grab()'s order, shall be after the next step.  [K, 3]"""
-        targets = np.asarray(targets, np.float32).reshape(-1, 3)
+        targets = np.reshape(targets, (-1, 3))
         if len(targets) != len(self._handles):
             raise ValueError(f"{len(targets)} targets for {len(self._handles)} handles")
+        targets = checks.vectors(targets, len(targets), "target", "handle")
+        if self._handle_targets is not None and np.array_equal(targets, self._handle_targets):
+            return
+        self._handle_targets = targets.copy()
+        self._handles_moved = True
+        self._rescue.touch()
         free = ~self.pinned[self._handles]
         if free.any():
             wp.launch(
                 integration.move_kernel,
                 dim=int(free.sum()),
                 inputs=[
-                    self._upload(self._handles[free].astype(np.int32), int),
-                    self._upload(targets[free], wp.vec3),
-                    self._targets,
+                    upload(self._handles[free].astype(np.int32), int, self.device),
+                    upload(targets[free], wp.vec3, self.device),
+                    self._state.targets,
                 ],
                 device=self.device,
             )
@@ -186,25 +196,18 @@ class XpbdSolver:
         self.grab([])
 
     def _hold(self, held_anew):
-        wp.launch(
-            integration.hold_kernel,
-            dim=len(held_anew),
-            inputs=[
-                self.vertices,
-                wp.array(held_anew, dtype=bool, device=self.device),
-                self._targets,
-            ],
-            device=self.device,
-        )
-        self._update_inverse_masses()
+        if held_anew.any():
+            state = self._state
+            flags = wp.array(held_anew, dtype=bool, device=self.device)
+            inputs = [state.vertices, flags, state.anchors, state.targets]
+            wp.launch(integration.hold_kernel, len(held_anew), inputs, device=self.device)
 
     def _update_inverse_masses(self):
         kinematic = self.pinned.copy()
-        kinematic[self._handles] = True
-        self._host_inverse_masses = np.where(kinematic, 0.0, self._free_inverse_masses)
-        self._inverse_masses.assign(self._host_inverse_masses)
-        self._update_coefficients()
-        self._wake()
+        if self._springs is None:
+            kinematic[self._handles] = True
+        self._inverse_masses = np.where(kinematic, 0.0, self._free_inverse_masses)
+        self._state.inverse_masses.assign(self._inverse_masses)
 
     # -- state -------------------------------------------------------------------------
 
@@ -213,24 +216,40 @@ class XpbdSolver:
         self.set_state(self.rest_vertices)
         # Without gravity the rest pose is an equilibrium.
         if not any(self.options.gravity):
-            self._still_frames = self.options.sleep_frames
+            self._rescue.report(0)
+            self._fall_asleep()
 
     def set_state(self, vertices, velocities=None):
         """Start from these positions and velocities (zero if left out).  [V, 3]"""
-        vertices = np.asarray(vertices, np.float32)
+        vertices = checks.vectors(vertices, len(self.pinned), "position", "vertex")
         self.vertices.assign(vertices)
-        self._targets.assign(vertices)
-        self._deltas.zero_()
+        self._state.anchors.assign(vertices)
+        self._state.targets.assign(vertices)
+        self._state.deltas.zero_()
         if velocities is None:
             self.velocities.zero_()
         else:
-            self.velocities.assign(np.asarray(velocities, np.float32))
-        self._wake()
+            self.velocities.assign(
+                checks.vectors(velocities, len(self.pinned), "velocity", "vertex")
+            )
+        self._handle_targets = None
+        self._rescue.restart()
+        self._touch(everything=True)
 
     @property
     def settled(self) -> bool:
         """True while the solver sleeps: nothing is grabbed and nothing moves."""
-        return len(self._handles) == 0 and self._still_frames >= self.options.sleep_frames
+        return len(self._handles) == 0 and self._asleep
+
+    @property
+    def rescuing(self) -> bool:
+        """Whether the object is softened for a while because it stayed inverted."""
+        return self._rescue.running
+
+    @property
+    def inverted_count(self) -> int:
+        """How many tets were inverted when they were last counted."""
+        return self._rescue.count or 0
 
     def stiffness_ratio(self) -> float:
         """The median of r = α/(w h²) over edges that can move.
@@ -238,10 +257,15 @@ class XpbdSolver:
         Below 1 the substeps, not Young's modulus, decide how stiff the object is; below
         0.1 the compliance floor softens it.
         """
-        w = self._free_inverse_masses[self._edges.vertices].sum(axis=1)
-        h = self._dt / self.options.substep_count
-        alpha = self._edges.compliances(self.material.shear_modulus)
-        return float(np.median(alpha[w > 0] / (w[w > 0] * h * h)))
+        w = self._free_inverse_masses[self.edges.vertices].sum(axis=1)
+        h = self._dt / self.options.substeps(self._dt)
+        return float(np.median(self._compliances[0][w > 0] / (w[w > 0] * h * h)))
+
+    def held_young_modulus(self) -> float:
+        """The E that a load meets with these substeps [Pa]: E r / (max(r, r_min) + c)."""
+        r = self.stiffness_ratio()
+        softened = max(r, constraints.COMPLIANCE_FLOOR) + ONE_SUBSTEP_ERROR
+        return self.material.young_modulus * r / softened
 
     # -- time --------------------------------------------------------------------------
 
@@ -249,92 +273,85 @@ class XpbdSolver:
         """Advance by one frame of dt seconds."""
         if not (math.isfinite(dt) and dt > 0.0):
             raise ValueError(f"a time step of {dt} s; give a positive number")
-        if dt != self._dt:
-            self._dt = dt
-            self._update_coefficients()
-        self._count_still_frames()
+        self._read_frame_before()
         if self.settled:
             return
-        self._motion.zero_()
-        schedule = self._schedule(volumes=self.material.bulk_modulus > 0.0)
-        if self.device.is_cuda:
-            wp.capture_launch(schedule)
-            wp.copy(self._motion_on_host, self._motion)
-            self.device.stream.record_event(self._motion_copied)
-        else:
-            for launch in schedule:
-                launch.launch()
-            wp.copy(self._motion_on_host, self._motion)
-        self._motion_pending = True
+        if dt != self._dt:
+            self._dt = dt
+            self._stale = True
+        count_due = False
+        if self.options.rescue:
+            count_due = self._rescue.advance(dt, self._handles_moved)
+        self._handles_moved = False
+        if self._rescue.running != self._rescued:
+            self._rescued = self._rescue.running
+            self._activate(everything=True)
+        if self._stale:
+            self._prepare()
+        self._feedback.begin()
+        self._launches.run(
+            self.options.substeps(dt),
+            self._compliances[1] is not None or self._rescued,
+            self._springs is not None,
+            self.options.ground is not None,
+        )
+        self._feedback.end(self.vertices, self._volume_list if count_due else None)
 
-    def _wake(self):
+    def _read_frame_before(self):
+        motion, inverted_count = self._feedback.read()
+        if motion is not None:
+            still = motion <= self.options.sleep_motion * self.object_size
+            self._still_frames = self._still_frames + 1 if still else 0
+        if inverted_count is not None:
+            self._rescue.report(inverted_count)
+        if motion is not None and self.settled:
+            self._fall_asleep()
+
+    @property
+    def _asleep(self):
+        done = self._rescue.may_sleep or not self.options.rescue
+        return done and self._still_frames >= self.options.sleep_frames
+
+    def _fall_asleep(self):
+        """Nothing moves: no part of the object is worked on until it is touched."""
+        self._still_frames = self.options.sleep_frames
+        self._active[:] = False
+        self.velocities.zero_()
+        self._stale = True
+
+    def _touch(self, vertices=None, everything=False):
+        """A user's action woke the solver; it concerns the parts of these vertices.  [V] bool"""
         self._still_frames = 0
-        self._motion_pending = False
+        self._feedback.drop()
+        self._rescue.touch()
+        self._activate(vertices, everything)
 
-    def _count_still_frames(self):
-        # The frame before is judged now: on CUDA it is over, so that nothing waits.
-        if not self._motion_pending:
-            return
-        self._motion_pending = False
-        if self._motion_copied is not None:
-            wp.synchronize_event(self._motion_copied)
-        motion = float(self._motion_on_host.numpy()[0])
-        still = motion <= self.options.sleep_motion * self.object_size
-        self._still_frames = self._still_frames + 1 if still else 0
+    def _activate(self, vertices=None, everything=False):
+        if everything or any(self.options.gravity):
+            self._active[:] = True
+        else:
+            self._active[self._part_of[vertices]] = True
+        self._stale = True
 
-    def _update_coefficients(self):
-        """What follows from dt, material and kinematic vertices, in float64 on the host."""
-        material, w = self.material, self._host_inverse_masses
-        h = self._dt / self.options.substep_count
-        self._timing.assign(
-            [h, math.exp(-material.damping * h), self.options.speed_limit * self.object_size]
-        )
-        self._edge_arrays.regularization.assign(
-            self._edges.regularization(material.shear_modulus, w, h)
-        )
-        if material.bulk_modulus > 0.0:
-            self._tet_arrays.regularization.assign(
-                self._tets.regularization(material.bulk_modulus, w, h)
+    def _prepare(self):
+        """What follows from all settings, in float64 on the host."""
+        self._stale = False
+        options, material, w = self.options, self.material, self._inverse_masses
+        h = self._dt / options.substeps(self._dt)
+        movable = (self._free_inverse_masses > 0) & ~self.pinned & self._active[self._part_of]
+        changed = [part.select(movable) for part in (self._edge_list, self._volume_list)]
+        if any(changed):
+            self._launches.forget()
+        self._timing.assign(options.timing(self._dt, material.damping, self.object_size))
+        pairs = zip((self._edge_list, self._volume_list), self._compliances, strict=True)
+        for part, compliances in pairs:
+            if self._rescued:
+                part.set_regularization(part.constraints.regularization(0.0, w, h, floor=RATIO))
+            elif compliances is not None:
+                part.set_regularization(part.constraints.regularization(compliances, w, h))
+        if self._springs is not None:
+            springs = np.full((len(w), 2), (NO_SPRING, 0.0))
+            springs[self._handles] = integration.spring_coefficients(
+                *self._springs.T, w[self._handles], h
             )
-
-    def _schedule(self, volumes):
-        """One frame: a captured graph on CUDA, a list of recorded launches on the CPU."""
-        if volumes not in self._schedules:
-            launches = self._record(volumes)
-            if self.device.is_cuda:
-                with wp.ScopedCapture(device=self.device) as capture:
-                    for launch in launches:
-                        launch.launch()
-                launches = capture.graph
-            self._schedules[volumes] = launches
-        return self._schedules[volumes]
-
-    def _record(self, volumes):
-        def record(kernel, dim, *inputs):
-            return wp.launch(kernel, dim, inputs, device=self.device, record_cmd=True)
-
-        def by_color(kernel, offsets, *inputs):
-            colors = offsets if self.device.is_cuda else offsets[[0, -1]]
-            spans = zip(colors[:-1].tolist(), colors[1:].tolist(), strict=True)
-            return [record(kernel, last - first, *inputs, first) for first, last in spans]
-
-        count = len(self.rest_vertices)
-        x, d, v = self.vertices, self._deltas, self.velocities
-        w, targets, timing = self._inverse_masses, self._targets, self._timing
-        gravity = wp.vec3(*self.options.gravity)
-        edges, tets = self._edge_arrays, self._tet_arrays
-
-        begin = [record(constraints.edge_spans_kernel, len(edges.vertices), x, *edges[:2])]
-        project = by_color(constraints.project_edges_kernel, self._edges.offsets, d, w, *edges)
-        if volumes:
-            dim = (len(tets.vertices), 3)
-            begin.append(record(constraints.tet_spans_kernel, dim, x, *tets[:2]))
-            project += by_color(constraints.project_volumes_kernel, self._tets.offsets, d, w, *tets)
-        finish = record(integration.update_velocities_kernel, count, d, self._previous, timing, v)
-        launches = begin
-        for substep in range(self.options.substep_count):
-            fraction = (substep + 1) / self.options.substep_count
-            inputs = [x, d, v, w, targets, timing, gravity, fraction, self._previous]
-            launches += [record(integration.predict_kernel, count, *inputs), *project, finish]
-        launches.append(record(integration.end_frame_kernel, count, x, d, w, targets, self._motion))
-        return launches
+            self._state.springs.assign(springs.astype(np.float32))

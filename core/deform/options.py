@@ -1,0 +1,67 @@
+"""How the solver steps time, and what surrounds the object.
+
+Units: SI; z is up.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .integration import NO_GROUND, Timing
+
+FRAME = 1.0 / 60.0  # s, what XpbdOptions.substep_count is for
+LONGEST_FRAMES = 6  # of those: beyond it the substeps of a step become longer, not more
+
+
+@dataclass(frozen=True)
+class XpbdOptions:
+    """How time is stepped, and what surrounds the object.
+
+    Attributes:
+        substep_count: Per 1/60 s; the stiffness that can be held grows with its square.
+        gravity: g [m/s²].
+        ground: Height of a ground that nothing falls through [m]; None for none.
+        friction: Coulomb's coefficient on the ground.
+        speed_limit: v_max in object sizes per second; without it a release after an
+            extreme drag throws vertices through each other.
+        sleep_motion: In object sizes; a frame that moves no vertex farther is still.
+        sleep_frames: The solver sleeps after as many still frames.
+        rescue: Whether a mesh that stays inverted is softened until it isn't (rescue.py).
+    """
+
+    substep_count: int = 20
+    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ground: float | None = None
+    friction: float = 0.5
+    speed_limit: float = 20.0
+    sleep_motion: float = 1e-5
+    sleep_frames: int = 30
+    rescue: bool = True
+
+    def __post_init__(self):
+        if self.substep_count < 1:
+            raise ValueError(f"{self.substep_count} substeps a frame; give 1 or more")
+        if not np.isfinite(self.gravity).all():
+            raise ValueError(f"gravity is {self.gravity}; give three finite numbers")
+        if self.ground is not None and not math.isfinite(self.ground):
+            raise ValueError(f"the ground's height is {self.ground}; give a number, or None")
+        if not (math.isfinite(self.friction) and self.friction >= 0.0):
+            raise ValueError(f"the friction is {self.friction}; give 0 or more")
+
+    def substeps(self, dt: float) -> int:
+        """n for a step of dt [s], so that h doesn't depend on the frame rate."""
+        count = round(dt / FRAME * self.substep_count)
+        return min(max(count, 1), LONGEST_FRAMES * self.substep_count)
+
+    def timing(self, dt: float, damping: float, object_size: float) -> Timing:
+        """What the kernels take of it, for steps of dt [s]."""
+        h = dt / self.substeps(dt)
+        return Timing(
+            h,
+            math.exp(-damping * h),
+            self.speed_limit * object_size,
+            *self.gravity,
+            NO_GROUND if self.ground is None else self.ground,
+            self.friction,
+        )

@@ -1,0 +1,173 @@
+"""The reference's own facts, and a frame of the solver beside it, with everything it can do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform import constraints, integration, reference
+from deformrf.core.deform.material import Material
+from deformrf.core.deform.rescue import RATIO
+from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import extract
+
+DT = 1.0 / 60.0
+
+
+def pillar():
+    """About 500 tets, upright."""
+    mesh = a15_grid(0.06)
+    middle = mesh.rest_vertices[mesh.tets].mean(axis=1)
+    away = np.linalg.norm(middle[:, :2] - 0.5, axis=1)
+    return extract(mesh, (away < 0.15) & (middle[:, 2] > 0.2) & (middle[:, 2] < 0.8))[0]
+
+
+MESH = pillar()
+FOOT = MESH.rest_vertices[:, 2] < 0.26
+HEAD = np.flatnonzero(MESH.rest_vertices[:, 2] > 0.7)
+
+
+def frame_of(options, material, floor=None, springs=None, targets=None, anchors=None, exact=()):
+    """The reference's frame, from the API's own terms; in a rescue, `floor` is its ratio."""
+    rest = MESH.rest_vertices.astype(np.float32).astype(np.float64)
+    w = 1.0 / constraints.lumped_masses(rest, MESH.tets, material.density)
+    w[FOOT] = 0.0
+    w[list(exact)] = 0.0
+    edges = constraints.edge_constraints(rest, MESH.tets)
+    volumes = constraints.volume_constraints(rest, MESH.tets)
+    h = DT / options.substeps(DT)
+    if floor is None:
+        a_edges = edges.regularization(edges.compliances(material.shear_modulus), w, h)
+        with np.errstate(divide="ignore"):
+            a_volumes = volumes.regularization(volumes.compliances(material.bulk_modulus), w, h)
+    else:
+        a_edges = edges.regularization(0.0, w, h, floor=floor)
+        a_volumes = volumes.regularization(0.0, w, h, floor=floor)
+    return reference.Frame(
+        options.timing(DT, material.damping, np.ptp(rest, axis=0).max()),
+        options.substeps(DT),
+        w,
+        anchors,
+        targets,
+        edges,
+        a_edges,
+        volumes if material.bulk_modulus > 0 or floor is not None else None,
+        a_volumes,
+        springs,
+    )
+
+
+def random_case():
+    """A solver's options and material, a state, and where the head shall go."""
+    random = np.random.default_rng()
+    options = XpbdOptions(
+        substep_count=int(random.integers(1, 12)),
+        gravity=tuple(random.uniform(-10, 10, 3)),
+        ground=random.choice([None, 0.35]),
+        friction=random.uniform(0, 2),
+        speed_limit=random.choice([3.0, 20.0]),
+    )
+    material = Material(
+        young_modulus=10 ** random.uniform(3, 7),
+        poisson_ratio=random.choice([0.25, 0.4]),
+        damping=random.uniform(0, 5),
+    )
+    start = MESH.rest_vertices + random.uniform(-0.01, 0.01, MESH.rest_vertices.shape)
+    start = start.astype(np.float32).astype(np.float64)
+    velocities = random.normal(size=start.shape)
+    way = random.uniform(-0.05, 0.05, (2, 1, 3))
+    return options, material, start, velocities, way
+
+
+def assert_agrees(solver, frame, x, v):
+    """Where the solver is after its frame, against the reference's."""
+    x, v = reference.step(frame, x, v)
+    np.testing.assert_allclose(solver.vertices.numpy(), x, atol=2e-6)
+    moving = frame.inverse_masses > 0
+    h = frame.timing.substep
+    np.testing.assert_allclose(solver.velocities.numpy()[moving], v[moving], atol=4e-7 / h)
+
+
+def make_solver(options, material, device):
+    return XpbdSolver(MESH.rest_vertices, MESH.tets, material, FOOT, options, device)
+
+
+@pytest.mark.parametrize("trial", range(4))
+def test_a_frame_with_exact_handles_is_the_references(device, trial):
+    options, material, start, velocities, way = random_case()
+    solver = make_solver(options, material, device)
+    solver.set_state(start, velocities)
+    solver.grab(HEAD)
+    targets = (start + way[0]).astype(np.float32).astype(np.float64)
+    solver.move(targets[HEAD])
+    solver.step(DT)
+    targets[FOOT] = start[FOOT]
+    frame = frame_of(options, material, exact=HEAD, targets=targets, anchors=start)
+    assert_agrees(solver, frame, start, velocities)
+
+
+@pytest.mark.parametrize("trial", range(4))
+def test_two_frames_with_springs_are_the_references(device, trial):
+    """The second frame's anchors are the first one's targets."""
+    options, material, start, velocities, way = random_case()
+    random = np.random.default_rng()
+    stiffness, limit = random.uniform(10, 1e4, len(HEAD)), 10 ** random.uniform(0, 3, len(HEAD))
+    solver = make_solver(options, material, device)
+    solver.set_state(start, velocities)
+    solver.grab(HEAD, stiffness, limit)
+    x, v, anchors = start, velocities, start
+    for move in way:
+        targets = start.copy()
+        targets[HEAD] = (start[HEAD] + move).astype(np.float32)
+        solver.move(targets[HEAD])
+        solver.step(DT)
+        frame = frame_of(options, material, targets=targets, anchors=anchors)
+        springs = np.full((MESH.vertex_count, 2), (integration.NO_SPRING, 0.0))
+        springs[HEAD] = integration.spring_coefficients(
+            stiffness, limit, frame.inverse_masses[HEAD], frame.timing.substep
+        )
+        frame = replace(frame, springs=springs)
+        assert_agrees(solver, frame, x, v)
+        x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
+        anchors = targets
+
+
+def test_a_frame_of_a_rescue_is_the_references(device):
+    """Edges and volumes at r = 1, though the material has no volume constraints."""
+    options = XpbdOptions(substep_count=5)
+    material = Material(young_modulus=1e6, poisson_ratio=0.25)
+    mirrored = MESH.rest_vertices.astype(np.float32) * np.float32([-1, 1, 1])
+    solver = make_solver(options, material, device)
+    solver.set_state(mirrored)
+    for _ in range(200):
+        solver.step(DT)
+        if solver.rescuing:
+            break
+    assert solver.rescuing
+    x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
+    solver.step(DT)
+    frame = frame_of(options, material, floor=RATIO, targets=x, anchors=x)
+    assert_agrees(solver, frame, x, v)
+
+
+def test_a_spring_alone_follows_backward_eulers_closed_form():
+    """One free mass on a spring of stiffness k: x ← (x + h v) / (1 + h² k w)."""
+    k, w, h, n = 50.0, 2.0, 0.01, 40
+    no_edges = constraints.EdgeConstraints(
+        np.empty((0, 2), np.int32), np.empty(0), np.empty(0), np.array([0])
+    )
+    springs = integration.spring_coefficients([k], [np.inf], np.array([w]), h)
+    timing = integration.Timing(h, 1.0, 1e9, 0.0, 0.0, 0.0)
+    zero = np.zeros((1, 3))
+    frame = reference.Frame(
+        timing, n, np.array([w]), zero, zero, no_edges, np.empty(0), springs=springs
+    )
+    x, v = reference.step(frame, np.array([[1.0, 0, 0]]), zero)
+    expected, speed = 1.0, 0.0
+    for _ in range(n):
+        before = expected
+        expected = (expected + h * speed) / (1 + h * h * k * w)
+        speed = (expected - before) / h
+    assert x[0] == pytest.approx([expected, 0, 0])
+    assert v[0] == pytest.approx([speed, 0, 0])
