@@ -306,18 +306,3 @@ def project_volumes_kernel(
         deltas[corners[1]] = d1 + (multiplier * w1) * g1
         deltas[corners[2]] = d2 + (multiplier * w2) * g2
         deltas[corners[3]] = d3 + (multiplier * w3) * g3
-
-
-@wp.kernel(grid_stride=False)
-def count_inverted_kernel(
-    vertices: wp.array(dtype=wp.vec3),  # [V]
-    tets: wp.array(dtype=wp.vec4i),  # [T]
-    count: wp.array(dtype=int),  # [1] in and out
-):
-    corners = tets[wp.tid()]
-    origin = vertices[corners[0]]
-    e1 = vertices[corners[1]] - origin
-    e2 = vertices[corners[2]] - origin
-    e3 = vertices[corners[3]] - origin
-    if wp.dot(wp.cross(e1, e2), e3) <= 0.0:
-        wp.atomic_add(count, 0, 1)

@@ -23,7 +23,8 @@ from .integration import NO_SPRING, Timing
 from .launches import Launches
 from .material import Material
 from .options import FRAME, XpbdOptions
-from .rescue import RATIO, Rescue
+from .rescue import Rescue, goals
+from .tangles import TangleCounter
 
 ONE_SUBSTEP_ERROR = 0.75  # c: one projection acts like a compliance of α + c w h² (measured)
 
@@ -42,6 +43,7 @@ class XpbdSolver:
         velocities: [V] vec3 on the device
         pinned: [V] bool
         object_size: The longest side of the rest pose's bounding box [m].
+        inverted_count: How many tets were inverted when they were last counted.
     """
 
     def __init__(
@@ -69,9 +71,10 @@ class XpbdSolver:
         self._handles = np.empty(0, np.int64)
         self._handle_targets = None  # as last given to move()
         self._springs = None  # stiffness and force limit of each handle, [K, 2]; None: exact
-        self._handles_moved = False
+        self.inverted_count = 0
         self._rescue = Rescue()
-        self._rescued = False  # whether the coefficients are those of a rescue
+        self._rescued = np.zeros(len(self.rest_vertices), bool)
+        self._rescue_path = None  # where targets begin and where they end, each [V, 3]
 
         self._allocate()
         self.set_material(material)
@@ -85,7 +88,8 @@ class XpbdSolver:
         self._edge_list = ConstraintList(edges, edges.rest_lengths, wp.vec2i, device)
         self._volume_list = ConstraintList(volumes, volumes.rest_volumes, wp.vec4i, device)
         self._timing = wp.zeros(len(Timing._fields), dtype=float, device=device)
-        self._feedback = Feedback(device)
+        tangles = TangleCounter(self.rest_vertices, volumes.vertices, self._part_of, device)
+        self._feedback = Feedback(tangles, device)
         self._launches = Launches(
             self._state, self._edge_list, self._volume_list, self._timing, self._feedback.motion
         )
@@ -176,8 +180,6 @@ class XpbdSolver:
         if self._handle_targets is not None and np.array_equal(targets, self._handle_targets):
             return
         self._handle_targets = targets.copy()
-        self._handles_moved = True
-        self._rescue.touch()
         free = ~self.pinned[self._handles]
         if free.any():
             wp.launch(
@@ -203,7 +205,7 @@ class XpbdSolver:
             wp.launch(integration.hold_kernel, len(held_anew), inputs, device=self.device)
 
     def _update_inverse_masses(self):
-        kinematic = self.pinned.copy()
+        kinematic = self.pinned | self._rescued
         if self._springs is None:
             kinematic[self._handles] = True
         self._inverse_masses = np.where(kinematic, 0.0, self._free_inverse_masses)
@@ -216,7 +218,7 @@ class XpbdSolver:
         self.set_state(self.rest_vertices)
         # Without gravity the rest pose is an equilibrium.
         if not any(self.options.gravity):
-            self._rescue.report(0)
+            self._rescue.report(np.zeros(1, int))
             self._fall_asleep()
 
     def set_state(self, vertices, velocities=None):
@@ -233,7 +235,6 @@ class XpbdSolver:
                 checks.vectors(velocities, len(self.pinned), "velocity", "vertex")
             )
         self._handle_targets = None
-        self._rescue.restart()
         self._touch(everything=True)
 
     @property
@@ -243,13 +244,8 @@ class XpbdSolver:
 
     @property
     def rescuing(self) -> bool:
-        """Whether the object is softened for a while because it stayed inverted."""
-        return self._rescue.running
-
-    @property
-    def inverted_count(self) -> int:
-        """How many tets were inverted when they were last counted."""
-        return self._rescue.count or 0
+        """Whether what stayed tangled is on its way to its rest shape."""
+        return self._rescue.parts is not None
 
     def stiffness_ratio(self) -> float:
         """The median of r = α/(w h²) over edges that can move.
@@ -280,32 +276,63 @@ class XpbdSolver:
             self._dt = dt
             self._stale = True
         count_due = False
-        if self.options.rescue:
-            count_due = self._rescue.advance(dt, self._handles_moved)
-        self._handles_moved = False
-        if self._rescue.running != self._rescued:
-            self._rescued = self._rescue.running
-            self._activate(everything=True)
+        if self.options.rescue and len(self._handles) == 0:
+            count_due = self._rescue.advance(dt)
+            self._follow_rescue()
         if self._stale:
             self._prepare()
         self._feedback.begin()
         self._launches.run(
             self.options.substeps(dt),
-            self._compliances[1] is not None or self._rescued,
+            self._compliances[1] is not None,
             self._springs is not None,
             self.options.ground is not None,
         )
-        self._feedback.end(self.vertices, self._volume_list if count_due else None)
+        self._feedback.end(self.vertices, count_due)
 
     def _read_frame_before(self):
-        motion, inverted_count = self._feedback.read()
+        motion, counts = self._feedback.read()
         if motion is not None:
             still = motion <= self.options.sleep_motion * self.object_size
             self._still_frames = self._still_frames + 1 if still else 0
-        if inverted_count is not None:
-            self._rescue.report(inverted_count)
+        if counts is not None:
+            self.inverted_count = int(counts[0].sum())
+            self._rescue.report(counts.sum(axis=0))
         if motion is not None and self.settled:
             self._fall_asleep()
+
+    def _follow_rescue(self):
+        parts = self._rescue.parts
+        if parts is None:
+            if self._rescued.any():
+                velocities = self.velocities.numpy().copy()
+                velocities[self._rescued] = 0.0
+                self.velocities.assign(velocities)
+                self._end_rescue()
+            return
+        if not self._rescued.any():
+            self._begin_rescue(parts)
+        start, goal = self._rescue_path
+        self._state.targets.assign(start + self._rescue.progress * (goal - start))
+
+    def _begin_rescue(self, parts):
+        x, start = self.vertices.numpy(), self._state.targets.numpy()
+        goal = start.copy()
+        for part in np.flatnonzero(parts):
+            members = self._part_of == part
+            goal[members] = goals(self.rest_vertices[members], x[members], self.pinned[members])
+        self._rescued = parts[self._part_of] & ~self.pinned
+        goal[~self._rescued] = start[~self._rescued]
+        known = self._rescued & np.isfinite(x).all(axis=1)
+        start = np.where(known[:, None], x, goal)
+        self._rescue_path = start, goal
+        self._update_inverse_masses()
+        self._activate(self._rescued)
+
+    def _end_rescue(self):
+        self._rescued[:] = False
+        self._update_inverse_masses()
+        self._stale = True
 
     @property
     def _asleep(self):
@@ -324,6 +351,8 @@ class XpbdSolver:
         self._still_frames = 0
         self._feedback.drop()
         self._rescue.touch()
+        if self._rescued.any():
+            self._end_rescue()
         self._activate(vertices, everything)
 
     def _activate(self, vertices=None, everything=False):
@@ -345,9 +374,7 @@ class XpbdSolver:
         self._timing.assign(options.timing(self._dt, material.damping, self.object_size))
         pairs = zip((self._edge_list, self._volume_list), self._compliances, strict=True)
         for part, compliances in pairs:
-            if self._rescued:
-                part.set_regularization(part.constraints.regularization(0.0, w, h, floor=RATIO))
-            elif compliances is not None:
+            if compliances is not None:
                 part.set_regularization(part.constraints.regularization(compliances, w, h))
         if self._springs is not None:
             springs = np.full((len(w), 2), (NO_SPRING, 0.0))

@@ -137,6 +137,11 @@ class Case:
     broken_tets: bool = False
     uneven: bool = False
 
+    @property
+    def seeded(self) -> bool:
+        """Whether it depends on random numbers."""
+        return self.start is random or bool(self.drive or self.broken_tets or self.uneven)
+
 
 CASES = (
     Case("plane", plane),
