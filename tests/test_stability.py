@@ -1,18 +1,14 @@
 """Nothing breaks a body for good; and what measures that isn't fooled."""
 
-import time
 import warnings
-from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdSolver
 from deformrf.core.geometry.lattice import a15_grid, bcc_grid, kuhn_grid
 from deformrf.core.geometry.mesh import TetMesh, extract
-from deformrf.core.study import stability, stress
-from deformrf.core.study.stability import aligned_error, recovery_limit, run_case, shape_of
+from deformrf.core.study import stress
+from deformrf.core.study.stability import run_case
 
 CASES = {case.name: case for case in stress.CASES}
 ONE_TET = TetMesh(

@@ -45,7 +45,7 @@ def test_broken_tets_are_inverted_flat_and_massless():
     assert (volumes < -1e-6).sum() >= len(TETS) // 20
     assert (np.abs(volumes) < 1e-12).sum() >= 4
     masses = lumped_masses(rest, tets, 1.0)
-    assert masses[-1] < 1e-12 * masses.mean()
+    assert 0 < masses[-1] < 0.01 * masses.mean()
     untouched = (rest[:-1] == REST).all(axis=1)
     assert (~untouched).sum() in (1, 2)
 

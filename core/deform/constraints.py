@@ -35,6 +35,7 @@ wp.set_module_options({"enable_backward": False})
 COMPLIANCE_FLOOR = 0.1  # r_min
 STEP_LIMIT = 0.5
 STEP_LIMIT_CUBED = STEP_LIMIT**3
+SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for what belongs to flat tets alone
 BRACE_VOLUME = 0.25  # V_e of a brace, in means over edges; a hinge has many braces
 COLLAPSED = 1e-12  # of L; a shorter edge has no direction of its own
 
@@ -59,10 +60,10 @@ class EdgeConstraints:
         """α = L² / (15 μ V_e) [m/N].  [E]"""
         return self.rest_lengths**2 / (15.0 * shear_modulus * self.volumes)
 
-    def regularization(self, compliances, inverse_masses, substep, floor=COMPLIANCE_FLOOR):
+    def regularization(self, compliances, inverse_masses, substep):
         """a = max(α/h², r_min (w_i + w_j)) [1/kg].  [E]"""
         weights = inverse_masses[self.vertices].sum(axis=1)
-        return np.maximum(compliances / substep**2, floor * weights)
+        return np.maximum(compliances / substep**2, COMPLIANCE_FLOOR * weights)
 
 
 @dataclass(frozen=True)
@@ -85,21 +86,27 @@ class VolumeConstraints:
         """α = 36 V0 / K [m⁵/N].  [T]"""
         return 6.0 * self.rest_volumes / bulk_modulus
 
-    def regularization(self, compliances, inverse_masses, substep, floor=COMPLIANCE_FLOOR):
+    def regularization(self, compliances, inverse_masses, substep):
         """a = max(α/h², r_min Σ w_i |g_i|² at rest) [m⁴/kg].  [T]"""
         weights = (inverse_masses[self.vertices] * self.rest_gradients_squared).sum(axis=1)
-        return np.maximum(compliances / substep**2, floor * weights)
+        return np.maximum(compliances / substep**2, COMPLIANCE_FLOOR * weights)
 
 
 def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
-    """The edges of a mesh and the braces of its hinges, sorted by color."""
+    """The edges of a mesh and the braces of its hinges, sorted by color.
+
+    Raises:
+        ValueError: All tets are flat.
+    """
     ends, edge_of = np.unique(
         np.sort(tets[:, EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True
     )
     shares = np.repeat(np.abs(signed_volumes(rest_vertices, tets)) / 6.0, 6)
     volumes = np.bincount(edge_of.ravel(), weights=shares, minlength=len(ends))
+    if not volumes.any():
+        raise ValueError(f"no tet has a volume; all {len(tets)} are flat")
     # An edge between flat tets alone would have no stiffness at all.
-    volumes = np.maximum(volumes, 1e-3 * volumes.mean())
+    volumes = np.maximum(volumes, SMALLEST_SHARE * volumes.mean())
     braces = hinge_braces(tets)
     ends = np.concatenate([ends, braces])
     volumes = np.append(volumes, np.full(len(braces), BRACE_VOLUME * volumes.mean()))
@@ -122,9 +129,16 @@ def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
 
 
 def lumped_masses(rest_vertices, tets, density):
-    """A quarter of each tet's mass to each of its corners, kg.  [V]"""
+    """A quarter of each tet's mass to each of its corners, kg.  [V]
+
+    A vertex without a tet has no mass; one of flat tets alone has little, or it would
+    stay where it is and pin what is joined to it.
+    """
     shares = np.repeat(density * np.abs(signed_volumes(rest_vertices, tets)) / 4.0, 4)
-    return np.bincount(tets.ravel(), weights=shares, minlength=len(rest_vertices))
+    masses = np.bincount(tets.ravel(), weights=shares, minlength=len(rest_vertices))
+    used = np.unique(tets)
+    masses[used] = np.maximum(masses[used], SMALLEST_SHARE * masses[used].mean())
+    return masses
 
 
 def volume_gradients(vertices, tets):

@@ -61,7 +61,8 @@ def spring_coefficients(stiffness, force_limit, inverse_masses, substep):
         inverse_masses: w.  [K]
     """
     a = 1.0 / (np.asarray(stiffness) * substep**2)
-    longest = np.minimum(inverse_masses * np.asarray(force_limit) * substep**2, UNLIMITED)
+    longest = inverse_masses * np.minimum(force_limit, UNLIMITED) * substep**2
+    longest = np.minimum(longest, UNLIMITED)
     return np.stack(np.broadcast_arrays(a, longest), axis=-1)
 
 

@@ -63,7 +63,7 @@ class Rescue:
 
     def advance(self, dt: float) -> bool:
         """A frame of dt begins, and nothing is grabbed; whether to count after it."""
-        if self.parts is not None and self._time >= DURATION:
+        if self.parts is not None and self.progress == 1.0:
             self.parts = None
             self._tangled_for = 0.0
         elif self.counts is not None and self.parts is None and self.counts.any():
@@ -74,10 +74,10 @@ class Rescue:
             self._tangled_for += dt
         if self.parts is not None:
             self._time += dt
-            along = min(self._time / DURATION, 1.0)
+            along = min(self._time / DURATION + 1e-6, 1.0)  # frames add up to it but for rounding
             self.progress = along * along * (3.0 - 2.0 * along)
             self._since_count = COUNT_INTERVAL  # as soon as it is over
-            return self._time >= DURATION
+            return self.progress == 1.0
         self._since_count += dt
         due = self._since_count >= COUNT_INTERVAL
         if due:

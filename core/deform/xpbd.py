@@ -26,8 +26,6 @@ from .options import FRAME, XpbdOptions
 from .rescue import Rescue, goals
 from .tangles import TangleCounter
 
-ONE_SUBSTEP_ERROR = 0.75  # c: one projection acts like a compliance of α + c w h² (measured)
-
 
 class XpbdSolver:
     """Positions of one mesh over time.
@@ -258,10 +256,15 @@ class XpbdSolver:
         return float(np.median(self._compliances[0][w > 0] / (w[w > 0] * h * h)))
 
     def held_young_modulus(self) -> float:
-        """The E that a load meets with these substeps [Pa]: E r / (max(r, r_min) + c)."""
-        r = self.stiffness_ratio()
-        softened = max(r, constraints.COMPLIANCE_FLOOR) + ONE_SUBSTEP_ERROR
-        return self.material.young_modulus * r / softened
+        """The E that a load meets with these substeps [Pa]: E r / (max(r, r_min) + c).
+
+        One projection a substep acts like a compliance of α + c w h².  Columns of A15 under
+        loads from two sides have c = 0.30 at ν = 1/4, 0.36 at 0.35 and 0.56 at 0.45, each
+        ± 0.06 for r from 0.005 to 50 (measured).
+        """
+        material, r = self.material, self.stiffness_ratio()
+        c = 0.3 + 0.1 * math.log1p(material.bulk_modulus / material.shear_modulus)
+        return material.young_modulus * r / (max(r, constraints.COMPLIANCE_FLOOR) + c)
 
     # -- time --------------------------------------------------------------------------
 

@@ -1,0 +1,380 @@
+"""What a user can do to a body: springs, ground, frame rates, compliances, masses, parts."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform import constraints
+from deformrf.core.deform.handles import lowest_pins
+from deformrf.core.deform.material import PRESETS, Material
+from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import extract
+
+DT = 1.0 / 60.0
+G = 9.81
+
+
+def columns(*centers, spacing=0.06, radius=0.15, high=0.8):
+    """Upright cylinders around points of the ground plane, z from 0.2."""
+    mesh = a15_grid(spacing)
+    middle = mesh.rest_vertices[mesh.tets].mean(axis=1)
+    keep = np.zeros(mesh.tet_count, bool)
+    for center in centers:
+        keep |= np.linalg.norm(middle[:, :2] - center, axis=1) < radius
+    return extract(mesh, keep & (middle[:, 2] > 0.2) & (middle[:, 2] < high))[0]
+
+
+ONE = columns((0.5, 0.5))
+SLAB = columns((0.5, 0.5), radius=0.3, high=0.4)
+TWO = columns((0.25, 0.25), (0.75, 0.75), radius=0.13)
+
+
+def foot(mesh):
+    return lowest_pins(mesh.rest_vertices, mesh.tets)
+
+
+def head(mesh):
+    return np.flatnonzero(mesh.rest_vertices[:, 2] > mesh.rest_vertices[:, 2].max() - 0.03)
+
+
+def solver(mesh, pinned, device="cpu", material=None, **options):
+    options = XpbdOptions(**options)
+    material = material or Material()
+    return XpbdSolver(mesh.rest_vertices, mesh.tets, material, pinned, options, device)
+
+
+def free(mesh):
+    return np.zeros(mesh.vertex_count, bool)
+
+
+def run(x, seconds, dt=DT):
+    for _ in range(round(seconds / dt)):
+        x.step(dt)
+
+
+def positions(x):
+    return x.vertices.numpy().astype(np.float64)
+
+
+# -- springs -------------------------------------------------------------------------------
+
+
+def test_a_body_hangs_on_a_spring_as_far_below_as_its_weight_says(device):
+    k = 500.0
+    x = solver(ONE, free(ONE), device, Material(damping=5.0), gravity=(0, 0, -G), rescue=False)
+    mass = constraints.lumped_masses(x.rest_vertices, ONE.tets, 1000.0).sum()
+    ids = head(ONE)
+    x.grab(ids, stiffness=k * np.ones(len(ids)))
+    run(x, 6.0)
+    below = (x.rest_vertices - positions(x))[ids, 2].mean()
+    assert below == pytest.approx(mass * G / (k * len(ids)), rel=0.01)
+
+
+def test_a_force_limit_is_not_exceeded(device):
+    """A free body that is pulled with F moves like its mass under F."""
+    x = solver(ONE, free(ONE), device, Material(damping=0.0))
+    mass = constraints.lumped_masses(x.rest_vertices, ONE.tets, 1000.0).sum()
+    ids, limit = head(ONE)[:4], 3.0
+    x.grab(ids, stiffness=1e5, force_limit=limit)
+    x.move(x.rest_vertices[ids] + [50.0, 0.0, 0.0])
+    x.step(DT)
+    x.move(x.rest_vertices[ids] + [50.0, 0.0, 0.0])
+    run(x, 1.0)
+    masses = constraints.lumped_masses(x.rest_vertices, ONE.tets, 1000.0)
+    speed = (masses[:, None] * x.velocities.numpy()).sum(axis=0) / mass
+    assert speed[0] == pytest.approx(len(ids) * limit / mass * (1.0 + DT), rel=0.02)
+    assert np.abs(speed[1:]).max() < 0.01 * speed[0]
+
+
+def test_a_spring_survives_a_pull_to_where_nothing_can_go(device):
+    x = solver(ONE, foot(ONE), device)
+    ids = head(ONE)
+    x.grab(ids, stiffness=1e4, force_limit=100.0)
+    x.move(x.rest_vertices[ids] + 1000.0)
+    run(x, 1.0)
+    stretched = np.linalg.norm(positions(x) - x.rest_vertices, axis=1).max()
+    assert 0.001 < stretched < 0.5
+    x.release()
+    run(x, 5.0)
+    assert np.linalg.norm(positions(x) - x.rest_vertices, axis=1).max() < 0.01
+
+
+def test_springs_and_exact_handles_take_turns_and_pins_win(device):
+    x = solver(ONE, foot(ONE), device)
+    ids, pin = head(ONE), np.flatnonzero(foot(ONE))[:1]
+    x.grab(np.append(ids, pin), stiffness=1e6)
+    targets = np.append(x.rest_vertices[ids], x.rest_vertices[pin] - 0.5, axis=0)
+    x.move(targets + 0.02)
+    run(x, 0.2)
+    np.testing.assert_array_equal(positions(x)[pin], x.rest_vertices[pin])
+    x.grab(ids)
+    x.move(x.rest_vertices[ids] + 0.05)
+    x.step(DT)
+    np.testing.assert_allclose(positions(x)[ids], x.rest_vertices[ids] + 0.05, atol=1e-6)
+
+
+# -- ground --------------------------------------------------------------------------------
+
+
+def test_a_body_lands_on_the_ground_and_lies_there(device):
+    x = solver(SLAB, free(SLAB), device, gravity=(0, 0, -G), ground=0.0)
+    low = x.rest_vertices[:, 2].min()
+    assert low > 0.1
+    run(x, 3.0)
+    now = positions(x)
+    np.testing.assert_allclose(now[:, 2], x.rest_vertices[:, 2] - low, atol=0.02)
+    np.testing.assert_allclose(now[:, :2], x.rest_vertices[:, :2], atol=0.1)  # it bounces
+    assert abs(now[:, 2].min()) < 1e-6
+    assert np.linalg.norm(x.velocities.numpy(), axis=1).max() < 0.01
+
+
+def test_friction_stops_a_sliding_body_where_coulomb_says(device):
+    """v²/(2 μ g) on, and without friction it doesn't stop."""
+    speed, low = 1.0, SLAB.rest_vertices[:, 2].min()
+    for friction in (0.0, 0.3):
+        x = solver(
+            SLAB,
+            free(SLAB),
+            device,
+            Material(damping=0.0),
+            gravity=(0, 0, -G),
+            ground=low,
+            friction=friction,
+        )
+        run(x, 1.0)
+        settled = positions(x)
+        x.set_state(settled, np.full(settled.shape, [speed, 0, 0]))
+        run(x, 1.0)
+        way = (positions(x) - settled).mean(axis=0)
+        expected = speed**2 / (2 * friction * G) if friction else speed
+        assert way[0] == pytest.approx(expected, rel=0.1)
+
+
+# -- time ----------------------------------------------------------------------------------
+
+
+def test_substeps_follow_the_length_of_a_step():
+    options = XpbdOptions(substep_count=20)
+    rates = {240: 5, 144: 8, 60: 20, 30: 40, 10: 120, 1: 120}
+    assert {rate: options.substeps(1 / rate) for rate in rates} == rates
+    assert XpbdOptions(substep_count=1).substeps(1 / 1000) == 1
+
+
+@pytest.mark.parametrize("ratio", [0.25, 0.4])
+def test_a_pose_under_a_drag_does_not_depend_on_the_frame_rate(device, ratio):
+    poses, sizes = [], None
+    for rate in (30, 60, 144):
+        x = solver(ONE, foot(ONE), device, Material(poisson_ratio=ratio))
+        ids = head(ONE)
+        x.grab(ids)
+        seen = []
+        for frame in range(rate):
+            way = min(2.0 * (frame + 1) / rate, 1.0)  # half a second, then held
+            x.move(x.rest_vertices[ids] + np.array([0.2, 0.1, 0.0]) * way)
+            x.step(1 / rate)
+            if frame + 1 in (rate // 2, rate):
+                seen.append(positions(x))
+        poses.append(seen)
+        sizes = x.object_size
+    for other in (poses[0], poses[2]):
+        for here, there in zip(poses[1], other, strict=True):
+            assert np.linalg.norm(here - there, axis=1).max() < 0.01 * sizes
+
+
+# -- stiffness, masses ---------------------------------------------------------------------
+
+
+def test_given_compliances_stand_in_for_the_materials_until_it_is_set_again(device):
+    material = Material(poisson_ratio=0.4)
+    one, other = (solver(ONE, foot(ONE), device, material) for _ in range(2))
+    other.set_material(Material(young_modulus=1e3, poisson_ratio=0.25))
+    other.set_compliances(
+        one.edges.compliances(material.shear_modulus),
+        one.volumes.compliances(material.bulk_modulus),
+    )
+    other.grab(head(ONE))
+    one.grab(head(ONE))
+    for x in (one, other):
+        x.move(x.rest_vertices[head(ONE)] + 0.1)
+        run(x, 0.3)
+    np.testing.assert_array_equal(positions(one), positions(other))
+    assert one.stiffness_ratio() == other.stiffness_ratio()
+    other.set_compliances(0.0, None)
+    assert other.stiffness_ratio() == 0.0
+    other.set_material(material)
+    assert one.stiffness_ratio() == other.stiffness_ratio()
+
+
+@pytest.mark.parametrize("modulus", [2e5, 5e6, 1e8])
+@pytest.mark.parametrize("ratio", [0.25, 0.4])
+def test_the_modulus_that_is_held_is_the_one_that_sags(device, modulus, ratio):
+    """The sag under a load, against that of a softer material, which substeps do hold."""
+    sags = []
+    for e, count in ((modulus, 20), (1e5, 100)):
+        material = Material(young_modulus=e, poisson_ratio=ratio, damping=15.0)
+        gravity = (-0.5 * min(e / 2e5, 20.0), 0, 0)
+        x = solver(ONE, foot(ONE), device, material, gravity=gravity, substep_count=count)
+        run(x, 2.0)
+        sag = (x.rest_vertices - positions(x))[head(ONE), 0].mean()
+        assert x.held_young_modulus() < e
+        sags.append(sag / gravity[0] * x.held_young_modulus())
+    assert sags[0] == pytest.approx(sags[1], rel=0.15)
+
+
+def test_wood_is_far_beyond_what_20_substeps_hold():
+    x = solver(ONE, foot(ONE), material=PRESETS["wood"])
+    assert x.held_young_modulus() < 0.1 * PRESETS["wood"].young_modulus
+    soft = solver(ONE, foot(ONE), material=PRESETS["plush"])
+    assert soft.held_young_modulus() > 0.5 * PRESETS["plush"].young_modulus
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_can_be_dragged_and_returns(device, name):
+    x = solver(ONE, foot(ONE), device, PRESETS[name])
+    ids = head(ONE)
+    x.grab(ids)
+    for frame in range(30):
+        x.move(x.rest_vertices[ids] + np.array([0.2, 0, 0]) * (frame + 1) / 30)
+        x.step(DT)
+    x.release()
+    run(x, 8.0)
+    assert np.linalg.norm(positions(x) - x.rest_vertices, axis=1).max() < 0.01
+
+
+def test_masses_of_a_ratio_of_a_million_stay_finite(device):
+    x = solver(ONE, free(ONE), device)
+    heavy = np.random.default_rng().uniform(size=ONE.vertex_count) < 0.5
+    x.set_masses(np.where(heavy, 100.0, 1e-4))
+    center = x.rest_vertices.mean(axis=0)
+    x.set_state(center + 0.3 * (x.rest_vertices - center))
+    run(x, 1.0)
+    assert np.isfinite(positions(x)).all()
+    masses = np.ones(ONE.vertex_count)
+    masses[7] = 0.0
+    x.set_masses(masses)  # a vertex without mass stays where it is
+    before = positions(x)[7].copy()
+    run(x, 0.5)
+    np.testing.assert_array_equal(positions(x)[7], before)
+
+
+# -- parts that nothing happens to ---------------------------------------------------------
+
+
+def test_only_the_part_that_is_dragged_is_worked_on(device):
+    x = solver(TWO, foot(TWO), device)
+    left = TWO.rest_vertices[:, 0] < 0.5
+    ids = head(TWO)[left[head(TWO)]]
+    x.grab(ids)
+    x.move(x.rest_vertices[ids] + [0.1, 0, 0])
+    x.step(DT)
+    in_use = x.edges.vertices[x._edge_list.in_use]
+    assert left[in_use].all() and len(in_use) < 0.6 * len(x.edges.vertices)
+    assert (~foot(TWO)[in_use]).any(axis=1).all()  # nor what lies between pins
+    x.release()
+    run(x, 9.0)
+    assert x.settled
+    np.testing.assert_array_equal(positions(x)[~left], x.rest_vertices[~left])
+
+    ids = head(TWO)[~left[head(TWO)]]
+    x.grab(ids)
+    x.step(DT)
+    assert not left[x.edges.vertices[x._edge_list.in_use]].any()
+
+
+def test_leaving_out_changes_nothing_of_the_rest(device):
+    left = TWO.rest_vertices[:, 0] < 0.5
+    ids = head(TWO)[left[head(TWO)]]
+    poses = []
+    for touch in (False, True):
+        x = solver(TWO, foot(TWO), device)
+        if touch:
+            x.set_state(x.rest_vertices)  # everything is worked on
+        x.grab(ids)
+        x.move(x.rest_vertices[ids] + [0.1, 0, 0])
+        run(x, 0.5)
+        poses.append(positions(x))
+    np.testing.assert_array_equal(poses[0][left], poses[1][left])
+    np.testing.assert_allclose(poses[0], poses[1], atol=1e-6)
+
+
+def test_gravity_and_freed_pins_wake_what_they_concern(device):
+    x = solver(TWO, foot(TWO), device, gravity=(0, 0, -G))
+    run(x, 0.1)
+    assert len(np.unique(x._part_of[x.edges.vertices[x._edge_list.in_use]])) == 2
+    x.set_options(XpbdOptions())
+    run(x, 9.0)
+    assert x.settled
+    pins = foot(TWO) & (TWO.rest_vertices[:, 0] < 0.5)
+    x.set_pinned(pins)
+    x.step(DT)
+    in_use = x.edges.vertices[x._edge_list.in_use]
+    assert (TWO.rest_vertices[in_use, 0] > 0.5).all()
+
+
+# -- meshes that are none ------------------------------------------------------------------
+
+TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+
+
+@pytest.mark.parametrize("ratio", [0.25, 0.4])
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [0, 1, 3, 2]], ids=["upright", "inverted"])
+def test_one_tet_is_a_mesh(device, ratio, order):
+    x = XpbdSolver(
+        TET, np.array([order]), Material(poisson_ratio=ratio), np.zeros(4, bool), device=device
+    )
+    x.set_state(TET * [1, 1, 0])
+    run(x, 6.0)
+    now = positions(x)
+    lengths = [np.linalg.norm(now[a] - now[b]) for a, b in ((0, 1), (0, 3), (1, 2), (2, 3))]
+    np.testing.assert_allclose(lengths, [1, 1, 2**0.5, 2**0.5], rtol=0.01)
+    assert np.linalg.det(now[1:] - now[0]) > 0.9
+
+
+def test_flat_tets_vertices_in_one_place_and_unused_ones_do_no_harm(device):
+    """Tets: a sound one, one with two corners in one place, a flat one beside it."""
+    rest = np.concatenate([TET, [[0, 0, 1.0], [0.5, 0.5, 0.0], [9, 9, 9]]])
+    tets = np.array([[0, 1, 2, 3], [1, 2, 3, 4], [0, 1, 2, 5]])
+    for ratio in (0.25, 0.4):
+        x = XpbdSolver(rest, tets, Material(poisson_ratio=ratio), np.zeros(7, bool), device=device)
+        x.set_state(x.rest_vertices)
+        run(x, 0.5)
+        np.testing.assert_allclose(positions(x), rest, atol=1e-5)
+        x.grab([4])
+        x.move([[0.0, 0.0, 2.0]])
+        run(x, 2.0)
+        now = positions(x)
+        assert np.isfinite(now).all()
+        np.testing.assert_array_equal(now[6], rest[6])
+        assert now[5, 2] > 0.3  # what hangs on flat tets alone comes along
+
+
+def test_a_mesh_without_any_volume_is_refused():
+    with pytest.raises(ValueError, match="no tet has a volume"):
+        XpbdSolver(TET * [1, 1, 0], np.array([[0, 1, 2, 3]]), Material(), np.zeros(4, bool))
+
+
+def test_nan_is_refused_and_named(device):
+    x = solver(ONE, foot(ONE), device)
+    wrong = ONE.rest_vertices.copy()
+    wrong[5, 1] = np.nan
+    with pytest.raises(ValueError, match="position of vertex 5"):
+        x.set_state(wrong)
+    with pytest.raises(ValueError, match="velocity of vertex 5"):
+        x.set_state(ONE.rest_vertices, wrong)
+    x.grab([3, 4])
+    with pytest.raises(ValueError, match="target of handle 1"):
+        x.move([[0, 0, 0], [0, np.inf, 0]])
+    for stiffness, limit in ((0.0, 1.0), (np.nan, 1.0), (np.inf, 1.0), (1.0, -1.0), (1.0, np.nan)):
+        with pytest.raises(ValueError, match="springs of"):
+            x.grab([3], stiffness, limit)
+    with pytest.raises(ValueError, match="compliance of the edges is -1"):
+        x.set_compliances(-1.0, None)
+    with pytest.raises(ValueError, match=r"shape \(2,\)"):
+        x.set_compliances([1.0, 2.0], None)
+    with pytest.raises(ValueError, match="vertex 0 has a mass of nan"):
+        x.set_masses(np.full(ONE.vertex_count, np.nan))
+    for option in ({"gravity": (0, 0, np.nan)}, {"ground": np.inf}, {"friction": -1.0}):
+        with pytest.raises(ValueError, match=next(iter(option))):
+            XpbdOptions(**option)
+    run(x, 0.1)
+    assert np.isfinite(positions(x)).all()

@@ -1,0 +1,276 @@
+"""When a tangled body is taken back to its shape, and that it comes back, whatever happened."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform.material import Material
+from deformrf.core.deform.rescue import DURATION, PATIENCE, TRIES, Rescue, goals
+from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import extract, signed_volumes
+
+DT = 1.0 / 60.0
+
+
+class Body:
+    """Stands in for the solver: `counts` says how many tangles each part has after each frame."""
+
+    def __init__(self, *counts):
+        self.rescue, self.counts = Rescue(), np.array(counts)
+        self.progress = []  # of every frame; 0 while there is no rescue
+
+    def run(self, seconds, dt=DT):
+        for _ in range(round(seconds / dt)):
+            counted = self.rescue.advance(dt)
+            self.progress.append(self.rescue.progress if self.rescue.parts is not None else 0.0)
+            if counted:
+                self.rescue.report(self.counts)
+
+
+@pytest.mark.parametrize("dt", [1 / 144, 1 / 60, 1 / 5, 1.0])
+def test_after_a_second_of_tangles_it_goes_all_the_way_once(dt):
+    body = Body(0, 3)
+    body.run(PATIENCE - dt, dt)
+    assert body.rescue.parts is None
+    while body.rescue.parts is None:
+        body.run(dt, dt)
+    assert len(body.progress) * dt <= PATIENCE + 4 * dt
+    np.testing.assert_array_equal(body.rescue.parts, [False, True])
+    body.counts[:] = 0
+    body.run(5.0, dt)
+    way = np.array(body.progress)
+    way = way[way > 0]
+    assert (np.diff(way) > 0).all() and way[-1] == 1.0
+    assert len(way) == pytest.approx(DURATION / dt, abs=1.0)
+    assert body.rescue.parts is None and body.rescue.may_sleep
+
+
+def test_a_sound_mesh_is_left_alone_and_may_sleep():
+    body = Body(0, 0)
+    assert not body.rescue.may_sleep  # nobody has looked yet
+    body.run(3.0)
+    assert not any(body.progress)
+    assert body.rescue.may_sleep
+
+
+def test_tangles_that_go_by_themselves_start_nothing():
+    body = Body(5)
+    for _ in range(5):
+        body.counts[:] = 5
+        body.run(0.8 * PATIENCE)
+        body.counts[:] = 0
+        body.run(0.5)
+    assert not any(body.progress)
+
+
+def test_tries_end_until_the_user_does_something():
+    body = Body(3)
+    body.run(60.0)
+    assert body.progress.count(1.0) == TRIES
+    assert body.rescue.may_sleep
+    body.rescue.touch()
+    assert not body.rescue.may_sleep
+    body.run(PATIENCE + 3 * DT)
+    assert body.rescue.parts is not None
+
+
+def turned(vertices):
+    """A random turn and shift of them."""
+    random = np.random.default_rng()
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    return vertices @ (turn * np.sign(np.linalg.det(turn))) + random.normal(size=3)
+
+
+def test_the_goal_is_the_rest_shape_as_it_is_turned():
+    rest = np.random.default_rng().uniform(size=(20, 3))
+    nobody, x = np.zeros(20, bool), turned(rest)
+    np.testing.assert_allclose(goals(rest, x, nobody), x, atol=1e-12)
+    lost = x.copy()
+    lost[3], lost[5, 1] = np.nan, np.inf
+    np.testing.assert_allclose(goals(rest, lost, nobody), x, atol=1e-12)
+    np.testing.assert_array_equal(goals(rest, np.full_like(x, np.nan), nobody), rest)
+
+
+@pytest.mark.parametrize("scale", [(-1, 1, 1), (1, 1, 0), (1, 0, 0), (0, 0, 0)])
+def test_the_goal_of_what_is_mirrored_or_collapsed_is_not(scale):
+    rest = np.random.default_rng().uniform(size=(20, 3))
+    goal = goals(rest, turned(rest * scale), np.zeros(20, bool))
+    lengths, expected = (np.linalg.norm(a[:, None] - a[None], axis=2) for a in (goal, rest))
+    np.testing.assert_allclose(lengths, expected, atol=1e-9)
+    corners = np.array([[0, 1, 2, 3]])
+    np.testing.assert_allclose(signed_volumes(goal, corners), signed_volumes(rest, corners))
+
+
+def test_what_is_held_decides_where_the_goal_is():
+    random = np.random.default_rng()
+    rest = random.uniform(size=(20, 3))
+    held = np.arange(20) < 4
+    x = turned(rest)
+    torn = np.where(held[:, None], x, x + random.normal(scale=3.0, size=x.shape))
+    np.testing.assert_allclose(goals(rest, torn, held), x, atol=1e-3)
+
+
+# -- bodies --------------------------------------------------------------------------------
+
+
+def pillar():
+    """About 200 tets, upright, with a thin neck."""
+    mesh = a15_grid(0.05)
+    middle = mesh.rest_vertices[mesh.tets].mean(axis=1)
+    height = (middle[:, 2] - 0.2) / 0.6
+    radius = np.where(height < 0.15, 0.18, np.where(height < 0.5, 0.09, 0.15))
+    away = np.linalg.norm(middle[:, :2] - 0.5, axis=1)
+    return extract(mesh, (away < radius) & (height > 0) & (height < 1))[0]
+
+
+MESH = pillar()
+REST = MESH.rest_vertices
+FOOT = REST[:, 2] < REST[:, 2].min() + 0.05 * np.ptp(REST[:, 2])
+FREE = np.zeros(MESH.vertex_count, bool)
+
+
+def make_solver(device, material, pinned=FOOT, **options):
+    return XpbdSolver(REST, MESH.tets, material, pinned, XpbdOptions(**options), device)
+
+
+def from_rest(positions, pinned):
+    """The farthest that a vertex is from the rest pose, after a rotation if nothing is pinned."""
+    x, rest = positions - positions.mean(axis=0), REST - REST.mean(axis=0)
+    if pinned.any():
+        x, rest = positions, REST
+    else:
+        u, _, vt = np.linalg.svd(x.T @ rest)
+        x = x @ u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+    return np.linalg.norm(x - rest, axis=1).max() / np.ptp(REST, axis=0).max()
+
+
+def start_of(name):
+    """The rest pose, spoiled; [V, 3]."""
+    center = REST.mean(axis=0)
+    if name == "random":
+        return np.random.default_rng().uniform(0.2, 0.8, REST.shape)
+    scale = {"mirrored": [-1, 1, 1], "plane": [1, 1, 0], "line": [0, 0, 1], "point": [0, 0, 0]}
+    return center + (REST - center) * scale[name]
+
+
+@pytest.mark.parametrize("pinned", [FREE, FOOT], ids=["free", "pinned"])
+@pytest.mark.parametrize("start", ["mirrored", "plane", "line", "point", "random"])
+def test_without_volume_constraints_every_start_comes_back(device, start, pinned):
+    x = make_solver(device, Material(poisson_ratio=0.25), pinned)
+    spoiled = start_of(start)
+    spoiled[pinned] = REST[pinned]
+    x.set_state(spoiled)
+    for _ in range(600):
+        x.step(DT)
+    now = x.vertices.numpy().astype(np.float64)
+    assert (signed_volumes(now, MESH.tets) > 0).all()
+    assert from_rest(now, pinned) < 0.01
+    assert x.inverted_count == 0
+
+
+def test_a_body_turned_inside_out_at_its_pins_comes_back_in_time(device):
+    x = make_solver(device, Material(young_modulus=1e9))
+    bottom = REST[:, 2].min()
+    x.set_state(np.where(FOOT[:, None], REST, REST * [1, 1, -1] + [0, 0, 2 * bottom]))
+    for _ in range(600):
+        x.step(DT)
+    assert from_rest(x.vertices.numpy().astype(np.float64), FOOT) < 0.01
+
+
+@pytest.mark.parametrize("way", [(0.5, 0, 0), (0, 0.6, 0), (0, 0, -0.6), (10, 0, 0)])
+def test_a_neck_that_a_drag_mirrored_returns_within_ten_seconds(device, way):
+    """At a Poisson's ratio of 1/4; without the rescue it would stay 25 % away."""
+    x = make_solver(device, Material(poisson_ratio=0.25))
+    head = np.flatnonzero(REST[:, 2] > REST[:, 2].max() - 0.06)
+    x.grab(head)
+    for frame in range(30):
+        x.move(REST[head] + np.array(way) * (frame + 1) / 30)
+        x.step(DT)
+    x.release()
+    for _ in range(600):
+        x.step(DT)
+    assert from_rest(x.vertices.numpy().astype(np.float64), FOOT) < 0.01
+
+
+def test_it_says_that_it_rescues_and_does_not_sleep_meanwhile(device):
+    x = make_solver(device, Material(poisson_ratio=0.25), FREE)
+    x.set_state(start_of("mirrored"))  # without volumes that is an equilibrium
+    rescued = 0
+    for _ in range(120):
+        assert not x.settled
+        x.step(DT)
+        rescued += x.rescuing
+    assert rescued == pytest.approx(DURATION / DT, abs=1)
+    for _ in range(60):
+        x.step(DT)
+    assert x.inverted_count == 0 and x.settled
+
+
+def test_only_tangled_parts_are_taken_back(device):
+    rest = np.concatenate([REST, REST + [1.0, 0.0, 0.0]])
+    tets = np.concatenate([MESH.tets, MESH.tets + len(REST)])
+    x = XpbdSolver(
+        rest, tets, Material(poisson_ratio=0.25), np.zeros(len(rest), bool), device=device
+    )
+    spoiled = rest.copy()
+    spoiled[: len(REST)] = start_of("mirrored")
+    velocities = np.zeros_like(rest)
+    velocities[len(REST) :] = [0.0, 0.5, 0.0]
+    x.set_state(spoiled, velocities)
+    for _ in range(70):
+        x.step(DT)
+    assert x.rescuing
+    moving = x.velocities.numpy()[len(REST) :]
+    np.testing.assert_allclose(moving[:, 1], 0.5 * np.exp(-x.material.damping * 70 * DT), rtol=1e-3)
+    for _ in range(60):
+        x.step(DT)
+    assert from_rest(x.vertices.numpy()[: len(REST)], FREE) < 1e-5
+
+
+def test_not_even_nan_stays(device):
+    x = make_solver(device, Material(), FREE)
+    x.set_state(REST)
+    spoiled = x.vertices.numpy().copy()
+    spoiled[7] = np.nan
+    x.vertices.assign(spoiled)
+    for _ in range(180):
+        x.step(DT)
+    assert from_rest(x.vertices.numpy().astype(np.float64), FREE) < 1e-5
+
+
+def test_without_the_option_a_mirror_image_sleeps(device):
+    x = make_solver(device, Material(poisson_ratio=0.25), FREE, rescue=False)
+    x.set_state(start_of("mirrored"))
+    for _ in range(60):
+        x.step(DT)
+    assert x.settled and not x.rescuing
+
+
+def test_who_holds_it_comes_first(device):
+    x = make_solver(device, Material(poisson_ratio=0.25), FREE)
+    mirrored = start_of("mirrored")
+    x.set_state(mirrored)
+    x.grab([0])
+    for _ in range(90):
+        x.step(DT)
+        assert not x.rescuing
+    x.release()
+    for _ in range(70):
+        x.step(DT)
+    assert x.rescuing
+    x.grab([0])
+    x.step(DT)
+    assert not x.rescuing
+    moving = np.linalg.norm(x.velocities.numpy(), axis=1)
+    assert (moving[1:] > 0).all()  # they have their masses again
+
+
+def test_it_counts_what_is_inverted(device):
+    x = make_solver(device, Material(), FREE)
+    moved = REST.copy()
+    moved[np.random.default_rng().integers(len(moved), size=5)] += 0.3
+    x.set_state(moved, velocities=np.zeros_like(moved))
+    x._feedback.end(x.vertices, count=True)
+    _, (inverted, _) = x._feedback.read()
+    expected = (signed_volumes(moved.astype(np.float32), MESH.tets) <= 0).sum()
+    assert inverted.sum() == expected > 0
