@@ -207,7 +207,7 @@ def test_it_says_that_it_rescues_and_does_not_sleep_meanwhile(device):
 
 
 def test_only_tangled_parts_are_taken_back(device):
-    rest = np.concatenate([REST, REST + [1.0, 0.0, 0.0]])
+    rest = np.concatenate([REST, REST + np.array([1.0, 0.0, 0.0])])
     tets = np.concatenate([MESH.tets, MESH.tets + len(REST)])
     x = XpbdSolver(
         rest, tets, Material(poisson_ratio=0.25), np.zeros(len(rest), bool), device=device
