@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "core.render": ["core.geometry", "core.field"],
     "core.deform": ["core.geometry"],
     "core.training": ["core.geometry", "core.field", "core.render"],
+    "core.study": ["core"],
     "core.cli": ["core"],
     "viewer": ["core"],
 }
