@@ -60,10 +60,10 @@ class EdgeConstraints:
         """α = L² / (15 μ V_e) [m/N].  [E]"""
         return self.rest_lengths**2 / (15.0 * shear_modulus * self.volumes)
 
-    def regularization(self, compliances, inverse_masses, substep):
+    def regularization(self, compliances, inverse_masses, substep, floor=COMPLIANCE_FLOOR):
         """a = max(α/h², r_min (w_i + w_j)) [1/kg].  [E]"""
         weights = inverse_masses[self.vertices].sum(axis=1)
-        return np.maximum(compliances / substep**2, COMPLIANCE_FLOOR * weights)
+        return np.maximum(compliances / substep**2, floor * weights)
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,10 @@ class VolumeConstraints:
         """α = 36 V0 / K [m⁵/N].  [T]"""
         return 6.0 * self.rest_volumes / bulk_modulus
 
-    def regularization(self, compliances, inverse_masses, substep):
+    def regularization(self, compliances, inverse_masses, substep, floor=COMPLIANCE_FLOOR):
         """a = max(α/h², r_min Σ w_i |g_i|² at rest) [m⁴/kg].  [T]"""
         weights = (inverse_masses[self.vertices] * self.rest_gradients_squared).sum(axis=1)
-        return np.maximum(compliances / substep**2, COMPLIANCE_FLOOR * weights)
+        return np.maximum(compliances / substep**2, floor * weights)
 
 
 def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
