@@ -21,7 +21,7 @@ import numpy as np
 
 PATIENCE = 1.0
 DURATION = 0.5
-COUNT_INTERVAL = 0.2
+COUNT_INTERVAL = 0.5
 TRIES = 3
 HELD = 1e6
 
