@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform.material import Material
-from deformrf.core.deform.rescue import DURATION, PATIENCE, TRIES, Rescue, goals
+from deformrf.core.deform.rescue import DURATION, FORGET, PATIENCE, TRIES, Rescue, goals
 from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import extract, signed_volumes
@@ -72,6 +72,21 @@ def test_tries_end_until_the_user_does_something():
     assert not body.rescue.may_sleep
     body.run(PATIENCE + 3 * DT)
     assert body.rescue.parts is not None
+
+
+def test_a_body_that_its_weight_tangles_is_not_taken_back_for_ever():
+    body = Body(3)
+    for _ in range(2 * TRIES):  # it is untangled by the rescue, and gives way again
+        body.counts[:] = 3
+        while body.rescue.parts is None and len(body.progress) < 3000:
+            body.run(DT)
+        body.counts[:] = 0
+        body.run(DURATION + 1.0)
+    assert body.progress.count(1.0) == TRIES
+    body.run(FORGET)
+    body.counts[:] = 3
+    body.run(PATIENCE + DURATION + 1.0)
+    assert body.progress.count(1.0) == TRIES + 1
 
 
 def turned(vertices):

@@ -6,8 +6,8 @@ stiffness.  Softening all constraints alike frees many but not all of them.  Wha
 works is to go around the constraints: a part in which something stays tangled for
 PATIENCE while nothing is grabbed moves straight, within DURATION, to its rest shape where
 it is and as it is turned, and is let go there at rest.  What pins hold elsewhere then pulls
-on an untangled body.  If that tangles it again TRIES times, it is left alone until the
-user does something.
+on an untangled body.  If that, or its weight, tangles it TRIES times within FORGET of each
+other, it is left alone until the user does something.
 
     goal_i = R (X_i − X̄) + x̄,   R the proper rotation that minimizes Σ m_i |goal_i − x_i|²
 
@@ -23,6 +23,7 @@ PATIENCE = 1.0
 DURATION = 0.5
 COUNT_INTERVAL = 0.5
 TRIES = 3
+FORGET = 10.0
 HELD = 1e6
 
 
@@ -42,7 +43,7 @@ class Rescue:
     def touch(self):
         """The user did something: what was found out before doesn't hold any more."""
         self.counts = self.parts = None
-        self._tangled_for = 0.0
+        self._tangled_for = self._sound_for = 0.0
         self._since_count = COUNT_INTERVAL
         self._tries = 0
         self._time = self.progress = 0.0
@@ -50,9 +51,10 @@ class Rescue:
     def report(self, counts):
         """Take the number of tangles of each part.  [P]"""
         self.counts = counts
-        if not counts.any():
+        if counts.any():
+            self._sound_for = 0.0
+        else:
             self._tangled_for = 0.0
-            self._tries = 0
 
     @property
     def may_sleep(self) -> bool:
@@ -63,6 +65,9 @@ class Rescue:
 
     def advance(self, dt: float) -> bool:
         """A frame of dt begins, and nothing is grabbed; whether to count after it."""
+        self._sound_for += dt
+        if self._sound_for >= FORGET:
+            self._tries = 0
         if self.parts is not None and self.progress == 1.0:
             self.parts = None
             self._tangled_for = 0.0
