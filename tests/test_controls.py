@@ -78,6 +78,44 @@ def test_pins_do_not_move_with_a_drag(controls, scene):
     assert scene.displacements()[~scene.pins].max() > 0.05
 
 
+def front_pin(controls):
+    """The pin nearest to the camera."""
+    scene = controls.scene
+    _, t = picking.project(controls.camera, scene.positions[scene.pin_ids])
+    return int(scene.pin_ids[t.argmin()])
+
+
+def test_a_click_on_a_pin_frees_it_and_a_drag_from_there_orbits(controls, scene, events):
+    scene.set_pin(int(scene.control_ids[0]), True)  # one is above the others
+    for pin in (int(scene.pin_ids[0]), front_pin(controls)):
+        at, before = pixel_of(controls, pin), scene.orbit
+        controls.press(at, "left")
+        if controls.mode == "grab":  # a control vertex lies in front of it
+            controls.release("left")
+            continue
+        controls.drag(at + np.array([20.0, 0.0]), 20, 0)
+        controls.release("left")
+        assert scene.orbit.yaw != before.yaw
+        scene.orbit = before
+        count = scene.solver.pinned.sum()
+        controls.press(at, "left")
+        controls.drag(at + np.array([1.0, 1.0]), 1, 1)  # a hand isn't that steady
+        controls.release("left")
+        assert scene.orbit is before
+        assert scene.solver.pinned.sum() == count - 1
+    assert "free" in [name for name, _ in events]
+
+
+def test_shift_and_a_click_pin_a_vertex(controls, scene, events):
+    vertex = front_vertex(controls)
+    controls.press(pixel_of(controls, vertex), "left", shift=True)
+    controls.drag(pixel_of(controls, vertex) + np.array([30.0, 0.0]), 30, 0)
+    controls.release("left")
+    assert scene.solver.pinned[vertex] and scene.grabbed is None
+    assert [name for name, _ in events] == ["pin"]
+    assert controls.pick(pixel_of(controls, vertex)) != vertex
+
+
 def test_beside_a_vertex_the_left_button_orbits(controls, scene):
     before = scene.orbit
     controls.press((5, 5), "left")

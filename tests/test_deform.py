@@ -22,9 +22,16 @@ class Panel:
         self.scene = SimpleNamespace(
             material=Material(),
             set_material=self.set_material,
-            settings=SimpleNamespace(grab_radius=0.1),
-            solver=SimpleNamespace(options=SimpleNamespace(substep_count=20)),
-            stiffness_ratio=1.0,
+            settings=SimpleNamespace(grab_radius=0.1, soft_grab=False),
+            solver=SimpleNamespace(
+                options=SimpleNamespace(substep_count=20), rescuing=False, inverted_count=0
+            ),
+            stiffness=(1.0, 5e5),
+            gravity=0.0,
+            on_ground=False,
+            set_gravity=self.called("gravity"),
+            set_ground=self.called("ground"),
+            hold=self.called("hold"),
             paused=False,
             moving=False,
             held=True,
@@ -32,8 +39,18 @@ class Panel:
             hover=None,
         )
         self.gui = Gui(window)
+        self.boxes, self.calls, self.dim = {}, [], []
         monkeypatch.setattr(imgui, "combo", self.combo)
+        monkeypatch.setattr(imgui, "checkbox", self.checkbox)
         monkeypatch.setattr(imgui, "text", self.texts.append)
+        monkeypatch.setattr(imgui, "text_disabled", self.dim.append)
+
+    def called(self, name):
+        return lambda value: self.calls.append((name, value))
+
+    def checkbox(self, label, value):
+        """`boxes` says which ones are clicked on in this frame."""
+        return (True, not value) if self.boxes.pop(label, False) else (False, value)
 
     def set_material(self, **values):
         self.scene.material = Material(**values)
@@ -83,12 +100,44 @@ def test_a_material_that_was_changed_is_custom_and_choosing_that_changes_nothing
 
 
 def test_it_is_said_when_the_solver_softens_the_material(panel):
-    panel.scene.stiffness_ratio = 1.01 * COMPLIANCE_FLOOR
+    panel.scene.stiffness = 1.01 * COMPLIANCE_FLOOR, 2e5
     panel.frame()
     assert panel.texts == []
-    panel.scene.stiffness_ratio = 0.99 * COMPLIANCE_FLOOR
+    panel.scene.stiffness = 0.99 * COMPLIANCE_FLOOR, 1.5e5
     panel.frame()
     assert panel.texts == ["softened: take more substeps"]
+    assert "r = 0.099, holds 150 kPa" in panel.dim
+
+
+def test_it_is_said_which_poisson_ratio_is_held(panel):
+    with pytest.warns(UserWarning, match="is held instead"):
+        panel.scene.material = Material(poisson_ratio=0.1)
+    panel.frame()
+    assert panel.texts == ["0.25 is held: springs can't follow a lower ratio"]
+
+
+def test_a_rescue_and_its_failure_are_said(panel):
+    solver = panel.scene.solver
+    solver.rescuing, solver.inverted_count, panel.scene.moving = True, 7, True
+    panel.frame()
+    assert "rescuing ..." in panel.dim
+    solver.rescuing, panel.scene.moving = False, False
+    panel.frame()
+    assert "tangled: take Reset" in panel.dim
+
+
+def test_boxes_switch_what_surrounds_the_object(panel):
+    from deformrf.viewer.scene import EARTH
+
+    for label, call in (("gravity", EARTH), ("ground", True), ("held", False)):
+        panel.boxes[label] = True
+        panel.frame()
+        assert panel.calls.pop() == ({"held": "hold"}.get(label, label), call)
+    panel.scene.gravity = 5.0
+    panel.boxes = {"gravity": True, "soft grab": True}
+    panel.frame()
+    assert panel.calls == [("gravity", 0.0)]
+    assert panel.scene.settings.soft_grab
 
 
 def test_the_limit_is_the_solvers_own():

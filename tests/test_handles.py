@@ -2,7 +2,12 @@
 
 import numpy as np
 
-from deformrf.core.deform.handles import control_vertices, lowest_pins, vertices_within
+from deformrf.core.deform.handles import (
+    control_vertices,
+    falloff,
+    lowest_pins,
+    vertices_within,
+)
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import extract
 
@@ -76,3 +81,11 @@ def test_a_region_holds_its_center_and_nothing_beyond_the_radius():
     assert vertices_within(vertices, 0, 0.0).tolist() == [0]
     assert vertices_within(vertices, 0, 0.1).tolist() == [0, 1]
     assert vertices_within(vertices, 1, 0.2).tolist() == [0, 1, 2]
+
+
+def test_a_pull_falls_off_smoothly():
+    vertices = np.zeros((6, 3))
+    vertices[:, 0] = [0.0, 0.05, 0.1, 0.15, 0.2, 0.0]
+    pull = falloff(vertices, 0, np.arange(6), 0.2)
+    np.testing.assert_allclose(pull, [1, 0.9375**2, 0.75**2, 0.4375**2, 0, 1])
+    assert falloff(vertices, 0, np.array([0]), 0.0).tolist() == [1.0]

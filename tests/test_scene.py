@@ -1,5 +1,6 @@
 """Time, the grab, and the user's choices, without OpenGL."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -129,9 +130,92 @@ def test_pins_can_be_let_go_and_set_again(scene):
     assert (scene.solver.pinned == scene.pins).all()
 
 
+def test_one_pin_can_be_freed_and_one_vertex_pinned_where_it_is(scene):
+    pin, vertex = int(scene.pin_ids[0]), grab_free(scene)
+    scene.drag_to(scene.positions[vertex] + np.float32(0.05))
+    scene.advance(STEP)
+    bent = scene.positions[vertex].copy()
+    scene.release()
+    scene.set_pin(vertex, True)
+    scene.set_pin(pin, False)
+    assert vertex in scene.pin_ids and vertex not in scene.control_ids
+    assert pin not in scene.pin_ids
+    for _ in range(30):
+        scene.advance(STEP)
+    assert (scene.positions[vertex] == bent).all()
+    scene.hold(True)
+    assert scene.solver.pinned[[pin, vertex]].all()  # what the user pinned stays
+    scene.hold(False)
+    assert not scene.held
+
+
+def test_gravity_and_ground_come_and_go(scene):
+    scene.hold(False)
+    scene.set_gravity(10.0)
+    scene.set_ground(True)
+    assert scene.gravity == 10.0 and scene.on_ground
+    for _ in range(60):
+        scene.advance(STEP)
+    lowest = scene.field.mesh.rest_vertices[:, 2].min()
+    assert scene.positions[:, 2].min() == pytest.approx(lowest, abs=1e-3)
+    scene.set_ground(False)
+    for _ in range(60):
+        scene.advance(STEP)
+    assert scene.positions[:, 2].max() < lowest
+    scene.set_gravity(0.0)
+    scene.reset()
+    assert not scene.moving
+
+
+def test_a_soft_drag_is_followed_but_not_exactly_and_weaker_towards_the_radius(scene):
+    scene.settings.soft_grab, scene.settings.grab_radius = True, 0.3
+    vertex = grab_free(scene)
+    rest = scene.positions.copy()
+    way = np.array([0.1, 0.0, 0.0], np.float32)
+    scene.drag_to(rest[vertex] + way)
+    for _ in range(120):
+        scene.advance(STEP)
+    moved = scene.positions - rest
+    assert 0.9 < moved[vertex, 0] / way[0] < 1.01
+    away = np.linalg.norm(rest[scene.grabbed.ids] - rest[vertex], axis=1)
+    followed = moved[scene.grabbed.ids, 0] / way[0]
+    assert followed[away > 0.2 * scene.size].mean() < followed[away < 0.1 * scene.size].mean()
+    scene.release()
+    for _ in range(300):
+        scene.advance(STEP)
+    assert scene.displacements().max() < 0.01
+
+
+def test_a_soft_drag_of_one_vertex_to_far_away_tears_nothing(scene):
+    scene.settings.soft_grab, scene.settings.grab_radius = True, 0.0
+    vertex = grab_free(scene)
+    assert scene.grabbed.ids.tolist() == [vertex]
+    scene.drag_to(scene.positions[vertex] + np.float32(100.0))
+    for _ in range(60):
+        scene.advance(STEP)
+    assert scene.displacements().max() < 3.0
+
+
 def test_no_control_vertex_is_a_pin(scene):
     assert not scene.pins[scene.control_ids].any()
     assert len(scene.control_ids) > 20
+
+
+def test_a_ratio_that_is_not_held_is_no_warning_here(scene):
+    """The panel says it, and a slider would say it a hundred times."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene.set_material(poisson_ratio=0.1)
+    assert scene.material.held_poisson_ratio == 0.25
+
+
+def test_what_is_held_follows_material_and_substeps(scene):
+    ratio, modulus = scene.stiffness
+    assert (ratio, modulus) == (scene.solver.stiffness_ratio(), scene.solver.held_young_modulus())
+    scene.set_substeps(40)
+    assert scene.stiffness[0] == pytest.approx(4.0 * ratio)
+    scene.set_material(young_modulus=1e9)
+    assert scene.stiffness[1] < 0.5e9
 
 
 def test_the_material_changes_one_value_at_a_time(scene):

@@ -13,6 +13,7 @@ from . import orbit as orbits
 from . import picking
 
 ZOOM_PER_NOTCH = 0.88
+CLICK_SLACK = 3.0  # logical pixels that the mouse may move during a click
 PICK_SLACK = 5.0  # logical pixels around a sphere that still count as on it
 
 
@@ -37,6 +38,8 @@ class Input:
 INPUTS = (
     Input("left drag on a red vertex", "bend the object"),
     Input("left drag elsewhere", "orbit"),
+    Input("click on a gray pin", "free it"),
+    Input("Shift+click on a red vertex", "pin it where it is"),
     Input("middle or right drag", "pan"),
     Input("wheel", "zoom to the mouse"),
     Input("F", "focus: the object, or the vertex under the mouse", "F", "focus"),
@@ -86,7 +89,7 @@ class Controls:
         self._log = log
         self._button = ""
         self._miss = np.zeros(2)  # from the grabbed vertex's centre to where it was pressed
-        self._origin = None  # where the grabbed vertex was
+        self._pin = None  # that a click would free, and where it was pressed
 
     @property
     def camera(self):
@@ -94,19 +97,24 @@ class Controls:
 
     def shown(self):
         """Which control vertices are in sight.  [C] bool"""
-        scene = self.scene
-        points = scene.positions[scene.control_ids]
-        if not scene.settings.show_handles:
-            return np.zeros(len(points), bool)
-        return picking.visible(self.camera, points, self._depth_image(), scene.handle_bias)
+        return self._in_sight(self.scene.control_ids)
 
     def pick(self, pixel) -> int | None:
         """The control vertex under a pixel."""
+        return self._pick_of(self.scene.control_ids, pixel)
+
+    def _pick_of(self, ids, pixel):
+        scene, slack = self.scene, PICK_SLACK * self.ratio
+        points, shown = scene.positions[ids], self._in_sight(ids)
+        index = picking.pick(self.camera, pixel, points, scene.handle_radius, shown, slack)
+        return None if index is None else int(ids[index])
+
+    def _in_sight(self, ids):
         scene = self.scene
-        points = scene.positions[scene.control_ids]
-        slack = PICK_SLACK * self.ratio
-        index = picking.pick(self.camera, pixel, points, scene.handle_radius, self.shown(), slack)
-        return None if index is None else int(scene.control_ids[index])
+        if not scene.settings.show_handles:
+            return np.zeros(len(ids), bool)
+        points = scene.positions[ids]
+        return picking.visible(self.camera, points, self._depth_image(), scene.handle_bias)
 
     # -- mouse ---------------------------------------------------------------------------
 
@@ -114,18 +122,26 @@ class Controls:
         if not self.mode:
             self.scene.hover = self.pick(pixel)
 
-    def press(self, pixel, button: str) -> None:
+    def press(self, pixel, button: str, shift: bool = False) -> None:
         if self.mode:  # a second button does not interrupt what the first one does
             return
         self._button = button
         vertex = self.pick(pixel) if button == "left" else None
-        if vertex is not None:
+        if vertex is not None and shift:
+            self._set_pin(vertex, True)
+        elif vertex is not None:
             self._grab(vertex, pixel)
         else:
             self.mode = "orbit" if button == "left" else "pan"
+            pin = self._pick_of(self.scene.pin_ids, pixel) if button == "left" else None
+            self._pin = None if pin is None else (pin, np.asarray(pixel, float))
 
     def drag(self, pixel, dx: float, dy: float) -> None:
         scene, height = self.scene, self.size[1]
+        if self._pin is not None:
+            if np.linalg.norm(pixel - self._pin[1]) <= CLICK_SLACK * self.ratio:
+                return
+            self._pin = None
         if self.mode == "grab":
             if scene.grabbed is not None:  # a reset lets go while the button is still down
                 at = np.asarray(pixel, float) - self._miss
@@ -143,10 +159,12 @@ class Controls:
                 vertex = self.scene.grabbed.vertex
                 self.scene.release()
                 self._log("release", vertex=vertex, position=self.scene.positions[vertex])
+        elif self._pin is not None:
+            self._set_pin(self._pin[0], False)
         elif self.mode:
             orbit = self.scene.orbit
             self._log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
-        self.mode = self._button = ""
+        self.mode, self._button, self._pin = "", "", None
 
     def scroll(self, pixel, notches: float) -> None:
         scene = self.scene
@@ -164,6 +182,10 @@ class Controls:
             self.scene.cancel_grab()
             self._log("cancel", vertex=vertex)
         self.mode = self._button = ""
+
+    def _set_pin(self, vertex, pinned):
+        self.scene.set_pin(vertex, pinned)
+        self._log("pin" if pinned else "free", vertex=vertex)
 
     # -- helpers -------------------------------------------------------------------------
 

@@ -38,7 +38,8 @@ class Handlers:
 
     def on_mouse_press(self, x, y, button, modifiers):
         if self._ready() and button in BUTTONS:
-            self._app.controls.press(self._pixel(x, y), BUTTONS[button])
+            shift = bool(modifiers & key.MOD_SHIFT)
+            self._app.controls.press(self._pixel(x, y), BUTTONS[button], shift)
 
     def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
         if self._ready():

@@ -4,11 +4,12 @@ Time: the solver always steps by 1/60 s (another length would cost it its coeffi
 a frame takes as many steps as fit in it.  Positions are model space, V vertices.
 """
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 
-from ..core.deform.handles import control_vertices, lowest_pins, vertices_within
+from ..core.deform.handles import control_vertices, falloff, lowest_pins, vertices_within
 from ..core.deform.material import Material
 from ..core.deform.xpbd import XpbdOptions, XpbdSolver
 from . import orbit as orbits
@@ -22,6 +23,15 @@ CONTROL_COUNT = 40
 PINNED_PART = 0.05  # of the object's height
 MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
 DEPTH_PART = 0.75  # of its size, that the object may reach from its center towards the eye
+EARTH = 9.81  # m/s²
+# A patch of radius R of an elastic body resists a pull like a spring of at most 2 E R, that
+# is 0.8 E times the size for the largest grab radius of the panel, and bends far more easily.
+# Springs that add up to 4 E times the size are therefore followed closely.  They pull no
+# harder than the patch would at an eighth of the size: with more, thin parts are torn long.
+# E is the one that the substeps hold.
+SOFT_STIFFNESS = 4.0  # of all springs of a drag together, in E times the object's size
+SOFT_FORCE = 0.25  # of all of them, in E R times the object's size
+LEAST_PULL = 1e-3  # of the core's; what gets less isn't grabbed
 FIRST_VIEW = orbits.Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
 
 
@@ -49,20 +59,23 @@ class Scene:
         # [V] bool, also while they hold nothing; specks below the object would hold only themselves
         self.pins = lowest_pins(rest, field.mesh.tets)
         self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
-        self.solver = self._make_solver(self.pins, XpbdOptions())
+        mesh = field.mesh
+        self.solver = XpbdSolver(
+            mesh.rest_vertices, mesh.tets, self.material, self.pins, XpbdOptions(), device
+        )
         self._surface = surface
         self._nearest = nearest_vertices(surface, rest)  # [N], the vertex that a point goes with
         near = np.unique(self._nearest)
         controls = control_vertices(rest, near, CONTROL_COUNT)
-        self.control_ids = controls[~self.pins[controls]]
-        self._pins_in_sight = near[self.pins[near]]
+        self._controls = controls[~self.pins[controls]]
+        self._near = near
         self.hover: int | None = None  # a vertex id
         self.grabbed: Grab | None = None
         self.paused = False
         self.revision = 0  # counts the changes of the pose
         self._time = 0.0  # s that frames have lasted and no step has covered
         self._host = None  # the revision, and its positions
-        self._ratio = None  # material and solver, and their ratio
+        self._stiffness = None  # material and options, and what is held of them
         self.home()
 
     # -- pose ----------------------------------------------------------------------------
@@ -133,12 +146,22 @@ class Scene:
         ids = ids[~self.solver.pinned[ids]]
         start = self.positions[vertex].astype(float)
         before = self.positions, self.solver.velocities.numpy().copy()
+        if self.settings.soft_grab:
+            pull = falloff(self.field.mesh.rest_vertices, vertex, ids, radius)
+            ids, pull = ids[pull >= LEAST_PULL], pull[pull >= LEAST_PULL]
+            share = self.stiffness[1] * self.solver.object_size * pull / pull.sum()
+            radius = max(radius, self.solver.edges.rest_lengths.mean())
+            self.solver.grab(ids, SOFT_STIFFNESS * share, SOFT_FORCE * radius * share)
+        else:
+            self.solver.grab(ids)
         offsets = self.positions[ids] - start
         self.grabbed = Grab(vertex, ids, offsets, start, start, before)
-        self.solver.grab(ids)
 
     def drag_to(self, target) -> None:
-        """Send the grabbed vertex to a point [3]; it is there after the next frame."""
+        """Send the grabbed vertex to a point [3].
+
+        It is there after the next frame, or, in a soft grab, on its way.
+        """
         self.grabbed.target = np.asarray(target, float)
 
     def release(self) -> None:
@@ -167,39 +190,67 @@ class Scene:
     @property
     def pin_ids(self):
         """The pins that are worth drawing: those by the surface."""
-        return self._pins_in_sight[self.solver.pinned[self._pins_in_sight]]
+        return self._near[self.solver.pinned[self._near]]
+
+    @property
+    def control_ids(self):
+        """The vertices that can be dragged."""
+        return self._controls[~self.solver.pinned[self._controls]]
 
     def hold(self, held: bool) -> None:
-        """Pin the lowest part of the object where it is, or let it float."""
-        self.solver.set_pinned(self.pins & held)
+        """Pin the lowest part of the object where it is, or let all of it float."""
+        self.solver.set_pinned((self.pins | self.solver.pinned) & held)
+
+    def set_pin(self, vertex: int, pinned: bool) -> None:
+        """Pin a vertex where it is, or free it."""
+        pins = self.solver.pinned.copy()
+        pins[vertex] = pinned
+        self.solver.set_pinned(pins)
+        self.hover = None
 
     def set_material(self, **changes) -> None:
         """Change some attributes of the material."""
-        self.material = replace(self.material, **changes)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the panel says what is held
+            self.material = replace(self.material, **changes)
         self.solver.set_material(self.material)
 
     @property
-    def stiffness_ratio(self) -> float:
-        """The solver's r = α/(w h²): below 1 the substeps limit how stiff the object is."""
-        key = id(self.solver), self.material
-        if self._ratio is None or self._ratio[0] != key:
-            self._ratio = key, self.solver.stiffness_ratio()
-        return self._ratio[1]
+    def stiffness(self) -> tuple[float, float]:
+        """What the substeps hold: the median r = α/(w h²), and Young's modulus [Pa]."""
+        key = self.solver.options, self.material
+        if self._stiffness is None or self._stiffness[0] != key:
+            solver = self.solver
+            self._stiffness = key, (solver.stiffness_ratio(), solver.held_young_modulus())
+        return self._stiffness[1]
 
     def set_substeps(self, count: int) -> None:
-        """Solve with that many substeps; the pose, its motion and a drag stay."""
-        old = self.solver
-        self.solver = self._make_solver(old.pinned, replace(old.options, substep_count=int(count)))
-        self.solver.set_state(old.vertices.numpy(), old.velocities.numpy())
-        if self.grabbed is not None:
-            self.solver.grab(self.grabbed.ids)
-        self.revision += 1
+        """Solve with that many substeps per 1/60 s."""
+        self._set_options(substep_count=int(count))
 
-    def _make_solver(self, pinned, options):
-        mesh = self.field.mesh
-        return XpbdSolver(
-            mesh.rest_vertices, mesh.tets, self.material, pinned, options, self.device
-        )
+    # -- what surrounds it ---------------------------------------------------------------
+
+    @property
+    def gravity(self) -> float:
+        """Downwards [m/s²]."""
+        return -self.solver.options.gravity[2]
+
+    def set_gravity(self, strength: float) -> None:
+        """Let things fall [m/s²], or float at 0."""
+        self._set_options(gravity=(0.0, 0.0, -strength))
+
+    @property
+    def on_ground(self) -> bool:
+        """Whether there is a ground."""
+        return self.solver.options.ground is not None
+
+    def set_ground(self, on: bool) -> None:
+        """Put a ground under the object at rest, or take it away."""
+        lowest = float(self.field.mesh.rest_vertices[:, 2].min())
+        self._set_options(ground=lowest if on else None)
+
+    def _set_options(self, **changes):
+        self.solver.set_options(replace(self.solver.options, **changes))
 
     # -- camera --------------------------------------------------------------------------
 

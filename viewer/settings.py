@@ -13,6 +13,8 @@ class Settings:
 
     Attributes:
         grab_radius: What a drag takes along, in object sizes.
+        soft_grab: A drag pulls with springs, weaker towards the radius; otherwise what it
+            takes along moves exactly, as one body.
         mode: What the picture shows, one of core/render/modes.MODES.
         checkerboard: Shown behind the object instead of `background`.
         automatic_resolution: While things move, follow `target_fps`; otherwise
@@ -26,6 +28,7 @@ class Settings:
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
     checkerboard: bool = False
     grab_radius: float = 0.08
+    soft_grab: bool = False
     automatic_resolution: bool = True
     fixed_resolution: float = 1.0
     target_fps: float = TARGET_FPS
@@ -42,7 +45,7 @@ class Settings:
 
 @dataclass
 class Grab:
-    """A drag in progress: `vertex` and those around it move as one body.
+    """A drag in progress: `vertex` and those around it are moved, or pulled, as one body.
 
     Attributes:
         ids: Vertices that move along, `vertex` among them.  [K]

@@ -71,3 +71,16 @@ def vertices_within(rest_vertices, vertex, radius):
     """The vertices no farther than a radius from one vertex, itself included, at rest.  [K]"""
     squared = ((rest_vertices - rest_vertices[vertex]) ** 2).sum(axis=1)
     return np.flatnonzero(squared <= radius * radius)
+
+
+def falloff(rest_vertices, vertex, ids, radius):
+    """How much of a pull at one vertex each of these gets: (1 − (d/radius)²)².  [K]
+
+    It is 1 at the vertex, and goes to 0 at the radius without a kink, which would be seen.
+
+    Args:
+        ids: No farther from it than the radius, at rest.  [K]
+        radius: At 0, only the vertex itself gets something.
+    """
+    squared = ((rest_vertices[ids] - rest_vertices[vertex]) ** 2).sum(axis=1)
+    return (1.0 - np.minimum(squared / max(radius * radius, 1e-30), 1.0)) ** 2

@@ -67,10 +67,12 @@ class Launches:
             ]
 
         edges = self._edges
-        dim = len(edges.in_use)
-        launches = [record(constraints.edge_spans_kernel, dim, x, *edges.arrays[:2])]
+        launches = []
+        if len(edges.in_use):  # CUDA refuses to launch no threads
+            dim = len(edges.in_use)
+            launches.append(record(constraints.edge_spans_kernel, dim, x, *edges.arrays[:2]))
         project = by_color(constraints.project_edges_kernel, edges)
-        if volumes:
+        if volumes and len(self._volumes.in_use):
             dim = (len(self._volumes.in_use), 3)
             inputs = x, *self._volumes.arrays[:2]
             launches.append(record(constraints.tet_spans_kernel, dim, *inputs))

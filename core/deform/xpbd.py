@@ -259,8 +259,8 @@ class XpbdSolver:
         """The E that a load meets with these substeps [Pa]: E r / (max(r, r_min) + c).
 
         One projection a substep acts like a compliance of α + c w h².  Columns of A15 under
-        loads from two sides have c = 0.30 at ν = 1/4, 0.36 at 0.35 and 0.56 at 0.45, each
-        ± 0.06 for r from 0.005 to 50 (measured).
+        loads from two sides have c = 0.3 at ν = 1/4, 0.35 at 0.35 and 0.55 at 0.45, each
+        ± 0.1 for r from 0.05 to 50 (measured).
         """
         material, r = self.material, self.stiffness_ratio()
         c = 0.3 + 0.1 * math.log1p(material.bulk_modulus / material.shear_modulus)

@@ -3,14 +3,16 @@
 from imgui_bundle import imgui
 
 from ...core.deform.constraints import COMPLIANCE_FLOOR
-from ...core.deform.material import PRESETS
+from ...core.deform.material import LOWEST_POISSON_RATIO, PRESETS
 from ..controls import label_of
+from ..scene import EARTH
 
 SOFTEST, STIFFEST = 1e3, 1e9  # Pa
-POISSON_RANGE = 0.25, 0.49
+POISSON_RANGE = 0.0, 0.49
 HIGHEST_DAMPING = 20.0  # 1/s
 HIGHEST_GRAB_RADIUS = 0.4  # object sizes
 MOST_SUBSTEPS = 60
+STRONGEST_GRAVITY = 3.0 * EARTH
 CUSTOM = "custom"  # the name of a material that is none of PRESETS
 
 
@@ -18,15 +20,25 @@ def deform_panel(scene, actions, status):
     _time_buttons(scene, actions)
     _material_choice(scene)
     _material_sliders(scene)
-    settings = scene.settings
+    _grab_choice(scene.settings)
+    _solver_options(scene)
+    _surroundings(scene)
+    imgui.text_disabled(vertex_line(scene))
+    imgui.set_item_tooltip("the id that --drag takes")
+
+
+def _grab_choice(settings):
     changed, radius = imgui.slider_float(
         "grab radius", settings.grab_radius, 0.0, HIGHEST_GRAB_RADIUS, "%.2f of the size"
     )
     if changed:
         settings.grab_radius = radius
-    _solver_options(scene)
-    imgui.text_disabled(vertex_line(scene))
-    imgui.set_item_tooltip("the id that --drag takes")
+    changed, soft = imgui.checkbox("soft grab", settings.soft_grab)
+    imgui.set_item_tooltip(
+        "pull with springs, weaker towards the radius, instead of moving exactly"
+    )
+    if changed:
+        settings.soft_grab = soft
 
 
 def vertex_line(scene) -> str:
@@ -49,7 +61,16 @@ def _time_buttons(scene, actions):
         actions.reset()
     imgui.set_item_tooltip(f"back to the rest pose ({label_of('reset')})")
     imgui.same_line()
-    imgui.text_disabled("paused" if scene.paused else "moving" if scene.moving else "at rest")
+    imgui.text_disabled(state_line(scene))
+
+
+def state_line(scene) -> str:
+    """What time does to the object."""
+    if scene.solver.rescuing:
+        return "rescuing ..."
+    if scene.solver.inverted_count and not scene.moving:
+        return "tangled: take Reset"
+    return "paused" if scene.paused else "moving" if scene.moving else "at rest"
 
 
 def _material_choice(scene):
@@ -82,6 +103,8 @@ def _material_sliders(scene):
     )
     if changed:
         scene.set_material(poisson_ratio=ratio)
+    if material.poisson_ratio < LOWEST_POISSON_RATIO:
+        imgui.text(f"{LOWEST_POISSON_RATIO} is held: springs can't follow a lower ratio")
     changed, damping = imgui.slider_float(
         "damping", material.damping, 0.0, HIGHEST_DAMPING, "%.1f per s"
     )
@@ -95,18 +118,36 @@ def _solver_options(scene):
     )
     if changed:
         scene.set_substeps(count)
-    changed, held = imgui.checkbox("held by its lowest part", scene.held)
-    if changed:
-        scene.hold(held)
-    ratio = scene.stiffness_ratio
-    imgui.same_line()
-    imgui.text_disabled(f"r = {ratio:.2g}")
+    ratio, modulus = scene.stiffness
+    imgui.text_disabled(f"r = {ratio:.2g}, holds {si(modulus)}Pa")
     imgui.set_item_tooltip(
         "compliance against inertia in a substep: below 1 more substeps make it stiffer,\n"
         f"below {COMPLIANCE_FLOOR} it is softer than asked for"
     )
     if ratio < COMPLIANCE_FLOOR:
         imgui.text("softened: take more substeps")
+
+
+def _surroundings(scene):
+    changed, held = imgui.checkbox("held", scene.held)
+    imgui.set_item_tooltip("by its lowest part; off lets all pins go")
+    if changed:
+        scene.hold(held)
+    imgui.same_line()
+    changed, on = imgui.checkbox("ground", scene.on_ground)
+    imgui.set_item_tooltip("under the object at rest")
+    if changed:
+        scene.set_ground(on)
+    imgui.same_line()
+    changed, on = imgui.checkbox("gravity", scene.gravity > 0.0)
+    if changed:
+        scene.set_gravity(EARTH if on else 0.0)
+    elif on:
+        changed, strength = imgui.slider_float(
+            "strength", scene.gravity, 0.1, STRONGEST_GRAVITY, "%.1f m/s²"
+        )
+        if changed:
+            scene.set_gravity(strength)
 
 
 def si(value: float) -> str:
