@@ -89,9 +89,9 @@ def _directions(rng, count):
 def with_broken_tets(rest, tets, rng):
     """A mesh with tets that are inside out or have no volume at rest.
 
-    Every 20th tet is listed inside out.  One vertex lies on a neighbour, and one is pushed
-    through the far side of its tets.  One vertex more belongs to a flat tet alone, so that
-    it has no mass, and one tet names two corners twice.
+    Every 20th tet is listed inside out.  Of two inner vertices, one lies on a neighbour and
+    one is pushed past a neighbour.  One vertex more belongs to a flat tet alone, so that it
+    has no mass, and one tet names two corners twice.
 
     Returns:
         Rest vertices [V + 1, 3] and tets [T + 2, 4].
@@ -99,12 +99,10 @@ def with_broken_tets(rest, tets, rng):
     rest, tets = np.array(rest), np.array(tets)
     outside, _ = boundary_faces(tets, tet_neighbours(tets))
     inner = np.setdiff1d(tets, outside)
-    inner_tets = tets[np.isin(tets, inner).any(axis=1)]
-    around, beside = inner_tets[rng.choice(len(inner_tets), 2, replace=False)]
-    for corners, share in ((around, 1.0), (beside, 2.0)):
-        corners = np.append(corners[np.isin(corners, inner)], corners)
-        first, second = corners[0], corners[corners != corners[0]][0]
-        rest[first] += share * (rest[second] - rest[first])
+    one, two = rng.choice(inner, 2, replace=False)
+    for vertex, other, share in ((one, two, 1.5), (two, one, 1.0)):
+        around = np.setdiff1d(tets[(tets == vertex).any(axis=1)], [vertex, other])
+        rest[vertex] += share * (rest[rng.choice(around)] - rest[vertex])
     tets[::20] = tets[::20][:, [0, 1, 3, 2]]
     face = outside[rng.integers(len(outside))]
     added = [[*face, len(rest)], tets[0][[0, 0, 1, 1]]]
