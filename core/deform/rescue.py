@@ -43,6 +43,7 @@ class Rescue:
     def touch(self):
         """The user did something: what was found out before doesn't hold any more."""
         self.counts = self.parts = None
+        self._is_news = False
         self._tangled_for = self._sound_for = 0.0
         self._since_count = COUNT_INTERVAL
         self._tries = 0
@@ -51,6 +52,7 @@ class Rescue:
     def report(self, counts):
         """Take the number of tangles of each part.  [P]"""
         self.counts = counts
+        self._is_news = True
         if counts.any():
             self._sound_for = 0.0
         else:
@@ -72,11 +74,13 @@ class Rescue:
             self.parts = None
             self._tangled_for = 0.0
         elif self.counts is not None and self.parts is None and self.counts.any():
-            if self._tangled_for >= PATIENCE and self._tries < TRIES:
+            # Only on fresh news: much can come right between two counts.
+            if self._is_news and self._tangled_for >= PATIENCE - 1e-6 and self._tries < TRIES:
                 self._tries += 1
                 self.parts = self.counts > 0
                 self._time = 0.0
             self._tangled_for += dt
+        self._is_news = False
         if self.parts is not None:
             self._time += dt
             along = min(self._time / DURATION + 1e-6, 1.0)  # frames add up to it but for rounding
@@ -84,7 +88,7 @@ class Rescue:
             self._since_count = COUNT_INTERVAL  # as soon as it is over
             return self.progress == 1.0
         self._since_count += dt
-        due = self._since_count >= COUNT_INTERVAL
+        due = self._since_count >= COUNT_INTERVAL - 1e-6
         if due:
             self._since_count = 0.0
         return due
