@@ -7,7 +7,6 @@ import pytest
 
 from deformrf.core.deform import constraints, integration, reference
 from deformrf.core.deform.material import Material
-from deformrf.core.deform.rescue import RATIOS
 from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import extract
@@ -28,8 +27,8 @@ FOOT = MESH.rest_vertices[:, 2] < 0.26
 HEAD = np.flatnonzero(MESH.rest_vertices[:, 2] > 0.7)
 
 
-def frame_of(options, material, floor=None, springs=None, targets=None, anchors=None, exact=()):
-    """The reference's frame, from the API's own terms; in a rescue, `floor` is its ratio."""
+def frame_of(options, material, springs=None, targets=None, anchors=None, exact=()):
+    """The reference's frame, from the API's own terms."""
     rest = MESH.rest_vertices.astype(np.float32).astype(np.float64)
     w = 1.0 / constraints.lumped_masses(rest, MESH.tets, material.density)
     w[FOOT] = 0.0
@@ -37,13 +36,9 @@ def frame_of(options, material, floor=None, springs=None, targets=None, anchors=
     edges = constraints.edge_constraints(rest, MESH.tets)
     volumes = constraints.volume_constraints(rest, MESH.tets)
     h = DT / options.substeps(DT)
-    if floor is None:
-        a_edges = edges.regularization(edges.compliances(material.shear_modulus), w, h)
-        with np.errstate(divide="ignore"):
-            a_volumes = volumes.regularization(volumes.compliances(material.bulk_modulus), w, h)
-    else:
-        a_edges = edges.regularization(0.0, w, h, floor=floor)
-        a_volumes = volumes.regularization(0.0, w, h, floor=floor)
+    a_edges = edges.regularization(edges.compliances(material.shear_modulus), w, h)
+    with np.errstate(divide="ignore"):
+        a_volumes = volumes.regularization(volumes.compliances(material.bulk_modulus), w, h)
     return reference.Frame(
         options.timing(DT, material.damping, np.ptp(rest, axis=0).max()),
         options.substeps(DT),
@@ -52,7 +47,7 @@ def frame_of(options, material, floor=None, springs=None, targets=None, anchors=
         targets,
         edges,
         a_edges,
-        volumes if material.bulk_modulus > 0 or floor is not None else None,
+        volumes if material.bulk_modulus > 0 else None,
         a_volumes,
         springs,
     )
@@ -131,24 +126,6 @@ def test_two_frames_with_springs_are_the_references(device, trial):
         assert_agrees(solver, frame, x, v)
         x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
         anchors = targets
-
-
-def test_a_frame_of_a_rescue_is_the_references(device):
-    """Edges and volumes at r = 1, though the material has no volume constraints."""
-    options = XpbdOptions(substep_count=5)
-    material = Material(young_modulus=1e6, poisson_ratio=0.25)
-    mirrored = MESH.rest_vertices.astype(np.float32) * np.float32([-1, 1, 1])
-    solver = make_solver(options, material, device)
-    solver.set_state(mirrored)
-    for _ in range(200):
-        solver.step(DT)
-        if solver.rescuing:
-            break
-    assert solver.rescuing
-    x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
-    solver.step(DT)
-    frame = frame_of(options, material, floor=RATIOS[0], targets=x, anchors=x)
-    assert_agrees(solver, frame, x, v)
 
 
 def test_a_spring_alone_follows_backward_eulers_closed_form():

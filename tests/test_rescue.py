@@ -1,10 +1,19 @@
-"""When a tangled mesh is softened, and that it comes back, whatever happened to it."""
+"""When a tangled body is taken back to its shape, and that it comes back, whatever happened."""
 
 import numpy as np
 import pytest
 
 from deformrf.core.deform.material import Material
-from deformrf.core.deform.rescue import DURATION, PATIENCE, RATIOS, TRIES, Rescue
+from deformrf.core.deform.rescue import (
+    DURATION,
+    FORGET,
+    PATIENCE,
+    RATIO,
+    SOFTENING,
+    TRIES,
+    Rescue,
+    goals,
+)
 from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import extract, signed_volumes
@@ -13,76 +22,141 @@ DT = 1.0 / 60.0
 
 
 class Body:
-    """Stands in for the solver: `counts` says how many tets are inverted after each frame."""
+    """Stands in for the solver: `counts` says how many tangles each part has after each frame."""
 
-    def __init__(self, count):
-        self.rescue, self.count, self.time = Rescue(), count, 0.0
-        self.ratios = []
+    def __init__(self, *counts):
+        self.rescue, self.counts = Rescue(), np.array(counts)
+        self.progress = []  # of every frame; 0 while there is no rescue
 
-    def run(self, seconds, dt=DT, handles_move=False):
+    def run(self, seconds, dt=DT):
         for _ in range(round(seconds / dt)):
-            counted = self.rescue.advance(dt, handles_move)
-            self.ratios.append(self.rescue.ratio)
+            counted = self.rescue.advance(dt)
+            self.progress.append(self.rescue.progress if self.rescue.parts is not None else 0.0)
             if counted:
-                self.rescue.report(self.count)
+                self.rescue.report(self.counts)
 
 
-@pytest.mark.parametrize("dt", [1 / 144, 1 / 60, 1 / 5])
-def test_after_a_second_of_inversion_it_softens_for_a_while(dt):
-    body = Body(count=3)
-    body.run(PATIENCE - 0.05, dt)
-    assert body.rescue.ratio is None
-    body.run(0.15 + 2 * dt, dt)
-    assert body.rescue.ratio == RATIOS[0]
-    body.count = 0
-    body.run(DURATION + dt, dt)
-    assert body.rescue.ratio is None
-    softened = dt * sum(ratio is not None for ratio in body.ratios)
-    assert softened == pytest.approx(DURATION, abs=1.01 * dt)
+FRAMES = pytest.mark.parametrize("dt", [1 / 144, 1 / 60, 1 / 5, 1.0])
+
+
+def run_until(body, attribute, dt=DT):
+    """Frames until a try of one kind is under way; how long that took."""
+    before = len(body.progress)
+    while getattr(body.rescue, attribute) is None:
+        body.run(dt, dt)
+        assert len(body.progress) - before < 20 / dt
+    return (len(body.progress) - before) * dt
+
+
+@FRAMES
+def test_after_a_second_of_tangles_it_is_softened(dt):
+    body = Body(0, 3)
+    assert PATIENCE <= run_until(body, "ratio", dt) <= PATIENCE + 4 * dt
+    assert body.rescue.ratio == RATIO and body.rescue.running
+    softened = 0
+    while body.rescue.ratio is not None:
+        assert not body.rescue.may_sleep
+        body.run(dt, dt)
+        softened += 1
+    assert softened * dt == pytest.approx(SOFTENING, abs=dt)
+    body.counts[:] = 0
     body.run(5.0, dt)
-    assert body.rescue.ratio is None and body.rescue.may_sleep
+    assert not any(body.progress) and body.rescue.may_sleep
+
+
+@FRAMES
+def test_what_stays_tangled_then_goes_all_the_way_once(dt):
+    body = Body(0, 3)
+    run_until(body, "ratio", dt)
+    assert run_until(body, "parts", dt) <= SOFTENING + PATIENCE + 6 * dt
+    np.testing.assert_array_equal(body.rescue.parts, [False, True])
+    assert body.rescue.ratio is None
+    body.counts[:] = 0
+    body.run(5.0, dt)
+    way = np.array(body.progress)
+    way = way[way > 0]
+    assert (np.diff(way) > 0).all() and way[-1] == 1.0
+    assert len(way) == pytest.approx(DURATION / dt, abs=1.0)
+    assert not body.rescue.running and body.rescue.may_sleep
 
 
 def test_a_sound_mesh_is_left_alone_and_may_sleep():
-    body = Body(count=0)
+    body = Body(0, 0)
     assert not body.rescue.may_sleep  # nobody has looked yet
     body.run(3.0)
-    assert body.ratios == [None] * 180
+    assert not any(body.progress)
     assert body.rescue.may_sleep
 
 
-def test_a_moving_handle_comes_first():
-    body = Body(count=3)
-    body.run(2.0, handles_move=True)
-    assert body.rescue.count is None  # it isn't even counted
-    body.run(1.2)
-    assert body.rescue.ratio is not None
-    body.run(DT, handles_move=True)
-    assert body.rescue.ratio is None
-    body.run(0.5)
-    assert body.rescue.ratio is None  # patience begins anew
+def test_tangles_that_go_by_themselves_start_nothing():
+    body = Body(5)
+    for _ in range(5):
+        body.counts[:] = 5
+        body.run(0.8 * PATIENCE)
+        body.counts[:] = 0
+        body.run(0.5)
+    assert not any(body.progress)
 
 
-def test_tries_take_turns_and_end():
-    body = Body(count=3)
+def test_tries_end_until_the_user_does_something():
+    body = Body(3)
     body.run(60.0)
-    begun = [now for before, now in zip([None, *body.ratios], body.ratios, strict=False)
-             if before is None and now is not None]  # fmt: skip
-    assert begun == [RATIOS[k % len(RATIOS)] for k in range(TRIES)]
-    assert body.rescue.given_up and body.rescue.may_sleep
-
-
-def test_a_try_that_helped_is_not_counted_and_neither_is_one_before_an_action():
-    body = Body(count=100)
-    for _ in range(2 * TRIES):
-        body.count -= 1
-        body.run(PATIENCE + DURATION)
-    assert not body.rescue.given_up
-    body.run(60.0)
-    assert body.rescue.given_up
+    assert body.progress.count(1.0) == TRIES - 1  # the first one was softened
+    assert body.rescue.may_sleep
     body.rescue.touch()
-    body.run(1.2)
-    assert body.rescue.ratio is not None
+    assert not body.rescue.may_sleep
+    run_until(body, "ratio")
+
+
+def test_a_body_that_its_weight_tangles_is_not_taken_back_for_ever():
+    body = Body(3)
+    for _ in range(2 * TRIES):  # it is untangled by the rescue, and gives way again
+        body.counts[:] = 3
+        while body.rescue.parts is None and len(body.progress) < 3000:
+            body.run(DT)
+        body.counts[:] = 0
+        body.run(DURATION + 1.0)
+    assert body.progress.count(1.0) == TRIES - 1
+    body.run(FORGET)
+    body.counts[:] = 3
+    run_until(body, "ratio")  # as if nothing had been
+    run_until(body, "parts")
+
+
+def turned(vertices):
+    """A random turn and shift of them."""
+    random = np.random.default_rng()
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    return vertices @ (turn * np.sign(np.linalg.det(turn))) + random.normal(size=3)
+
+
+def test_the_goal_is_the_rest_shape_as_it_is_turned():
+    rest = np.random.default_rng().uniform(size=(20, 3))
+    nobody, x = np.zeros(20, bool), turned(rest)
+    np.testing.assert_allclose(goals(rest, x, nobody), x, atol=1e-12)
+    lost = x.copy()
+    lost[3], lost[5, 1] = np.nan, np.inf
+    np.testing.assert_allclose(goals(rest, lost, nobody), x, atol=1e-12)
+    np.testing.assert_array_equal(goals(rest, np.full_like(x, np.nan), nobody), rest)
+
+
+@pytest.mark.parametrize("scale", [(-1, 1, 1), (1, 1, 0), (1, 0, 0), (0, 0, 0)])
+def test_the_goal_of_what_is_mirrored_or_collapsed_is_not(scale):
+    rest = np.random.default_rng().uniform(size=(20, 3))
+    goal = goals(rest, turned(rest * scale), np.zeros(20, bool))
+    lengths, expected = (np.linalg.norm(a[:, None] - a[None], axis=2) for a in (goal, rest))
+    np.testing.assert_allclose(lengths, expected, atol=1e-9)
+    corners = np.array([[0, 1, 2, 3]])
+    np.testing.assert_allclose(signed_volumes(goal, corners), signed_volumes(rest, corners))
+
+
+def test_what_is_held_decides_where_the_goal_is():
+    random = np.random.default_rng()
+    rest = random.uniform(size=(20, 3))
+    held = np.arange(20) < 4
+    x = turned(rest)
+    torn = np.where(held[:, None], x, x + random.normal(scale=3.0, size=x.shape))
+    np.testing.assert_allclose(goals(rest, torn, held), x, atol=1e-3)
 
 
 # -- bodies --------------------------------------------------------------------------------
@@ -170,16 +244,47 @@ def test_a_neck_that_a_drag_mirrored_returns_within_ten_seconds(device, way):
 def test_it_says_that_it_rescues_and_does_not_sleep_meanwhile(device):
     x = make_solver(device, Material(poisson_ratio=0.25), FREE)
     x.set_state(start_of("mirrored"))  # without volumes that is an equilibrium
-    rescued, slept = 0, False
-    for _ in range(1200):
+    rescued = 0
+    for _ in range(150):
+        assert not x.settled
         x.step(DT)
         rescued += x.rescuing
-        if rescued and x.inverted_count == 0 and not x.rescuing:
-            break
-        slept |= x.settled
-    assert x.inverted_count == 0 and not slept
-    frames = DURATION / DT
-    assert rescued % frames == pytest.approx(0, abs=TRIES) and rescued < TRIES * frames
+    assert rescued == pytest.approx(SOFTENING / DT, abs=1)  # volumes turn a mirror image over
+    for _ in range(240):
+        x.step(DT)
+    assert x.inverted_count == 0 and x.settled
+
+
+def test_only_tangled_parts_are_taken_back(device):
+    rest = np.concatenate([REST, REST + np.array([1.0, 0.0, 0.0])])
+    tets = np.concatenate([MESH.tets, MESH.tets + len(REST)])
+    x = XpbdSolver(
+        rest, tets, Material(poisson_ratio=0.25), np.zeros(len(rest), bool), device=device
+    )
+    spoiled = rest.copy()
+    spoiled[: len(REST)] = start_of("mirrored")
+    velocities = np.zeros_like(rest)
+    velocities[len(REST) :] = [0.0, 0.5, 0.0]
+    x.set_state(spoiled, velocities)
+    for _ in range(70):
+        x.step(DT)
+    assert x.rescuing
+    moving = x.velocities.numpy()[len(REST) :]
+    np.testing.assert_allclose(moving[:, 1], 0.5 * np.exp(-x.material.damping * 70 * DT), rtol=1e-3)
+    for _ in range(400):
+        x.step(DT)
+    assert from_rest(x.vertices.numpy()[: len(REST)], FREE) < 0.01
+
+
+def test_not_even_nan_stays(device):
+    x = make_solver(device, Material(), FREE)
+    x.set_state(REST)
+    spoiled = x.vertices.numpy().copy()
+    spoiled[7] = np.nan
+    x.vertices.assign(spoiled)
+    for _ in range(360):
+        x.step(DT)
+    assert from_rest(x.vertices.numpy().astype(np.float64), FREE) < 1e-5
 
 
 def test_without_the_option_a_mirror_image_sleeps(device):
@@ -190,25 +295,31 @@ def test_without_the_option_a_mirror_image_sleeps(device):
     assert x.settled and not x.rescuing
 
 
-def test_a_still_handle_does_not_prevent_it_and_a_moving_one_ends_it(device):
+def test_who_holds_it_comes_first(device):
     x = make_solver(device, Material(poisson_ratio=0.25), FREE)
     mirrored = start_of("mirrored")
     x.set_state(mirrored)
     x.grab([0])
-    for _ in range(80):
-        x.move(mirrored[:1])  # the mouse is held still
+    for _ in range(90):
+        x.step(DT)
+        assert not x.rescuing
+    x.release()
+    for _ in range(70):
         x.step(DT)
     assert x.rescuing
-    x.move(mirrored[:1] + 0.01)
+    x.grab([0])
     x.step(DT)
     assert not x.rescuing
+    moving = np.linalg.norm(x.velocities.numpy(), axis=1)
+    assert (moving[1:] > 0).all()  # they have their masses again
 
 
 def test_it_counts_what_is_inverted(device):
     x = make_solver(device, Material(), FREE)
     moved = REST.copy()
     moved[np.random.default_rng().integers(len(moved), size=5)] += 0.3
-    x.set_state(moved)
-    x._feedback.end(x.vertices, x._volume_list)
-    _, count = x._feedback.read()
-    assert count == (signed_volumes(moved.astype(np.float32), MESH.tets) <= 0).sum() > 0
+    x.set_state(moved, velocities=np.zeros_like(moved))
+    x._feedback.end(x.vertices, count=True)
+    _, (inverted, _) = x._feedback.read()
+    expected = (signed_volumes(moved.astype(np.float32), MESH.tets) <= 0).sum()
+    assert inverted.sum() == expected > 0

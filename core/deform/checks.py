@@ -5,6 +5,8 @@ Shapes: V vertices, K handles, C constraints.
 
 import numpy as np
 
+FARTHEST = 1e9  # m, m/s; the products of four lengths have to fit into float32
+
 
 def pin_mask(mask, vertex_count):
     """A copy.  [V] bool
@@ -21,7 +23,7 @@ def pin_mask(mask, vertex_count):
 
 
 def vectors(values, count, what, of):
-    """Float32.  [count, 3]
+    """Float32, none of them beyond FARTHEST.  [count, 3]
 
     Raises:
         ValueError: They have another shape, or one is NaN or infinite.
@@ -32,7 +34,7 @@ def vectors(values, count, what, of):
     wrong = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(wrong):
         raise ValueError(f"the {what} of {of} {wrong[0]} is {values[wrong[0]]}; give finite ones")
-    return values
+    return np.clip(values, -FARTHEST, FARTHEST)
 
 
 def masses(values, vertex_count):

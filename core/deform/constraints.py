@@ -25,14 +25,11 @@ Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 from ..geometry.coloring import color_order
 from ..geometry.mesh import EDGES, signed_volumes
 from .bracing import hinge_braces
 from .isotropy import edge_factors
-
-wp.set_module_options({"enable_backward": False})
 
 COMPLIANCE_FLOOR = 0.1  # r_min
 STEP_LIMIT = 0.5
@@ -211,21 +208,3 @@ def project_volumes(vertices, inverse_masses, tets, rest_volumes, regularization
     moved = vertices.copy()
     moved[tets] += multiplier[:, None, None] * w[:, :, None] * gradients
     return moved
-
-
-@wp.kernel(grid_stride=False)
-def count_inverted_kernel(
-    vertices: wp.array(dtype=wp.vec3),  # [V]
-    tets: wp.array(dtype=wp.vec4i),  # [T]
-    vertex_count: int,  # entries with a corner V aren't used
-    count: wp.array(dtype=int),  # [1] in and out
-):
-    corners = tets[wp.tid()]
-    if corners[0] >= vertex_count:
-        return
-    origin = vertices[corners[0]]
-    e1 = vertices[corners[1]] - origin
-    e2 = vertices[corners[2]] - origin
-    e3 = vertices[corners[3]] - origin
-    if wp.dot(wp.cross(e1, e2), e3) <= 0.0:
-        wp.atomic_add(count, 0, 1)

@@ -1,14 +1,13 @@
-"""What a frame tells the host: how far vertices moved, and how many tets are inverted.
+"""What a frame tells the host: how far vertices moved, and how much is tangled.
 
 It is read when the next frame begins: on CUDA the frame is over by then, so that nothing
-waits for the device.
+waits for the device.  Shapes: P parts.
 """
 
 import warp as wp
 
-from . import constraints
-from .arrays import ConstraintList
 from .pace import MOST_THREADS
+from .tangles import TangleCounter
 
 
 class Feedback:
@@ -19,46 +18,44 @@ class Feedback:
             mesh.  [MOST_THREADS] on the device
     """
 
-    def __init__(self, device):
+    def __init__(self, tangles: TangleCounter, device):
         self._device = device
+        self._tangles = tangles
         self.motion = wp.zeros(MOST_THREADS, dtype=float, device=device)
-        self._inverted = wp.zeros(1, dtype=int, device=device)
         self._motion_on_host = wp.zeros_like(self.motion, device="cpu", pinned=device.is_cuda)
-        self._inverted_on_host = wp.zeros(1, dtype=int, device="cpu", pinned=device.is_cuda)
+        self._counts_on_host = wp.zeros(
+            tangles.counts.shape, dtype=int, device="cpu", pinned=device.is_cuda
+        )
         self._copied = wp.Event(device) if device.is_cuda else None
-        self._motion_is_coming = self._count_is_coming = False
+        self._motion_is_coming = self._counts_are_coming = False
 
     def begin(self):
         """A frame begins."""
         self.motion.zero_()
 
-    def end(self, vertices, tets: ConstraintList | None):
-        """A frame is over; count the inverted ones of these tets, if any are given."""
+    def end(self, vertices, count: bool):
+        """A frame is over; count tangles in its result if asked for."""
         wp.copy(self._motion_on_host, self.motion)
         self._motion_is_coming = True
-        if tets is not None:
-            self._inverted.zero_()
-            inputs = [vertices, tets.arrays.vertices, len(vertices), self._inverted]
-            wp.launch(
-                constraints.count_inverted_kernel, len(tets.vertices), inputs, device=self._device
-            )
-            wp.copy(self._inverted_on_host, self._inverted)
-            self._count_is_coming = True
+        if count:
+            self._tangles.count(vertices)
+            wp.copy(self._counts_on_host, self._tangles.counts)
+            self._counts_are_coming = True
         if self._copied is not None:
             self._device.stream.record_event(self._copied)
 
     def read(self):
-        """Motion [m] and number of inverted tets; None for what there is no news of."""
-        motion = inverted_count = None
+        """Motion [m]; inverted tets and wrapped edges [2, P].  None for what has no news."""
+        motion = counts = None
         if self._motion_is_coming and self._copied is not None:
             wp.synchronize_event(self._copied)
         if self._motion_is_coming:
             motion = float(self._motion_on_host.numpy().max())
-        if self._count_is_coming:
-            inverted_count = int(self._inverted_on_host.numpy()[0])
+        if self._counts_are_coming:
+            counts = self._counts_on_host.numpy().copy()
         self.drop()
-        return motion, inverted_count
+        return motion, counts
 
     def drop(self):
         """What is on its way is about a state that isn't any more."""
-        self._motion_is_coming = self._count_is_coming = False
+        self._motion_is_coming = self._counts_are_coming = False

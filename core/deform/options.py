@@ -27,7 +27,7 @@ class XpbdOptions:
             extreme drag throws vertices through each other.
         sleep_motion: In object sizes; a frame that moves no vertex farther is still.
         sleep_frames: The solver sleeps after as many still frames.
-        rescue: Whether a mesh that stays inverted is softened until it isn't (rescue.py).
+        rescue: Whether what stays tangled is taken back to its rest shape (rescue.py).
     """
 
     substep_count: int = 20

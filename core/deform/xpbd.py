@@ -24,7 +24,8 @@ from .frame_cuda import CudaFrame
 from .integration import NO_SPRING, Timing
 from .material import Material
 from .options import FRAME, XpbdOptions
-from .rescue import Rescue
+from .rescue import Rescue, goals
+from .tangles import TangleCounter
 
 
 class XpbdSolver:
@@ -41,6 +42,7 @@ class XpbdSolver:
         velocities: [V] vec3 on the device
         pinned: [V] bool
         object_size: The longest side of the rest pose's bounding box [m].
+        inverted_count: How many tets were inverted when they were last counted.
     """
 
     def __init__(
@@ -68,9 +70,11 @@ class XpbdSolver:
         self._handles = np.empty(0, np.int64)
         self._handle_targets = None  # as last given to move()
         self._springs = None  # stiffness and force limit of each handle, [K, 2]; None: exact
-        self._handles_moved = False
+        self.inverted_count = 0
         self._rescue = Rescue()
         self._softened = None  # the ratio of the rescue that the coefficients are for
+        self._rescued = np.zeros(len(self.rest_vertices), bool)
+        self._rescue_path = None  # where targets begin and where they end, each [V, 3]
 
         self._allocate()
         self.set_material(material)
@@ -85,7 +89,8 @@ class XpbdSolver:
         self._edge_list = ConstraintList(edges, edges.rest_lengths, wp.vec2i, count, device)
         self._volume_list = ConstraintList(volumes, volumes.rest_volumes, wp.vec4i, count, device)
         self._timing = wp.zeros(len(Timing._fields), dtype=float, device=device)
-        self._feedback = Feedback(device)
+        tangles = TangleCounter(self.rest_vertices, volumes.vertices, self._part_of, device)
+        self._feedback = Feedback(tangles, device)
         frame = frame_arrays(
             self._state, self._edge_list, self._volume_list, self._timing, self._feedback.motion
         )
@@ -135,7 +140,6 @@ class XpbdSolver:
     def set_options(self, options: XpbdOptions):
         """Step time in another way from now on."""
         self.options = options
-        self._rescue.restart()
         self._touch(everything=True)
 
     # -- pins, handles -----------------------------------------------------------------
@@ -180,8 +184,6 @@ class XpbdSolver:
         if self._handle_targets is not None and np.array_equal(targets, self._handle_targets):
             return
         self._handle_targets = targets.copy()
-        self._handles_moved = True
-        self._rescue.touch()
         free = ~self.pinned[self._handles]
         if free.any():
             wp.launch(
@@ -207,7 +209,7 @@ class XpbdSolver:
             wp.launch(integration.hold_kernel, len(held_anew), inputs, device=self.device)
 
     def _update_inverse_masses(self):
-        kinematic = self.pinned.copy()
+        kinematic = self.pinned | self._rescued
         if self._springs is None:
             kinematic[self._handles] = True
         self._inverse_masses = np.where(kinematic, 0.0, self._free_inverse_masses)
@@ -220,7 +222,7 @@ class XpbdSolver:
         self.set_state(self.rest_vertices)
         # Without gravity the rest pose is an equilibrium.
         if not any(self.options.gravity):
-            self._rescue.report(0)
+            self._rescue.report(np.zeros(1, int))
             self._fall_asleep()
 
     def set_state(self, vertices, velocities=None):
@@ -237,7 +239,6 @@ class XpbdSolver:
                 checks.vectors(velocities, len(self.pinned), "velocity", "vertex")
             )
         self._handle_targets = None
-        self._rescue.restart()
         self._touch(everything=True)
 
     @property
@@ -247,13 +248,8 @@ class XpbdSolver:
 
     @property
     def rescuing(self) -> bool:
-        """Whether the object is softened for a while because it stayed inverted."""
-        return self._rescue.ratio is not None
-
-    @property
-    def inverted_count(self) -> int:
-        """How many tets were inverted when they were last counted."""
-        return self._rescue.count or 0
+        """Whether something is being done about what stayed tangled."""
+        return self._rescue.running
 
     def stiffness_ratio(self) -> float:
         """The median of r = α/(w h²) over edges that can move.
@@ -289,9 +285,9 @@ class XpbdSolver:
             self._dt = dt
             self._stale = True
         count_due = False
-        if self.options.rescue:
-            count_due = self._rescue.advance(dt, self._handles_moved)
-        self._handles_moved = False
+        if self.options.rescue and len(self._handles) == 0:
+            count_due = self._rescue.advance(dt)
+            self._follow_rescue()
         if self._rescue.ratio != self._softened:
             self._softened = self._rescue.ratio
             self._activate(everything=True)
@@ -304,17 +300,51 @@ class XpbdSolver:
             self._springs is not None,
             self.options.ground is not None,
         )
-        self._feedback.end(self.vertices, self._volume_list if count_due else None)
+        self._feedback.end(self.vertices, count_due)
 
     def _read_frame_before(self):
-        motion, inverted_count = self._feedback.read()
+        motion, counts = self._feedback.read()
         if motion is not None:
             still = motion <= self.options.sleep_motion * self.object_size
             self._still_frames = self._still_frames + 1 if still else 0
-        if inverted_count is not None:
-            self._rescue.report(inverted_count)
+        if counts is not None:
+            self.inverted_count = int(counts[0].sum())
+            self._rescue.report(counts.sum(axis=0))
         if motion is not None and self.settled:
             self._fall_asleep()
+
+    def _follow_rescue(self):
+        parts = self._rescue.parts
+        if parts is None:
+            if self._rescued.any():
+                velocities = self.velocities.numpy().copy()
+                velocities[self._rescued] = 0.0
+                self.velocities.assign(velocities)
+                self._end_rescue()
+            return
+        if not self._rescued.any():
+            self._begin_rescue(parts)
+        start, goal = self._rescue_path
+        self._state.targets.assign(start + self._rescue.progress * (goal - start))
+
+    def _begin_rescue(self, parts):
+        x, start = self.vertices.numpy(), self._state.targets.numpy()
+        goal = start.copy()
+        for part in np.flatnonzero(parts):
+            members = self._part_of == part
+            goal[members] = goals(self.rest_vertices[members], x[members], self.pinned[members])
+        self._rescued = parts[self._part_of] & ~self.pinned
+        goal[~self._rescued] = start[~self._rescued]
+        known = self._rescued & np.isfinite(x).all(axis=1)
+        start = np.where(known[:, None], x, goal)
+        self._rescue_path = start, goal
+        self._update_inverse_masses()
+        self._activate(self._rescued)
+
+    def _end_rescue(self):
+        self._rescued[:] = False
+        self._update_inverse_masses()
+        self._stale = True
 
     @property
     def _asleep(self):
@@ -333,6 +363,8 @@ class XpbdSolver:
         self._still_frames = 0
         self._feedback.drop()
         self._rescue.touch()
+        if self._rescued.any():
+            self._end_rescue()
         self._activate(vertices, everything)
 
     def _activate(self, vertices=None, everything=False):

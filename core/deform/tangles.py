@@ -1,0 +1,141 @@
+"""Where a mesh is tangled: tets inside out, and edges that tets wrap more than once.
+
+Around an edge the dihedral angles of its tets add up to 2π at most, in any pose that could
+be built.  A collapsed body can open again with every volume positive but 4π around a few
+edges, as the sheets of a Riemann surface lie around a branch point.  No projection leads
+out of that: the energy has a minimum there (Lipman, "Bijective Mappings of Meshes with
+Boundary and the Degree in Mesh Processing", 2014, for why both together say it all).
+
+    θ = Σ over tets around an edge of atan2(|e × a × (e × b)|, (e × a)·(e × b))
+
+with e along the edge and a, b from its first end to the tet's two other corners.
+
+Shapes: V vertices, T tets, E edges of tets, F = 6 T pairs of an edge and a tet, P parts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from ..geometry.mesh import EDGES
+from .arrays import upload
+
+wp.set_module_options({"enable_backward": False})
+
+OTHERS = np.array([[2, 3], [1, 3], [1, 2], [0, 3], [0, 2], [0, 1]])  # the corners not in EDGES
+SLACK = 0.2 * np.pi  # beyond 2π: a notch may close a little too far
+
+
+@dataclass(frozen=True)
+class Fans:
+    """The tets around each edge.
+
+    Attributes:
+        ends: [E, 2] int32
+        offsets: Edge e has the pairs offsets[e]:offsets[e + 1].  [E + 1] int32
+        others: The corners of these tets that aren't ends.  [F, 2] int32
+        limits: The largest sum of angles that is no tangle.  [E]
+    """
+
+    ends: np.ndarray
+    offsets: np.ndarray
+    others: np.ndarray
+    limits: np.ndarray
+
+
+def fans(rest_vertices, tets) -> Fans:
+    """The fans of a mesh whose tets [T, 4] all have a volume."""
+    pairs = np.sort(tets[:, EDGES].reshape(-1, 2), axis=1).astype(np.int64)
+    keys = pairs[:, 0] * len(rest_vertices) + pairs[:, 1]
+    order = np.argsort(keys, kind="stable")
+    begins = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    offsets = np.append(begins, len(order))
+    ends = pairs[order[begins]]
+    others = tets[:, OTHERS].reshape(-1, 2)[order]
+    at_rest = angle_sums(rest_vertices, ends, offsets, others)
+    # What is folded at rest may be as much.
+    limits = np.maximum(2.0 * np.pi, at_rest) + SLACK
+    return Fans(*(a.astype(np.int32) for a in (ends, offsets, others)), limits)
+
+
+def angle_sums(vertices, ends, offsets, others):
+    """θ of each edge.  [E]"""
+    first, second = np.repeat(ends, np.diff(offsets), axis=0).T
+    along = vertices[second] - vertices[first]
+    a, b = (np.cross(along, vertices[others[:, i]] - vertices[first]) for i in (0, 1))
+    angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1))
+    return np.add.reduceat(angles, offsets[:-1])
+
+
+@wp.kernel(grid_stride=False)
+def count_inverted_kernel(
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    tets: wp.array(dtype=wp.vec4i),  # [T]
+    parts: wp.array(dtype=int),  # [V]
+    counts: wp.array2d(dtype=int),  # [2, P] in and out
+):
+    corners = tets[wp.tid()]
+    origin = vertices[corners[0]]
+    e1 = vertices[corners[1]] - origin
+    e2 = vertices[corners[2]] - origin
+    e3 = vertices[corners[3]] - origin
+    if not wp.dot(wp.cross(e1, e2), e3) > 0.0:  # what is not a number counts, too
+        wp.atomic_add(counts, 0, parts[corners[0]], 1)
+
+
+@wp.kernel(grid_stride=False)
+def count_wrapped_kernel(
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    ends: wp.array(dtype=wp.vec2i),  # [E]
+    offsets: wp.array(dtype=int),  # [E + 1]
+    others: wp.array(dtype=wp.vec2i),  # [F]
+    limits: wp.array(dtype=float),  # [E]
+    parts: wp.array(dtype=int),  # [V]
+    counts: wp.array2d(dtype=int),  # [2, P] in and out
+):
+    edge = wp.tid()
+    first = ends[edge][0]
+    origin = vertices[first]
+    along = vertices[ends[edge][1]] - origin
+    total = float(0.0)
+    for k in range(offsets[edge], offsets[edge + 1]):
+        a = wp.cross(along, vertices[others[k][0]] - origin)
+        b = wp.cross(along, vertices[others[k][1]] - origin)
+        total += wp.atan2(wp.length(wp.cross(a, b)), wp.dot(a, b))
+    if total > limits[edge]:
+        wp.atomic_add(counts, 1, parts[first], 1)
+
+
+class TangleCounter:
+    """Counts on a device; a mesh's fans are made when they are first needed.
+
+    Attributes:
+        counts: Inverted tets and wrapped edges of each part, as last counted.  [2, P] int
+            on the device
+    """
+
+    def __init__(self, rest_vertices, tets, parts, device):
+        """Take tets that all have a volume [T, 4], and the part of each vertex [V]."""
+        self._device = device
+        self._mesh = rest_vertices, tets
+        self._tets = upload(tets, wp.vec4i, device)
+        self._parts = upload(parts, int, device)
+        self._fans = None
+        self.counts = wp.zeros((2, int(parts.max()) + 1), dtype=int, device=device)
+
+    def count(self, vertices):
+        """Count in this state ([V] vec3 on the device)."""
+        if self._fans is None:
+            made = fans(*self._mesh)
+            self._fans = (
+                upload(made.ends, wp.vec2i, self._device),
+                upload(made.offsets, int, self._device),
+                upload(made.others, wp.vec2i, self._device),
+                upload(made.limits, float, self._device),
+            )
+        self.counts.zero_()
+        inputs = [vertices, self._tets, self._parts, self.counts]
+        wp.launch(count_inverted_kernel, len(self._tets), inputs, device=self._device)
+        inputs = [vertices, *self._fans, self._parts, self.counts]
+        wp.launch(count_wrapped_kernel, len(self._fans[0]), inputs, device=self._device)

@@ -1,0 +1,196 @@
+"""Can a body be broken?  How far and how soon the solver comes back from a stress case.
+
+    error      max_i |R (x_i − x̄) − (X_i − X̄)| / size,   R the best proper rotation
+    recovered  error < 1 % and every tet's V has its sign at rest, and both stay so
+    limit      10 s of simulated time for E ≥ 1e4 Pa, 40 s below
+
+R is Kabsch's: with X̂ᵀx̂ = U S Wᵀ, R = U diag(1, 1, det(U Wᵀ)) Wᵀ (Acta Cryst. A32, 1976),
+so that a mirrored body is not aligned with its rest pose.
+
+X rest, x current vertices [m].  Shapes: V vertices, T tets, E edges.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..deform.constraints import lumped_masses
+from ..deform.handles import lowest_pins
+from ..deform.material import Material
+from ..deform.xpbd import XpbdSolver
+from ..geometry.mesh import edges, signed_volumes
+from .stress import Case, uneven_masses, with_broken_tets
+
+TOLERANCE = 0.01  # of the size
+STAYS = 2.0  # s for which a body must have recovered
+CHECK = 0.1  # s between measurements
+SOFT = 1e4  # Pa
+FLAT = 1e-6  # of the mean volume; a flatter rest tet has no sign
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """What a case ended in; all but the first four and the last two as it was at the end.
+
+    Attributes:
+        name: The case's.
+        passed: Finite, and recovered in time unless the case asks for less.
+        finite: No position and no velocity was ever infinite or not a number.
+        recovery_seconds: Simulated time from letting go to recovery; None if it didn't.
+        nan_count: Coordinates that aren't finite.
+        error: Of the size; nan if not finite, as the next three.
+        inverted: Tets whose volume hasn't the sign that it has at rest.
+        smallest_volume: The least V/V0.
+        largest_strain: The largest |length/rest length − 1| of an edge.
+        rescues: How often the solver began one.
+        wall_seconds: Without the solver's construction.
+    """
+
+    name: str
+    passed: bool
+    finite: bool
+    recovery_seconds: float | None
+    nan_count: int
+    error: float
+    inverted: int
+    smallest_volume: float
+    largest_strain: float
+    rescues: int
+    wall_seconds: float
+
+
+def recovery_limit(young_modulus):
+    """Seconds within which a body of this modulus [Pa] has to recover."""
+    return 10.0 if young_modulus >= SOFT else 40.0
+
+
+def aligned_error(vertices, rest):
+    """The largest distance to the rest pose after the best proper rotation.  [m]
+
+    Args:
+        vertices: [V, 3]
+        rest: [V, 3]
+    """
+    x, goal = vertices - vertices.mean(axis=0), rest - rest.mean(axis=0)
+    u, _, wt = np.linalg.svd(goal.T @ x)
+    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ wt))]) @ wt
+    return float(np.linalg.norm(x @ turn.T - goal, axis=1).max())
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a body has to come back to.
+
+    Attributes:
+        rest: [V, 3]
+        size: The longest side of its bounding box.
+        tets: Those that aren't flat.  [T, 4]
+        volumes: Signed.  [T]
+        edges: Those that aren't points.  [E, 2]
+        lengths: [E]
+    """
+
+    rest: np.ndarray
+    size: float
+    tets: np.ndarray
+    volumes: np.ndarray
+    edges: np.ndarray
+    lengths: np.ndarray
+
+    def measure(self, vertices):
+        """Error of the size, V/V0 [T], and strains [E]."""
+        ratios = signed_volumes(vertices, self.tets) / self.volumes
+        strains = _lengths(vertices, self.edges) / self.lengths - 1.0
+        return aligned_error(vertices, self.rest) / self.size, ratios, strains
+
+
+def shape_of(rest, tets) -> Shape:
+    """Leaves out what has no volume or no length."""
+    volumes = signed_volumes(rest, tets)
+    solid = np.abs(volumes) > FLAT * np.abs(volumes).mean()
+    pairs = edges(tets)
+    pairs = pairs[_lengths(rest, pairs) > FLAT * _lengths(rest, pairs).mean()]
+    size = float(np.ptp(rest, axis=0).max())
+    return Shape(rest, size, tets[solid], volumes[solid], pairs, _lengths(rest, pairs))
+
+
+def _lengths(vertices, pairs):
+    return np.linalg.norm(vertices[pairs[:, 0]] - vertices[pairs[:, 1]], axis=1)
+
+
+def run_case(
+    mesh, material: Material, case: Case, device="cpu", seed=0, rigid=False, make_solver=XpbdSolver
+) -> CaseResult:
+    """Put a body through a case and see whether it comes back.
+
+    Args:
+        mesh: Anything with rest_vertices [V, 3] and tets [T, 4].
+        rigid: Compliance exactly 0 of edges and volumes, in place of the material's.
+        make_solver: Called as XpbdSolver is.
+    """
+    rng = np.random.default_rng(seed)
+    rest, tets = mesh.rest_vertices, mesh.tets
+    if case.broken_tets:
+        rest, tets = with_broken_tets(rest, tets, rng)
+    rest = np.array(rest, np.float32).astype(np.float64)  # as in the solver
+    pins = lowest_pins(rest, tets) if case.drive else np.zeros(len(rest), bool)
+    solver = make_solver(rest, tets, material, pins, device=device)
+    if rigid:
+        solver.set_compliances(0.0, 0.0)
+    if case.uneven:
+        solver.set_masses(uneven_masses(lumped_masses(rest, tets, material.density), rng))
+    solver.set_state(case.start(rest, rng))
+
+    begin = time.perf_counter()
+    if case.drive:
+        for _ in case.drive(solver, case.dt, rng):
+            solver.step(case.dt)
+        solver.release()
+    measured, recovery_seconds, rescues = _watch(
+        solver, shape_of(rest, tets), case.dt, recovery_limit(material.young_modulus)
+    )
+    finite = measured is not None
+    error, ratios, strains = (
+        measured if finite else (np.nan, np.array([np.nan]), np.array([np.nan]))
+    )
+    return CaseResult(
+        name=case.name,
+        passed=finite and (case.uneven or recovery_seconds is not None),
+        finite=finite,
+        recovery_seconds=recovery_seconds,
+        nan_count=int((~np.isfinite(solver.vertices.numpy())).sum()),
+        error=error,
+        inverted=int((ratios <= 0).sum()),
+        smallest_volume=float(ratios.min()),
+        largest_strain=float(np.abs(strains).max()),
+        rescues=rescues,
+        wall_seconds=time.perf_counter() - begin,
+    )
+
+
+def _watch(solver, shape, dt, limit):
+    """Step until the body has recovered and stayed so, or its time is over.
+
+    Returns:
+        The last measurement, or None if something isn't finite; the seconds to recovery,
+        or None; the number of rescues.
+    """
+    frames_between = max(1, round(CHECK / dt))
+    frame, good_frames, rescues, was_rescuing = 0, 0, 0, False
+    while True:
+        x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
+        if not (np.isfinite(x).all() and np.isfinite(v).all()):
+            return None, None, rescues
+        error, ratios, strains = shape.measure(x)
+        good = error < TOLERANCE and (ratios > 0).all()
+        good_frames = good_frames + frames_between if good else 0
+        if good_frames * dt >= STAYS or frame * dt >= limit + STAYS:
+            recovered = (frame - good_frames + frames_between) * dt
+            in_time = good_frames > 0 and recovered <= limit
+            return (error, ratios, strains), recovered if in_time else None, rescues
+        for _ in range(frames_between):
+            solver.step(dt)
+            rescues += solver.rescuing and not was_rescuing
+            was_rescuing = solver.rescuing
+        frame += frames_between

@@ -1,0 +1,73 @@
+"""What counts as a tangle: inverted tets, and edges around which tets wrap twice."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from deformrf.core.deform import tangles
+from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry.mesh import signed_volumes
+
+
+def wheel(tet_count, turns):
+    """Tets around the z axis that go around it so often.  Rest [V, 3], current, tets."""
+    angles = np.arange(tet_count) * 2.0 * np.pi / tet_count
+    axis = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+    def rim(factor):
+        return np.stack([np.cos(factor * angles), np.sin(factor * angles), 0.5 + 0 * angles], 1)
+
+    ids = np.arange(tet_count)
+    tets = np.stack([0 * ids, 0 * ids + 1, 2 + ids, 2 + (ids + 1) % tet_count], axis=1)
+    return np.concatenate([axis, rim(1)]), np.concatenate([axis, rim(turns)]), tets
+
+
+def counts(rest, x, tets, device, parts=None):
+    parts = np.zeros(len(rest), int) if parts is None else parts
+    counter = tangles.TangleCounter(rest, tets, parts, wp.get_device(device))
+    counter.count(wp.array(x.astype(np.float32), dtype=wp.vec3, device=device))
+    return counter.counts.numpy()
+
+
+def test_two_sheets_have_positive_volumes_and_are_a_tangle(device):
+    rest, x, tets = wheel(9, turns=2)
+    assert (signed_volumes(rest, tets) > 0).all() and (signed_volumes(x, tets) > 0).all()
+    np.testing.assert_array_equal(counts(rest, rest, tets, device), [[0], [0]])
+    np.testing.assert_array_equal(counts(rest, x, tets, device), [[0], [1]])
+
+
+def test_what_is_wrapped_at_rest_is_no_tangle(device):
+    _, x, tets = wheel(9, turns=2)
+    np.testing.assert_array_equal(counts(x, x, tets, device), [[0], [0]])
+
+
+def test_angles_add_up_to_a_turn_inside_and_to_less_outside():
+    mesh = a15_grid(0.25)
+    fans = tangles.fans(mesh.rest_vertices, mesh.tets)
+    assert len(fans.others) == 6 * mesh.tet_count
+    sums = tangles.angle_sums(mesh.rest_vertices, fans.ends, fans.offsets, fans.others)
+    assert sums.max() == pytest.approx(2 * np.pi)
+    assert ((sums < 2 * np.pi - 0.1) | np.isclose(sums, 2 * np.pi)).all()
+    assert np.isclose(sums, 2 * np.pi).any()
+
+
+def test_every_pose_of_a_bent_body_is_no_tangle(device):
+    mesh = a15_grid(0.125)
+    rest = mesh.rest_vertices
+    angle = np.random.default_rng().uniform(0.5, 1.5) * (rest[:, 2:] - 0.5)
+    c, s = np.cos(angle)[:, 0], np.sin(angle)[:, 0]
+    x, y = rest[:, 0] - 0.5, rest[:, 1] - 0.5
+    twisted = np.stack([c * x - s * y, s * x + c * y, rest[:, 2]], axis=1)
+    np.testing.assert_array_equal(counts(rest, twisted, mesh.tets, device), [[0], [0]])
+
+
+def test_what_is_inverted_flat_or_nowhere_counts_in_its_part(device):
+    mesh = a15_grid(0.25)
+    rest = np.concatenate([mesh.rest_vertices, mesh.rest_vertices + 2.0])
+    tets = np.concatenate([mesh.tets, mesh.tets + mesh.vertex_count])
+    parts = np.repeat([0, 1], mesh.vertex_count)
+    for spoil in (lambda a: a * [1, 1, -1], lambda a: a * [1, 1, 0], lambda a: a * np.nan):
+        x = rest.copy()
+        x[mesh.vertex_count :] = spoil(x[mesh.vertex_count :])
+        inverted, _ = counts(rest, x, tets, device, parts)
+        np.testing.assert_array_equal(inverted, [0, mesh.tet_count])
