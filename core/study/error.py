@@ -229,8 +229,8 @@ def plot(rows, path):
     )
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    # 64 colors are enough, and a third of the size.
-    Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(64).save(
+    # 256 colors are enough, and half of the size.
+    Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(256).save(
         path, optimize=True
     )
 
