@@ -142,8 +142,9 @@ def test_regularization_has_a_floor():
     w = np.array([1.0, 2.0, 3.0, 0.0])
     w_of_edge = w[edges.vertices].sum(axis=1)
     compliances = edges.compliances(1.0)
-    np.testing.assert_allclose(edges.regularization(0.0, w, 1e-3), 0.1 * w_of_edge)
+    floor = constraints.COMPLIANCE_FLOOR
+    np.testing.assert_allclose(edges.regularization(0.0, w, 1e-3), floor * w_of_edge)
     np.testing.assert_allclose(edges.regularization(0.0, w, 1e-3, floor=2.0), 2.0 * w_of_edge)
     np.testing.assert_allclose(edges.regularization(compliances, w, 1e-3), compliances * 1e6)
     tets = constraints.volume_constraints(UNIT_TET, np.array([[0, 1, 2, 3]]))
-    np.testing.assert_allclose(tets.regularization(0.0, w, 1e-3), 0.1 * (3 * 1 + 2 + 3))
+    np.testing.assert_allclose(tets.regularization(0.0, w, 1e-3), floor * (3 * 1 + 2 + 3))

@@ -99,6 +99,17 @@ def reference_step_without_volumes(solver, start):
     return reference.step(frame, start, np.zeros_like(start))[0]
 
 
+def test_edges_between_handles_of_no_compliance_do_no_harm(device):
+    solver = make_solver(BALL, device, options=XpbdOptions(rescue=False))
+    solver.set_compliances(0.0, 0.0)
+    held = np.flatnonzero(BALL.rest_vertices[:, 2] > 0.5)
+    solver.grab(held)
+    for _ in range(3):
+        solver.move(BALL.rest_vertices[held] + [0.05, 0.0, 0.0])
+        solver.step(DT)
+    assert np.isfinite(solver.vertices.numpy()).all()
+
+
 def shaken(mesh):
     size = mesh.rest_vertices.shape
     return mesh.rest_vertices + np.random.default_rng().normal(scale=0.003, size=size)

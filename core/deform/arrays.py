@@ -177,8 +177,12 @@ class ConstraintList:
         return True
 
     def set_regularization(self, values):
-        """Take a of all constraints.  [C]"""
-        self._put(self.arrays.regularization, values[self.in_use])
+        """Take a of all constraints.  [C]
+
+        Where nothing can move and nothing gives, a is 0; any other number keeps 0/0 away.
+        """
+        values = values[self.in_use]
+        self._put(self.arrays.regularization, np.where(values > 0.0, values, 1.0))
 
     def _put(self, array, values):
         """Fill an array, with 1 in unused entries: no division by zero happens there."""

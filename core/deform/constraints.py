@@ -31,7 +31,7 @@ from ..geometry.mesh import EDGES, signed_volumes
 from .bracing import hinge_braces
 from .isotropy import edge_factors
 
-COMPLIANCE_FLOOR = 0.1  # r_min
+COMPLIANCE_FLOOR = 0.05  # r_min
 STEP_LIMIT = 0.5
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for what belongs to flat tets alone
 BRACE_VOLUME = 0.25  # V_e of a brace, in means over edges; a hinge has many braces

@@ -255,7 +255,7 @@ class XpbdSolver:
         """The median of r = α/(w h²) over edges that can move.
 
         Below 1 the substeps, not Young's modulus, decide how stiff the object is; below
-        0.1 the compliance floor softens it.
+        COMPLIANCE_FLOOR that one softens it.
         """
         w = self._free_inverse_masses[self.edges.vertices].sum(axis=1)
         h = self._dt / self.options.substeps(self._dt)
