@@ -184,7 +184,7 @@ class Scene:
 
     @property
     def held(self) -> bool:
-        """Whether the lowest part of the object is pinned."""
+        """Whether anything is pinned."""
         return bool(self.solver.pinned.any())
 
     @property
