@@ -30,7 +30,7 @@ def assert_partition(constraints, order, offsets):
 def test_constraints_of_one_color_share_no_vertex(grid):
     mesh = part_of(grid, 0.08)
     for constraints in (edges(mesh.tets), mesh.tets):
-        assert_partition(constraints, *color_order(constraints, mesh.rest_vertices))
+        assert_partition(constraints, *color_order(constraints, mesh.rest_vertices)[:2])
         colors = greedy_colors(constraints, mesh.vertex_count)
         assert_partition(
             constraints, np.argsort(colors), np.append(0, np.bincount(colors).cumsum())
@@ -43,7 +43,7 @@ def test_a_lattice_needs_about_as_many_colors_as_a_vertex_has_constraints(
 ):
     mesh = part_of(grid, 0.07)
     for constraints, expected in ((edges(mesh.tets), edge_colors), (mesh.tets, tet_colors)):
-        _, offsets = color_order(constraints, mesh.rest_vertices)
+        _, offsets, _ = color_order(constraints, mesh.rest_vertices)
         assert len(offsets) - 1 <= expected
 
 
@@ -51,10 +51,10 @@ def test_a_mesh_of_no_lattice_and_braces_are_colored_greedily():
     mesh = part_of(a15_grid, 0.1)
     random = np.random.default_rng()
     shaken = mesh.rest_vertices + random.normal(scale=0.01, size=mesh.rest_vertices.shape)
-    assert_partition(mesh.tets, *color_order(mesh.tets, shaken))
+    assert_partition(mesh.tets, *color_order(mesh.tets, shaken)[:2])
     braces = np.sort(random.permutation(mesh.vertex_count)[:40].reshape(-1, 2), axis=1)
     constraints = np.unique(np.concatenate([edges(mesh.tets), braces]), axis=0)
-    assert_partition(constraints, *color_order(constraints, mesh.rest_vertices))
+    assert_partition(constraints, *color_order(constraints, mesh.rest_vertices)[:2])
 
 
 def test_vertices_at_one_place_are_told_apart():
@@ -64,7 +64,7 @@ def test_vertices_at_one_place_are_told_apart():
     tets = mesh.tets.copy()
     tets[right] += mesh.vertex_count * (mesh.rest_vertices[mesh.tets[right], 0] < 0.6)
     vertices = np.concatenate([mesh.rest_vertices, mesh.rest_vertices])
-    assert_partition(tets, *color_order(tets, vertices))
+    assert_partition(tets, *color_order(tets, vertices)[:2])
 
 
 def test_a_vertex_has_as_many_colors_as_edges():
@@ -82,6 +82,9 @@ def test_given_colors_stay():
 
 
 def test_within_a_color_the_given_order_stays():
-    order, offsets = color_order(np.array([[0, 1], [1, 2], [2, 3], [4, 5]]), np.zeros((6, 3)))
+    order, offsets, classes = color_order(
+        np.array([[0, 1], [1, 2], [2, 3], [4, 5]]), np.zeros((6, 3))
+    )
     assert order.tolist() == [0, 2, 3, 1]
     assert offsets.tolist() == [0, 3, 4]
+    assert (classes == -1).all()

@@ -131,13 +131,15 @@ class ConstraintList:
 
     Attributes:
         constraints: All of them, an EdgeConstraints or a VolumeConstraints.
-        in_use: Indices into it, ascending.  [N] int
+        in_use: Indices into it, by color.  [N] int
         vertices: As in `arrays`, on the host.  [C, 2 or 4] int32
         arrays: ConstraintArrays with room for all.
     """
 
-    def __init__(self, constraints, rest_values, dtype, vertex_count, device):
+    def __init__(self, constraints, rest_values, dtype, vertex_count, device, by_class=False):
+        """Take constraints; `by_class` puts translates side by side within a color."""
         self.constraints = constraints
+        self._by_class = by_class
         self._rest_values = rest_values
         self._unused = vertex_count
         self._group = CUDA_GROUP if device.is_cuda else CPU_GROUP
@@ -161,6 +163,9 @@ class ConstraintList:
     def select(self, movable) -> bool:
         """Use the constraints that have a movable vertex ([V] bool); whether that is new."""
         in_use = np.flatnonzero(movable[self.constraints.vertices].any(axis=1))
+        if self._by_class:
+            keys = in_use, self.constraints.classes[in_use], self._colors[in_use]
+            in_use = in_use[np.lexsort(keys)]
         if self.in_use is not None and np.array_equal(in_use, self.in_use):
             return False
         self.in_use = in_use

@@ -48,6 +48,7 @@ class EdgeConstraints:
         volumes: V_e, a sixth of the volume of the tets around the edge.  [E]
         factors: f.  [E]
         offsets: Color c is offsets[c]:offsets[c + 1].
+        classes: Translates in a lattice have the same one (coloring.py).  [E]
     """
 
     vertices: np.ndarray
@@ -55,6 +56,7 @@ class EdgeConstraints:
     volumes: np.ndarray
     factors: np.ndarray
     offsets: np.ndarray
+    classes: np.ndarray
 
     def compliances(self, shear_modulus):
         """α = L² / (15 μ f V_e) [m/N].  [E]"""
@@ -75,12 +77,14 @@ class VolumeConstraints:
         rest_volumes: 6 V0.  [T]
         rest_gradients_squared: |g_i|² at rest, m⁴.  [T, 4]
         offsets: Color c is offsets[c]:offsets[c + 1].
+        classes: Translates in a lattice have the same one (coloring.py).  [T]
     """
 
     vertices: np.ndarray
     rest_volumes: np.ndarray
     rest_gradients_squared: np.ndarray
     offsets: np.ndarray
+    classes: np.ndarray
 
     def compliances(self, bulk_modulus):
         """α = 36 V0 / K [m⁵/N].  [T]"""
@@ -112,10 +116,10 @@ def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
     ends = np.concatenate([ends, braces])
     volumes = np.append(volumes, np.full(len(braces), BRACE_VOLUME * volumes.mean()))
     factors = np.append(factors, np.ones(len(braces)))
-    order, offsets = color_order(ends, rest_vertices)
+    order, offsets, classes = color_order(ends, rest_vertices)
     ends, volumes, factors = ends[order], volumes[order], factors[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
-    return EdgeConstraints(ends.astype(np.int32), lengths, volumes, factors, offsets)
+    return EdgeConstraints(ends.astype(np.int32), lengths, volumes, factors, offsets, classes)
 
 
 def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
@@ -124,10 +128,12 @@ def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
     tets = np.where((volumes < 0)[:, None], tets[:, [0, 1, 3, 2]], tets)
     solid = np.abs(volumes) > 1e-6 * np.abs(volumes).mean()
     tets, volumes = tets[solid], np.abs(volumes[solid])
-    order, offsets = color_order(tets, rest_vertices)
+    order, offsets, classes = color_order(tets, rest_vertices)
     tets, volumes = tets[order], volumes[order]
     gradients = volume_gradients(rest_vertices, tets)
-    return VolumeConstraints(tets.astype(np.int32), volumes, (gradients**2).sum(-1), offsets)
+    return VolumeConstraints(
+        tets.astype(np.int32), volumes, (gradients**2).sum(-1), offsets, classes
+    )
 
 
 def lumped_masses(rest_vertices, tets, density):

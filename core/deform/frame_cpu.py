@@ -24,17 +24,22 @@ from .pace import MOST_THREADS, Pace, thread_limit
 wp.set_module_options({"enable_backward": False})
 
 
+LINE = 16  # ints of a cache line, or half of one
+
 _SOURCE = Path(__file__).with_suffix(".cpp").read_text(encoding="utf-8")
 
 
 @wp.func_native(
-    _SOURCE.replace("@COLLAPSED", f"{COLLAPSED}f").replace("@STEP_LIMIT", f"{STEP_LIMIT}f")
+    _SOURCE.replace("@COLLAPSED", f"{COLLAPSED}f")
+    .replace("@STEP_LIMIT", f"{STEP_LIMIT}f")
+    .replace("@LINE", str(LINE))
 )
 def frame_native(
     frame: FrameArrays,
     bodies: wp.array(dtype=wp.vec4),
     previous: wp.array(dtype=wp.vec4),
     spans: wp.array(dtype=float),
+    lanes: wp.array(dtype=int),
     arrivals: wp.array(dtype=int),
     substep_count: int,
     has_volumes: int,
@@ -51,7 +56,8 @@ def frame_kernel(
     bodies: wp.array(dtype=wp.vec4),  # [V + 1] deltas and inverse masses
     previous: wp.array(dtype=wp.vec4),  # [V] at the substep's start
     spans: wp.array(dtype=float),  # [3 edge_room + 9 tet_room] of the frame's start, by component
-    arrivals: wp.array(dtype=int),  # [1] at barriers, 0 when the frame begins
+    lanes: wp.array(dtype=int),  # [2 edge_room + 4 tet_room] vertices, eight by eight
+    arrivals: wp.array(dtype=int),  # [LINE · threads] at barriers, 0 when the frame begins
     substep_count: int,
     has_volumes: int,
     has_springs: int,
@@ -64,6 +70,7 @@ def frame_kernel(
         bodies,
         previous,
         spans,
+        lanes,
         arrivals,
         substep_count,
         has_volumes,
@@ -80,11 +87,13 @@ class CpuFrame:
     def __init__(self, frame: FrameArrays):
         self._frame = frame
         span_count = 3 * frame.edge_room + 9 * frame.tet_room
+        lane_count = 2 * frame.edge_room + 4 * frame.tet_room
         self._scratch = (
             wp.zeros(frame.vertex_count + 1, dtype=wp.vec4, device="cpu"),
             wp.zeros(frame.vertex_count, dtype=wp.vec4, device="cpu"),
             wp.zeros(span_count, dtype=float, device="cpu"),
-            wp.zeros(1, dtype=int, device="cpu"),
+            wp.zeros(lane_count, dtype=int, device="cpu"),
+            wp.zeros(LINE * MOST_THREADS, dtype=int, device="cpu"),
         )
         self._arrivals = self._scratch[-1].numpy()
         self._launches = {}
@@ -107,7 +116,7 @@ class CpuFrame:
             ]
         mine, *others = self._launches[key]
         start = perf_counter()
-        self._arrivals[0] = 0
+        self._arrivals[:] = 0
         running = [_helpers().submit(launch.launch) for launch in others]
         try:
             mine.launch()

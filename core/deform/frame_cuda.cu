@@ -6,43 +6,43 @@ const int vertex_count = frame.vertex_count, edge_colors = frame.edge_colors;
 // -- where positions are, and how threads wait for each other -------------------------------
 // Position and inverse mass of a vertex lie together: one load of 16 bytes.
 #if @GRID
-    const int rank = blockIdx.x, rank_bits = 31 - __clz(gridDim.x);
-    const int first_vertex = blockIdx.x * @THREADS + threadIdx.x;
-    const int vertex_step = gridDim.x * @THREADS;
-    float4* const global_bodies = reinterpret_cast<float4*>(bodies.data);
-    unsigned* const counter = reinterpret_cast<unsigned*>(arrivals.data);
-    unsigned goal = 0;
+const int rank = blockIdx.x, rank_bits = 31 - __clz(gridDim.x);
+const int first_vertex = blockIdx.x * @THREADS + threadIdx.x;
+const int vertex_step = gridDim.x * @THREADS;
+float4* const global_bodies = reinterpret_cast<float4*>(bodies.data);
+unsigned* const counter = reinterpret_cast<unsigned*>(arrivals.data);
+unsigned goal = 0;
 #define SLOT(i) (i)
-    auto get = [&](int i) { return __ldcg(global_bodies + i); };
-    auto put = [&](int i, float4 b) { __stcg(global_bodies + i, b); };
-    // The counter only grows and gridDim.x is a power of two, so wrapping around is harmless,
-    // and blocks that have arrived already don't change what the others begin with.
-    if (threadIdx.x == 0) goal = __ldcg(counter) & ~(gridDim.x - 1u);
-    auto arrive = [&]() {
-        __syncthreads();
-        if (threadIdx.x == 0) {
-            goal += gridDim.x;
-            asm volatile("red.add.release.gpu.u32 [%0], 1;" :: "l"(counter) : "memory");
-        }
-    };
-    auto wait = [&]() {
-        if (threadIdx.x == 0) {
-            unsigned now;
-            do {
-                asm volatile("ld.acquire.gpu.u32 %0, [%1];" : "=r"(now) : "l"(counter) : "memory");
-            } while ((int)(now - goal) < 0);
-        }
-        __syncthreads();
-    };
+auto get = [&](int i) { return __ldcg(global_bodies + i); };
+auto put = [&](int i, float4 b) { __stcg(global_bodies + i, b); };
+// The counter only grows and gridDim.x is a power of two, so wrapping around is harmless,
+// and blocks that have arrived already don't change what the others begin with.
+if (threadIdx.x == 0) goal = __ldcg(counter) & ~(gridDim.x - 1u);
+auto arrive = [&]() {
+    __syncthreads();
+    if (threadIdx.x == 0) {
+        goal += gridDim.x;
+        asm volatile("red.add.release.gpu.u32 [%0], 1;" :: "l"(counter) : "memory");
+    }
+};
+auto wait = [&]() {
+    if (threadIdx.x == 0) {
+        unsigned now;
+        do {
+            asm volatile("ld.acquire.gpu.u32 %0, [%1];" : "=r"(now) : "l"(counter) : "memory");
+        } while ((int)(now - goal) < 0);
+    }
+    __syncthreads();
+};
 #else
-    __shared__ float4 shared_bodies[@SHARED_VERTICES];
-    const int rank = 0, rank_bits = 0;
-    const int first_vertex = threadIdx.x, vertex_step = @THREADS;
+__shared__ float4 shared_bodies[@SHARED_VERTICES];
+const int rank = 0, rank_bits = 0;
+const int first_vertex = threadIdx.x, vertex_step = @THREADS;
 #define SLOT(i) slots.data[i]
-    auto get = [&](int i) { return shared_bodies[i]; };
-    auto put = [&](int i, float4 b) { shared_bodies[i] = b; };
-    auto arrive = [&]() {};
-    auto wait = [&]() { __syncthreads(); };
+auto get = [&](int i) { return shared_bodies[i]; };
+auto put = [&](int i, float4 b) { shared_bodies[i] = b; };
+auto arrive = [&]() {};
+auto wait = [&]() { __syncthreads(); };
 #endif
 
 const int tet_colors = has_volumes ? frame.tet_colors : 0;

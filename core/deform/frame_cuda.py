@@ -149,7 +149,7 @@ class CudaFrame:
                 f"the solver takes {MOST_COLORS} on a GPU: some vertex has too many edges or tets"
             )
         self._frame, self._device = frame, device
-        self.in_block = len(rest_vertices) <= SHARED_VERTICES
+        self.in_block = runs_in_block(len(rest_vertices))
         slots = bank_slots(rest_vertices) if self.in_block else np.arange(len(rest_vertices))
 
         def scratch(count, dtype):
@@ -203,6 +203,11 @@ class CudaFrame:
             )
         for launch in self._launches[key]:
             launch.launch()
+
+
+def runs_in_block(vertex_count: int) -> bool:
+    """Whether positions fit into one block's shared memory."""
+    return vertex_count <= SHARED_VERTICES
 
 
 def bank_slots(rest_vertices):

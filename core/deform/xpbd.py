@@ -20,7 +20,7 @@ from . import checks, constraints, integration
 from .arrays import ConstraintList, frame_arrays, upload, vertex_arrays
 from .feedback import Feedback
 from .frame_cpu import CpuFrame
-from .frame_cuda import CudaFrame
+from .frame_cuda import CudaFrame, runs_in_block
 from .integration import NO_SPRING, Timing
 from .material import Material
 from .options import FRAME, XpbdOptions
@@ -86,8 +86,9 @@ class XpbdSolver:
         self.vertices, self.velocities = self._state.vertices, self._state.velocities
         edges, volumes = self.edges, self.volumes
         count = len(self.rest_vertices)
-        self._edge_list = ConstraintList(edges, edges.rest_lengths, wp.vec2i, count, device)
-        self._volume_list = ConstraintList(volumes, volumes.rest_volumes, wp.vec4i, count, device)
+        common = count, device, device.is_cuda and runs_in_block(count)
+        self._edge_list = ConstraintList(edges, edges.rest_lengths, wp.vec2i, *common)
+        self._volume_list = ConstraintList(volumes, volumes.rest_volumes, wp.vec4i, *common)
         self._timing = wp.zeros(len(Timing._fields), dtype=float, device=device)
         tangles = TangleCounter(self.rest_vertices, volumes.vertices, self._part_of, device)
         self._feedback = Feedback(tangles, device)

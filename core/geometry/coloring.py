@@ -23,15 +23,16 @@ def color_order(constraints, rest_vertices):
         rest_vertices: [V, 3]
 
     Returns:
-        Indices of the constraints [C], and offsets: color c is
-        order[offsets[c]:offsets[c + 1]] [color_count + 1].  Within a color, constraints
-        that are translates of each other come one after the other, in the given order.
+        Indices of the constraints, within a color in the given order [C]; offsets: color c
+        is order[offsets[c]:offsets[c + 1]] [color_count + 1]; and classes in the new order:
+        translates of each other have the same one, -1 is of no lattice [C].
     """
     colors, classes = lattice_colors(constraints, rest_vertices)
     colors = complete_colors(constraints, colors, len(rest_vertices))
     colors = np.unique(colors, return_inverse=True)[1].reshape(-1)  # without empty ones
-    order = np.lexsort((np.arange(len(colors)), classes, colors))
-    return order, np.concatenate([[0], np.cumsum(np.bincount(colors))]).astype(np.int64)
+    order = np.argsort(colors, kind="stable")
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(colors))]).astype(np.int64)
+    return order, offsets, classes[order]
 
 
 def lattice_colors(constraints, rest_vertices):

@@ -1,7 +1,13 @@
 """Milliseconds per solver step (one frame, 20 substeps) of a dragged ball, by mesh size.
 
 python tests/benchmarks/xpbd_speed.py --device cpu
-python tests/benchmarks/xpbd_speed.py --device cuda:0 --spacings 0.0255 0.0205 0.0092
+python tests/benchmarks/xpbd_speed.py --device cuda:0 --spacings 0.0255 0.0205 0.0092 0.0043
+
+Floors, measured in the same run:
+
+    bandwidth  every constraint and vertex read and written once a substep, by what a copy takes
+    latency    the same frame with every vertex pinned: colors without constraints, barriers,
+               and what a step costs on the host
 """
 
 import argparse
@@ -12,12 +18,14 @@ import warp as wp
 
 from deformrf.core.deform.handles import lowest_pins
 from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdSolver
+from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import extract
 
 DT = 1.0 / 60.0
 WARM_UP = 5
+EDGE_BYTES, TET_BYTES, VERTEX_BYTES = 28, 60, 56  # ids, spans, lengths, a; d twice, v, w, before
+COPY_BYTES = 2**28
 
 
 def ball(spacing):
@@ -27,45 +35,84 @@ def ball(spacing):
     return extract(mesh, away < 0.3)[0]
 
 
-def milliseconds_per_step(mesh, poisson_ratio, device, step_count):
-    """The median over steps in which a handle moves, and the solver."""
-    pins = lowest_pins(mesh.rest_vertices, mesh.tets)
-    material = Material(poisson_ratio=poisson_ratio)
-    solver = XpbdSolver(mesh.rest_vertices, mesh.tets, material, pins, device=device)
+def make_solver(mesh, poisson_ratio, device, substep_count):
+    """A ball on its foot, and the handles at its top, grabbed."""
+    solver = XpbdSolver(
+        mesh.rest_vertices,
+        mesh.tets,
+        Material(poisson_ratio=poisson_ratio),
+        lowest_pins(mesh.rest_vertices, mesh.tets),
+        XpbdOptions(substep_count=substep_count),
+        device,
+    )
     top = np.flatnonzero(mesh.rest_vertices[:, 2] > 0.75)
     solver.grab(top)
+    return solver, top
+
+
+def milliseconds_per_step(solver, top, step_count):
+    """The median over steps in which the handles move, and its tenth and ninetieth percentile."""
     times = []
     for step in range(WARM_UP + step_count):
-        solver.move(mesh.rest_vertices[top] + [0.1 * np.sin(step * DT), 0.0, 0.0])
-        wp.synchronize_device(device)
+        solver.move(solver.rest_vertices[top] + [0.1 * np.sin(step * DT), 0.0, 0.0])
+        wp.synchronize_device(solver.device)
         start = time.perf_counter()
         solver.step(DT)
-        wp.synchronize_device(device)
+        wp.synchronize_device(solver.device)
         times.append(time.perf_counter() - start)
     assert np.isfinite(solver.vertices.numpy()).all()
-    return 1e3 * float(np.median(times[WARM_UP:])), solver
+    return 1e3 * np.quantile(times[WARM_UP:], [0.5, 0.1, 0.9])
+
+
+def seconds_per_byte(device):
+    """What reading and writing takes at best."""
+    first, second = (wp.zeros(COPY_BYTES // 4, dtype=float, device=device) for _ in range(2))
+    times = []
+    for _ in range(5):
+        wp.synchronize_device(device)
+        start = time.perf_counter()
+        wp.copy(second, first)
+        wp.synchronize_device(device)
+        times.append(time.perf_counter() - start)
+    return min(times) / (2 * COPY_BYTES)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--device", default="cpu", help="cpu or cuda:0")
     parser.add_argument("--steps", type=int, default=40, help="how many steps are timed")
+    parser.add_argument("--substeps", type=int, default=20)
     parser.add_argument(
         "--spacings", type=float, nargs="+", default=[0.03, 0.0255, 0.0205], help="of the A15 grid"
     )
     arguments = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
+    per_byte = seconds_per_byte(arguments.device)
 
-    print(f"{wp.get_device(arguments.device).name}, {arguments.steps} steps each, median")
-    print(f"{'tets':>8} {'vertices':>9} {'r':>6} {'edges only':>12} {'with volumes':>13}")
+    name = wp.get_device(arguments.device).name
+    print(f"{name}, {1e-9 / per_byte:.0f} GB/s, {arguments.steps} steps of {arguments.substeps}")
+    print("| tets | vertices | colors | r | edges only | with volumes | bandwidth | latency |")
+    print("|---|---|---|---|---|---|---|---|")
     for spacing in arguments.spacings:
-        mesh = ball(spacing)
-        edges_only, _ = milliseconds_per_step(mesh, 0.25, arguments.device, arguments.steps)
-        default = Material().poisson_ratio
-        both, solver = milliseconds_per_step(mesh, default, arguments.device, arguments.steps)
+        mesh, cells = ball(spacing), []
+        for ratio in (0.25, Material().poisson_ratio):
+            solver, top = make_solver(mesh, ratio, arguments.device, arguments.substeps)
+            median, low, high = milliseconds_per_step(solver, top, arguments.steps)
+            cells.append(f"{median:.2f} ({low:.2f}–{high:.2f})")
+        edges, volumes = solver.edges, solver.volumes
+        colors = f"{len(edges.offsets) - 1} + {len(volumes.offsets) - 1}"
+        count = (
+            EDGE_BYTES * len(edges.vertices)
+            + TET_BYTES * len(volumes.vertices)
+            + VERTEX_BYTES * mesh.vertex_count
+        )
+        ratio = solver.stiffness_ratio()
+        solver.set_pinned(np.ones(mesh.vertex_count, bool))
+        idle = milliseconds_per_step(solver, top, arguments.steps)[0]
+        bandwidth = 1e3 * arguments.substeps * count * per_byte
         print(
-            f"{mesh.tet_count:8d} {mesh.vertex_count:9d} {solver.stiffness_ratio():6.2f}"
-            f" {edges_only:9.2f} ms {both:10.2f} ms",
+            f"| {mesh.tet_count} | {mesh.vertex_count} | {colors} | {ratio:.1f}"
+            f" | {cells[0]} | {cells[1]} | {bandwidth:.2f} | {idle:.2f} |",
             flush=True,
         )
 
