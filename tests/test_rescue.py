@@ -12,6 +12,7 @@ from deformrf.core.deform.rescue import (
     SOFTENING,
     TRIES,
     Rescue,
+    distortion,
     goals,
 )
 from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
@@ -159,6 +160,15 @@ def test_what_is_held_decides_where_the_goal_is():
     np.testing.assert_allclose(goals(rest, torn, held), x, atol=1e-3)
 
 
+def test_what_moved_as_one_is_not_distorted():
+    rest = np.random.default_rng().uniform(size=(20, 3))
+    assert distortion(rest, turned(rest)) < 1e-9
+    assert distortion(rest[:0], rest[:0]) == 0.0
+    bent = turned(rest)
+    bent[4] += 0.5
+    assert 0.3 < distortion(rest, bent) < 0.9
+
+
 # -- bodies --------------------------------------------------------------------------------
 
 
@@ -239,6 +249,37 @@ def test_a_neck_that_a_drag_mirrored_returns_within_ten_seconds(device, way):
     for _ in range(600):
         x.step(DT)
     assert from_rest(x.vertices.numpy().astype(np.float64), FOOT) < 0.01
+
+
+def test_a_body_that_hangs_turned_over_at_its_pins_comes_back(device):
+    """Its volumes are positive and no edge is wrapped, but many are twice as long."""
+    x = make_solver(device, Material(young_modulus=1e4, poisson_ratio=0.45))
+    low = REST[FOOT, 2].max()
+    turned_over = REST * [1, -1, -1] + [0, 2 * REST[:, 1].mean(), 2 * low]  # half a turn
+    x.set_state(np.where(FOOT[:, None], REST, turned_over))
+    for _ in range(600):
+        x.step(DT)
+    assert from_rest(x.vertices.numpy().astype(np.float64), FOOT) < 0.01
+
+
+def test_pins_that_stretch_a_body_are_no_tangle(device):
+    """Pulled and pinned there, part of its neck is twice as long; it stays."""
+    x = make_solver(device, Material())
+    head = REST[:, 2] > REST[:, 2].max() - 0.06
+    ids = np.flatnonzero(head)
+    x.grab(ids)
+    for frame in range(60):
+        x.move(REST[ids] + np.array([0.0, 0.0, 0.8 * np.ptp(REST[:, 2])]) * (frame + 1) / 60)
+        x.step(DT)
+    x.set_pinned(FOOT | head)
+    x.release()
+    for _ in range(180):
+        x.step(DT)
+        assert not x.rescuing
+    ends = x.edges.vertices
+    now = x.vertices.numpy()[ends]
+    stretched = np.linalg.norm(now[:, 0] - now[:, 1], axis=1) / x.edges.rest_lengths
+    assert (stretched > 2.0).sum() > 5
 
 
 def test_it_says_that_it_rescues_and_does_not_sleep_meanwhile(device):

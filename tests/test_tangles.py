@@ -61,6 +61,16 @@ def test_every_pose_of_a_bent_body_is_no_tangle(device):
     np.testing.assert_array_equal(counts(rest, twisted, mesh.tets, device), [[0], [0]])
 
 
+def test_overlong_edges_count_if_asked_for(device):
+    rest, _, tets = wheel(9, turns=1)
+    counter = tangles.TangleCounter(rest, tets, np.zeros(len(rest), int), wp.get_device(device))
+    for scale, overlong, expected in ((1.9, True, 0), (2.1, False, 0), (2.1, True, 28)):
+        counter.count(
+            wp.array((scale * rest).astype(np.float32), dtype=wp.vec3, device=device), overlong
+        )
+        np.testing.assert_array_equal(counter.counts.numpy(), [[0], [expected]])
+
+
 def test_what_is_inverted_flat_or_nowhere_counts_in_its_part(device):
     mesh = a15_grid(0.25)
     rest = np.concatenate([mesh.rest_vertices, mesh.rest_vertices + 2.0])

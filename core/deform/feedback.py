@@ -33,12 +33,12 @@ class Feedback:
         """A frame begins."""
         self.motion.zero_()
 
-    def end(self, vertices, count: bool):
-        """A frame is over; count tangles in its result if asked for."""
+    def end(self, vertices, count: bool, overlong: bool = False):
+        """A frame is over; count tangles in its result if asked for (TangleCounter.count)."""
         wp.copy(self._motion_on_host, self.motion)
         self._motion_is_coming = True
         if count:
-            self._tangles.count(vertices)
+            self._tangles.count(vertices, overlong)
             wp.copy(self._counts_on_host, self._tangles.counts)
             self._counts_are_coming = True
         if self._copied is not None:

@@ -24,7 +24,7 @@ const int tet_colors = has_volumes ? frame.tet_colors : 0;
 const int tet_count = frame.tet_offsets.data[frame.tet_colors];
 
 #if defined(__linux__) || defined(__APPLE__)
-int yield_now() __asm__("sched_yield");
+int yield_now(void) __asm__("sched_yield");
 #endif
 // Each thread counts its arrivals in a cache line of its own, which the others look at.
 int arrived = 0;

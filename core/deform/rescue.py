@@ -135,3 +135,23 @@ def goals(rest_vertices, vertices, held):
     u, _, wt = np.linalg.svd((weights * (x - middle)).T @ (rest - rest_middle))
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ wt))]) @ wt
     return (rest_vertices - rest_middle) @ turn.T + middle
+
+
+def way_back(rest_vertices, vertices, part, held):
+    """Where the vertices of a part [V] bool that aren't held [V] bool are, and where they go.
+
+    Returns:
+        Both of its free vertices, in order.  What is lost begins where it goes.  2 x [N, 3]
+    """
+    goal = goals(rest_vertices[part], vertices[part], held[part])[~held[part]]
+    start = vertices[part & ~held]
+    known = np.isfinite(start).all(axis=1, keepdims=True)
+    return np.where(known, start, goal), goal
+
+
+def distortion(rest_vertices, vertices) -> float:
+    """How far a vertex is, at most, from where it would be if all had moved as one.  [V, 3]"""
+    if len(vertices) == 0:
+        return 0.0
+    away = goals(rest_vertices, vertices, np.zeros(len(vertices), bool)) - vertices
+    return float(np.linalg.norm(away, axis=1).max())

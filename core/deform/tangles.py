@@ -1,4 +1,4 @@
-"""Where a mesh is tangled: tets inside out, and edges that tets wrap more than once.
+"""Where a mesh is tangled: tets inside out, edges that tets wrap more than once or overlong.
 
 Around an edge the dihedral angles of its tets add up to 2π at most, in any pose that could
 be built.  A collapsed body can open again with every volume positive but 4π around a few
@@ -10,6 +10,10 @@ Boundary and the Degree in Mesh Processing", 2014, for why both together say it 
 
 with e along the edge and a, b from its first end to the tet's two other corners.
 
+A body can also hang turned over at its pins, as an umbrella that the wind has turned, in
+balance for many seconds.  Edges more than STRETCH times as long as at rest say so, where
+neither weight nor pins explain them; who counts decides whether that is asked.
+
 Shapes: V vertices, T tets, E edges of tets, F = 6 T pairs of an edge and a tet, P parts.
 """
 
@@ -20,11 +24,13 @@ import warp as wp
 
 from ..geometry.mesh import EDGES
 from .arrays import upload
+from .integration import UNLIMITED
 
 wp.set_module_options({"enable_backward": False})
 
 OTHERS = np.array([[2, 3], [1, 3], [1, 2], [0, 3], [0, 2], [0, 1]])  # the corners not in EDGES
 SLACK = 0.2 * np.pi  # beyond 2π: a notch may close a little too far
+STRETCH = 2.0
 
 
 @dataclass(frozen=True)
@@ -36,12 +42,14 @@ class Fans:
         offsets: Edge e has the pairs offsets[e]:offsets[e + 1].  [E + 1] int32
         others: The corners of these tets that aren't ends.  [F, 2] int32
         limits: The largest sum of angles that is no tangle.  [E]
+        lengths: At rest.  [E]
     """
 
     ends: np.ndarray
     offsets: np.ndarray
     others: np.ndarray
     limits: np.ndarray
+    lengths: np.ndarray
 
 
 def fans(rest_vertices, tets) -> Fans:
@@ -56,7 +64,8 @@ def fans(rest_vertices, tets) -> Fans:
     at_rest = angle_sums(rest_vertices, ends, offsets, others)
     # What is folded at rest may be as much.
     limits = np.maximum(2.0 * np.pi, at_rest) + SLACK
-    return Fans(*(a.astype(np.int32) for a in (ends, offsets, others)), limits)
+    lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
+    return Fans(*(a.astype(np.int32) for a in (ends, offsets, others)), limits, lengths)
 
 
 def angle_sums(vertices, ends, offsets, others):
@@ -91,6 +100,8 @@ def count_wrapped_kernel(
     offsets: wp.array(dtype=int),  # [E + 1]
     others: wp.array(dtype=wp.vec2i),  # [F]
     limits: wp.array(dtype=float),  # [E]
+    lengths: wp.array(dtype=float),  # [E]
+    stretch: float,  # the most that an edge may have of its length at rest
     parts: wp.array(dtype=int),  # [V]
     counts: wp.array2d(dtype=int),  # [2, P] in and out
 ):
@@ -103,7 +114,7 @@ def count_wrapped_kernel(
         a = wp.cross(along, vertices[others[k][0]] - origin)
         b = wp.cross(along, vertices[others[k][1]] - origin)
         total += wp.atan2(wp.length(wp.cross(a, b)), wp.dot(a, b))
-    if total > limits[edge]:
+    if total > limits[edge] or wp.length(along) > stretch * lengths[edge]:
         wp.atomic_add(counts, 1, parts[first], 1)
 
 
@@ -124,8 +135,8 @@ class TangleCounter:
         self._fans = None
         self.counts = wp.zeros((2, int(parts.max()) + 1), dtype=int, device=device)
 
-    def count(self, vertices):
-        """Count in this state ([V] vec3 on the device)."""
+    def count(self, vertices, overlong=False):
+        """Count in this state ([V] vec3 on the device), overlong edges as wrapped ones."""
         if self._fans is None:
             made = fans(*self._mesh)
             self._fans = (
@@ -133,9 +144,11 @@ class TangleCounter:
                 upload(made.offsets, int, self._device),
                 upload(made.others, wp.vec2i, self._device),
                 upload(made.limits, float, self._device),
+                upload(made.lengths, float, self._device),
             )
         self.counts.zero_()
         inputs = [vertices, self._tets, self._parts, self.counts]
         wp.launch(count_inverted_kernel, len(self._tets), inputs, device=self._device)
-        inputs = [vertices, *self._fans, self._parts, self.counts]
+        stretch = STRETCH if overlong else UNLIMITED
+        inputs = [vertices, *self._fans, stretch, self._parts, self.counts]
         wp.launch(count_wrapped_kernel, len(self._fans[0]), inputs, device=self._device)

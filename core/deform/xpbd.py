@@ -24,8 +24,10 @@ from .frame_cuda import CudaFrame, runs_in_block
 from .integration import NO_SPRING, Timing
 from .material import Material
 from .options import FRAME, XpbdOptions
-from .rescue import Rescue, goals
+from .rescue import Rescue, distortion, way_back
 from .tangles import TangleCounter
+
+PINS_OFF = 0.01  # object sizes that pins may be away from where they were to each other
 
 
 class XpbdSolver:
@@ -72,6 +74,7 @@ class XpbdSolver:
         self._springs = None  # stiffness and force limit of each handle, [K, 2]; None: exact
         self.inverted_count = 0
         self._rescue = Rescue()
+        self._pins_fit = None  # whether pins are to each other as at rest; None: find out
         self._softened = None  # the ratio of the rescue that the coefficients are for
         self._rescued = np.zeros(len(self.rest_vertices), bool)
         self._rescue_path = None  # where targets begin and where they end, each [V, 3]
@@ -117,11 +120,10 @@ class XpbdSolver:
             edges: α [m/N].  [E] or a number
             volumes: α [m⁵/N].  [T] or a number; None leaves volume constraints out
         """
-        edge_count, volume_count = len(self.edges.vertices), len(self.volumes.vertices)
-        self._compliances = (
-            checks.compliances(edges, edge_count, "edges"),
-            None if volumes is None else checks.compliances(volumes, volume_count, "volumes"),
-        )
+        edge_alphas = checks.compliances(edges, len(self.edges.vertices), "edges")
+        if volumes is not None:
+            volumes = checks.compliances(volumes, len(self.volumes.vertices), "volumes")
+        self._compliances = edge_alphas, volumes
         self._touch(everything=True)
 
     def set_masses(self, masses):
@@ -233,12 +235,10 @@ class XpbdSolver:
         self._state.anchors.assign(vertices)
         self._state.targets.assign(vertices)
         self._state.deltas.zero_()
-        if velocities is None:
-            self.velocities.zero_()
-        else:
-            self.velocities.assign(
-                checks.vectors(velocities, len(self.pinned), "velocity", "vertex")
-            )
+        self.velocities.zero_()
+        if velocities is not None:
+            velocities = checks.vectors(velocities, len(self.pinned), "velocity", "vertex")
+            self.velocities.assign(velocities)
         self._handle_targets = None
         self._touch(everything=True)
 
@@ -263,15 +263,8 @@ class XpbdSolver:
         return float(np.median(self._compliances[0][w > 0] / (w[w > 0] * h * h)))
 
     def held_young_modulus(self) -> float:
-        """The E that a load meets with these substeps [Pa]: E r / (max(r, r_min) + c).
-
-        One projection a substep acts like a compliance of α + c w h².  Columns of A15 under
-        loads from two sides have c = 0.3 at ν = 1/4, 0.35 at 0.35 and 0.55 at 0.45, each
-        ± 0.1 for r from 0.05 to 50 (measured).
-        """
-        material, r = self.material, self.stiffness_ratio()
-        c = 0.3 + 0.1 * math.log1p(material.bulk_modulus / material.shear_modulus)
-        return material.young_modulus * r / (max(r, constraints.COMPLIANCE_FLOOR) + c)
+        """The E that a load meets with these substeps [Pa]."""
+        return self.material.young_modulus_at(self.stiffness_ratio())
 
     # -- time --------------------------------------------------------------------------
 
@@ -301,7 +294,7 @@ class XpbdSolver:
             self._springs is not None,
             self.options.ground is not None,
         )
-        self._feedback.end(self.vertices, count_due)
+        self._feedback.end(self.vertices, count_due, count_due and self._relaxes)
 
     def _read_frame_before(self):
         motion, counts = self._feedback.read()
@@ -313,6 +306,16 @@ class XpbdSolver:
             self._rescue.report(counts.sum(axis=0))
         if motion is not None and self.settled:
             self._fall_asleep()
+
+    @property
+    def _relaxes(self):
+        """Whether rest is where it has to come to: nothing pulls, pins are as at rest."""
+        if any(self.options.gravity):
+            return False
+        if self._pins_fit is None:
+            held, rest = (a[self.pinned] for a in (self._state.targets.numpy(), self.rest_vertices))
+            self._pins_fit = distortion(rest, held) < PINS_OFF * self.object_size
+        return self._pins_fit
 
     def _follow_rescue(self):
         parts = self._rescue.parts
@@ -329,16 +332,13 @@ class XpbdSolver:
         self._state.targets.assign(start + self._rescue.progress * (goal - start))
 
     def _begin_rescue(self, parts):
-        x, start = self.vertices.numpy(), self._state.targets.numpy()
-        goal = start.copy()
-        for part in np.flatnonzero(parts):
-            members = self._part_of == part
-            goal[members] = goals(self.rest_vertices[members], x[members], self.pinned[members])
         self._rescued = parts[self._part_of] & ~self.pinned
-        goal[~self._rescued] = start[~self._rescued]
-        known = self._rescued & np.isfinite(x).all(axis=1)
-        start = np.where(known[:, None], x, goal)
-        self._rescue_path = start, goal
+        x, targets = self.vertices.numpy(), self._state.targets.numpy()
+        self._rescue_path = targets.copy(), targets.copy()
+        for part in np.flatnonzero(parts):
+            way = way_back(self.rest_vertices, x, self._part_of == part, self.pinned)
+            for end, places in zip(self._rescue_path, way, strict=True):
+                end[self._rescued & (self._part_of == part)] = places
         self._update_inverse_masses()
         self._activate(self._rescued)
 
@@ -362,6 +362,7 @@ class XpbdSolver:
     def _touch(self, vertices=None, everything=False):
         """A user's action woke the solver; it concerns the parts of these vertices.  [V] bool"""
         self._still_frames = 0
+        self._pins_fit = None
         self._feedback.drop()
         self._rescue.touch()
         if self._rescued.any():
