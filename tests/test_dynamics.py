@@ -78,6 +78,17 @@ def test_held_vertices_go_to_their_targets():
     np.testing.assert_allclose(found.vertices, lifted - [0, 0, 0.1 / 8], atol=0.05)  # it lags
 
 
+def test_the_path_is_that_of_shorter_runs():
+    body = beam(BCC, 1 / 8)
+    rest = body.mesh.rest_vertices
+    energy = material_energy(rest, body.mesh.tets, Material())
+    whole = motion(energy, rest, body.clamped, 0.1, (0, 0, -9.81), samples=4)
+    assert whole.path.shape == (4, *rest.shape)
+    np.testing.assert_array_equal(whole.path[-1], whole.vertices)
+    half = motion(energy, rest, body.clamped, 0.05, (0, 0, -9.81), step=whole.step)
+    np.testing.assert_allclose(whole.path[1], half.vertices, atol=1e-6)
+
+
 def test_beyond_the_highest_frequency_it_blows_up():
     body = beam(BCC, 1 / 16)
     rest = body.mesh.rest_vertices
@@ -86,5 +97,5 @@ def test_beyond_the_highest_frequency_it_blows_up():
     run = Run(energy, rest, rest, ~body.clamped, np.array([0, 0, -9.81]), 0.0)
     for factor, stable in ((0.9, True), (1.2, False)):
         with np.errstate(all="ignore"):
-            x, _, _ = run.go(400 * factor * longest, 400)
+            x, _, _ = run.go(400 * factor * longest, 400, 4)
         assert (np.isfinite(x).all() and np.abs(x).max() < 3.0) == stable

@@ -26,13 +26,15 @@ class Motion:
     """Attributes:
     vertices: At the end.  [V, 3]
     velocities: At the end.  [V, 3]
+    path: At the end of each of `samples` equal parts of the duration.  [samples, V, 3]
     step: h [s].
-    self_difference: RMS difference to the run with 2h [m].
+    self_difference: RMS difference to the run with 2h, over the path [m].
     energy_drift: Of elastic, kinetic and potential energy, over its largest kinetic part.
     """
 
     vertices: np.ndarray
     velocities: np.ndarray
+    path: np.ndarray
     step: float
     self_difference: float
     energy_drift: float
@@ -47,6 +49,7 @@ def motion(
     damping=0.0,
     targets=None,
     step=None,
+    samples=1,
 ) -> Motion:
     """From rest at `start`, for a duration [s].
 
@@ -56,18 +59,19 @@ def motion(
         damping: δ of v' = −δ v [1/s].
         targets: Where held vertices shall be at the end; None for where they are.  [V, 3]
         step: h [s]; None takes a fifth of the longest stable one.
+        samples: How many positions on the way are kept.
     """
     if step is None:
         step = COURANT * 2.0 / highest_frequency(energy, start, held)
-    count = 2 * math.ceil(duration / step / 2)
+    count = 2 * samples * math.ceil(duration / step / (2 * samples))
     end = np.asarray(start if targets is None else targets, np.float64)
     run = Run(
         energy, np.asarray(start, np.float64), end, ~np.asarray(held), np.array(gravity), damping
     )
-    coarse, _, _ = run.go(duration, count // 2)
-    fine, velocities, drift = run.go(duration, count)
-    difference = float(np.sqrt(((fine - coarse) ** 2).sum(axis=1).mean()))
-    return Motion(fine, velocities, duration / count, difference, drift)
+    coarse, _, _ = run.go(duration, count // 2, samples)
+    path, velocities, drift = run.go(duration, count, samples)
+    difference = float(np.sqrt(((path - coarse) ** 2).sum(axis=2).mean()))
+    return Motion(path[-1], velocities, path, duration / count, difference, drift)
 
 
 def highest_frequency(energy: Energy, x, held, rounds=60):
@@ -93,8 +97,8 @@ class Run:
     gravity: np.ndarray
     damping: float
 
-    def go(self, duration, count):
-        """Vertices and velocities at the end, and the drift of energy."""
+    def go(self, duration, count, samples):
+        """Vertices on the way, velocities at the end, and the drift of energy."""
         h = duration / count
         free, mobility = self.free[:, None], (self.free / self.energy.masses)[:, None]
         push = np.where(free, self.gravity, 0.0)
@@ -103,7 +107,7 @@ class Run:
         decay = np.where(free, math.exp(-0.5 * self.damping * h), 1.0)
         kick = 0.5 * h * (push - mobility * self.energy.gradient(x))
         total, kinetic = [self._total(x, v)], 0.0
-        every = max(1, count // 10)
+        every, path = max(1, count // 10), []
         for step in range(count):
             v = decay * v + kick
             x = x + h * v
@@ -112,8 +116,10 @@ class Run:
             if step % every == every - 1:
                 total.append(self._total(x, v))
                 kinetic = max(kinetic, self._kinetic(v))
+            if (step + 1) % (count // samples) == 0:
+                path.append(x)
         drift = float(np.ptp(total) / kinetic) if kinetic > 0 else 0.0
-        return x, v, drift
+        return np.array(path), v, drift
 
     def _kinetic(self, v):
         return 0.5 * (self.energy.masses[:, None] * v**2).sum()
