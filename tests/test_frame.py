@@ -1,10 +1,13 @@
 """Native frames where they have it hardest: tangled and collapsed meshes, threads, blocks."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
-from deformrf.core.deform import constraints, frame_cuda, reference
+from deformrf.core.deform import constraints, frame_cpu, frame_cuda, reference
 from deformrf.core.deform.material import Material
+from deformrf.core.deform.pace import MOST_THREADS
 from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
 from deformrf.core.geometry.lattice import a15_grid
 from deformrf.core.geometry.mesh import extract
@@ -151,6 +154,71 @@ def test_a_thread_that_is_stopped_leaves_no_other_waiting(monkeypatch):
     solver.set_state(shaken(ball(0.04)))
     solver.step(DT)
     assert np.isfinite(solver.vertices.numpy()).all()
+
+
+def test_a_helper_that_cannot_be_asked_leaves_no_other_waiting(monkeypatch):
+    """Ctrl-C between the helpers: those that run already end by themselves."""
+    mesh = ball(0.04)
+    solver = make_solver(mesh, "cpu", options=XpbdOptions())
+    solver._frame._pace.thread_count = 3
+    solver._frame._pace.note = lambda seconds: None
+    solver.set_state(shaken(mesh))
+    solver.step(DT)
+    helpers, asked = frame_cpu._helpers(), []
+
+    class Interrupted:
+        def submit(self, *call):
+            if asked:
+                raise KeyboardInterrupt
+            asked.append(call)
+            return helpers.submit(*call)
+
+    monkeypatch.setattr(frame_cpu, "_helpers", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        solver.step(DT)
+    monkeypatch.undo()
+    solver.set_state(shaken(mesh))
+    solver.step(DT)
+    assert np.isfinite(solver.vertices.numpy()).all()
+
+
+def test_two_solvers_may_step_in_two_threads():
+    mesh = ball(0.06)
+    solvers = [make_solver(mesh, "cpu", options=XpbdOptions()) for _ in range(2)]
+    for solver in solvers:
+        solver._frame._pace.thread_count = MOST_THREADS  # together more than there are helpers
+        solver._frame._pace.note = lambda seconds: None
+        solver.set_state(shaken(mesh))
+        solver.step(DT)
+
+    def run(solver):
+        for _ in range(3):
+            solver.step(DT)
+        return solver.vertices.numpy().copy()
+
+    with ThreadPoolExecutor(2) as pool:
+        for x in pool.map(run, solvers, timeout=60):
+            assert np.isfinite(x).all()
+
+
+@pytest.mark.gpu
+def test_a_vertex_of_many_constraints_is_solved_or_named():
+    """A fan of tets around one edge has as many colors as tets."""
+    for count, fits in ((frame_cuda.MOST_COLORS // 2 - 10, True), (400, False)):
+        angles = np.arange(count + 1) * 0.4 / count
+        rim = np.stack([np.cos(angles), np.sin(angles), 0 * angles + 0.5], axis=1)
+        vertices = np.concatenate([[[0, 0, 0], [0, 0, 1.0]], rim])
+        ids = np.arange(count)
+        tets = np.stack([0 * ids, 0 * ids + 1, ids + 2, ids + 3], axis=1)
+        arguments = vertices, tets, Material(), np.zeros(len(vertices), bool), OPTIONS, "cuda:0"
+        if not fits:
+            with pytest.raises(ValueError, match="colors"):
+                XpbdSolver(*arguments)
+            continue
+        solver = XpbdSolver(*arguments)
+        solver.set_state(1.01 * vertices)
+        solver.step(DT)
+        assert np.isfinite(solver.vertices.numpy()).all()
 
 
 @pytest.mark.gpu

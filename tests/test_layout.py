@@ -81,6 +81,15 @@ def test_every_package_is_installed():
     assert set(setuptools["packages"]) == found | {"deformrf.shaders", "deformrf.assets"}
 
 
+def test_everything_beside_modules_is_installed():
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    data = setuptools["package-data"]
+    for path in (ROOT / "core").rglob("*"):
+        if path.is_file() and path.suffix not in (".py", ".pyc"):
+            patterns = data["*"] + data.get(module_name(path.parent), [])
+            assert any(path.match(pattern) for pattern in patterns), f"{path} isn't installed"
+
+
 def test_every_dependency_is_pinned():
     from packaging.requirements import Requirement
     from packaging.utils import canonicalize_name

@@ -103,8 +103,9 @@ def test_tries_end_until_the_user_does_something():
     body = Body(3)
     body.run(60.0)
     assert body.progress.count(1.0) == TRIES - 1  # the first one was softened
-    assert body.rescue.may_sleep
+    assert body.rescue.may_sleep and body.rescue.given_up
     body.rescue.touch()
+    assert not body.rescue.given_up
     assert not body.rescue.may_sleep
     run_until(body, "ratio")
 

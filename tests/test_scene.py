@@ -256,3 +256,12 @@ def test_focus_on_a_vertex_turns_about_it(scene):
     scene.hover = int(scene.control_ids[3])
     scene.focus()
     assert scene.orbit.target == pytest.approx(scene.positions[scene.hover])
+
+
+def test_a_pin_that_was_freed_can_be_dragged_and_pinned_again(scene):
+    pin = int(scene.pin_ids[0])
+    assert pin not in scene.control_ids
+    scene.set_pin(pin, False)
+    assert pin in scene.control_ids and pin not in scene.pin_ids
+    scene.set_pin(pin, True)
+    assert pin not in scene.control_ids and pin in scene.pin_ids

@@ -262,6 +262,31 @@ def test_reset_returns_to_rest(device):
     assert xpbd.settled
 
 
+def test_a_reset_lets_go_of_nothing(device):
+    mesh = vase()
+    xpbd = solver(mesh, foot(mesh), device)
+    ids = head(mesh)
+    xpbd.grab(ids)
+    run(xpbd, 0.1)
+    xpbd.reset()
+    for frame in range(30):
+        xpbd.move(mesh.rest_vertices[ids] + [0.004 * frame, 0.0, 0.0])
+        xpbd.step(DT)
+    moved = np.linalg.norm(positions(xpbd) - mesh.rest_vertices, axis=1) > 0.01
+    assert moved.sum() > len(ids) + 10
+
+
+def test_a_body_that_is_nowhere_does_not_sleep(device):
+    mesh = ball()
+    xpbd = solver(mesh, free(mesh), device, rescue=False)
+    xpbd.set_state(mesh.rest_vertices)
+    lost = positions(xpbd)
+    lost[3] = np.nan
+    xpbd.vertices.assign(lost)
+    run(xpbd, 1.0)
+    assert not xpbd.settled
+
+
 def test_the_same_input_gives_the_same_bits(device):
     mesh, results = vase(), []
     for _ in range(2):
@@ -301,6 +326,16 @@ def test_wrong_arguments_are_named():
         solver(mesh, np.zeros(3, bool))
     with pytest.raises(ValueError, match="0 substeps"):
         solver(mesh, foot(mesh), substep_count=0)
+    for wrong in (
+        {"substep_count": 2.5},
+        {"substep_count": float("nan")},
+        {"sleep_frames": -3},
+        {"speed_limit": -1.0},
+        {"speed_limit": float("nan")},
+        {"gravity": (0.0, -9.81)},
+    ):
+        with pytest.raises(ValueError, match="; give"):
+            XpbdOptions(**wrong)
     xpbd = solver(mesh, foot(mesh))
     with pytest.raises(ValueError, match=f"has {mesh.vertex_count} vertices"):
         xpbd.grab([mesh.vertex_count])

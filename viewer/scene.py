@@ -107,6 +107,7 @@ class Scene:
         self.solver.grab(self.control_ids[:1])
         self.solver.step(STEP)
         self.solver.release()
+        self.solver.step(STEP)  # now tangles are counted, too
         self.solver.reset()
 
     def single_step(self) -> None:
@@ -194,8 +195,10 @@ class Scene:
 
     @property
     def control_ids(self):
-        """The vertices that can be dragged."""
-        return self._controls[~self.solver.pinned[self._controls]]
+        """The vertices that can be dragged, pins that were freed included."""
+        freed = self._near[self.pins[self._near]]
+        ids = np.concatenate([self._controls, freed])
+        return ids[~self.solver.pinned[ids]] if self.held else self._controls
 
     def hold(self, held: bool) -> None:
         """Pin the lowest part of the object where it is, or let all of it float."""
@@ -245,8 +248,8 @@ class Scene:
         return self.solver.options.ground is not None
 
     def set_ground(self, on: bool) -> None:
-        """Put a ground under the object at rest, or take it away."""
-        lowest = float(self.field.mesh.rest_vertices[:, 2].min())
+        """Put a ground under what is seen of the object at rest, or take it away."""
+        lowest = float(self._surface[:, 2].min())
         self._set_options(ground=lowest if on else None)
 
     def _set_options(self, **changes):

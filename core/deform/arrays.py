@@ -86,8 +86,8 @@ class FrameArrays:
     vertex_count: int
     edge_room: int  # entries of ConstraintArrays
     tet_room: int
-    edge_colors: int
-    tet_colors: int
+    edge_color_count: int
+    tet_color_count: int
 
 
 def frame_arrays(state: VertexArrays, edges, volumes, timing, motion) -> FrameArrays:
@@ -102,7 +102,7 @@ def frame_arrays(state: VertexArrays, edges, volumes, timing, motion) -> FrameAr
         setattr(frame, f"{kind}_regularization", arrays.regularization)
         setattr(frame, f"{kind}_offsets", arrays.offsets)
         setattr(frame, f"{kind}_room", len(arrays.vertices))
-        setattr(frame, f"{kind}_colors", len(arrays.offsets) - 1)
+        setattr(frame, f"{kind}_color_count", len(arrays.offsets) - 1)
     frame.edge_ids = edges.arrays.ids
     frame.vertex_count = len(state.vertices)
     return frame

@@ -18,12 +18,12 @@ float* const anchor = reinterpret_cast<float*>(frame.anchors.data);
 const int edge_stride = frame.edge_room, tet_stride = frame.tet_room;
 float* const edge_span = spans.data;
 float* const tet_span = edge_span + 3 * edge_stride;
-const int vertex_count = frame.vertex_count, edge_colors = frame.edge_colors;
+const int vertex_count = frame.vertex_count, edge_colors = frame.edge_color_count;
 const int edge_count = frame.edge_offsets.data[edge_colors];
-const int tet_colors = has_volumes ? frame.tet_colors : 0;
-const int tet_count = frame.tet_offsets.data[frame.tet_colors];
+const int tet_colors = has_volumes ? frame.tet_color_count : 0;
+const int tet_count = frame.tet_offsets.data[frame.tet_color_count];
 
-#if defined(__linux__) || defined(__APPLE__)
+#if defined(__linux__)
 int yield_now(void) __asm__("sched_yield");
 #endif
 // Each thread counts its arrivals in a cache line of its own, which the others look at.
@@ -35,7 +35,7 @@ auto meet = [&]() {
     for (int other = 0; other < thread_count; ++other)
         for (int looks = 0;
              __atomic_load_n(arrivals.data + @LINE * other, __ATOMIC_ACQUIRE) < arrived; ++looks) {
-#if defined(__linux__) || defined(__APPLE__)
+#if defined(__linux__)
             if (looks > 2000) yield_now();  // others may need this core, one of ours among them
 #endif
 #if defined(__x86_64__)
@@ -268,7 +268,7 @@ for (int substep = 0; substep < substep_count; ++substep) {
             continue;
         }
         const float moved = d.x * d.x + d.y * d.y + d.z * d.z;
-        farthest = moved > farthest ? moved : farthest;
+        farthest = moved <= farthest ? farthest : moved == moved ? moved : __builtin_inff();
         for (int j = 0; j < 3; ++j) {
             const float start = x[3 * i + j];
             velocity[3 * i + j] = v[j];

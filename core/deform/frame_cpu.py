@@ -13,6 +13,7 @@ The substep itself is in xpbd.py and reference.py.  Shapes: V vertices, E edges,
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
+from threading import Lock
 from time import perf_counter
 
 import warp as wp
@@ -25,6 +26,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 LINE = 16  # ints of a cache line, or half of one
+EVERYONE = 2**30  # arrivals beyond any barrier
 
 _SOURCE = Path(__file__).with_suffix(".cpp").read_text(encoding="utf-8")
 
@@ -116,17 +118,29 @@ class CpuFrame:
             ]
         mine, *others = self._launches[key]
         start = perf_counter()
-        self._arrivals[:] = 0
-        running = [_helpers().submit(launch.launch) for launch in others]
-        try:
-            mine.launch()
-        except BaseException:  # Ctrl-C before it began: nobody must wait for this thread
-            self._arrivals[0] = 2**30
-            raise
-        finally:
-            for helper in running:
-                helper.result()
+        running = []
+        with _ONE_AT_A_TIME:  # two solvers would wait for helpers that the other one holds
+            self._arrivals[:] = 0
+            try:
+                running += [_helpers().submit(self._launch, other) for other in others]
+                self._launch(mine)
+            except BaseException:  # Ctrl-C between them: nobody must wait for who isn't there
+                self._arrivals[:] = EVERYONE
+                raise
+            finally:
+                for helper in running:
+                    helper.result()
         self._pace.note((perf_counter() - start) / substep_count)
+
+    def _launch(self, part):
+        try:
+            part.launch()
+        except BaseException:
+            self._arrivals[:] = EVERYONE
+            raise
+
+
+_ONE_AT_A_TIME = Lock()
 
 
 @cache

@@ -1,7 +1,7 @@
 // One frame on a GPU: the body of frame_native in frame_cuda.py, whose text this is.
 // @NAMES are filled in there; GRID is 1 for many blocks, 0 for one.
 #if defined(__CUDA_ARCH__)
-const int vertex_count = frame.vertex_count, edge_colors = frame.edge_colors;
+const int vertex_count = frame.vertex_count, edge_colors = frame.edge_color_count;
 
 // -- where positions are, and how threads wait for each other -------------------------------
 // Position and inverse mass of a vertex lie together: one load of 16 bytes.
@@ -45,7 +45,7 @@ auto arrive = [&]() {};
 auto wait = [&]() { __syncthreads(); };
 #endif
 
-const int tet_colors = has_volumes ? frame.tet_colors : 0;
+const int tet_colors = has_volumes ? frame.tet_color_count : 0;
 const int tet_room = frame.tet_room;
 constexpr int threads = @THREADS;
 // What this block does of each color; neighbors in the mesh are mostly in one part.
@@ -282,8 +282,9 @@ for (int substep = 0; substep < substep_count; ++substep) {
             rest_delta[3 * i + j] = b.w > 0.0f ? (start - place[j]) + d[j] : 0.0f;
             const_cast<float*>(anchor)[3 * i + j] = target[3 * i + j];
         }
-        if (moved > frame.motion.data[0])  // a plain read spares most threads the atomic
-            atomicMax(reinterpret_cast<int*>(frame.motion.data), __float_as_int(moved));
+        if (!(moved <= frame.motion.data[0]))  // a plain read spares most threads the atomic
+            atomicMax(reinterpret_cast<int*>(frame.motion.data),
+                      moved == moved ? __float_as_int(moved) : 0x7f800000);  // infinity
     }
     if (!over) {
         arrive();

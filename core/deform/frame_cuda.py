@@ -5,10 +5,10 @@ them.  Here one kernel does the whole frame and waits at a barrier between color
 What it waits with, and where it keeps the positions, depends on the mesh's size:
 
     block  one block of threads, positions in its shared memory, __syncthreads
-    grid   as many blocks as the GPU runs at once, positions in its L2 cache, a counter
+    grid   a block on most of the GPU's processors, positions in its L2 cache, a counter
 
 Constraints are loaded two colors ahead, so that only positions are waited for behind a
-barrier.  Colors and the order within them are the same for both.
+barrier.  The order of colors is the same for both, so the results are.
 
 Shared memory has eight banks of 16 bytes, and eight threads that want the same one wait
 for each other.  Translates of one constraint are neighbors in the order (coloring.py), so
@@ -30,8 +30,8 @@ wp.set_module_options({"enable_backward": False})
 
 BLOCK_THREADS = 512
 GRID_THREADS = 256
-SHARED_VERTICES = 2880  # 16 bytes each; 48 KiB hold them and the ranges of colors
-MOST_COLORS = 128  # of edges and tets together
+SHARED_VERTICES = 2688  # 16 bytes each; 48 KiB hold them and the ranges of colors
+MOST_COLORS = 380  # of edges and tets together; 8 bytes each
 BANKS = 8
 
 
@@ -65,7 +65,7 @@ def _kernel(grid, threads):
         has_ground: int,
     ): ...
 
-    @wp.kernel(module="unique", grid_stride=False, enable_backward=False)
+    @wp.kernel(module="unique", grid_stride=False, enable_backward=False, launch_bounds=threads)
     def frame_kernel(
         frame: FrameArrays,
         slots: wp.array(dtype=int),  # [V] where a block keeps each vertex
@@ -143,9 +143,9 @@ class CudaFrame:
 
     def __init__(self, frame: FrameArrays, rest_vertices, device):
         """Take the arrays to work on, and where vertices are at rest.  [V, 3]"""
-        if frame.edge_colors + frame.tet_colors > MOST_COLORS:
+        if frame.edge_color_count + frame.tet_color_count > MOST_COLORS:
             raise ValueError(
-                f"constraints have {frame.edge_colors} + {frame.tet_colors} colors; "
+                f"constraints have {frame.edge_color_count} + {frame.tet_color_count} colors; "
                 f"the solver takes {MOST_COLORS} on a GPU: some vertex has too many edges or tets"
             )
         self._frame, self._device = frame, device

@@ -40,10 +40,17 @@ class XpbdOptions:
     rescue: bool = True
 
     def __post_init__(self):
-        if self.substep_count < 1:
-            raise ValueError(f"{self.substep_count} substeps a frame; give 1 or more")
-        if not np.isfinite(self.gravity).all():
+        counts = ("substep_count", "substeps a frame", 1), ("sleep_frames", "frames to sleep", 0)
+        for name, words, least in counts:
+            value = getattr(self, name)
+            if not (value >= least and int(value) == value):
+                raise ValueError(f"{value} {words}; give a whole number from {least} on")
+        if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
             raise ValueError(f"gravity is {self.gravity}; give three finite numbers")
+        for name in ("speed_limit", "sleep_motion"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f"the {name.replace('_', ' ')} is {value}; give 0 or more")
         if self.ground is not None and not math.isfinite(self.ground):
             raise ValueError(f"the ground's height is {self.ground}; give a number, or None")
         if not (math.isfinite(self.friction) and self.friction >= 0.0):

@@ -68,11 +68,17 @@ class Rescue:
         return self.parts is not None or self.ratio is not None
 
     @property
+    def given_up(self) -> bool:
+        """Whether something is tangled, and all tries are used up."""
+        tangled = self.counts is not None and bool(self.counts.any())
+        return tangled and self._tries >= TRIES and not self.running
+
+    @property
     def may_sleep(self) -> bool:
         """Whether there is nothing left to do or to find out."""
         if self.running or self.counts is None:
             return False
-        return self._tries >= TRIES or not self.counts.any()
+        return self.given_up or not self.counts.any()
 
     def advance(self, dt: float) -> bool:
         """A frame of dt begins, and nothing is grabbed; whether to count after it."""

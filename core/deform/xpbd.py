@@ -127,11 +127,7 @@ class XpbdSolver:
         self._touch(everything=True)
 
     def set_masses(self, masses):
-        """Take these [kg] instead of the material's, until set_material is called.
-
-        Args:
-            masses: A vertex without any stays where it is.  [V]
-        """
+        """Masses [kg] instead of the material's, until set_material; 0 stays in place.  [V]"""
         self._set_masses(checks.masses(masses, len(self.pinned)))
 
     def _set_masses(self, masses):
@@ -224,7 +220,7 @@ class XpbdSolver:
         """Rest pose, zero velocity.  Handles stay grabbed, at their rest positions."""
         self.set_state(self.rest_vertices)
         # Without gravity the rest pose is an equilibrium.
-        if not any(self.options.gravity):
+        if not any(self.options.gravity) and len(self._handles) == 0:
             self._rescue.report(np.zeros(1, int))
             self._fall_asleep()
 
@@ -252,24 +248,30 @@ class XpbdSolver:
         """Whether something is being done about what stayed tangled."""
         return self._rescue.running
 
+    @property
+    def given_up(self) -> bool:
+        """Whether something stays tangled, and nothing is being done about it any more."""
+        return self._rescue.given_up
+
     def stiffness_ratio(self) -> float:
-        """The median of r = α/(w h²) over edges that can move.
+        """The median of r = α/(w h²) over edges that can move; nan if none can.
 
         Below 1 the substeps, not Young's modulus, decide how stiff the object is; below
         COMPLIANCE_FLOOR that one softens it.
         """
-        w = self._free_inverse_masses[self.edges.vertices].sum(axis=1)
+        w = np.where(self.pinned, 0.0, self._free_inverse_masses)[self.edges.vertices].sum(axis=1)
         h = self._dt / self.options.substeps(self._dt)
-        return float(np.median(self._compliances[0][w > 0] / (w[w > 0] * h * h)))
+        ratios = self._compliances[0][w > 0] / (w[w > 0] * h * h)
+        return float(np.median(ratios)) if len(ratios) else math.nan
 
     def held_young_modulus(self) -> float:
-        """The E that a load meets with these substeps [Pa]."""
+        """The E of the material that a load meets with these substeps [Pa]."""
         return self.material.young_modulus_at(self.stiffness_ratio())
 
     # -- time --------------------------------------------------------------------------
 
     def step(self, dt):
-        """Advance by one frame of dt seconds."""
+        """Advance by one frame of dt seconds; another dt than before costs its coefficients."""
         if not (math.isfinite(dt) and dt > 0.0):
             raise ValueError(f"a time step of {dt} s; give a positive number")
         self._read_frame_before()
@@ -321,9 +323,6 @@ class XpbdSolver:
         parts = self._rescue.parts
         if parts is None:
             if self._rescued.any():
-                velocities = self.velocities.numpy().copy()
-                velocities[self._rescued] = 0.0
-                self.velocities.assign(velocities)
                 self._end_rescue()
             return
         if not self._rescued.any():
@@ -361,7 +360,7 @@ class XpbdSolver:
 
     def _touch(self, vertices=None, everything=False):
         """A user's action woke the solver; it concerns the parts of these vertices.  [V] bool"""
-        self._still_frames = 0
+        self._still_frames = self.inverted_count = 0
         self._pins_fit = None
         self._feedback.drop()
         self._rescue.touch()

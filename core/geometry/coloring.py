@@ -5,7 +5,7 @@ then a Gauss–Seidel sweep whose result doesn't depend on the order inside a co
 color is a barrier in each substep, so few colors are fast.
 
 A mesh that was cut from a lattice takes the colors of the lattice (periodic.py): 14 of
-edges and 26 of tets on A15, where greedy coloring needs 18 and 41.
+edges and 26 of tets on A15, where greedy coloring needs 18 and 32.
 
 Shapes: C constraints of n vertices each (n = 2 for edges, 4 for tets).
 """

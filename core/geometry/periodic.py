@@ -30,22 +30,23 @@ def lattice_addresses(rest_vertices):
         The lattice, integer addresses modulo its cell [V, 3], and which vertices are on it
         [V] bool; None if that isn't nearly all of them.
     """
+    spacing = _spacing(rest_vertices)
+    if spacing is None:
+        return None
+    places = (rest_vertices - rest_vertices[0]) / spacing
+    addresses = np.rint(places).astype(np.int64)
+    near = np.abs(places - addresses).max(axis=1) < TOLERANCE
+    if near.mean() < SHARE:
+        return None
     for lattice in (A15, BCC, KUHN):
-        for spacing in _spacings(rest_vertices):
-            places = (rest_vertices - rest_vertices[0]) / spacing
-            addresses = np.rint(places).astype(np.int64)
-            near = np.abs(places - addresses).max(axis=1) < TOLERANCE
-            if near.mean() < SHARE:
-                continue
-            shift, share = _best_shift(lattice, addresses[near])
-            if share > SHARE:
-                addresses += shift
-                return lattice, addresses, near & _is_site(lattice, addresses)
+        shift, share = _best_shift(lattice, addresses[near])
+        if share > SHARE:
+            return lattice, addresses + shift, near & _is_site(lattice, addresses + shift)
     return None
 
 
-def _spacings(rest_vertices):
-    """What dx may be: the commonest distance between coordinates, and parts of it."""
+def _spacing(rest_vertices):
+    """What dx may be: the commonest distance between neighboring coordinates, or None."""
     steps = []
     for axis in range(3):
         levels = np.unique(rest_vertices[:, axis])
@@ -53,7 +54,7 @@ def _spacings(rest_vertices):
         gaps = gaps[gaps > 1e-4 * max(np.ptp(levels), 1e-30)]
         if len(gaps):
             steps.append(np.median(gaps))
-    return [min(steps)] if steps else []
+    return min(steps, default=None)
 
 
 def _is_site(lattice, addresses):

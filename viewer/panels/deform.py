@@ -68,7 +68,7 @@ def state_line(scene) -> str:
     """What time does to the object."""
     if scene.solver.rescuing:
         return "rescuing ..."
-    if scene.solver.inverted_count and not scene.moving:
+    if scene.solver.given_up:
         return "tangled: take Reset"
     return "paused" if scene.paused else "moving" if scene.moving else "at rest"
 
