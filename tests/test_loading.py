@@ -8,10 +8,26 @@ from deformrf.viewer.loading import OTHERS, Progress, kernel_modules, prepare
 
 def test_the_modules_are_those_of_renderer_and_solver():
     modules = kernel_modules("cpu")
-    for name in ("render.marching", "render.modes", "field.encoding", "deform.constraints"):
+    for name in ("render.marching", "render.modes", "field.encoding", "deform.integration"):
         assert f"deformrf.core.{name}" in modules
+    assert "deformrf.core.deform.frame_cpu" in modules
+    assert "deformrf.core.deform.frame_cuda" not in modules
     assert len(modules) == len(set(modules))
     assert all(name.startswith("deformrf.core.") for name in modules)
+
+
+def test_each_device_has_its_own_frames():
+    modules = kernel_modules("cuda:0")
+    assert "deformrf.core.deform.frame_cuda" in modules
+    assert "deformrf.core.deform.frame_cpu" not in modules
+
+
+@pytest.mark.gpu
+def test_a_model_is_prepared_on_a_gpu(ball):
+    progress = Progress(kernel_modules("cuda:0"))
+    scene, _ = prepare(ball, "ball", "cuda:0", progress)
+    assert progress.fraction == 1.0
+    scene.single_step()
 
 
 def test_every_stage_is_counted(ball):

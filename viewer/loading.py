@@ -14,6 +14,7 @@ from .scene import Scene
 from .surface import visible_points
 
 NEEDED = ("render.", "deform.", "field.encoding", "field.network_mma")  # parts of core
+CPU_ALONE, CUDA_ALONE = "deform.frame_cpu", "deform.frame_cuda"
 OTHERS = ("networks and tables", "the surface, from eight sides", "the solver")
 
 
@@ -55,12 +56,14 @@ class Progress:
 def kernel_modules(device: str) -> list[str]:
     """The modules of core that have been imported and whose Warp kernels a viewer needs there."""
     core = __package__.rpartition(".")[0] + ".core."
+    not_here = core + (CUDA_ALONE if device == "cpu" else CPU_ALONE)
     if device != "cpu":
         from ..core.render import wavefront  # noqa: F401  or it is imported with the first image
     return sorted(
         name
         for name, module in list(sys.modules.items())
         if name.startswith(tuple(core + part for part in NEEDED))
+        and name != not_here
         and any(isinstance(v, wp.Kernel) and v.module.name == name for v in vars(module).values())
     )
 

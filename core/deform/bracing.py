@@ -31,5 +31,7 @@ def hinge_braces(tets):
             if labels[one] != labels[other]:
                 pairs = product(tets[one].tolist(), tets[other].tolist())
                 braces.update((min(pair), max(pair)) for pair in pairs if pair[0] != pair[1])
+    if not braces:  # as with most meshes: spare them a set of all edges
+        return np.empty((0, 2), np.int64)
     braces -= set(map(tuple, np.sort(tets[:, EDGES].reshape(-1, 2), axis=1).tolist()))
     return np.array(sorted(braces), np.int64).reshape(-1, 2)

@@ -1,5 +1,6 @@
 // One frame on a CPU: the body of frame_native in frame_cpu.py, whose text this is.
 // @NAMES are filled in there.
+#if !defined(__CUDA_ARCH__)
 typedef float f4 __attribute__((ext_vector_type(4)));
 typedef float f8 __attribute__((ext_vector_type(8)));
 typedef int i8 __attribute__((ext_vector_type(8)));
@@ -281,3 +282,4 @@ for (int substep = 0; substep < substep_count; ++substep) {
     if (!over) meet();
 }
 frame.motion.data[thread] = sqrt(farthest);
+#endif

@@ -17,7 +17,7 @@ from .mesh import EDGES
 
 TOLERANCE = 0.02  # of dx; float32 vertices are 1e-4 of it away
 SHARE = 0.9  # of the vertices that must be a lattice's
-SEARCH_STEPS = 2000  # for each number of colors; A15's tets take 300 with 26
+SEARCH_STEPS = 600  # for each number of colors; 400 find as few
 
 
 def lattice_addresses(rest_vertices):
