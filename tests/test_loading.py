@@ -7,6 +7,8 @@ from deformrf.viewer.loading import OTHERS, Progress, kernel_modules, prepare
 
 
 def test_the_modules_are_those_of_renderer_and_solver():
+    import deformrf.core.render.modes  # noqa: F401  the window imports it
+
     modules = kernel_modules("cpu")
     for name in ("render.marching", "render.modes", "field.encoding", "deform.integration"):
         assert f"deformrf.core.{name}" in modules
