@@ -19,6 +19,7 @@ import math
 import numpy as np
 import warp as wp
 
+from ..deform.arrays import upload
 from ..deform.constraints import (
     STEP_LIMIT,
     edge_constraints,
@@ -149,21 +150,16 @@ class IterationSolver:
         masses = lumped_masses(rest, tets, material.density)
         self._host_inverse_masses = np.where(pinned, 0.0, 1.0 / masses)
         self._speed_limit = options.speed_limit * float(np.ptp(rest, axis=0).max())
-        self.vertices = self._upload(rest, wp.vec3)
+        self.vertices = upload(rest, wp.vec3, self.device)
         self._velocities, self._deltas, self._previous = (
             wp.zeros(len(rest), dtype=wp.vec3, device=self.device) for _ in range(3)
         )
-        self._inverse_masses = self._upload(self._host_inverse_masses, float)
+        self._inverse_masses = upload(self._host_inverse_masses, float, self.device)
         bulk = material.bulk_modulus
         self.set_compliances(
             self.edges.compliances(material.shear_modulus),
             self.volumes.compliances(bulk) if bulk > 0 else None,
         )
-
-    def _upload(self, array, dtype):
-        if np.issubdtype(array.dtype, np.floating):
-            array = array.astype(np.float32)
-        return wp.array(np.ascontiguousarray(array), dtype=dtype, device=self.device)
 
     def set_compliances(self, edges, volumes):
         """α of edges [m/N] and of volumes [m⁵/N], each a number or one a constraint."""
@@ -198,8 +194,10 @@ class IterationSolver:
             w_on_host = self._host_inverse_masses
             regularization = table.regularization(alpha, w_on_host, h, self.floor)
             multipliers = wp.zeros(len(rest), dtype=float, device=self.device)
-            arrays = [self._upload(a, t) for a, t in ((table.vertices, dtype), (rest, float))]
-            inputs = [x, d, w, *arrays, self._upload(regularization, float), multipliers]
+            arrays = [
+                upload(a, t, self.device) for a, t in ((table.vertices, dtype), (rest, float))
+            ]
+            inputs = [x, d, w, *arrays, upload(regularization, float, self.device), multipliers]
             self._kept += inputs
             offsets = table.offsets if self.device.is_cuda else table.offsets[[0, -1]]
             for first, last in zip(offsets[:-1].tolist(), offsets[1:].tolist(), strict=True):
