@@ -265,3 +265,18 @@ def test_a_pin_that_was_freed_can_be_dragged_and_pinned_again(scene):
     assert pin in scene.control_ids and pin not in scene.pin_ids
     scene.set_pin(pin, True)
     assert pin not in scene.control_ids and pin in scene.pin_ids
+
+
+def test_what_nothing_holds_falls_onto_a_ground(scene):
+    scene.set_gravity(9.81)
+    assert not scene.on_ground  # its pins hold it
+    scene.hold(False)
+    assert scene.on_ground
+    for _ in range(60):
+        scene.advance(1 / 30)
+    assert scene.positions[:, 2].mean() > scene.solver.options.ground
+    scene.hold(True)
+    scene.set_gravity(0.0)
+    scene.set_ground(False)
+    scene.hold(False)
+    assert not scene.on_ground  # it floats

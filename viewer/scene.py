@@ -203,6 +203,7 @@ class Scene:
     def hold(self, held: bool) -> None:
         """Pin the lowest part of the object where it is, or let all of it float."""
         self.solver.set_pinned((self.pins | self.solver.pinned) & held)
+        self._keep_in_sight()
 
     def set_pin(self, vertex: int, pinned: bool) -> None:
         """Pin a vertex where it is, or free it."""
@@ -210,6 +211,7 @@ class Scene:
         pins[vertex] = pinned
         self.solver.set_pinned(pins)
         self.hover = None
+        self._keep_in_sight()
 
     def set_material(self, **changes) -> None:
         """Change some attributes of the material."""
@@ -241,6 +243,7 @@ class Scene:
     def set_gravity(self, strength: float) -> None:
         """Let things fall [m/s²], or float at 0."""
         self._set_options(gravity=(0.0, 0.0, -strength))
+        self._keep_in_sight()
 
     @property
     def on_ground(self) -> bool:
@@ -251,6 +254,11 @@ class Scene:
         """Put a ground under what is seen of the object at rest, or take it away."""
         lowest = float(self._surface[:, 2].min())
         self._set_options(ground=lowest if on else None)
+
+    def _keep_in_sight(self):
+        """What falls, and nothing holds, gets a ground, or it would be gone in a second."""
+        if self.gravity > 0.0 and not self.held and not self.on_ground:
+            self.set_ground(True)
 
     def _set_options(self, **changes):
         self.solver.set_options(replace(self.solver.options, **changes))
