@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from deformrf.core.geometry.coloring import color_order, complete_colors, greedy_colors
+from deformrf.core.geometry.coloring import color_order, complete_colors
 from deformrf.core.geometry.lattice import a15_grid, bcc_grid, kuhn_grid
 from deformrf.core.geometry.mesh import edges, extract
 
@@ -16,6 +16,10 @@ def part_of(grid, spacing, share=0.5):
     near = np.linalg.norm(mesh.rest_vertices[mesh.tets].mean(axis=1) - 0.5, axis=1) < share
     keep = near & (np.random.default_rng().uniform(size=len(near)) < 0.9)
     return extract(mesh, keep)[0]
+
+
+def greedy_colors(constraints, vertex_count):
+    return complete_colors(constraints, np.full(len(constraints), -1), vertex_count)
 
 
 def assert_partition(constraints, order, offsets):

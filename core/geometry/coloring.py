@@ -54,20 +54,14 @@ def lattice_colors(constraints, rest_vertices):
     return colors, classes
 
 
-def greedy_colors(constraints, vertex_count):
-    """The lowest color that no earlier neighbour has.  [C] int
-
-    The order matters: a lattice's own order needs a third fewer colors than a random one.
+def complete_colors(constraints, colors, vertex_count):
+    """Colors as given, and where they are -1 the lowest that no neighbor has so far.  [C] int
 
     Args:
         constraints: Vertex ids.  [C, n]
+        colors: [C] int
         vertex_count: One more than the highest id.
     """
-    return complete_colors(constraints, np.full(len(constraints), -1), vertex_count)
-
-
-def complete_colors(constraints, colors, vertex_count):
-    """Colors as given, and greedily the lowest free one where they are -1.  [C] int"""
     used = [0] * vertex_count  # bit c: a constraint of color c touches this vertex
     colors = colors.copy()
     missing = np.flatnonzero(colors < 0)

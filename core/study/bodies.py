@@ -83,13 +83,14 @@ def beam(lattice: Lattice, spacing, length=1.0, width=0.25) -> Beam:
     z = mesh.rest_vertices[mesh.tets[middle], 2]
     # ∫ z² over a tet is V/20 (Σ z_i² + (Σ z_i)²).
     squares = (volumes / 20.0 * ((z**2).sum(axis=1) + z.sum(axis=1) ** 2)).sum()
-    mean = (volumes * z.mean(axis=1)).sum() / volumes.sum()
+    total = volumes.sum()  # 0 where a beam is too coarse to have a section
+    mean = (volumes * z.mean(axis=1)).sum() / total if total > 0 else 0.0
     return Beam(
         mesh=mesh,
         length=length,
         clamped=mesh.rest_vertices[:, 0] <= slack,
-        area=float(volumes.sum() / stretch),
-        second_moment=float((squares - volumes.sum() * mean**2) / stretch),
+        area=float(total / stretch),
+        second_moment=float((squares - total * mean**2) / stretch),
     )
 
 
