@@ -358,7 +358,7 @@ def prepare_evaluation(arguments: EvaluateArguments):
         lpips = metric.Lpips(arguments.lpips_weights, device)
 
     from .field import modelfile
-    from .render.render import RenderOptions
+    from .render.options import RenderOptions
     from .training import evaluate
 
     field = modelfile.load(arguments.model)

@@ -24,6 +24,7 @@ MAY_IMPORT = {
     "core.deform": ["core.geometry"],
     "core.training": ["core.geometry", "core.field", "core.render"],
     "core.study": ["core"],
+    "core.report": ["core"],
     "core.cli": ["core"],
     "viewer": ["core"],
 }

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.render.render import RenderOptions
+from deformrf.core.render.options import RenderOptions
 from deformrf.viewer import picking
 
 pytestmark = pytest.mark.gl

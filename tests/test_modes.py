@@ -6,7 +6,8 @@ import pytest
 from deformrf.core.render import modes
 from deformrf.core.render.camera import from_field_of_view, look_at, rays
 from deformrf.core.render.modes import MODES, render_mode
-from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.options import RenderOptions
+from deformrf.core.render.render import Renderer
 
 RANGE = 1.2, 2.0
 BACKGROUND = (0.2, 0.5, 0.9)

@@ -15,7 +15,8 @@ from deformrf.core.geometry.mesh import (
 )
 from deformrf.core.render import reference
 from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.options import RenderOptions
+from deformrf.core.render.render import Renderer
 
 BACKGROUND = (0.2, 0.5, 0.9)
 SIZE = 100  # pixels

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from deformrf.core.render.modes import MODES, render_mode
-from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.options import RenderOptions
+from deformrf.core.render.render import Renderer
 from deformrf.core.render.subpixel import shifted
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer.gl import Canvas, depth_terms

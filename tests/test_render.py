@@ -10,7 +10,8 @@ from deformrf.core.field import modelfile
 from deformrf.core.geometry.mesh import signed_volumes
 from deformrf.core.render import reference
 from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.options import RenderOptions
+from deformrf.core.render.render import Renderer
 
 BACKGROUND = (0.2, 0.5, 0.9)
 CONFORMANCE = RenderOptions(background=BACKGROUND, conformance=True)
@@ -215,6 +216,41 @@ def test_an_empty_mask_is_empty_space(make_ball_field, device):
     image = Renderer(field, device).render(camera(16))
     assert (image.color_array()[..., 3] == 0).all()
     assert image.sample_count == 0
+
+
+def test_every_way_of_rendering_shows_the_same(make_ball_field, device):
+    """All rays as if the mesh overlapped itself, in float32, and with its empty tets."""
+    field = make_ball_field(occupied_share=0.3, seed=5)
+    camera = from_field_of_view(look_at((1.4, 0.2, 1.0), (0.5, 0.5, 0.5)), 0.7, 48, 48)
+
+    def image(options, **kind):
+        renderer = Renderer(field, device, **kind)
+        renderer.set_vertices(field.mesh.rest_vertices)
+        return renderer.render(camera, options).color_array().astype(int)
+
+    exact = image(RenderOptions(conformance=True))
+    assert exact[..., :3].std() > 10  # there is something to see
+    layers = image(RenderOptions(conformance=True, layers=True))
+    whole = image(
+        RenderOptions(conformance=True), part_of=lambda f: (f, np.arange(f.mesh.tet_count))
+    )
+    for other in (layers, whole):
+        assert np.abs(other - exact).max() <= 2
+    default, single = image(RenderOptions()), image(RenderOptions(single_precision=True))
+    assert np.abs(default - single).max() <= 6  # half precision is all that differs
+
+
+def test_a_ray_ends_where_it_is_told_to(make_ball_field, device):
+    field = make_ball_field(seed=6)
+    camera = from_field_of_view(look_at((1.4, 0.2, 1.0), (0.5, 0.5, 0.5)), 0.7, 48, 48)
+    renderer = Renderer(field, device)
+    renderer.set_vertices(field.mesh.rest_vertices)
+    counts = [
+        renderer.render(camera, RenderOptions(termination=stop)).sample_count
+        for stop in (0.0, 1e-3, 2e-2, 0.5)
+    ]
+    assert counts == sorted(counts, reverse=True) and counts[0] > counts[-1]
+    assert counts[2] == renderer.render(camera).sample_count  # the default
 
 
 def test_impossible_options_are_named(make_ball_field):

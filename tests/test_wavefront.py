@@ -10,7 +10,8 @@ from deformrf.core.field.wide import vec4h
 from deformrf.core.render import wavefront
 from deformrf.core.render.camera import from_field_of_view, look_at
 from deformrf.core.render.lens import Lens, LensCamera
-from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.options import RenderOptions
+from deformrf.core.render.render import Renderer
 
 BACKGROUND = (0.2, 0.5, 0.9)
 DETAILS = RenderOptions(BACKGROUND, details=True)  # takes the other way on every device

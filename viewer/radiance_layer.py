@@ -17,7 +17,7 @@ import warp as wp
 
 from ..core.geometry.mesh import edges
 from ..core.render.modes import render_mode
-from ..core.render.render import RenderOptions
+from ..core.render.options import RenderOptions
 from . import gl
 from .resolution import (
     CPU_LADDER,

@@ -29,7 +29,8 @@ import warp as wp
 from ..geometry.mesh import EDGES
 from .compositing import to_byte
 from .lens import DeviceLens, device_lens, lens_direction
-from .render import Image, RenderOptions
+from .options import RenderOptions
+from .render import Image
 
 MODES = ("color", "depth", "accumulation", "normals", "tets", "levels", "samples", "error")
 SAMPLES_SHOWN = 64  # of the bundled model's rays that meet it, 1 % take more

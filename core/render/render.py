@@ -30,6 +30,7 @@ from .marching import (
     march_kernel,
     pack_kernel,
 )
+from .options import RenderOptions, checked
 from .overlap import Overlap
 from .shading import Shading
 from .stages import Stages
@@ -42,36 +43,6 @@ WAVEFRONT_PIXELS = 1 << 16  # a wavefront has room for a multiple of these
 ROUND_SLOTS = (4, 4, 4, 4, 8, 8, 16, 32, 64, 128)  # most rays end after some 12 samples
 
 wp.set_module_options({"enable_backward": False})
-
-
-@dataclass(frozen=True)
-class RenderOptions:
-    """How to render.
-
-    Attributes:
-        background: Color behind the object, 0..1.
-        conformance: Equal the reference (float32, stop at T < 1e-3); otherwise stop
-            earlier and, on CUDA, evaluate the networks in half precision.
-        step_factor: Of the model's Δ: with less, an image takes longer and is closer to the
-            integral that the sum stands for.
-        level_count: Levels that are encoded, all by default; the finer ones count as zero.
-        details: Also tell each pixel's tet and number of samples.
-    """
-
-    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    conformance: bool = False
-    step_factor: float = 1.0
-    level_count: int | None = None
-    details: bool = False
-
-    @property
-    def stop(self) -> float:
-        """Transmittance below which a ray ends.
-
-        In default mode what is behind a ray's end is taken to look like what is before it,
-        which makes a large value harmless: 64 to 67 dB against 49 to 56 without.
-        """
-        return 1e-3 if self.conformance else 2e-2
 
 
 @dataclass
@@ -142,11 +113,16 @@ class Renderer:
         shading: Of that part.
     """
 
-    def __init__(self, field: TetField, device="cpu"):
+    def __init__(self, field: TetField, device="cpu", part_of=visible_part):
+        """Upload what is needed.
+
+        Args:
+            part_of: Chooses the tets that are worth a ray's time, as visible_part does.
+        """
         self.field = field
         self.device = wp.get_device(device)
         self.stage = Stages(self.device)  # stage(name) times what happens within
-        self.part, tet_ids = visible_part(field)
+        self.part, tet_ids = part_of(field)
         mesh, neighbours = self.part.mesh, self.part.neighbours
         self._tet_ids = wp.array(tet_ids, dtype=int, device=self.device)
         self.pose = Pose(mesh, neighbours, self.device)
@@ -179,7 +155,9 @@ class Renderer:
         """What the mesh overlaps with in its present pose: overlap.Tangle, false if nothing."""
         return self._overlap.tangle()
 
-    def render(self, camera: Camera | LensCamera, options=None, rows=None) -> Image:
+    def render(
+        self, camera: Camera | LensCamera, options: RenderOptions | None = None, rows=None
+    ) -> Image:
         """Render the rows first..last-1 (all by default) as `camera` sees them.
 
         Args:
@@ -189,7 +167,7 @@ class Renderer:
         Returns:
             An Image of last - first rows.
         """
-        options = self._checked(options)
+        options = checked(options, self.field.layout.level_count)
         first, last = rows or (0, camera.height)
         first_pixel, count = first * camera.width, (last - first) * camera.width
         shape = (last - first, camera.width)
@@ -203,7 +181,7 @@ class Renderer:
             image["tet"] = wp.empty(count, dtype=int, device=self.device)
             image["samples"] = wp.empty(count, dtype=int, device=self.device)
         tile_rays = CUDA_TILE_RAYS if self.device.is_cuda else CPU_TILE_RAYS
-        self._prepare()
+        self._prepare(options)
         tiles = [(a, min(a + tile_rays, count)) for a in range(0, count, tile_rays)]
         work = partial(self._render_tile, camera, options, first_pixel, image)
         if self.device.is_cuda:
@@ -226,8 +204,8 @@ class Renderer:
             color [R, 3] over the background, opacity [R], depth [R] (0 without opacity),
             float32 arrays.
         """
-        options = self._checked(options)
-        self._prepare()
+        options = checked(options, self.field.layout.level_count)
+        self._prepare(options)
         count = len(origins)
         rays = empty_rays(count, self.device)
         rays.origins.assign(np.ascontiguousarray(origins, np.float32))
@@ -238,23 +216,10 @@ class Renderer:
         color = pixels.color.numpy() + transmittance[:, None] * np.float32(options.background)
         return color, opacity, pixels.depth.numpy() / np.maximum(opacity, 1e-6)
 
-    def _checked(self, options) -> RenderOptions:
-        """The options, or the default ones.
-
-        Raises:
-            ValueError: The field has no so many levels, or the step is none.
-        """
-        options = options or RenderOptions()
-        most = self.field.layout.level_count
-        if options.level_count is not None and not 1 <= options.level_count <= most:
-            raise ValueError(f"level_count is {options.level_count}; the field has {most} levels")
-        if not options.step_factor > 0.0:
-            raise ValueError(f"step_factor is {options.step_factor}; give a positive number")
-        return options
-
     def _has_slots(self, options) -> bool:
         """Whether a wavefront renders the image."""
-        special = options.conformance or options.details or options.level_count is not None
+        special = not options.half or options.details or options.layers
+        special = special or options.level_count is not None
         return self.shading.evaluate_slots is not None and not special
 
     def _render_wavefront(self, camera, options, rows, shape):
@@ -279,7 +244,7 @@ class Renderer:
     def _mend(self, wavefront, count, options) -> int:
         """Render tangled rays again, which the wavefront got wrong."""
         with self.stage("layers"):
-            self._prepare()
+            self._prepare(options)
             _, tangled = self._overlap.sort_rays(wavefront.rays, count)
             if not len(tangled):
                 return 0
@@ -292,9 +257,9 @@ class Renderer:
             )
         return sample_count
 
-    def _prepare(self):
+    def _prepare(self, options):
         """Look for overlap, and get ready for it."""
-        if self.tangle():
+        if self.tangle() or options.layers:
             self._layers.prepare()
             self._boxes.refresh()
 
@@ -328,8 +293,12 @@ class Renderer:
         pixels = empty_pixels(count, self.device)
         alive = wp.empty(count, dtype=int, device=self.device)
         sample_count, round_ = 0, 0
-        if self.tangle():
-            alive, tangled = self._overlap.sort_rays(rays, count)
+        if self.tangle() or options.layers:
+            if options.layers:
+                self._launch(count_up_kernel, count, [], [alive])
+                alive, tangled = alive[:0], alive
+            else:
+                alive, tangled = self._overlap.sort_rays(rays, count)
             count = len(alive)
             if len(tangled):
                 with self.stage("layers"):

@@ -56,7 +56,7 @@ class Shading:
         Returns:
             sigma [N] and rgb [N], Warp arrays.
         """
-        if self.evaluate_slots is not None and not options.conformance:
+        if self.evaluate_slots is not None and options.half:
             return self._shade_half(rays, alive, counts, ends, samples, count, options, stage)
         if self._networks is None:
             self._networks, _ = torch_networks(self._field, self.device)
@@ -64,7 +64,7 @@ class Shading:
             features = self.encode(samples, count, options.level_count)
             basis = self.basis(rays, alive, counts, ends, samples, count)
         with stage("networks"):
-            return self._networks(features, basis, half=not options.conformance)
+            return self._networks(features, basis, half=options.half)
 
     def _shade_half(self, rays, alive, counts, ends, samples, count, options, stage):
         device = self.device

@@ -24,7 +24,8 @@ from ..field.field import TetField
 from ..field.occupancy import occupied_share
 from ..render.camera import in_space
 from ..render.lens import LensCamera, lens_rays
-from ..render.render import Renderer, RenderOptions
+from ..render.options import RenderOptions
+from ..render.render import Renderer
 from .datasets import Dataset, white_composite
 from .differentiable import on_warp_stream
 from .metrics import check_size, psnr, ssim

@@ -33,7 +33,8 @@ from deformrf.core.field import modelfile
 from deformrf.core.field.network import basis_of, basis_vector
 from deformrf.core.render.camera import in_space
 from deformrf.core.render.lens import LensCamera
-from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.options import RenderOptions
+from deformrf.core.render.render import Renderer
 from deformrf.core.render.traversal import tet_frames_reference
 from deformrf.core.training import datasets
 from deformrf.core.training.datasets import white_composite

@@ -24,7 +24,8 @@ from deformrf.core.cli import with_steps
 from deformrf.core.device import start_warp
 from deformrf.core.render.camera import in_space
 from deformrf.core.render.lens import LensCamera
-from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.options import RenderOptions
+from deformrf.core.render.render import Renderer
 from deformrf.core.training import datasets, trainer
 from deformrf.core.training.evaluate import render_view
 from deformrf.core.training.metrics import psnr

@@ -29,7 +29,8 @@ from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.render import reference
 from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.options import RenderOptions
+from deformrf.core.render.render import Renderer
 from deformrf.core.training.metrics import psnr
 
 REFERENCE_PIXELS = 3000

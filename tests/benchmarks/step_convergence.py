@@ -24,7 +24,8 @@ from deformrf.core import paths
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.render import Renderer, RenderOptions
+from deformrf.core.render.options import RenderOptions
+from deformrf.core.render.render import Renderer
 
 FACTORS = 2.0 ** np.arange(1, -6, -1)  # of Δ
 FINEST = 1 / 64

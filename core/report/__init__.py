@@ -1,0 +1,1 @@
+"""What deformrf-report writes: findings of core.study as pages, tables and pictures."""

@@ -1,0 +1,76 @@
+"""How long something takes: the median over repeats after a warm-up, with its spread.
+
+On CUDA by events on the stream, so that neither the launch of what comes before nor the
+host's clock is in it.  Two things that are to be compared take turns: what else happens on
+the machine happens to both.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+LOW, HIGH = 10.0, 90.0  # percentiles that say how far repeats spread
+WARM_UP = 3
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Milliseconds of something that was repeated.
+
+    Attributes:
+        median, low, high: And its tenth and ninetieth percentile.  [ms]
+        count: Of repeats.
+    """
+
+    median: float
+    low: float
+    high: float
+    count: int
+
+
+def timing_of(milliseconds) -> Timing:
+    """The timing of single repeats [n]."""
+    low, median, high = np.percentile(milliseconds, [LOW, 50.0, HIGH])
+    return Timing(float(median), float(low), float(high), len(milliseconds))
+
+
+def milliseconds(action: Callable[[], object], device) -> float:
+    """How long one call takes, everything that it launches on the device included."""
+    device = wp.get_device(device)
+    if not device.is_cuda:
+        start = time.perf_counter()
+        action()
+        return 1e3 * (time.perf_counter() - start)
+    first, last = (wp.Event(device, enable_timing=True) for _ in range(2))
+    stream = wp.get_stream(device)
+    wp.synchronize_device(device)
+    stream.record_event(first)
+    action()
+    stream.record_event(last)
+    wp.synchronize_event(last)
+    return wp.get_event_elapsed_time(first, last)
+
+
+def timed(action: Callable[[], object], device, repeats: int, warm_up: int = WARM_UP) -> Timing:
+    """The timing of an action."""
+    for _ in range(warm_up):
+        action()
+    return timing_of([milliseconds(action, device) for _ in range(repeats)])
+
+
+def compared(
+    with_it: Callable[[], object], without: Callable[[], object], device, repeats: int
+) -> tuple[Timing, Timing, Timing]:
+    """Timings of two actions that take turns, and of the difference from turn to turn."""
+    for _ in range(WARM_UP):
+        with_it(), without()
+    turns = []
+    for repeat in range(repeats):
+        pair = (with_it, without) if repeat % 2 else (without, with_it)
+        times = {action: milliseconds(action, device) for action in pair}
+        turns.append((times[with_it], times[without]))
+    turns = np.array(turns)
+    return timing_of(turns[:, 0]), timing_of(turns[:, 1]), timing_of(turns[:, 0] - turns[:, 1])

@@ -1,0 +1,50 @@
+"""Views show the whole object, and errors are those of the pixels that are compared."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.render.camera import view_projection
+from deformrf.core.render.options import RenderOptions
+from deformrf.core.render.render import Renderer
+from deformrf.core.study import pictures
+
+
+def test_views_show_the_whole_object(ball):
+    points = ball.mesh.rest_vertices
+    for camera in pictures.views(ball, 3, 40):
+        clip = np.c_[points, np.ones(len(points))] @ view_projection(camera, 0.1, 10.0).T
+        places = np.abs(clip[:, :2] / clip[:, 3:])
+        assert 0.5 < places.max() <= 1.0
+
+
+def test_a_reference_is_the_image(ball):
+    """In conformance mode all that is left is rounding to bytes; by default, a little more."""
+    camera = pictures.view(ball, 0.3, 32)
+    picture = pictures.picture(ball, ball.mesh.rest_vertices, camera, 400)
+    assert picture.expected.shape == (400, 3) and picture.expected.std() > 0.1
+    renderer = Renderer(ball)
+    renderer.set_vertices(ball.mesh.rest_vertices)
+    exact = renderer.render(camera, RenderOptions(conformance=True)).color_array()
+    error = pictures.picture_error([exact], [picture])
+    assert error.psnr > 55.0 and error.largest <= 2.0
+    exact = exact.copy()
+    row, column = divmod(int(picture.pixels[7]), 32)
+    exact[row, column, 1] = 255 - exact[row, column, 1]
+    off = abs(255 - 2 * int(exact[row, column, 1]))
+    worse = pictures.picture_error([exact], [picture])
+    assert abs(worse.largest - off) <= 2.0 and worse.psnr < error.psnr
+
+
+def test_the_reference_differs_from_itself_by_nothing(ball):
+    camera = pictures.view(ball, 0.3, 16)
+    picture = pictures.picture(ball, ball.mesh.rest_vertices, camera, 100)
+    same = pictures.discretization(ball, picture, part=1)
+    assert (same.psnr, same.largest) == (pictures.PEAK_DB, 0.0)
+    coarse, fine = (pictures.discretization(ball, picture, part) for part in (2, 16))
+    assert coarse.psnr >= fine.psnr > 20.0 and fine.largest > 0.0
+
+
+def test_psnr_is_that_of_a_known_difference():
+    a = np.full((5, 3), 0.25)
+    error = pictures.image_error([a, a], [a + 0.1, a - 0.1])
+    assert error.psnr == pytest.approx(20.0) and error.largest == pytest.approx(25.5)
