@@ -18,6 +18,18 @@ from ..geometry.mesh import TetMesh, extract, face_components, signed_volumes, t
 
 
 @dataclass(frozen=True)
+class Held:
+    """Any body, some of whose vertices are held.
+
+    Attributes:
+        clamped: [V] bool
+    """
+
+    mesh: TetMesh
+    clamped: np.ndarray
+
+
+@dataclass(frozen=True)
 class Beam:
     """Along x, clamped at x ≤ 0 and free at x = length; z is up.
 

@@ -4,9 +4,10 @@
     dynamic   it falls for 0.2 s from rest, undamped;      reference: Verlet (dynamics.py)
               (over all 12 frames: at one moment the phase of a stiff beam's ringing decides)
 
-Three schemes: n substeps of one iteration (the solver); one substep of n iterations with
-stored multipliers (iterations.py); and those without the floor under the compliance.  The
-floor is in units of h²: at one substep a frame it is what decides.
+Four schemes: n substeps of one iteration (the solver); one substep of n iterations with
+stored multipliers (iterations.py); those without the floor under the compliance, which is in
+units of h²: at one substep a frame it is what decides; and n substeps in which positions are
+kept as plain float32 (plain.py).
 
 Compliance is the same at every edge, without volume constraints, or None: the default
 material with its volumes.  At compliance 0 the reference is the rest pose: a clamped body
@@ -17,29 +18,32 @@ Error is the RMS over vertices (and frames) of |x − reference|, over the objec
 largest and the RMS over the reference's RMS displacement are given beside it.
 """
 
-import time
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import warp as wp
 
 from ..deform.constraints import COMPLIANCE_FLOOR
 from ..deform.material import Material
 from ..deform.xpbd import XpbdOptions, XpbdSolver
 from ..geometry.lattice import A15, BCC, KUHN
-from .bodies import Beam, beam
+from .bodies import Beam, Held, beam
 from .dynamics import motion
 from .energy import Energy, material_energy, uniform_energy
 from .iterations import IterationSolver
+from .plain import PlainSolver
 from .statics import equilibrium
+from .stopwatch import Timing, milliseconds, timing_of
 
 LATTICES = {"a15": A15, "bcc": BCC, "kuhn": KUHN}
-SCHEMES = {"substeps": "-o", "iterations": "--s", "unfloored": ":^"}  # and how they are drawn
+# And how they are drawn.
+SCHEMES = {"substeps": "-o", "iterations": "--s", "unfloored": ":^", "plain float32": "-.x"}
+OF_SUBSTEPS = ("substeps", "plain float32")
 SCENES = ("static", "dynamic")
 COUNTS = (1, 2, 5, 10, 20, 50, 100, 200)
 COMPLIANCES = (0.0, 1e-8, 1e-6, 1e-4, None)
 GRAVITY = (0.0, 0.0, -9.81)
+DEFAULT_MATERIAL = Material()
 DT = 1.0 / 60.0
 FALL_FRAMES = 12  # 0.2 s
 SETTLING_DAMPING = 10.0  # 1/s, near critical for the softest case
@@ -51,31 +55,51 @@ WARM_UP, TIMED_FRAMES = 3, 30
 @dataclass(frozen=True)
 class Case:
     """Attributes:
-    lattice: A key of LATTICES.
+    lattice: A key of LATTICES, or whatever else the body is to be called.
     body: Its rest vertices are rounded to float32, as the solver's are.
-    compliance: Of every edge [m/N]; None for the default material.
+    compliance: Of every edge [m/N]; None for the material.
     scene: "static" or "dynamic".
+    gravity: [m/s²]
+    solid: What it is made of, but for its damping.
     """
 
     lattice: str
-    body: Beam
+    body: Beam | Held
     compliance: float | None
     scene: str
+    gravity: tuple[float, float, float] = GRAVITY
+    solid: Material = DEFAULT_MATERIAL
 
     @property
     def material(self) -> Material:
-        return Material(damping=SETTLING_DAMPING if self.scene == "static" else 0.0)
+        return replace(self.solid, damping=SETTLING_DAMPING if self.scene == "static" else 0.0)
 
-    @cached_property
+    @property
     def reference(self):
         """Where the vertices would be without error, frame by frame, or at last.  [F, V, 3]"""
+        return self._solved[0]
+
+    @property
+    def reference_error(self) -> float:
+        """How wrong the reference is itself, over its motion.
+
+        Static: the forces that are left, over the loads.  Dynamic: a third of the difference
+        to the run with twice the step, as the order is 2.
+        """
+        return self._solved[1]
+
+    @cached_property
+    def _solved(self):
         rest, held = self.body.mesh.rest_vertices, self.body.clamped
         if self.compliance == 0.0:
-            return rest[None]
-        if self.scene == "dynamic":
-            duration = FALL_FRAMES * DT
-            return motion(self.energy, rest, held, duration, GRAVITY, samples=FALL_FRAMES).path
-        return equilibrium(self.energy, rest, held, GRAVITY).vertices[None]
+            return rest[None], 0.0
+        if self.scene == "static":
+            found = equilibrium(self.energy, rest, held, self.gravity)
+            return found.vertices[None], found.residual
+        duration = FALL_FRAMES * DT
+        moved = motion(self.energy, rest, held, duration, self.gravity, samples=FALL_FRAMES)
+        way = np.sqrt(((moved.path - rest) ** 2).sum(axis=2).mean())
+        return moved.path, moved.self_difference / 3.0 / float(way)
 
     @property
     def energy(self) -> Energy:
@@ -89,8 +113,8 @@ class Case:
         mesh, options = (
             self.body.mesh,
             XpbdOptions(
-                substep_count=count if scheme == "substeps" else 1,
-                gravity=GRAVITY,
+                substep_count=count if scheme in OF_SUBSTEPS else 1,
+                gravity=self.gravity,
                 sleep_motion=0.0,
                 rescue=False,
             ),
@@ -98,6 +122,8 @@ class Case:
         body = mesh.rest_vertices, mesh.tets, self.material, self.body.clamped, options
         if scheme == "substeps":
             solver = XpbdSolver(*body, device=device)
+        elif scheme == "plain float32":
+            solver = PlainSolver(*body)
         else:
             floor = COMPLIANCE_FLOOR if scheme == "iterations" else 0.0
             solver = IterationSolver(*body, iteration_count=count, floor=floor, device=device)
@@ -115,7 +141,7 @@ class Row:
         count: Substeps or iterations a frame.
         rms, largest: Error, over the size.
         of_motion: RMS error over the reference's RMS displacement.
-        milliseconds: Median of a frame.
+        frame: Of time; NumPy's, and so of no meaning, with plain float32.
         frames: How many were run.
     """
 
@@ -129,7 +155,7 @@ class Row:
     rms: float
     largest: float
     of_motion: float
-    milliseconds: float
+    frame: Timing
     frames: int
 
 
@@ -140,18 +166,19 @@ def make_case(lattice, spacing, compliance, scene) -> Case:
     return Case(lattice, body, compliance, scene)
 
 
-def measure(case: Case, scheme, count, device) -> Row:
-    """One solver's error at the end of a scene, and its time a frame."""
+def measure(case: Case, scheme, count, device, settling_frames=SETTLING_FRAMES) -> Row:
+    """One solver's error at the end of a scene, and its time a frame.
+
+    Args:
+        settling_frames: At most, until a static scene is still.
+    """
     solver = case.solver(scheme, count, device)
     rest = case.body.mesh.rest_vertices
     size = float(np.ptp(rest, axis=0).max())
     times, before, path, frame = [], rest, [], 0
-    limit = FALL_FRAMES if case.scene == "dynamic" else SETTLING_FRAMES
+    limit = FALL_FRAMES if case.scene == "dynamic" else settling_frames
     while frame < limit:
-        start = time.perf_counter()
-        solver.step(DT)
-        wp.synchronize_device(device)
-        times.append(time.perf_counter() - start)
+        times.append(milliseconds(lambda: solver.step(DT), device))
         frame += 1
         if case.scene == "dynamic":
             path.append(solver.vertices.numpy().astype(np.float64))
@@ -162,11 +189,9 @@ def measure(case: Case, scheme, count, device) -> Row:
             before = now
     if case.scene == "static":
         path.append(solver.vertices.numpy().astype(np.float64))
-    while len(times) < WARM_UP + TIMED_FRAMES:  # the fall alone is too short for a median
-        start = time.perf_counter()
-        solver.step(DT)
-        wp.synchronize_device(device)
-        times.append(time.perf_counter() - start)
+    enough = WARM_UP + (TIMED_FRAMES if scheme != "plain float32" else 1)
+    while len(times) < enough:  # the fall alone is too short for a median
+        times.append(milliseconds(lambda: solver.step(DT), device))
     away = np.linalg.norm(np.array(path) - case.reference, axis=2)
     moved = np.linalg.norm(case.reference - rest, axis=2)
     rms, rms_moved = (float(np.sqrt((a**2).mean())) for a in (away, moved))
@@ -181,7 +206,7 @@ def measure(case: Case, scheme, count, device) -> Row:
         rms=rms / size,
         largest=float(away.max()) / size,
         of_motion=rms / rms_moved if rms_moved > 0 else float("inf"),
-        milliseconds=1e3 * float(np.median(times[WARM_UP:])),
+        frame=timing_of(times[WARM_UP:]),
         frames=frame,
     )
 
@@ -201,12 +226,12 @@ def plot(rows, path):
     for column, lattice in zip(axes.T, lattices, strict=True):
         tets = next(row.tets for row in rows if row.lattice == lattice)
         column[0].set_title(f"{lattice}, {tets} tets, {rows[0].scene}, {rows[0].device}")
-        for axis, along in zip(column, ("count", "milliseconds"), strict=True):
+        for axis, along in zip(column, (_count, _median), strict=True):
             for index, label in enumerate(labels):
                 for scheme, style in SCHEMES.items():
                     line = [r for r in rows if (*_kind(r), r.scheme) == (lattice, label, scheme)]
                     axis.loglog(
-                        [getattr(row, along) for row in line],
+                        [along(row) for row in line],
                         [row.rms for row in line],
                         style,
                         color=f"C{index}",
@@ -242,3 +267,11 @@ def plot(rows, path):
 
 def _kind(row):
     return row.lattice, str(row.compliance)
+
+
+def _count(row):
+    return row.count
+
+
+def _median(row):
+    return row.frame.median

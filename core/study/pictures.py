@@ -18,7 +18,7 @@ from ..render.camera import Camera, from_field_of_view, look_at, rays
 from ..render.options import RenderOptions
 
 FIELD_OF_VIEW = 0.69  # rad, as in NeRF-synthetic
-FILLED = 1.1  # of the ball around the object: how much of it an image's height shows
+FILLED = 0.95  # of the image's half width, or height: how far the object reaches
 ELEVATION = 0.3  # rad
 FIRST_YAW = 0.52  # rad
 PEAK_DB = 100.0  # equal images; bytes can't tell more than some 60 dB apart anyway
@@ -55,17 +55,23 @@ class ImageError:
 
 
 def view(field: TetField, yaw: float, width: int, height: int | None = None) -> Camera:
-    """The whole object at rest, what can be seen of it, from one side."""
+    """The object at rest, what can be seen of it, as large as the image from one side."""
     mesh = field.mesh
     seen = field.occupancy != 0
-    points = mesh.rest_vertices[mesh.tets[seen if seen.any() else slice(None)]].reshape(-1, 3)
-    low, high = points.min(axis=0), points.max(axis=0)
-    center, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
-    distance = FILLED * radius / np.sin(0.5 * FIELD_OF_VIEW)
+    points = np.unique(mesh.tets[seen if seen.any() else slice(None)])
+    points = mesh.rest_vertices[points]
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
     flat = np.cos(ELEVATION)
     toward = np.array([np.cos(yaw) * flat, np.sin(yaw) * flat, np.sin(ELEVATION)])
+    height = height or width
+    pose = look_at(center + toward, center)
+    right, up = pose[:3, 0], pose[:3, 1]
+    # A point is in sight from where on: its way aside over its tangent, and towards the eye.
+    tangents = FILLED * np.tan(0.5 * FIELD_OF_VIEW) * np.array([1.0, height / width])
+    aside = np.abs((points - center) @ np.stack([right, up], axis=1)) / tangents
+    distance = (aside.max(axis=1) + (points - center) @ toward).max()
     pose = look_at(center + distance * toward, center)
-    return from_field_of_view(pose, FIELD_OF_VIEW, width, height or width)
+    return from_field_of_view(pose, FIELD_OF_VIEW, width, height)
 
 
 def views(field: TetField, count: int, size: int) -> list[Camera]:
@@ -95,9 +101,9 @@ def discretization(field: TetField, picture: Picture, part=4) -> ImageError:
 
 
 def picture_error(images, pictures: list[Picture]) -> ImageError:
-    """The error of rendered images ([H, W, 3 or 4] uint8 each) of these pictures."""
+    """The error of rendered images ([H, W, 3] uint8 each) of these pictures."""
     found = [
-        image[..., :3].reshape(-1, 3)[picture.pixels] / 255.0
+        image.reshape(-1, 3)[picture.pixels] / 255.0
         for image, picture in zip(images, pictures, strict=True)
     ]
     return image_error(found, [picture.expected for picture in pictures])

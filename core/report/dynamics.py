@@ -1,0 +1,330 @@
+"""Section 2: what a frame of the dynamics costs, and how wrong it is, on the model's own mesh."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..deform.material import PRESETS, Material
+from ..deform.xpbd import XpbdOptions
+from ..geometry.mesh import TetMesh
+from ..study import error, own_mesh, rule
+from ..study.stopwatch import Timing
+from .parts import Figure, Section, Table
+from .plots import INK, new_figure, png
+
+FRAME_MS = 1e3 * error.DT
+MOST_SUBSTEPS = 200
+DEFAULT_COUNT = XpbdOptions().substep_count
+COMPLIANCES = (0.0, 1e-8, 1e-6, 1e-4)
+FALLING = (0.0, 1e-4)  # of these, those with a dynamic scene
+QUICK_SETTLING = 600  # frames: some of a stiff body's slowest way is left
+STYLES = {"static": "-", "dynamic": "--"}
+COLORS = {"substeps": "tab:blue", "iterations": "tab:orange", "unfloored": "tab:red"}
+COLORS["plain float32"] = "tab:purple"
+
+
+@dataclass(frozen=True)
+class DynamicsRow:
+    """One solver on one scene; errors in percent."""
+
+    scene: str
+    scheme: str
+    compliance: str
+    count: int
+    of_motion: float
+    of_size: float
+    largest: float
+    frame: Timing | None
+    frames: int
+    default: bool
+    chosen: bool
+
+
+@dataclass(frozen=True)
+class MaterialRow:
+    """What a material takes to be held."""
+
+    material: str
+    young_modulus: float
+    substeps: int
+    of_motion: float | None
+    frame: Timing | None
+    default: bool
+
+
+def section(
+    name: str,
+    mesh: TetMesh,
+    device,
+    quick: bool = False,
+    step: Callable[[float], None] = lambda share: None,
+) -> Section:
+    """Measure and tell; `step` is called with the share that is done."""
+    body = own_mesh.body_of(mesh)
+    try:
+        of_material = own_mesh.cases(name, body)
+        jobs = plan(of_material, quick)
+    except RuntimeError:
+        return Section(
+            "dynamics",
+            "Dynamics: error against time",
+            ["Some of this mesh moves without resistance, so there is no equilibrium to compare."],
+        )
+    weights = np.cumsum([1 + count for _, _, count in jobs], dtype=float)
+    rows = []
+    for (case, scheme, count), done in zip(jobs, weights, strict=True):
+        settling = QUICK_SETTLING if quick else error.SETTLING_FRAMES
+        rows.append(error.measure(case, scheme, count, device, settling))
+        step(0.9 * done / weights[-1])
+    chosen = chosen_count(rows)
+    materials = [] if quick or chosen is None else held_materials(name, body, device, chosen)
+    found = [_row(row, chosen) for row in rows]
+    return Section(
+        key="dynamics",
+        title="Dynamics: error against time",
+        findings=[*_findings(found, chosen, device), *_scheme_findings(found)],
+        method=[
+            f"{mesh.tet_count} tets, held at their foot and pushed sideways by a gravity of "
+            f"{of_material[0].gravity[0]:.2g} m/s², so that a linear body moves by "
+            f"{100 * own_mesh.PUSH:g} % of its size. Static: until it is still, against Newton's "
+            f"method in float64 (forces left: {of_material[0].reference_error:.0e} of the load). "
+            f"Dynamic: {error.FALL_FRAMES} frames from rest, undamped, against Verlet in float64 "
+            f"(itself wrong by {100 * of_material[1].reference_error:.1g} % of the motion). "
+            "Error: RMS over vertices and frames, over the reference's RMS motion, and over the "
+            "object's size; with compliance 0 nothing should move.",
+            "Substeps: the program's solver. Iterations: one substep with so many iterations; "
+            "unfloored: those without the floor under the compliance. Plain float32: substeps "
+            "whose positions aren't kept as base plus delta (computed in NumPy, so without a "
+            "time).",
+            f"The rule: the cheapest number of substeps whose error is at most "
+            f"{100 * own_mesh.BOUND:g} % of the motion in both scenes, which is to hold Young's "
+            "modulus to about a tenth.",
+        ],
+        tables=[_table(found), *([_materials_table(materials)] if materials else [])],
+        figures=[
+            Figure(
+                "dynamics",
+                "Left: error over milliseconds a frame, the default material; the star is the "
+                f"default, dashed gray {100 * own_mesh.BOUND:g} %. Right: over substeps and of the "
+                "size, by the compliance of every edge [m/N], under the same push. Lines: static; "
+                "broken lines: dynamic.",
+                plot(found),
+            )
+        ],
+        values={"bound": own_mesh.BOUND, "recommended_substeps": chosen},
+    )
+
+
+def plan(of_material, quick):
+    """What is measured: (case, scheme, count), the cheap ones first."""
+    counts = (5, 10, 20, 30, 40) if quick else (1, 2, 5, 10, 15, 20, 25, 30, 40, 50, 100, 200)
+    counts = sorted({*counts, DEFAULT_COUNT})
+    few = (DEFAULT_COUNT,) if quick else (5, 10, 20, 50)
+    jobs = [(case, "substeps", count) for case in of_material for count in counts]
+    for scheme in ("iterations",) if quick else ("iterations", "unfloored"):
+        jobs += [(case, scheme, count) for case in of_material for count in few]
+    plain_counts = few if quick else (20, 100, 200)
+    jobs += [(of_material[1], "plain float32", count) for count in plain_counts]
+    for compliance in (0.0,) if quick else COMPLIANCES:
+        some = few if quick else (5, 20, 50, 100)
+        # Verlet's steps in a stiff body are so short that its fall would take an hour.
+        scenes = of_material if compliance in FALLING else of_material[:1]
+        for case in scenes:
+            jobs += [(replace(case, compliance=compliance), "substeps", n) for n in some]
+    return jobs
+
+
+def chosen_count(rows) -> int | None:
+    """The rule's number of substeps: see method."""
+    own = [row for row in rows if row.scheme == "substeps" and row.compliance == "material"]
+    counts = sorted({row.count for row in own})
+    errors = [max(row.of_motion for row in own if row.count == count) for count in counts]
+    times = [[max(r.frame.median for r in own if r.count == count)] for count in counts]
+    found = rule.cheapest(times, errors, own_mesh.BOUND)
+    return None if found is None else counts[found]
+
+
+def held_materials(name, body, device, chosen) -> list[MaterialRow]:
+    """How many substeps each preset takes, by r ∝ ρ n² / μ, and its error with as many."""
+    standard = Material()
+    rows = []
+    for preset, material in {"default": standard, **PRESETS}.items():
+        ratio = material.shear_modulus / material.density
+        ratio /= standard.shear_modulus / standard.density
+        count = math.ceil(chosen * math.sqrt(ratio))
+        row = None
+        if count <= MOST_SUBSTEPS:
+            case = own_mesh.cases(name, body, material)[0]
+            row = error.measure(case, "substeps", count, device)
+        rows.append(
+            MaterialRow(
+                material=preset,
+                young_modulus=material.young_modulus,
+                substeps=count,
+                of_motion=row and 100.0 * row.of_motion,
+                frame=row and row.frame,
+                default=preset == "default",
+            )
+        )
+    return rows
+
+
+def _row(row, chosen):
+    own = row.scheme == "substeps" and row.compliance == "material"
+    return DynamicsRow(
+        scene=row.scene,
+        scheme=row.scheme,
+        compliance=row.compliance if row.compliance == "material" else f"{row.compliance:g}",
+        count=row.count,
+        of_motion=100.0 * row.of_motion,
+        of_size=100.0 * row.rms,
+        largest=100.0 * row.largest,
+        frame=None if row.scheme == "plain float32" else row.frame,
+        frames=row.frames,
+        default=own and row.count == DEFAULT_COUNT,
+        chosen=own and row.count == chosen,
+    )
+
+
+def _findings(rows, chosen, device):
+    default = [row for row in rows if row.default]
+    static, dynamic = (next(r for r in default if r.scene == s) for s in error.SCENES)
+    said = [
+        f"By default ({DEFAULT_COUNT} substeps) a frame takes {static.frame.median:.3g} ms; under "
+        f"load the pose is off by {static.of_motion:.2g} % of its motion ({static.of_size:.2g} % "
+        f"of the size), in motion by {dynamic.of_motion:.2g} %."
+    ]
+    if chosen is None:
+        return [*said, "No number of substeps that was tried is within the bound."]
+    row = next(r for r in rows if r.chosen and r.scene == "static")
+    share = 100.0 * row.frame.median / FRAME_MS
+    fits = "which leaves the rest to rendering" if share < 100 else "more than there is"
+    said.append(
+        f"The default material needs {chosen} substeps on this mesh (error at most "
+        f"{100 * own_mesh.BOUND:g} % of the motion): {row.frame.median:.3g} ms, {share:.2g} % of a "
+        f"frame at 60 Hz, {fits}."
+    )
+    return said
+
+
+def _scheme_findings(rows):
+    """Substeps against iterations at the same count, static, and what plain float32 loses."""
+    said = []
+    static = {(r.scheme, r.count): r for r in rows if r.scene == "static" and _own(r)}
+    dynamic = {(r.scheme, r.count): r for r in rows if r.scene == "dynamic" and _own(r)}
+    one, other = (static.get((s, DEFAULT_COUNT)) for s in ("substeps", "iterations"))
+    if one and other:
+        said.append(
+            f"{DEFAULT_COUNT} iterations of one substep instead: {other.of_motion:.3g} % "
+            f"under load against {one.of_motion:.2g} %."
+        )
+    count = max((c for s, c in dynamic if s == "plain float32"), default=None)
+    if count is not None and ("substeps", count) in dynamic:
+        plain, kept = (dynamic[s, count].of_motion for s in ("plain float32", "substeps"))
+        said.append(
+            f"With {count} substeps positions in plain float32 are off by {plain:.2g} % in "
+            f"motion; kept as base plus delta, by {kept:.2g} %."
+        )
+    return said
+
+
+def _own(row):
+    return row.compliance == "material"
+
+
+def _table(rows):
+    return Table(
+        "dynamics",
+        "Errors of the solver.",
+        {
+            "scene": "scene",
+            "scheme": "scheme",
+            "compliance": "compliance [m/N]",
+            "count": "count",
+            "of_motion": "of the motion [%]",
+            "of_size": "of the size [%]",
+            "largest": "largest, of the size [%]",
+            "frame": "ms a frame",
+            "chosen": "the rule's",
+        },
+        rows,
+    )
+
+
+def _materials_table(rows):
+    return Table(
+        "materials",
+        f"What each material takes to be held on this mesh; a frame at 60 Hz has {FRAME_MS:.3g} "
+        "ms. Where more than 200 substeps are needed, the material that acts is softer.",
+        {
+            "material": "material",
+            "young_modulus": "E [Pa]",
+            "substeps": "substeps",
+            "of_motion": "of the motion [%]",
+            "frame": "ms a frame",
+        },
+        rows,
+    )
+
+
+def plot(rows) -> bytes:
+    """Errors over milliseconds by scheme, and over substeps by compliance."""
+    figure = new_figure(9.0, 4.2)
+    left, right = figure.subplots(1, 2)
+    for scene, style in STYLES.items():
+        mine = [row for row in rows if row.scene == scene]
+        for scheme, color in COLORS.items():
+            line = [r for r in mine if r.scheme == scheme and _own(r) and r.frame]
+            label = scheme if scene == "static" else None
+            _line(left, line, lambda r: r.frame.median, style, color, label)
+        for index, compliance in enumerate(dict.fromkeys(r.compliance for r in mine)):
+            line = [r for r in mine if r.scheme == "substeps" and r.compliance == compliance]
+            label = compliance if scene == "static" else None
+            _line(right, line, lambda r: r.count, style, f"C{index}", label, _of_size)
+        plain = [r for r in mine if r.scheme == "plain float32"]
+        label = "plain float32" if plain else None
+        _line(right, plain, lambda r: r.count, ":", COLORS["plain float32"], label, _of_size)
+    for row in rows:
+        if row.default:
+            left.plot(row.frame.median, row.of_motion, "*", color="black", markersize=12)
+        if row.chosen:
+            left.plot(
+                *(row.frame.median, row.of_motion, "o"),
+                markersize=13,
+                markerfacecolor="none",
+                color="black",
+            )
+    left.axhline(100.0 * own_mesh.BOUND, color=INK, linewidth=0.8, linestyle="--")
+    for axis, label in ((left, "ms a frame"), (right, "substeps")):
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.set_xlabel(label)
+        axis.grid(True, which="major", linewidth=0.4)
+        axis.legend(fontsize=7, frameon=False)
+    left.set_ylabel("RMS error [% of the motion]")
+    right.set_ylabel("RMS error [% of the size]")
+    return png(figure)
+
+
+def _of_motion(row):
+    return row.of_motion
+
+
+def _of_size(row):
+    return row.of_size
+
+
+def _line(axis, rows, along, style, color, label, error_of=_of_motion):
+    if rows:
+        axis.plot(
+            [along(row) for row in rows],
+            [error_of(row) for row in rows],
+            style,
+            color=color,
+            label=label,
+            marker="o",
+            markersize=3,
+            linewidth=1.1,
+        )

@@ -1,0 +1,194 @@
+"""Section 1: what a picture costs, and how wrong it is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..study import rendering as study
+from ..study.photographs import Photographs
+from .parts import Figure, Section, Table
+from .plots import INK, new_figure, png
+
+COLORS = {
+    "termination": "tab:blue",
+    "levels": "tab:green",
+    "levels and termination": "tab:olive",
+    "precision": "tab:purple",
+    "step": "tab:orange",
+    "conformance": "tab:gray",
+    "mask": "tab:brown",
+    "resolution": "tab:red",
+    "several": "tab:pink",
+}
+HEADINGS = {
+    "setting": "setting",
+    "psnr": "PSNR [dB]",
+    "worst_psnr": "worst view [dB]",
+    "largest": "largest [1/255]",
+    "photo_psnr": "photographs [dB]",
+    "frame": "ms a view",
+    "samples": "samples a pixel",
+    "front": "on the front",
+    "chosen": "the rule's",
+}
+
+
+def section(
+    rendering: study.RenderingStudy,
+    turns: int,
+    photos: Photographs | None = None,
+    step: Callable[[float], None] = lambda share: None,
+) -> Section:
+    """Measure and tell; `step` is called with the share that is done."""
+    level_count = rendering.field.layout.level_count
+    own_error = rendering.reference_error()
+    stages = rendering.stages()
+    compared = study.settings(level_count, rendering.half)
+    rows = rendering.measure(compared, turns, photos, step)
+    default, chosen = rows[0], next((row for row in rows if row.chosen), None)
+    camera = rendering.pictures[0].camera
+    pixels = sum(len(picture.pixels) for picture in rendering.pictures)
+    headings = {k: v for k, v in HEADINGS.items() if photos is not None or k != "photo_psnr"}
+    return Section(
+        key="rendering",
+        title="Rendering: error against time",
+        findings=[
+            f"By default a view of {camera.width} × {camera.height} pixels takes "
+            f"{default.frame.median:.3g} ms and is {default.psnr:.1f} dB from the float64 "
+            f"reference, {default.worst_psnr:.1f} dB in the worst view, at most "
+            f"{default.largest:.1f}/255 off.",
+            _verdict(default, chosen),
+            *_photo_finding(rows, photos),
+        ],
+        method=[
+            f"{len(rendering.pictures)} views from all around, the object as large as the image, "
+            f"at rest; {pixels} random pixels of them against the float64 reference, which tries "
+            "every ray against every tet and ends no ray. Its own error: with a quarter of the "
+            f"step it differs from itself by {own_error.psnr:.1f} dB, at most "
+            f"{own_error.largest:.1f}/255.",
+            f"Times are medians of {turns} turns with the tenth and ninetieth percentile; each "
+            "turn renders every setting once, all views, and copies the images to the host.",
+            f"The rule: of what default mode may do (end rays early, leave levels out, use half "
+            f"precision) the cheapest whose every view has at least {study.BOUND:g} dB; what "
+            "can't be told from it in one turn of ten counts as cheap, and of these the most "
+            "exact is taken. The step belongs to the model; fewer pixels and longer steps are "
+            "for pictures that move on a CPU.",
+        ],
+        tables=[
+            Table("rendering", "Settings, each different from the default.", headings, rows),
+            Table(
+                "stages",
+                "Milliseconds of a view in default mode, stage by stage; each is waited for, and "
+                "on a CPU those of all threads are added up.",
+                {"stage": "stage", "milliseconds": "ms"},
+                [StageRow(name, value) for name, value in stages.items()],
+            ),
+        ],
+        figures=[
+            Figure(
+                "rendering",
+                "Error against time; up and left is better. The line joins what nothing beats in "
+                f"both; dashed: {study.BOUND:g} dB, the bound of default mode.",
+                plot(rows),
+            )
+        ],
+        passed=default.worst_psnr >= study.BOUND,
+        values={
+            "bound": study.BOUND,
+            "reference_psnr": own_error.psnr,
+            "reference_largest": own_error.largest,
+            "times": rendering.times,
+        },
+    )
+
+
+@dataclass(frozen=True)
+class StageRow:
+    """A stage of a frame."""
+
+    stage: str
+    milliseconds: float
+
+
+def _verdict(default, chosen):
+    if chosen is None:
+        return f"No setting that default mode may use has {study.BOUND:g} dB in every view."
+    if chosen is default:
+        return (
+            f"The rule (the cheapest with at least {study.BOUND:g} dB in every view) gives the "
+            "default here."
+        )
+    less = 100.0 * (1.0 - chosen.frame.median / default.frame.median)
+    return (
+        f"The rule (the cheapest with at least {study.BOUND:g} dB in every view) gives "
+        f"“{chosen.setting}” here: {less:.0f} % less time, {chosen.worst_psnr:.1f} dB. The default "
+        "is what the rule gives for all of the published models together."
+    )
+
+
+def _photo_finding(rows, photos):
+    if photos is None:
+        return []
+    best = max((row for row in rows if row.photo_psnr is not None), key=lambda r: r.photo_psnr)
+    return [
+        f"Against {photos.view_count} photographs that it hasn't seen the model has "
+        f"{rows[0].photo_psnr:.2f} dB by default; the best setting, “{best.setting}”, has "
+        f"{best.photo_psnr:.2f} dB: what is wrong there is the model, not its rendering."
+    ]
+
+
+def plot(rows) -> bytes:
+    """Every setting's error over its time, and the front."""
+    figure = new_figure(7.6, 4.6)
+    axis = figure.subplots()
+    front = sorted((row.frame.median, row.psnr) for row in rows if row.front)
+    axis.plot(*zip(*front, strict=True), color=INK, linewidth=0.8, zorder=1)
+    for family, color in COLORS.items():
+        members = [row for row in rows if row.family == family]
+        if members:
+            times, errors = ([f(r) for r in members] for f in (lambda r: r.frame.median, _psnr))
+            axis.scatter(times, errors, s=26, color=color, label=family, zorder=2)
+    for row in rows:
+        if not row.default:
+            axis.annotate(
+                row.setting,
+                (row.frame.median, row.psnr),
+                textcoords="offset points",
+                xytext=(4, 3),
+                fontsize=6,
+                color=INK,
+            )
+    default = rows[0]
+    axis.errorbar(
+        default.frame.median,
+        default.psnr,
+        xerr=[
+            [default.frame.median - default.frame.low],
+            [default.frame.high - default.frame.median],
+        ],
+        fmt="*",
+        markersize=14,
+        color="black",
+        label="default",
+        zorder=3,
+    )
+    for row in rows:
+        if row.chosen:
+            axis.scatter(
+                *(row.frame.median, row.psnr),
+                s=170,
+                facecolors="none",
+                edgecolors="black",
+                label="the rule's choice",
+                zorder=3,
+            )
+    axis.axhline(study.BOUND, color=INK, linewidth=0.8, linestyle="--")
+    axis.set_xscale("log")
+    axis.set_xlabel("ms a view")
+    axis.set_ylabel("PSNR to the float64 reference [dB]")
+    axis.grid(True, which="major", linewidth=0.4)
+    axis.legend(fontsize=7, frameon=False, loc="lower right")
+    return png(figure)
+
+
+def _psnr(row):
+    return row.psnr

@@ -1,0 +1,52 @@
+"""Pixels of photographs that a model hasn't seen, and what it shows there.
+
+Shapes: N pixels.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..field.field import TetField
+from ..render.camera import in_space
+from ..render.lens import lens_rays
+from ..render.options import RenderOptions
+from ..render.render import Renderer
+from ..training.datasets import Dataset, white_composite
+from .pictures import image_error
+
+
+@dataclass(frozen=True)
+class Photographs:
+    """Random pixels of some views, over white.
+
+    Attributes:
+        view_count: Of so many views.
+        origins, directions: Rays in model space.  [N, 3]
+        colors: [N, 3], 0..1
+    """
+
+    view_count: int
+    origins: np.ndarray
+    directions: np.ndarray
+    colors: np.ndarray
+
+    def psnr(self, renderer: Renderer, options: RenderOptions) -> float:
+        """Of the model at rest [dB]."""
+        renderer.set_vertices(renderer.field.mesh.rest_vertices)
+        color, _, _ = renderer.render_rays(self.origins, self.directions, options)
+        return image_error([np.clip(color, 0.0, 1.0)], [self.colors]).psnr
+
+
+def photographs(field: TetField, dataset: Dataset, pixel_count: int, seed=0) -> Photographs:
+    """Draw so many pixels of every view."""
+    rng = np.random.default_rng(seed)
+    poses = in_space(dataset.poses, field.world_to_model)
+    parts = []
+    for view, (pose, lens) in enumerate(zip(poses, dataset.lenses, strict=True)):
+        origins, directions = lens_rays(lens, pose)
+        some = rng.choice(len(origins), min(pixel_count, len(origins)), replace=False)
+        colors = white_composite(dataset.image(view)).reshape(-1, 3)
+        parts.append((origins[some], directions[some], colors[some]))
+    rays = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Photographs(dataset.view_count, *rays)

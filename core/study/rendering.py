@@ -1,0 +1,264 @@
+"""Error of rendering against the time that it takes, one setting beside the other.
+
+Settings differ from default mode in one thing or two: the step, the levels that are
+encoded, the transmittance at which a ray ends, the networks' precision, the mask of empty
+sub-tets, the number of pixels.  Each is rendered in every turn, from all sides; the error is
+that of random pixels against the float64 reference at the model's own step, which is what the
+image of a field means.
+
+Default mode may end rays early, use half precision and leave levels out, as long as every
+view has at least BOUND dB (docs/design/005-rendering.md).
+
+Shapes: S settings, R turns.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from PIL import Image
+
+from ..field.field import TetField
+from ..render.options import RenderOptions
+from ..render.render import Renderer
+from . import pictures, rule
+from .photographs import Photographs
+from .stopwatch import WARM_UP, Timing, milliseconds, timing_of
+
+BOUND = 45.0  # dB, of default mode
+STEP_FACTORS = (4.0, 2.0, 1.5, 0.5, 0.25)
+TERMINATIONS = (0.0, 1e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2)
+SCALES = (2, 4)
+SPARED_LEVELS = (1, 2, 3)
+DISCRETIZATION_PIXELS = 500
+DEFAULT = RenderOptions()
+FULL = np.uint64(2**64 - 1)  # a tet's mask without an empty sub-tet
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A way to render.
+
+    Attributes:
+        name: In tables and plots.
+        family: What differs from default mode.
+        options: RenderOptions.
+        scale: Of the image's sides: 2 is a quarter of the pixels, enlarged again.
+        masked: Whether empty sub-tets are left out.
+        candidate: Whether default mode may do so; see the module's text.
+    """
+
+    name: str
+    family: str
+    options: RenderOptions = DEFAULT
+    scale: int = 1
+    masked: bool = True
+    candidate: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a setting costs and how wrong it is.
+
+    Attributes:
+        setting, family: See Setting.
+        psnr: Of all views together [dB].
+        worst_psnr: Of the worst view [dB].
+        largest: Difference of a channel [1/255].
+        photo_psnr: Against photographs [dB], if there are any.
+        frame: Of one view [ms].
+        samples: A pixel.
+        front: Whether nothing else is both quicker and closer.
+        candidate: Whether default mode may do so.
+        default: Whether it is what default mode does.
+        chosen: Whether it is what the rule picks.
+    """
+
+    setting: str
+    family: str
+    psnr: float
+    worst_psnr: float
+    largest: float
+    photo_psnr: float | None
+    frame: Timing
+    samples: float
+    front: bool
+    candidate: bool
+    default: bool
+    chosen: bool
+
+
+def settings(level_count: int, half: bool) -> list[Setting]:
+    """What is compared, default mode first.
+
+    Args:
+        level_count: Of the field.
+        half: Whether default mode evaluates networks in half precision.
+    """
+    found = [Setting("default", "default", candidate=True)]
+    for stop in TERMINATIONS:
+        if stop != DEFAULT.stop:
+            options = RenderOptions(termination=stop)
+            found.append(Setting(f"stop {stop:g}", "termination", options, candidate=True))
+    for spared in SPARED_LEVELS:
+        if (count := level_count - spared) > 0:
+            options = RenderOptions(level_count=count)
+            found.append(Setting(f"{count} levels", "levels", options, candidate=True))
+    for stop in (0.05, 0.1):
+        options = RenderOptions(termination=stop, level_count=level_count - 1)
+        name = f"{level_count - 1} levels, stop {stop:g}"
+        if level_count > 1:
+            found.append(Setting(name, "levels and termination", options, candidate=True))
+    if half:
+        options = RenderOptions(single_precision=True)
+        found.append(Setting("float32", "precision", options, candidate=True))
+    for factor in STEP_FACTORS:
+        found.append(Setting(f"step × {factor:g}", "step", RenderOptions(step_factor=factor)))
+    found.append(Setting("conformance", "conformance", RenderOptions(conformance=True)))
+    found.append(Setting("no mask", "mask", masked=False))
+    for scale in SCALES:
+        found.append(Setting(f"1/{scale} of the pixels a side", "resolution", scale=scale))
+    fast = RenderOptions(step_factor=2.0, level_count=max(level_count - 1, 1))
+    found.append(Setting("moving on a CPU", "several", fast, scale=2))
+    return found
+
+
+class RenderingStudy:
+    """Renders a field at rest in many ways.
+
+    Attributes:
+        device: Warp's.
+        pictures: Views and their references.
+        times: Of every setting that was measured, in every turn [ms].  name -> [R]
+    """
+
+    def __init__(self, field: TetField, device, size: int, view_count: int, pixel_count: int):
+        """Compute the references.
+
+        Args:
+            size: Of the images, both sides.
+            pixel_count: How many pixels of each view are compared.
+        """
+        self.field, rest = field, field.mesh.rest_vertices
+        self._renderer = Renderer(field, device)
+        self._renderer.set_vertices(rest)
+        self.device = self._renderer.device
+        self._unmasked = None
+        self.pictures = [
+            pictures.picture(field, rest, camera, pixel_count, seed)
+            for seed, camera in enumerate(pictures.views(field, view_count, size))
+        ]
+        self.times = {}
+
+    @property
+    def half(self) -> bool:
+        """Whether default mode evaluates networks in half precision here."""
+        return self._renderer.shading.evaluate_slots is not None
+
+    def reference_error(self) -> pictures.ImageError:
+        """How far the reference is from its own limit of short steps; see pictures."""
+        first = self.pictures[0]
+        some = slice(DISCRETIZATION_PIXELS)
+        part = replace(first, pixels=first.pixels[some], expected=first.expected[some])
+        return pictures.discretization(self.field, part)
+
+    def measure(
+        self,
+        compared: list[Setting],
+        turns: int,
+        photos: Photographs | None = None,
+        step: Callable[[float], None] = lambda share: None,
+    ) -> list[Row]:
+        """A row for each setting, the first of which is the default.
+
+        Args:
+            turns: How often each is timed, one after the other in each turn.
+            step: Called with the share that is done.
+        """
+        for _ in range(WARM_UP):
+            self._images(compared[0])
+        found = []
+        for number, setting in enumerate(compared):  # compiles and allocates, too
+            images, samples = self._images(setting)
+            single = [
+                pictures.picture_error([image], [picture])
+                for image, picture in zip(images, self.pictures, strict=True)
+            ]
+            found.append((images, samples, single))
+            step(0.5 * (number + 1) / len(compared))
+        times = np.empty((len(compared), turns))
+        for turn in range(turns):
+            for number, setting in enumerate(compared):
+                begun = milliseconds(lambda setting=setting: self._images(setting), self.device)
+                times[number, turn] = begun / len(self.pictures)
+            step(0.5 + 0.5 * (turn + 1) / turns)
+        self.times = {s.name: list(t) for s, t in zip(compared, times, strict=True)}
+        worst = [min(error.psnr for error in single) for _, _, single in found]
+        allowed = [-w if s.candidate else np.inf for w, s in zip(worst, compared, strict=True)]
+        chosen = rule.cheapest(times, allowed, -BOUND)
+        together = [pictures.picture_error(images, self.pictures) for images, _, _ in found]
+        best = rule.front(np.median(times, axis=1), [-error.psnr for error in together])
+        return [
+            Row(
+                setting=setting.name,
+                family=setting.family,
+                psnr=together[i].psnr,
+                worst_psnr=worst[i],
+                largest=together[i].largest,
+                photo_psnr=self._photo_psnr(setting, photos),
+                frame=timing_of(times[i]),
+                samples=found[i][1],
+                front=bool(best[i]),
+                candidate=setting.candidate,
+                default=i == 0,
+                chosen=i == chosen,
+            )
+            for i, setting in enumerate(compared)
+        ]
+
+    def stages(self, repeats=3) -> dict[str, float]:
+        """Milliseconds of each stage of a frame in default mode; see Stages."""
+        renderer = self._renderer
+        seconds = renderer.stage_seconds = {}
+        for _ in range(repeats):
+            renderer.set_vertices(self.field.mesh.rest_vertices)
+            self._images(Setting("default", "default"))
+        renderer.stage_seconds = None
+        frames = repeats * len(self.pictures)
+        return {name: 1e3 * total / frames for name, total in seconds.items()}
+
+    def _images(self, setting):
+        """An image of every view, and samples a pixel."""
+        renderer = self._renderer_for(setting)
+        images, samples, pixel_count = [], 0, 0
+        for picture in self.pictures:
+            camera = picture.camera
+            size = camera.width // setting.scale, camera.height // setting.scale
+            image = renderer.render(camera.resized(*size), setting.options)
+            color = image.color_array()[..., :3]
+            if setting.scale > 1:
+                color = enlarged(color, camera.width, camera.height)
+            images.append(color)
+            samples += image.sample_count
+            pixel_count += camera.width * camera.height
+        return images, samples / pixel_count
+
+    def _renderer_for(self, setting) -> Renderer:
+        if setting.masked:
+            return self._renderer
+        if self._unmasked is None:
+            full = np.full_like(self.field.occupancy, FULL)
+            self._unmasked = Renderer(replace(self.field, occupancy=full), self.device)
+            self._unmasked.set_vertices(self.field.mesh.rest_vertices)
+        return self._unmasked
+
+    def _photo_psnr(self, setting, photos):
+        if photos is None or setting.scale > 1:
+            return None
+        return photos.psnr(self._renderer_for(setting), setting.options)
+
+
+def enlarged(image, width: int, height: int):
+    """An image of bytes [h, w, 3] with more pixels, interpolated as the viewer does."""
+    resized = Image.fromarray(image).resize((width, height), Image.Resampling.BILINEAR)
+    return np.asarray(resized)
