@@ -81,7 +81,7 @@ def learn(dataset, device, workers):
 def train(dataset, device, workers, path=None):
     trained = trainer.train(dataset, OPTIONS, device, "ball", path, workers=workers)
     field = trained.field
-    keys = ("workers", "stage_1_tet_count", "tet_count", "occupied_share")
+    keys = ("workers", "stage_1_tet_count", "tet_count", "occupied_share", "history")
     return {
         "report": {key: trained.report.get(key) for key in keys},
         "interrupted": trained.interrupted,
@@ -217,6 +217,17 @@ def test_both_stages_keep_what_one_process_keeps(results):
     assert b["stage_1_tet_count"] == a["stage_1_tet_count"]
     assert b["tet_count"] == pytest.approx(a["tet_count"], rel=0.05 if device == "cpu" else 0.2)
     assert b["occupied_share"] == pytest.approx(a["occupied_share"], abs=0.1)
+
+
+def test_the_history_is_that_of_all_rays(results):
+    """All workers know the same, and at first it is what one process knows."""
+    one, two, device = results
+    alone, *shared = (result["trained"]["report"]["history"] for result in (one, *two))
+    places = [[(row["stage"], row["step"]) for row in rows] for rows in (alone, *shared)]
+    assert places[0] == places[1] == places[2]
+    psnr = [[row["psnr"] for row in rows] for rows in (alone, *shared)]
+    assert psnr[1] == psnr[2]
+    assert psnr[1][0] == pytest.approx(psnr[0][0], rel=1e-2 if device == "cpu" else 0.1)
 
 
 def test_one_interrupt_stops_all_at_the_same_step(results, folder):

@@ -6,6 +6,7 @@ the last good weights.  Where the GPU's memory is too small, the room is halved,
 several workers that ends the run.
 """
 
+from collections.abc import Callable
 from contextlib import contextmanager
 from math import cos, isfinite, pi
 
@@ -59,8 +60,19 @@ class Fit:
         """Steps done."""
         return self.step.number
 
-    def run(self, progress: TrainingProgress, title: str, after_pause=lambda: None):
-        """All the steps that are left; `after_pause` is called every few of them.
+    def run(
+        self,
+        progress: TrainingProgress,
+        title: str,
+        after_pause: Callable[[], None] = lambda: None,
+        note: Callable[[int, float], None] = lambda step, mse: None,
+    ):
+        """All the steps that are left.
+
+        Args:
+            after_pause: Called every few of them.
+            note: Called with the number of steps and the last one's error, whenever it is
+                looked at, even if it is lost.
 
         Raises:
             Diverged: See there.
@@ -72,6 +84,7 @@ class Fit:
             if self.number % OCCUPANCY_INTERVAL == 0 and self.number > shown:
                 error, sample_count = float(self.step.error), self.step.sample_count()
                 progress.advance(task, self.number - shown, error, sample_count)
+                note(self.number, error)
                 shown = self.number
                 self._watch(error)
                 self.stage.update_occupancy(
@@ -88,10 +101,10 @@ class Fit:
                     raise
                 self._halve_room(progress, error)
                 continue
-        progress.advance(
-            task, self.number - shown, float(self.step.error), self.step.sample_count()
-        )
-        self._watch(float(self.step.error))
+        error = float(self.step.error)
+        progress.advance(task, self.number - shown, error, self.step.sample_count())
+        note(self.number, error)
+        self._watch(error)
         self._average_weights()
         self._set_weights(self._average)
 

@@ -1,9 +1,11 @@
 """The progress bar of a training run: PSNR, samples per second, time left."""
 
 import time
-from math import isfinite, log10
+from math import isfinite
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from .history import psnr_of
 
 
 class TrainingProgress:
@@ -43,6 +45,6 @@ class TrainingProgress:
         self._bar.update(
             task,
             advance=step_count,
-            psnr=f"{-10.0 * log10(max(mse, 1e-12)):.2f} dB" if isfinite(mse) else "lost",
+            psnr=f"{psnr_of(mse):.2f} dB" if isfinite(mse) else "lost",
             rate=f"{rate / 1e6:.1f} M samples/s",
         )

@@ -38,6 +38,7 @@ from .datasets import Dataset
 from .differentiable import on_warp_stream
 from .distributed import ALONE, Workers
 from .fit import Diverged, Fit
+from .history import History
 from .options import TrainOptions
 from .progress import TrainingProgress
 from .raybank import RayBank
@@ -127,6 +128,7 @@ class _Run:
         self.memory = [0, 0]  # bytes at most, of each stage
         if resumed:
             self.world_to_model, self.report = resumed.world_to_model, dict(resumed.report)
+            self.report["history"] = list(self.report.get("history", ()))
             self.start -= self.report["seconds"]
             self.memory = list(self.report.pop("peak_memory_bytes", self.memory))
         else:
@@ -137,6 +139,7 @@ class _Run:
                 "image_size": list(max((lens.width, lens.height) for lens in dataset.lenses)),
                 "missing_images": len(dataset.missing),
                 "options": asdict(options),
+                "history": [],
             }
         self.report["workers"] = workers.count
         self.box = object_box(self.world_to_model, options.aabb)
@@ -174,7 +177,7 @@ class _Run:
         looks = _looking_batches(bank, self.device, COARSE_LOOK * self.options.samples_per_step)
         self.stage.hide_unseen(looks, COARSE_UNSEEN_WEIGHT)
         self._note_memory()
-        self.report["stage_1_seconds"] = time.perf_counter() - self.start
+        self.report["stage_1_seconds"] = self._seconds()
 
     def _fine(self, mesh, bank, progress):
         self._fit(2, mesh, field_options(self.options), self.options.fine_steps, bank, progress)
@@ -197,8 +200,13 @@ class _Run:
             fit.load_state(self.resumed.fit)
         # Not before: who interrupts has the stage before it, or the checkpoint as it was.
         self.stage, self.stage_number, self.fit = stage, number, fit
-        fit.run(progress, f"stage {number}", self._pause)
+        history = History(self.report["history"], number, step_count, self._seconds)
+        fit.run(progress, f"stage {number}", self._pause, history.note)
         self._note_memory()
+
+    def _seconds(self) -> float:
+        """Of the run so far, without those of `on_pause`."""
+        return time.perf_counter() - self.start
 
     def _note_memory(self):
         """torch's highest so far in this stage, and what Warp holds: it holds it throughout."""
@@ -227,7 +235,7 @@ class _Run:
             return
         report = {
             **self.report,
-            "seconds": time.perf_counter() - self.start,
+            "seconds": self._seconds(),
             "peak_memory_bytes": self.memory,
         }
         checkpoints.save(
@@ -249,7 +257,7 @@ class _Run:
 
     def _result(self, interrupted, diverged) -> Trained:
         stage, report = self.stage, self.report
-        report["seconds"] = time.perf_counter() - self.start
+        report["seconds"] = self._seconds()
         report["interrupted"] = interrupted
         if diverged:
             report["diverged"] = diverged

@@ -1,0 +1,53 @@
+"""How the error fell with time: rows that a run's report keeps, as few however long the run.
+
+A row is plain JSON:
+
+    {"seconds": of the run so far, "stage": 1 or 2, "step": of the stage, "psnr": [dB]}
+
+`psnr` is that of the training rays: of their mean squared error since the row before.  The
+error is known every few steps (fit.py); what is seen then stands for the steps since it was
+seen before.  The last row of a stage grows until it spans its share of the steps, so nothing
+but the rows has to be kept for a run that is gone on with.
+"""
+
+from collections.abc import Callable
+from math import isfinite, log10
+
+MOST_ROWS = 100  # of a stage
+LEAST_ERROR = 1e-12  # of equal images, whose PSNR would be infinite
+
+
+class History:
+    """The part of a run's history that one stage writes.
+
+    Args:
+        rows: Of the run so far; it is appended to, and its last row replaced.
+        stage: 1 or 2.
+        step_count: Of the whole stage.
+        seconds: The run's clock.
+    """
+
+    def __init__(self, rows: list[dict], stage: int, step_count: int, seconds: Callable[[], float]):
+        self.rows, self.stage, self.seconds = rows, stage, seconds
+        self.span = -(-step_count // MOST_ROWS)  # steps of a row, at least
+
+    def note(self, step: int, mse: float):
+        """Take in the error after that many steps of the stage; one that is lost is left out."""
+        mine = [row for row in self.rows[-2:] if row["stage"] == self.stage]
+        last = mine[-1]["step"] if mine else 0
+        # A run that was interrupted at a stage's end comes there again without a step.
+        if step <= last or not isfinite(mse):
+            return
+        begin = mine[0]["step"] if len(mine) == 2 else 0  # of the last row
+        kept = len(self.rows)
+        if mine and last - begin < self.span:
+            total = (last - begin) * 10.0 ** (-0.1 * mine[-1]["psnr"]) + (step - last) * mse
+            mse = total / (step - begin)
+            kept -= 1
+        row = {"seconds": self.seconds(), "stage": self.stage, "step": step, "psnr": psnr_of(mse)}
+        self.rows[kept:] = [row]  # at once: Ctrl-C comes at any time
+
+
+def psnr_of(mse: float) -> float:
+    """PSNR of a mean squared error of values in [0, 1].  [dB]"""
+    return -10.0 * log10(max(mse, LEAST_ERROR))
