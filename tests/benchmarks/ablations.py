@@ -4,10 +4,10 @@
         [--views 20] [--image-size PIXELS] [--only NAME ...] [--out out/ablations]
 
 Names: the rows of ROWS; all of them if none is given.  Prints a table and writes
-ablations.json and ablations.png, the latter if there is matplotlib; rows that an earlier call
-with the same settings wrote there are kept, so the work may be split.  What is scored is what
-a model file with one-byte entries holds.  Seconds are those of training, after a short run
-that loads the kernels.  One run a row: differences below 0.2 dB mean nothing.
+ablations.json and ablations.png; rows that an earlier call with the same settings wrote there
+are kept, so the work may be split.  What is scored is what a model file with one-byte entries
+holds.  Seconds are those of training, after a short run that loads the kernels.  One run a row:
+differences below 0.2 dB mean nothing.
 """
 
 import argparse
@@ -134,11 +134,8 @@ def line(row):
 
 def plot(rows, path):
     """PSNR over the number of levels, and what the other rows lose to the whole method."""
-    try:
-        import matplotlib
-    except ImportError:
-        print("No plot: matplotlib is not installed.")
-        return
+    import matplotlib
+
     matplotlib.use("Agg")
     from matplotlib import pyplot
 

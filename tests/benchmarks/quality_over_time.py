@@ -6,7 +6,7 @@
 Each data set is trained in a process of its own, so each curve has its cold start: loading the
 kernels counts, importing the program and reading the images don't.  The clock stops while
 views are scored.  Prints when each whole dB, and --line, was first passed; writes
-quality.json and quality.png, the latter if there is matplotlib.
+quality.json and quality.png.
 """
 
 import argparse
@@ -105,11 +105,8 @@ def report(result, line):
 
 def plot(results, line, path):
     """A line per data set, dotted where stage 1 ends; and the line to pass."""
-    try:
-        import matplotlib
-    except ImportError:
-        print("No plot: matplotlib is not installed.")
-        return
+    import matplotlib
+
     matplotlib.use("Agg")
     from matplotlib import pyplot
 

@@ -1,0 +1,88 @@
+"""The machine's facts are those of the system, and none of them says whose it is."""
+
+import json
+import os
+import platform
+import re
+import socket
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from deformrf.core.report import machine
+from deformrf.core.report.writing import Report, write
+
+COMMAND = "deformrf-report helmet.npz --quick"
+
+
+def facts(section):
+    (table,) = section.tables
+    assert table.name == section.key == "machine"
+    values = {fact.what: fact.value for fact in table.rows}
+    assert len(values) == len(table.rows) and all(values.values())
+    return values
+
+
+def test_versions_seeds_and_command_are_there(device):
+    section = machine.section(device, {"views": 3, "poses": 12345}, COMMAND)
+    values = facts(section)
+    assert values["numpy"] == np.__version__ and values["warp-lang"] == wp.__version__
+    assert values["torch"] == metadata.version("torch")
+    assert values["Python"] == platform.python_version()
+    assert values["seeds"] == "views 3, poses 12345" and values["command"] == COMMAND
+    assert section.values == {"device": device, "seeds": {"views": 3, "poses": 12345}}
+    assert len(section.findings) == 1 and values["CPU"] in section.findings[0]
+    assert ("GPU" in values) == (device != "cpu")
+
+
+def test_cores_and_memory_are_those_of_this_process():
+    values = facts(machine.section("cpu", {}, COMMAND))
+    assert 1 <= int(values["usable cores"]) <= os.cpu_count() and values["seeds"] == "none"
+    if Path("/proc/meminfo").exists():
+        kibibytes = int(re.search(r"MemTotal:\s+(\d+)", Path("/proc/meminfo").read_text())[1])
+        assert values["memory"] == f"{kibibytes / 2**20:.0f} GiB"
+    loads = [float(load) for load in values["load over 1, 5 and 15 min"].split(",")]
+    assert len(loads) == 3 and min(loads) >= 0.0
+
+
+@pytest.mark.gpu
+def test_the_gpu_is_the_one_that_warp_has():
+    values = facts(machine.section("cuda:0", {}, COMMAND))
+    gpu = wp.get_device("cuda:0")
+    assert values["GPU"] == gpu.name
+    assert values["GPU compute capability"].replace(".", "") == str(gpu.arch)
+    assert re.fullmatch(r"driver \d+\.\d+, Warp \d+\.\d+", values["CUDA"])
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        (COMMAND, COMMAND),
+        ("deformrf-report model.npz -o ../out", "deformrf-report model.npz -o ../out"),
+        (
+            "/home/me/bin/deformrf-report /data/a.npz --data=/home/me/chair -o out",
+            "deformrf-report a.npz --data=chair -o out",
+        ),
+        ("x '/home/some one/my model.npz'", "x 'my model.npz'"),
+    ],
+)
+def test_a_command_has_no_folders(command, expected):
+    assert machine.without_folders(command) == expected
+    assert machine.without_folders(expected) == expected
+
+
+def test_nothing_says_whose_machine_it_is(device, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path / "someone"))
+    command = f"{Path.home()}/bin/deformrf-report {tmp_path}/model.npz -o {tmp_path}"
+    section = machine.section(device, {"views": 3}, command)
+    write(Report("Machine", {}, [section], True), tmp_path)
+    for name in ("report.json", "report.html", "report.md", "machine.csv"):
+        words = (tmp_path / name).read_text()
+        for secret in (str(Path.home()), str(tmp_path.parent), socket.gethostname()):
+            assert not re.search(rf"(?<!\w){re.escape(secret)}(?!\w)", words), (name, secret)
+    values = json.loads((tmp_path / "report.json").read_text())["sections"]["machine"]
+    for fact in values["tables"]["machine"]:
+        assert not any(word.startswith("/") for word in fact["value"].split()), fact

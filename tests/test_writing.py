@@ -1,0 +1,231 @@
+"""A report's files: they say the same, in ways that their readers understand."""
+
+import csv
+import json
+from base64 import b64encode
+from dataclasses import dataclass
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from deformrf.core.field.modelfile import program_version
+from deformrf.core.report import plots
+from deformrf.core.report.parts import Figure, Section, Table
+from deformrf.core.report.writing import INTERRUPTED, Report, write
+from deformrf.core.study.stopwatch import Timing
+
+ODD = "a | <script>alert(\"b\")</script> & 'c'"
+
+
+@dataclass(frozen=True)
+class Row:
+    case: str
+    frame: Timing | None
+    error: float | None
+    count: int
+    passed: bool | None
+    default: bool
+
+
+@dataclass(frozen=True)
+class Limit:
+    name: str
+    frame: Timing
+    shares: tuple
+
+
+ROWS = [
+    Row(ODD, Timing(1.3421, 1.301, 1.399, 20), 2.3e-5, 1234, True, True),
+    Row("second", None, float("nan"), 5, False, False),
+    Row("third", Timing(7.0, 6.0, 8.0, 3), float("inf"), 6, None, False),
+    Row("fourth", Timing(9.0, 8.0, 10.0, 3), None, np.int64(7), True, False),
+]
+HEADINGS = {"case": "case", "frame": "frame [ms]", "error": "error", "passed": "result"}
+
+
+def read_json(path):
+    """The file's values; what JSON doesn't know is an error."""
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is no JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+class Page(HTMLParser):
+    """What a page refers to, what it shows, and which elements it opens and closes."""
+
+    EMPTY = ("meta", "img")
+
+    def __init__(self, path):
+        super().__init__()
+        self.references, self.ids, self.classes, self.rows = [], [], [], []
+        self.tags, self.open, self.words, self.alternatives = set(), [], "", []
+        self.feed(path.read_text(encoding="utf-8"))
+        self.close()
+
+    def handle_starttag(self, tag, attributes):
+        attributes = dict(attributes)
+        self.tags.add(tag)
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+        self.references += [attributes[name] for name in ("src", "href") if name in attributes]
+        self.ids += [attributes["id"]] if "id" in attributes else []
+        self.alternatives += [attributes["alt"]] if tag == "img" else []
+        if tag == "tr":
+            self.rows.append((attributes.get("class"), []))
+        if tag in ("td", "th"):
+            self.rows[-1][1].append("")
+        self.classes.append((tag, attributes.get("class")))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, words):
+        if {"style", "title"} & set(self.open):
+            return
+        self.words += words
+        if {"td", "th"} & set(self.open):
+            self.rows[-1][1][-1] += words
+
+
+@pytest.fixture(scope="module")
+def png():
+    figure = plots.new_figure(2.0, 1.0)
+    figure.subplots().plot([1.0, 2.0])
+    return plots.png(figure)
+
+
+@pytest.fixture(scope="module")
+def report(png):
+    values = {
+        "limits": [Limit("x", Timing(1.0, 0.5, 2.0, 4), (float("nan"), np.float32(0.5)))],
+        "array": np.array([[1.0, np.inf], [2.0, 3.0]]),
+        "flag": np.bool_(True),
+        np.int64(3): None,
+    }
+    first = Section(
+        key="first",
+        title=f"First {ODD}",
+        findings=[f"Found {ODD}.", "Second finding."],
+        method=[f"Measured {ODD}."],
+        tables=[Table("first", f"Caption {ODD}.", HEADINGS, ROWS, first=3)],
+        figures=[Figure("curve", f"Curve {ODD}.", png)],
+        passed=False,
+        values=values,
+    )
+    empty = Table("nothing", "Of nothing.", {"case": "case"}, [])
+    second = Section("second", "Second", ["Good."], tables=[empty], passed=True)
+    return Report(ODD, {"model": "ball", "command": f"x {ODD}"}, [first, second], True)
+
+
+@pytest.fixture(scope="module")
+def folder(report, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("written") / "new" / "report"
+    paths = write(report, folder)
+    assert sorted(paths) == sorted(folder.iterdir())
+    return folder
+
+
+def test_files_are_those_of_the_report(folder, png):
+    names = {"report.html", "report.json", "report.md", "first.csv", "nothing.csv", "curve.png"}
+    assert {path.name for path in folder.iterdir()} == names
+    assert (folder / "curve.png").read_bytes() == png
+
+
+def test_json_has_all_values(folder):
+    values = read_json(folder / "report.json")
+    assert list(values) == [
+        *("format", "format_version", "program_version", "facts", "complete", "sections"),
+    ]
+    assert values["format"] == "deformrf-report" and values["format_version"] == 1
+    assert values["program_version"] == program_version() and values["complete"] is True
+    assert values["facts"] == {"model": "ball", "command": f"x {ODD}"}
+    assert list(values["sections"]) == ["first", "second"]
+    first = values["sections"]["first"]
+    assert list(first) == ["title", "findings", "passed", "values", "tables"]
+    assert first["findings"] == [f"Found {ODD}.", "Second finding."] and first["passed"] is False
+    limit = {"name": "x", "frame_ms": 1.0, "frame_ms_low": 0.5, "frame_ms_high": 2.0}
+    assert first["values"] == {
+        "limits": [{**limit, "frame_repeats": 4, "shares": [None, 0.5]}],
+        "array": [[1.0, None], [2.0, 3.0]],
+        "flag": True,
+        "3": None,
+    }
+    rows = first["tables"]["first"]
+    assert rows[0]["frame_ms"] == 1.3421 and rows[0]["error"] == 2.3e-5 and len(rows) == 4
+    assert [row["error"] for row in rows[1:]] == [None, None, None]
+    assert rows[3]["count"] == 7 and rows[2]["passed"] is None
+
+
+def test_csv_has_all_rows(folder):
+    with open(folder / "first.csv", newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert list(rows[0]) == [
+        *("case", "frame_ms", "frame_ms_low", "frame_ms_high", "frame_repeats"),
+        *("error", "count", "passed", "default"),
+    ]
+    assert [row["case"] for row in rows] == [ODD, "second", "third", "fourth"]
+    assert float(rows[0]["frame_ms"]) == 1.3421 and rows[1]["frame_ms"] == ""
+    assert [row["error"] for row in rows] == ["2.3e-05", "nan", "inf", ""]
+    assert [row["passed"] for row in rows] == ["True", "False", "", "True"]
+    assert (folder / "nothing.csv").read_text() == "case\n"
+
+
+def test_the_page_needs_nothing_else(folder, png):
+    page = Page(folder / "report.html")
+    assert page.open == [] and "script" not in page.tags and "link" not in page.tags
+    image = f"data:image/png;base64,{b64encode(png).decode()}"
+    assert page.references == ["#first", "#second", image]
+    assert {"first", "second"} <= set(page.ids) and len(set(page.ids)) == len(page.ids)
+    style = (folder / "report.html").read_text().partition("</style>")[0]
+    assert "url(" not in style and "@import" not in style
+
+
+def test_the_page_shows_what_was_written(folder, report):
+    page = Page(folder / "report.html")
+    part = report.sections[0]
+    assert page.alternatives == [part.figures[0].caption]
+    for words in (report.title, part.title, *part.findings, *part.method, part.tables[0].caption):
+        assert words in page.words
+    assert page.words.count(part.findings[0]) == 2  # in the summary, too
+    assert INTERRUPTED not in page.words
+    assert ("span", "badge fail") in page.classes and ("span", "badge") in page.classes
+    assert page.rows == [
+        (None, ["case", "frame [ms]", "error", "result"]),
+        ("default", [ODD, "1.34 (1.30–1.40)", "2.3·10⁻⁵", "pass"]),
+        (None, ["second", "–", "NaN", "FAIL"]),
+        (None, ["third", "7.00 (6.00–8.00)", "∞", "–"]),
+        (None, ["case"]),
+    ]
+    assert [kind for kind in page.classes if kind[0] == "td"].count(("td", "fail")) == 1
+
+
+def test_an_interrupted_report_says_so(tmp_path):
+    write(Report("Part", {}, [], complete=False), tmp_path)
+    page = Page(tmp_path / "report.html")
+    assert INTERRUPTED in page.words and ("p", "notice") in page.classes
+    assert INTERRUPTED in (tmp_path / "report.md").read_text()
+    assert read_json(tmp_path / "report.json")["complete"] is False
+
+
+def test_names_are_unique(report, tmp_path):
+    tables, figures = report.sections[0].tables, report.sections[0].figures
+    for twice in (
+        [Section("a", "A", [], tables=tables), Section("b", "B", [], tables=tables)],
+        [Section("a", "A", [], figures=[*figures, *figures])],
+        [Section("a", "A", []), Section("a", "B", [])],
+    ):
+        with pytest.raises(AssertionError, match="not unique"):
+            write(Report("Twice", {}, twice, True), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_is_replaced_as_a_whole_or_not_at_all(report, tmp_path):
+    (tmp_path / "report.json").write_text("old")
+    (tmp_path / "report.html").mkdir()  # can't be replaced by a file
+    with pytest.raises(OSError):
+        write(report, tmp_path)
+    assert read_json(tmp_path / "report.json")["complete"] is True
+    assert not list(tmp_path.glob("*.part"))
