@@ -1,0 +1,27 @@
+"""Pictures of a report, drawn without a display."""
+
+import io
+
+INK = "#333333"  # of axes and text
+
+
+def new_figure(width: float, height: float):
+    """A matplotlib figure of that size [inches], for png()."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=110)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def png(figure) -> bytes:
+    """The figure as a PNG of 256 colors, half of its size in true color."""
+    import numpy as np
+    from PIL import Image
+
+    figure.canvas.draw()
+    stream = io.BytesIO()
+    image = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
+    image.quantize(256).save(stream, "PNG", optimize=True)
+    return stream.getvalue()
