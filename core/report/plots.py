@@ -15,6 +15,17 @@ def new_figure(width: float, height: float):
     return figure
 
 
+def log_scale(axis):
+    """Make an axis logarithmic, with ticks at 1, 2 and 5 that are written as plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    scale = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
+    scale("log")
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
+
+
 def png(figure) -> bytes:
     """The figure as a PNG of 256 colors, half of its size in true color."""
     import numpy as np

@@ -1,15 +1,14 @@
 """The rule that picks a default: the cheapest setting whose error is within the bound.
 
-Times are compared turn by turn.  Settings that can't be told from the cheapest, because the
-difference reaches across zero in at least a tenth of the turns, count as cheap as that one;
-of these, the most exact is taken.
+Times are compared turn by turn.  A setting that isn't slower than the cheapest in at least
+SLOWER of the turns counts as cheap as that one; of these, the most exact is taken.
 
 Shapes: S settings, R turns.
 """
 
 import numpy as np
 
-from .stopwatch import LOW
+SLOWER = 0.75  # of the turns
 
 
 def cheapest(times, errors, bound: float) -> int | None:
@@ -25,8 +24,8 @@ def cheapest(times, errors, bound: float) -> int | None:
     if not len(allowed):
         return None
     best = allowed[np.median(times[allowed], axis=1).argmin()]
-    longer = np.percentile(times[allowed] - times[best], LOW, axis=1)
-    as_cheap = allowed[longer <= 0.0]
+    slower = (times[allowed] > times[best]).mean(axis=1)
+    as_cheap = allowed[slower < SLOWER]
     return int(as_cheap[errors[as_cheap].argmin()])
 
 
