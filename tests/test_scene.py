@@ -212,7 +212,7 @@ def test_a_ratio_that_is_not_held_is_no_warning_here(scene):
 def test_what_is_held_follows_material_and_substeps(scene):
     ratio, modulus = scene.stiffness
     assert (ratio, modulus) == (scene.solver.stiffness_ratio(), scene.solver.held_young_modulus())
-    scene.set_substeps(40)
+    scene.set_substeps(2 * scene.solver.options.substep_count)
     assert scene.stiffness[0] == pytest.approx(4.0 * ratio)
     scene.set_material(young_modulus=1e9)
     assert scene.stiffness[1] < 0.5e9

@@ -112,7 +112,7 @@ def test_a_free_body_keeps_its_momentum(device):
 
 
 def test_free_fall_follows_the_integrators_closed_form(device):
-    mesh, damping, n = ball(), 0.8, 20
+    mesh, damping, n = ball(), 0.8, XpbdOptions().substep_count
     xpbd = solver(mesh, free(mesh), device, Material(damping=damping), gravity=(0, 0, -9.81))
     assert not xpbd.settled
     run(xpbd, 0.5)

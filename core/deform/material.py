@@ -22,7 +22,7 @@ class Material:
     """An elastic solid.  Model space is one metre wide.
 
     The default is stiff enough that a thin neck straightens again within a few seconds,
-    and just soft enough for 20 substeps to hold its stiffness on a grid of edge 0.045.
+    and just soft enough for 30 substeps to hold its stiffness on a grid of edge 0.045.
 
     Attributes:
         young_modulus: E [Pa].

@@ -30,7 +30,7 @@ class XpbdOptions:
         rescue: Whether what stays tangled is taken back to its rest shape (rescue.py).
     """
 
-    substep_count: int = 20
+    substep_count: int = 30
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ground: float | None = None
     friction: float = 0.5

@@ -1,0 +1,252 @@
+"""deformrf-report: error against run time, stability, and what was left out, for one model.
+
+Sections are measured one after the other and written together.  Ctrl-C writes those that are
+done.  Slow imports wait until the arguments are known to be good.
+"""
+
+import shlex
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import tyro
+
+from ..arguments import File
+from ..cli import INTERRUPTED, run
+from ..device import Choice, device_name
+from ..paths import DEFAULT_MODEL
+
+PROGRAM = "deformrf-report"
+TETS = 5000  # that the estimates of time are for
+TEST_SPLIT = "test"
+
+Model = Annotated[
+    tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
+]
+Folder = Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
+
+
+@dataclass(frozen=True)
+class ReportArguments:
+    """Measure a model on this machine: error against run time, stability, what was left out."""
+
+    model: Model = DEFAULT_MODEL
+    """Model file, an .npz; the bundled one by default."""
+    output: Folder = Path("report")
+    """Folder of report.html, report.md, report.json, tables and pictures."""
+    data: File = None
+    """Data set whose test views the renderings are compared with, too."""
+    device: Choice = "auto"
+    """auto takes CUDA if there is any."""
+    quick: bool = False
+    """Fewer settings, pixels and repeats: under two minutes on two CPU cores."""
+
+
+class Effort(NamedTuple):
+    """How much is measured.
+
+    Attributes:
+        size: Of images, both sides [pixels].
+        view_count: Views from all around.
+        pixel_count: Compared with the reference in each view.
+        turns: Of timing.
+        photo_count: Test views.
+        photo_pixels: Compared in each of them.
+    """
+
+    size: int
+    view_count: int
+    pixel_count: int
+    turns: int
+    photo_count: int
+    photo_pixels: int
+
+
+EFFORTS = {  # (on a CPU, quick)
+    (True, True): Effort(150, 2, 250, 4, 4, 400),
+    (True, False): Effort(300, 3, 600, 8, 10, 1000),
+    (False, True): Effort(400, 2, 250, 8, 4, 400),
+    (False, False): Effort(800, 3, 800, 24, 10, 1000),
+}
+
+
+class Job(NamedTuple):
+    """A section to measure.
+
+    Attributes:
+        title: Of the progress bar.
+        seconds: About how long it takes.
+        section: Measures; takes a function to call with the share that is done.
+    """
+
+    title: str
+    seconds: float
+    section: Callable
+
+
+def main():
+    """The command deformrf-report."""
+    arguments = tyro.cli(ReportArguments, prog=PROGRAM, config=(tyro.conf.FlagCreatePairsOff,))
+    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
+
+
+def prepare(arguments: ReportArguments) -> Callable[[], int]:
+    """Find what is wrong with the arguments; returns the work."""
+    from ..field import modelfile
+
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    field = modelfile.load(arguments.model)
+    device = device_name(arguments.device)
+    effort = EFFORTS[device == "cpu", arguments.quick]
+    photos = test_photographs(field, arguments.data, effort)
+
+    def work():
+        from . import machine
+
+        command = machine.without_folders(shlex.join([PROGRAM, *sys.argv[1:]]))
+        about_machine = machine.section(device, seeds(), command)  # before it has work to do
+        jobs = plan(field, arguments, device, effort, photos)
+        begun, found, complete = time.perf_counter(), [], True
+        try:
+            for section in measured(jobs):
+                found.append(section)
+        except KeyboardInterrupt:
+            complete = False
+        from .writing import Report, write
+
+        name = arguments.model.stem
+        facts = {
+            "model": f"{name}, {field.mesh.tet_count} tets, {field.layout.level_count} levels",
+            "device": _device_words(device),
+            "effort": "quick" if arguments.quick else "full",
+            "date": date.today().isoformat(),
+            "duration": f"{time.perf_counter() - begun:.0f} s",
+            "command": command,
+        }
+        paths = write(
+            Report(f"Report on {name}", facts, [*found, about_machine], complete), arguments.output
+        )
+        tell(found, paths[-1])
+        return 0 if complete else INTERRUPTED
+
+    return work
+
+
+def test_photographs(field, data, effort: Effort):
+    """Pixels of the data set's test views; None without data, or if they can't be compared."""
+    if data is None:
+        return None
+    from ..study.photographs import photographs
+    from ..training import datasets
+    from ..training.evaluate import lacks_surroundings
+
+    dataset = datasets.load(data, TEST_SPLIT, view_count=effort.photo_count)
+    if lacks_surroundings(field, dataset):
+        print(
+            "The photographs show what surrounds the object, which the model hasn't kept: they "
+            "are left out of the report.",
+            file=sys.stderr,
+            flush=True,
+        )
+        return None
+    return photographs(field, dataset, effort.photo_pixels)
+
+
+def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos) -> list[Job]:
+    """What there is to measure."""
+    from ..study import omissions
+    from ..study.rendering import RenderingStudy
+    from . import dynamics, left_out, rendering, stability, training
+
+    quick, name = arguments.quick, arguments.model.stem
+    size = max(field.mesh.tet_count / TETS, 0.2)
+
+    def render(step):
+        study = RenderingStudy(*(field, device, effort.size, effort.view_count, effort.pixel_count))
+        return rendering.section(study, effort.turns, photos, step)
+
+    def omit(step):
+        chosen = omissions.effort(device, quick)
+        parts, rows = omissions.omissions(field, arguments.model, device, chosen), []
+        whole, done = sum(part.seconds for part in parts), 0.0
+        for part in parts:
+            rows += part.measure()
+            done += part.seconds
+            step(done / whole)
+        return left_out.section(rows, chosen)
+
+    return [
+        Job("rendering", 20 if quick else 130, render),
+        Job(
+            "dynamics",
+            (16 if quick else 120) * size,
+            lambda step: dynamics.section(name, field.mesh, device, quick, step),
+        ),
+        Job("training", 1, lambda step: training.section(field)),
+        Job(
+            "stability",
+            (16 if quick else 120) * size,
+            lambda step: stability.section(field, device, quick, step),
+        ),
+        Job("left out", 25 if quick else 110, omit),
+    ]
+
+
+def measured(jobs: list[Job]):
+    """The sections, one by one, under a progress bar."""
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    whole = sum(job.seconds for job in jobs)
+    print(f"This takes about {max(round(whole / 60), 1)} min on two CPU cores.", flush=True)
+    columns = (
+        TextColumn("{task.description:10}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("elapsed, left:"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, speed_estimate_period=60.0) as bar:
+        task = bar.add_task("", total=whole)
+        before = 0.0
+        for job in jobs:
+            bar.update(task, description=job.title)
+
+            def step(share, before=before, job=job):
+                bar.update(task, completed=before + share * job.seconds)
+
+            section = job.section(step)
+            before += job.seconds
+            bar.update(task, completed=before)
+            yield section
+
+
+def tell(sections, path):
+    """A line for each section, and where the whole of it is."""
+    words = {None: "", True: "pass  ", False: "FAIL  "}
+    for section in sections:
+        print(f"{section.title}: {words[section.passed]}{section.findings[0]}")
+    print(f"Wrote {path}")
+
+
+def seeds() -> dict[str, int]:
+    """Of everything random in a report."""
+    from .stability import SEED
+
+    return {"pixels": 0, "order of settings": 0, "stress cases and poses": SEED}
+
+
+def _device_words(device):
+    import warp as wp
+
+    return "CPU" if device == "cpu" else wp.get_device(device).name

@@ -1,0 +1,94 @@
+"""Extreme poses of a model's own mesh, and whether the renderer shows in them what it should.
+
+The starts of the stress cases (stress.py), and what a drag over 100 sizes and shaken handles
+make of the body.  The image is that of default mode, a few of its pixels are compared with
+the float64 reference: in a random pose a ray crosses a thousand tets at once.
+
+Shapes: V vertices.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..deform.handles import lowest_pins
+from ..deform.material import Material
+from ..deform.xpbd import XpbdSolver
+from ..field.field import TetField
+from ..geometry.mesh import signed_volumes
+from ..render.render import Renderer
+from . import pictures
+from .rendering import BOUND
+from .stopwatch import Timing, timed
+from .stress import CASES, FRAME, Case
+
+SIZE = 32  # pixels: each may have thousands of samples
+SHAKES = 5  # frames
+
+
+@dataclass(frozen=True)
+class PoseRow:
+    """The renderer in one pose.
+
+    Attributes:
+        pose: Its name.
+        inverted: How many tets are inside out.
+        psnr: [dB]
+        largest: Difference of a channel [1/255].
+        frame: Of an image of SIZE x SIZE pixels [ms].
+        passed: At least BOUND dB.
+    """
+
+    pose: str
+    inverted: int
+    psnr: float
+    largest: float
+    frame: Timing
+    passed: bool
+
+
+def poses(field: TetField, device, seed=0) -> dict[str, np.ndarray]:
+    """Names and vertices [V, 3]."""
+    rest = field.mesh.rest_vertices
+    rng = np.random.default_rng(seed)
+    found = {"at rest": rest}
+    for case in CASES:
+        if case.drive:
+            found[case.name] = _driven(field, case, device, rng)
+        elif case.start.__name__ not in found:
+            found[case.start.__name__] = case.start(rest, rng)
+    return found
+
+
+def _driven(field, case: Case, device, rng):
+    """What a case's first frames make of the body."""
+    mesh = field.mesh
+    pins = lowest_pins(mesh.rest_vertices, mesh.tets)
+    solver = XpbdSolver(mesh.rest_vertices, mesh.tets, Material(), pins, device=device)
+    for frame, _ in enumerate(case.drive(solver, FRAME, rng)):
+        solver.step(FRAME)
+        if frame == SHAKES:
+            break
+    return solver.vertices.numpy().astype(float)
+
+
+def measure(renderer: Renderer, name: str, vertices, pixel_count: int, repeats: int) -> PoseRow:
+    """Render a pose and compare."""
+    field = renderer.field
+    camera = pictures.views(field, 1, SIZE)[0]
+    picture = pictures.picture(field, vertices, camera, pixel_count)
+
+    def render():
+        renderer.set_vertices(picture.vertices)
+        return renderer.render(camera)
+
+    error = pictures.picture_error([render().color_array()[..., :3]], [picture])
+    volumes = signed_volumes(vertices, field.mesh.tets)
+    return PoseRow(
+        pose=name,
+        inverted=int((volumes < 0).sum()),
+        psnr=error.psnr,
+        largest=error.largest,
+        frame=timed(render, renderer.device, repeats, warm_up=0),
+        passed=error.psnr >= BOUND,
+    )
