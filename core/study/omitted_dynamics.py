@@ -75,8 +75,9 @@ class Drag:
         return self.solver.vertices.numpy()
 
     def _step(self):
-        away = SWING * self.solver.object_size * math.sin(2.0 * math.pi * self._frame / PERIOD)
-        self.solver.move(self.solver.rest_vertices[self.handles] + [away, 0.0, 0.0])
+        if len(self.handles):
+            away = SWING * self.solver.object_size * math.sin(2.0 * math.pi * self._frame / PERIOD)
+            self.solver.move(self.solver.rest_vertices[self.handles] + [away, 0.0, 0.0])
         self.solver.step(FRAME)
 
 

@@ -192,8 +192,9 @@ def view_dependence(frames: Frames) -> Omission:
     reason = (
         "It is kept: the model was trained with it, and its colors are off without."
         if has_it
-        else "The model was trained without, so that its colors depend on no direction."
+        else "The model was trained without it, and its colors depend on no direction."
     )
+    reason += " Networks have their inputs for it either way: only harmonics are computed or not."
     return omission(
         "view dependence", RENDERING, *frames.compared(*pair), reason, reason, left_out=not has_it
     )
