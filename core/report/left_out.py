@@ -81,7 +81,7 @@ def _finding(row: Omission) -> str | None:
         change = f"changes the result: {row.change}"
         if row.change == NONE:
             change = "changes nothing, bit by bit"
-        return f"Not left out: {row.name}. Leaving it out {_effect(row)} and {change}. {row.why}"
+        return f"Not left out: {row.name}. Leaving that out {_effect(row)} and {change}. {row.why}"
     if row.verdict == SAVES:
         return None
     return f"Leaving out {row.name} {_effect(row)}. Why is it left out? {row.why}"

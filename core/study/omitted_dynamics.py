@@ -141,7 +141,10 @@ def volumes(steps: Steps) -> Omission:
 def untouched_parts(steps: Steps) -> Omission:
     """Components that no handle is in."""
     mesh = steps.field.mesh
-    count = int(components(mesh.vertex_count, mesh.tets).max()) + 1
+    parts = components(mesh.vertex_count, mesh.tets)
+    count = int(parts.max()) + 1
+    largest = np.bincount(parts).argmax()  # which the handles are in
+    share = 100.0 * (parts[mesh.tets[:, 0]] != largest).mean()
     with_it, without = steps.drag(), steps.drag()
     with_it.solver.set_options(with_it.solver.options)  # whatever changes wakes every part
     one = (
@@ -149,14 +152,14 @@ def untouched_parts(steps: Steps) -> Omission:
         " either way, and asking which parts were touched is done once a grab, not in a frame."
     )
     several = (
-        f"The object has {count} components, of which the others have too few constraints to"
-        " count. They stay out because nothing moves them."
+        f"The components without a handle have {share:.1f} % of the tets, too few to count. They"
+        " stay out because nothing moves them, and asking is done once a grab, not in a frame."
     )
     return steps.row(
         f"components without a handle ({count - 1} of {count})",
         with_it,
         without,
-        f"Nothing moves the {count - 1} components that no handle is in.",
+        f"Nothing moves what no handle is in, {share:.1f} % of the tets.",
         one if count == 1 else several,
     )
 

@@ -61,16 +61,16 @@ def _entries(frames, arrays, size, bits, left_out) -> Omission:
         for rest in (noise, 0.0)
     )
     change = image_change(*(frames.images(frames.way(f)) for f in (noisy, empty)))
-    share = 1.0 - reached.mean()
+    share = 100.0 * (1.0 - reached.mean())
     return omission(
         "table entries that no occupied sub-tet reaches",
         FILE,
         compared_once(_megabytes(every), size),
         change,
-        f"{share:.0%} of the entries are read by nothing that has density, whatever stands there."
+        f"{share:.0f} % of the entries are read by nothing that has density, whatever stands there."
         if left_out
         else OLDER,
-        f"{share:.0%} of the entries are reached by nothing, fewer than bits that say which would"
+        f"{share:.0f} % of the entries are reached by nothing, fewer than bits that say which would"
         " take: then all are stored. It is decided by level, so it costs nothing where it fails.",
         left_out=left_out,
         unit="MB",

@@ -70,39 +70,39 @@ def empty_space(frames: Frames) -> Omission:
     """Samples in sub-tets whose mask says that they are empty."""
     field = frames.field
     everywhere = replace(field, occupancy=np.full_like(field.occupancy, ALL_SUBTETS))
-    share = 1.0 - occupied_share(field.occupancy)
+    share = 100.0 * (1.0 - occupied_share(field.occupancy))
     return omission(
         "samples in empty sub-tets",
         RENDERING,
         *frames.compared(frames.way(everywhere), frames.usual),
-        f"{share:.0%} of the sub-tets hold no density; with samples there, one sees what no"
+        f"{share:.0f} % of the sub-tets hold no density; with samples there, one sees what no"
         " photograph has trained.",
-        f"{share:.0%} of the sub-tets are empty, too few for a ray to gain by passing over them."
+        f"{share:.0f} % of the sub-tets are empty, too few for a ray to gain by passing over them."
         " They stay out because what is in them was not trained.",
     )
 
 
 def empty_tets(frames: Frames) -> Omission:
     """Tets without an occupied sub-tet, in the walk of a ray."""
-    share = float((frames.field.occupancy == 0).mean())
+    share = 100.0 * (frames.field.occupancy == 0).mean()
     return omission(
         "tets without density on a ray's way",
         RENDERING,
         *frames.compared(frames.way(part_of=_every_tet), frames.usual),
-        f"{share:.0%} of the tets are there for the dynamics alone; a ray has nothing to do there.",
-        f"{share:.0%} of the tets are empty, and crossing one costs little beside a sample. They"
+        f"{share:.0f} % of the tets are there for the dynamics alone; a ray has nothing to do there.",
+        f"{share:.0f} % of the tets are empty, and crossing one costs little beside a sample. They"
         " are sorted out once, when a model is loaded, so that leaving them out is free.",
     )
 
 
 def hidden_samples(frames: Frames) -> Omission:
     """Samples behind what is opaque."""
-    stop = RenderOptions().stop
+    spent = 100.0 * (1.0 - RenderOptions().stop)
     return omission(
         "samples behind what is opaque",
         RENDERING,
         *frames.compared(Way(frames.usual.renderer, RenderOptions(termination=0.0)), frames.usual),
-        f"A ray ends once {1.0 - stop:.0%} of it is spent; what is behind is taken to look like"
+        f"A ray ends once {spent:.0f} % of it is spent; what is behind is taken to look like"
         " what is before.",
         "Rays hardly meet anything opaque here before they leave the object. The test that ends"
         " them stays: it is one comparison a sample, and what is opaque in another scene costs.",
@@ -110,11 +110,21 @@ def hidden_samples(frames: Frames) -> Omission:
 
 
 def overlap_path(frames: Frames) -> Omission:
-    """The path for overlap, where nothing overlaps."""
+    """The path for overlap, where nothing overlaps.
+
+    It has no early end, so images are also compared with a walk that has none.
+    """
+    layers, endless = (
+        Way(frames.usual.renderer, options)
+        for options in (RenderOptions(layers=True), RenderOptions(termination=0.0))
+    )
+    turns, change = frames.compared(layers, frames.usual)
+    alike = image_change(frames.images(layers), frames.images(endless))
     return omission(
         "the path for overlap, at rest",
         RENDERING,
-        *frames.compared(Way(frames.usual.renderer, RenderOptions(layers=True)), frames.usual),
+        turns,
+        f"{change}; where rays of both go on behind what is opaque: {alike}",
         "Nothing overlaps at rest: that is found out once a pose, so no ray has to sort media.",
         "It costs no more than the walk here, where rays cross few tets. It has no early end and"
         " needs memory for all of a ray's pieces, so rays take it only where the mesh overlaps.",
