@@ -89,7 +89,7 @@ def empty_tets(frames: Frames) -> Omission:
         "tets without density on a ray's way",
         RENDERING,
         *frames.compared(frames.way(part_of=_every_tet), frames.usual),
-        f"{share:.0f} % of the tets are there for the dynamics alone; a ray has nothing to do there.",
+        f"{share:.0f} % of the tets are there for the dynamics alone; rays find nothing there.",
         f"{share:.0f} % of the tets are empty, and crossing one costs little beside a sample. They"
         " are sorted out once, when a model is loaded, so that leaving them out is free.",
     )
