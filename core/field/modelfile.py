@@ -47,6 +47,19 @@ def save(field: TetField, path, metadata_: dict | None = None, entry_bits=16):
         entry_bits: 16 or 8, per feature of an entry.
     """
     path = Path(path)
+    arrays = pack(field, metadata_, entry_bits)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".part")
+    try:
+        with open(partial, "wb") as stream:
+            np.savez(stream, **arrays)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def pack(field: TetField, metadata_: dict | None = None, entry_bits=16) -> dict:
+    """The arrays that `save` writes."""
     arrays, spacing = pack_mesh(field.mesh, field.occupancy)
     reached = reached_entries(field.mesh, field.layout, field.occupancy)
     arrays |= pack_tables(field.table, field.layout, reached, entry_bits)
@@ -66,15 +79,7 @@ def save(field: TetField, path, metadata_: dict | None = None, entry_bits=16):
         "world_to_model": field.world_to_model.tolist(),
         "training": {**field.meta, **(metadata_ or {})},
     }
-    arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    try:
-        with open(partial, "wb") as stream:
-            np.savez(stream, **arrays)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    return arrays | {"meta": np.frombuffer(json.dumps(meta).encode(), np.uint8)}
 
 
 def load(path) -> TetField:

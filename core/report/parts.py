@@ -1,6 +1,6 @@
 """What a report is made of: sections of text, tables and figures, before they are written."""
 
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import astuple, dataclass, field, fields, is_dataclass
 
 from ..study.stopwatch import Timing
 
@@ -15,8 +15,8 @@ class Table:
         headings: What to print of a row, and above it: attribute -> heading with its unit.
             Attributes that aren't named here stand in the CSV and JSON alone.
         rows: Instances of one frozen dataclass, whose values are numbers, text, bool, None
-            or Timing (ms).  None prints as a dash; a bool as yes and no, but one named
-            `passed` as pass and FAIL; `default` marks a row in bold.
+            or Timing (ms, or what the row's `unit` says).  None prints as a dash; a bool as
+            yes and no, but one named `passed` as pass and FAIL; `default` marks a row in bold.
         first: Print so many rows, all by default; the CSV has all of them.
     """
 
@@ -69,19 +69,18 @@ class Section:
 def record(row) -> dict:
     """A row as plain values: what CSV and JSON hold.
 
-    A Timing `frame` becomes frame_ms, frame_ms_low, frame_ms_high and frame_repeats.
+    A Timing `frame` becomes frame_ms, frame_ms_low, frame_ms_high and frame_repeats; in a row
+    with a `unit` of its own, frame, frame_low, frame_high and frame_repeats.
     """
     assert is_dataclass(row), row
     plain = {}
+    suffix = "" if hasattr(row, "unit") else "_ms"
     for part in fields(row):
         name, value = part.name, getattr(row, part.name)
-        if isinstance(value, Timing):
-            plain |= {
-                f"{name}_ms": value.median,
-                f"{name}_ms_low": value.low,
-                f"{name}_ms_high": value.high,
-                f"{name}_repeats": value.count,
-            }
+        if part.type in (Timing, Timing | None):  # None leaves no column out
+            median = f"{name}{suffix}"
+            names = median, f"{median}_low", f"{median}_high", f"{name}_repeats"
+            plain |= dict(zip(names, (None,) * 4 if value is None else astuple(value), strict=True))
         else:
             plain[name] = value
     return plain

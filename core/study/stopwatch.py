@@ -18,10 +18,10 @@ WARM_UP = 3
 
 @dataclass(frozen=True)
 class Timing:
-    """Milliseconds of something that was repeated.
+    """What something that was repeated took: milliseconds, where no other unit is named.
 
     Attributes:
-        median, low, high: And its tenth and ninetieth percentile.  [ms]
+        median, low, high: And its tenth and ninetieth percentile.
         count: Of repeats.
     """
 
@@ -31,10 +31,10 @@ class Timing:
     count: int
 
 
-def timing_of(milliseconds) -> Timing:
+def timing_of(repeats) -> Timing:
     """The timing of single repeats [n]."""
-    low, median, high = np.percentile(milliseconds, [LOW, 50.0, HIGH])
-    return Timing(float(median), float(low), float(high), len(milliseconds))
+    low, median, high = np.percentile(repeats, [LOW, 50.0, HIGH])
+    return Timing(float(median), float(low), float(high), len(repeats))
 
 
 def milliseconds(action: Callable[[], object], device) -> float:

@@ -1,0 +1,68 @@
+"""The section of what is left out: figures of all that was measured, questions and answers."""
+
+import io
+
+import pytest
+from PIL import Image
+
+from deformrf.core.report.left_out import section
+from deformrf.core.report.parts import record
+from deformrf.core.study import omitted
+from deformrf.core.study.omissions import effort
+
+EFFORT = effort("cpu", True)
+
+
+def row(name, with_it, without, **kind):
+    times = omitted.compared_in_turns(with_it, without)
+    return omitted.omission(
+        *(name, omitted.RENDERING, times, kind.pop("change", omitted.NONE)),
+        *("Because it is idle.", "Because it is simple."),
+        **kind,
+    )
+
+
+@pytest.fixture
+def rows():
+    return [
+        row("a large part", [10.0, 11.0], [2.0, 2.5]),
+        row("a small part", [10.0, 11.0], [9.0, 9.5]),
+        row("no part", [10.0, 11.0], [11.0, 10.0]),
+        row("a loss", [2.0, 2.5], [10.0, 11.0]),
+        row("a habit", [5.0, 6.0], [4.0, 4.5], left_out=False, change="30.0 dB, at most 9/255"),
+        omitted.not_measured("a mystery", omitted.FILE, "Nobody tells."),
+    ]
+
+
+def test_savings_are_counted_and_the_largest_named(rows):
+    first = section(rows, EFFORT).findings[0]
+    assert "2 save" in first and "1 nothing" in first and "1 cost" in first
+    assert "a large part" in first and "79 %" in first
+
+
+def test_what_saves_nothing_is_asked_why(rows):
+    findings = section(rows, EFFORT).findings[1:]
+    assert not any("part" in finding for finding in findings if "no part" not in finding)
+    assert "Leaving out no part saves nothing that can be measured" in findings[0]
+    assert "Leaving out a loss costs 8.25 ms" in findings[1]
+    for finding in findings[:2]:
+        assert finding.endswith("Why is it left out? Because it is simple.")
+    assert "Not left out: a habit" in findings[2] and "30.0 dB" in findings[2]
+    assert findings[3] == "Not measured: a mystery. Nobody tells."
+
+
+def test_the_table_has_all_rows_and_the_picture_what_was_measured(rows):
+    found = section(rows, EFFORT)
+    (table,), (figure,) = found.tables, found.figures
+    assert (found.key, table.name, figure.name) == ("left_out",) * 3
+    assert table.rows == rows and found.passed is None
+    assert set(table.headings) <= set(record(rows[0]))
+    few = Image.open(io.BytesIO(section(rows[:2], EFFORT).figures[0].png))
+    all_ = Image.open(io.BytesIO(figure.png))
+    assert all_.height > few.height and all_.convert("L").getextrema()[0] < 128
+
+
+def test_where_nothing_was_measured_there_is_no_picture(rows):
+    found = section(rows[-1:], EFFORT)
+    assert not found.figures and len(found.tables[0].rows) == 1
+    assert found.findings[0].startswith("Of 0 rows")

@@ -1,0 +1,75 @@
+"""Steps with what is left out: all is measured, and poses differ by what they should."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.study import omitted_dynamics as rows
+from deformrf.core.study.omitted import NONE, SAVES
+
+
+@pytest.fixture(scope="module")
+def two_halves(make_ball_field):
+    return make_ball_field(2, gap=0.15)
+
+
+def sizes(change):
+    return 0.0 if change == NONE else float(change.split()[2])
+
+
+@pytest.mark.parametrize("row", rows.DYNAMICS_ROWS, ids=lambda row: row.__name__)
+def test_every_row_is_measured(ball, device, row):
+    found = row(rows.Steps(ball, device, 9))
+    for timing in (found.with_it, found.without):
+        assert np.isfinite([timing.low, timing.high]).all() and timing.count == 9
+    least, most = (
+        found.with_it.low - found.without.high,
+        found.with_it.high - found.without.low,
+    )
+    assert least <= found.saving.median <= most
+    assert found.unit == "ms" and found.change and found.why
+
+
+def test_the_handles_swing(ball):
+    drag = rows.Drag(ball, "cpu")
+    assert len(drag.handles) and not drag.solver.pinned[drag.handles].any()
+    reached = []
+    for _ in range(rows.PERIOD // 2):
+        drag.step()
+        reached.append(drag.vertices[drag.handles[0], 0])
+    away = np.array(reached) - ball.mesh.rest_vertices[drag.handles[0], 0]
+    assert away.max() == pytest.approx(rows.SWING * drag.solver.object_size, rel=1e-3)
+    assert abs(away[-1]) < 1e-6
+
+
+def test_volumes_do_nothing_at_a_quarter_and_something_above(ball, device):
+    steps = rows.Steps(ball, device, 9)
+    idle, real = rows.idle_volumes(steps), rows.volumes(steps)
+    assert idle.left_out and sizes(idle.change) < 1e-6
+    assert not real.left_out and sizes(real.change) > 10.0 * sizes(idle.change)
+
+
+def test_other_components_are_left_out_and_stay(two_halves, ball, device):
+    row = rows.untouched_parts(rows.Steps(two_halves, device, 25))
+    assert "1 of 2" in row.name and sizes(row.change) < 1e-6
+    alone = rows.untouched_parts(rows.Steps(ball, device, 3))
+    assert "0 of 1" in alone.name and alone.change == NONE
+
+
+def test_half_of_the_constraints_are_left_out(two_halves):
+    """The counts behind the milliseconds, which a busy machine blurs."""
+    with_it, without = (rows.Drag(two_halves, "cpu") for _ in range(2))
+    with_it.solver.set_options(with_it.solver.options)
+    active = [drag.solver._active for drag in (with_it, without)]
+    assert active[0].tolist() == [True, True] and sorted(active[1].tolist()) == [False, True]
+
+
+def test_a_sleeping_solver_stays_where_it_is(ball):
+    row = rows.sleeping(rows.Steps(ball, "cpu", 25))
+    assert row.verdict == SAVES and sizes(row.change) < 1e-6
+
+
+def test_gravity_and_springs_change_the_pose(ball, device):
+    steps = rows.Steps(ball, device, 9)
+    for row in (rows.gravity, rows.springs):
+        found = row(steps)
+        assert found.left_out and 1e-5 < sizes(found.change) < 0.5

@@ -1,0 +1,62 @@
+"""Starts with what is left out: fresh interpreters, with and without it."""
+
+import sys
+
+import pytest
+
+from deformrf.core.study import omitted_start
+from deformrf.core.study.omitted import NONE, NOT_MEASURED, NOTHING, SAVES
+
+BALLAST = 600_000_000  # bytes
+
+
+@pytest.fixture(scope="module")
+def rows(ball_file):
+    ballast = bytearray(b"x" * BALLAST)  # of the process that starts others
+    found = omitted_start.import_rows(ball_file, "cpu", turns=1)
+    del ballast
+    return {(row.name, row.unit): row for row in found}
+
+
+def test_viewing_imports_neither_torch_nor_what_reports_need(rows):
+    assert len(rows) == 4 and all(row.left_out and row.change == NONE for row in rows.values())
+
+
+def test_importing_torch_takes_time(rows):
+    row = rows["torch, at the start", "s"]
+    assert row.verdict == SAVES and row.without.median > 0.1
+    assert row.saving.median == pytest.approx(row.with_it.median - row.without.median)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process's own peak")
+def test_memory_is_that_of_the_fresh_process(rows):
+    row = rows["torch, in memory", "MB"]
+    assert row.verdict == SAVES and row.saving.median > 50.0
+    assert 50.0 < row.without.median < BALLAST / 1e6
+
+
+def test_what_is_imported_anyway_is_not_left_out():
+    runs = {
+        way: [[1.0, 100.0, ["torch"], "an image"], [1.1, 100.0, ["torch"], "an image"]]
+        for way in (omitted_start.TORCH, ())
+    }
+    seconds, memory = omitted_start._rows_of("torch", omitted_start.TORCH, runs, "yes", "anyway")
+    assert not seconds.left_out and not memory.left_out
+    assert memory.verdict == NOTHING and memory.why == "anyway"
+
+
+def test_where_nobody_tells_the_memory_the_row_says_so():
+    run = [1.0, None, [], "an image"]
+    runs = {way: [run] for way in (omitted_start.TORCH, ())}
+    _, memory = omitted_start._rows_of("torch", omitted_start.TORCH, runs, "yes", "anyway")
+    assert memory.verdict == NOT_MEASURED and memory.saving is None and memory.unit == "MB"
+
+
+def test_kernels_of_another_device_take_time_to_compile():
+    row = omitted_start.kernel_row("cpu", 1)
+    assert row.verdict == SAVES and row.saving.median > 0.05 and "CUDA" in row.name
+
+
+def test_a_start_that_fails_says_why():
+    with pytest.raises(RuntimeError, match="no model file"):
+        omitted_start.import_rows("nowhere.npz", "cpu", 1)
