@@ -109,7 +109,9 @@ def test_every_dependency_is_pinned():
         assert pin in requirement.specifier, f"constraints.txt has {pin}, wanted {requirement}"
 
 
-@pytest.mark.parametrize("module", ["deformrf.core.cli", "deformrf.viewer.app"])
+@pytest.mark.parametrize(
+    "module", ["deformrf.core.cli", "deformrf.core.report.command", "deformrf.viewer.app"]
+)
 def test_entry_points_import_nothing_slow(module):
     program = f"import sys, {module}; print(*({SLOW!r} & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

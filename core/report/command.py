@@ -174,7 +174,7 @@ def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos)
         parts, rows = omissions.omissions(field, arguments.model, device, chosen), []
         whole, done = sum(part.seconds for part in parts), 0.0
         for part in parts:
-            rows += part.measure()
+            rows += part.run()
             done += part.seconds
             step(done / whole)
         return left_out.section(rows, chosen)
