@@ -1,7 +1,7 @@
 """deformrf-report: error against run time, stability, and what was left out, for one model.
 
-Sections are measured one after the other and written together.  Ctrl-C writes those that are
-done.  Slow imports wait until the arguments are known to be good.
+Sections are measured one after the other and written together.  Ctrl-C, or an error, writes
+those that are done.  Slow imports wait until the arguments are known to be good.
 """
 
 import shlex
@@ -16,7 +16,7 @@ from typing import Annotated, NamedTuple
 import tyro
 
 from ..arguments import File
-from ..cli import INTERRUPTED, run
+from ..cli import run
 from ..device import Choice, device_name
 from ..paths import DEFAULT_MODEL
 
@@ -98,11 +98,11 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
     """Find what is wrong with the arguments; returns the work."""
     from ..field import modelfile
 
-    arguments.output.mkdir(parents=True, exist_ok=True)
     field = modelfile.load(arguments.model)
     device = device_name(arguments.device)
     effort = EFFORTS[device == "cpu", arguments.quick]
-    photos = test_photographs(field, arguments.data, effort)
+    photos = photographs_for(field, arguments.data, effort)
+    arguments.output.mkdir(parents=True, exist_ok=True)
 
     def work():
         from . import machine
@@ -110,12 +110,12 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
         command = machine.without_folders(shlex.join([PROGRAM, *sys.argv[1:]]))
         about_machine = machine.section(device, seeds(), command)  # before it has work to do
         jobs = plan(field, arguments, device, effort, photos)
-        begun, found, complete = time.perf_counter(), [], True
+        begun, found, failure = time.perf_counter(), [], None
         try:
             for section in measured(jobs):
                 found.append(section)
-        except KeyboardInterrupt:
-            complete = False
+        except (KeyboardInterrupt, Exception) as error:  # what is done is written first
+            failure = error
         from .writing import Report, write
 
         name = arguments.model.stem
@@ -128,15 +128,18 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
             "command": command,
         }
         paths = write(
-            Report(f"Report on {name}", facts, [*found, about_machine], complete), arguments.output
+            Report(f"Report on {name}", facts, [*found, about_machine], failure is None),
+            arguments.output,
         )
         tell(found, paths[-1])
-        return 0 if complete else INTERRUPTED
+        if failure is not None:
+            raise failure
+        return 0
 
     return work
 
 
-def test_photographs(field, data, effort: Effort):
+def photographs_for(field, data, effort: Effort):
     """Pixels of the data set's test views; None without data, or if they can't be compared."""
     if data is None:
         return None

@@ -1,6 +1,5 @@
 """Section 4: every stress case on the model's own mesh, for the solver and for the renderer."""
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -103,23 +102,19 @@ def section(
 
 
 def solids() -> list[Solid]:
-    """The default material, and stiff and soft ones."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # ν below 1/4 is part of it
-        return [
-            Solid("default", Material()),
-            Solid("E = 1e9 Pa", Material(young_modulus=1e9)),
-            Solid("compliance 0", Material(), rigid=True),
-            Solid("ν = 0.499", Material(poisson_ratio=0.499)),
-            Solid("ν = 0", Material(poisson_ratio=0.0)),
-            Solid("E = 1e3 Pa", Material(young_modulus=1e3)),
-        ]
+    """The default material, and stiff ones."""
+    return [
+        Solid("default", Material()),
+        Solid("E = 1e9 Pa", Material(young_modulus=1e9)),
+        Solid("compliance 0", Material(), rigid=True),
+        Solid("ν = 0.499", Material(poisson_ratio=0.499)),
+    ]
 
 
 def plan(quick):
     """Materials and cases to run."""
     runs = []
-    for number, solid in enumerate(solids()[: 4 if quick else None]):
+    for number, solid in enumerate(solids()):
         for case in CASES:
             if number == 0 or case.name in EXTREMES or not (quick or case.uneven):
                 runs.append((solid, case))
@@ -174,7 +169,7 @@ def _pose_findings(rows):
 def _table(rows):
     return Table(
         "stability",
-        "The solver: how each case ended.",
+        "The solver: how each case ended. Errors, volumes and strains are those at the end.",
         {
             "material": "material",
             "case": "case",
@@ -216,7 +211,7 @@ def plot(rows) -> bytes:
         mine = [row for row in rows if row.material == material]
         back = [row for row in mine if row.recovery_seconds is not None]
         lost = [row for row in mine if not row.passed]
-        shift = 0.09 * (index - 2.5)
+        shift = 0.12 * (index - 1.5)
         axis.scatter(
             [max(row.recovery_seconds, LEAST_SECONDS) for row in back],
             [names.index(row.case) + shift for row in back],

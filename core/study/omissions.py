@@ -50,7 +50,7 @@ def effort(device: str, quick: bool) -> Effort:
     """A quick look, or numbers to quote."""
     if quick:
         return Effort(120 if device == "cpu" else 400, 2, 9, 60, 2, (1.0, 0.7, 1.0, 8.0, 4.0))
-    return Effort(300 if device == "cpu" else 800, 3, 15, 150, 5, (6.0, 1.2, 1.5, 20.0, 10.0))
+    return Effort(300 if device == "cpu" else 800, 3, 15, 150, 3, (6.0, 1.2, 1.5, 12.0, 5.0))
 
 
 def omissions(field: TetField, model_path, device: str, effort: Effort) -> list[Job]:

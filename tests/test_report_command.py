@@ -1,0 +1,173 @@
+"""deformrf-report on a tiny model: numbers are there, finite and consistent; errors are told."""
+
+import csv
+import json
+from math import isfinite
+
+import numpy as np
+import pytest
+
+from deformrf.core.cli import INPUT_ERROR, INTERRUPTED, run
+from deformrf.core.deform.xpbd import XpbdSolver
+from deformrf.core.report import command, stability
+from deformrf.core.study.pictures import PEAK_DB
+
+SECTIONS = ["rendering", "dynamics", "training", "stability", "left_out", "machine"]
+
+
+@pytest.fixture(scope="module")
+def folder(ball_file, tmp_path_factory):
+    """What a quick report on the ball writes."""
+    folder = tmp_path_factory.mktemp("report")
+    arguments = command.ReportArguments(ball_file, folder, device="cpu", quick=True)
+    assert command.prepare(arguments)() == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def report(folder):
+    def refuse(word):
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads((folder / "report.json").read_text(), parse_constant=refuse)
+
+
+def table(report, key, name=None):
+    return report["sections"][key]["tables"][name or key]
+
+
+def test_every_section_is_there(report, folder):
+    assert report["complete"] and list(report["sections"]) == SECTIONS
+    for key, section in report["sections"].items():
+        assert section["findings"] and section["title"], key
+    page = (folder / "report.html").read_text()
+    for name in ("rendering", "dynamics", "stability", "left_out"):
+        assert (folder / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
+        with open(folder / f"{name}.csv", newline="") as file:
+            assert len(list(csv.DictReader(file))) == len(table(report, name))
+        assert report["sections"][name]["title"] in page
+
+
+def test_rendering_s_numbers_are_consistent(report):
+    rows = {row["setting"]: row for row in table(report, "rendering")}
+    for row in rows.values():
+        assert 0 < row["frame_ms_low"] <= row["frame_ms"] <= row["frame_ms_high"] < 1e5
+        assert row["worst_psnr"] <= row["psnr"] + 1e-9 and row["psnr"] <= PEAK_DB
+        assert 0 <= row["largest"] <= 255
+    assert [row["setting"] for row in rows.values() if row["default"]] == ["default"]
+    assert rows["conformance"]["psnr"] > rows["default"]["psnr"] > rows["stop 0.2"]["psnr"]
+    assert rows["stop 0"]["samples"] > rows["default"]["samples"] > rows["stop 0.2"]["samples"]
+    assert rows["step × 4"]["psnr"] < rows["step × 2"]["psnr"]
+    values = report["sections"]["rendering"]["values"]
+    assert 20 < values["reference_psnr"] <= PEAK_DB
+
+
+def test_the_dynamics_error_falls_with_substeps(report):
+    rows = table(report, "dynamics")
+    for scene in ("static", "dynamic"):
+        own = [
+            (row["count"], row["of_motion"])
+            for row in rows
+            if (row["scene"], row["scheme"], row["compliance"]) == (scene, "substeps", "material")
+        ]
+        counts, errors = np.array(sorted(own)).T
+        assert len(counts) >= 4 and (np.diff(errors) < 0).all(), (scene, own)
+        assert errors[-1] < errors[0] / 4
+    assert all(row["frame_ms"] > 0 for row in rows if row["scheme"] != "plain float32")
+    recommended = report["sections"]["dynamics"]["values"]["recommended_substeps"]
+    assert recommended in counts
+
+
+def test_all_stress_cases_pass(report):
+    rows = [*table(report, "stability"), *table(report, "stability", "poses")]
+    assert report["sections"]["stability"]["passed"]
+    assert all(row["passed"] for row in rows) and len(rows) > 20
+    for row in table(report, "stability"):
+        assert row["nan_count"] == 0 and isfinite(row["largest_strain"])
+        assert row["recovery_seconds"] is None or row["recovery_seconds"] <= row["limit"]
+
+
+def test_each_omission_was_measured(report):
+    rows = table(report, "left_out")
+    assert len(rows) > 10
+    for row in rows:
+        if row["verdict"] == "not measured":
+            assert row["why"]
+            continue
+        for column in ("with_it", "without", "saving"):
+            assert isfinite(row[column]) and row[f"{column}_repeats"] >= 1
+        assert row["change"] and row["verdict"] and row["why"]
+
+
+def test_the_machine_is_named_without_its_folders(report, ball_file):
+    text = json.dumps(report)
+    assert str(ball_file.parent) not in text
+    facts = {row["what"]: row["value"] for row in table(report, "machine")}
+    assert facts["numpy"] and facts["command"].startswith("deformrf-report")
+
+
+class FlippedSolver(XpbdSolver):
+    """Pushes where it should pull: the double that a report has to see through."""
+
+    def step(self, dt):
+        before = self.vertices.numpy().astype(float)
+        super().step(dt)
+        after = self.vertices.numpy().astype(float)
+        self.vertices.assign((2.0 * before - after).astype(np.float32))
+
+
+def test_a_solver_with_a_flipped_sign_fails(ball):
+    """Run against the very cases that the real one passes."""
+    section = stability.section(ball, "cpu", quick=True, make_solver=FlippedSolver)
+    rows = section.tables[0].rows
+    failed = [row for row in rows if not row.passed]
+    assert section.passed is False and len(failed) >= len(rows) / 2
+    assert sum(finding.startswith("FAILED") for finding in section.findings) == len(failed)
+    assert f"{len(rows) - len(failed)} of {len(rows)} stress cases" in section.findings[0]
+
+
+def test_ctrl_c_keeps_what_is_done(ball_file, tmp_path, monkeypatch, capsys):
+    whole = command.plan
+
+    def interrupted(*arguments):
+        jobs = whole(*arguments)
+
+        def stop(step):
+            step(0.5)
+            raise KeyboardInterrupt
+
+        training = next(job for job in jobs if job.title == "training")
+        return [training, jobs[0]._replace(section=stop), *jobs[1:]]
+
+    monkeypatch.setattr(command, "plan", interrupted)
+    arguments = command.ReportArguments(ball_file, tmp_path, device="cpu", quick=True)
+    assert run("deformrf-report", lambda: command.prepare(arguments)) == INTERRUPTED
+    kept = json.loads((tmp_path / "report.json").read_text())
+    assert not kept["complete"] and list(kept["sections"]) == ["training", "machine"]
+    assert "interrupted" in (tmp_path / "report.md").read_text()
+    assert "report.html" in capsys.readouterr().out
+
+
+def test_errors_are_sentences(call, tmp_path, ball_file):
+    missing = call(command.main, tmp_path / "none.npz", "-o", tmp_path / "report")
+    assert missing.code == INPUT_ERROR and "none.npz" in missing.err
+    (tmp_path / "file").write_text("in the way")
+    taken = call(command.main, ball_file, "-o", tmp_path / "file")
+    assert taken.code == INPUT_ERROR and "file" in taken.err
+    no_data = call(command.main, ball_file, "-o", tmp_path / "r", "--data", tmp_path / "nothing")
+    assert no_data.code == INPUT_ERROR and "nothing" in no_data.err
+
+
+def test_photographs_are_compared(ball, ball_file, write_dataset, tmp_path):
+    """Those of white paper: far from the ball, but measured."""
+    from PIL import Image
+
+    data = write_dataset(tmp_path, [Image.new("RGBA", (16, 12), (255, 255, 255, 255))] * 3)
+    effort = small_effort()
+    photos = command.photographs_for(ball, data, effort)
+    assert photos.view_count == 2 and photos.colors.min() == 1.0
+    assert command.photographs_for(ball, None, effort) is None
+
+
+def small_effort():
+    return command.EFFORTS[True, True]._replace(photo_count=2, photo_pixels=50)
