@@ -200,3 +200,18 @@ def test_a_seed_gives_the_same_again():
     results = [run_case(BODIES["Kuhn"], Material(), CASE["random"], seed=7) for _ in range(2)]
     assert results[0].error == results[1].error
     assert results[0].recovery_seconds == results[1].recovery_seconds
+
+
+def test_parts_that_nothing_joins_recover_each_by_itself():
+    """Two bodies, free: where one ends up beside the other is no shape."""
+    one = BODIES["A15"]
+    count = len(one.rest_vertices)
+    aside = np.array([2.0, 0.0, 0.0])
+    rest = np.concatenate([one.rest_vertices, one.rest_vertices + aside])
+    shape = shape_of(rest, np.concatenate([one.tets, one.tets + count]))
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    apart = rest.copy()
+    apart[count:] = apart[count:] @ turn.T + [0.0, 0.3, 0.0]
+    assert shape.measure(apart)[0] < 1e-9
+    apart[0] += 0.3
+    assert shape.measure(apart)[0] > 0.05

@@ -25,6 +25,7 @@ from .error import DEFAULT_MATERIAL, SCENES, Case
 
 PUSH = 0.05  # of the size
 BOUND = 0.1  # of the motion, under load: then E is held within about a tenth
+SOFTEST = 1e-12  # of the stiffest pivot: what rounding leaves of no stiffness
 ASIDE = np.array([1.0, 0.0, 0.0])
 
 
@@ -46,8 +47,16 @@ def response(energy: Energy, rest, held, direction):
     """
     dofs = (3 * np.flatnonzero(~held)[:, None] + np.arange(3)).ravel()
     load = (energy.masses[:, None] * direction).ravel()[dofs]
+    loose = "some of the body moves without resistance"
+    try:
+        factors = splu(energy.hessian(rest)[dofs][:, dofs].tocsc())
+    except RuntimeError:  # a pivot of exactly 0
+        raise RuntimeError(loose) from None
+    pivots = np.abs(factors.U.diagonal())
+    if pivots.min() <= SOFTEST * pivots.max():
+        raise RuntimeError(loose)
     moved = np.zeros(rest.size)
-    moved[dofs] = splu(energy.hessian(rest)[dofs][:, dofs].tocsc()).solve(load)
+    moved[dofs] = factors.solve(load)
     return moved.reshape(-1, 3)
 
 

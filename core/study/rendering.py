@@ -105,7 +105,8 @@ def settings(level_count: int, half: bool) -> list[Setting]:
     for spared in SPARED_LEVELS:
         if (count := level_count - spared) > 0:
             options = RenderOptions(level_count=count)
-            found.append(Setting(f"{count} levels", "levels", options, candidate=True))
+            name = f"{count} {'level' if count == 1 else 'levels'}"
+            found.append(Setting(name, "levels", options, candidate=True))
     for stop in (0.05, 0.1):
         options = RenderOptions(termination=stop, level_count=level_count - 1)
         name = f"{level_count - 1} levels, stop {stop:g}"

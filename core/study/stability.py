@@ -1,6 +1,7 @@
 """Can a body be broken?  How far and how soon the solver comes back from a stress case.
 
-    error      max_i |R (x_i − x̄) − (X_i − X̄)| / size,   R the best proper rotation
+    error      max_i |R (x_i − x̄) − (X_i − X̄)| / size,   R the best proper rotation of each
+               component: what nothing joins and nothing holds has no place beside the rest
     recovered  error < 1 % and every tet's V has its sign at rest, and both stay so
     limit      10 s of simulated time for E ≥ 1e4 Pa, 40 s below
 
@@ -19,7 +20,7 @@ from ..deform.constraints import lumped_masses
 from ..deform.handles import lowest_pins
 from ..deform.material import Material
 from ..deform.xpbd import XpbdSolver
-from ..geometry.mesh import edges, signed_volumes
+from ..geometry.mesh import components, edges, signed_volumes
 from .stress import Case, uneven_masses, with_broken_tets
 
 TOLERANCE = 0.01  # of the size
@@ -89,6 +90,7 @@ class Shape:
         volumes: Signed.  [T]
         edges: Those that aren't points.  [E, 2]
         lengths: [E]
+        parts: The vertices of each component.
     """
 
     rest: np.ndarray
@@ -97,12 +99,14 @@ class Shape:
     volumes: np.ndarray
     edges: np.ndarray
     lengths: np.ndarray
+    parts: list[np.ndarray]
 
     def measure(self, vertices):
         """Error of the size, V/V0 [T], and strains [E]."""
         ratios = signed_volumes(vertices, self.tets) / self.volumes
         strains = _lengths(vertices, self.edges) / self.lengths - 1.0
-        return aligned_error(vertices, self.rest) / self.size, ratios, strains
+        error = max(aligned_error(vertices[part], self.rest[part]) for part in self.parts)
+        return error / self.size, ratios, strains
 
 
 def shape_of(rest, tets) -> Shape:
@@ -112,7 +116,9 @@ def shape_of(rest, tets) -> Shape:
     pairs = edges(tets)
     pairs = pairs[_lengths(rest, pairs) > FLAT * _lengths(rest, pairs).mean()]
     size = float(np.ptp(rest, axis=0).max())
-    return Shape(rest, size, tets[solid], volumes[solid], pairs, _lengths(rest, pairs))
+    labels = components(len(rest), tets)
+    parts = [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    return Shape(rest, size, tets[solid], volumes[solid], pairs, _lengths(rest, pairs), parts)
 
 
 def _lengths(vertices, pairs):

@@ -1,0 +1,125 @@
+"""The push on a model's own mesh: linear response, and the scenes that are made of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform.handles import lowest_pins
+from deformrf.core.deform.material import Material
+from deformrf.core.geometry.lattice import A15, BCC
+from deformrf.core.geometry.mesh import components
+from deformrf.core.study import error, own_mesh
+from deformrf.core.study.bodies import Held, ball, beam
+
+
+@pytest.fixture(scope="module")
+def column():
+    """A stout beam that stands on its clamp, so that the push bends it."""
+    body = beam(A15, 1 / 8, width=0.5)
+    upright = replace(body.mesh, rest_vertices=body.mesh.rest_vertices[:, [1, 2, 0]])
+    return Held(own_mesh.body_of(upright).mesh, body.clamped)
+
+
+def largest(way):
+    return np.linalg.norm(way, axis=-1).max()
+
+
+def size_of(body):
+    return np.ptp(body.mesh.rest_vertices, axis=0).max()
+
+
+def test_a_body_stands_on_its_foot_where_float32_has_it():
+    mesh = ball(BCC, 1 / 4)
+    mesh = replace(mesh, rest_vertices=mesh.rest_vertices / 3.0)
+    body = own_mesh.body_of(mesh)
+    rest = body.mesh.rest_vertices
+    np.testing.assert_array_equal(rest, rest.astype(np.float32))
+    np.testing.assert_allclose(rest, mesh.rest_vertices, rtol=1e-7)
+    np.testing.assert_array_equal(body.clamped, lowest_pins(rest, mesh.tets))
+    assert rest[body.clamped, 2].max() < rest[~body.clamped, 2].min()
+
+
+def test_the_response_balances_the_load(column):
+    """K u = M e on the free vertices; the held ones stay."""
+    case = error.Case("column", column, None, "static")
+    rest, held = column.mesh.rest_vertices, column.clamped
+    direction = np.random.default_rng().normal(size=3)
+    moved = own_mesh.response(case.energy, rest, held, direction)
+    assert np.all(moved[held] == 0.0) and np.all(moved[~held] != 0.0)
+    forces = (case.energy.hessian(rest) @ moved.ravel()).reshape(-1, 3)
+    load = case.energy.masses[:, None] * direction
+    np.testing.assert_allclose(forces[~held], load[~held], atol=1e-9 * np.abs(load).max())
+
+
+def test_the_response_is_linear(column):
+    energy = error.Case("column", column, None, "static").energy
+    a, b = np.random.default_rng().normal(size=(2, 3))
+
+    def response(direction):
+        return own_mesh.response(energy, column.mesh.rest_vertices, column.clamped, direction)
+
+    both = response(2.0 * a - b)
+    np.testing.assert_allclose(2.0 * response(a) - response(b), both, atol=1e-9 * largest(both))
+
+
+@pytest.mark.parametrize("young_modulus", [1e4, 1e9])
+@pytest.mark.parametrize("scale", [0.1, 1.0])
+def test_a_linear_body_moves_by_the_push(column, young_modulus, scale):
+    """However stiff and large it is; both scenes have the same push, sideways."""
+    mesh = replace(column.mesh, rest_vertices=scale * column.mesh.rest_vertices)
+    body, material = Held(mesh, column.clamped), Material(young_modulus=young_modulus)
+    still, falling = own_mesh.cases("column", body, material)
+    assert (still.scene, falling.scene) == ("static", "dynamic")
+    assert still.gravity == falling.gravity and still.gravity[0] > 0.0 == still.gravity[2]
+    moved = own_mesh.response(still.energy, mesh.rest_vertices, body.clamped, still.gravity)
+    assert largest(moved) == pytest.approx(own_mesh.PUSH * size_of(body))
+
+
+def test_a_stout_body_moves_nearly_as_far(column):
+    case = own_mesh.cases("column", column)[0]
+    moved = case.reference[0] - column.mesh.rest_vertices
+    assert case.reference_error < 1e-9
+    assert largest(moved) == pytest.approx(own_mesh.PUSH * size_of(column), rel=0.1)
+    assert moved[:, 0].min() > -0.2 * largest(moved)  # to where it is pushed
+
+
+def test_more_substeps_are_closer(column, device):
+    for case in own_mesh.cases("column", column):
+        counts = (5, 10, 20)
+        errors = [error.measure(case, "substeps", n, device, 600).of_motion for n in counts]
+        assert errors[0] > 1.5 * errors[1] > 1.5**2 * errors[2] > 0.0
+        assert errors[2] < own_mesh.BOUND
+
+
+def test_every_part_is_held():
+    """Two balls, one above the other: the upper one doesn't float."""
+    mesh = ball(BCC, 1 / 4)
+    upper = mesh.rest_vertices + np.array([0.0, 0.0, 2.0])
+    both = replace(
+        mesh,
+        rest_vertices=np.concatenate([mesh.rest_vertices, upper]),
+        addresses=np.concatenate([mesh.addresses, mesh.addresses + 100]),
+        tets=np.concatenate([mesh.tets, mesh.tets + mesh.vertex_count]),
+    )
+    assert components(both.vertex_count, both.tets).max() == 1
+    body = own_mesh.body_of(both)
+    case = own_mesh.cases("two", body)[0]
+    one = own_mesh.body_of(mesh)
+    moved = own_mesh.response(case.energy, both.rest_vertices, body.clamped, own_mesh.ASIDE)
+    expected = own_mesh.response(
+        *(error.Case("one", one, None, "static").energy, mesh.rest_vertices),
+        *(one.clamped, own_mesh.ASIDE),
+    )
+    np.testing.assert_allclose(moved[mesh.vertex_count :], expected, atol=1e-5 * largest(expected))
+
+
+def test_what_nothing_holds_is_an_error():
+    mesh = ball(BCC, 1 / 4)
+    loose = replace(
+        mesh,
+        rest_vertices=np.concatenate([mesh.rest_vertices, [[0.0, 0.0, 0.9]]]),
+        addresses=np.concatenate([mesh.addresses, [[99, 99, 99]]]),
+    )
+    with pytest.raises(RuntimeError):
+        own_mesh.cases("loose", own_mesh.body_of(loose))

@@ -1,0 +1,194 @@
+"""The section on dynamics says what was measured, and how many substeps the material needs."""
+
+import io
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deformrf.core.deform.material import PRESETS, Material
+from deformrf.core.geometry.lattice import BCC
+from deformrf.core.geometry.mesh import TetMesh
+from deformrf.core.report import dynamics
+from deformrf.core.report.parts import record
+from deformrf.core.study import error, own_mesh
+from deformrf.core.study.bodies import ball
+from deformrf.core.study.stopwatch import Timing
+
+MESH = ball(BCC, 1 / 4)
+ONE_TET = TetMesh(
+    rest_vertices=np.array([[-0.3, -0.3, 0.2], [0.3, -0.3, 0.2], [0.0, 0.4, 0.2], [0, 0, 0.7]]),
+    addresses=np.zeros((4, 3), np.int32),
+    tets=np.array([[0, 1, 2, 3]], np.int32),
+)
+COUNT = dynamics.DEFAULT_COUNT
+
+
+@pytest.fixture(scope="module")
+def shares():
+    return []
+
+
+@pytest.fixture(scope="module")
+def section(shares):
+    return dynamics.section("ball", MESH, "cpu", quick=True, step=shares.append)
+
+
+def row(scene, count, of_motion, scheme="substeps", compliance="material"):
+    return error.Row(
+        scene=scene,
+        lattice="ball",
+        tets=48,
+        compliance=compliance,
+        scheme=scheme,
+        count=count,
+        device="cpu",
+        rms=0.05 * of_motion,
+        largest=0.1 * of_motion,
+        of_motion=of_motion,
+        frame=Timing(0.1 * count, 0.09 * count, 0.12 * count, 30),
+        frames=12,
+    )
+
+
+def rows_with(static, dynamic, counts=(5, 10, 20, 40)):
+    return [
+        *map(row, ["static"] * 4, counts, static),
+        *map(row, ["dynamic"] * 4, counts, dynamic),
+    ]
+
+
+@pytest.mark.parametrize(
+    "static, dynamic, count",
+    [
+        ((0.5, 0.2, 0.05, 0.01), (0.3, 0.1, 0.05, 0.02), 20),
+        ((0.09, 0.02, 0.01, 0.001), (0.9, 0.5, 0.2, 0.1), 40),
+        ((0.01, 0.01, 0.01, 0.01), (0.1, 0.1, 0.1, 0.1), 5),
+        ((0.01, 0.01, 0.01, 0.01), (0.4, 0.3, 0.2, 0.11), None),
+    ],
+)
+def test_the_least_count_that_holds_both_scenes_is_chosen(static, dynamic, count):
+    rows = rows_with(static, dynamic)
+    others = [
+        row("static", 1, 0.0, scheme="iterations"),
+        row("dynamic", 2, 0.0, compliance=1e-4),
+        row("static", 3, float("inf"), compliance=0.0),
+    ]
+    assert dynamics.chosen_count(rows) == count
+    assert dynamics.chosen_count([*others, *rows]) == count
+
+
+def test_findings_are_those_of_the_rows(section):
+    static, dynamic = (r for r in section.tables[0].rows if r.default)
+    assert (static.scene, dynamic.scene) == ("static", "dynamic")
+    first, second, *schemes = section.findings
+    assert f"{COUNT} substeps" in first and f"{static.frame.median:.3g} ms" in first
+    assert f"{static.of_motion:.2g} % of its motion" in first
+    assert f"in motion by {dynamic.of_motion:.2g} %" in first
+    chosen = [r for r in section.tables[0].rows if r.chosen]
+    assert {r.count for r in chosen} == {section.values["recommended_substeps"]}
+    assert max(r.of_motion for r in chosen) <= 100.0 * own_mesh.BOUND
+    assert f"needs {chosen[0].count} substeps" in second
+    assert f"{chosen[0].frame.median:.3g} ms" in second
+    iterations = {r.scene: r for r in section.tables[0].rows if r.scheme == "iterations"}
+    assert f"{iterations['static'].of_motion:.3g} % under load" in schemes[0]
+    assert "plain float32" in schemes[1]
+
+
+def test_the_table_has_every_run(section):
+    [table], [figure] = section.tables, section.figures
+    assert (section.key, table.name, figure.name) == ("dynamics",) * 3
+    assert set(table.headings) <= set(vars(table.rows[0])) and section.passed is None
+    assert {(r.scene, r.scheme) for r in table.rows} == set(
+        product(error.SCENES, ("substeps", "iterations"))
+    ) | {("dynamic", "plain float32")}
+    for found in table.rows:
+        assert (found.of_motion is None) == (found.compliance == "0")
+        assert (found.frame is None) == (found.scheme == "plain float32")
+        assert np.isfinite([found.of_size, found.largest]).all()
+        assert found.of_size <= found.largest
+    assert set(record(table.rows[0])) == set(record(table.rows[-1]))
+
+
+def test_errors_are_in_percent(section):
+    case = own_mesh.cases("ball", own_mesh.body_of(MESH))[1]
+    found = error.measure(case, "substeps", COUNT, "cpu")
+    [row] = [r for r in section.tables[0].rows if r.default and r.scene == "dynamic"]
+    measured = 100.0 * np.array([found.of_motion, found.rms, found.largest])
+    np.testing.assert_allclose([row.of_motion, row.of_size, row.largest], measured)
+
+
+def test_the_method_says_how_exact_the_references_are(section):
+    cases = own_mesh.cases("ball", own_mesh.body_of(MESH))
+    assert "48 tets" in section.method[0]
+    assert f"{cases[0].gravity[0]:.2g} m/s²" in section.method[0]
+    assert f"{cases[0].reference_error:.0e} of the load" in section.method[0]
+    assert f"{100 * cases[1].reference_error:.1g} % of the motion" in section.method[0]
+
+
+def test_the_figure_opens(section):
+    image = Image.open(io.BytesIO(section.figures[0].png))
+    assert image.format == "PNG" and image.width > image.height > 300
+    assert len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 20
+
+
+def test_the_share_that_is_done_grows(section, shares):
+    assert len(shares) == len(section.tables[0].rows)
+    assert shares == sorted(shares) and 0.0 < shares[0] and shares[-1] <= 1.0
+
+
+def test_the_default_is_in_every_plan():
+    """Whatever is compared with it at the same count is, too."""
+    cases = own_mesh.cases("ball", own_mesh.body_of(MESH))
+    for quick in (True, False):
+        own = {(c.scene, scheme, n) for c, scheme, n in dynamics.plan(cases, quick)}
+        for scene in error.SCENES:
+            assert {(scene, "substeps", COUNT), (scene, "iterations", COUNT)} <= own
+        plain = {n for _, scheme, n in own if scheme == "plain float32"}
+        assert plain and all(("dynamic", "substeps", n) in own for n in plain)
+
+
+def test_in_full_there_are_materials_too():
+    section = dynamics.section("tet", ONE_TET, "cpu")
+    table, materials = section.tables
+    assert materials.name == "materials" and len(section.figures) == 1
+    assert [r.material for r in materials.rows] == ["default", *PRESETS]
+    assert materials.rows[0].substeps == section.values["recommended_substeps"]
+    assert set(materials.headings) <= set(vars(materials.rows[0]))
+    assert {r.compliance for r in table.rows} == {"material", "0", "1e-08", "1e-06", "0.0001"}
+
+
+def test_stiff_and_light_materials_take_more_substeps():
+    """n ∝ √(μ/ρ); what takes more than 200 isn't measured."""
+    body = own_mesh.body_of(MESH)
+    rows = {r.material: r for r in dynamics.held_materials("ball", body, "cpu", 3)}
+    assert rows["default"].substeps == 3 and rows["default"].default
+    assert rows["jelly"].substeps < 3 < rows["rubber"].substeps < rows["wood"].substeps
+    standard = Material()
+    for name, material in PRESETS.items():
+        ratio = material.shear_modulus / material.density
+        ratio /= standard.shear_modulus / standard.density
+        assert rows[name].substeps - 1 < 3 * np.sqrt(ratio) <= rows[name].substeps
+    more = {r.material: r for r in dynamics.held_materials("ball", body, "cpu", 4)}
+    assert more["wood"].substeps > dynamics.MOST_SUBSTEPS
+    assert more["wood"].of_motion is None and more["wood"].frame is None
+
+
+def test_so_many_substeps_hold_wood_as_well_as_the_default():
+    """Their Poisson's ratio is the same: all that differs is the scale of time."""
+    body = own_mesh.body_of(MESH)
+    rows = {r.material: r for r in dynamics.held_materials("ball", body, "cpu", 3)}
+    assert rows["wood"].of_motion == pytest.approx(rows["default"].of_motion, rel=0.1)
+
+
+def test_without_resistance_there_is_no_equilibrium():
+    loose = replace(
+        MESH,
+        rest_vertices=np.concatenate([MESH.rest_vertices, [[0.0, 0.0, 0.9]]]),
+        addresses=np.concatenate([MESH.addresses, [[99, 99, 99]]]),
+    )
+    section = dynamics.section("loose", loose, "cpu", quick=True)
+    assert "moves without resistance" in section.findings[0]
+    assert not section.tables and not section.figures and section.passed is None

@@ -1,0 +1,71 @@
+"""The rule takes the cheapest setting that is good enough; the front is what nothing beats."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.study import rule
+
+
+def turns(*medians):
+    """Ten turns that all take the same time.  [S, 10]"""
+    return np.repeat(np.array(medians, float)[:, None], 10, axis=1)
+
+
+def test_the_cheapest_within_the_bound_is_taken():
+    times, errors = turns(4.0, 3.0, 2.0, 1.0), [0.1, 0.9, 1.0, 1.1]
+    assert rule.cheapest(times, errors, 1.0) == 2
+    assert rule.cheapest(times, errors, 0.99) == 1
+    assert rule.cheapest(times, errors, 0.5) == 0
+
+
+def test_without_one_within_the_bound_there_is_none():
+    assert rule.cheapest(turns(2.0, 1.0), [0.2, np.inf], 0.1) is None
+
+
+def test_of_equally_cheap_ones_the_most_exact_is_taken():
+    errors = np.random.default_rng().uniform(size=7)
+    assert rule.cheapest(turns(*[3.0] * 7), errors, 1.0) == errors.argmin()
+
+
+@pytest.mark.parametrize("slower, taken", [(4, 1), (5, 1), (6, 0), (8, 0)])
+def test_what_is_slower_in_three_quarters_of_the_turns_is_slower(slower, taken):
+    """The second setting is the more exact one, and slower in so many of eight turns."""
+    times = turns(1.0, 1.0)[:, :8]
+    times[1, :slower], times[1, slower:] = 1.5, 0.5
+    assert rule.cheapest(times, [0.3, 0.2], 1.0) == taken
+
+
+def test_as_slow_is_not_slower():
+    times = turns(1.0, 1.0)
+    times[1, :7] = 1.5
+    assert rule.cheapest(times, [0.3, 0.2], 1.0) == 1
+
+
+def test_it_is_turns_that_are_compared():
+    """A machine that slows down and up again spreads both settings; one is always slower."""
+    pace = np.random.default_rng().uniform(1.0, 10.0, 40)
+    times = np.stack([pace, 1.01 * pace])
+    assert rule.cheapest(times, [0.3, 0.2], 1.0) == 0
+
+
+def test_what_is_outside_the_bound_is_no_measure_of_cheap():
+    times = turns(1.0, 5.0, 5.0)
+    assert rule.cheapest(times, [9.0, 0.2, 0.1], 1.0) == 2
+
+
+def test_one_setting_is_its_own_choice_and_front():
+    assert rule.cheapest([[2.0]], [0.5], 1.0) == 0
+    assert rule.front([2.0], [0.5]).tolist() == [True]
+
+
+@pytest.mark.parametrize("values", [4, 1000])  # with many ties, and nearly without
+def test_the_front_is_what_nothing_beats(values):
+    rng = np.random.default_rng()
+    for _ in range(20):
+        points = rng.integers(values, size=(30, 2))
+        found = rule.front(*points.T)
+        no_worse = (points[:, None] <= points).all(axis=2)  # [i, j]: i is no worse than j
+        better = no_worse & (points[:, None] != points).any(axis=2)
+        assert not better[:, found].any()
+        assert no_worse[np.ix_(found, ~found)].any(axis=0).all()
+        assert len(np.unique(points[found], axis=0)) == found.sum()  # of equals, one
