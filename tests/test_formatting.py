@@ -67,6 +67,7 @@ def test_other_values_are_words():
     assert results == ["pass", "FAIL", "–"]
     assert text(Timing(1.342, 1.3, 1.4, 9)) == "1.34 (1.30–1.40)"
     assert text(Timing(-0.02, -0.05, 0.01, 9)) == "−0.0200 (−0.0500 to 0.0100)"
+    assert text(Timing(5.3, 5.3, 5.3, 1)) == "5.30"
     assert (passed(True), passed(False), passed(None)) == ("pass", "FAIL", "")
 
 

@@ -29,7 +29,14 @@ MAY_IMPORT = {
     "viewer": ["core"],
 }
 WINDOWING = ["moderngl", "pyglet", "imgui_bundle"]  # not in core: it runs without a display
-SLOW = {"torch", "warp", "pyglet"}  # imported when used: --help has to answer at once
+SLOW = {
+    "torch",
+    "warp",
+    "pyglet",
+    "scipy",
+    "matplotlib",
+    "jinja2",
+}  # imported when used: --help has to answer at once
 LINES_MAX = 400
 
 

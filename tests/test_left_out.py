@@ -9,6 +9,7 @@ from deformrf.core.report.left_out import section
 from deformrf.core.report.parts import record
 from deformrf.core.study import omitted
 from deformrf.core.study.omissions import effort
+from deformrf.core.study.omitted_dynamics import Drag
 
 EFFORT = effort("cpu", True)
 
@@ -28,6 +29,8 @@ def rows():
         row("a large part", [10.0, 11.0], [2.0, 2.5]),
         row("a small part", [10.0, 11.0], [9.0, 9.5]),
         row("no part", [10.0, 11.0], [11.0, 10.0]),
+        row("a chance", [10.0, 12.0], [9.0, 11.0]),
+        row("no byte", [3.0], [3.0], unit="MB"),
         row("a loss", [2.0, 2.5], [10.0, 11.0]),
         row("a habit", [5.0, 6.0], [4.0, 4.5], left_out=False, change="30.0 dB, at most 9/255"),
         omitted.not_measured("a mystery", omitted.FILE, "Nobody tells."),
@@ -36,7 +39,7 @@ def rows():
 
 def test_savings_are_counted_and_the_largest_named(rows):
     first = section(rows, EFFORT).findings[0]
-    assert "2 save" in first and "1 nothing" in first and "1 cost" in first
+    assert "2 save" in first and "3 nothing" in first and "1 cost" in first
     assert "a large part" in first and "79 %" in first
 
 
@@ -44,11 +47,21 @@ def test_what_saves_nothing_is_asked_why(rows):
     findings = section(rows, EFFORT).findings[1:]
     assert not any("part" in finding for finding in findings if "no part" not in finding)
     assert "Leaving out no part saves nothing that can be measured" in findings[0]
-    assert "Leaving out a loss costs 8.25 ms" in findings[1]
-    for finding in findings[:2]:
+    assert "(2 turns: with it 10.2 to 11.8 ms, without 9.2 to 10.8 ms)" in findings[1]
+    assert "(0 MB)" in findings[2]
+    assert "Leaving out a loss costs 8.25 ms" in findings[3]
+    for finding in findings[:4]:
         assert finding.endswith("Why is it left out? Because it is simple.")
-    assert "Not left out: a habit" in findings[2] and "30.0 dB" in findings[2]
-    assert findings[3] == "Not measured: a mystery. Nobody tells."
+    assert "Not left out: a habit" in findings[4] and "30.0 dB" in findings[4]
+    assert findings[5] == "Not measured: a mystery. Nobody tells."
+
+
+def test_the_method_has_the_numbers_of_what_was_done(rows, ball):
+    method = " ".join(section(rows, EFFORT).method)
+    assert f" {Drag(ball, 'cpu').solver.options.substep_count} substeps" in method
+    assert f"Dynamics: {EFFORT.step_turns} turns" in method
+    assert f"Start: {EFFORT.start_turns} turns" in method
+    assert f"repeats: {EFFORT.compilations}." in method
 
 
 def test_the_table_has_all_rows_and_the_picture_what_was_measured(rows):

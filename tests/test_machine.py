@@ -61,12 +61,15 @@ def test_the_gpu_is_the_one_that_warp_has():
     ("command", "expected"),
     [
         (COMMAND, COMMAND),
-        ("deformrf-report model.npz -o ../out", "deformrf-report model.npz -o ../out"),
+        ("deformrf-report model.npz -o ../out", "deformrf-report model.npz -o out"),
         (
             "/home/me/bin/deformrf-report /data/a.npz --data=/home/me/chair -o out",
             "deformrf-report a.npz --data=chair -o out",
         ),
         ("x '/home/some one/my model.npz'", "x 'my model.npz'"),
+        ("x /a=b/m.npz --data=/home/a=b/chair a=b/m.npz", "x m.npz --data=chair m.npz"),
+        ("x .gpu/models/chair.npz --data ../data/chair/ ./y", "x chair.npz --data chair y"),
+        ("x -o . --device=cuda:0 /a/m=1.npz", "x -o . --device=cuda:0 m=1.npz"),
     ],
 )
 def test_a_command_has_no_folders(command, expected):

@@ -26,19 +26,34 @@ def saving(*values):
     ],
 )
 def test_a_spread_across_zero_is_nothing_measurable(differences, found):
-    assert omitted.verdict(saving(*differences)) == found
-    row = omitted.omission(
-        *("a thing", omitted.FILE, (saving(9.0), saving(8.0), saving(*differences))),
-        *("", "it saves", "it does not"),
-    )
+    without = np.full(len(differences), 8.0)
+    times = omitted.compared_in_turns(without + differences, without)
+    assert omitted.verdict(*times) == found
+    row = omitted.omission("a thing", omitted.FILE, times, "", "it saves", "it does not")
     assert row.verdict == found
     assert row.why == ("it saves" if found == omitted.SAVES else "it does not")
+
+
+@pytest.mark.parametrize(
+    ("with_it", "without", "found"),
+    [
+        ([2.0, 4.0], [1.0, 3.0], omitted.NOTHING),  # the sign alone: by chance in 1 of 2 cases
+        ([1.0, 3.0], [2.0, 4.0], omitted.NOTHING),
+        ([2.0, 2.2], [1.0, 1.9], omitted.SAVES),
+        ([1.0, 1.9, 1.5], [2.0, 2.2, 2.1], omitted.COSTS),
+        ([2.0, 4.0, 6.0, 8.0], [1.0, 3.0, 5.0, 7.0], omitted.NOTHING),
+        ([2.0, 4.0, 6.0, 8.0, 10.0], [1.0, 3.0, 5.0, 7.0, 9.0], omitted.SAVES),
+        ([3.0], [2.0], omitted.SAVES),
+    ],
+)
+def test_after_few_turns_the_ways_must_not_overlap(with_it, without, found):
+    assert omitted.verdict(*omitted.compared_in_turns(with_it, without)) == found
 
 
 def test_the_same_action_twice_saves_nothing_measurable():
     action = partial(time.sleep, 1e-3)
     times = compared(action, lambda: action(), "cpu", repeats=40)
-    assert omitted.verdict(times[2]) == omitted.NOTHING
+    assert omitted.verdict(*times) == omitted.NOTHING
 
 
 def test_a_saving_is_a_part_of_what_it_is_with():

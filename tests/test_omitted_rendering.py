@@ -36,6 +36,26 @@ def test_every_row_is_measured(make_ball_field, frames, device, row):
     assert found.unit == "ms" and found.change and found.why
 
 
+@pytest.mark.parametrize(
+    "row",
+    [row for row in rows.rendering_rows("cuda:0") if row is not rows.unchanged_view],
+    ids=lambda row: row.__name__,
+)
+def test_each_way_has_a_renderer_of_its_own(ball, row):
+    """A wavefront expects as many rounds as its last image took."""
+    pairs = []
+
+    class Watched(rows.Frames):
+        def compared(self, *ways):
+            pairs.append(ways)
+            return super().compared(*ways)
+
+    row(Watched(ball, "cpu", 16, view_count=1, repeats=3))
+    for with_it, without in pairs:
+        assert with_it.renderer is not without.renderer
+    assert len(pairs) == 1
+
+
 def test_a_full_mask_leaves_nothing_out(ball, frames, device):
     ball = replace(ball, occupancy=np.full_like(ball.occupancy, rows.ALL_SUBTETS))
     for row in (rows.empty_space, rows.empty_tets):
@@ -50,6 +70,21 @@ def test_the_mask_changes_what_is_seen_and_empty_tets_do_not(make_ball_field, fr
     assert few.usual.renderer.part.mesh.tet_count < few.field.mesh.tet_count
     change = rows.empty_tets(few).change
     assert change == NONE or decibels(change) > 45.0
+
+
+def test_filling_the_mask_brings_no_empty_tet_back(make_ball_field):
+    field, masks = make_ball_field(5, occupied_share=0.2), []
+
+    class Watched(rows.Frames):
+        def compared(self, *ways):
+            masks.extend(way.renderer.part.occupancy for way in ways)
+            return super().compared(*ways)
+
+    row = rows.empty_space(Watched(field, "cpu", 16, view_count=1, repeats=3))
+    filled, usual = masks
+    assert len(filled) == len(usual) == (field.occupancy != 0).sum() < field.mesh.tet_count
+    assert (filled == rows.ALL_SUBTETS).all() and (usual != rows.ALL_SUBTETS).any()
+    assert "never trained" in row.why and "ends rays early" in row.why
 
 
 def test_rendering_again_is_left_out_without_any_change(ball, frames):

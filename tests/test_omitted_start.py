@@ -22,6 +22,20 @@ def test_viewing_imports_neither_torch_nor_what_reports_need(rows):
     assert len(rows) == 4 and all(row.left_out and row.change == NONE for row in rows.values())
 
 
+def test_the_first_start_of_each_way_does_not_count(monkeypatch):
+    runs = []
+
+    def run(_, *arguments):
+        runs.append(arguments[2:])
+        seconds = 100.0 if runs.count(arguments[2:]) == 1 else 2.0 + len(arguments)
+        return [seconds, 1.0, [], "an image"]
+
+    monkeypatch.setattr(omitted_start, "_run", run)
+    seconds, *_ = omitted_start.import_rows("model.npz", "cpu", turns=2)
+    assert len(runs) == 3 * 3 and seconds.with_it.count == 2
+    assert (seconds.with_it.high, seconds.without.high) == (5.0, 4.0)
+
+
 def test_importing_torch_takes_time(rows):
     row = rows["torch, at the start", "s"]
     assert row.verdict == SAVES and row.without.median > 0.1

@@ -88,3 +88,18 @@ def test_so_many_pixels_of_every_view(ball, asked, found):
     np.testing.assert_allclose(np.linalg.norm(photos.directions, axis=1), 1.0)
     again = photographs(ball, dataset, asked)
     np.testing.assert_array_equal(again.colors, photos.colors)
+
+
+def test_the_psnr_is_the_mean_of_the_views(ball):
+    """One view that is all wrong costs its share of decibels, and no more."""
+    dataset, renderer = dataset_of(ball), Renderer(ball)
+    whole = photographs(ball, dataset, 200)
+    right = [
+        replace(whole, **{k: getattr(whole, k)[whole.views == v] for k in vars(whole)})
+        for v in range(3)
+    ]
+    single = [photos.psnr(renderer, RenderOptions()) for photos in right]
+    assert whole.psnr(renderer, RenderOptions()) == pytest.approx(np.mean(single))
+    colors = np.where((whole.views == 1)[:, None], 1.0 - whole.colors, whole.colors)
+    wrong = replace(whole, colors=colors).psnr(renderer, RenderOptions())
+    assert np.mean(single) / 3 < wrong < np.mean(single) - 5.0

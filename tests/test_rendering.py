@@ -83,7 +83,7 @@ def test_rows_are_those_of_their_times(measured, study):
 
 
 def test_the_choice_is_a_candidate_within_the_bounds(measured):
-    rows = measured("default", "stop 0.2", "5 levels", "conformance", "step × 4").values()
+    rows = measured("default", "stop 0.2", "1 level less", "conformance", "step × 4").values()
     [chosen] = [row for row in rows if row.chosen]
     assert chosen.setting == "default" and chosen.worst_psnr >= BOUND
     for row in rows:
@@ -165,9 +165,9 @@ def test_without_a_mask_a_full_one_is_not_missed(make_ball_field, device, full):
 def test_photographs_are_compared_in_whole_images(measured, study):
     picture = study.pictures[0]
     origins, directions = (array[picture.pixels] for array in rays(picture.camera))
-    photos = Photographs(1, origins, directions, picture.expected)
-    rows = measured("default", "5 levels", "1/2 of the pixels a side", photos=photos)
-    assert rows["default"].photo_psnr > BOUND > rows["5 levels"].photo_psnr
+    photos = Photographs(np.zeros(len(origins)), origins, directions, picture.expected)
+    rows = measured("default", "1 level less", "1/2 of the pixels a side", photos=photos)
+    assert rows["default"].photo_psnr > BOUND > rows["1 level less"].photo_psnr
     assert rows["1/2 of the pixels a side"].photo_psnr is None
 
 
@@ -178,14 +178,17 @@ def test_the_share_that_is_done_grows_to_all(measured):
 
 
 def test_the_reference_knows_its_own_error(study):
-    first = study.pictures[0]
-    assert study.reference_error() == pictures.discretization(study.field, first)
+    own = study.reference_error()
+    some = pictures.discretization(study.field, study.pictures)
+    assert own == study.reference_error()  # the same pixels again
+    assert abs(own.psnr - some.psnr) < 6.0 and own.largest <= some.largest
 
 
 def test_stages_take_time(study):
     stages = study.stages(1)
     assert {"march", "encode", "networks"} <= set(stages)
-    assert min(stages.values()) >= 0.0 and sum(stages.values()) > 0.0
+    assert all(0.0 <= time.low <= time.median <= time.high for time in stages.values())
+    assert sum(time.median for time in stages.values()) > 0.0
     study.measure([Setting("default", "default")], 1)
     assert study.stages(2).keys() == stages.keys()
 

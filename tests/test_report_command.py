@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
@@ -9,17 +10,21 @@ import pytest
 
 from deformrf.core.cli import INPUT_ERROR, INTERRUPTED, run
 from deformrf.core.deform.xpbd import XpbdSolver
+from deformrf.core.field import modelfile
+from deformrf.core.field.field import FieldOptions, random_field
+from deformrf.core.field.network import BASIS_COUNT
+from deformrf.core.geometry.mesh import TetMesh, tet_neighbours
 from deformrf.core.report import command, stability
 from deformrf.core.study.pictures import PEAK_DB
 
 SECTIONS = ["rendering", "dynamics", "training", "stability", "left_out", "machine"]
 
 
-@pytest.fixture(scope="module")
-def folder(ball_file, tmp_path_factory):
+@pytest.fixture(scope="module", params=["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+def folder(request, ball_file, tmp_path_factory):
     """What a quick report on the ball writes."""
     folder = tmp_path_factory.mktemp("report")
-    arguments = command.ReportArguments(ball_file, folder, device="cpu", quick=True)
+    arguments = command.ReportArguments(ball_file, folder, device=request.param, quick=True)
     assert command.prepare(arguments)() == 0
     return folder
 
@@ -146,6 +151,53 @@ def test_ctrl_c_keeps_what_is_done(ball_file, tmp_path, monkeypatch, capsys):
     assert not kept["complete"] and list(kept["sections"]) == ["training", "machine"]
     assert "interrupted" in (tmp_path / "report.md").read_text()
     assert "report.html" in capsys.readouterr().out
+
+
+def test_a_failure_on_the_way_keeps_what_is_done(ball_file, tmp_path, monkeypatch):
+    whole = command.plan
+
+    def failing(*arguments):
+        def fail(step):
+            raise RuntimeError("out of luck")
+
+        jobs = whole(*arguments)
+        training = next(job for job in jobs if job.title == "training")
+        return [training, jobs[0]._replace(section=fail)]
+
+    monkeypatch.setattr(command, "plan", failing)
+    arguments = command.ReportArguments(ball_file, tmp_path, device="cpu", quick=True)
+    with pytest.raises(RuntimeError, match="out of luck"):
+        command.prepare(arguments)()
+    kept = json.loads((tmp_path / "report.json").read_text())
+    assert not kept["complete"] and list(kept["sections"]) == ["training", "machine"]
+
+
+def test_a_folder_in_a_file_s_place_is_named(ball_file, tmp_path, monkeypatch, capsys):
+    """As on a disk that is full, or with a table that another program holds open."""
+    (tmp_path / "training.csv").mkdir()
+    monkeypatch.setattr(command, "plan", lambda *a: [])
+    arguments = command.ReportArguments(ball_file, tmp_path, device="cpu", quick=True)
+    (tmp_path / "machine.csv").mkdir()
+    assert command.prepare(arguments)() == INPUT_ERROR
+    assert "machine.csv" in capsys.readouterr().err
+
+
+def test_one_tet_is_enough(tmp_path):
+    """And one level, no view dependence: the least that a model can be."""
+    mesh = TetMesh(
+        np.array([[0.3, 0.3, 0.3], [0.7, 0.3, 0.3], [0.5, 0.7, 0.3], [0.5, 0.5, 0.7]]),
+        np.array([[0, 0, 0], [4, 0, 0], [2, 4, 0], [2, 2, 4]], np.int32),
+        np.array([[0, 1, 2, 3]], np.int32),
+    )
+    options = FieldOptions(1, 2**8, (16,), (16,), march_step=0.02, view_dependence=False)
+    field = random_field(mesh, tet_neighbours(mesh.tets), options, contrast=2.0)
+    weights = [(w.copy(), b) for w, b in field.color_layers]
+    weights[0][0][-BASIS_COUNT + 1 :] = 0.0
+    modelfile.save(replace(field, color_layers=tuple(weights)), tmp_path / "tet.npz")
+    output = tmp_path / "report"
+    arguments = command.ReportArguments(tmp_path / "tet.npz", output, device="cpu", quick=True)
+    assert command.prepare(arguments)() == 0
+    assert json.loads((output / "report.json").read_text())["complete"]
 
 
 def test_errors_are_sentences(call, tmp_path, ball_file):

@@ -37,19 +37,19 @@ def section(shares):
 
 
 def row(scene, count, of_motion, scheme="substeps", compliance="material"):
-    return error.Row(
+    return dynamics.DynamicsRow(
         scene=scene,
-        lattice="ball",
-        tets=48,
-        compliance=compliance,
         scheme=scheme,
+        compliance=compliance,
         count=count,
-        device="cpu",
-        rms=0.05 * of_motion,
-        largest=0.1 * of_motion,
-        of_motion=of_motion,
+        of_motion=None if of_motion is None else 100.0 * of_motion,
+        of_size=0.05,
+        largest=0.1,
+        reference_error=1e-9,
         frame=Timing(0.1 * count, 0.09 * count, 0.12 * count, 30),
         frames=12,
+        default=False,
+        chosen=False,
     )
 
 
@@ -73,8 +73,8 @@ def test_the_least_count_that_holds_both_scenes_is_chosen(static, dynamic, count
     rows = rows_with(static, dynamic)
     others = [
         row("static", 1, 0.0, scheme="iterations"),
-        row("dynamic", 2, 0.0, compliance=1e-4),
-        row("static", 3, float("inf"), compliance=0.0),
+        row("dynamic", 2, 0.0, compliance="0.0001"),
+        row("static", 3, None, compliance="0"),
     ]
     assert dynamics.chosen_count(rows) == count
     assert dynamics.chosen_count([*others, *rows]) == count

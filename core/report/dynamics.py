@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,14 +23,15 @@ FALLING = (0.0, 1e-4)  # of these, those with a dynamic scene
 QUICK_SETTLING = 600  # frames: some of a stiff body's slowest way is left
 STYLES = {"static": "-", "dynamic": "--"}
 COLORS = {"substeps": "tab:blue", "iterations": "tab:orange", "unfloored": "tab:red"}
-COLORS["plain float32"] = "tab:purple"
+PLAIN_COLOR = "black"
 
 
 @dataclass(frozen=True)
 class DynamicsRow:
     """One solver on one scene; errors in percent.
 
-    Nothing moves at compliance 0, so there `of_motion` is None.
+    Nothing moves at compliance 0, so there `of_motion` is None.  `reference_error` is the
+    reference's own, over its motion.
     """
 
     scene: str
@@ -41,6 +41,7 @@ class DynamicsRow:
     of_motion: float | None
     of_size: float
     largest: float
+    reference_error: float
     frame: Timing | None
     frames: int
     default: bool
@@ -75,19 +76,28 @@ def section(
         return Section("dynamics", TITLE, [f"There is no reference for this mesh: {error_}."])
     jobs = plan(of_material, quick)
     weights = np.cumsum([1 + count for _, _, count in jobs], dtype=float)
-    rows = []
+    rows, lost = [], {}
     for (case, scheme, count), done in zip(jobs, weights, strict=True):
         settling = QUICK_SETTLING if quick else error.SETTLING_FRAMES
-        with suppress(RuntimeError):  # a compliance at which Newton's method found no rest
-            rows.append(error.measure(case, scheme, count, device, settling))
+        try:
+            exact = case.reference_error
+        except RuntimeError:  # Newton's method found no rest
+            lost[str(case.compliance)] = None
+        else:
+            measured = error.measure(case, scheme, count, device, settling)
+            rows.append(_row(measured, exact))
         step(0.9 * done / weights[-1])
     chosen = chosen_count(rows)
     materials = [] if quick or chosen is None else held_materials(name, body, device, chosen)
-    found = [_row(row, chosen) for row in rows]
+    found = [replace(row, chosen=_is_own(row) and row.count == chosen) for row in rows]
     return Section(
         key="dynamics",
         title=TITLE,
-        findings=[*_findings(found, chosen, device), *_scheme_findings(found)],
+        findings=[
+            *_findings(found, chosen),
+            *_scheme_findings(found),
+            *(f"No reference was found for compliance {compliance}." for compliance in lost),
+        ],
         method=[
             f"{mesh.tet_count} tets, held at their foot and pushed sideways by a gravity of "
             f"{of_material[0].gravity[0]:.2g} m/s², so that a linear body moves by "
@@ -97,10 +107,12 @@ def section(
             f"(itself wrong by {100 * errors[1]:.1g} % of the motion). "
             "Error: RMS over vertices and frames, over the reference's RMS motion, and over the "
             "object's size; with compliance 0 nothing should move.",
-            "Substeps: the program's solver. Iterations: one substep with so many iterations; "
-            "unfloored: those without the floor under the compliance. Plain float32: substeps "
-            "whose positions aren't kept as base plus delta (computed in NumPy, so without a "
-            "time).",
+            "The scenes run one after the other. "
+            + ("Static ones are ended after 10 s even if they still move. " if quick else "")
+            + "Substeps: the program's solver. Iterations: one substep with so many iterations, on "
+            "CUDA a launch for every color; unfloored: those without the floor under the "
+            "compliance. Plain float32: substeps whose positions aren't kept as base plus delta "
+            "(computed in NumPy, so without a time).",
             f"The rule: the cheapest, that is the least, number of substeps whose error is at most "
             f"{100 * own_mesh.BOUND:g} % of the motion in both scenes, which is to hold Young's "
             "modulus to about a tenth.",
@@ -140,10 +152,10 @@ def plan(of_material, quick):
 
 def chosen_count(rows) -> int | None:
     """The rule's number of substeps: see method.  Each costs the same, so time is their number."""
-    own = [row for row in rows if row.scheme == "substeps" and row.compliance == "material"]
+    own = [row for row in rows if _is_own(row)]
     counts = sorted({row.count for row in own})
     errors = [max(row.of_motion for row in own if row.count == count) for count in counts]
-    found = rule.cheapest([[count] for count in counts], errors, own_mesh.BOUND)
+    found = rule.cheapest([[count] for count in counts], errors, 100.0 * own_mesh.BOUND)
     return None if found is None else counts[found]
 
 
@@ -158,8 +170,7 @@ def held_materials(name, body, device, chosen) -> list[MaterialRow]:
         row = None
         if count <= MOST_SUBSTEPS:
             case = own_mesh.cases(name, body, material)[0]
-            with suppress(RuntimeError):
-                row = error.measure(case, "substeps", count, device)
+            row = error.measure(case, "substeps", count, device)
         rows.append(
             MaterialRow(
                 material=preset,
@@ -173,7 +184,8 @@ def held_materials(name, body, device, chosen) -> list[MaterialRow]:
     return rows
 
 
-def _row(row, chosen):
+def _row(row, exact):
+    """A row of the study in percent; `exact` is the reference's own error."""
     own = row.scheme == "substeps" and row.compliance == "material"
     return DynamicsRow(
         scene=row.scene,
@@ -183,14 +195,19 @@ def _row(row, chosen):
         of_motion=100.0 * row.of_motion if math.isfinite(row.of_motion) else None,
         of_size=100.0 * row.rms,
         largest=100.0 * row.largest,
+        reference_error=100.0 * exact,
         frame=None if row.scheme == "plain float32" else row.frame,
         frames=row.frames,
         default=own and row.count == DEFAULT_COUNT,
-        chosen=own and row.count == chosen,
+        chosen=False,
     )
 
 
-def _findings(rows, chosen, device):
+def _is_own(row):
+    return row.scheme == "substeps" and _own(row)
+
+
+def _findings(rows, chosen):
     default = [row for row in rows if row.default]
     static, dynamic = (next(r for r in default if r.scene == s) for s in error.SCENES)
     said = [
@@ -204,7 +221,7 @@ def _findings(rows, chosen, device):
     share = 100.0 * row.frame.median / FRAME_MS
     fits = "which leaves the rest to rendering" if share < 100 else "more than there is"
     said.append(
-        f"The default material needs {chosen} substeps on this mesh (error at most "
+        f"Of the numbers tried, the default material needs {chosen} substeps here (error at most "
         f"{100 * own_mesh.BOUND:g} % of the motion): {row.frame.median:.3g} ms, {share:.2g} % of a "
         f"frame at 60 Hz, {fits}."
     )
@@ -248,6 +265,7 @@ def _table(rows):
             "of_motion": "of the motion [%]",
             "of_size": "of the size [%]",
             "largest": "largest, of the size [%]",
+            "reference_error": "reference's own [% of the motion]",
             "frame": "ms a frame",
             "chosen": "the rule's",
         },
@@ -258,8 +276,10 @@ def _table(rows):
 def _materials_table(rows):
     return Table(
         "materials",
-        f"What each material takes to be held on this mesh; a frame at 60 Hz has {FRAME_MS:.3g} "
-        "ms. Where more than 200 substeps are needed, the material that acts is softer.",
+        "What each material should take to be held on this mesh, by the default's substeps and "
+        "r ∝ ρ n² / μ, and its error under load with as many; a frame at 60 Hz has "
+        f"{FRAME_MS:.3g} ms. Where more than {MOST_SUBSTEPS} are needed, the material that acts is "
+        "softer.",
         {
             "material": "material",
             "young_modulus": "E [Pa]",
@@ -281,13 +301,13 @@ def plot(rows) -> bytes:
             line = [r for r in mine if r.scheme == scheme and _own(r) and r.frame]
             label = scheme if scene == "static" else None
             _line(left, line, lambda r: r.frame.median, style, color, label)
-        for index, compliance in enumerate(dict.fromkeys(r.compliance for r in mine)):
+        for index, compliance in enumerate(dict.fromkeys(r.compliance for r in rows)):
             line = [r for r in mine if r.scheme == "substeps" and r.compliance == compliance]
             label = compliance if scene == "static" else None
             _line(right, line, lambda r: r.count, style, f"C{index}", label, _of_size)
         plain = [r for r in mine if r.scheme == "plain float32"]
         label = "plain float32" if plain else None
-        _line(right, plain, lambda r: r.count, ":", COLORS["plain float32"], label, _of_size)
+        _line(right, plain, lambda r: r.count, ":", PLAIN_COLOR, label, _of_size)
     for row in rows:
         if row.default:
             left.plot(row.frame.median, row.of_motion, "*", color="black", markersize=12)

@@ -62,6 +62,8 @@ def text(value, name="") -> str:
             return value
         case bool() | np.bool_():
             return passed(value) if name == "passed" else "yes" if value else "no"
+        case Timing(count=1):
+            return number(value.median)
         case Timing():
             to = " to " if value.low < 0.0 else "–"  # a dash beside a minus sign
             return f"{number(value.median)} ({number(value.low)}{to}{number(value.high)})"

@@ -3,8 +3,9 @@
 Where it saves nothing, or costs something, the text asks why it is left out, and answers.
 """
 
+from ..deform.options import XpbdOptions
 from ..study.omissions import Effort
-from ..study.omitted import COSTS, NONE, NOT_MEASURED, NOTHING, SAVES, Omission
+from ..study.omitted import COSTS, ENOUGH_TURNS, NONE, NOT_MEASURED, NOTHING, SAVES, Omission
 from .parts import Figure, Section, Table
 from .plots import INK, new_figure, png
 
@@ -89,11 +90,24 @@ def _finding(row: Omission) -> str | None:
 
 def _effect(row) -> str:
     if row.verdict == NOTHING:
-        spread = f"{row.saving.low:.3g} to {row.saving.high:.3g} {row.unit}"
-        return f"saves nothing that can be measured ({spread})"
+        return f"saves nothing that can be measured ({_spread(row)})"
     if row.verdict == COSTS:
         return f"costs {-row.saving.median:.3g} {row.unit}"
     return f"saves {_amount(row)}"
+
+
+def _spread(row) -> str:
+    """Where both ways can't be told apart: of the differences, or of few turns of one sign."""
+    if row.saving.count == 1:
+        return _amount(row)
+    if row.saving.low <= 0.0 <= row.saving.high:
+        return f"{_range(row.saving)} {row.unit}"
+    with_it, without = _range(row.with_it), _range(row.without)
+    return f"{row.saving.count} turns: with it {with_it} {row.unit}, without {without} {row.unit}"
+
+
+def _range(timing) -> str:
+    return f"{timing.low:.3g} to {timing.high:.3g}"
 
 
 def _amount(row) -> str:
@@ -105,16 +119,19 @@ def _method(effort) -> list[str]:
         "Each row switches one thing on and nothing else. With it and without it take turns, so"
         " that whatever else the machine does happens to both; the saving is the median difference"
         " from turn to turn. It is nothing measurable where the tenth and ninetieth percentile of"
-        " the differences lie on both sides of 0. A loss is printed as such.",
+        f" the differences lie on both sides of 0, nor, with fewer than {ENOUGH_TURNS} turns, where"
+        " those with it and without it overlap. A loss is printed as such.",
         f"Rendering: {effort.image_turns} turns at {effort.image_size}×{effort.image_size} pixels,"
         f" {effort.view_count} views in turn, the object at rest, over white. Images are compared"
         " in bytes; dB is the peak signal-to-noise ratio against the other image.",
-        f"Dynamics: {effort.step_turns} turns, each a step of 1/60 s with 20 substeps, the default"
-        " material, the lowest part pinned, the highest vertices dragged from side to side. Poses"
-        " are compared after as many steps, in object sizes.",
+        f"Dynamics: {effort.step_turns} turns, each a step of 1/60 s with"
+        f" {XpbdOptions().substep_count} substeps, the default material, the lowest part pinned,"
+        " the highest vertices dragged from side to side. Poses are compared after as many steps,"
+        " in object sizes.",
         f"Start: {effort.start_turns} turns of fresh interpreters that load the model and render"
-        " one small image; memory is the peak of a process. Files are written and their size is"
-        " that on the disk.",
+        " one small image, after a turn that doesn't count; memory is the peak of a process."
+        f" Kernels: compiled into an empty folder, repeats: {effort.compilations}. Files are"
+        " written and their size is that on the disk.",
     ]
 
 

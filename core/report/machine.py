@@ -61,14 +61,19 @@ def section(device, seeds: dict, command: str) -> Section:
 
 
 def without_folders(command: str) -> str:
-    """A command, as shlex.join writes it, with absolute paths cut to their names."""
+    """A command, as shlex.join writes it, with paths cut to their names."""
     return shlex.join(map(_named, shlex.split(command)))
 
 
 def _named(word: str) -> str:
-    option, equals, value = word.rpartition("=")
-    path = Path(value)
-    return f"{option}{equals}{path.name}" if path.is_absolute() else word
+    if word.startswith("-"):  # an option; any other "=" belongs to a path
+        option, equals, value = word.partition("=")
+        return f"{_name(option)}{equals}{_name(value)}"
+    return _name(word)
+
+
+def _name(path: str) -> str:
+    return Path(path).name or path  # "." has none
 
 
 def _cpu() -> dict[str, str]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from ..study import rendering as study
 from ..study import rule
 from ..study.photographs import Photographs
+from ..study.stopwatch import Timing
 from .parts import Figure, Section, Table
 from .plots import INK, log_scale, new_figure, png
 
@@ -42,7 +43,7 @@ def section(
     """Measure and tell; `step` is called with the share that is done."""
     level_count = rendering.field.layout.level_count
     own_error = rendering.reference_error()
-    stages = rendering.stages()
+    stages = rendering.stages(turns)
     compared = study.settings(level_count, rendering.half)
     rows = rendering.measure(compared, turns, photos, step)
     default, chosen = rows[0], next((row for row in rows if row.chosen), None)
@@ -56,7 +57,7 @@ def section(
             f"By default a view of {camera.width} × {camera.height} pixels takes "
             f"{default.frame.median:.3g} ms and is {default.psnr:.1f} dB from the float64 "
             f"reference, {default.worst_psnr:.1f} dB in the worst view, at most "
-            f"{default.largest:.1f}/255 off.",
+            f"{default.largest:.1f}/255 off in {pixels} random pixels.",
             _verdict(default, chosen),
             *_photo_finding(rows, photos),
         ],
@@ -70,11 +71,13 @@ def section(
             "turn renders every setting once, all views, in another order. They are those of "
             "rendering alone: what enlarges an image of fewer pixels is OpenGL.",
             f"The rule: of what default mode may do (end rays early, leave levels out, use half "
-            f"precision) the cheapest that has at least {study.BOUND:g} dB in every view and no "
-            f"channel more than {study.LARGEST:g}/255 off; what isn't slower in "
+            f"precision) the cheapest that has at least {study.BOUND:g} dB in every view and none "
+            f"of these pixels more than {study.LARGEST:g}/255 off; what isn't slower in "
             f"{100 * rule.SLOWER:g} % of the turns counts as cheap, and of these the most exact "
             "is taken. The step belongs to the model; fewer pixels and longer steps are for "
-            "pictures that move on a CPU.",
+            "pictures that move on a CPU. Without a mask, density that was never trained is "
+            "sampled too, and the tets that hold nothing are walked through.",
+            *_cuda_method(rendering),
         ],
         tables=[
             Table("rendering", "Settings, each different from the default.", headings, rows),
@@ -82,8 +85,8 @@ def section(
                 "stages",
                 "Milliseconds of a view in default mode, stage by stage; each is waited for, and "
                 "on a CPU those of all threads are added up.",
-                {"stage": "stage", "milliseconds": "ms"},
-                [StageRow(name, value) for name, value in stages.items()],
+                {"stage": "stage", "time": "ms"},
+                [StageRow(name, time) for name, time in stages.items()],
             ),
         ],
         figures=[
@@ -110,7 +113,17 @@ class StageRow:
     """A stage of a frame."""
 
     stage: str
-    milliseconds: float
+    time: Timing
+
+
+def _cuda_method(rendering):
+    if not rendering.half:
+        return []
+    return [
+        "On CUDA default mode runs in rounds that nothing waits for. Rows with fewer levels, "
+        "float32 and conformance are rendered another way, which is several times slower by "
+        "itself: they say what these settings cost in this program, not what they have to."
+    ]
 
 
 def _verdict(default, chosen):
@@ -135,9 +148,9 @@ def _photo_finding(rows, photos):
         return []
     best = max((row for row in rows if row.photo_psnr is not None), key=lambda r: r.photo_psnr)
     return [
-        f"Against {photos.view_count} photographs that it hasn't seen, the model has "
-        f"{rows[0].photo_psnr:.2f} dB by default and {best.photo_psnr:.2f} dB at best "
-        f"(“{best.setting}”): the difference is what rendering costs, the rest is the model's."
+        f"Against {len(photos.colors)} random pixels of {photos.view_count} test views the model "
+        f"has {rows[0].photo_psnr:.2f} dB by default and {best.photo_psnr:.2f} dB at best "
+        f"(“{best.setting}”)."
     ]
 
 

@@ -1,16 +1,27 @@
 """Everything that the program leaves out for a model on a device: one job after another."""
 
+import re
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
+from ..field.archive import ModelFileError
 from ..field.field import TetField
-from .omitted import Omission
+from .omitted import DYNAMICS, FILE, RENDERING, START, Omission, not_measured
 from .omitted_dynamics import DYNAMICS_ROWS, Steps
 from .omitted_files import file_rows
 from .omitted_rendering import Frames, rendering_rows
 from .omitted_start import import_rows, kernel_row
+
+# Of the machine, such as a full disk, or a file that is gone.
+FAILURES = OSError, RuntimeError, subprocess.SubprocessError, ModelFileError
+UNITS = {RENDERING: "ms", DYNAMICS: "ms", FILE: "MB", START: "s"}
+FOLDERS = re.compile(  # of absolute paths, in quotes or not
+    r"""(?<=['"])(?:[A-Za-z]:)?[/\\][^'"]*[/\\]|(?<!\S)(?:[A-Za-z]:)?[/\\]\S*[/\\]"""
+)
 
 
 class Job(NamedTuple):
@@ -18,13 +29,23 @@ class Job(NamedTuple):
 
     Attributes:
         title: What is being measured.
+        group: Of its rows.
         seconds: How long it takes, roughly: that of the bundled model on two CPU cores.
-        run: Measures it.
+        measure: Measures it.
     """
 
     title: str
+    group: str
     seconds: float
-    run: Callable[[], list[Omission]]
+    measure: Callable[[], list[Omission]]
+
+    def run(self) -> list[Omission]:
+        """The rows; where the machine fails, one that says how."""
+        try:
+            return self.measure()
+        except FAILURES as error:
+            why = f"Measuring it failed: {_reason(error)}."
+            return [not_measured(self.title, self.group, why, None, UNITS[self.group])]
 
 
 @dataclass(frozen=True)
@@ -35,6 +56,7 @@ class Effort:
         image_size: Width and height [pixels].
         view_count: Views that images are compared in.
         image_turns, step_turns, start_turns: Repeats of a row of rendering, dynamics, start.
+        compilations: Repeats of that of kernels, which take long.
         job_seconds: Of a job of rendering, dynamics, files, imports, kernels.
     """
 
@@ -43,14 +65,15 @@ class Effort:
     image_turns: int
     step_turns: int
     start_turns: int
+    compilations: int
     job_seconds: tuple[float, float, float, float, float]
 
 
 def effort(device: str, quick: bool) -> Effort:
     """A quick look, or numbers to quote."""
     if quick:
-        return Effort(120 if device == "cpu" else 400, 2, 9, 60, 2, (1.0, 0.7, 1.0, 8.0, 4.0))
-    return Effort(300 if device == "cpu" else 800, 3, 15, 150, 3, (6.0, 1.2, 1.5, 12.0, 5.0))
+        return Effort(120 if device == "cpu" else 400, 2, 9, 60, 2, 1, (1.0, 0.7, 1.0, 12.0, 4.0))
+    return Effort(300 if device == "cpu" else 800, 3, 15, 150, 3, 3, (6.0, 1.2, 1.5, 16.0, 15.0))
 
 
 def omissions(field: TetField, model_path, device: str, effort: Effort) -> list[Job]:
@@ -64,20 +87,23 @@ def omissions(field: TetField, model_path, device: str, effort: Effort) -> list[
     frames = Frames(field, device, size, views, turns)
     steps = Steps(field, device, effort.step_turns)
     images, stepping, files, imports, kernels = effort.job_seconds
+    model_path = Path(model_path).absolute()  # so that no failure names a folder: FOLDERS
     starts = model_path, device, effort.start_turns
-    compilations = max(1, effort.start_turns // 2)  # which hardly vary, and take long
     return [
         *(
-            Job(f"rendering: {_title(row)}", images, partial(_one, row, frames))
+            Job(f"rendering: {_title(row)}", RENDERING, images, partial(_one, row, frames))
             for row in rendering_rows(device)
         ),
         *(
-            Job(f"dynamics: {_title(row)}", stepping, partial(_one, row, steps))
+            Job(f"dynamics: {_title(row)}", DYNAMICS, stepping, partial(_one, row, steps))
             for row in DYNAMICS_ROWS
         ),
-        Job("the model file", files, lambda: list(file_rows(frames, model_path))),
-        Job("starts with what others import", imports, partial(import_rows, *starts)),
-        Job("kernels of another device", kernels, lambda: [kernel_row(device, compilations)]),
+        Job("the model file", FILE, files, lambda: list(file_rows(frames, model_path))),
+        Job("starts with what others import", START, imports, partial(import_rows, *starts)),
+        Job(
+            *("kernels of another device", START, kernels),
+            lambda: [kernel_row(device, effort.compilations)],
+        ),
     ]
 
 
@@ -87,3 +113,9 @@ def _one(row, of) -> list[Omission]:
 
 def _title(row) -> str:
     return row.__name__.replace("_", " ")
+
+
+def _reason(error) -> str:
+    """The last line of what an error says, which is the one that names it, without folders."""
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return FOLDERS.sub("", lines[-1]).rstrip(".")

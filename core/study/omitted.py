@@ -1,8 +1,9 @@
 """What the program leaves out, measured by switching it on: a row of the report, and its words.
 
 Both ways take turns, and the saving is the difference from turn to turn (stopwatch.compared).
-Where it reaches across 0 it is nothing that can be measured.  What the absence changes is what
-the results differ by; "none, bit by bit" means that they were compared, and are the same.
+Where it reaches across 0 it is nothing that can be measured; nor is it after few turns, if one
+way's range meets the other's.  What the absence changes is what the results differ by; "none,
+bit by bit" means that they were compared, and are the same.
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from .stopwatch import Timing, timing_of
 RENDERING, DYNAMICS, FILE, START = GROUPS = ("rendering", "dynamics", "file", "start")
 SAVES, NOTHING, COSTS, NOT_MEASURED = "saves", "nothing measurable", "costs", "not measured"
 NONE = "none, bit by bit"
+ENOUGH_TURNS = 5  # fewer have one sign by chance too often: 3 in one of 4 cases
 
 Compared = tuple[Timing, Timing, Timing]  # with it, without it, and the difference
 
@@ -27,6 +29,7 @@ class Omission:
         name: Of what is left out.
         group: One of GROUPS.
         left_out: Whether it is, for this scene; if not, the row says what that would save.
+            None where measuring it failed.
         unit: "ms" a frame, "MB", or "s".
         with_it, without: What both ways take; None where neither could be measured.
         saving: With it less without it, from turn to turn.
@@ -37,7 +40,7 @@ class Omission:
 
     name: str
     group: str
-    left_out: bool
+    left_out: bool | None
     unit: str
     with_it: Timing | None
     without: Timing | None
@@ -63,7 +66,7 @@ def omission(
         why: The reason, where it saves something.
         otherwise: The reason, where it saves nothing.
     """
-    found = verdict(compared[2])
+    found = verdict(*compared)
     why = why if found == SAVES else otherwise
     return Omission(name, group, left_out, unit, *compared, change, found, why)
 
@@ -73,11 +76,17 @@ def not_measured(name, group, why, left_out=True, unit="ms") -> Omission:
     return Omission(name, group, left_out, unit, None, None, None, "", NOT_MEASURED, why)
 
 
-def verdict(saving: Timing) -> str:
-    """What a saving amounts to, given its spread."""
+def verdict(with_it: Timing, without: Timing, saving: Timing) -> str:
+    """What a saving amounts to, given its spread and how many turns it is of.
+
+    A single turn is taken as it is: it is of what doesn't vary, like the size of a file.
+    """
+    few = 1 < saving.count < ENOUGH_TURNS
     if saving.low > 0.0:
-        return SAVES
-    return COSTS if saving.high < 0.0 else NOTHING
+        return NOTHING if few and with_it.low <= without.high else SAVES
+    if saving.high < 0.0:
+        return NOTHING if few and without.low <= with_it.high else COSTS
+    return NOTHING
 
 
 def compared_once(with_it, without) -> Compared:

@@ -19,7 +19,7 @@ from ..deform.options import FRAME, XpbdOptions
 from ..deform.xpbd import XpbdSolver
 from ..field.field import TetField
 from ..geometry.mesh import components
-from .omitted import DYNAMICS, Omission, omission, pose_change
+from .omitted import DYNAMICS, Omission, not_measured, omission, pose_change
 from .stopwatch import compared
 
 GRAB_RADIUS = 0.08  # object sizes, the viewer's
@@ -143,24 +143,21 @@ def untouched_parts(steps: Steps) -> Omission:
     mesh = steps.field.mesh
     parts = components(mesh.vertex_count, mesh.tets)
     count = int(parts.max()) + 1
+    name = f"components without a handle ({count - 1} of {count})"
+    if count == 1:
+        none = "The object is one component, so there is none to leave out."
+        return not_measured(name, DYNAMICS, none, left_out=False)
     largest = np.bincount(parts).argmax()  # which the handles are in
     share = 100.0 * (parts[mesh.tets[:, 0]] != largest).mean()
     with_it, without = steps.drag(), steps.drag()
     with_it.solver.set_options(with_it.solver.options)  # whatever changes wakes every part
-    one = (
-        "The object is one component, so there is none without a handle: the same is done in"
-        " either way, and asking which parts were touched is done once a grab, not in a frame."
-    )
-    several = (
-        f"The components without a handle have {share:.1f} % of the tets, too few to count. They"
-        " stay out because nothing moves them, and asking is done once a grab, not in a frame."
-    )
     return steps.row(
-        f"components without a handle ({count - 1} of {count})",
+        name,
         with_it,
         without,
         f"Nothing moves what no handle is in, {share:.1f} % of the tets.",
-        one if count == 1 else several,
+        f"The components without a handle have {share:.1f} % of the tets, too few to count. They"
+        " stay out because nothing moves them, and asking is done once a grab, not in a frame.",
     )
 
 

@@ -1,7 +1,8 @@
 """What rendering leaves out at rest, measured by rendering with it.
 
-A turn is one image with it and one without it of the same view; views go round.  What differs
-between the two is told over all views, over white.
+A turn is one image with it and one without it of the same view; views go round.  Each way has
+a renderer of its own: on CUDA one expects as many rounds as its last image took, which another
+way's would mislead.  What differs between the two is told over all views, over white.
 
 Shapes: T tets, L levels.
 """
@@ -31,7 +32,7 @@ class Way(NamedTuple):
     """One way of rendering."""
 
     renderer: Renderer
-    options: RenderOptions = RenderOptions()
+    options: RenderOptions
 
 
 class Frames:
@@ -46,11 +47,15 @@ class Frames:
         """The field as it is, in default mode."""
         return self.way()
 
-    def way(self, field: TetField | None = None, part_of=visible_part) -> Way:
-        """Another field of the same mesh, or other parts of it, in default mode."""
+    def way(self, field: TetField | None = None, part_of=visible_part, **options) -> Way:
+        """A renderer of another field of the same mesh, or of other parts of it.
+
+        Args:
+            options: Of RenderOptions.
+        """
         renderer = Renderer(field or self.field, self.device, part_of)
         renderer.set_vertices(self.field.mesh.rest_vertices)
-        return Way(renderer)
+        return Way(renderer, RenderOptions(**options))
 
     def compared(self, with_it: Way, without: Way) -> tuple[Compared, str]:
         """What both take, and what their images differ by."""
@@ -67,18 +72,21 @@ class Frames:
 
 
 def empty_space(frames: Frames) -> Omission:
-    """Samples in sub-tets whose mask says that they are empty."""
+    """Samples in empty sub-tets of the tets that rays cross; empty tets are another row."""
     field = frames.field
-    everywhere = replace(field, occupancy=np.full_like(field.occupancy, ALL_SUBTETS))
-    share = 100.0 * (1.0 - occupied_share(field.occupancy))
+    filled = np.where(field.occupancy == 0, field.occupancy, np.uint64(ALL_SUBTETS))
+    share = 100.0 * (1.0 - occupied_share(frames.usual.renderer.part.occupancy))
+    untrained = (
+        "The density there was never trained: one would see it, and it ends rays early, so that"
+        " with it there are fewer samples behind."
+    )
     return omission(
         "samples in empty sub-tets",
         RENDERING,
-        *frames.compared(frames.way(everywhere), frames.usual),
-        f"{share:.0f} % of the sub-tets hold no density; with samples there, one sees what no"
-        " photograph has trained.",
-        f"{share:.0f} % of the sub-tets are empty, too few for a ray to gain by passing over them."
-        " They stay out because what is in them was not trained.",
+        *frames.compared(frames.way(replace(field, occupancy=filled)), frames.usual),
+        f"{share:.0f} % of the sub-tets of the tets that rays cross are empty. {untrained}",
+        f"{share:.0f} % of the sub-tets of the tets that rays cross are empty, and passing over"
+        f" them gains no time. They stay out for what one sees. {untrained}",
     )
 
 
@@ -101,7 +109,7 @@ def hidden_samples(frames: Frames) -> Omission:
     return omission(
         "samples behind what is opaque",
         RENDERING,
-        *frames.compared(Way(frames.usual.renderer, RenderOptions(termination=0.0)), frames.usual),
+        *frames.compared(frames.way(termination=0.0), frames.usual),
         f"A ray ends once {spent:.0f} % of it is spent; what is behind is taken to look like"
         " what is before.",
         "Rays hardly meet anything opaque here before they leave the object. The test that ends"
@@ -114,10 +122,7 @@ def overlap_path(frames: Frames) -> Omission:
 
     It has no early end, so images are also compared with a walk that has none.
     """
-    layers, endless = (
-        Way(frames.usual.renderer, options)
-        for options in (RenderOptions(layers=True), RenderOptions(termination=0.0))
-    )
+    layers, endless = frames.way(layers=True), frames.way(termination=0.0)
     turns, change = frames.compared(layers, frames.usual)
     alike = image_change(frames.images(layers), frames.images(endless))
     return omission(
@@ -136,9 +141,7 @@ def single_precision(frames: Frames) -> Omission:
     return omission(
         "single precision of networks and tables",
         RENDERING,
-        *frames.compared(
-            Way(frames.usual.renderer, RenderOptions(single_precision=True)), frames.usual
-        ),
+        *frames.compared(frames.way(single_precision=True), frames.usual),
         "Tensor cores and half as many bytes; float32 also goes through torch, in rounds that"
         " wait for the host.",
         "Images are too small here for networks to count; half precision is left on because it"
@@ -186,7 +189,7 @@ def fine_levels(frames: Frames) -> Omission:
     return omission(
         "levels finer than a pixel" if finer else "the finest level",
         RENDERING,
-        *frames.compared(frames.usual, Way(frames.usual.renderer, RenderOptions(level_count=kept))),
+        *frames.compared(frames.usual, frames.way(level_count=kept)),
         reason,
         reason,
         left_out=False,

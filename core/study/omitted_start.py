@@ -1,9 +1,10 @@
 """What a start leaves out, measured by interpreters that import it first.
 
 Each turn starts fresh interpreters that do what viewing needs: import, load the model, render
-one small image.  Times are theirs, from their first line on; memory is the peak of the
-process, which Linux tells (/proc/self/status: getrusage would count the peak of the process
-that started it).  Kernels are in Warp's cache, but for the row of those that are compiled.
+one small image.  A first one of each way doesn't count: it reads from a cold disk.  Times are
+theirs, from their first line on; memory is the peak of the process, which Linux tells
+(/proc/self/status: getrusage would count the peak of the process that started it).  Kernels
+are in Warp's cache, but for the row of those that are compiled.
 """
 
 import json
@@ -15,6 +16,7 @@ from .omitted import NONE, START, Omission, compared_in_turns, not_measured, omi
 from .stopwatch import timing_of
 
 VIEW_SIZE = 64  # pixels
+WARM_UP = 1  # turns
 PACKAGE = __package__.removesuffix(".core.study")
 TORCH = ("torch",)
 REPORTS = ("matplotlib.figure", "scipy.sparse.linalg")
@@ -64,9 +66,11 @@ def import_rows(path, device, turns: int) -> list[Omission]:
     """torch, and what only reports need: where viewing imports it without need."""
     ways = ((), TORCH, REPORTS)
     runs = {way: [] for way in ways}
-    for turn in range(turns):
+    for turn in range(-WARM_UP, turns):
         for way in ways if turn % 2 else ways[::-1]:
-            runs[way].append(_run(VIEWING, str(path), device, *way))
+            run = _run(VIEWING, str(path), device, *way)
+            if turn >= 0:
+                runs[way].append(run)
     return [
         *_rows_of(
             "torch",
@@ -79,8 +83,8 @@ def import_rows(path, device, turns: int) -> list[Omission]:
             "matplotlib and scipy",
             REPORTS,
             runs,
-            "Only reports draw curves and solve for references.",
-            "They are imported late, where reports need them, which costs nothing elsewhere.",
+            "Only reports draw curves and solve for references, and import them late.",
+            "They are imported anyway.",
         ),
     ]
 
@@ -105,10 +109,16 @@ def kernel_row(device, turns: int) -> Omission:
     )
 
 
-def _rows_of(name, modules, runs, why, otherwise) -> list[Omission]:
-    """Seconds and memory of starts with and without these modules."""
+def _rows_of(name, modules, runs, why, anyway) -> list[Omission]:
+    """Seconds and memory of starts with and without these modules.
+
+    Args:
+        why: They are left out, where they are.
+        anyway: Why they aren't, where that is so.
+    """
     asked, plain = runs[modules], runs[()]
     left_out = not set(modules) & set(plain[0][2])
+    reason = why if left_out else anyway
     images = {run[3] for run in (*asked, *plain)}
     change = NONE if len(images) == 1 else "the image, which differs from start to start"
     rows = []
@@ -120,7 +130,7 @@ def _rows_of(name, modules, runs, why, otherwise) -> list[Omission]:
             rows.append(not_measured(title, START, unknown, left_out, unit))
             continue
         turned = compared_in_turns(with_it, without)
-        rows.append(omission(title, START, turned, change, why, otherwise, left_out, unit))
+        rows.append(omission(title, START, turned, change, reason, reason, left_out, unit))
     return rows
 
 
@@ -129,5 +139,6 @@ def _run(program, *arguments):
     command = [sys.executable, "-c", program, *arguments]
     run = subprocess.run(command, capture_output=True, text=True)
     if run.returncode:
-        raise RuntimeError(f"a start failed: {run.stderr.strip()}")
+        words = run.stderr.strip() or f"it ended with {run.returncode} and without a word"
+        raise RuntimeError(f"a start failed: {words}")
     return json.loads(run.stdout.splitlines()[-1])

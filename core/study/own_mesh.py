@@ -43,8 +43,10 @@ def response(energy: Energy, rest, held, direction):
         held: [V] bool
 
     Raises:
-        RuntimeError: Some of it can move without resistance.
+        RuntimeError: Some of it can move without resistance, or nothing can move.
     """
+    if held.all():
+        raise RuntimeError("all of the body is held")
     dofs = (3 * np.flatnonzero(~held)[:, None] + np.arange(3)).ravel()
     load = (energy.masses[:, None] * direction).ravel()[dofs]
     loose = "some of the body moves without resistance"

@@ -84,20 +84,25 @@ def picture(field: TetField, vertices, camera: Camera, pixel_count: int, seed=0)
     """What random pixels of a view should look like."""
     all_pixels = camera.width * camera.height
     rng = np.random.default_rng(seed)
-    pixels = np.sort(rng.choice(all_pixels, min(pixel_count, all_pixels), replace=False))
+    pixels = rng.choice(all_pixels, min(pixel_count, all_pixels), replace=False)
+    return picture_of(field, vertices, camera, np.sort(pixels))
+
+
+def picture_of(field: TetField, vertices, camera: Camera, pixels) -> Picture:
+    """What these pixels of a view [N] should look like."""
     vertices = np.asarray(vertices, np.float32)
     return Picture(camera, vertices, pixels, _expected(field, vertices, camera, pixels))
 
 
-def discretization(field: TetField, picture: Picture, part=4) -> ImageError:
+def discretization(field: TetField, pictures: list[Picture], part=4) -> ImageError:
     """How far the reference is from itself with a part of the step.
 
     The sum converges with order 1 to 2, so its distance to the integral is at most a third more.
     """
     step = field.options.march_step / part
     finer = replace(field, options=replace(field.options, march_step=step))
-    expected = _expected(finer, picture.vertices, picture.camera, picture.pixels)
-    return image_error([picture.expected], [expected])
+    expected = [_expected(finer, p.vertices, p.camera, p.pixels) for p in pictures]
+    return image_error([p.expected for p in pictures], expected)
 
 
 def picture_error(images, pictures: list[Picture]) -> ImageError:

@@ -105,11 +105,11 @@ def settings(level_count: int, half: bool) -> list[Setting]:
     for spared in SPARED_LEVELS:
         if (count := level_count - spared) > 0:
             options = RenderOptions(level_count=count)
-            name = f"{count} {'level' if count == 1 else 'levels'}"
+            name = less(spared)
             found.append(Setting(name, "levels", options, candidate=True))
     for stop in (0.05, 0.1):
         options = RenderOptions(termination=stop, level_count=level_count - 1)
-        name = f"{level_count - 1} levels, stop {stop:g}"
+        name = f"{less(1)}, stop {stop:g}"
         if level_count > 1:
             found.append(Setting(name, "levels and termination", options, candidate=True))
     if half:
@@ -121,9 +121,15 @@ def settings(level_count: int, half: bool) -> list[Setting]:
     found.append(Setting("no mask", "mask", masked=False))
     for scale in SCALES:
         found.append(Setting(f"1/{scale} of the pixels a side", "resolution", scale=scale))
-    fast = RenderOptions(step_factor=2.0, level_count=max(level_count - 1, 1))
-    found.append(Setting("moving on a CPU", "several", fast, scale=2))
+    if level_count > 1:  # about what the viewer does on a CPU while something moves
+        fast = RenderOptions(step_factor=2.0, level_count=level_count - 1)
+        found.append(Setting(f"1/2, step × 2, {less(1)}", "several", fast, scale=2))
     return found
+
+
+def less(count: int) -> str:
+    """The name of the setting that leaves out so many of the finest levels."""
+    return f"{count} {'level' if count == 1 else 'levels'} less"
 
 
 class RenderingStudy:
@@ -160,10 +166,14 @@ class RenderingStudy:
 
     def reference_error(self) -> pictures.ImageError:
         """How far the reference is from its own limit of short steps; see pictures."""
-        first = self.pictures[0]
-        some = slice(DISCRETIZATION_PIXELS)
-        part = replace(first, pixels=first.pixels[some], expected=first.expected[some])
-        return pictures.discretization(self.field, part)
+        rng, parts = np.random.default_rng(0), []
+        for picture in self.pictures:
+            count = min(DISCRETIZATION_PIXELS // len(self.pictures), len(picture.pixels))
+            some = rng.choice(len(picture.pixels), count, replace=False)
+            parts.append(
+                replace(picture, pixels=picture.pixels[some], expected=picture.expected[some])
+            )
+        return pictures.discretization(self.field, parts)
 
     def measure(
         self,
@@ -224,28 +234,37 @@ class RenderingStudy:
         rng = np.random.default_rng(0)
         for turn in range(turns):
             for number in rng.permutation(len(compared)):  # none always follows the same one
+                if self.half:  # a wavefront guesses its rounds by the image before
+                    self._rendered(compared[number], 1)
                 taken = milliseconds(lambda n=number: self._rendered(compared[n]), self.device)
                 times[number, turn] = taken / len(self.pictures)
             step((turn + 1) / turns)
         return times
 
-    def stages(self, repeats=3) -> dict[str, float]:
-        """Milliseconds of each stage of a frame in default mode; see Stages."""
-        renderer = self._renderer
-        seconds = renderer.stage_seconds = {}
-        for _ in range(repeats):
-            renderer.set_vertices(self.field.mesh.rest_vertices)
-            self._rendered(Setting("default", "default"))
+    def stages(self, repeats: int) -> dict[str, Timing]:
+        """Of a view in default mode, pose included; each stage is waited for, see Stages."""
+        renderer, rest = self._renderer, self.field.mesh.rest_vertices
+        default, found = Setting("default", "default"), {}
+        for repeat in range(-WARM_UP, repeats):
+            seconds = renderer.stage_seconds = {}
+            for picture in self.pictures:
+                renderer.set_vertices(rest)
+                renderer.render(picture.camera, default.options)
+            if repeat >= 0:
+                for name, total in seconds.items():
+                    found.setdefault(name, []).append(1e3 * total / len(self.pictures))
         renderer.stage_seconds = None
-        frames = repeats * len(self.pictures)
-        return {name: 1e3 * total / frames for name, total in seconds.items()}
+        return {name: timing_of(times) for name, times in found.items()}
 
-    def _rendered(self, setting):
-        """An Image of every view; what enlarges it in the viewer is OpenGL."""
+    def _rendered(self, setting, count=None):
+        """An Image of the first views, all by default; what enlarges it is OpenGL."""
         renderer, scale = self._renderer_for(setting), setting.scale
+        cameras = [picture.camera for picture in self.pictures[:count]]
         return [
-            renderer.render(camera.resized(camera.width // scale, camera.height // scale), options)
-            for camera, options in ((p.camera, setting.options) for p in self.pictures)
+            renderer.render(
+                camera.resized(camera.width // scale, camera.height // scale), setting.options
+            )
+            for camera in cameras
         ]
 
     def _images(self, setting):

@@ -13,6 +13,7 @@ X rest, x current vertices [m].  Shapes: V vertices, T tets, E edges.
 
 import time
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,7 +33,7 @@ FLAT = 1e-6  # of the mean volume; a flatter rest tet has no sign
 
 @dataclass(frozen=True)
 class CaseResult:
-    """What a case ended in; all but the first four and the last two as it was at the end.
+    """What a case ended in; what isn't said to be otherwise is as it was at the end.
 
     Attributes:
         name: The case's.
@@ -44,6 +45,8 @@ class CaseResult:
         inverted: Tets whose volume hasn't the sign that it has at rest.
         smallest_volume: The least V/V0.
         largest_strain: The largest |length/rest length − 1| of an edge.
+        peak_strain: The same, of all measurements from letting go on.
+        most_inverted: Of all these measurements.
         rescues: How often the solver began one.
         wall_seconds: Without the solver's construction.
     """
@@ -57,6 +60,8 @@ class CaseResult:
     inverted: int
     smallest_volume: float
     largest_strain: float
+    peak_strain: float
+    most_inverted: int
     rescues: int
     wall_seconds: float
 
@@ -153,13 +158,10 @@ def run_case(
         for _ in case.drive(solver, case.dt, rng):
             solver.step(case.dt)
         solver.release()
-    measured, recovery_seconds, rescues = _watch(
-        solver, shape_of(rest, tets), case.dt, recovery_limit(material.young_modulus)
-    )
-    finite = measured is not None
-    error, ratios, strains = (
-        measured if finite else (np.nan, np.array([np.nan]), np.array([np.nan]))
-    )
+    seen = _watch(solver, shape_of(rest, tets), case.dt, recovery_limit(material.young_modulus))
+    finite, recovery_seconds = seen.last is not None, seen.recovery_seconds
+    nothing = np.nan, np.array([np.nan]), np.array([np.nan])
+    error, ratios, strains = seen.last if finite else nothing
     return CaseResult(
         name=case.name,
         passed=finite and (case.uneven or recovery_seconds is not None),
@@ -170,31 +172,42 @@ def run_case(
         inverted=int((ratios <= 0).sum()),
         smallest_volume=float(ratios.min()),
         largest_strain=float(np.abs(strains).max()),
-        rescues=rescues,
+        peak_strain=seen.peak_strain,
+        most_inverted=seen.most_inverted,
+        rescues=seen.rescues,
         wall_seconds=time.perf_counter() - begin,
     )
 
 
-def _watch(solver, shape, dt, limit):
-    """Step until the body has recovered and stayed so, or its time is over.
+class _Seen(NamedTuple):
+    """The last measurement, None if something wasn't finite; seconds to recovery, or None."""
 
-    Returns:
-        The last measurement, or None if something isn't finite; the seconds to recovery,
-        or None; the number of rescues.
-    """
+    last: tuple | None
+    recovery_seconds: float | None
+    peak_strain: float
+    most_inverted: int
+    rescues: int
+
+
+def _watch(solver, shape, dt, limit) -> _Seen:
+    """Step until the body has recovered and stayed so, or its time is over."""
     frames_between = max(1, round(CHECK / dt))
     frame, good_frames, rescues, was_rescuing = 0, 0, 0, False
+    peak, most = 0.0, 0
     while True:
         x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
         if not (np.isfinite(x).all() and np.isfinite(v).all()):
-            return None, None, rescues
+            return _Seen(None, None, peak, most, rescues)
         error, ratios, strains = shape.measure(x)
+        peak = max(peak, float(np.abs(strains).max()))
+        most = max(most, int((ratios <= 0).sum()))
         good = error < TOLERANCE and (ratios > 0).all()
         good_frames = good_frames + frames_between if good else 0
         if good_frames * dt >= STAYS or frame * dt >= limit + STAYS:
             recovered = (frame - good_frames + frames_between) * dt
             in_time = good_frames > 0 and recovered <= limit
-            return (error, ratios, strains), recovered if in_time else None, rescues
+            last = error, ratios, strains
+            return _Seen(last, recovered if in_time else None, peak, most, rescues)
         for _ in range(frames_between):
             solver.step(dt)
             rescues += solver.rescuing and not was_rescuing

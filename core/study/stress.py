@@ -18,6 +18,7 @@ SHAKE_RATE = 30.0  # Hz
 SHAKE_SECONDS = 1.0
 SHAKE_AMPLITUDE = 0.15  # sizes
 MASS_RATIO = 1e6
+LEAST_TETS = 20
 
 
 def at_rest(rest, rng):
@@ -99,6 +100,8 @@ def with_broken_tets(rest, tets, rng):
     rest, tets = np.array(rest), np.array(tets)
     outside, _ = boundary_faces(tets, tet_neighbours(tets))
     inner = np.setdiff1d(tets, outside)
+    if len(inner) < 2:  # a thin body
+        inner = np.unique(tets)
     one, two = rng.choice(inner, 2, replace=False)
     for vertex, other, share in ((one, two, 1.5), (two, one, 1.0)):
         around = np.setdiff1d(tets[(tets == vertex).any(axis=1)], [vertex, other])
@@ -139,6 +142,11 @@ class Case:
     def seeded(self) -> bool:
         """Whether it depends on random numbers."""
         return self.start is random or bool(self.drive or self.broken_tets or self.uneven)
+
+
+def suits(case: Case, tets) -> bool:
+    """Whether a body has enough tets for a case: to hold some and drag others, or break some."""
+    return len(tets) >= LEAST_TETS or not (case.drive or case.broken_tets or case.uneven)
 
 
 CASES = (

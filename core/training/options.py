@@ -1,4 +1,4 @@
-"""How a model is trained: one dataclass, three presets.  Imports nothing heavy."""
+"""How a model is trained: one dataclass, four presets.  Imports nothing heavy."""
 
 from dataclasses import dataclass, replace
 
@@ -62,6 +62,13 @@ class TrainOptions:
 PRESETS = {
     "default": TrainOptions(),
     "fast": TrainOptions(coarse_steps=1000, fine_steps=12000),
+    "small": TrainOptions(
+        fine_steps=15000,
+        level_count=6,
+        table_size_log2=18,
+        march_step=0.002,
+        samples_per_step=2**18,
+    ),
     "tiny": TrainOptions(
         spacing=0.04,
         coarse_steps=150,
