@@ -27,20 +27,6 @@ def test_of_equally_cheap_ones_the_most_exact_is_taken():
     assert rule.cheapest(turns(*[3.0] * 7), errors, 1.0) == errors.argmin()
 
 
-@pytest.mark.parametrize("slower, taken", [(4, 1), (5, 1), (6, 0), (8, 0)])
-def test_what_is_slower_in_three_quarters_of_the_turns_is_slower(slower, taken):
-    """The second setting is the more exact one, and slower in so many of eight turns."""
-    times = turns(1.0, 1.0)[:, :8]
-    times[1, :slower], times[1, slower:] = 1.5, 0.5
-    assert rule.cheapest(times, [0.3, 0.2], 1.0) == taken
-
-
-def test_as_slow_is_not_slower():
-    times = turns(1.0, 1.0)
-    times[1, :7] = 1.5
-    assert rule.cheapest(times, [0.3, 0.2], 1.0) == 1
-
-
 def test_it_is_turns_that_are_compared():
     """A machine that slows down and up again spreads both settings; one is always slower."""
     pace = np.random.default_rng().uniform(1.0, 10.0, 40)

@@ -70,7 +70,7 @@ class Effort(NamedTuple):
 
 EFFORTS = {  # (on a CPU, quick)
     (True, True): Effort(150, 2, 250, 4, 4, 400),
-    (True, False): Effort(300, 3, 600, 8, 10, 1000),
+    (True, False): Effort(200, 3, 800, 16, 10, 1000),
     (False, True): Effort(400, 2, 250, 8, 4, 400),
     (False, False): Effort(800, 3, 800, 24, 10, 1000),
 }

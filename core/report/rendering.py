@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..study import rendering as study
-from ..study import rule
 from ..study.photographs import Photographs
 from ..study.stopwatch import Timing
 from .parts import Figure, Section, Table
@@ -72,9 +71,8 @@ def section(
             "rendering alone: what enlarges an image of fewer pixels is OpenGL.",
             f"The rule: of what default mode may do (end rays early, leave levels out, use half "
             f"precision) the cheapest that has at least {study.BOUND:g} dB in every view and none "
-            f"of these pixels more than {study.LARGEST:g}/255 off; what isn't slower in "
-            f"{100 * rule.SLOWER:g} % of the turns counts as cheap, and of these the most exact "
-            "is taken. The step belongs to the model; fewer pixels and longer steps are for "
+            f"of these pixels more than {study.LARGEST:g}/255 off, by the median of its share in "
+            "each turn. The step belongs to the model; fewer pixels and longer steps are for "
             "pictures that move on a CPU. Without a mask, density that was never trained is "
             "sampled too, and the tets that hold nothing are walked through.",
             *_cuda_method(rendering),

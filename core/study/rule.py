@@ -1,14 +1,12 @@
 """The rule that picks a default: the cheapest setting whose error is within the bound.
 
-Times are compared turn by turn.  A setting that isn't slower than the cheapest in at least
-SLOWER of the turns counts as cheap as that one; of these, the most exact is taken.
+Times are compared turn by turn: each is divided by the mean of its turn, as a shared machine is
+quicker in one turn than in the next, and the least median wins.  Of equals, the most exact does.
 
 Shapes: S settings, R turns.
 """
 
 import numpy as np
-
-SLOWER = 0.75  # of the turns
 
 
 def cheapest(times, errors, bound: float) -> int | None:
@@ -23,10 +21,8 @@ def cheapest(times, errors, bound: float) -> int | None:
     allowed = np.flatnonzero(errors <= bound)
     if not len(allowed):
         return None
-    best = allowed[np.median(times[allowed], axis=1).argmin()]
-    slower = (times[allowed] > times[best]).mean(axis=1)
-    as_cheap = allowed[slower < SLOWER]
-    return int(as_cheap[errors[as_cheap].argmin()])
+    relative = np.median(times / times.mean(axis=0), axis=1)
+    return int(allowed[np.lexsort((errors[allowed], relative[allowed]))[0]])
 
 
 def front(times, errors):
