@@ -298,7 +298,7 @@ def test_nothing_occupied_is_said_so():
 def test_an_unknown_preset_is_named_with_the_known_ones():
     with pytest.raises(ValueError, match=r"'huge'.*default"):
         preset("huge")
-    assert set(PRESETS) == {"default", "fast", "tiny"}
+    assert set(PRESETS) == {"default", "fast", "small", "tiny"}
     assert preset("tiny", seed=5).seed == 5
 
 
