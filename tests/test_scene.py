@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -280,3 +281,17 @@ def test_what_nothing_holds_falls_onto_a_ground(scene):
     scene.set_ground(False)
     scene.hold(False)
     assert not scene.on_ground  # it floats
+
+
+def test_a_speck_has_no_handles(ball):
+    """What floats above the object would be its top, and nothing of the object would move."""
+    mesh = ball.mesh
+    speck = mesh.rest_vertices[mesh.tets[0]] * 0.2 + [0.4, 0.4, 0.95]
+    count = mesh.vertex_count
+    rest = np.concatenate([mesh.rest_vertices, speck])
+    tets = np.concatenate([mesh.tets, count + np.arange(4)[None]]).astype(np.int32)
+    field = SimpleNamespace(
+        mesh=SimpleNamespace(rest_vertices=rest, tets=tets, vertex_count=len(rest))
+    )
+    scene = Scene(field, "ball with a speck", "cpu")
+    assert len(scene.control_ids) > 10 and scene.control_ids.max() < count

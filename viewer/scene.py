@@ -12,6 +12,7 @@ import numpy as np
 from ..core.deform.handles import control_vertices, falloff, lowest_pins, vertices_within
 from ..core.deform.material import Material
 from ..core.deform.xpbd import XpbdOptions, XpbdSolver
+from ..core.geometry.mesh import components
 from . import orbit as orbits
 from .settings import CPU_TARGET_FPS, Grab, Settings
 from .surface import bounds, nearest_vertices
@@ -21,6 +22,7 @@ MAX_STEPS = 6  # a frame; below 10 frames a second, time in the object runs slow
 VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 CONTROL_COUNT = 40
 PINNED_PART = 0.05  # of the object's height
+SPECK = 0.02  # of the vertices: smaller components have no handles, as nobody means them
 MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
 DEPTH_PART = 0.75  # of its size, that the object may reach from its center towards the eye
 EARTH = 9.81  # m/s²
@@ -66,6 +68,7 @@ class Scene:
         self._surface = surface
         self._nearest = nearest_vertices(surface, rest)  # [N], the vertex that a point goes with
         near = np.unique(self._nearest)
+        near = near[_of_the_object(rest, mesh.tets)[near]]
         controls = control_vertices(rest, near, CONTROL_COUNT)
         self._controls = controls[~self.pins[controls]]
         self._near = near
@@ -295,3 +298,9 @@ class Scene:
     def handle_bias(self) -> float:
         """How far behind the surface a handle is still seen, and can still be grabbed."""
         return 2.5 * self.handle_radius
+
+
+def _of_the_object(rest, tets):
+    """Which vertices belong to more than a speck.  [V] bool"""
+    labels = components(len(rest), tets)
+    return np.bincount(labels)[labels] >= SPECK * len(rest)
