@@ -122,6 +122,30 @@ def test_one_pixel_far_off_is_too_much(measured, study):
     assert row.worst_psnr > BOUND and row.largest > LARGEST and not row.chosen
 
 
+def test_what_random_pixels_miss_is_too_much_as_well(make_ball_field, device):
+    """A ray's early end is seen in the object; the only pixel compared is beside it."""
+    study = RenderingStudy(make_ball_field(7), device, SIZE, VIEWS, PIXELS)
+    study.pictures = [
+        pictures.picture_of(study.field, p.vertices, p.camera, np.array([0]))
+        for p in study.pictures
+    ]
+    early = Setting("early", "termination", RenderOptions(termination=0.2), candidate=True)
+    compared = [Setting("default", "default", candidate=True), early, rendering.CONFORMANCE]
+    default, early, conformance = study.measure(compared, TURNS)
+    assert early.largest < 1.0 and early.worst_psnr > BOUND
+    assert early.largest_anywhere > LARGEST and not early.chosen
+    assert 0.0 < default.largest_anywhere < LARGEST and default.chosen
+    assert conformance.largest_anywhere == 0.0
+
+
+def test_the_worst_pixel_of_any_view_is_the_largest():
+    images = [np.full((2, 3, 3), 200, np.uint8), np.zeros((2, 3, 3), np.uint8)]
+    others = [image.copy() for image in images]
+    assert rendering.most_off(images, others) == 0.0
+    others[0][1, 2, 0], others[1][0, 0, 2] = 210, 17
+    assert rendering.most_off(images, others) == rendering.most_off(others, images) == 17.0
+
+
 def test_the_worst_view_decides(measured, study):
     one, other = as_shown(study)
     study.pictures = [one, replace(other, expected=moved(other.expected, 1.6))]

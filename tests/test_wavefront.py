@@ -116,6 +116,22 @@ def test_other_steps_have_rounds_of_their_own(make_ball_field, device):
     np.testing.assert_array_equal(images[2].color_array(), images[0].color_array())
 
 
+def test_fewer_levels_leave_nothing_of_the_others(make_ball_field, device):
+    """Slots keep what the last image wrote there."""
+    renderer = in_slots(
+        Renderer(make_ball_field(int(np.random.default_rng().integers(1000))), device)
+    )
+    camera, level_count = view(), renderer.field.layout.level_count
+    whole = renderer.render(camera).color_array()
+    for count in range(1, level_count + 1):
+        found = renderer.render(camera, RenderOptions(level_count=count))
+        expected = renderer.render(camera, RenderOptions(level_count=count, details=True))
+        assert_alike(found, expected)
+        same = (found.color_array() == whole).all()
+        assert same == (count == level_count)
+    np.testing.assert_array_equal(renderer.render(camera).color_array(), whole)
+
+
 def test_a_real_lens_in_strips(make_ball_field, device):
     renderer = in_slots(Renderer(make_ball_field(8), device))
     pose = view().camera_to_world

@@ -43,7 +43,7 @@ class RenderOptions:
         """
         if self.termination is not None:
             return self.termination
-        return 1e-3 if self.conformance else 2e-2
+        return 1e-3 if self.conformance else 3e-2
 
 
 def checked(options: RenderOptions | None, level_count: int) -> RenderOptions:

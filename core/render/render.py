@@ -219,7 +219,6 @@ class Renderer:
     def _has_slots(self, options) -> bool:
         """Whether a wavefront renders the image."""
         special = not options.half or options.details or options.layers
-        special = special or options.level_count is not None
         return self.shading.evaluate_slots is not None and not special
 
     def _render_wavefront(self, camera, options, rows, shape):

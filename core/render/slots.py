@@ -189,6 +189,7 @@ def encode_slots_kernel(
     slots: Samples,  # [S]
     counts: wp.array(dtype=int),
     level_count: int,
+    used_level_count: int,  # the finer ones count as zero
     constant_direction: int,  # 1: the color depends on no direction
     features: wp.array(dtype=vec4h),  # [S · L] out
     basis: wp.array(dtype=vec4h),  # [4 S] out
@@ -204,7 +205,7 @@ def encode_slots_kernel(
     x = lattice_point(load_wide(slots.bary, n))
     products = tables.products[tet]
     level = int(0)
-    while level < level_count:
+    while level < used_level_count:
         cell, fraction = lattice_cell(x, level)
         first, last = lattice_axes(fraction)
         weights = lattice_weights(fraction)
@@ -214,6 +215,9 @@ def encode_slots_kernel(
         else:
             f = mixed(table, hashed_entries(tables, level, products, cell, first, last), weights)
         store_wide_half(features, n * level_count + level, f)
+        level += 1
+    while level < level_count:
+        store_wide_half(features, n * level_count + level, wp.vec4())
         level += 1
     if constant_direction == 0:
         direction = rays.directions[lists[state[PARITY], i]]

@@ -80,7 +80,7 @@ class Wavefront:
             slots.STATE_SIZE, dtype=int, device="cpu", pinned=device.is_cuda
         )
         self._shown_background = None
-        self._graphs = {}  # of one round each, by step and stop
+        self._graphs = {}  # of one round each, by step, stop and levels
         self._likely_rounds = 4
 
     def render(self, camera_to_world, lens: DeviceLens, rows, options, stage) -> int:
@@ -132,7 +132,7 @@ class Wavefront:
         if not self.device.is_cuda or stage.seconds is not None:
             self._launch_round(options, stage)
             return
-        key = options.step_factor, options.stop
+        key = options.step_factor, options.stop, options.level_count
         if key not in self._graphs:
             self._launch_round(options, stage)  # compiles
             with wp.ScopedCapture(self.device, force_module_load=False) as capture:
@@ -161,7 +161,8 @@ class Wavefront:
                     *(self._tables, self._table, self._nodes),
                     *(self._pose.geometry.rotations, self.rays),
                     *(self._state, self._lists, self._slots, self._counts),
-                    *(self._level_count, int(not self._view_dependence)),
+                    *(self._level_count, options.level_count or self._level_count),
+                    int(not self._view_dependence),
                 ],
                 [self._features, self._basis],
             )

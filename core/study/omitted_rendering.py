@@ -169,7 +169,7 @@ def unchanged_view(frames: Frames) -> Omission:
 
 def fine_levels(frames: Frames) -> Omission:
     """The levels that are finer than a pixel; where none is, the finest one."""
-    field, device = frames.field, frames.usual.renderer.device
+    field = frames.field
     count = field.layout.level_count
     positions, focal = [c.position for c in frames.cameras], frames.cameras[0].focal
     pixel = narrowest_pixel(positions, focal, field.mesh.rest_vertices)
@@ -181,11 +181,7 @@ def fine_levels(frames: Frames) -> Omission:
         if finer
         else f"no level is finer than a pixel of this view (the finest has edges of {edge:.1f})"
     )
-    slower = "; on CUDA fewer levels take a slower way" if device.is_cuda else ""
-    reason = (
-        f"It is kept: {what}, and networks that were trained with all levels are wrong without"
-        f" one{slower}."
-    )
+    reason = f"It is kept: {what}, and networks trained with all levels are wrong without one."
     return omission(
         "levels finer than a pixel" if finer else "the finest level",
         RENDERING,

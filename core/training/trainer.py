@@ -51,7 +51,7 @@ COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
 UNSEEN_WEIGHT = 1e-3  # a sub-tet that never contributes as much is hidden
 COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
 COARSE_LOOK, FINE_LOOK = 4, 16  # rays that look for it, over the samples of a step
-SMALLEST_COMPONENT = 0.005  # of the tets; smaller ones are floaters
+SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters
 CHECKPOINT_SECONDS = 60.0
 
 
@@ -318,12 +318,12 @@ def kept_mesh(stage: Stage) -> TetMesh:
             "stage 1 found nothing: it had too few --steps, or the object doesn't lie in the "
             "scene box (--scene-radius is half the box's edge)"
         )
-    beside = neighbours[occupied]
-    occupied[beside[beside >= 0]] = True
-    keep = fill_enclosed(occupied, neighbours)
+    keep, beside = occupied.copy(), neighbours[occupied]
+    keep[beside[beside >= 0]] = True
+    keep = fill_enclosed(keep, neighbours)
     labels = face_components(neighbours, keep)
-    sizes = np.bincount(labels[keep])
-    keep[keep] = sizes[labels[keep]] >= SMALLEST_COMPONENT * keep.sum()
+    sizes = np.bincount(labels[occupied])  # neighbours would make six times as much of a speck
+    keep[keep] = sizes[labels[keep]] >= SMALLEST_COMPONENT * occupied.sum()
     return extract(mesh, keep)[0]
 
 

@@ -27,7 +27,10 @@ def rendering_choice(reports, judged):
         if row["candidate"] and all(name in rows for rows in [*tables, *timed])
     ]
     worst = [min(rows[name]["worst_psnr"] for rows in tables) for name in names]
-    largest = [max(rows[name]["largest"] for rows in tables) for name in names]
+    largest = [
+        max(rows[name][pixels] for rows in tables for pixels in ("largest", "largest_anywhere"))
+        for name in names
+    ]
     times = np.array(
         [
             np.concatenate([np.array(rows[name]) / np.median(rows["default"]) for rows in timed])
