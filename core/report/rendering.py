@@ -7,7 +7,7 @@ from ..study import rendering as study
 from ..study.photographs import Photographs
 from ..study.stopwatch import Timing
 from .parts import Figure, Section, Table
-from .plots import INK, log_scale, new_figure, png
+from .plots import INK, label_points, log_scale, new_figure, png
 
 COLORS = {
     "termination": "tab:blue",
@@ -168,16 +168,6 @@ def plot(rows) -> bytes:
         if members:
             times, errors = ([f(row) for row in members] for f in (_median, _psnr))
             axis.scatter(times, errors, s=26, color=color, label=family, zorder=2)
-    for row in rows:
-        if (row.front and not row.default) or row.family not in ("termination", "levels"):
-            place = (row.frame.median, row.psnr)
-            axis.annotate(
-                *(row.setting, place),
-                xytext=(4, 3),
-                textcoords="offset points",
-                fontsize=6,
-                color=INK,
-            )
     frame = rows[0].frame
     spread = [[frame.median - frame.low], [frame.high - frame.median]]
     style = {"fmt": "*", "markersize": 14, "color": "black", "label": "default", "zorder": 3}
@@ -192,6 +182,9 @@ def plot(rows) -> bytes:
     axis.set_ylabel("PSNR to the float64 reference [dB]")
     axis.grid(True, which="major", linewidth=0.4)
     figure.legend(fontsize=7, frameon=False, loc="outside right upper")
+    first = sorted(rows, key=lambda row: not row.front)
+    names = ["" if row.default else row.setting for row in first]  # the star says so
+    label_points(axis, names, [(row.frame.median, row.psnr) for row in first])
     return png(figure)
 
 
