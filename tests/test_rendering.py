@@ -51,7 +51,8 @@ def test_default_mode_keeps_steps_pixels_and_mask():
     """It may end rays, leave levels out and use half precision, and it needn't conform."""
     for setting in rendering.settings(6, True):
         options, whole = setting.options, setting.scale == 1 and setting.masked
-        may = whole and options.step_factor == 1.0 and not options.conformance
+        shown = options.step_factor == 1.0 and not (options.conformance or options.details)
+        may = whole and shown
         assert setting.candidate == may, setting
 
 
@@ -87,7 +88,7 @@ def test_the_choice_is_a_candidate_within_the_bounds(measured):
     [chosen] = [row for row in rows if row.chosen]
     assert chosen.setting == "default" and chosen.worst_psnr >= BOUND
     for row in rows:
-        within = row.worst_psnr >= BOUND and row.largest <= LARGEST
+        within = row.worst_psnr >= BOUND and max(row.largest, row.largest_anywhere or 0) <= LARGEST
         assert (row.candidate and within) == row.chosen
 
 
@@ -132,18 +133,21 @@ def test_what_random_pixels_miss_is_too_much_as_well(make_ball_field, device):
     early = Setting("early", "termination", RenderOptions(termination=0.2), candidate=True)
     compared = [Setting("default", "default", candidate=True), early, rendering.CONFORMANCE]
     default, early, conformance = study.measure(compared, TURNS)
-    assert early.largest < 1.0 and early.worst_psnr > BOUND
+    assert early.worst_psnr > 50.0  # of white
     assert early.largest_anywhere > LARGEST and not early.chosen
+    assert abs(early.largest - early.largest_anywhere) < 2.0  # a suspect, of which 16 are enough
     assert 0.0 < default.largest_anywhere < LARGEST and default.chosen
-    assert conformance.largest_anywhere == 0.0
+    assert conformance.largest_anywhere is None and conformance.largest < 1.0
 
 
-def test_the_worst_pixel_of_any_view_is_the_largest():
+def test_the_worst_channel_of_each_pixel_counts():
     images = [np.full((2, 3, 3), 200, np.uint8), np.zeros((2, 3, 3), np.uint8)]
     others = [image.copy() for image in images]
-    assert rendering.most_off(images, others) == 0.0
-    others[0][1, 2, 0], others[1][0, 0, 2] = 210, 17
-    assert rendering.most_off(images, others) == rendering.most_off(others, images) == 17.0
+    assert not any(off.any() for off in rendering.differences(images, others))
+    others[0][1, 2], others[1][0, 0, 2] = (210, 197, 200), 17
+    for pair in ((images, others), (others, images)):
+        one, other = rendering.differences(*pair)
+        assert (one[1, 2], other[0, 0], one.sum(), other.sum()) == (10, 17, 10, 17)
 
 
 def test_the_worst_view_decides(measured, study):

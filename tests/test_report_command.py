@@ -16,6 +16,7 @@ from deformrf.core.field.network import BASIS_COUNT
 from deformrf.core.geometry.mesh import TetMesh, tet_neighbours
 from deformrf.core.report import command, stability
 from deformrf.core.study.pictures import PEAK_DB
+from deformrf.core.study.rendering import BOUND, LARGEST
 
 SECTIONS = ["rendering", "dynamics", "training", "stability", "left_out", "machine"]
 
@@ -45,6 +46,7 @@ def test_every_section_is_there(report, folder):
     assert report["complete"] and list(report["sections"]) == SECTIONS
     for key, section in report["sections"].items():
         assert section["findings"] and section["title"], key
+        assert (section["seconds"] is None) == (key == "machine")
     page = (folder / "report.html").read_text()
     for name in ("rendering", "dynamics", "stability", "left_out"):
         assert (folder / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
@@ -59,10 +61,21 @@ def test_rendering_s_numbers_are_consistent(report):
         assert 0 < row["frame_ms_low"] <= row["frame_ms"] <= row["frame_ms_high"] < 1e5
         assert row["worst_psnr"] <= row["psnr"] + 1e-9 and row["psnr"] <= PEAK_DB
         assert 0 <= row["largest"] <= 255
+        assert row["relative_percent_low"] <= row["relative_percent"] > 0
+        assert (row["largest_anywhere"] is None) == (row["setting"] == "conformance")
     assert [row["setting"] for row in rows.values() if row["default"]] == ["default"]
     assert rows["conformance"]["psnr"] > rows["default"]["psnr"] > rows["stop 0.2"]["psnr"]
     assert rows["stop 0"]["samples"] > rows["default"]["samples"] > rows["stop 0.2"]["samples"]
     assert rows["step × 4"]["psnr"] < rows["step × 2"]["psnr"]
+    assert rows["default"]["relative_percent"] == 100
+    assert any(row["front"] for row in rows.values())
+    for row in (row for row in rows.values() if row["chosen"]):
+        assert row["candidate"] and row["worst_psnr"] >= BOUND
+        assert max(row["largest"], row["largest_anywhere"]) <= LARGEST
+        for other in rows.values():  # nothing that is as good is cheaper
+            good = other["candidate"] and other["worst_psnr"] >= BOUND
+            good = good and max(other["largest"], other["largest_anywhere"]) <= LARGEST
+            assert not good or other["relative_percent"] >= row["relative_percent"]
     values = report["sections"]["rendering"]["values"]
     assert 20 < values["reference_psnr"] <= PEAK_DB
 

@@ -34,6 +34,22 @@ def test_it_is_turns_that_are_compared():
     assert rule.cheapest(times, [0.3, 0.2], 1.0) == 0
 
 
+def test_what_is_slow_and_noisy_beside_them_does_not_matter():
+    """As float32 on CUDA, which takes seven times as long as any other, give or take."""
+    rng = np.random.default_rng()
+    times = np.stack([np.ones(24), np.full(24, 0.99), rng.uniform(3.0, 30.0, 24)])
+    assert rule.cheapest(times, [0.1, 0.2, 9.0], 1.0) == 1
+    assert rule.cheapest(times, [0.1, 0.2, 0.0], 1.0, base=2) == 1
+
+
+def test_shares_are_of_the_same_turn():
+    times = np.random.default_rng().uniform(1.0, 9.0, (4, 10))
+    for base in range(4):
+        shares = rule.shares(times, base)
+        np.testing.assert_array_equal(shares[base], 1.0)
+        np.testing.assert_allclose(shares * times[base], times)
+
+
 def test_what_is_outside_the_bound_is_no_measure_of_cheap():
     times = turns(1.0, 5.0, 5.0)
     assert rule.cheapest(times, [9.0, 0.2, 0.1], 1.0) == 2

@@ -139,12 +139,12 @@ class Renderer:
 
     @property
     def stage_seconds(self):
-        """None, or a dict that collects seconds per stage; then each stage is waited for."""
+        """None, or a dict that collects seconds per stage; then every image is waited for."""
         return self.stage.seconds
 
     @stage_seconds.setter
     def stage_seconds(self, seconds):
-        self.stage.seconds = seconds
+        self.stage.ask(seconds)
 
     def set_vertices(self, vertices):
         """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""
@@ -172,7 +172,9 @@ class Renderer:
         first_pixel, count = first * camera.width, (last - first) * camera.width
         shape = (last - first, camera.width)
         if self._has_slots(options):
-            return self._render_wavefront(camera, options, (first, last), shape)
+            image = self._render_wavefront(camera, options, (first, last), shape)
+            self.stage.collect()
+            return image
         image = {
             "color": wp.empty(count, dtype=wp.vec4ub, device=self.device),
             "depth": wp.empty(count, dtype=float, device=self.device),
@@ -192,6 +194,7 @@ class Renderer:
             with threadpool_limits(1, user_api="blas"):  # the tiles are the parallelism
                 sample_count = sum(self._pool.map(work, tiles))
         image = {name: array.reshape(shape) for name, array in image.items()}
+        self.stage.collect()
         return Image(**image, sample_count=sample_count)
 
     def render_rays(self, origins, directions, options=None):

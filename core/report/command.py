@@ -9,7 +9,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -110,7 +110,9 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
         from . import machine
 
         command = machine.without_folders(printable(shlex.join([PROGRAM, *sys.argv[1:]])))
-        about_machine = machine.section(device, seeds(), command)  # before it has work to do
+        about_machine = machine.section(
+            device, seeds(), command, arguments.model
+        )  # before it has work to do
         jobs = plan(field, arguments, device, effort, photos)
         begun, found, failure = time.perf_counter(), [], None
         try:
@@ -233,10 +235,11 @@ def measured(jobs: list[Job]):
             def step(share, before=before, job=job):
                 bar.update(task, completed=before + share * job.seconds)
 
+            begun = time.perf_counter()
             section = job.section(step)
             before += job.seconds
             bar.update(task, completed=before)
-            yield section
+            yield replace(section, seconds=time.perf_counter() - begun)
 
 
 def printable(words: str) -> str:
@@ -252,11 +255,11 @@ def tell(sections, path):
     print(f"Wrote {path}")
 
 
-def seeds() -> dict[str, int]:
+def seeds() -> dict[str, int | str]:
     """Of everything random in a report."""
     from .stability import SEED
 
-    return {"pixels": 0, "order of settings": 0, "stress cases and poses": SEED}
+    return {"pixels": "the view's number", "order of settings": 0, "stress cases and poses": SEED}
 
 
 def _device_words(device):

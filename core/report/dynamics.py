@@ -17,6 +17,7 @@ from .plots import INK, log_scale, new_figure, png
 TITLE = "Dynamics: error against time"
 FRAME_MS = 1e3 * error.DT
 MOST_SUBSTEPS = 200
+MORE = 1.1  # times as many substeps, where a guess was too few
 DEFAULT_COUNT = XpbdOptions().substep_count
 COMPLIANCES = (0.0, 1e-8, 1e-6, 1e-4)
 FALLING = (0.0, 1e-4)  # of these, those with a dynamic scene
@@ -50,12 +51,14 @@ class DynamicsRow:
 
 @dataclass(frozen=True)
 class MaterialRow:
-    """What a material takes to be held."""
+    """What a material takes to be held, and its error with as many in both scenes."""
 
     material: str
     young_modulus: float
     substeps: int
+    measured: bool
     of_motion: float | None
+    in_motion: float | None
     frame: Timing | None
     default: bool
 
@@ -88,7 +91,7 @@ def section(
             rows.append(_row(measured, exact))
         step(0.9 * done / weights[-1])
     chosen = chosen_count(rows)
-    materials = [] if quick or chosen is None else held_materials(name, body, device, chosen)
+    materials = [] if quick or chosen is None else held_materials(name, body, device, rows, chosen)
     found = [replace(row, chosen=_is_own(row) and row.count == chosen) for row in rows]
     return Section(
         key="dynamics",
@@ -159,29 +162,44 @@ def chosen_count(rows) -> int | None:
     return None if found is None else counts[found]
 
 
-def held_materials(name, body, device, chosen) -> list[MaterialRow]:
-    """How many substeps each preset takes, by r ∝ ρ n² / μ, and its error with as many."""
-    standard = Material()
-    rows = []
-    for preset, material in {"default": standard, **PRESETS}.items():
-        ratio = material.shear_modulus / material.density
-        ratio /= standard.shear_modulus / standard.density
-        count = math.ceil(chosen * math.sqrt(ratio))
-        row = None
-        if count <= MOST_SUBSTEPS:
-            case = own_mesh.cases(name, body, material)[0]
-            row = error.measure(case, "substeps", count, device)
-        rows.append(
-            MaterialRow(
-                material=preset,
-                young_modulus=material.young_modulus,
-                substeps=count,
-                of_motion=row and 100.0 * row.of_motion,
-                frame=row and row.frame,
-                default=preset == "default",
-            )
+def held_materials(name, body, device, rows, chosen) -> list[MaterialRow]:
+    """How many substeps each preset takes.
+
+    A first guess by the default material's error e with the rule's number n of substeps:
+    errors are about c/r with r ∝ ρ n² / μ (see Material.young_modulus_at), so that
+    n' = n √(e c' μ' ρ / (BOUND c μ ρ')).  Then more, until both scenes are within the bound.
+    """
+    own = [row for row in rows if _is_own(row) and row.count == chosen]
+    standard, error_ = Material(), max(row.of_motion for row in own) / 100.0
+    found = [
+        MaterialRow(
+            *("default", standard.young_modulus, chosen, True),
+            *(row.of_motion for row in own),  # in the order of error.SCENES
+            own[0].frame,
+            default=True,
         )
-    return rows
+    ]
+    for preset, material in PRESETS.items():
+        ratio = softness(material) / softness(standard) * error_ / own_mesh.BOUND
+        count, measured = max(1, math.ceil(chosen * math.sqrt(ratio))), None
+        while count <= MOST_SUBSTEPS:
+            cases = own_mesh.cases(name, body, material)
+            measured = [error.measure(case, "substeps", count, device) for case in cases]
+            if max(row.of_motion for row in measured) <= own_mesh.BOUND:
+                break
+            count, measured = max(count + 1, math.ceil(MORE * count)), None
+        errors = [100.0 * row.of_motion for row in measured] if measured else [None, None]
+        frame = measured[0].frame if measured else None
+        held = bool(measured)
+        found.append(
+            MaterialRow(preset, material.young_modulus, count, held, *errors, frame, default=False)
+        )
+    return found
+
+
+def softness(material: Material) -> float:
+    """What the error with n substeps is proportional to: c μ / ρ, see held_materials."""
+    return material.softening * material.shear_modulus / material.density
 
 
 def _row(row, exact):
@@ -276,15 +294,18 @@ def _table(rows):
 def _materials_table(rows):
     return Table(
         "materials",
-        "What each material should take to be held on this mesh, by the default's substeps and "
-        "r ∝ ρ n² / μ, and its error under load with as many; a frame at 60 Hz has "
-        f"{FRAME_MS:.3g} ms. Where more than {MOST_SUBSTEPS} are needed, the material that acts is "
-        "softer.",
+        "What each material takes to be held on this mesh, at most "
+        f"{100 * own_mesh.BOUND:g} % off in both scenes; a frame at 60 Hz has {FRAME_MS:.3g} ms. "
+        "The default's are the rule's, of the numbers tried. Others begin at a guess and take a "
+        f"tenth more until they are held; beyond {MOST_SUBSTEPS} it stays a guess, and the "
+        "material that acts is softer.",
         {
             "material": "material",
             "young_modulus": "E [Pa]",
             "substeps": "substeps",
-            "of_motion": "of the motion [%]",
+            "measured": "measured",
+            "of_motion": "under load [% of the motion]",
+            "in_motion": "in motion [% of it]",
             "frame": "ms a frame",
         },
         rows,

@@ -3,6 +3,7 @@
 Nothing in it says whose machine it is: no host, no user, no folder.
 """
 
+import hashlib
 import os
 import platform
 import shlex
@@ -17,6 +18,8 @@ from ..field.modelfile import program_version
 from .parts import Section, Table
 
 PACKAGES = ("numpy", "warp-lang", "torch", "scipy", "pillow")
+SOURCE = Path(__file__).parents[1]  # what is measured, and what measures
+DIGITS = 16
 CPU_NAMES = Path("/proc/cpuinfo")
 GIB = 2**30
 
@@ -29,18 +32,22 @@ class Fact:
     value: str
 
 
-def section(device, seeds: dict, command: str) -> Section:
+def section(device, seeds: dict, command: str, model: Path | None = None) -> Section:
     """The machine as it is now.
 
     Args:
         device: That the report was measured on, "cpu" or "cuda:0".
         seeds: Of random numbers: what they are for -> seed.
         command: That made the report; folders in it are left out.
+        model: Its file, to be told from another one of the same name.
     """
     device = wp.get_device(device)
     facts = _cpu() | (_gpu(device) if device.is_cuda else {}) | _software()
     facts["seeds"] = ", ".join(f"{name} {seed}" for name, seed in seeds.items()) or "none"
     facts["command"] = without_folders(command)
+    facts["source, SHA-256"] = digest(sorted(SOURCE.rglob("*.py")))
+    if model is not None:
+        facts["model, SHA-256"] = digest([model])
     cores = facts["usable cores"]
     where = f"{facts['CPU']} with {cores} usable {'core' if cores == '1' else 'cores'}"
     if device.is_cuda:
@@ -58,6 +65,14 @@ def section(device, seeds: dict, command: str) -> Section:
         tables=[table],
         values={"device": device.alias, "seeds": seeds},
     )
+
+
+def digest(files) -> str:
+    """The beginning of a hash of files' contents, one after the other."""
+    whole = hashlib.sha256()
+    for file in files:
+        whole.update(file.read_bytes())
+    return whole.hexdigest()[:DIGITS]
 
 
 def without_folders(command: str) -> str:

@@ -2,7 +2,7 @@
 
 from dataclasses import astuple, dataclass, field, fields, is_dataclass
 
-from ..study.stopwatch import Timing
+from ..study.stopwatch import Share, Timing
 
 
 @dataclass(frozen=True)
@@ -15,8 +15,9 @@ class Table:
         headings: What to print of a row, and above it: attribute -> heading with its unit.
             Attributes that aren't named here stand in the CSV and JSON alone.
         rows: Instances of one frozen dataclass, whose values are numbers, text, bool, None
-            or Timing (ms, or what the row's `unit` says).  None prints as a dash; a bool as
-            yes and no, but one named `passed` as pass and FAIL; `default` marks a row in bold.
+            or Timing (ms, or what the row's `unit` says; a Share is in percent).  None prints
+            as a dash; a bool as yes and no, but one named `passed` as pass and FAIL; `default`
+            marks a row in bold.
         first: Print so many rows, all by default; the CSV has all of them.
     """
 
@@ -54,6 +55,7 @@ class Section:
         tables, figures: In the order in which they are shown, figures first.
         passed: Whether what can fail did not; None where nothing can.
         values: What else belongs in the JSON: plain values, or dataclasses of them.
+        seconds: How long it took to measure; None if nobody looked.
     """
 
     key: str
@@ -64,21 +66,23 @@ class Section:
     figures: list[Figure] = field(default_factory=list)
     passed: bool | None = None
     values: dict = field(default_factory=dict)
+    seconds: float | None = None
 
 
 def record(row) -> dict:
     """A row as plain values: what CSV and JSON hold.
 
     A Timing `frame` becomes frame_ms, frame_ms_low, frame_ms_high and frame_repeats; in a row
-    with a `unit` of its own, frame, frame_low, frame_high and frame_repeats.
+    with a `unit` of its own, frame, frame_low, frame_high and frame_repeats; a Share `relative`
+    becomes relative_percent and so on.
     """
     assert is_dataclass(row), row
     plain = {}
     suffix = "" if hasattr(row, "unit") else "_ms"
     for part in fields(row):
         name, value = part.name, getattr(row, part.name)
-        if part.type in (Timing, Timing | None):  # None leaves no column out
-            median = f"{name}{suffix}"
+        if part.type in (Timing, Timing | None, Share):  # None leaves no column out
+            median = f"{name}{suffix if part.type is not Share else '_percent'}"
             names = median, f"{median}_low", f"{median}_high", f"{name}_repeats"
             plain |= dict(zip(names, (None,) * 4 if value is None else astuple(value), strict=True))
         else:

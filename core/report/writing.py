@@ -85,6 +85,7 @@ def as_json(report: Report) -> dict:
             "title": part.title,
             "findings": part.findings,
             "passed": part.passed,
+            "seconds": part.seconds,
             "values": part.values,
             "tables": {table.name: table.rows for table in part.tables},
         }

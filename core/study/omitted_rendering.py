@@ -137,15 +137,25 @@ def overlap_path(frames: Frames) -> Omission:
 
 
 def single_precision(frames: Frames) -> Omission:
-    """Networks and tables in float32, on CUDA."""
+    """Networks and tables in float32, on CUDA; both in rounds that the host waits for."""
     return omission(
         "single precision of networks and tables",
         RENDERING,
-        *frames.compared(frames.way(single_precision=True), frames.usual),
-        "Tensor cores and half as many bytes; float32 also goes through torch, in rounds that"
-        " wait for the host.",
+        *frames.compared(frames.way(single_precision=True), frames.way(details=True)),
+        "Tensor cores, in a kernel of ours instead of torch's, and half as many bytes.",
         "Images are too small here for networks to count; half precision is left on because it"
         " counts in larger ones, and needs no torch.",
+    )
+
+
+def waiting_rounds(frames: Frames) -> Omission:
+    """Rounds after each of which the host asks how many rays are left, on CUDA."""
+    return omission(
+        "rounds that the host waits for",
+        RENDERING,
+        *frames.compared(frames.way(details=True), frames.usual),
+        "How many rays go on is known on the device, which a round asks; each is a CUDA graph.",
+        "Waiting costs nothing here; where images are larger, or the host is busy, it does.",
     )
 
 
@@ -213,7 +223,7 @@ def rendering_rows(device) -> list[Callable[[Frames], Omission]]:
     """What there is to measure on a device."""
     rows = [empty_space, empty_tets, hidden_samples, overlap_path]
     if device != "cpu":  # where all is single precision
-        rows.append(single_precision)
+        rows += [single_precision, waiting_rounds]
     return [*rows, unchanged_view, fine_levels, view_dependence]
 
 

@@ -3,14 +3,15 @@
 Settings differ from default mode in one thing or two: the step, the levels that are
 encoded, the transmittance at which a ray ends, the networks' precision, the mask of empty
 sub-tets, the number of pixels.  Each is rendered in every turn, from all sides; the error is
-that of random pixels against the float64 reference at the model's own step, which is what the
-image of a field means, and of all pixels against conformance mode, which is the same but for
-float32 (its row tells how much that is).
+that of some pixels against the float64 reference at the model's own step, which is what the
+image of a field means.  PSNR is that of random pixels.  These miss single ones that sparkle,
+so all pixels are compared with conformance mode, and those that differ most are suspects:
+they are compared with the reference, too.
 
 Default mode may end rays early, use half precision and leave levels out, as long as every
-view has at least BOUND dB and no channel of any pixel is more than LARGEST off: PSNR alone
-would allow single pixels that sparkle when the object moves, and so would random pixels,
-which miss them (docs/design/005-rendering.md).
+view has at least BOUND dB and no channel of any pixel is more than LARGEST off, from
+conformance mode or, of random pixels and suspects, from the reference: PSNR alone would allow
+single pixels that sparkle when the object moves (docs/design/005-rendering.md).
 
 Shapes: S settings, R turns.
 """
@@ -26,10 +27,11 @@ from ..render.options import RenderOptions
 from ..render.render import Renderer
 from . import pictures, rule
 from .photographs import Photographs
-from .stopwatch import WARM_UP, Timing, milliseconds, timing_of
+from .stopwatch import WARM_UP, Share, Timing, milliseconds, share_of, timing_of
 
 BOUND = 45.0  # dB, of default mode
 LARGEST = 8.0  # 1/255
+SUSPECTS = 16  # pixels of each view, of each setting that default mode may use
 STEP_FACTORS = (4.0, 2.0, 1.5, 0.5, 0.25)
 TERMINATIONS = (0.0, 1e-3, 5e-3, 1e-2, 2e-2, 3e-2, 5e-2, 0.1, 0.2)
 SCALES = (2, 4)
@@ -71,10 +73,12 @@ class Row:
         setting, family: See Setting.
         psnr: Of all views together, random pixels against the reference [dB].
         worst_psnr: Of the worst view [dB].
-        largest: Difference of a channel, of these pixels [1/255].
-        largest_anywhere: The same, of all pixels against conformance mode [1/255].
+        largest: Difference of a channel, of these and of suspects [1/255].
+        largest_anywhere: The same, of all pixels against conformance mode [1/255]; None where
+            there is none, in conformance mode itself.
         photo_psnr: Against photographs [dB], if there are any.
         frame: Of one view [ms].
+        relative: That, of the default's in the same turn [%].
         samples: A pixel.
         front: Whether nothing else is both quicker and closer.
         candidate: Whether default mode may do so.
@@ -87,9 +91,10 @@ class Row:
     psnr: float
     worst_psnr: float
     largest: float
-    largest_anywhere: float
+    largest_anywhere: float | None
     photo_psnr: float | None
     frame: Timing
+    relative: Share
     samples: float
     front: bool
     candidate: bool
@@ -122,6 +127,7 @@ def settings(level_count: int, half: bool) -> list[Setting]:
     if half:
         options = RenderOptions(single_precision=True)
         found.append(Setting("float32", "precision", options, candidate=True))
+        found.append(Setting("half, waited for", "precision", RenderOptions(details=True)))
     for factor in STEP_FACTORS:
         found.append(Setting(f"step × {factor:g}", "step", RenderOptions(step_factor=factor)))
     found.append(CONFORMANCE)
@@ -200,41 +206,57 @@ class RenderingStudy:
         exact, _ = self._images(CONFORMANCE)
         found = []
         for number, setting in enumerate(compared):  # compiles and allocates, too
-            images, samples = self._images(setting)
-            single = [
-                pictures.picture_error([image], [picture])
-                for image, picture in zip(images, self.pictures, strict=True)
-            ]
-            found.append((images, samples, single, most_off(images, exact)))
+            found.append(self._images(setting))
             step(0.5 * (number + 1) / len(compared))
+        suspected = self._suspects(compared, [images for images, _ in found], exact)
         times = self._times(compared, turns, lambda share: step(0.5 + 0.5 * share))
         self.times = {s.name: t.tolist() for s, t in zip(compared, times, strict=True)}
-        worst = [min(error.psnr for error in single) for _, _, single, _ in found]
-        together = [pictures.picture_error(images, self.pictures) for images, *_ in found]
-        within = [
-            setting.candidate and max(error.largest, anywhere) <= LARGEST
-            for setting, error, (*_, anywhere) in zip(compared, together, found, strict=True)
-        ]
-        errors = np.where(within, -np.array(worst), np.inf)
-        chosen = rule.cheapest(times, errors, -BOUND)
-        best = rule.front(np.median(times, axis=1), [-error.psnr for error in together])
-        return [
+        shares = rule.shares(times)
+        rows = [
             Row(
                 setting=setting.name,
                 family=setting.family,
-                psnr=together[i].psnr,
-                worst_psnr=worst[i],
-                largest=together[i].largest,
-                largest_anywhere=found[i][3],
+                **self._errors(images, suspected),
+                largest_anywhere=None
+                if setting.options.conformance
+                else float(max(map(np.max, differences(images, exact)))),
                 photo_psnr=self._photo_psnr(setting, photos),
                 frame=timing_of(times[i]),
-                samples=found[i][1],
-                front=bool(best[i]),
+                relative=share_of(shares[i]),
+                samples=samples,
+                front=False,
                 candidate=setting.candidate,
                 default=i == 0,
-                chosen=i == chosen,
+                chosen=False,
             )
-            for i, setting in enumerate(compared)
+            for i, (setting, (images, samples)) in enumerate(zip(compared, found, strict=True))
+        ]
+        errors = [-row.worst_psnr if row.candidate and within(row) else np.inf for row in rows]
+        chosen = rule.cheapest(times, errors, -BOUND)
+        best = rule.front([row.relative.median for row in rows], [-row.psnr for row in rows])
+        return [replace(row, front=bool(best[i]), chosen=i == chosen) for i, row in enumerate(rows)]
+
+    def _errors(self, images, suspected):
+        """Of a Row: against the reference."""
+        pairs = zip(images, self.pictures, strict=True)
+        single = [pictures.picture_error([image], [picture]) for image, picture in pairs]
+        together = pictures.picture_error(images, self.pictures)
+        largest = max(together.largest, pictures.picture_error(images, suspected).largest)
+        worst = min(error.psnr for error in single)
+        return {"psnr": together.psnr, "worst_psnr": worst, "largest": largest}
+
+    def _suspects(self, compared, shown, exact):
+        """A Picture of each view: the pixels where a candidate is farthest from conformance."""
+        chosen = [set() for _ in self.pictures]
+        for setting, images in zip(compared, shown, strict=True):
+            if setting.candidate or setting is compared[0]:
+                for pixels, off in zip(chosen, differences(images, exact), strict=True):
+                    pixels.update(np.argsort(off.ravel())[-SUSPECTS:].tolist())
+        return [
+            pictures.picture_of(
+                self.field, picture.vertices, picture.camera, np.array(sorted(pixels), int)
+            )
+            for picture, pixels in zip(self.pictures, chosen, strict=True)
         ]
 
     def _times(self, compared, turns, step):
@@ -251,7 +273,7 @@ class RenderingStudy:
         return times
 
     def stages(self, repeats: int) -> dict[str, Timing]:
-        """Of a view in default mode, pose included; each stage is waited for, see Stages."""
+        """Of a view in default mode, pose included, and of all "together"; see Stages."""
         renderer, rest = self._renderer, self.field.mesh.rest_vertices
         default, found = Setting("default", "default"), {}
         for repeat in range(-WARM_UP, repeats):
@@ -260,7 +282,7 @@ class RenderingStudy:
                 renderer.set_vertices(rest)
                 renderer.render(picture.camera, default.options)
             if repeat >= 0:
-                for name, total in seconds.items():
+                for name, total in (*seconds.items(), ("together", sum(seconds.values()))):
                     found.setdefault(name, []).append(1e3 * total / len(self.pictures))
         renderer.stage_seconds = None
         return {name: timing_of(times) for name, times in found.items()}
@@ -302,10 +324,15 @@ class RenderingStudy:
         return photos.psnr(self._renderer_for(setting), setting.options)
 
 
-def most_off(images, others) -> float:
-    """The largest difference of a channel of any pixel of images of bytes [1/255]."""
+def differences(images, others):
+    """Of bytes [H, W, 3]: how far each pixel's worst channel is off [1/255].  [H, W] each"""
     pairs = zip(images, others, strict=True)
-    return max(float(np.abs(a.astype(int) - b).max()) for a, b in pairs)
+    return [np.abs(a.astype(int) - b).max(axis=-1) for a, b in pairs]
+
+
+def within(row: Row) -> bool:
+    """Whether a row's error is what default mode may have."""
+    return row.worst_psnr >= BOUND and max(row.largest, row.largest_anywhere or 0.0) <= LARGEST
 
 
 def enlarged(image, width: int, height: int):

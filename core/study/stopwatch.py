@@ -31,10 +31,21 @@ class Timing:
     count: int
 
 
+@dataclass(frozen=True)
+class Share(Timing):
+    """What something took of what something else took in the same turn [%]."""
+
+
 def timing_of(repeats) -> Timing:
     """The timing of single repeats [n]."""
     low, median, high = np.percentile(repeats, [LOW, 50.0, HIGH])
     return Timing(float(median), float(low), float(high), len(repeats))
+
+
+def share_of(shares) -> Share:
+    """The share that single ones [n] make; 1 is all."""
+    timing = timing_of(100.0 * np.asarray(shares))
+    return Share(timing.median, timing.low, timing.high, timing.count)
 
 
 def milliseconds(action: Callable[[], object], device) -> float:

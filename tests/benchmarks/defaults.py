@@ -3,22 +3,29 @@ r"""What the rule gives for several models together: the defaults of a device.
 python tests/benchmarks/defaults.py docs/report/*-h100/report.json \
     --errors docs/report/*/report.json
 
-Times are those of the first reports, one of each model, all on one device, each relative to the
-default's of its report.  Errors are a matter of the setting and not of the device: the worst of
-the reports behind --errors counts, by default that of the first ones.
+Times are those of the first reports, one of each model, all on one device, over the default's in
+the same turn.  Errors are a matter of the setting and not of the device: the worst of the reports
+behind --errors counts, by default that of the first ones.  Ends with 1 if the program's defaults
+are not what the rule gives.
 """
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
 
+from deformrf.core.deform.xpbd import XpbdOptions
 from deformrf.core.study import own_mesh, rendering, rule
 
 
 def rendering_choice(reports, judged):
-    """Settings of default mode that all reports have, their times and errors, and the choice."""
+    """Settings of default mode that all reports have, their shares of time and errors.
+
+    Returns:
+        The name of the rule's choice, or None.
+    """
     tables = [table(report) for report in judged]
     timed = [report["sections"]["rendering"]["values"]["times"] for report in reports]
     names = [
@@ -31,14 +38,12 @@ def rendering_choice(reports, judged):
         max(rows[name][pixels] for rows in tables for pixels in ("largest", "largest_anywhere"))
         for name in names
     ]
-    times = np.array(
-        [
-            np.concatenate([np.array(rows[name]) / np.median(rows["default"]) for rows in timed])
-            for name in names
-        ]
-    )
+    default = names.index("default")
+    shares = [rule.shares([rows[name] for name in names], default) for rows in timed]
+    times = np.concatenate(shares, axis=1)
     within = np.array(largest) <= rendering.LARGEST
-    chosen = rule.cheapest(times, np.where(within, -np.array(worst), np.inf), -rendering.BOUND)
+    errors = np.where(within, -np.array(worst), np.inf)
+    chosen = rule.cheapest(times, errors, -rendering.BOUND, default)
     for number, name in enumerate(names):
         low, median, high = np.percentile(times[number], [10, 50, 90])
         print(
@@ -46,10 +51,11 @@ def rendering_choice(reports, judged):
             f" {worst[number]:4.1f} dB, largest {largest[number]:5.1f}/255"
             f"{'   <- the rule' if number == chosen else ''}"
         )
+    return None if chosen is None else names[chosen]
 
 
 def substeps_choice(judged):
-    """The least number of substeps that is within the bound for every model."""
+    """The least number of substeps that is within the bound for every model; None if none is."""
     worst = {}
     for report in judged:
         for row in report["sections"]["dynamics"]["tables"]["dynamics"]:
@@ -61,6 +67,7 @@ def substeps_choice(judged):
     for number, count in enumerate(counts):
         mark = "   <- the rule" if number == chosen else ""
         print(f"{count:4} substeps: at most {errors[number]:.3g} % of the motion{mark}")
+    return None if chosen is None else counts[chosen]
 
 
 def table(report):
@@ -79,8 +86,8 @@ def main():
     reports = read(arguments.reports)
     judged = read(arguments.errors or arguments.reports)
     print("times of:", "; ".join(f"{r['facts']['model']}, {r['facts']['device']}" for r in reports))
-    rendering_choice(reports, judged)
-    substeps_choice(judged)
+    chosen = rendering_choice(reports, judged), substeps_choice(judged)
+    sys.exit(chosen != ("default", XpbdOptions().substep_count))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,47 @@
+"""The program's defaults are what the rule gives for the reports that are published."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+REPORTS = ROOT / "docs" / "report"
+PROGRAM = ROOT / "tests" / "benchmarks" / "defaults.py"
+
+
+def run(*arguments):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    return subprocess.run(
+        [sys.executable, PROGRAM, *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("device", ["h100", "cpu"])
+def test_defaults_are_what_the_rule_gives(device):
+    """With each device's own times, and the worst error of all reports."""
+    timed = sorted(REPORTS.glob(f"*-{device}/report.json"))
+    assert len(timed) == 3
+    ended = run(*timed, "--errors", *sorted(REPORTS.glob("*/report.json")))
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert ended.stdout.count("<- the rule") == 2
+
+
+def test_other_defaults_would_be_seen(tmp_path):
+    """Reports in which default mode is too far off."""
+    found = []
+    for path in sorted(REPORTS.glob("*-cpu/report.json")):
+        text = path.read_text()
+        wrong = text.replace('"worst_psnr": 6', '"worst_psnr": 1').replace(
+            '"worst_psnr": 5', '"worst_psnr": 1'
+        )
+        assert wrong != text
+        found.append(tmp_path / f"{path.parent.name}.json")
+        found[-1].write_text(wrong)
+    assert run(*found).returncode == 1
