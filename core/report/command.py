@@ -23,7 +23,14 @@ from ..paths import DEFAULT_MODEL
 
 PROGRAM = "deformrf-report"
 TETS = 5000  # that the estimates of time are for
-CUDA_SHARE = 0.4  # of what two CPU cores take
+SECONDS = {  # full on two CPU cores, on one H100, quick on the one and on the other
+    "rendering": (140, 39, 20, 10),
+    "dynamics": (68, 80, 16, 10),
+    "training": (1, 1, 1, 1),
+    "stability": (28, 24, 16, 10),
+    "left out": (110, 65, 30, 25),
+}
+GROWING = ("dynamics", "stability")  # with the number of tets
 TEST_SPLIT = "test"
 
 Model = Annotated[
@@ -172,8 +179,6 @@ def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos)
     from . import dynamics, left_out, rendering, stability, training
 
     quick, name = arguments.quick, arguments.model.stem
-    size = max(field.mesh.tet_count / TETS, 0.2)
-    share = 1.0 if device == "cpu" else CUDA_SHARE
 
     def render(step):
         study = RenderingStudy(*(field, device, effort.size, effort.view_count, effort.pixel_count))
@@ -189,20 +194,17 @@ def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos)
             step(done / whole)
         return left_out.section(rows, chosen)
 
+    sections = {
+        "rendering": render,
+        "dynamics": lambda step: dynamics.section(name, field.mesh, device, quick, step),
+        "training": lambda step: training.section(field),
+        "stability": lambda step: stability.section(field, device, quick, step),
+        "left out": omit,
+    }
+    size, column = max(field.mesh.tet_count / TETS, 0.2), 2 * quick + (device != "cpu")
     return [
-        Job("rendering", (20 if quick else 130) * share, render),
-        Job(
-            "dynamics",
-            (16 if quick else 60) * size * share,
-            lambda step: dynamics.section(name, field.mesh, device, quick, step),
-        ),
-        Job("training", 1, lambda step: training.section(field)),
-        Job(
-            "stability",
-            (16 if quick else 40) * size * share,
-            lambda step: stability.section(field, device, quick, step),
-        ),
-        Job("left out", (30 if quick else 140) * share, omit),
+        Job(title, SECONDS[title][column] * (size if title in GROWING else 1.0), section)
+        for title, section in sections.items()
     ]
 
 

@@ -182,8 +182,8 @@ def held_materials(name, body, device, rows, chosen) -> list[MaterialRow]:
     for preset, material in PRESETS.items():
         ratio = softness(material) / softness(standard) * error_ / own_mesh.BOUND
         count, measured = max(1, math.ceil(chosen * math.sqrt(ratio))), None
+        cases = own_mesh.cases(name, body, material)  # which keep their references
         while count <= MOST_SUBSTEPS:
-            cases = own_mesh.cases(name, body, material)
             measured = [error.measure(case, "substeps", count, device) for case in cases]
             if max(row.of_motion for row in measured) <= own_mesh.BOUND:
                 break
