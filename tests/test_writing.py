@@ -13,7 +13,7 @@ from deformrf.core.field.modelfile import program_version
 from deformrf.core.report import plots
 from deformrf.core.report.parts import Figure, Section, Table
 from deformrf.core.report.writing import INTERRUPTED, Report, write
-from deformrf.core.study.stopwatch import Timing
+from deformrf.core.study.stopwatch import Share, Timing
 
 ODD = "a | <script>alert(\"b\")</script> & 'c'"
 
@@ -32,6 +32,7 @@ class Row:
 class Limit:
     name: str
     frame: Timing
+    relative: Share
     shares: tuple
 
 
@@ -100,7 +101,12 @@ def png():
 @pytest.fixture(scope="module")
 def report(png):
     values = {
-        "limits": [Limit("x", Timing(1.0, 0.5, 2.0, 4), (float("nan"), np.float32(0.5)))],
+        "limits": [
+            Limit(
+                *("x", Timing(1.0, 0.5, 2.0, 4), Share(90.0, 80.0, 101.0, 4)),
+                shares=(float("nan"), np.float32(0.5)),
+            )
+        ],
         "array": np.array([[1.0, np.inf], [2.0, 3.0]]),
         "flag": np.bool_(True),
         np.int64(3): None,
@@ -114,6 +120,7 @@ def report(png):
         figures=[Figure("curve", f"Curve {ODD}.", png)],
         passed=False,
         values=values,
+        seconds=12.5,
     )
     empty = Table("nothing", "Of nothing.", {"case": "case"}, [])
     second = Section("second", "Second", ["Good."], tables=[empty], passed=True)
@@ -144,11 +151,14 @@ def test_json_has_all_values(folder):
     assert values["facts"] == {"model": "ball", "command": f"x {ODD}"}
     assert list(values["sections"]) == ["first", "second"]
     first = values["sections"]["first"]
-    assert list(first) == ["title", "findings", "passed", "values", "tables"]
+    assert list(first) == ["title", "findings", "passed", "seconds", "values", "tables"]
+    assert (first["seconds"], values["sections"]["second"]["seconds"]) == (12.5, None)
     assert first["findings"] == [f"Found {ODD}.", "Second finding."] and first["passed"] is False
     limit = {"name": "x", "frame_ms": 1.0, "frame_ms_low": 0.5, "frame_ms_high": 2.0}
+    relative = {"relative_percent": 90.0, "relative_percent_low": 80.0}
+    relative |= {"relative_percent_high": 101.0, "relative_repeats": 4}
     assert first["values"] == {
-        "limits": [{**limit, "frame_repeats": 4, "shares": [None, 0.5]}],
+        "limits": [{**limit, **relative, "frame_repeats": 4, "shares": [None, 0.5]}],
         "array": [[1.0, None], [2.0, 3.0]],
         "flag": True,
         "3": None,
