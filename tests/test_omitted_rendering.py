@@ -135,3 +135,5 @@ def test_half_precision_is_left_out_on_cuda_alone(ball, frames):
     assert rows.single_precision in rows.rendering_rows("cuda:0")
     row = rows.single_precision(frames(ball, "cuda:0"))
     assert decibels(row.change) > 45.0
+    waiting = rows.waiting_rounds(frames(ball, "cuda:0"))
+    assert waiting.change == NONE or decibels(waiting.change) > 45.0
