@@ -42,19 +42,21 @@ def test_labels_lie_beside_their_points_and_apart():
     points = np.random.default_rng().uniform(0.02, 0.98, (40, 2))
     names = [f"setting {number}" for number in range(len(points))]
     found, frame, marks = labels(points, names)
-    assert 5 < len(found) < 40  # there is no room for all
+    assert 3 < len(found) < 40  # there is no room for all
     boxes = list(found.values())
     for number, box in enumerate(boxes):
         assert not box.count_overlaps(boxes[:number])
         assert frame.x0 < box.x0 and box.x1 < frame.x1
         assert not any(box.contains(*mark) for mark in marks)
     for name, box in found.items():
-        x, y = marks[names.index(name)]
-        away = np.hypot(max(box.x0 - x, 0, x - box.x1), max(box.y0 - y, 0, y - box.y1))
-        assert away < 20.0
+        away = {
+            other: np.hypot(max(box.x0 - x, 0, x - box.x1), max(box.y0 - y, 0, y - box.y1))
+            for other, (x, y) in zip(names, marks, strict=True)
+        }
+        assert away[name] == min(away.values()) < 20.0  # nobody takes it for another's
 
 
 def test_a_point_without_a_name_keeps_its_place():
     there = (0.5, 0.5)
-    found, _, (mark, _) = labels([there, (0.49, 0.47)], ["", "near"])
+    found, _, (mark, _) = labels([there, (0.46, 0.44)], ["", "near"])
     assert list(found) == ["near"] and not found["near"].contains(*mark)

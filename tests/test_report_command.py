@@ -166,6 +166,33 @@ def test_ctrl_c_keeps_what_is_done(ball_file, tmp_path, monkeypatch, capsys):
     assert "report.html" in capsys.readouterr().out
 
 
+def test_ctrl_c_keeps_an_older_report(ball_file, tmp_path, monkeypatch, capsys):
+    """What is done lies beside it; nothing does if nothing is."""
+    whole = command.plan
+
+    def interrupted(*arguments):
+        def stop(step):
+            raise KeyboardInterrupt
+
+        jobs = whole(*arguments)
+        training = next(job for job in jobs if job.title == "training")
+        return [*[training] * done, jobs[0]._replace(section=stop)]
+
+    arguments = command.ReportArguments(ball_file, tmp_path / "r", device="cpu", quick=True)
+    monkeypatch.setattr(command, "plan", lambda *a: [])
+    assert command.prepare(arguments)() == 0
+    old = (tmp_path / "r" / "report.html").read_bytes()
+    monkeypatch.setattr(command, "plan", interrupted)
+    for done in (0, 1):
+        assert run("deformrf-report", lambda: command.prepare(arguments)) == INTERRUPTED
+        assert (tmp_path / "r" / "report.html").read_bytes() == old
+        assert (tmp_path / "r-interrupted").exists() == bool(done)
+    said = capsys.readouterr()
+    assert "nothing is written" in said.err and "Missing: rendering" in said.out
+    kept = json.loads((tmp_path / "r-interrupted" / "report.json").read_text())
+    assert list(kept["sections"]) == ["training", "machine"]
+
+
 def test_a_failure_on_the_way_keeps_what_is_done(ball_file, tmp_path, monkeypatch):
     whole = command.plan
 

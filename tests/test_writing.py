@@ -12,7 +12,7 @@ import pytest
 from deformrf.core.field.modelfile import program_version
 from deformrf.core.report import plots
 from deformrf.core.report.parts import Figure, Section, Table
-from deformrf.core.report.writing import INTERRUPTED, Report, write
+from deformrf.core.report.writing import INTERRUPTED, Report, is_complete, write
 from deformrf.core.study.stopwatch import Share, Timing
 
 ODD = "a | <script>alert(\"b\")</script> & 'c'"
@@ -145,7 +145,9 @@ def test_json_has_all_values(folder):
     values = read_json(folder / "report.json")
     assert list(values) == [
         *("format", "format_version", "program_version", "facts", "complete", "sections"),
+        "files",
     ]
+    assert set(values["files"]) == {path.name for path in folder.iterdir()}
     assert values["format"] == "deformrf-report" and values["format_version"] == 1
     assert values["program_version"] == program_version() and values["complete"] is True
     assert values["facts"] == {"model": "ball", "command": f"x {ODD}"}
@@ -213,10 +215,11 @@ def test_the_page_shows_what_was_written(folder, report):
 
 
 def test_an_interrupted_report_says_so(tmp_path):
-    write(Report("Part", {}, [], complete=False), tmp_path)
+    write(Report("Part", {}, [], complete=False, missing=("this", "that")), tmp_path)
     page = Page(tmp_path / "report.html")
-    assert INTERRUPTED in page.words and ("p", "notice") in page.classes
-    assert INTERRUPTED in (tmp_path / "report.md").read_text()
+    notice = f"{INTERRUPTED} Missing: this, that."
+    assert notice in page.words and ("p", "notice") in page.classes
+    assert notice in (tmp_path / "report.md").read_text()
     assert read_json(tmp_path / "report.json")["complete"] is False
 
 
@@ -239,3 +242,22 @@ def test_a_file_is_replaced_as_a_whole_or_not_at_all(report, tmp_path):
         write(report, tmp_path)
     assert read_json(tmp_path / "report.json")["complete"] is True
     assert not list(tmp_path.glob("*.part"))
+
+
+def test_what_an_older_report_had_more_is_removed(report, tmp_path):
+    """And nothing else, whatever its report.json says."""
+    beside, mine = tmp_path / "beside.png", tmp_path / "report" / "mine.csv"
+    paths = write(report, tmp_path / "report")
+    for path in (beside, mine):
+        path.write_text("kept")
+    listed = json.loads((tmp_path / "report" / "report.json").read_text())
+    listed["files"] += ["../beside.png"]
+    (tmp_path / "report" / "report.json").write_text(json.dumps(listed))
+    assert is_complete(tmp_path / "report") and not is_complete(tmp_path)
+    fewer = write(Report("Part", {}, [], complete=False), tmp_path / "report")
+    assert {path.name for path in (tmp_path / "report").iterdir()} == {
+        "mine.csv",
+        *(path.name for path in fewer),
+    }
+    assert len(fewer) == 3 < len(paths) and beside.exists()
+    assert not is_complete(tmp_path / "report")

@@ -31,6 +31,8 @@ SECONDS = {  # full on two CPU cores, on one H100, quick on the one and on the o
     "left out": (110, 65, 30, 25),
 }
 GROWING = ("dynamics", "stability")  # with the number of tets
+TRUST = 0.2  # in these estimates, as if so much of them were done in time
+LONG = 150  # seconds: what takes longer is told in minutes
 TEST_SPLIT = "test"
 
 Model = Annotated[
@@ -117,9 +119,8 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
         from . import machine
 
         command = machine.without_folders(printable(shlex.join([PROGRAM, *sys.argv[1:]])))
-        about_machine = machine.section(
-            device, seeds(), command, arguments.model
-        )  # before it has work to do
+        # Before it has work to do.
+        about_machine = machine.section(device, seeds(), command, arguments.model)
         jobs = plan(field, arguments, device, effort, photos)
         begun, found, failure = time.perf_counter(), [], None
         try:
@@ -127,8 +128,15 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
                 found.append(section)
         except (KeyboardInterrupt, Exception) as error:  # what is done is written first
             failure = error
-        from .writing import Report, write
+        from .writing import Report, is_complete, write
 
+        if failure is not None and not found:
+            print(f"{PROGRAM}: nothing was measured yet, nothing is written", file=sys.stderr)
+            raise failure
+        output = arguments.output
+        if failure is not None and is_complete(output):  # keep it
+            output = output.with_name(f"{output.resolve().name}-interrupted")
+        missing = [job.title for job in jobs[len(found) :]]
         name = printable(arguments.model.stem)
         facts = {
             "model": f"{name}, {field.mesh.tet_count} tets, {field.layout.level_count} levels",
@@ -138,13 +146,14 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
             "duration": f"{time.perf_counter() - begun:.0f} s",
             "command": command,
         }
-        report = Report(f"Report on {name}", facts, [*found, about_machine], failure is None)
+        title, complete = f"Report on {name}", failure is None
+        report = Report(title, facts, [*found, about_machine], complete, tuple(missing))
         try:
-            paths = write(report, arguments.output)
+            paths = write(report, output)
         except OSError as error:
             print(f"{PROGRAM}: {plain_message(error)}", file=sys.stderr)
             return INPUT_ERROR
-        tell(found, paths[-1])
+        tell(found, paths[-1], missing)
         if failure is not None:
             raise failure
         return 0
@@ -210,38 +219,42 @@ def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos)
 
 def measured(jobs: list[Job]):
     """The sections, one by one, under a progress bar."""
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     whole = sum(job.seconds for job in jobs)
-    print(f"This takes about {max(round(whole / 60), 1)} min.", flush=True)
+    print(f"This takes about {_duration(whole)}.", flush=True)
     columns = (
         TextColumn("{task.description:10}"),
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeElapsedColumn(),
-        TextColumn("elapsed, left:"),
-        TimeRemainingColumn(),
+        TextColumn("elapsed, about {task.fields[left]} left"),
     )
-    with Progress(*columns, speed_estimate_period=60.0) as bar:
-        task = bar.add_task("", total=whole)
+    start = time.perf_counter()
+    with Progress(*columns) as bar:
+        task = bar.add_task("", total=whole, left=_duration(whole))
         before = 0.0
+
+        def show(done):
+            # By what this machine took so far, the less of it there is the less.
+            pace = (time.perf_counter() - start + TRUST * whole) / (done + TRUST * whole)
+            bar.update(task, completed=done, left=_duration(pace * (whole - done)))
+
         for job in jobs:
             bar.update(task, description=job.title)
 
             def step(share, before=before, job=job):
-                bar.update(task, completed=before + share * job.seconds)
+                show(before + share * job.seconds)
 
             begun = time.perf_counter()
             section = job.section(step)
             before += job.seconds
-            bar.update(task, completed=before)
+            show(before)
             yield replace(section, seconds=time.perf_counter() - begun)
+
+
+def _duration(seconds):
+    return f"{seconds:.0f} s" if seconds < LONG else f"{seconds / 60:.0f} min"
 
 
 def printable(words: str) -> str:
@@ -249,11 +262,13 @@ def printable(words: str) -> str:
     return words.encode("utf-8", "replace").decode()
 
 
-def tell(sections, path):
-    """A line for each section, and where the whole of it is."""
+def tell(sections, path, missing=()):
+    """A line for each section, what is missing, and where the whole of it is."""
     words = {None: "", True: "pass  ", False: "FAIL  "}
     for section in sections:
         print(f"{section.title}: {words[section.passed]}{section.findings[0]}")
+    if missing:
+        print(f"Missing: {', '.join(missing)}")
     print(f"Wrote {path}")
 
 

@@ -70,7 +70,10 @@ def _summary(measured) -> str:
     ]
     if parts:
         most = max(parts, key=lambda row: row.percent.median)
-        summary += f" The largest part: {most.name}, {most.percent.median:.0f} % ({_amount(most)})."
+        summary += (
+            f" Besides what is left out whole, the largest part is {most.name},"
+            f" {most.percent.median:.0f} % ({_amount(most)})."
+        )
     return summary
 
 

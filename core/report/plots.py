@@ -2,8 +2,11 @@
 
 import io
 
+import numpy as np
+
 INK = "#333333"  # of axes and text
 MARK = 4.0  # pixels: half the size of what marks a point
+APART = 9.0  # pixels between a label and other points, lest it seem theirs
 LABEL_PLACES = (  # beside a point, in 1/72 inches, and which side of the label is there
     *(((4, 3), "left"), ((4, -8), "left")),
     *(((-4, 3), "right"), ((-4, -8), "right")),
@@ -43,8 +46,11 @@ def label_points(axis, names, points):
     figure = axis.figure
     figure.draw_without_rendering()  # where the layout puts the axis
     renderer = figure.canvas.get_renderer()
-    taken = [_around(axis.transData.transform(point)) for point in points]
-    for name, point in zip(names, points, strict=True):
+    marks = [axis.transData.transform(point) for point in points]
+    taken = []
+    for number, (name, point) in enumerate(zip(names, points, strict=True)):
+        others = [mark for mark in marks if np.hypot(*(mark - marks[number])) > 0.0]
+        near = [_around(mark, APART) for mark in others] + [_around(marks[number], MARK)]
         for place, side in LABEL_PLACES if name else ():
             label = axis.annotate(
                 *(name, point),
@@ -56,21 +62,20 @@ def label_points(axis, names, points):
             )
             box = label.get_window_extent(renderer)
             inside = axis.bbox.x0 < box.x0 and box.x1 < axis.bbox.x1
-            if inside and not box.count_overlaps(taken):
+            if inside and not box.count_overlaps([*near, *taken]):
                 taken.append(box)
                 break
             label.remove()
 
 
-def _around(place):
+def _around(place, reach):
     from matplotlib.transforms import Bbox
 
-    return Bbox([place - MARK, place + MARK])
+    return Bbox([place - reach, place + reach])
 
 
 def png(figure) -> bytes:
     """The figure as a PNG of 256 colors, half of its size in true color."""
-    import numpy as np
     from PIL import Image
 
     figure.canvas.draw()

@@ -20,6 +20,11 @@ COLORS = {
     "resolution": "tab:red",
     "several": "tab:pink",
 }
+ENOUGH = 12  # turns to tell settings apart that differ by some percent
+FEW = (
+    " So few turns don't tell apart what differs by less than a tenth: neither which of these is "
+    "the rule's nor which is on the front."
+)
 HEADINGS = {
     "setting": "setting",
     "psnr": "PSNR [dB]",
@@ -74,7 +79,8 @@ def section(
             "closer to the integral and so farther from the reference, whose step is the model's.",
             f"Times are medians of {turns} turns with the tenth and ninetieth percentile; each "
             "turn renders every setting once, all views, in another order. They are those of "
-            "rendering alone: what enlarges an image of fewer pixels is OpenGL.",
+            "rendering alone: what enlarges an image of fewer pixels is OpenGL."
+            + (FEW if turns < ENOUGH else ""),
             "The rule: of what default mode may do (end rays early, leave levels out"
             f"{', use half precision' if rendering.half else ''}) the cheapest that has at least "
             f"{study.BOUND:g} dB in every view and no pixel more than {study.LARGEST:g}/255 off, "
@@ -102,8 +108,9 @@ def section(
         figures=[
             Figure(
                 "rendering",
-                "Error against time; up and left is better. The line joins what nothing beats in "
-                f"both; dashed: {study.BOUND:g} dB, the bound of default mode.",
+                "Error against time, that of the default times each setting's share of it; up and "
+                "left is better. The line joins what nothing beats in both; dashed: "
+                f"{study.BOUND:g} dB, the bound of default mode.",
                 plot(rows),
             )
         ],
@@ -155,7 +162,7 @@ def _verdict(default, chosen):
     unclear = ", so it may be chance" if time.low <= 100.0 <= time.high else ""
     return (
         f"{rule_text} gives “{chosen.setting}” here, with {time.median:.1f} % of the default's "
-        f"time ({time.low:.0f} to {time.high:.0f} in eight of ten turns{unclear}) and "
+        f"time ({time.low:.0f} to {time.high:.0f} from turn to turn{unclear}) and "
         f"{chosen.worst_psnr:.1f} dB; the default is what it gives for the published models "
         "together."
     )

@@ -81,6 +81,13 @@ def section(
         title="Stability",
         findings=[*_findings(rows), *_pose_findings(shown)],
         method=[
+            "The cases. The body begins, free, squeezed into a plane, a line or a point, mirrored, "
+            "or with each vertex anywhere in its box (random; at frames of 1/5 and of 1 s in those "
+            "called dt). Or it stands, its foot pinned: one vertex is dragged 100 sizes away "
+            "(drag 100x), or all handles are shaken (shake 30 Hz). In broken tets every twentieth "
+            "tet is inside out at rest and others are flat or name a corner twice, and it begins "
+            "at random; with the mass ratio half of the vertices are a million times as heavy, "
+            "and it begins squashed.",
             "A body recovers when it is back at its rest shape, to 1 % of its size after the best "
             "proper rotation, every tet's volume has its sign, and both stay so for 2 s. It has "
             f"{recovery_limit(1e6):g} s of simulated time for that from E = 10⁴ Pa on and "
@@ -149,7 +156,9 @@ def _row(solid, result: CaseResult):
 def _findings(rows):
     passed = [row for row in rows if row.passed]
     nan = sum(row.nan_count for row in rows)
-    times = [row.recovery_seconds for row in passed if row.recovery_seconds is not None]
+    uneven = {case.name for case in CASES if case.uneven}  # which needn't come back
+    back = [row for row in passed if row.case not in uneven]
+    times = [row.recovery_seconds for row in back if row.recovery_seconds is not None]
     slowest = f", the slowest in {max(times):.1f} s" if times else ""
     rescued = sum(row.rescues > 0 for row in rows)
     said = [
@@ -191,7 +200,7 @@ def _table(rows):
             "most_inverted": "most inverted",
             "error": "error at the end [% of size]",
             "inverted": "inverted at the end",
-            "smallest_volume": "least V/V₀",
+            "smallest_volume": "least V/V₀ at the end",
             "largest_strain": "strain at the end [%]",
             "nan_count": "NaN",
             "rescues": "rescues",

@@ -13,6 +13,7 @@ import json
 import math
 import os
 from base64 import b64encode
+from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 
@@ -39,16 +40,25 @@ class Report:
         facts: What was measured, where and when, in words.
         sections: In the order in which they are shown.
         complete: Whether nothing of what was asked for is missing.
+        missing: What is, in words.
     """
 
     title: str
     facts: dict[str, str]
     sections: list[Section]
     complete: bool
+    missing: tuple[str, ...] = ()
+
+
+def is_complete(folder) -> bool:
+    """Whether a folder holds a complete report."""
+    return bool(_last(folder).get("complete"))
 
 
 def write(report: Report, folder) -> list[Path]:
     """Write all files into a folder, the page last; each appears only when it is complete.
+
+    Files of an older report there that this one doesn't have are removed.
 
     Returns:
         Their paths.
@@ -65,16 +75,24 @@ def write(report: Report, folder) -> list[Path]:
     ):
         assert len(set(names)) == len(names), f"not unique: {names}"
     notice = None if report.complete else INTERRUPTED
+    if report.missing:
+        notice = f"{INTERRUPTED} Missing: {', '.join(report.missing)}."
     contents = {f"{figure.name}.png": figure.png for figure in figures}
     contents |= {f"{table.name}.csv": table_as_csv(table) for table in tables}
-    contents["report.json"] = json.dumps(as_json(report), indent=1, allow_nan=False) + "\n"
+    names = [*contents, "report.json", "report.md", "report.html"]
+    values = as_json(report) | {"files": names}
+    contents["report.json"] = json.dumps(values, indent=1, allow_nan=False) + "\n"
     contents["report.md"] = markdown.page(report.title, report.facts, report.sections, notice)
     contents["report.html"] = as_html(report, notice)
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    older = _last(folder).get("files", [])
     for name, content in contents.items():
         _write_whole(folder / name, content if isinstance(content, bytes) else content.encode())
+    for name in {*older} - {*contents}:
+        if Path(name).name == name:  # nothing outside the folder, whatever stands there
+            (folder / name).unlink(missing_ok=True)
     return [folder / name for name in contents]
 
 
@@ -140,6 +158,15 @@ def _plain(value):
             return _plain(record(value))
         case _:
             return value
+
+
+def _last(folder) -> dict:
+    """What the report.json in a folder holds; nothing if there is none of ours."""
+    with suppress(OSError, ValueError):
+        values = json.loads((Path(folder) / "report.json").read_text(encoding="utf-8"))
+        if isinstance(values, dict) and values.get("format") == FORMAT:
+            return values
+    return {}
 
 
 def _base64(content: bytes) -> str:

@@ -173,7 +173,7 @@ def sleeping(steps: Steps) -> Omission:
         "the solver while nothing moves",
         with_it,
         without,
-        "At rest, and with nothing grabbed, a step leads to where it began.",
+        "At rest, and with nothing grabbed, a step leads to where it began, to within rounding.",
         "The object has so few constraints that a step costs nothing.",
     )
 
