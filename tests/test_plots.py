@@ -39,10 +39,10 @@ def labels(points, names, **limits):
 
 
 def test_labels_lie_beside_their_points_and_apart():
-    points = np.random.default_rng().uniform(0.02, 0.98, (40, 2))
+    points = np.random.default_rng().uniform(0.02, 0.98, (80, 2))
     names = [f"setting {number}" for number in range(len(points))]
     found, frame, marks = labels(points, names)
-    assert 3 < len(found) < 40  # there is no room for all
+    assert 3 < len(found) < 80  # there is no room for all
     boxes = list(found.values())
     for number, box in enumerate(boxes):
         assert not box.count_overlaps(boxes[:number])

@@ -6,7 +6,7 @@ import numpy as np
 
 INK = "#333333"  # of axes and text
 MARK = 4.0  # pixels: half the size of what marks a point
-APART = 9.0  # pixels between a label and other points, lest it seem theirs
+APART = 15.0  # pixels between a label and other points, lest it seem theirs
 LABEL_PLACES = (  # beside a point, in 1/72 inches, and which side of the label is there
     *(((4, 3), "left"), ((4, -8), "left")),
     *(((-4, 3), "right"), ((-4, -8), "right")),

@@ -110,7 +110,8 @@ def section(
                 "rendering",
                 "Error against time, that of the default times each setting's share of it; up and "
                 "left is better. The line joins what nothing beats in both; dashed: "
-                f"{study.BOUND:g} dB, the bound of default mode.",
+                f"{study.BOUND:g} dB, the bound of default mode. Points without room for a name "
+                "stand in the table.",
                 plot(rows),
             )
         ],
