@@ -44,4 +44,6 @@ def test_other_defaults_would_be_seen(tmp_path):
         assert wrong != text
         found.append(tmp_path / f"{path.parent.name}.json")
         found[-1].write_text(wrong)
-    assert run(*found).returncode == 1
+    ended = run(*found)
+    assert ended.returncode == 1 and not ended.stderr
+    assert ended.stdout.count("<- the rule") == 1  # that of the substeps, which are as they were

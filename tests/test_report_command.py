@@ -4,6 +4,7 @@ import csv
 import json
 from dataclasses import replace
 from math import isfinite
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -189,6 +190,10 @@ def test_ctrl_c_keeps_an_older_report(ball_file, tmp_path, monkeypatch, capsys):
         assert (tmp_path / "r-interrupted").exists() == bool(done)
     said = capsys.readouterr()
     assert "nothing is written" in said.err and "Missing: rendering" in said.out
+    monkeypatch.chdir(tmp_path / "r")  # a folder without a name
+    here = replace(arguments, output=Path())
+    assert run("deformrf-report", lambda: command.prepare(here)) == INTERRUPTED
+    assert (tmp_path / "r" / "report.html").read_bytes() == old
     kept = json.loads((tmp_path / "r-interrupted" / "report.json").read_text())
     assert list(kept["sections"]) == ["training", "machine"]
 

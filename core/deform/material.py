@@ -72,10 +72,9 @@ class Material:
     def young_modulus_at(self, stiffness_ratio: float) -> float:
         """The E that a load meets at r = α/(w h²) [Pa]: E r / (max(r, r_min) + c).
 
-        One projection a substep acts like a compliance of α + c w h², so that E is held to a
-        share of about c/r.  Columns of A15 under
-        loads from two sides have c = 0.3 at ν = 1/4, 0.35 at 0.35 and 0.55 at 0.45, each
-        ± 0.1 for r from 0.05 to 50 (measured).
+        One projection a substep acts like a compliance of α + c w h², so that for large r a
+        share of about c/r of E is lost.  Columns of A15 under loads from two sides have c = 0.3
+        at ν = 1/4, 0.35 at 0.35 and 0.55 at 0.45, each ± 0.1 for r from 0.05 to 50 (measured).
         """
         floored = max(stiffness_ratio, COMPLIANCE_FLOOR)
         return self.young_modulus * stiffness_ratio / (floored + self.softening)

@@ -135,7 +135,8 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
             raise failure
         output = arguments.output
         if failure is not None and is_complete(output):  # keep it
-            output = output.with_name(f"{output.resolve().name}-interrupted")
+            output = output.resolve()  # "." has no name
+            output = output.with_name(f"{output.name}-interrupted")
         missing = [job.title for job in jobs[len(found) :]]
         name = printable(arguments.model.stem)
         facts = {

@@ -10,8 +10,10 @@ import argparse
 import json
 from pathlib import Path
 
+from deformrf.core.deform.xpbd import XpbdOptions
+
 NAMES = {"h100": "one H100", "cpu": "two CPU cores"}
-SUBSTEPS, FEWER_SUBSTEPS = 30, 20
+SUBSTEPS, FEWER_SUBSTEPS = XpbdOptions().substep_count, 20
 CASES = {
     "collapsed to a plane, a line, a point": ("plane", "line", "point"),
     "mirrored": ("mirrored",),
