@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.study.stopwatch import compared, milliseconds, timed, timing_of
+from deformrf.core.study.stopwatch import compared, hold_back, milliseconds, timed, timing_of
 
 
 def test_a_timing_is_median_and_percentiles():
@@ -45,3 +45,26 @@ def test_on_cuda_a_time_is_that_of_the_device():
     four = timed(lambda: [wp.copy(other, array) for _ in range(4)], "cuda:0", 5).median
     assert 0.05 < one < 5.0  # half a GB, read and written
     assert 3.0 < four / one < 5.0
+
+
+@pytest.mark.gpu
+def test_what_is_launched_meanwhile_runs_without_gaps():
+    array = wp.zeros(1, dtype=float, device="cuda:0")
+
+    def fill():
+        for _ in range(100):
+            array.fill_(1.0)
+
+    def held():
+        hold_back("cuda:0")
+        first, last = (wp.Event("cuda:0", enable_timing=True) for _ in range(2))
+        wp.record_event(first)
+        fill()
+        assert not first.is_complete  # the host is ahead
+        wp.record_event(last)
+        wp.synchronize_event(last)
+        return wp.get_event_elapsed_time(first, last)
+
+    with wp.ScopedDevice("cuda:0"):
+        held()  # compiles
+        assert 0.0 < np.median([held() for _ in range(9)]) <= timed(fill, "cuda:0", 9).median

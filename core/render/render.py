@@ -215,6 +215,7 @@ class Renderer:
         rays.directions.assign(np.ascontiguousarray(directions, np.float32))
         pixels, _ = self._accumulate(rays, count, options)
         transmittance = pixels.transmittance.numpy()
+        self.stage.collect()
         opacity = 1.0 - transmittance
         color = pixels.color.numpy() + transmittance[:, None] * np.float32(options.background)
         return color, opacity, pixels.depth.numpy() / np.maximum(opacity, 1e-6)
@@ -234,7 +235,8 @@ class Renderer:
             self._wavefront = Wavefront(
                 self.pose, self._boxes, self._occupancy, self.shading, self.field.options, room
             )
-        self._overlap.seek()
+        with self.stage("overlap"):
+            self._overlap.seek()
         wavefront, lens = self._wavefront, device_lens(camera.lens)
         pose = wp.mat44(camera.camera_to_world)
         sample_count = wavefront.render(pose, lens, rows, options, self.stage)
@@ -261,7 +263,9 @@ class Renderer:
 
     def _prepare(self, options):
         """Look for overlap, and get ready for it."""
-        if self.tangle() or options.layers:
+        with self.stage("overlap"):
+            tangle = self.tangle()
+        if tangle or options.layers:
             self._layers.prepare()
             self._boxes.refresh()
 

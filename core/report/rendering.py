@@ -97,7 +97,8 @@ def section(
             Table(
                 "stages",
                 "Milliseconds of a view in default mode, stage by stage; "
-                f"{_stage_clock(rendering)} The pose is in the stages alone.",
+                f"{_stage_clock(rendering)} The pose, and the search whether it overlaps, are in "
+                "the stages alone.",
                 {"stage": "stage", "time": "ms"},
                 [
                     *(StageRow(name, time) for name, time in stages.items()),
@@ -146,7 +147,10 @@ def _cuda_method(rendering):
 
 def _stage_clock(rendering):
     if rendering.device.is_cuda:
-        return "by events, launched one by one, where the view by itself is a few graphs."
+        return (
+            "by events, on a device that always has the next launch at hand; the view by itself "
+            "waits for the host between views."
+        )
     return "those of all threads are added up."
 
 

@@ -14,6 +14,7 @@ import warp as wp
 
 LOW, HIGH = 10.0, 90.0  # percentiles that say how far repeats spread
 WARM_UP = 3
+HELD_STEPS = 200_000  # of one thread, each waits for the one before: some 10 ms
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,25 @@ def milliseconds(action: Callable[[], object], device) -> float:
     stream.record_event(last)
     wp.synchronize_event(last)
     return wp.get_event_elapsed_time(first, last)
+
+
+@wp.kernel(enable_backward=False)
+def hold_back_kernel(count: int, value: wp.array(dtype=float)):
+    x = value[0]
+    for _ in range(count):
+        x = wp.sin(x)
+    value[0] = x
+
+
+def hold_back(device):
+    """On CUDA: keep the stream busy, so that what is launched meanwhile runs without gaps.
+
+    What is shorter than its own launch is otherwise told to take as long as that.
+    """
+    device = wp.get_device(device)
+    if device.is_cuda:
+        value = wp.full(1, 1.0, dtype=float, device=device)
+        wp.launch(hold_back_kernel, 1, [HELD_STEPS, value], device=device)
 
 
 def timed(action: Callable[[], object], device, repeats: int, warm_up: int = WARM_UP) -> Timing:
