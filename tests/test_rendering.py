@@ -214,7 +214,7 @@ def test_the_reference_knows_its_own_error(study):
 
 def test_stages_take_time(study):
     stages = study.stages(1)
-    assert {"march", "encode", "networks"} <= set(stages)
+    assert {"pose", "overlap", "march", "encode", "networks"} <= set(stages)
     assert all(0.0 <= time.low <= time.median <= time.high for time in stages.values())
     assert sum(time.median for time in stages.values()) > 0.0
     study.measure([Setting("default", "default")], 1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.study.stopwatch import compared, hold_back, milliseconds, timed, timing_of
+from deformrf.core.study.stopwatch import compared, held_back, milliseconds, timed, timing_of
 
 
 def test_a_timing_is_median_and_percentiles():
@@ -56,12 +56,12 @@ def test_what_is_launched_meanwhile_runs_without_gaps():
             array.fill_(1.0)
 
     def held():
-        hold_back("cuda:0")
         first, last = (wp.Event("cuda:0", enable_timing=True) for _ in range(2))
-        wp.record_event(first)
-        fill()
-        assert not first.is_complete  # the host is ahead
-        wp.record_event(last)
+        with held_back("cuda:0"):
+            wp.record_event(first)
+            fill()
+            assert not first.is_complete  # the host is ahead
+            wp.record_event(last)
         wp.synchronize_event(last)
         return wp.get_event_elapsed_time(first, last)
 

@@ -240,15 +240,17 @@ class Renderer:
         wavefront, lens = self._wavefront, device_lens(camera.lens)
         pose = wp.mat44(camera.camera_to_world)
         sample_count = wavefront.render(pose, lens, rows, options, self.stage)
-        if self.tangle():
+        with self.stage("overlap"):
+            tangle = self.tangle()
+        if tangle:
             sample_count += self._mend(wavefront, count, options)
         color, depth = wp.clone(wavefront.color[:count]), wp.clone(wavefront.depth[:count])
         return Image(color.reshape(shape), depth.reshape(shape), sample_count)
 
     def _mend(self, wavefront, count, options) -> int:
         """Render tangled rays again, which the wavefront got wrong."""
+        self._prepare(options)
         with self.stage("layers"):
-            self._prepare(options)
             _, tangled = self._overlap.sort_rays(wavefront.rays, count)
             if not len(tangled):
                 return 0

@@ -146,11 +146,13 @@ def _cuda_method(rendering):
 
 
 def _stage_clock(rendering):
-    if rendering.device.is_cuda:
+    if rendering.half:
         return (
-            "by events, on a device that always has the next launch at hand; the view by itself "
-            "waits for the host between views."
+            "by events, on a device that always has the next launch at hand, but for the pose, "
+            "which is with its upload; the view by itself waits for the host between views."
         )
+    if rendering.device.is_cuda:
+        return "by events; the host waits between rounds."
     return "those of all threads are added up."
 
 

@@ -27,7 +27,7 @@ from ..render.options import RenderOptions
 from ..render.render import Renderer
 from . import pictures, rule
 from .photographs import Photographs
-from .stopwatch import WARM_UP, Share, Timing, hold_back, milliseconds, share_of, timing_of
+from .stopwatch import WARM_UP, Share, Timing, held_back, milliseconds, share_of, timing_of
 
 BOUND = 45.0  # dB, of default mode
 LARGEST = 8.0  # 1/255
@@ -280,8 +280,8 @@ class RenderingStudy:
             seconds = renderer.stage_seconds = {}
             for picture in self.pictures:
                 renderer.set_vertices(rest)
-                hold_back(self.device)
-                renderer.render(picture.camera, default.options)
+                with held_back(self.device):
+                    renderer.render(picture.camera, default.options)
             if repeat >= 0:
                 for name, total in (*seconds.items(), ("together", sum(seconds.values()))):
                     found.setdefault(name, []).append(1e3 * total / len(self.pictures))

@@ -7,6 +7,7 @@ the machine happens to both.
 
 import time
 from collections.abc import Callable
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ import warp as wp
 
 LOW, HIGH = 10.0, 90.0  # percentiles that say how far repeats spread
 WARM_UP = 3
-HELD_STEPS = 200_000  # of one thread, each waits for the one before: some 10 ms
+HELD_STEPS = 200_000  # of one thread, each waits for the one before: some 10 ms, launches 1 to 3
 
 
 @dataclass(frozen=True)
@@ -74,15 +75,17 @@ def hold_back_kernel(count: int, value: wp.array(dtype=float)):
     value[0] = x
 
 
-def hold_back(device):
-    """On CUDA: keep the stream busy, so that what is launched meanwhile runs without gaps.
+@contextmanager
+def held_back(device):
+    """On CUDA: the stream is busy at first, so that what is launched within runs without gaps.
 
     What is shorter than its own launch is otherwise told to take as long as that.
     """
     device = wp.get_device(device)
     if device.is_cuda:
-        value = wp.full(1, 1.0, dtype=float, device=device)
+        value = wp.full(1, 1.0, dtype=float, device=device)  # freed when what is within is launched
         wp.launch(hold_back_kernel, 1, [HELD_STEPS, value], device=device)
+    yield
 
 
 def timed(action: Callable[[], object], device, repeats: int, warm_up: int = WARM_UP) -> Timing:
