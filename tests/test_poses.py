@@ -157,11 +157,16 @@ def test_every_pose_renders_as_defined(assert_conforms, posed, pose):
     color, opacity, _ = renderer.render_rays(*both, CONFORMANCE)
     assert_conforms(color, expected, field, vertices, *both, BACKGROUND)
     assert np.abs(opacity - expected_opacity).mean() < 1e-3
-    default, _, _ = renderer.render_rays(*both, RenderOptions(BACKGROUND))
+    options = RenderOptions(BACKGROUND)
+    default, _, _ = renderer.render_rays(*both, options)
     assert np.isfinite(default).all()
-    assert psnr(default, expected) > 45.0
-    image = renderer.render(view, RenderOptions(BACKGROUND)).color_array()  # CUDA: in slots
-    assert psnr(image[..., :3].reshape(-1, 3) / 255.0, expected) > 45.0
+    if not renderer.device.is_cuda:  # half precision adds to it
+        assert np.abs(default - color).max() < options.stop  # whatever is behind a ray's end
+    # From inside all rays end early, and random contents are not alike behind and before.
+    least = 42.0 if pose == "camera inside" else 45.0
+    assert psnr(default, expected) > least
+    image = renderer.render(view, options).color_array()  # CUDA: in slots
+    assert psnr(image[..., :3].reshape(-1, 3) / 255.0, expected) > least
 
 
 @pytest.mark.parametrize("pose", (*FOLDED, *UNFOLDED))
