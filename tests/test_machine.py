@@ -89,3 +89,25 @@ def test_nothing_says_whose_machine_it_is(device, tmp_path, monkeypatch):
     values = json.loads((tmp_path / "report.json").read_text())["sections"]["machine"]
     for fact in values["tables"]["machine"]:
         assert not any(word.startswith("/") for word in fact["value"].split()), fact
+
+
+def test_a_changed_source_or_model_is_told_from_another(tmp_path):
+    """Kernels in C++ and CUDA are sources, too; what the interpreter leaves there is not."""
+    named = {path.name for path in machine.sources(machine.SOURCE)}
+    assert {"frame_cpu.cpp", "frame_cuda.cu", "machine.py"} <= named
+    names = ("a.py", "deep/b.cu", "deep/c.cpp")
+    for name in (*names, "a.pyc", "d.txt"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(name)
+    assert machine.sources(tmp_path) == [tmp_path / name for name in names]
+    seen = {machine.digest(machine.sources(tmp_path))}
+    for name in names:
+        (tmp_path / name).write_text("changed")
+        seen.add(machine.digest(machine.sources(tmp_path)))
+    assert len(seen) == 4
+    told = [
+        facts(machine.section("cpu", {}, COMMAND, tmp_path / name))["model, SHA-256"]
+        for name in ("a.pyc", "d.txt")
+    ]
+    assert told[0] != told[1]

@@ -161,7 +161,8 @@ def test_every_pose_renders_as_defined(assert_conforms, posed, pose):
     default, _, _ = renderer.render_rays(*both, options)
     assert np.isfinite(default).all()
     if not renderer.device.is_cuda:  # half precision adds to it
-        assert np.abs(default - color).max() < options.stop  # whatever is behind a ray's end
+        behind = options.stop + CONFORMANCE.stop  # all that is behind the ends of rays
+        assert np.abs(default - color).max() < behind
     # From inside all rays end early, and random contents are not alike behind and before.
     least = 42.0 if pose == "camera inside" else 45.0
     assert psnr(default, expected) > least

@@ -19,6 +19,7 @@ from .parts import Section, Table
 
 PACKAGES = ("numpy", "warp-lang", "torch", "scipy", "pillow")
 SOURCE = Path(__file__).parents[1]  # what is measured, and what measures
+SUFFIXES = (".py", ".cpp", ".cu")
 DIGITS = 16
 CPU_NAMES = Path("/proc/cpuinfo")
 GIB = 2**30
@@ -45,7 +46,7 @@ def section(device, seeds: dict, command: str, model: Path | None = None) -> Sec
     facts = _cpu() | (_gpu(device) if device.is_cuda else {}) | _software()
     facts["seeds"] = ", ".join(f"{name} {seed}" for name, seed in seeds.items()) or "none"
     facts["command"] = without_folders(command)
-    facts["source, SHA-256"] = digest(sorted(SOURCE.rglob("*.py")))
+    facts["source, SHA-256"] = digest(sources(SOURCE))
     if model is not None:
         facts["model, SHA-256"] = digest([model])
     cores = facts["usable cores"]
@@ -65,6 +66,11 @@ def section(device, seeds: dict, command: str, model: Path | None = None) -> Sec
         tables=[table],
         values={"device": device.alias, "seeds": seeds},
     )
+
+
+def sources(folder: Path) -> list[Path]:
+    """The files of a program, in an order that is the same everywhere."""
+    return sorted(path for path in folder.rglob("*") if path.suffix in SUFFIXES)
 
 
 def digest(files) -> str:
