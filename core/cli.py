@@ -124,7 +124,7 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     that learning from the images found nothing; anything else there is a fault of the program
     and keeps its traceback.
     """
-    from .training.capture import DatasetError
+    from .training import DatasetError
 
     mendable = (ValueError, OSError, MemoryError)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems ask that way
@@ -161,8 +161,8 @@ def outlives_first() -> bool:
 
 
 def prepare_training(arguments: TrainArguments):
-    from .training import datasets, metrics
-    from .training.scene_box import world_to_unit_cube
+    from .training import metrics, world_to_unit_cube
+    from .training.data import datasets
 
     output = writable_file(arguments.output, ".npz")
     checkpoint_path = output.with_suffix(".checkpoint")
@@ -194,7 +194,9 @@ def prepare_training(arguments: TrainArguments):
                 flush=True,
             )
         from .field import modelfile
-        from .training import distributed, evaluate, trainer
+        from .training import evaluation as evaluate
+        from .training import trainer
+        from .training.run import distributed
 
         name, bits = arguments.data.resolve().name, arguments.entry_bits
         with distributed.torchrun_workers(device) as workers:
@@ -237,7 +239,7 @@ def prepare_training(arguments: TrainArguments):
 
 def train_options(arguments: TrainArguments):
     """The preset, and what the flags change in it."""
-    from .training.options import preset
+    from .training import preset
 
     names = ("aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")  # in no preset
     options = preset(arguments.preset, **{name: getattr(arguments, name) for name in names})
@@ -252,7 +254,7 @@ def train_options(arguments: TrainArguments):
 
 def resumed_run(arguments: TrainArguments, path: Path):
     """The checkpoint of an interrupted run, whose options no flag contradicts."""
-    from .training import checkpoint
+    from .training.run import checkpoint
 
     resumed = checkpoint.load(path)
     if flag := contradiction(arguments, resumed.options):
@@ -265,7 +267,7 @@ def resumed_run(arguments: TrainArguments, path: Path):
 
 def contradiction(arguments: TrainArguments, options) -> str | None:
     """The first flag that was given and is not what these options come from."""
-    from .training.options import preset
+    from .training import preset
 
     if set(arguments.leave_out) == set(options.leave_out):  # in any order
         arguments = replace(arguments, leave_out=options.leave_out)
@@ -333,7 +335,8 @@ def finest_levels(trained) -> str:
 
 
 def prepare_evaluation(arguments: EvaluateArguments):
-    from .training import datasets, metrics
+    from .training import metrics
+    from .training.data import datasets
 
     if not 0.01 <= arguments.step_factor <= 100.0:
         raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
@@ -359,8 +362,8 @@ def prepare_evaluation(arguments: EvaluateArguments):
         lpips = metric.Lpips(arguments.lpips_weights, device)
 
     from .field import modelfile
-    from .render.options import RenderOptions
-    from .training import evaluate
+    from .render import RenderOptions
+    from .training import evaluation as evaluate
 
     field = modelfile.load(arguments.model)
 

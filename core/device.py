@@ -1,4 +1,4 @@
-"""Which device a program runs on, and how Warp starts for it: quietly.
+"""Which device a program runs on, with how many threads, and how Warp starts for it: quietly.
 
 The device has Warp's name, "cpu" or "cuda:0"; the command lines' word "auto" means CUDA if
 there is any.  Training that torchrun starts has as many GPUs as processes, one for each.
@@ -8,6 +8,8 @@ import ctypes
 import os
 import sys
 from contextlib import contextmanager
+from math import ceil
+from pathlib import Path
 from typing import Literal
 
 Choice = Literal["auto", "cpu", "cuda"]
@@ -36,6 +38,31 @@ def device_name(choice: Choice, for_training=False) -> str:
     if index > 0 and index >= (count := wp.get_cuda_device_count()):
         raise ValueError(f"torchrun's --nproc-per-node has to be at most {count}, the GPUs here")
     return f"cuda:{index}"
+
+
+def thread_count() -> int:
+    """How many threads of this process can run side by side.
+
+    The process's CPU affinity counts, and the CPU quota of its container (cgroup v2 or v1).
+    """
+    affinity = getattr(os, "sched_getaffinity", None)  # Linux alone has it
+    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
+    return max(1, ceil(min(cores, _container_cores())))
+
+
+def _container_cores(root: Path = Path("/sys/fs/cgroup")) -> float:
+    """The CPU quota of the container in cores; infinite without one."""
+    try:
+        if (limit := root / "cpu.max").exists():  # cgroup v2: "200000 100000" or "max 100000"
+            quota, period = limit.read_text().split()
+        else:
+            quota, period = (
+                (root / "cpu" / f"cpu.cfs_{name}_us").read_text() for name in ("quota", "period")
+            )
+        cores = float(quota) / float(period)
+    except (OSError, ValueError, ZeroDivisionError):  # no cgroup, or "max"
+        return float("inf")
+    return cores if cores > 0.0 else float("inf")  # v1 says -1 for no limit
 
 
 def start_warp():

@@ -77,11 +77,9 @@ def _make_ball_field(seed, spacing=0.08, occupied_share=0.7, gap=0.0, **options)
 
     With a gap, there are two halves, on both sides of x = ½.
     """
-    from deformrf.core.field.field import FieldOptions, random_field
-    from deformrf.core.field.occupancy import LEVELS, pack_mask
-    from deformrf.core.geometry.lattice import a15_grid
-    from deformrf.core.geometry.mesh import extract, tet_neighbours
-    from deformrf.core.geometry.subdivision import path_corners
+    from deformrf.core.field import LEVELS, FieldOptions, random_field
+    from deformrf.core.field.occupancy import pack_mask
+    from deformrf.core.geometry import a15_grid, extract, path_corners, tet_neighbours
 
     rng = np.random.default_rng(seed)
     grid = a15_grid(spacing)
@@ -136,7 +134,7 @@ def _write_dataset(folder, images, split="test", names=None, paths=None, **scene
 
 
 def _pose(view):
-    from deformrf.core.render.camera import look_at
+    from deformrf.core.render import look_at
 
     return look_at((4.0 * np.cos(view), 4.0 * np.sin(view), 1.0), (0.0, 0.0, 0.0))
 
@@ -155,9 +153,8 @@ def data(tmp_path, write_dataset):
 @pytest.fixture
 def field():
     """A little field of random contents on a whole grid."""
-    from deformrf.core.field.field import FieldOptions, random_field
-    from deformrf.core.geometry.lattice import a15_grid
-    from deformrf.core.geometry.mesh import tet_neighbours
+    from deformrf.core.field import FieldOptions, random_field
+    from deformrf.core.geometry import a15_grid, tet_neighbours
 
     mesh = a15_grid(0.25)
     options = FieldOptions(2, 2**10, (16,), (16,), march_step=0.05)
@@ -199,9 +196,8 @@ def trainer(monkeypatch, field):
 @pytest.fixture(scope="session")
 def ball():
     """A solid ball of random colors on 364 tets, quick to render: for the viewer's tests."""
-    from deformrf.core.field.field import FieldOptions, random_field
-    from deformrf.core.geometry.lattice import a15_grid
-    from deformrf.core.geometry.mesh import extract, tet_neighbours
+    from deformrf.core.field import FieldOptions, random_field
+    from deformrf.core.geometry import a15_grid, extract, tet_neighbours
 
     grid = a15_grid(1 / 14)
     centers = grid.rest_vertices[grid.tets].mean(axis=1) - 0.5

@@ -170,7 +170,7 @@ def test_a_transparent_picture_of_a_mode_is_the_field_alone(ball_file, tmp_path,
 def test_the_modes_of_the_command_line_are_the_renderers():
     from typing import get_args
 
-    from deformrf.core.render.modes import MODES
+    from deformrf.core.render import MODES
 
     assert get_args(options.Mode) == MODES
 

@@ -5,7 +5,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from deformrf.core.field.archive import ModelFileError, array, read_arrays
+from deformrf.core.field import ModelFileError, read_arrays
+from deformrf.core.field.archive import array
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import warp as wp
 
 from deformrf.core.deform import constraints
 from deformrf.core.deform.arrays import CPU_GROUP, CUDA_GROUP, ConstraintList
-from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.geometry import a15_grid
 
 MESH = a15_grid(0.2)
 

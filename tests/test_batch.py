@@ -5,12 +5,11 @@ import pytest
 import torch
 import warp as wp
 
-from deformrf.core.field.network import spherical_harmonics
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import tet_neighbours
-from deformrf.core.render.traversal import Pose
-from deformrf.core.training.batch import MAX_RAY_SAMPLES, Batch
+from deformrf.core.field.networks.reference import spherical_harmonics
+from deformrf.core.geometry import a15_grid, tet_neighbours
+from deformrf.core.render import Pose
 from deformrf.core.training.options import PRESETS
+from deformrf.core.training.run.batch import MAX_RAY_SAMPLES, Batch
 
 RAYS = 300
 

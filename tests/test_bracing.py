@@ -3,8 +3,7 @@
 import numpy as np
 
 from deformrf.core.deform.bracing import hinge_braces
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import face_components, tet_neighbours
+from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
 
 
 def test_a_grid_needs_no_braces():

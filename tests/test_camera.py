@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.render.camera import from_field_of_view, look_at, rays, view_projection
+from deformrf.core.render import camera_rays, from_field_of_view, look_at, view_projection
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def test_look_at_is_a_rotation_that_faces_the_target(camera):
 
 
 def test_points_on_a_ray_project_to_its_pixel(camera):
-    origins, directions = rays(camera)
+    origins, directions = camera_rays(camera)
     t = np.random.default_rng().uniform(1.0, 5.0, len(origins))
     points = np.column_stack([origins + t[:, None] * directions, np.ones(len(t))])
     clip = points @ view_projection(camera, 0.1, 10.0).T

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.training import checkpoint
-from deformrf.core.training.checkpoint import Checkpoint, CheckpointError
-from deformrf.core.training.options import preset
+from deformrf.core.geometry import a15_grid
+from deformrf.core.training import preset
+from deformrf.core.training.run import checkpoint
+from deformrf.core.training.run.checkpoint import Checkpoint, CheckpointError
 
 
 def some(**options):

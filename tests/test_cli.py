@@ -14,8 +14,8 @@ from PIL import Image
 
 from deformrf.core import cli
 from deformrf.core.field import modelfile
-from deformrf.core.training.capture import DatasetError
-from deformrf.core.training.options import LEAVE_OUT, PRESETS, preset
+from deformrf.core.training import DatasetError, preset
+from deformrf.core.training.options import LEAVE_OUT, PRESETS
 
 
 @pytest.fixture
@@ -203,7 +203,7 @@ def test_evaluation_of_a_few_small_views(call, data, model, tmp_path):
 def test_surroundings_that_a_model_has_not_kept_are_said(
     call, field, write_dataset, tmp_path, asked, kept, color, said
 ):
-    from deformrf.core.training.surroundings import random_surroundings
+    from deformrf.core.training.run.surroundings import random_surroundings
 
     write_dataset(tmp_path / "data", [Image.new("RGBA", (16, 12), color)])
     around = random_surroundings(np.array([[0.0] * 3, [1.0] * 3])) if kept else None

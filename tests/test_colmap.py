@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.render.camera import look_at
-from deformrf.core.training import datasets
-from deformrf.core.training.capture import DatasetError
-from deformrf.core.training.colmap import upright
+from deformrf.core.render import look_at
+from deformrf.core.training import DatasetError
+from deformrf.core.training.data import datasets
+from deformrf.core.training.data.colmap import upright
 
 CAMERAS = {
     1: ("SIMPLE_PINHOLE", 16, 12, (20, 8, 6)),

@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from deformrf.core.geometry.coloring import color_order, complete_colors
-from deformrf.core.geometry.lattice import a15_grid, bcc_grid, kuhn_grid
-from deformrf.core.geometry.mesh import edges, extract
+from deformrf.core.geometry import a15_grid, color_order, edges, extract
+from deformrf.core.geometry.coloring import complete_colors
+from deformrf.core.geometry.lattice import bcc_grid, kuhn_grid
 
 
 def part_of(grid, spacing, share=0.5):

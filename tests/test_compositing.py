@@ -5,8 +5,8 @@ import pytest
 import torch
 import warp as wp
 
-from deformrf.core.render.compositing import composite_reference
-from deformrf.core.training.differentiable import Composite
+from deformrf.core.render.rounds.compositing import composite_reference
+from deformrf.core.training.run.differentiable import Composite
 
 
 def random_samples(ray_count=40, longest=12):

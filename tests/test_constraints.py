@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import constraints
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import signed_volumes
+from deformrf.core.geometry import a15_grid, signed_volumes
 
 UNIT_TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
 MESH = a15_grid(0.1)  # no hinges, so no braces

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.field.field import FieldOptions, random_field
-from deformrf.core.geometry.mesh import TetMesh
+from deformrf.core.field import FieldOptions, random_field
+from deformrf.core.geometry import TetMesh
 from deformrf.core.render import reference
 
 HALVINGS = 3

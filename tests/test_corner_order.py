@@ -5,10 +5,9 @@ from itertools import permutations
 import numpy as np
 import pytest
 
+from deformrf.core.geometry import A15, EDGES, a15_grid, cell_tets, path_corners
 from deformrf.core.geometry.corner_order import best_corner_order
-from deformrf.core.geometry.lattice import A15, a15_grid, cell_tets
-from deformrf.core.geometry.mesh import EDGES, FACES
-from deformrf.core.geometry.subdivision import path_corners
+from deformrf.core.geometry.mesh import FACES
 
 ALL_ORDERS = np.array(list(permutations(range(4))))  # [24, 4]
 IS_EVEN = np.linalg.det(np.eye(4)[ALL_ORDERS]) > 0

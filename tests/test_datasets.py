@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.render.camera import look_at
-from deformrf.core.training import datasets
-from deformrf.core.training.capture import DatasetError
+from deformrf.core.render import look_at
+from deformrf.core.training import DatasetError
+from deformrf.core.training.data import datasets
 
 ANGLE = 0.7  # of the data sets that conftest.py writes
 

@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from deformrf.core.deform.constraints import COMPLIANCE_FLOOR
-from deformrf.core.deform.material import PRESETS, Material
+from deformrf.core.deform import COMPLIANCE_FLOOR, PRESETS, Material
 
 pytestmark = pytest.mark.gl
 

@@ -3,7 +3,8 @@ import sys
 
 import pytest
 
-from deformrf.core.device import device_name
+from deformrf.core import device as devices
+from deformrf.core.device import device_name, thread_count
 
 
 def test_cpu_is_always_there():
@@ -47,3 +48,31 @@ def test_warp_starts_without_a_word():
     program = "from deformrf.core.device import device_name; device_name('auto')"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    "files, cores",
+    [
+        ({"cpu.max": "150000 100000"}, 1.5),
+        ({"cpu.max": "max 100000"}, float("inf")),
+        ({"cpu/cpu.cfs_quota_us": "400000", "cpu/cpu.cfs_period_us": "100000"}, 4.0),
+        ({"cpu/cpu.cfs_quota_us": "-1", "cpu/cpu.cfs_period_us": "100000"}, float("inf")),
+        ({"cpu.max": "nonsense"}, float("inf")),
+        ({}, float("inf")),
+    ],
+)
+def test_a_containers_quota_is_read(tmp_path, files, cores):
+    (tmp_path / "cpu").mkdir()
+    for name, text in files.items():
+        (tmp_path / name).write_text(text + "\n")
+    assert devices._container_cores(tmp_path) == cores
+
+
+def test_threads_keep_to_affinity_and_quota(monkeypatch):
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 3, 5}, raising=False)
+    monkeypatch.setattr(devices, "_container_cores", lambda: float("inf"))
+    assert thread_count() == 3
+    monkeypatch.setattr(devices, "_container_cores", lambda: 1.5)
+    assert thread_count() == 2
+    monkeypatch.setattr(devices, "_container_cores", lambda: 0.2)
+    assert thread_count() == 1

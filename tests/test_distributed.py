@@ -15,19 +15,17 @@ import torch
 from PIL import Image
 
 from deformrf.core.device import device_name
-from deformrf.core.field import modelfile
-from deformrf.core.field.field import FieldOptions
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.render.camera import look_at
-from deformrf.core.training import datasets, trainer
-from deformrf.core.training.differentiable import on_warp_stream
-from deformrf.core.training.distributed import ALONE, Workers, torchrun_workers
-from deformrf.core.training.options import preset
-from deformrf.core.training.raybank import RayBank
-from deformrf.core.training.scene_box import world_to_unit_cube
-from deformrf.core.training.stage import Stage
-from deformrf.core.training.step import LOSS_SCALE, Step
-from deformrf.core.training.surroundings import LearntSurroundings, random_surroundings
+from deformrf.core.field import FieldOptions, modelfile
+from deformrf.core.geometry import a15_grid
+from deformrf.core.render import look_at
+from deformrf.core.training import preset, trainer, world_to_unit_cube
+from deformrf.core.training.data import datasets
+from deformrf.core.training.data.raybank import RayBank
+from deformrf.core.training.run.differentiable import on_warp_stream
+from deformrf.core.training.run.distributed import ALONE, Workers, torchrun_workers
+from deformrf.core.training.run.stage import Stage
+from deformrf.core.training.run.step import LOSS_SCALE, Step
+from deformrf.core.training.run.surroundings import LearntSurroundings, random_surroundings
 
 SIZE = 24
 RAYS = 301  # two shares of it differ

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from deformrf.core.deform.material import Material
-from deformrf.core.geometry.lattice import A15, BCC
-from deformrf.core.study.bodies import ball, beam
-from deformrf.core.study.dynamics import Run, highest_frequency, motion
-from deformrf.core.study.energy import Energy, material_energy
+from deformrf.core.deform import Material
+from deformrf.core.geometry import A15, BCC
+from deformrf.core.lab.dynamics.bodies import ball, beam
+from deformrf.core.lab.dynamics.energy import Energy, material_energy
+from deformrf.core.lab.dynamics.verlet import Run, highest_frequency, motion
 
 SPRING = Energy(
     masses=np.array([1.0, 0.7]),

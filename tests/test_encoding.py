@@ -4,19 +4,10 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.field.encoding import (
-    FEATURES,
-    dense_ids,
-    encode_backward_kernel,
-    encode_kernel,
-    encode_reference,
-    make_layout,
-    make_tables,
-    vec4h,
-)
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import FACES, tet_neighbours
-from deformrf.core.geometry.subdivision import path_nodes
+from deformrf.core.field import FEATURES, encode_backward_kernel, encode_kernel, make_tables
+from deformrf.core.field.encoding import dense_ids, encode_reference, make_layout, vec4h
+from deformrf.core.geometry import a15_grid, path_nodes, tet_neighbours
+from deformrf.core.geometry.mesh import FACES
 
 LEVELS, TABLE_SIZE, COUNT = 6, 2**12, 5000
 

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from deformrf.core.deform.material import Material
-from deformrf.core.geometry.lattice import A15, BCC, a15_grid
-from deformrf.core.geometry.mesh import signed_volumes
-from deformrf.core.study.bodies import ball
-from deformrf.core.study.energy import Energy, material_energy, uniform_energy
+from deformrf.core.deform import Material
+from deformrf.core.geometry import A15, BCC, a15_grid, signed_volumes
+from deformrf.core.lab.dynamics.bodies import ball
+from deformrf.core.lab.dynamics.energy import Energy, material_energy, uniform_energy
 
 
 @pytest.fixture

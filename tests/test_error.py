@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.deform.constraints import lumped_masses
-from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
-from deformrf.core.study import error
-from deformrf.core.study.stopwatch import Timing
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, lumped_masses
+from deformrf.core.lab.dynamics import error
+from deformrf.core.lab.stopwatch import Timing
 
 FLOORS = {20: 0.05, 50: 0.01}  # of the RMS error, by substeps
 

@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.field import modelfile
-from deformrf.core.field.field import FieldOptions, random_field
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import tet_neighbours
-from deformrf.core.render import camera as cameras
-from deformrf.core.render.lens import pinhole
-from deformrf.core.render.render import Renderer
-from deformrf.core.training import evaluate as evaluation
-from deformrf.core.training.datasets import from_images
-from deformrf.core.training.evaluate import evaluate, print_report
-from deformrf.core.training.surroundings import LearntSurroundings, random_surroundings
+from deformrf.core.field import FieldOptions, modelfile, random_field
+from deformrf.core.geometry import a15_grid, tet_neighbours
+from deformrf.core.render import Renderer
+from deformrf.core.render.rays import camera as cameras
+from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.training import evaluation
+from deformrf.core.training.data.datasets import from_images
+from deformrf.core.training.evaluation import evaluate, print_report
+from deformrf.core.training.run.surroundings import LearntSurroundings, random_surroundings
 
 SIZE = 16
 VIEWS = 3

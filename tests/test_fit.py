@@ -6,20 +6,19 @@ import numpy as np
 import pytest
 import torch
 
-from deformrf.core.field.field import FieldOptions
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.render.camera import look_at
-from deformrf.core.render.lens import pinhole
-from deformrf.core.training import fit
-from deformrf.core.training.datasets import from_images
-from deformrf.core.training.distributed import Workers
-from deformrf.core.training.fit import Diverged, Fit
-from deformrf.core.training.options import preset
-from deformrf.core.training.progress import TrainingProgress
-from deformrf.core.training.raybank import RayBank
-from deformrf.core.training.scene_box import world_to_unit_cube
-from deformrf.core.training.stage import Stage
-from deformrf.core.training.step import Step
+from deformrf.core.field import FieldOptions
+from deformrf.core.geometry import a15_grid
+from deformrf.core.render import look_at
+from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.training import preset, world_to_unit_cube
+from deformrf.core.training.data.datasets import from_images
+from deformrf.core.training.data.raybank import RayBank
+from deformrf.core.training.run import fit
+from deformrf.core.training.run.distributed import Workers
+from deformrf.core.training.run.fit import Diverged, Fit
+from deformrf.core.training.run.progress import TrainingProgress
+from deformrf.core.training.run.stage import Stage
+from deformrf.core.training.run.step import Step
 
 OPTIONS = preset("tiny", samples_per_step=2**15, coarse_steps=50, fine_steps=50)
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from deformrf.core.report.formatting import number, passed, printed, text
-from deformrf.core.report.parts import Table
-from deformrf.core.study.stopwatch import Timing
+from deformrf.core.lab.report.formatting import number, passed, printed, text
+from deformrf.core.lab.report.parts import Table
+from deformrf.core.lab.stopwatch import Timing
 
 
 @pytest.mark.parametrize(

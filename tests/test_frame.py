@@ -5,12 +5,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from deformrf.core.deform import constraints, frame_cpu, frame_cuda, reference
-from deformrf.core.deform.material import Material
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
+from deformrf.core.deform.frame import cpu as frame_cpu
+from deformrf.core.deform.frame import cuda as frame_cuda
+from deformrf.core.deform.frame import reference
 from deformrf.core.deform.pace import MOST_THREADS
-from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import extract
+from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
 OPTIONS = XpbdOptions(substep_count=1, rescue=False)

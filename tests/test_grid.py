@@ -3,15 +3,14 @@
 import numpy as np
 import warp as wp
 
-from deformrf.core.field.grid import (
+from deformrf.core.field import (
     GRID_ENTRIES,
     GRID_LEVELS,
     RESOLUTIONS,
-    contract,
     grid_encode_backward_kernel,
     grid_encode_kernel,
-    grid_encode_reference,
 )
+from deformrf.core.field.grid import contract, grid_encode_reference
 
 BOX = np.array([[0.1, 0.2, 0.3], [0.9, 0.7, 0.6]])
 

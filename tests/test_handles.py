@@ -2,14 +2,8 @@
 
 import numpy as np
 
-from deformrf.core.deform.handles import (
-    control_vertices,
-    falloff,
-    lowest_pins,
-    vertices_within,
-)
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import extract
+from deformrf.core.deform import control_vertices, falloff, lowest_pins, vertices_within
+from deformrf.core.geometry import a15_grid, extract
 
 
 def columns(*centers, spacing=0.06, radius=0.15, low=0.2, high=0.8):

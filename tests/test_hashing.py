@@ -4,8 +4,7 @@ import numpy as np
 import warp as wp
 
 from deformrf.core.field.hashing import hash_address, hash_entry
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.subdivision import path_nodes
+from deformrf.core.geometry import a15_grid, path_nodes
 
 
 def test_it_is_instant_ngps_formula_in_exact_integers():

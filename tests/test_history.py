@@ -10,15 +10,15 @@ import pytest
 import torch
 
 from deformrf.core.field import modelfile
-from deformrf.core.render.camera import look_at
-from deformrf.core.render.lens import pinhole
-from deformrf.core.training import checkpoint, fit, history, trainer
-from deformrf.core.training.datasets import from_images
-from deformrf.core.training.history import History
-from deformrf.core.training.options import preset
-from deformrf.core.training.raybank import RayBank
-from deformrf.core.training.stage import Stage
-from deformrf.core.training.step import Step
+from deformrf.core.render import look_at
+from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.training import preset, trainer
+from deformrf.core.training.data.datasets import from_images
+from deformrf.core.training.data.raybank import RayBank
+from deformrf.core.training.run import checkpoint, fit, history
+from deformrf.core.training.run.history import History
+from deformrf.core.training.run.stage import Stage
+from deformrf.core.training.run.step import Step
 
 SIZE = 24
 OPTIONS = preset(

@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
-from deformrf.core.deform import constraints
-from deformrf.core.deform.handles import lowest_pins
-from deformrf.core.deform.material import PRESETS, Material
-from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import extract
+from deformrf.core.deform import (
+    PRESETS,
+    Material,
+    XpbdOptions,
+    XpbdSolver,
+    constraints,
+    lowest_pins,
+)
+from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
 G = 9.81

@@ -5,11 +5,10 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pytest
 
-from deformrf.core.deform import isotropy
-from deformrf.core.deform.constraints import edge_constraints
-from deformrf.core.geometry.lattice import A15, BCC, KUHN, a15_grid, bcc_grid, kuhn_grid
-from deformrf.core.geometry.mesh import TetMesh, extract
-from deformrf.core.geometry.mesh import edges as mesh_edges
+from deformrf.core.deform import edge_constraints, isotropy
+from deformrf.core.geometry import A15, BCC, KUHN, TetMesh, a15_grid, extract
+from deformrf.core.geometry import edges as mesh_edges
+from deformrf.core.geometry.lattice import bcc_grid, kuhn_grid
 
 STRAINS = list(combinations_with_replacement(range(3), 2))  # xx xy xz yy yz zz
 

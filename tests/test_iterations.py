@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from deformrf.core.deform.constraints import COMPLIANCE_FLOOR
-from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
-from deformrf.core.geometry.lattice import A15, BCC
-from deformrf.core.study.bodies import beam
-from deformrf.core.study.energy import material_energy
-from deformrf.core.study.iterations import IterationSolver
+from deformrf.core.deform import COMPLIANCE_FLOOR, Material, XpbdOptions, XpbdSolver
+from deformrf.core.geometry import A15, BCC
+from deformrf.core.lab.dynamics.bodies import beam
+from deformrf.core.lab.dynamics.energy import material_energy
+from deformrf.core.lab.dynamics.iterations import IterationSolver
 
 DT = 1.0 / 60.0
 OPTIONS = XpbdOptions(substep_count=1, gravity=(0.0, 1.0, -9.81), sleep_motion=0.0, rescue=False)

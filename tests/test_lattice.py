@@ -5,28 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.geometry.lattice import (
+from deformrf.core.geometry import (
     A15,
     BCC,
+    EDGES,
     KUHN,
-    MARGIN,
     a15_grid,
-    bcc_grid,
+    boundary_faces,
     cell_tets,
-    grid,
-    kuhn_grid,
+    edges,
+    extract,
     lattice_spacing,
     lattice_vertices,
     morton_order,
-)
-from deformrf.core.geometry.mesh import (
-    EDGES,
-    boundary_faces,
-    edges,
-    extract,
     signed_volumes,
     tet_neighbours,
 )
+from deformrf.core.geometry.lattice import MARGIN, bcc_grid, grid, kuhn_grid
 
 LATTICES = [A15, BCC, KUHN]
 lattices = pytest.mark.parametrize("lattice", LATTICES, ids=["a15", "bcc", "kuhn"])

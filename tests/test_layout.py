@@ -1,6 +1,7 @@
 """The repository's shape: who may import whom, what is installed, and under which name."""
 
 import ast
+import importlib
 import subprocess
 import sys
 import tomllib
@@ -19,14 +20,32 @@ MAY_IMPORT = {
     "core.arguments": [],
     "core.device": [],
     "core.geometry": [],
-    "core.field": ["core.geometry", "core.paths"],
-    "core.render": ["core.geometry", "core.field"],
-    "core.deform": ["core.geometry"],
-    "core.training": ["core.geometry", "core.field", "core.render"],
-    "core.study": ["core"],
-    "core.report": ["core"],
+    "core.field": ["core.device", "core.paths", "core.geometry"],
+    "core.render": ["core.device", "core.geometry", "core.field"],
+    "core.deform": ["core.device", "core.geometry"],
+    "core.training": ["core.device", "core.geometry", "core.field", "core.render"],
+    "core.lab": ["core"],
     "core.cli": ["core"],
     "viewer": ["core"],
+}
+# Imports that still pass a room's door; each room empties its own.
+PAST_THE_DOOR = {
+    ("core.cli", "core.training.data.datasets"),
+    ("core.cli", "core.training.metrics"),
+    ("core.cli", "core.training.run.checkpoint"),
+    ("core.cli", "core.training.run.distributed"),
+    ("core.cli", "core.training.evaluation"),
+    ("core.cli", "core.training.lpips"),
+    ("core.cli", "core.training.trainer"),
+    ("core.cli", "core.field.modelfile"),
+    ("core.training.trainer", "core.training.run.checkpoint"),
+    ("core.render.shading", "core.field.networks.reference"),
+    ("core.render.shading", "core.field.networks.mma"),
+    ("core.render.shading", "core.field.networks.triton"),
+    ("viewer.app", "core.field.modelfile"),
+    ("viewer.loading", "core.render.rounds.wavefront"),
+    ("viewer.orbit", "core.render.rays.camera"),
+    ("viewer.surface", "core.render.rays.camera"),
 }
 WINDOWING = ["moderngl", "pyglet", "imgui_bundle"]  # not in core: it runs without a display
 SLOW = {
@@ -74,6 +93,50 @@ def test_imports_follow_the_layers(path):
             assert not is_within(module, *WINDOWING), f"{here} may not import {module}"
 
 
+def is_module(name):
+    """Whether deformrf.a.b is a module or a folder of modules in the tree."""
+    path = ROOT.joinpath(*name.split(".")[1:])
+    return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
+
+
+def passes_the_door(here, target):
+    """Whether an import reaches behind the __init__ of a room that it isn't in itself.
+
+    >>> passes_the_door("deformrf.viewer.orbit", "deformrf.core.render.rays.camera")
+    True
+    """
+    here, target = (name.removeprefix("deformrf.").split(".") for name in (here, target))
+    if here[0] != target[0]:
+        here, target = [], target[1:]  # core is no room, but a row of them
+    elif here[0] == "core":
+        here, target = here[1:], target[1:]
+    while here and target and here[0] == target[0]:
+        here, target = here[1:], target[1:]
+    return len(target) > 1
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+def test_rooms_are_entered_by_their_doors(path):
+    """Only the lab reaches in, for references."""
+    here = module_name(path).removesuffix(".__init__")
+    if is_within(here, "deformrf.core.lab"):
+        return
+    for name in imported_modules(path):
+        target = name if is_module(name) else name.rpartition(".")[0]
+        if not is_within(target, "deformrf") or not passes_the_door(here, target):
+            continue
+        pair = tuple(module.removeprefix("deformrf.") for module in (here, target))
+        assert pair in PAST_THE_DOOR, f"{here} imports {target}: its room's door should have it"
+
+
+@pytest.mark.parametrize("package", [m for m in map(module_name, SOURCES) if "__init__" in m])
+def test_doors_open(package):
+    """Every name that a door promises is there."""
+    door = importlib.import_module(package.removesuffix(".__init__"))
+    for name in getattr(door, "__all__", ()):
+        assert hasattr(door, name), f"{package} has no {name}"
+
+
 @pytest.mark.parametrize("path", SOURCES + TESTS, ids=module_name)
 def test_files_stay_short(path):
     line_count = len(path.read_text(encoding="utf-8").splitlines())
@@ -117,7 +180,7 @@ def test_every_dependency_is_pinned():
 
 
 @pytest.mark.parametrize(
-    "module", ["deformrf.core.cli", "deformrf.core.report.command", "deformrf.viewer.app"]
+    "module", ["deformrf.core.cli", "deformrf.core.lab.command", "deformrf.viewer.app"]
 )
 def test_entry_points_import_nothing_slow(module):
     program = f"import sys, {module}; print(*({SLOW!r} & set(sys.modules)))"

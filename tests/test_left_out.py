@@ -5,11 +5,11 @@ import io
 import pytest
 from PIL import Image
 
-from deformrf.core.report.left_out import section
-from deformrf.core.report.parts import record
-from deformrf.core.study import omitted
-from deformrf.core.study.omissions import effort
-from deformrf.core.study.omitted_dynamics import Drag
+from deformrf.core.lab.omissions import rows as omitted
+from deformrf.core.lab.omissions.measure import effort
+from deformrf.core.lab.omissions.of_dynamics import Drag
+from deformrf.core.lab.omissions.tell import section
+from deformrf.core.lab.report.parts import record
 
 EFFORT = effort("cpu", True)
 

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.lens import (
+from deformrf.core.render import (
     DeviceLens,
     Lens,
+    camera_rays,
     device_lens,
-    distort,
+    from_field_of_view,
     has_rays,
     lens_direction,
     lens_rays,
-    pinhole,
-    undistort,
+    look_at,
 )
+from deformrf.core.render.rays.lens import distort, pinhole, undistort
 
 
 def random_lens(rng):
@@ -67,7 +67,7 @@ def test_a_point_by_hand():
 
 def test_a_lens_without_distortion_is_a_pinhole():
     view = from_field_of_view(look_at((1, 2, 3), (0, 0, 0)), 0.8, 12, 8)
-    for a, b in zip(rays(view), lens_rays(view.lens, view.camera_to_world), strict=True):
+    for a, b in zip(camera_rays(view), lens_rays(view.lens, view.camera_to_world), strict=True):
         np.testing.assert_array_equal(a, b)
     _, directions = lens_rays(pinhole(5.0, 2, 2), np.eye(4))
     expected = np.array([[-0.1, 0.1, -1], [0.1, 0.1, -1], [-0.1, -0.1, -1], [0.1, -0.1, -1]])

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from deformrf.core.field.levels import level_edges, levels_below_pixel, narrowest_pixel
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import EDGES
-from deformrf.core.geometry.subdivision import path_corners
+from deformrf.core.field import level_edges, levels_below_pixel, narrowest_pixel
+from deformrf.core.geometry import EDGES, a15_grid, path_corners
 
 
 @pytest.fixture(scope="module")

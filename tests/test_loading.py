@@ -10,18 +10,18 @@ def test_the_modules_are_those_of_renderer_and_solver():
     import deformrf.core.render.modes  # noqa: F401  the window imports it
 
     modules = kernel_modules("cpu")
-    for name in ("render.marching", "render.modes", "field.encoding", "deform.integration"):
+    for name in ("render.rays.marching", "render.modes", "field.encoding", "deform.integration"):
         assert f"deformrf.core.{name}" in modules
-    assert "deformrf.core.deform.frame_cpu" in modules
-    assert "deformrf.core.deform.frame_cuda" not in modules
+    assert "deformrf.core.deform.frame.cpu" in modules
+    assert "deformrf.core.deform.frame.cuda" not in modules
     assert len(modules) == len(set(modules))
     assert all(name.startswith("deformrf.core.") for name in modules)
 
 
 def test_each_device_has_its_own_frames():
     modules = kernel_modules("cuda:0")
-    assert "deformrf.core.deform.frame_cuda" in modules
-    assert "deformrf.core.deform.frame_cpu" not in modules
+    assert "deformrf.core.deform.frame.cuda" in modules
+    assert "deformrf.core.deform.frame.cpu" not in modules
 
 
 @pytest.mark.gpu
@@ -74,7 +74,7 @@ def test_the_window_shows_the_stages_and_a_bar(window, monkeypatch):
     lines, bars = [], []
     monkeypatch.setattr(imgui, "text", lines.append)
     monkeypatch.setattr(imgui, "progress_bar", lambda fraction, size, text: bars.append(text))
-    progress = Progress(["deformrf.core.render.marching"])
+    progress = Progress(["deformrf.core.render.rays.marching"])
     for _ in range(2):
         gui.begin()
         loading_window("preparing ball", progress)

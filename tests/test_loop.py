@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.render.options import RenderOptions
+from deformrf.core.render import RenderOptions
 from deformrf.viewer import picking
 
 pytestmark = pytest.mark.gl
@@ -340,7 +340,7 @@ def test_the_panel_says_what_the_picture_is(app):
 def test_m_goes_through_the_modes(bare):
     from pyglet.window import key
 
-    from deformrf.core.render.modes import MODES
+    from deformrf.core.render import MODES
 
     seen = []
     for _ in MODES:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.report import machine
-from deformrf.core.report.writing import Report, write
+from deformrf.core.lab.report import machine
+from deformrf.core.lab.report.writing import Report, write
 
 COMMAND = "deformrf-report helmet.npz --quick"
 
@@ -94,7 +94,7 @@ def test_nothing_says_whose_machine_it_is(device, tmp_path, monkeypatch):
 def test_a_changed_source_or_model_is_told_from_another(tmp_path):
     """Kernels in C++ and CUDA are sources, too; what the interpreter leaves there is not."""
     named = {path.name for path in machine.sources(machine.SOURCE)}
-    assert {"frame_cpu.cpp", "frame_cuda.cu", "machine.py"} <= named
+    assert {"cpu.cpp", "cuda.cu", "machine.py"} <= named
     names = ("a.py", "deep/b.cu", "deep/c.cpp")
     for name in (*names, "a.pyc", "d.txt"):
         path = tmp_path / name

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 from markdown_it import MarkdownIt
 
-from deformrf.core.report.markdown import escaped, page
-from deformrf.core.report.parts import Figure, Section, Table
+from deformrf.core.lab.report.markdown import escaped, page
+from deformrf.core.lab.report.parts import Figure, Section, Table
 
 ODD = "a|b `c` *d* _e_ <script>f</script> [g](h) ~~i~~ &lt; # \\ \\| **"
 FIGURE = Figure("fig_1", "σ [1/m]: *so* | so.", b"")

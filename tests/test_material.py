@@ -4,7 +4,7 @@ import warnings
 
 import pytest
 
-from deformrf.core.deform.material import PRESETS, Material
+from deformrf.core.deform import PRESETS, Material
 
 
 @pytest.mark.parametrize("ratio", [0.25, 0.3, 0.45, 0.499])

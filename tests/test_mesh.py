@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import (
-    FACES,
+from deformrf.core.geometry import (
+    a15_grid,
     boundary_faces,
     components,
     edges,
@@ -14,6 +13,7 @@ from deformrf.core.geometry.mesh import (
     signed_volumes,
     tet_neighbours,
 )
+from deformrf.core.geometry.mesh import FACES
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.render.render import Renderer
+from deformrf.core.render import Renderer
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer import picking
 from deformrf.viewer.gl import Canvas

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from deformrf.core import paths
-from deformrf.core.field import modelfile
+from deformrf.core.field import modelfile, reached_entries
 from deformrf.core.field.modelfile import ModelFileError
-from deformrf.core.field.reach import reached_entries
-from deformrf.core.render.camera import from_field_of_view, look_at
-from deformrf.core.render.render import Renderer
+from deformrf.core.render import Renderer, from_field_of_view, look_at
 
 
 @pytest.fixture

@@ -3,11 +3,16 @@
 import numpy as np
 import pytest
 
-from deformrf.core.render import modes
-from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.modes import MODES, render_mode
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
+from deformrf.core.render import (
+    MODES,
+    Renderer,
+    RenderOptions,
+    camera_rays,
+    from_field_of_view,
+    look_at,
+    modes,
+    render_mode,
+)
 
 RANGE = 1.2, 2.0
 BACKGROUND = (0.2, 0.5, 0.9)
@@ -66,7 +71,7 @@ def test_accumulation_is_the_opacity(shown):
 
 def test_normals_are_those_of_the_depth_image(shown):
     t = shown("color").depth_array()
-    _, directions = rays(shown.view)
+    _, directions = camera_rays(shown.view)
     points = np.where(np.isfinite(t)[..., None], t[..., None], np.nan)
     points = points * directions.reshape(*t.shape, 3)
     normals = modes.normals_reference(points)
@@ -84,7 +89,7 @@ def test_the_normal_of_a_plane_is_the_planes():
     normal = rng.normal(size=3)
     normal[2] = abs(normal[2]) + 2.0  # towards the eye, and not edge on
     normal /= np.linalg.norm(normal)
-    _, directions = rays(from_field_of_view(np.eye(4), 0.6, 20, 14))
+    _, directions = camera_rays(from_field_of_view(np.eye(4), 0.6, 20, 14))
     points = directions * (-1.5 / (directions @ normal))[:, None]
     points = points.reshape(14, 20, 3)
     points[rng.uniform(size=(14, 20)) < 0.1] = np.nan
@@ -95,7 +100,7 @@ def test_the_normal_of_a_plane_is_the_planes():
 
 
 def test_at_a_silhouette_the_normal_is_that_of_the_pixels_own_surface():
-    _, directions = rays(from_field_of_view(np.eye(4), 0.6, 8, 8))
+    _, directions = camera_rays(from_field_of_view(np.eye(4), 0.6, 8, 8))
     z = np.where(np.arange(8) < 4, 1.0, 3.0)  # two walls that face the eye
     points = directions.reshape(8, 8, 3) * (z / -directions.reshape(8, 8, 3)[..., 2])[..., None]
     assert modes.normals_reference(points) == pytest.approx(

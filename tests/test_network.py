@@ -5,9 +5,10 @@ import pytest
 import torch
 import warp as wp
 
-from deformrf.core.field import network
-from deformrf.core.field.network import basis_of, basis_vector, spherical_harmonics
-from deformrf.core.field.network_torch import Networks, TruncatedExp
+from deformrf.core.field import Networks, basis_of, basis_vector
+from deformrf.core.field.networks import reference as network
+from deformrf.core.field.networks.reference import spherical_harmonics
+from deformrf.core.field.networks.torch import TruncatedExp
 
 
 def random_directions(count):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.field import network, network_mma
-from deformrf.core.field.network import BASIS_COUNT
-from deformrf.core.field.wide import vec4h
+from deformrf.core.field import BASIS_COUNT, vec4h
+from deformrf.core.field.networks import mma as network_mma
+from deformrf.core.field.networks import reference as network
 
 
 def test_fragments_are_what_the_products_of_a_warp_take():

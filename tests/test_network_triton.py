@@ -14,9 +14,10 @@ INTERPRETED = not torch.cuda.is_available()
 if INTERPRETED:  # before Triton is imported
     os.environ.setdefault("TRITON_INTERPRET", "1")
 
-from deformrf.core.field import network_triton  # noqa: E402
-from deformrf.core.field.field import FieldOptions, layer_widths  # noqa: E402
-from deformrf.core.field.network_torch import Networks, TruncatedExp  # noqa: E402
+from deformrf.core.field import FieldOptions, Networks  # noqa: E402
+from deformrf.core.field.field import layer_widths  # noqa: E402
+from deformrf.core.field.networks import triton as network_triton  # noqa: E402
+from deformrf.core.field.networks.torch import TruncatedExp  # noqa: E402
 
 # float16 has 11 bits: one rounding is off by up to 2^-11 = 5e-4 of the value.  A sum over 64
 # rounded terms keeps that relative error or less, and a sample passes five to seven layers.

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.render.camera import look_at
-from deformrf.core.training import datasets
-from deformrf.core.training.capture import DatasetError
+from deformrf.core.render import look_at
+from deformrf.core.training import DatasetError
+from deformrf.core.training.data import datasets
 
 MATRIX = np.array([[20.0, 0, 8, 0], [0, 21.0, 6, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 

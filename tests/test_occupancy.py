@@ -3,18 +3,9 @@
 import numpy as np
 import warp as wp
 
-from deformrf.core.field.occupancy import (
-    LEVELS,
-    fill_enclosed,
-    is_occupied,
-    is_occupied_reference,
-    pack_mask,
-    subtet_of,
-    unpack_mask,
-)
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import tet_neighbours
-from deformrf.core.geometry.subdivision import path_corners
+from deformrf.core.field import LEVELS, fill_enclosed, is_occupied, is_occupied_reference, subtet_of
+from deformrf.core.field.occupancy import pack_mask, unpack_mask
+from deformrf.core.geometry import a15_grid, path_corners, tet_neighbours
 
 
 def test_packing_is_invertible():

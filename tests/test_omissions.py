@@ -5,8 +5,8 @@ import tempfile
 
 import pytest
 
-from deformrf.core.study.omissions import Effort, Job, effort, omissions
-from deformrf.core.study.omitted import FILE, GROUPS, NOT_MEASURED, START
+from deformrf.core.lab.omissions.measure import Effort, Job, effort, omissions
+from deformrf.core.lab.omissions.rows import FILE, GROUPS, NOT_MEASURED, START
 
 BRIEF = Effort(16, 1, 3, 3, 1, 1, (1.0, 1.0, 1.0, 1.0, 1.0))
 FAILED = "Measuring it failed: "

@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from deformrf.core.report.parts import record
-from deformrf.core.study import omitted
-from deformrf.core.study.stopwatch import Timing, compared, timing_of
+from deformrf.core.lab.omissions import rows as omitted
+from deformrf.core.lab.report.parts import record
+from deformrf.core.lab.stopwatch import Timing, compared, timing_of
 
 
 def saving(*values):

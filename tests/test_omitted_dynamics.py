@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from deformrf.core.study import omitted_dynamics as rows
-from deformrf.core.study.omitted import NONE, NOT_MEASURED, SAVES
+from deformrf.core.lab.omissions import of_dynamics as rows
+from deformrf.core.lab.omissions.rows import NONE, NOT_MEASURED, SAVES
 
 
 @pytest.fixture(scope="module")

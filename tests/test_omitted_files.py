@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from deformrf.core.field import modelfile
-from deformrf.core.study.omitted import NONE, NOT_MEASURED, SAVES
-from deformrf.core.study.omitted_files import file_rows
-from deformrf.core.study.omitted_rendering import Frames
+from deformrf.core.lab.omissions.of_files import file_rows
+from deformrf.core.lab.omissions.of_rendering import Frames
+from deformrf.core.lab.omissions.rows import NONE, NOT_MEASURED, SAVES
 
 
 @pytest.fixture

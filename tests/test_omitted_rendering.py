@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.study import omitted_rendering as rows
-from deformrf.core.study.omitted import NONE, SAVES
+from deformrf.core.lab.omissions import of_rendering as rows
+from deformrf.core.lab.omissions.rows import NONE, SAVES
+from deformrf.core.render import RenderOptions
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from deformrf.core.study import omitted_start
-from deformrf.core.study.omitted import NONE, NOT_MEASURED, NOTHING, SAVES
+from deformrf.core.lab.omissions import of_start as omitted_start
+from deformrf.core.lab.omissions.rows import NONE, NOT_MEASURED, NOTHING, SAVES
 
 BALLAST = 600_000_000  # bytes
 

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.deform.handles import lowest_pins
-from deformrf.core.deform.material import Material
-from deformrf.core.geometry.lattice import A15, BCC
-from deformrf.core.geometry.mesh import components
-from deformrf.core.study import error, own_mesh
-from deformrf.core.study.bodies import Held, ball, beam
+from deformrf.core.deform import Material, lowest_pins
+from deformrf.core.geometry import A15, BCC, components
+from deformrf.core.lab.dynamics import error
+from deformrf.core.lab.dynamics import measure as own_mesh
+from deformrf.core.lab.dynamics.bodies import Held, ball, beam
 
 
 @pytest.fixture(scope="module")

@@ -5,16 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.field.archive import ModelFileError
-from deformrf.core.field.encoding import FEATURES, Layout
-from deformrf.core.field.packing import (
-    pack_mesh,
-    pack_tables,
-    quantize,
-    unpack_mesh,
-    unpack_tables,
-)
-from deformrf.core.geometry.lattice import a15_grid
+from deformrf.core.field import FEATURES, ModelFileError, pack_tables
+from deformrf.core.field.encoding import Layout
+from deformrf.core.field.packing import pack_mesh, quantize, unpack_mesh, unpack_tables
+from deformrf.core.geometry import a15_grid
 
 LAYOUT = Layout((300, 1024, 1024), 0, ())
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from deformrf.core.geometry.lattice import A15, BCC, KUHN, a15_grid, bcc_grid, kuhn_grid
-from deformrf.core.geometry.mesh import extract
-from deformrf.core.geometry.periodic import lattice_addresses, periodic_classes
+from deformrf.core.geometry import A15, BCC, KUHN, a15_grid, extract, lattice_addresses
+from deformrf.core.geometry.lattice import bcc_grid, kuhn_grid
+from deformrf.core.geometry.periodic import periodic_classes
 
 
 @pytest.mark.parametrize("lattice, grid", [(A15, a15_grid), (BCC, bcc_grid), (KUHN, kuhn_grid)])

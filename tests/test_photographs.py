@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.render.lens import LensCamera, pinhole
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
-from deformrf.core.study import pictures
-from deformrf.core.study.photographs import photographs
-from deformrf.core.training import datasets
+from deformrf.core.lab.rendering import pictures
+from deformrf.core.lab.rendering.photographs import photographs
+from deformrf.core.render import LensCamera, Renderer, RenderOptions
+from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.training.data import datasets
 
 SIZES = ((20, 20), (24, 16), (16, 24))
 

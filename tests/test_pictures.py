@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from deformrf.core.render.camera import view_projection
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
-from deformrf.core.study import pictures
+from deformrf.core.lab.rendering import pictures
+from deformrf.core.render import Renderer, RenderOptions, view_projection
 
 
 def test_views_show_the_whole_object(ball):

@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from deformrf.core.deform.constraints import lumped_masses
-from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
-from deformrf.core.geometry.lattice import A15
-from deformrf.core.study import error
-from deformrf.core.study.bodies import beam
-from deformrf.core.study.plain import PlainSolver
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, lumped_masses
+from deformrf.core.geometry import A15
+from deformrf.core.lab.dynamics import error
+from deformrf.core.lab.dynamics.bodies import beam
+from deformrf.core.lab.dynamics.plain import PlainSolver
 
 
 def test_few_substeps_are_the_solver_s():

@@ -3,20 +3,24 @@
 import numpy as np
 import pytest
 
-from deformrf.core.field.field import FieldOptions, random_field
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import (
+from deformrf.core.field import FieldOptions, random_field
+from deformrf.core.geometry import (
     TetMesh,
+    a15_grid,
     edges,
     extract,
     face_components,
     signed_volumes,
     tet_neighbours,
 )
-from deformrf.core.render import reference
-from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
+from deformrf.core.render import (
+    Renderer,
+    RenderOptions,
+    camera_rays,
+    from_field_of_view,
+    look_at,
+    reference,
+)
 
 BACKGROUND = (0.2, 0.5, 0.9)
 SIZE = 100  # pixels
@@ -140,7 +144,7 @@ def posed(make_ball_field, device):
         vertices = POSES[pose](field.mesh.rest_vertices, field.mesh).astype(np.float32)
         view = view_of(vertices.astype(float), pose == "camera inside")
         # Rounded first: both renderers are to be given the same rays.
-        origins, directions = (a.astype(np.float32).astype(float) for a in rays(view))
+        origins, directions = (a.astype(np.float32).astype(float) for a in camera_rays(view))
         renderer = Renderer(field, device)
         renderer.set_vertices(vertices)
         return field, vertices, view, (origins, directions), renderer

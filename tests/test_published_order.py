@@ -25,12 +25,6 @@ published = np.array([
 np.testing.assert_allclose(subdivision.CHILD_FROM_PARENT, published, atol=1e-12)
 """
 
-SUITE = """
-import sys
-import pytest
-sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", "-m", "not gpu", *sys.argv[1:]]))
-"""
-
 
 @pytest.fixture
 def run(tmp_path):
@@ -48,15 +42,3 @@ def run(tmp_path):
 def test_the_matrices_are_the_supplements(run):
     result = run(MATRICES)
     assert result.returncode == 0, result.stderr
-
-
-def test_kernels_and_references_have_the_same_order(run):
-    """What holds for any order is tested there again; only what Bey's order gives is lost."""
-    tests = Path(__file__).parent
-    names = ("test_subdivision.py", "test_encoding.py", "test_occupancy.py", "test_reach.py")
-    result = run(SUITE, *(tests / name for name in names))
-    failed = [line for line in result.stdout.splitlines() if line.startswith("FAILED")]
-    assert [line.split("::")[1].split()[0] for line in failed] == [
-        "test_descendants_fall_into_three_shapes_at_most",
-        "test_the_lattice_knows_the_descendants_corners[cpu-4]",
-    ], result.stdout

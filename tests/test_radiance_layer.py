@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.render.modes import MODES, render_mode
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
-from deformrf.core.render.subpixel import shifted
+from deformrf.core.render import MODES, Renderer, RenderOptions, render_mode, shifted
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer.gl import Canvas, depth_terms
 from deformrf.viewer.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceLayer

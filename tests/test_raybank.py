@@ -3,11 +3,10 @@
 import numpy as np
 import warp as wp
 
-from deformrf.core.render.camera import in_space, look_at
-from deformrf.core.render.lens import Lens, lens_rays
-from deformrf.core.training.datasets import from_images
-from deformrf.core.training.raybank import RayBank, empty_drawn
-from deformrf.core.training.scene_box import world_to_unit_cube
+from deformrf.core.render import Lens, in_space, lens_rays, look_at
+from deformrf.core.training import world_to_unit_cube
+from deformrf.core.training.data.datasets import from_images
+from deformrf.core.training.data.raybank import RayBank, empty_drawn
 
 LENSES = (
     Lens(7, 5, (9.0, 8.0), (3.2, 2.6), (0.05, -0.08, 0.01, 0.0), (-1e-3, 2e-3)),

@@ -6,16 +6,19 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.field import reach
-from deformrf.core.field.encoding import encode_kernel, encode_reference, make_tables
-from deformrf.core.field.occupancy import (
+from deformrf.core.field import (
+    encode_kernel,
     is_occupied,
     is_occupied_reference,
+    make_tables,
+    reach,
+    reached_entries,
     subtet_of,
-    unpack_mask,
 )
-from deformrf.core.field.reach import occupied_cells, reached_entries, reached_reference
-from deformrf.core.geometry.subdivision import path_corners
+from deformrf.core.field.encoding import encode_reference
+from deformrf.core.field.occupancy import unpack_mask
+from deformrf.core.field.reach import occupied_cells, reached_reference
+from deformrf.core.geometry import path_corners
 
 LEVELS = 5  # with 2^12 entries the last two are hashed, with 2^8 all but the first or none
 

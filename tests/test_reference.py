@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.deform import constraints, integration, reference
-from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import extract
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints, integration
+from deformrf.core.deform.frame import reference
+from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
 

@@ -7,11 +7,15 @@ import pytest
 
 from deformrf.core import paths
 from deformrf.core.field import modelfile
-from deformrf.core.geometry.mesh import signed_volumes
-from deformrf.core.render import reference
-from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
+from deformrf.core.geometry import signed_volumes
+from deformrf.core.render import (
+    Renderer,
+    RenderOptions,
+    camera_rays,
+    from_field_of_view,
+    look_at,
+    reference,
+)
 
 BACKGROUND = (0.2, 0.5, 0.9)
 CONFORMANCE = RenderOptions(background=BACKGROUND, conformance=True)
@@ -47,7 +51,7 @@ def camera(size=100):
 
 def float32_rays(view):
     """The view's rays, rounded first: both renderers are to be given the same ones."""
-    return (a.astype(np.float32).astype(float) for a in rays(view))
+    return (a.astype(np.float32).astype(float) for a in camera_rays(view))
 
 
 @pytest.mark.parametrize("pose", POSES)
@@ -151,7 +155,7 @@ def test_the_image_is_the_rays_in_bytes(make_ball_field, device):
     view = camera(40).resized(48, 40)
     renderer = Renderer(field, device)
     image = renderer.render(view, CONFORMANCE)
-    color, opacity, depth = renderer.render_rays(*rays(view), CONFORMANCE)
+    color, opacity, depth = renderer.render_rays(*camera_rays(view), CONFORMANCE)
     assert image.color_array().shape == (40, 48, 4)
     expected = np.column_stack([color, opacity]).reshape(40, 48, 4) * 255.0
     # The camera's rays are made on the device: a rounding may move a piece across a mask.
@@ -260,7 +264,7 @@ def test_impossible_options_are_named(make_ball_field):
         with pytest.raises(ValueError, match=f"level_count is {count}; .* {levels} levels"):
             renderer.render(camera(8), RenderOptions(level_count=count))
     with pytest.raises(ValueError, match="step_factor is 0"):
-        renderer.render_rays(*rays(camera(8)), RenderOptions(step_factor=0.0))
+        renderer.render_rays(*camera_rays(camera(8)), RenderOptions(step_factor=0.0))
 
 
 def test_details_name_tets_as_the_field_does(make_ball_field, device):
@@ -270,7 +274,7 @@ def test_details_name_tets_as_the_field_does(make_ball_field, device):
     view = camera(40)
     image = Renderer(field, device).render(view, replace(CONFORMANCE, details=True))
     tet, t = image.tet.numpy().ravel(), image.depth_array().ravel()
-    origins, directions = rays(view)
+    origins, directions = camera_rays(view)
     ray, tets, *_ = reference.ray_pieces(field, field.mesh.rest_vertices, origins, directions)
     seen = np.flatnonzero(np.isfinite(t))
     assert len(seen) > 20

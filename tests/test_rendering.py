@@ -6,12 +6,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from deformrf.core.render.camera import rays
-from deformrf.core.render.options import RenderOptions, checked
-from deformrf.core.render.render import Renderer
-from deformrf.core.study import pictures, rendering, rule
-from deformrf.core.study.photographs import Photographs
-from deformrf.core.study.rendering import BOUND, LARGEST, TERMINATIONS, RenderingStudy, Setting
+from deformrf.core.lab.rendering import measure as rendering
+from deformrf.core.lab.rendering import pictures, rule
+from deformrf.core.lab.rendering.measure import (
+    BOUND,
+    LARGEST,
+    TERMINATIONS,
+    RenderingStudy,
+    Setting,
+)
+from deformrf.core.lab.rendering.photographs import Photographs
+from deformrf.core.render import Renderer, RenderOptions, camera_rays
+from deformrf.core.render.options import checked
 
 SIZE, VIEWS, PIXELS, TURNS = 24, 2, 60, 2
 
@@ -192,7 +198,7 @@ def test_without_a_mask_a_full_one_is_not_missed(make_ball_field, device, full):
 
 def test_photographs_are_compared_in_whole_images(measured, study):
     picture = study.pictures[0]
-    origins, directions = (array[picture.pixels] for array in rays(picture.camera))
+    origins, directions = (array[picture.pixels] for array in camera_rays(picture.camera))
     photos = Photographs(np.zeros(len(origins)), origins, directions, picture.expected)
     rows = measured("default", "1 level less", "1/2 of the pixels a side", photos=photos)
     assert rows["default"].photo_psnr > BOUND > rows["1 level less"].photo_psnr

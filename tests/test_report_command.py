@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from deformrf.core.cli import INPUT_ERROR, INTERRUPTED, run
-from deformrf.core.deform.xpbd import XpbdSolver
-from deformrf.core.field import modelfile
-from deformrf.core.field.field import FieldOptions, random_field
-from deformrf.core.field.network import BASIS_COUNT
-from deformrf.core.geometry.mesh import TetMesh, tet_neighbours
-from deformrf.core.report import command, stability
-from deformrf.core.study.pictures import PEAK_DB
-from deformrf.core.study.rendering import BOUND, LARGEST
+from deformrf.core.deform import XpbdSolver
+from deformrf.core.field import BASIS_COUNT, FieldOptions, modelfile, random_field
+from deformrf.core.geometry import TetMesh, tet_neighbours
+from deformrf.core.lab import command
+from deformrf.core.lab.rendering.measure import BOUND, LARGEST
+from deformrf.core.lab.rendering.pictures import PEAK_DB
+from deformrf.core.lab.stability import tell as stability
 
 SECTIONS = ["rendering", "dynamics", "training", "stability", "left_out", "machine"]
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.deform.material import PRESETS, Material
-from deformrf.core.geometry.lattice import BCC
-from deformrf.core.geometry.mesh import TetMesh
-from deformrf.core.report import dynamics
-from deformrf.core.report.parts import record
-from deformrf.core.study import error, own_mesh
-from deformrf.core.study.bodies import ball
-from deformrf.core.study.stopwatch import Timing
+from deformrf.core.deform import PRESETS, Material
+from deformrf.core.geometry import BCC, TetMesh
+from deformrf.core.lab.dynamics import error
+from deformrf.core.lab.dynamics import measure as own_mesh
+from deformrf.core.lab.dynamics import tell as dynamics
+from deformrf.core.lab.dynamics.bodies import ball
+from deformrf.core.lab.report.parts import record
+from deformrf.core.lab.stopwatch import Timing
 
 MESH = ball(BCC, 1 / 4)
 ONE_TET = TetMesh(

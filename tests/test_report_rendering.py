@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.render.camera import rays
-from deformrf.core.render.render import Renderer
-from deformrf.core.report import rendering
-from deformrf.core.report.parts import record
-from deformrf.core.study.photographs import Photographs
-from deformrf.core.study.rendering import BOUND, LARGEST, RenderingStudy, Row, settings
-from deformrf.core.study.stopwatch import Share, Timing
+from deformrf.core.lab.rendering import tell as rendering
+from deformrf.core.lab.rendering.measure import BOUND, LARGEST, RenderingStudy, Row, settings
+from deformrf.core.lab.rendering.photographs import Photographs
+from deformrf.core.lab.report.parts import record
+from deformrf.core.lab.stopwatch import Share, Timing
+from deformrf.core.render import Renderer, camera_rays
 
 TURNS = 2
 
@@ -31,7 +30,7 @@ def section(study):
 @pytest.fixture(scope="module")
 def photos(study):
     picture = study.pictures[0]
-    origins, directions = (array[picture.pixels] for array in rays(picture.camera))
+    origins, directions = (array[picture.pixels] for array in camera_rays(picture.camera))
     return Photographs(np.arange(len(origins)) % 5, origins, directions, picture.expected)
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.report import training
-from deformrf.core.report.parts import record
-from deformrf.core.training.history import History
+from deformrf.core.lab.report.parts import record
+from deformrf.core.lab.training import tell as training
+from deformrf.core.training.run.history import History
 
 
 def row(seconds, stage, step, psnr):

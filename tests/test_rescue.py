@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.deform.material import Material
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver
 from deformrf.core.deform.rescue import (
     DURATION,
     FORGET,
@@ -15,9 +15,7 @@ from deformrf.core.deform.rescue import (
     distortion,
     goals,
 )
-from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import extract, signed_volumes
+from deformrf.core.geometry import a15_grid, extract, signed_volumes
 
 DT = 1.0 / 60.0
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from deformrf.core.render.camera import look_at
-from deformrf.core.render.lens import pinhole
-from deformrf.core.training.capture import DatasetError
-from deformrf.core.training.datasets import from_images
-from deformrf.core.training.scene_box import focus, world_to_unit_cube
+from deformrf.core.render import look_at
+from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.training import DatasetError, world_to_unit_cube
+from deformrf.core.training.data.datasets import from_images
+from deformrf.core.training.data.scene_box import focus
 
 
 def dataset(poses, bounds=None):

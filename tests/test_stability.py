@@ -5,12 +5,11 @@ import warnings
 import numpy as np
 import pytest
 
-from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdSolver
-from deformrf.core.geometry.lattice import a15_grid, bcc_grid, kuhn_grid
-from deformrf.core.geometry.mesh import TetMesh, extract
-from deformrf.core.study.stability import aligned_error, recovery_limit, run_case, shape_of
-from deformrf.core.study.stress import CASES, Case, at_rest, random
+from deformrf.core.deform import Material, XpbdSolver
+from deformrf.core.geometry import TetMesh, a15_grid, extract
+from deformrf.core.geometry.lattice import bcc_grid, kuhn_grid
+from deformrf.core.lab.stability.measure import aligned_error, recovery_limit, run_case, shape_of
+from deformrf.core.lab.stability.stress import CASES, Case, at_rest, random
 
 CASE = {case.name: case for case in CASES}
 ONE_TET = TetMesh(

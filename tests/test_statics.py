@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from deformrf.core.deform.material import Material
-from deformrf.core.geometry.lattice import A15, BCC, KUHN
-from deformrf.core.study.bodies import beam
-from deformrf.core.study.energy import Energy, material_energy
-from deformrf.core.study.statics import dissection_order, equilibrium, factorize
+from deformrf.core.deform import Material
+from deformrf.core.geometry import A15, BCC, KUHN
+from deformrf.core.lab.dynamics.bodies import beam
+from deformrf.core.lab.dynamics.energy import Energy, material_energy
+from deformrf.core.lab.dynamics.statics import dissection_order, equilibrium, factorize
 
 YOUNG = 5e5
 

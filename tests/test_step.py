@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from deformrf.core.field.field import FieldOptions
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.render.lens import pinhole
-from deformrf.core.training.datasets import from_images
-from deformrf.core.training.differentiable import on_warp_stream
-from deformrf.core.training.raybank import RayBank
-from deformrf.core.training.scene_box import world_to_unit_cube
-from deformrf.core.training.stage import Stage
-from deformrf.core.training.step import Step
+from deformrf.core.field import FieldOptions
+from deformrf.core.geometry import a15_grid
+from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.training import world_to_unit_cube
+from deformrf.core.training.data.datasets import from_images
+from deformrf.core.training.data.raybank import RayBank
+from deformrf.core.training.run.differentiable import on_warp_stream
+from deformrf.core.training.run.stage import Stage
+from deformrf.core.training.run.step import Step
 
 SIZE = 24
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from deformrf.core.deform.constraints import lumped_masses
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import signed_volumes, tet_neighbours
-from deformrf.core.study import stress
+from deformrf.core.deform import lumped_masses
+from deformrf.core.geometry import a15_grid, signed_volumes, tet_neighbours
+from deformrf.core.lab.stability import stress
 
 MESH = a15_grid(0.125)
 REST, TETS = MESH.rest_vertices, MESH.tets

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.field.field import random_field
-from deformrf.core.geometry.mesh import signed_volumes
-from deformrf.core.render.render import Renderer
-from deformrf.core.study import poses, stress
-from deformrf.core.study.rendering import BOUND
+from deformrf.core.field import random_field
+from deformrf.core.geometry import signed_volumes
+from deformrf.core.lab.rendering.measure import BOUND
+from deformrf.core.lab.stability import poses, stress
+from deformrf.core.render import Renderer
 
 PIXELS = 100
 

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.geometry.subdivision import (
-    CHILD_FROM_PARENT,
-    PARENT_FROM_CHILD,
+from deformrf.core.geometry import (
     along,
     child_of,
     child_path,
@@ -19,6 +17,7 @@ from deformrf.core.geometry.subdivision import (
     path_corners,
     path_nodes,
 )
+from deformrf.core.geometry.subdivision import CHILD_FROM_PARENT, PARENT_FROM_CHILD
 
 
 def random_alpha(count):

@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
-from deformrf.core.render import subpixel
-from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.lens import lens_rays
-from deformrf.core.render.render import Renderer
+from deformrf.core.render import (
+    Renderer,
+    camera_rays,
+    from_field_of_view,
+    lens_rays,
+    look_at,
+    subpixel,
+)
 
 
 def view(width=24, height=20):
@@ -47,7 +51,7 @@ def test_a_shifted_camera_looks_through_the_shifted_point_of_the_pixel():
     )
     wanted = camera.camera_to_world[:3, :3] @ (local / np.linalg.norm(local))
     np.testing.assert_allclose(directions[row * 24 + column], wanted, atol=1e-4)
-    assert np.abs(directions - rays(camera)[1]).max() > 1e-3
+    assert np.abs(directions - camera_rays(camera)[1]).max() > 1e-3
 
 
 def test_the_mean_of_strips_is_the_mean_of_the_images(make_ball_field, device):

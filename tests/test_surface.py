@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deformrf.core.render.render import Renderer
+from deformrf.core.render import Renderer
 from deformrf.viewer import surface
 
 

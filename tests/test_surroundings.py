@@ -7,16 +7,14 @@ import pytest
 import torch
 import warp as wp
 
-from deformrf.core.field import modelfile
+from deformrf.core.field import basis_vector, modelfile
 from deformrf.core.field.grid import contract
-from deformrf.core.field.network import basis_vector
-from deformrf.core.render.camera import look_at
-from deformrf.core.render.lens import lens_rays, pinhole
-from deformrf.core.training import trainer
-from deformrf.core.training.datasets import from_images
-from deformrf.core.training.evaluate import evaluate
-from deformrf.core.training.options import preset
-from deformrf.core.training.surroundings import (
+from deformrf.core.render import lens_rays, look_at
+from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.training import preset, trainer
+from deformrf.core.training.data.datasets import from_images
+from deformrf.core.training.evaluation import evaluate
+from deformrf.core.training.run.surroundings import (
     BEHIND_PIECES,
     FRONT_PIECES,
     LearntSurroundings,

@@ -5,8 +5,7 @@ import pytest
 import warp as wp
 
 from deformrf.core.deform import tangles
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import signed_volumes
+from deformrf.core.geometry import a15_grid, signed_volumes
 
 
 def wheel(tet_count, turns):

@@ -8,26 +8,24 @@ import pytest
 import torch
 from PIL import Image
 
-from deformrf.core.field import modelfile
-from deformrf.core.field.field import FieldOptions
-from deformrf.core.field.occupancy import is_occupied_reference
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import face_components, tet_neighbours
-from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.training import checkpoint, datasets, fit, trainer
-from deformrf.core.training.batch import Batch
-from deformrf.core.training.capture import DatasetError
-from deformrf.core.training.evaluate import evaluate
-from deformrf.core.training.options import PRESETS, preset
-from deformrf.core.training.raybank import RayBank
-from deformrf.core.training.stage import Stage
+from deformrf.core.field import FieldOptions, is_occupied_reference, modelfile
+from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
+from deformrf.core.render import camera_rays, from_field_of_view, look_at
+from deformrf.core.training import DatasetError, preset, trainer
+from deformrf.core.training.data import datasets
+from deformrf.core.training.data.raybank import RayBank
+from deformrf.core.training.evaluation import evaluate
+from deformrf.core.training.options import PRESETS
+from deformrf.core.training.run import checkpoint, fit
+from deformrf.core.training.run.batch import Batch
+from deformrf.core.training.run.stage import Stage
 
 SIZE, ANGLE = 40, 0.7
 
 
 def ball_picture(pose):
     """A ball of radius 0.8, its color the normal, seen by a camera at `pose`.  RGBA uint8"""
-    origins, directions = rays(from_field_of_view(pose, ANGLE, SIZE, SIZE))
+    origins, directions = camera_rays(from_field_of_view(pose, ANGLE, SIZE, SIZE))
     b = np.einsum("ij,ij->i", origins, directions)
     discriminant = b**2 - ((origins**2).sum(axis=1) - 0.8**2)
     hit = discriminant > 0

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.render.lens import lens_rays
-from deformrf.core.training import datasets
-from deformrf.core.training.capture import DatasetError
+from deformrf.core.render import lens_rays
+from deformrf.core.training import DatasetError
+from deformrf.core.training.data import datasets
 
 PHONE = {
     "fl_x": 40.0, "fl_y": 41.0, "cx": 15.5, "cy": 21.0, "w": 30, "h": 40,

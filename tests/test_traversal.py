@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.render.marching import FILL_SLOTS, empty_rays, empty_samples, march_kernel
-from deformrf.core.render.reference import ray_pieces
-from deformrf.core.render.traversal import (
+from deformrf.core.render import Pose, empty_rays, empty_samples, march_kernel
+from deformrf.core.render.rays.marching import FILL_SLOTS
+from deformrf.core.render.rays.traversal import (
     Geometry,
-    Pose,
     line_in_tet,
     speed_and_fade,
     tet_frames_reference,
 )
+from deformrf.core.render.reference import ray_pieces
 
 SLOTS = 512
 

@@ -4,14 +4,18 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.field import network, network_mma
-from deformrf.core.field.encoding import node_table
-from deformrf.core.field.wide import vec4h
-from deformrf.core.render import wavefront
-from deformrf.core.render.camera import from_field_of_view, look_at
-from deformrf.core.render.lens import Lens, LensCamera
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
+from deformrf.core.field import node_table, vec4h
+from deformrf.core.field.networks import mma as network_mma
+from deformrf.core.field.networks import reference as network
+from deformrf.core.render import (
+    Lens,
+    LensCamera,
+    Renderer,
+    RenderOptions,
+    from_field_of_view,
+    look_at,
+)
+from deformrf.core.render.rounds import wavefront
 
 BACKGROUND = (0.2, 0.5, 0.9)
 DETAILS = RenderOptions(BACKGROUND, details=True)  # takes the other way on every device
@@ -173,7 +177,7 @@ def test_nodes_hold_what_entries_hold(make_ball_field):
 
 
 def test_half_entries_are_read_and_written_whole(device):
-    from deformrf.core.field.wide import load_wide_half, store_wide_half
+    from deformrf.core.field import load_wide_half, store_wide_half
 
     @wp.kernel
     def twice(values: wp.array(dtype=vec4h), result: wp.array(dtype=vec4h)):

@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from deformrf.core.deform import constraints
-from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import TetMesh, extract, signed_volumes
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
+from deformrf.core.geometry import TetMesh, a15_grid, extract, signed_volumes
 
 DT = 1.0 / 60.0
 TET = TetMesh(

@@ -1,6 +1,6 @@
 """What keys and buttons do; one method each, named in controls.INPUTS."""
 
-from ..core.render.modes import MODES
+from ..core.render import MODES
 
 
 class Actions:

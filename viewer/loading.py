@@ -9,12 +9,12 @@ import time
 
 import warp as wp
 
-from ..core.render.render import Renderer
+from ..core.render import Renderer
 from .scene import Scene
 from .surface import visible_points
 
-NEEDED = ("render.", "deform.", "field.encoding", "field.network_mma")  # parts of core
-CPU_ALONE, CUDA_ALONE = "deform.frame_cpu", "deform.frame_cuda"
+NEEDED = ("render.", "deform.", "field.encoding", "field.networks.mma")  # parts of core
+CPU_ALONE, CUDA_ALONE = "deform.frame.cpu", "deform.frame.cuda"
 OTHERS = ("networks and tables", "the surface, from eight sides", "the solver")
 
 
@@ -58,7 +58,7 @@ def kernel_modules(device: str) -> list[str]:
     core = __package__.rpartition(".")[0] + ".core."
     not_here = core + (CUDA_ALONE if device == "cpu" else CPU_ALONE)
     if device != "cpu":
-        from ..core.render import wavefront  # noqa: F401  or it is imported with the first image
+        from ..core.render.rounds import wavefront  # noqa: F401  or it is imported with the first image
     return sorted(
         name
         for name, module in list(sys.modules.items())

@@ -90,7 +90,7 @@ class App:
         self.scene = scene
 
     def _splash(self, title, progress):
-        from .panels.loading import loading_window
+        from .panels import loading_window
 
         self.window.switch_to()
         self.window.dispatch_events()
@@ -221,7 +221,7 @@ class App:
     def _draw_panels(self):
         if self.gui is None:
             return
-        from .panels.layout import draw_panels
+        from .panels import draw_panels
 
         self.gui.begin()
         draw_panels(self.gui, self.scene, self.actions, self.status)

@@ -7,8 +7,8 @@ nearer than it is by the scene's handle_bias, with which picking.visible agrees.
 import moderngl
 import numpy as np
 
-from ..core.geometry.mesh import boundary_faces
-from ..core.render.camera import view_projection
+from ..core.geometry import boundary_faces
+from ..core.render import view_projection
 from . import gl
 from . import orbit as orbits
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..core.render import camera as pinhole
+from ..core.render.rays import camera as pinhole
 
 STEEPEST = np.radians(89.0)  # straight up or down, `up` and the view direction would coincide
 CLOSEST, FARTHEST = 0.02, 50.0  # distance from the target, in model units

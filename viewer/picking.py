@@ -6,7 +6,7 @@ t is the distance from the eye along a pixel's unit ray, as in the depth image.
 
 import numpy as np
 
-from ..core.render.camera import Camera
+from ..core.render import Camera
 
 
 def project(camera: Camera, points):

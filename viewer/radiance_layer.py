@@ -15,9 +15,8 @@ import moderngl
 import numpy as np
 import warp as wp
 
-from ..core.geometry.mesh import edges
-from ..core.render.modes import render_mode
-from ..core.render.options import RenderOptions
+from ..core.geometry import edges
+from ..core.render import RenderOptions, render_mode
 from . import gl
 from .resolution import (
     CPU_LADDER,

@@ -1,6 +1,6 @@
 """Sub-pixel samples at rest: shifted images in strips, and the mean of the whole ones."""
 
-from ..core.render.subpixel import RunningMean, shifted
+from ..core.render import RunningMean, shifted
 from .resolution import STRIP_SECONDS, Strips
 
 SAMPLE_COUNT = 16  # images whose mean is shown in the end

@@ -9,10 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.deform.handles import control_vertices, falloff, lowest_pins, vertices_within
-from ..core.deform.material import Material
-from ..core.deform.xpbd import XpbdOptions, XpbdSolver
-from ..core.geometry.mesh import components
+from ..core.deform import (
+    Material,
+    XpbdOptions,
+    XpbdSolver,
+    control_vertices,
+    falloff,
+    lowest_pins,
+    vertices_within,
+)
+from ..core.geometry import components
 from . import orbit as orbits
 from .settings import CPU_TARGET_FPS, Grab, Settings
 from .surface import bounds, nearest_vertices

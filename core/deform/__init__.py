@@ -1,1 +1,22 @@
-"""Positions over time; knows nothing of radiance."""
+"""Positions over time: XPBD with materials, handles and pins.  Knows nothing of radiance."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "arrays": ["upload"],
+        "constraints": [
+            "COMPLIANCE_FLOOR",
+            "STEP_LIMIT",
+            "edge_constraints",
+            "lumped_masses",
+            "volume_constraints",
+            "volume_gradients",
+        ],
+        "handles": ["control_vertices", "falloff", "lowest_pins", "vertices_within"],
+        "material": ["LOWEST_POISSON_RATIO", "Material", "PRESETS"],
+        "options": ["FRAME"],
+        "xpbd": ["XpbdOptions", "XpbdSolver"],
+    },
+)

@@ -12,7 +12,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from ..geometry.mesh import EDGES, face_components, tet_neighbours
+from ..geometry import EDGES, face_components, tet_neighbours
 
 
 def hinge_braces(tets):

@@ -26,8 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry.coloring import color_order
-from ..geometry.mesh import EDGES, signed_volumes
+from ..geometry import EDGES, color_order, signed_volumes
 from .bracing import hinge_braces
 from .isotropy import edge_factors
 

@@ -5,7 +5,7 @@ Shapes: V vertices, T tets.  Positions are rest positions in model space, z up.
 
 import numpy as np
 
-from ..geometry.mesh import components
+from ..geometry import components
 
 # The pins of a component must be at least this wide and deep, in component heights: an
 # object that stands on one vertex, or on a line, turns about it and never comes back.

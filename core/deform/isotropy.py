@@ -28,8 +28,7 @@ from functools import cache
 
 import numpy as np
 
-from ..geometry.lattice import A15, BCC, KUHN, Lattice, cell_tets
-from ..geometry.mesh import EDGES, signed_volumes
+from ..geometry import A15, BCC, EDGES, KUHN, Lattice, cell_tets, signed_volumes
 
 LENGTH_TOLERANCE = 1e-3  # of L²; classes are 20 % apart, float32 vertices 1e-5 of an edge
 LATTICE_SHARE = 0.5  # of a mesh's edges must be the lattice's

@@ -1,6 +1,6 @@
 """How many threads a frame is worth on a CPU, found out while it runs."""
 
-import os
+from ..device import thread_count
 
 MOST_THREADS = 8
 TETS_PER_THREAD = 2000  # fewer aren't worth the barriers
@@ -49,6 +49,4 @@ class Pace:
 
 def thread_limit(tet_count: int) -> int:
     """How many threads a mesh is worth on this machine."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
-    return max(1, min(cores, tet_count // TETS_PER_THREAD, MOST_THREADS))
+    return max(1, min(thread_count(), tet_count // TETS_PER_THREAD, MOST_THREADS))

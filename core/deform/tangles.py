@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from ..geometry.mesh import EDGES
+from ..geometry import EDGES
 from .arrays import upload
 from .integration import UNLIMITED
 

@@ -15,12 +15,11 @@ import math
 import numpy as np
 import warp as wp
 
-from ..geometry.mesh import components
+from ..geometry import components
 from . import checks, constraints, integration
 from .arrays import ConstraintList, frame_arrays, upload, vertex_arrays
 from .feedback import Feedback
-from .frame_cpu import CpuFrame
-from .frame_cuda import CudaFrame, runs_in_block
+from .frame import CpuFrame, CudaFrame, runs_in_block
 from .integration import NO_SPRING, Timing
 from .material import Material
 from .options import FRAME, XpbdOptions

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..geometry.mesh import TetMesh
-from ..geometry.subdivision import (
+from ..geometry import (
     CHILD_VERTICES,
+    TetMesh,
     along,
     descend,
     lattice_axes,

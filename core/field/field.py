@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..geometry.mesh import TetMesh
+from ..geometry import TetMesh
 from .encoding import FEATURES, Layout, encode_reference, make_layout
 from .grid import Surroundings
-from .network import BASIS_COUNT, GEOMETRY_FEATURES, evaluate, spherical_harmonics
+from .networks import BASIS_COUNT, GEOMETRY_FEATURES, evaluate, spherical_harmonics
 
 
 @dataclass(frozen=True)

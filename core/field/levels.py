@@ -9,8 +9,7 @@ Lengths are in model units.  V vertices, N cameras.
 
 import numpy as np
 
-from ..geometry.mesh import EDGES, TetMesh
-from ..geometry.subdivision import path_corners
+from ..geometry import EDGES, TetMesh, path_corners
 
 SHAPES_KNOWN = 2  # levels until Bey's subdivision has made all shapes that it makes
 

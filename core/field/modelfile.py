@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..geometry.mesh import tet_neighbours
+from ..geometry import tet_neighbours
 from ..paths import ROOT
 from .archive import ModelFileError, check, read_arrays
 from .encoding import FEATURES, make_layout
 from .field import FieldOptions, TetField, layer_widths
-from .network import ACTIVATIONS
+from .networks import ACTIVATIONS
 from .packing import (
     pack_layers,
     pack_mesh,

@@ -11,7 +11,7 @@ During training each sub-tet keeps an exponential moving maximum of its optical 
 import numpy as np
 import warp as wp
 
-from ..geometry.subdivision import child_of, child_path, into_child
+from ..geometry import child_of, child_path, into_child
 
 LEVELS = 2
 SUBTET_COUNT = 64  # 8^LEVELS

@@ -14,8 +14,7 @@ docs/model-format.md describes the result; shapes as in encoding.py.
 
 import numpy as np
 
-from ..geometry.lattice import lattice_spacing, lattice_vertices
-from ..geometry.mesh import TetMesh, signed_volumes
+from ..geometry import TetMesh, lattice_spacing, lattice_vertices, signed_volumes
 from .archive import array, check
 from .encoding import FEATURES, Layout
 from .grid import GRID_ENTRIES, GRID_LEVELS, Surroundings, surroundings_widths

@@ -17,8 +17,7 @@ Shapes: T tets, S cells (distinct level-l' descendants, l' = min(l, 2)).
 import numpy as np
 import warp as wp
 
-from ..geometry.mesh import TetMesh
-from ..geometry.subdivision import path_corners, path_nodes
+from ..geometry import TetMesh, path_corners, path_nodes
 from .encoding import Layout
 from .hashing import hash_address, hash_entry
 from .occupancy import LEVELS, unpack_mask

@@ -1,1 +1,47 @@
-"""Tetrahedra: pure geometry, no learning, no time."""
+"""Tetrahedra: lattices, meshes, their subdivision and coloring.  No learning, no time."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "coloring": ["color_order"],
+        "lattice": [
+            "A15",
+            "BCC",
+            "KUHN",
+            "Lattice",
+            "a15_grid",
+            "cell_tets",
+            "lattice_spacing",
+            "lattice_vertices",
+            "morton_order",
+        ],
+        "mesh": [
+            "EDGES",
+            "TetMesh",
+            "boundary_faces",
+            "components",
+            "edges",
+            "extract",
+            "face_components",
+            "signed_volumes",
+            "tet_neighbours",
+        ],
+        "periodic": ["lattice_addresses"],
+        "subdivision": [
+            "CHILD_VERTICES",
+            "along",
+            "child_of",
+            "child_path",
+            "descend",
+            "into_child",
+            "lattice_axes",
+            "lattice_cell",
+            "lattice_point",
+            "lattice_weights",
+            "path_corners",
+            "path_nodes",
+        ],
+    },
+)

@@ -1,1 +1,41 @@
-"""Rays to pixels."""
+"""Rays to pixels: a field in its current pose as an image."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "modes": ["MODES", "caption", "render_mode"],
+        "options": ["RenderOptions"],
+        "rays.camera": [
+            "Camera",
+            "camera_rays",
+            "from_field_of_view",
+            "in_space",
+            "look_at",
+            "view_projection",
+        ],
+        "rays.lens": [
+            "DeviceLens",
+            "Lens",
+            "LensCamera",
+            "device_lens",
+            "has_rays",
+            "lens_direction",
+            "lens_rays",
+        ],
+        "rays.marching": [
+            "COUNT",
+            "WRITE",
+            "basis_kernel",
+            "empty_rays",
+            "empty_samples",
+            "march_kernel",
+        ],
+        "rays.traversal": ["Pose"],
+        "render": ["Renderer"],
+        "rounds.compositing": ["composite_backward_kernel", "composite_kernel"],
+        "subpixel": ["RunningMean", "shifted"],
+        "visible": ["visible_part"],
+    },
+)

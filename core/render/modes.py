@@ -26,11 +26,11 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from ..geometry.mesh import EDGES
-from .compositing import to_byte
-from .lens import DeviceLens, device_lens, lens_direction
+from ..geometry import EDGES
 from .options import RenderOptions
+from .rays import DeviceLens, device_lens, lens_direction
 from .render import Image
+from .rounds import to_byte
 
 MODES = ("color", "depth", "accumulation", "normals", "tets", "levels", "samples", "error")
 SAMPLES_SHOWN = 64  # of the bundled model's rays that meet it, 1 % take more

@@ -16,9 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..field.field import TetField
-from ..field.occupancy import is_occupied_reference
-from .traversal import tet_frames_reference
+from ..field import TetField, is_occupied_reference
+from .rays import tet_frames_reference
 
 EVALUATE_CHUNK = 1 << 18  # samples per call of the field: bounds the memory
 

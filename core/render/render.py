@@ -8,7 +8,6 @@ CUDA default mode has rounds of its own, which nothing waits for (wavefront.py).
 Where the mesh overlaps itself, the rays that see it are rendered by layers.py.
 """
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -16,25 +15,28 @@ from functools import partial
 import numpy as np
 import warp as wp
 
-from ..field.field import TetField
-from .camera import Camera
-from .compositing import accumulate_kernel, empty_pixels, resolve_kernel
-from .entries import FaceBoxes
-from .layers import Layers
-from .lens import DeviceLens, LensCamera, device_lens, lens_direction
-from .marching import (
+from ..device import thread_count
+from ..field import TetField
+from .options import RenderOptions, checked
+from .overlap import Layers, Overlap
+from .rays import (
     FILL_SLOTS,
     MIDDLE,
+    Camera,
+    DeviceLens,
+    FaceBoxes,
+    LensCamera,
+    Pose,
+    device_lens,
     empty_rays,
     empty_samples,
+    lens_direction,
     march_kernel,
     pack_kernel,
 )
-from .options import RenderOptions, checked
-from .overlap import Overlap
+from .rounds import accumulate_kernel, empty_pixels, resolve_kernel
 from .shading import Shading
 from .stages import Stages
-from .traversal import Pose
 from .visible import visible_part
 
 CPU_TILE_RAYS = 8192  # many for each launch, few enough for all cores to have some
@@ -135,7 +137,7 @@ class Renderer:
         self._wavefront = None
         self._middle = wp.full(1, MIDDLE, dtype=int, device=self.device)
         if not self.device.is_cuda:
-            self._pool = ThreadPoolExecutor(os.cpu_count())
+            self._pool = ThreadPoolExecutor(thread_count())
 
     @property
     def stage_seconds(self):
@@ -227,7 +229,7 @@ class Renderer:
 
     def _render_wavefront(self, camera, options, rows, shape):
         count = shape[0] * shape[1]
-        from .wavefront import Wavefront  # whose kernels only CUDA needs
+        from .rounds import Wavefront  # whose kernels only CUDA needs
 
         if self._wavefront is None or self._wavefront.capacity < count:
             self._wavefront = None  # its memory first

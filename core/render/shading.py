@@ -10,11 +10,10 @@ Shapes: N packed samples, L levels.
 import numpy as np
 import warp as wp
 
-from ..field import network, network_mma
-from ..field.encoding import FEATURES, encode_kernel, make_tables, node_table
-from ..field.field import TetField
-from ..field.wide import vec4h
-from .marching import Rays, Samples, basis_kernel
+from ..field import FEATURES, TetField, encode_kernel, make_tables, node_table, vec4h
+from ..field.networks import mma as network_mma
+from ..field.networks import reference as network
+from .rays import Rays, Samples, basis_kernel
 
 wp.set_module_options({"enable_backward": False})
 
@@ -168,8 +167,8 @@ def torch_networks(field, device):
     """
     import torch
 
-    from ..field import network_triton
-    from ..field.network_torch import Networks
+    from ..field import Networks
+    from ..field.networks import triton as network_triton
 
     networks = Networks(
         field.density_layers, field.color_layers, field.options.density_activation

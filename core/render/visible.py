@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..field.field import TetField
+from ..field import TetField
 
 CURVE_BITS = 10  # per axis
 

@@ -24,27 +24,26 @@ import numpy as np
 import torch
 import warp as wp
 
-from ..field.field import FieldOptions, TetField
-from ..field.levels import levels_below_pixel, narrowest_pixel
-from ..field.occupancy import fill_enclosed
-from ..geometry.lattice import a15_grid
-from ..geometry.mesh import TetMesh, extract, face_components, tet_neighbours
-from ..render.camera import in_space
-from . import checkpoint as checkpoints
-from .batch import Batch
-from .capture import DatasetError
-from .checkpoint import Checkpoint
-from .datasets import Dataset
-from .differentiable import on_warp_stream
-from .distributed import ALONE, Workers
-from .fit import Diverged, Fit
-from .history import History
+from ..field import FieldOptions, TetField, fill_enclosed, levels_below_pixel, narrowest_pixel
+from ..geometry import TetMesh, a15_grid, extract, face_components, tet_neighbours
+from ..render import in_space
+from .data import Dataset, DatasetError, RayBank, has_white_border, object_box, world_to_unit_cube
 from .options import TrainOptions
-from .progress import TrainingProgress
-from .raybank import RayBank
-from .scene_box import has_white_border, object_box, world_to_unit_cube
-from .stage import Stage
-from .surroundings import LearntSurroundings, random_surroundings
+from .run import (
+    ALONE,
+    Batch,
+    Checkpoint,
+    Diverged,
+    Fit,
+    History,
+    LearntSurroundings,
+    Stage,
+    TrainingProgress,
+    Workers,
+    on_warp_stream,
+    random_surroundings,
+)
+from .run import checkpoint as checkpoints
 
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2

@@ -24,9 +24,9 @@ import torch
 from deformrf.core.cli import with_steps
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
-from deformrf.core.training import datasets, evaluate, trainer
-from deformrf.core.training.capture import DatasetError
-from deformrf.core.training.options import preset
+from deformrf.core.training import DatasetError, preset, trainer
+from deformrf.core.training import evaluation as evaluate
+from deformrf.core.training.data import datasets
 
 WHOLE, PUBLISHED = "whole method", "published order"
 LEVELS = {f"L = {count}": {"level_count": count} for count in range(1, 8)}

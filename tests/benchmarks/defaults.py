@@ -16,8 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from deformrf.core.deform.xpbd import XpbdOptions
-from deformrf.core.study import own_mesh, rendering, rule
+from deformrf.core.deform import XpbdOptions
+from deformrf.core.lab.dynamics import measure as own_mesh
+from deformrf.core.lab.rendering import measure as rendering
+from deformrf.core.lab.rendering import rule
 
 
 def rendering_choice(reports, judged):

@@ -29,15 +29,11 @@ import warp as wp
 from PIL import Image
 
 from deformrf.core.device import start_warp
-from deformrf.core.field import modelfile
-from deformrf.core.field.network import basis_of, basis_vector
-from deformrf.core.render.camera import in_space
-from deformrf.core.render.lens import LensCamera
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
-from deformrf.core.render.traversal import tet_frames_reference
-from deformrf.core.training import datasets
-from deformrf.core.training.datasets import white_composite
+from deformrf.core.field import basis_of, basis_vector, modelfile
+from deformrf.core.render import LensCamera, Renderer, RenderOptions, in_space
+from deformrf.core.render.rays.traversal import tet_frames_reference
+from deformrf.core.training import white_composite
+from deformrf.core.training.data import datasets
 from deformrf.core.training.metrics import psnr, ssim
 
 WAYS = {  # name: direction, path length

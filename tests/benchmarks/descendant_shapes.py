@@ -9,9 +9,8 @@ import argparse
 
 import numpy as np
 
-from deformrf.core.geometry.lattice import A15, cell_tets
-from deformrf.core.geometry.mesh import EDGES, FACES
-from deformrf.core.geometry.subdivision import CHILD_VERTICES
+from deformrf.core.geometry import A15, CHILD_VERTICES, EDGES, cell_tets
+from deformrf.core.geometry.mesh import FACES
 
 PUBLISHED_CHILD_VERTICES = np.array(
     [

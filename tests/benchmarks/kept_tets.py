@@ -12,7 +12,7 @@ import argparse
 import numpy as np
 
 from deformrf.core.field import modelfile
-from deformrf.core.render.camera import in_space
+from deformrf.core.render import in_space
 
 AXES = "xyz"
 COLORS = {"inside, occupied": "#2a6f97", "inside": "#a9d6e5", "outside": "#c1121f"}

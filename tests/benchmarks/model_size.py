@@ -16,13 +16,9 @@ import numpy as np
 
 from deformrf.core import paths
 from deformrf.core.device import start_warp
-from deformrf.core.field import modelfile
-from deformrf.core.field.packing import pack_tables
-from deformrf.core.field.reach import reached_entries
-from deformrf.core.render.camera import in_space
-from deformrf.core.render.lens import LensCamera
-from deformrf.core.render.render import Renderer
-from deformrf.core.training import datasets
+from deformrf.core.field import modelfile, pack_tables, reached_entries
+from deformrf.core.render import LensCamera, Renderer, in_space
+from deformrf.core.training.data import datasets
 from deformrf.core.training.metrics import psnr
 
 MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")

@@ -19,10 +19,10 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from deformrf.core.field import network_triton
-from deformrf.core.field.field import FieldOptions, layer_widths
-from deformrf.core.field.network_torch import Networks
-from deformrf.core.training.step import LOSS_SCALE
+from deformrf.core.field import FieldOptions, Networks
+from deformrf.core.field.field import layer_widths
+from deformrf.core.field.networks import triton as network_triton
+from deformrf.core.training.run.step import LOSS_SCALE
 
 RUNS, WARM_UP_RUNS = 30, 5
 CHECKED = 1 << 18  # samples of which errors are measured

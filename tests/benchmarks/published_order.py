@@ -14,8 +14,7 @@ import sys
 import numpy as np
 import warp as wp
 
-from deformrf.core.geometry import subdivision
-from deformrf.core.geometry.subdivision import child_of, into_child
+from deformrf.core.geometry import child_of, into_child, subdivision
 
 # Corner j of child k is corner ORDER[k, j] in Bey's order.
 ORDER = np.array(
@@ -71,8 +70,8 @@ def published_child_corners(k: int, a: wp.vec3i, b: wp.vec3i, c: wp.vec3i, d: wp
 
 def replace_corner_entries():
     """Where the encoding knows Bey's descendants, let it descend."""
-    from deformrf.core.field import encoding
-    from deformrf.core.field.encoding import Tables, mat43ui
+    from deformrf.core.field import Tables, encoding
+    from deformrf.core.field.encoding import mat43ui
     from deformrf.core.field.hashing import products_entry
 
     @wp.func

@@ -22,15 +22,12 @@ import numpy as np
 
 from deformrf.core.cli import with_steps
 from deformrf.core.device import start_warp
-from deformrf.core.render.camera import in_space
-from deformrf.core.render.lens import LensCamera
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
-from deformrf.core.training import datasets, trainer
-from deformrf.core.training.evaluate import render_view
+from deformrf.core.render import LensCamera, Renderer, RenderOptions, in_space
+from deformrf.core.training import preset, trainer
+from deformrf.core.training.data import datasets
+from deformrf.core.training.evaluation import render_view
 from deformrf.core.training.metrics import psnr
-from deformrf.core.training.options import preset
-from deformrf.core.training.surroundings import LearntSurroundings
+from deformrf.core.training.run.surroundings import LearntSurroundings
 
 INTERVAL, SHARE = 0.5, 0.05  # seconds from score to score, and at least that share of all so far
 

@@ -22,15 +22,24 @@ import numpy as np
 import warp as wp
 
 from deformrf.core import paths
-from deformrf.core.deform.handles import control_vertices, lowest_pins, vertices_within
-from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
+from deformrf.core.deform import (
+    Material,
+    XpbdOptions,
+    XpbdSolver,
+    control_vertices,
+    lowest_pins,
+    vertices_within,
+)
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
-from deformrf.core.render import reference
-from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
+from deformrf.core.render import (
+    Renderer,
+    RenderOptions,
+    camera_rays,
+    from_field_of_view,
+    look_at,
+    reference,
+)
 from deformrf.core.training.metrics import psnr
 
 REFERENCE_PIXELS = 3000
@@ -159,7 +168,7 @@ def error(case):
     renderer, view = case.renderer, case.view(case.frame_count - 1)
     image = case.renderer.render(view).color_array()[..., :3].reshape(-1, 3) / 255.0
     some = np.random.default_rng(0).choice(len(image), REFERENCE_PIXELS, replace=False)
-    origins, directions = rays(view)
+    origins, directions = camera_rays(view)
     expected, _, _ = reference.render_rays(
         renderer.field,
         np.asarray(case.vertices, np.float32),

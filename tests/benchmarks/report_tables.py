@@ -10,7 +10,7 @@ import argparse
 import json
 from pathlib import Path
 
-from deformrf.core.deform.xpbd import XpbdOptions
+from deformrf.core.deform import XpbdOptions
 
 NAMES = {"h100": "one H100", "cpu": "two CPU cores"}
 SUBSTEPS, FEWER_SUBSTEPS = XpbdOptions().substep_count, 20

@@ -23,9 +23,7 @@ import numpy as np
 from deformrf.core import paths
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
-from deformrf.core.render.camera import from_field_of_view, look_at, rays
-from deformrf.core.render.options import RenderOptions
-from deformrf.core.render.render import Renderer
+from deformrf.core.render import Renderer, RenderOptions, camera_rays, from_field_of_view, look_at
 
 FACTORS = 2.0 ** np.arange(1, -6, -1)  # of Δ
 FINEST = 1 / 64
@@ -52,7 +50,7 @@ def twisted(vertices):
 
 def colors(renderer, view, options):
     """The image over white, as floats.  [H·W, 3]"""
-    origins, directions = rays(view)
+    origins, directions = camera_rays(view)
     parts = [slice(a, a + CHUNK_RAYS) for a in range(0, len(origins), CHUNK_RAYS)]
     return np.concatenate(
         [renderer.render_rays(origins[p], directions[p], options)[0] for p in parts]

@@ -16,9 +16,10 @@ import numpy as np
 import torch
 
 from deformrf.core.device import start_warp
-from deformrf.core.training import datasets, evaluate, trainer
-from deformrf.core.training.options import preset
-from deformrf.core.training.stage import Stage
+from deformrf.core.training import evaluation as evaluate
+from deformrf.core.training import preset, trainer
+from deformrf.core.training.data import datasets
+from deformrf.core.training.run.stage import Stage
 
 encode = Stage.encode
 

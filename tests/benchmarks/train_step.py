@@ -17,13 +17,13 @@ from deformrf.core import paths
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.field.occupancy import unpack_mask
-from deformrf.core.training import datasets
-from deformrf.core.training.differentiable import Composite, on_warp_stream
-from deformrf.core.training.fit import next_ray_count
-from deformrf.core.training.options import preset
-from deformrf.core.training.raybank import RayBank
-from deformrf.core.training.stage import Stage
-from deformrf.core.training.step import LOSS_SCALE, Step
+from deformrf.core.training import preset
+from deformrf.core.training.data import datasets
+from deformrf.core.training.data.raybank import RayBank
+from deformrf.core.training.run.differentiable import Composite, on_warp_stream
+from deformrf.core.training.run.fit import next_ray_count
+from deformrf.core.training.run.stage import Stage
+from deformrf.core.training.run.step import LOSS_SCALE, Step
 
 RATE = 1e-4  # small: the field stays what it is
 

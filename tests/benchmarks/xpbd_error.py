@@ -4,7 +4,7 @@
     python tests/benchmarks/xpbd_error.py --device cuda:0 --spacing 0.015625 --out out/error_cuda
 
 Writes OUT.csv, and OUT_static.png and OUT_dynamic.png.  What the scenes, references and
-errors are: core/study/error.py.
+errors are: core/lab/dynamics/error.py.
 """
 
 import argparse
@@ -12,8 +12,8 @@ import csv
 from pathlib import Path
 
 from deformrf.core.device import start_warp
-from deformrf.core.report.parts import record
-from deformrf.core.study import error
+from deformrf.core.lab.dynamics import error
+from deformrf.core.lab.report.parts import record
 
 
 def compliance(word):

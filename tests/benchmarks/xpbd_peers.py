@@ -7,7 +7,7 @@ A ball stands on its pinned foot under gravity; its top is dragged 0.1 m aside w
 are timed, then held until the ball rests.  Masses, pins, handles, dt, substeps, gravity,
 damping and speed limit are the same for all.  The energies:
 
-    springs   Ours (core/study/energy.py).  Newton's solvers take the same one: springs of
+    springs   Ours (core/lab/dynamics/energy.py).  Newton's solvers take the same one: springs of
               k_e, and tets of k_lambda = K, k_mu ≈ 0 (SolverXPBD skips a tet whose k_mu is 0)
     stable    Newton's tets in SolverVBD (xpbd_statics.py)
     split     Newton's tets in SolverXPBD; at small strain they resist no shear
@@ -27,12 +27,10 @@ import xpbd_statics
 from newton_peer import NewtonPeer, newton, newton_model
 from xpbd_speed import DT, WARM_UP, ball
 
-from deformrf.core.deform.handles import lowest_pins
-from deformrf.core.deform.material import Material
+from deformrf.core.deform import Material, XpbdSolver, lowest_pins
 from deformrf.core.deform.options import XpbdOptions
-from deformrf.core.deform.xpbd import XpbdSolver
-from deformrf.core.study import statics
-from deformrf.core.study.energy import material_energy
+from deformrf.core.lab.dynamics import statics
+from deformrf.core.lab.dynamics.energy import material_energy
 
 GRAVITY = (0.0, 0.0, -9.81)
 MATERIAL = Material(damping=30.0)  # so that the ball soon rests; where doesn't depend on it

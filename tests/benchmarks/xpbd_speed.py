@@ -17,11 +17,8 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from deformrf.core.deform.handles import lowest_pins
-from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdOptions, XpbdSolver
-from deformrf.core.geometry.lattice import a15_grid
-from deformrf.core.geometry.mesh import extract
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, lowest_pins
+from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
 WARM_UP = 5

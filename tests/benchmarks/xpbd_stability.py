@@ -21,12 +21,11 @@ import numpy as np
 import warp as wp
 from rich.progress import track
 
-from deformrf.core.deform.material import Material
-from deformrf.core.deform.xpbd import XpbdSolver
-from deformrf.core.geometry.lattice import a15_grid, bcc_grid, kuhn_grid
-from deformrf.core.geometry.mesh import TetMesh, extract
-from deformrf.core.study.stability import run_case
-from deformrf.core.study.stress import CASES, suits
+from deformrf.core.deform import Material, XpbdSolver
+from deformrf.core.geometry import TetMesh, a15_grid, extract
+from deformrf.core.geometry.lattice import bcc_grid, kuhn_grid
+from deformrf.core.lab.stability.measure import run_case
+from deformrf.core.lab.stability.stress import CASES, suits
 
 GRIDS = {"A15": (a15_grid, 46 / 64), "BCC": (bcc_grid, 12 / 8), "Kuhn": (kuhn_grid, 6)}  # tets/dx³
 TET_COUNT = 1300

@@ -2,8 +2,7 @@
 
 from imgui_bundle import imgui
 
-from ...core.deform.constraints import COMPLIANCE_FLOOR
-from ...core.deform.material import LOWEST_POISSON_RATIO, PRESETS
+from ...core.deform import COMPLIANCE_FLOOR, LOWEST_POISSON_RATIO, PRESETS
 from ..controls import label_of
 from ..scene import EARTH
 

@@ -2,7 +2,7 @@
 
 from imgui_bundle import imgui
 
-from ...core.render.modes import MODES, caption
+from ...core.render import MODES, caption
 from ..controls import label_of
 
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}

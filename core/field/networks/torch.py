@@ -1,0 +1,76 @@
+"""The networks of `network.py` in torch: for training, and for rendering on CUDA.
+
+Imported only where it is needed; torch takes seconds to load.
+"""
+
+import torch
+from torch import nn
+
+from ..field import Layers
+from .reference import MAX_LOG_SIGMA
+
+ACTIVATIONS = {"relu": torch.relu, "sigmoid": torch.sigmoid}
+
+
+class TruncatedExp(torch.autograd.Function):
+    """exp with a gradient that stays finite (Instant-NGP's truncated exponential)."""
+
+    @staticmethod
+    def forward(ctx, x):
+        y = torch.exp(x.clamp(max=MAX_LOG_SIGMA))
+        ctx.save_for_backward(y)
+        return y
+
+    @staticmethod
+    def backward(ctx, gradient):
+        (y,) = ctx.saved_tensors
+        return gradient * y
+
+
+class Networks(nn.Module):
+    """Both MLPs; same layers, same order as network.evaluate."""
+
+    def __init__(self, density_layers: Layers, color_layers: Layers, density_activation: str):
+        super().__init__()
+        self.density = nn.ModuleList(_linear(w, b) for w, b in density_layers)
+        self.color = nn.ModuleList(_linear(w, b) for w, b in color_layers)
+        self.activation = ACTIVATIONS[density_activation]
+
+    def density_features(self, features):
+        """[N, L·F] -> h [N, 16]"""
+        for layer in self.density[:-1]:
+            features = self.activation(layer(features))
+        return self.density[-1](features)
+
+    def sigma(self, h):
+        """Density per unit of rest length, float32.  [N]"""
+        return TruncatedExp.apply(h[:, 0].float())
+
+    def forward(self, features, basis):
+        """sigma [N] and rgb [N, 3], both float32."""
+        h = self.density_features(features)
+        x = torch.cat([h, basis.to(h.dtype)], dim=1)
+        for layer in self.color[:-1]:
+            x = torch.relu(layer(x))
+        return self.sigma(h), torch.sigmoid(self.color[-1](x).float())
+
+    def layers(self):
+        """Density and color layers as NumPy arrays (weights [in, out], bias [out])."""
+        return tuple(
+            tuple(
+                (
+                    layer.weight.detach().float().t().contiguous().cpu().numpy(),
+                    layer.bias.detach().float().cpu().numpy(),
+                )
+                for layer in part
+            )
+            for part in (self.density, self.color)
+        )
+
+
+def _linear(weights, bias):
+    layer = nn.Linear(*weights.shape)
+    with torch.no_grad():
+        layer.weight.copy_(torch.from_numpy(weights.T.copy()))
+        layer.bias.copy_(torch.from_numpy(bias.copy()))
+    return layer

@@ -1,0 +1,1 @@
+"""Error of the solver against its run time."""

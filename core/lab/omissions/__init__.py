@@ -1,0 +1,1 @@
+"""What a scene does not need, and what leaving it out saves."""

@@ -1,0 +1,144 @@
+"""What a start leaves out, measured by interpreters that import it first.
+
+Each turn starts fresh interpreters that do what viewing needs: import, load the model, render
+one small image.  A first one of each way doesn't count: it reads from a cold disk.  Times are
+theirs, from their first line on; memory is the peak of the process, which Linux tells
+(/proc/self/status: getrusage would count the peak of the process that started it).  Kernels
+are in Warp's cache, but for the row of those that are compiled.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+
+from ..stopwatch import timing_of
+from .rows import NONE, START, Omission, compared_in_turns, not_measured, omission
+
+VIEW_SIZE = 64  # pixels
+WARM_UP = 1  # turns
+PACKAGE = __package__.removesuffix(".core.lab.omissions")
+TORCH = ("torch",)
+REPORTS = ("matplotlib.figure", "scipy.sparse.linalg")
+OF_CUDA, OF_CPU = "core.render.rounds.slots", "core.deform.frame.cpu"  # a large module of each
+
+VIEWING = f"""
+import hashlib, importlib, json, sys, time
+path, device, *first = sys.argv[1:]
+start = time.perf_counter()
+for name in first:
+    importlib.import_module(name)
+from {PACKAGE}.core.device import start_warp
+start_warp()
+from {PACKAGE}.core.field import modelfile
+from {PACKAGE}.core.render.render import Renderer
+from {PACKAGE}.core.lab.rendering.pictures import view
+field = modelfile.load(path)
+renderer = Renderer(field, device)
+renderer.set_vertices(field.mesh.rest_vertices)
+image = renderer.render(view(field, 0.5, {VIEW_SIZE})).color_array()
+seconds = time.perf_counter() - start
+peak = None
+if sys.platform == "linux":
+    lines = open("/proc/self/status").read().splitlines()
+    peak = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) * 1024e-6
+imported = [name for name in {TORCH + REPORTS!r} if name in sys.modules]
+print(json.dumps([seconds, peak, imported, hashlib.sha256(image.tobytes()).hexdigest()]))
+"""
+
+COMPILING = f"""
+import importlib, json, sys, time
+module, device, folder = sys.argv[1:]
+import warp as wp
+wp.config.kernel_cache_dir = folder
+from {PACKAGE}.core.device import start_warp
+start_warp()
+import {PACKAGE}.core.render.render
+importlib.import_module(module)
+wp.load_module("{PACKAGE}.core.render.render", device=device)  # the compiler starts anyway
+start = time.perf_counter()
+wp.load_module(module, device="cpu")
+print(json.dumps(time.perf_counter() - start))
+"""
+
+
+def import_rows(path, device, turns: int) -> list[Omission]:
+    """torch, and what only reports need: where viewing imports it without need."""
+    ways = ((), TORCH, REPORTS)
+    runs = {way: [] for way in ways}
+    for turn in range(-WARM_UP, turns):
+        for way in ways if turn % 2 else ways[::-1]:
+            run = _run(VIEWING, str(path), device, *way)
+            if turn >= 0:
+                runs[way].append(run)
+    return [
+        *_rows_of(
+            "torch",
+            TORCH,
+            runs,
+            "Networks run in NumPy on the CPU and in a Warp kernel on CUDA; torch is for training.",
+            "It is imported anyway: networks of this shape are torch's on this device.",
+        ),
+        *_rows_of(
+            "matplotlib and scipy",
+            REPORTS,
+            runs,
+            "Only reports draw curves and solve for references, and import them late.",
+            "They are imported anyway.",
+        ),
+    ]
+
+
+def kernel_row(device, turns: int) -> Omission:
+    """Kernels that only another device runs, compiled at the first start."""
+    module = f"{PACKAGE}.{OF_CUDA if device == 'cpu' else OF_CPU}"
+    seconds = []
+    for _ in range(turns):
+        with tempfile.TemporaryDirectory() as folder:
+            seconds.append(_run(COMPILING, module, device, folder))
+    other = "CUDA" if device == "cpu" else "the CPU"
+    nothing = timing_of([0.0] * turns)
+    return omission(
+        f"kernels of {other} ({module.rpartition('.')[2]}), at the first start",
+        START,
+        (timing_of(seconds), nothing, timing_of(seconds)),
+        "nothing that is shown: no image is made with them",
+        f"Only {other} runs them; whoever has this device need not wait for the compiler.",
+        "They compile at once.",
+        unit="s",
+    )
+
+
+def _rows_of(name, modules, runs, why, anyway) -> list[Omission]:
+    """Seconds and memory of starts with and without these modules.
+
+    Args:
+        why: They are left out, where they are.
+        anyway: Why they aren't, where that is so.
+    """
+    asked, plain = runs[modules], runs[()]
+    left_out = not set(modules) & set(plain[0][2])
+    reason = why if left_out else anyway
+    images = {run[3] for run in (*asked, *plain)}
+    change = NONE if len(images) == 1 else "the image, which differs from start to start"
+    rows = []
+    for unit, place, what in (("s", 0, "at the start"), ("MB", 1, "in memory")):
+        with_it, without = ([run[place] for run in way] for way in (asked, plain))
+        title = f"{name}, {what}"
+        if None in with_it:
+            unknown = "This system doesn't say how much memory a process had at most."
+            rows.append(not_measured(title, START, unknown, left_out, unit))
+            continue
+        turned = compared_in_turns(with_it, without)
+        rows.append(omission(title, START, turned, change, reason, reason, left_out, unit))
+    return rows
+
+
+def _run(program, *arguments):
+    """What a fresh interpreter prints, as JSON."""
+    command = [sys.executable, "-c", program, *arguments]
+    run = subprocess.run(command, capture_output=True, text=True)
+    if run.returncode:
+        words = run.stderr.strip() or f"it ended with {run.returncode} and without a word"
+        raise RuntimeError(f"a start failed: {words}")
+    return json.loads(run.stdout.splitlines()[-1])

@@ -1,0 +1,174 @@
+"""What was left out for a model on a device and what that saves.
+
+Where it saves nothing, or costs something, the text asks why it is left out, and answers.
+"""
+
+from ...deform import XpbdOptions
+from ..report import INK, Figure, Section, Table, new_figure, png
+from .measure import Effort
+from .rows import COSTS, ENOUGH_TURNS, NONE, NOT_MEASURED, NOTHING, SAVES, Omission
+
+COLORS = {SAVES: "#4477aa", NOTHING: "#999999", COSTS: "#cc3311"}
+ALL_OF_IT = 0.05  # without it, less than this is left of what it is a part of: it isn't done
+LEAST_PERCENT = -100.0  # a bar of a larger loss is cut off
+HEADINGS = {
+    "name": "what",
+    "left_out": "left out",
+    "unit": "unit",
+    "with_it": "with it",
+    "without": "without it",
+    "saving": "saving",
+    "change": "what its absence changes",
+    "verdict": "leaving it out",
+    "why": "why",
+}
+
+
+def section(rows: list[Omission], effort: Effort) -> Section:
+    """The report's section of these rows, in their order.
+
+    Args:
+        effort: With which they were measured.
+    """
+    measured = [row for row in rows if row.verdict != NOT_MEASURED]
+    figures = []
+    if measured:
+        caption = (
+            "What leaving out each part saves, of what it is a part of (a frame, a step of the"
+            " solver, the file, a start), with the tenth and ninetieth percentile of the turns."
+            " Hollow bars: what is kept, though it could be left out."
+        )
+        figures.append(Figure("left_out", caption, _bars(measured)))
+    caption = (
+        "What is left out, or could be: with it and without it, the median and in brackets the"
+        " tenth and ninetieth percentile. Saving: the difference from turn to turn."
+    )
+    return Section(
+        key="left_out",
+        title="Left out",
+        findings=[_summary(measured), *filter(None, map(_finding, rows))],
+        method=_method(effort),
+        tables=[Table("left_out", caption, HEADINGS, rows)],
+        figures=figures,
+    )
+
+
+def _summary(measured) -> str:
+    left_out = [row for row in measured if row.left_out]
+    count = {v: sum(row.verdict == v for row in left_out) for v in (SAVES, NOTHING, COSTS)}
+    same = sum(row.change == NONE for row in left_out)
+    summary = (
+        f"Of {len(left_out)} rows of what is left out, {count[SAVES]} save something that can be"
+        f" measured, {count[NOTHING]} nothing, and {count[COSTS]} cost something; {same} change"
+        " nothing in the result, bit by bit."
+    )
+    parts = [
+        row
+        for row in left_out
+        if row.verdict == SAVES and row.without.median > ALL_OF_IT * row.with_it.median
+    ]
+    if parts:
+        most = max(parts, key=lambda row: row.percent.median)
+        summary += (
+            f" Besides what is left out whole, the largest part is {most.name},"
+            f" {most.percent.median:.0f} % ({_amount(most)})."
+        )
+    return summary
+
+
+def _finding(row: Omission) -> str | None:
+    """What has to be said about a row in words, if anything."""
+    if row.verdict == NOT_MEASURED:
+        return f"Not measured: {row.name}. {row.why}"
+    if not row.left_out:
+        change = f"changes the result: {row.change}"
+        if row.change == NONE:
+            change = "changes nothing, bit by bit"
+        return f"Not left out: {row.name}. Leaving that out {_effect(row)} and {change}. {row.why}"
+    if row.verdict == SAVES:
+        return None
+    return f"Leaving out {row.name} {_effect(row)}. Why is it left out? {row.why}"
+
+
+def _effect(row) -> str:
+    if row.verdict == NOTHING:
+        return f"saves nothing that can be measured ({_spread(row)})"
+    if row.verdict == COSTS:
+        return f"costs {-row.saving.median:.3g} {row.unit}"
+    return f"saves {_amount(row)}"
+
+
+def _spread(row) -> str:
+    """Where both ways can't be told apart: of the differences, or of few turns of one sign."""
+    if row.saving.count == 1:
+        return _amount(row)
+    if row.saving.low <= 0.0 <= row.saving.high:
+        return f"{_range(row.saving)} {row.unit}"
+    with_it, without = _range(row.with_it), _range(row.without)
+    return f"{row.saving.count} turns: with it {with_it} {row.unit}, without {without} {row.unit}"
+
+
+def _range(timing) -> str:
+    return f"{timing.low:.3g} to {timing.high:.3g}"
+
+
+def _amount(row) -> str:
+    return f"{row.saving.median:.3g} {row.unit}"
+
+
+def _method(effort) -> list[str]:
+    return [
+        "Each row switches one thing on and nothing else. With it and without it take turns, so"
+        " that whatever else the machine does happens to both; the saving is the median difference"
+        " from turn to turn. It is nothing measurable where the tenth and ninetieth percentile of"
+        f" the differences lie on both sides of 0, nor, with fewer than {ENOUGH_TURNS} turns, where"
+        " those with it and without it overlap. A loss is printed as such.",
+        f"Rendering: {effort.image_turns} turns at {effort.image_size}×{effort.image_size} pixels,"
+        f" {effort.view_count} views in turn, the object at rest, over white. Images are compared"
+        " in bytes; dB is the peak signal-to-noise ratio against the other image.",
+        f"Dynamics: {effort.step_turns} turns, each a step of 1/60 s with"
+        f" {XpbdOptions().substep_count} substeps, the default material, the lowest part pinned,"
+        " the highest vertices dragged from side to side. Poses are compared after as many steps,"
+        " in object sizes.",
+        f"Start: {effort.start_turns} turns of fresh interpreters that load the model and render"
+        " one small image, after a turn that doesn't count; memory is the peak of a process."
+        f" Kernels: compiled into an empty folder, repeats: {effort.compilations}. Files are"
+        " written and their size is that on the disk.",
+    ]
+
+
+def _bars(rows) -> bytes:
+    figure = new_figure(9.0, 1.2 + 0.29 * len(rows))
+    axes = figure.add_subplot()
+    for place, row in enumerate(rows):
+        saved = row.percent
+        low, median, high = (max(x, LEAST_PERCENT) for x in (saved.low, saved.median, saved.high))
+        color = COLORS[row.verdict]
+        axes.barh(
+            place,
+            median,
+            height=0.68,
+            color=color if row.left_out else "white",
+            edgecolor=color,
+            linewidth=1.2,
+        )
+        axes.plot([low, high], [place, place], color=INK, linewidth=1.1)
+        axes.annotate(
+            _amount(row),
+            (max(high, 0.0), place),
+            (4, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+            color=INK,
+        )
+    axes.axvline(0.0, color=INK, linewidth=0.8)
+    axes.set_yticks(range(len(rows)), [row.name for row in rows], fontsize=8)
+    axes.invert_yaxis()
+    axes.margins(x=0.09, y=0.01)
+    axes.set_xlabel("saved, % of what it is a part of", color=INK)
+    axes.grid(axis="x", linewidth=0.4)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.tick_params(left=False, colors=INK)
+    return png(figure)

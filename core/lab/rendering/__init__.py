@@ -1,0 +1,12 @@
+"""Error of rendering against its run time."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "measure": ["BOUND", "LARGEST", "RenderingStudy", "differences"],
+        "photographs": ["photographs"],
+        "pictures": ["image_error", "views"],
+    },
+)

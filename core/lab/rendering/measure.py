@@ -1,0 +1,341 @@
+"""Error of rendering against the time that it takes, one setting beside the other.
+
+Settings differ from default mode in one thing or two: the step, the levels that are
+encoded, the transmittance at which a ray ends, the networks' precision, the mask of empty
+sub-tets, the number of pixels.  Each is rendered in every turn, from all sides; the error is
+that of some pixels against the float64 reference at the model's own step, which is what the
+image of a field means.  PSNR is that of random pixels.  These miss single ones that sparkle,
+so all pixels are compared with conformance mode, and those that differ most are suspects:
+they are compared with the reference, too.
+
+Default mode may end rays early, use half precision and leave levels out, as long as every
+view has at least BOUND dB and no channel of any pixel is more than LARGEST off, from
+conformance mode or, of random pixels and suspects, from the reference: PSNR alone would allow
+single pixels that sparkle when the object moves (docs/design/005-rendering.md).
+
+Shapes: S settings, R turns.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from PIL import Image
+
+from ...field import TetField
+from ...render import Renderer, RenderOptions
+from ..stopwatch import WARM_UP, Share, Timing, held_back, milliseconds, share_of, timing_of
+from . import pictures, rule
+from .photographs import Photographs
+
+BOUND = 45.0  # dB, of default mode
+LARGEST = 8.0  # 1/255
+SUSPECTS = 16  # pixels of each view, of each setting that default mode may use
+STEP_FACTORS = (4.0, 2.0, 1.5, 0.5, 0.25)
+TERMINATIONS = (0.0, 1e-3, 5e-3, 1e-2, 2e-2, 3e-2, 5e-2, 0.1, 0.2)
+SCALES = (2, 4)
+SPARED_LEVELS = (1, 2, 3)
+DISCRETIZATION_PIXELS = 500
+DEFAULT = RenderOptions()
+FULL = np.uint64(2**64 - 1)  # a tet's mask without an empty sub-tet
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A way to render.
+
+    Attributes:
+        name: In tables and plots.
+        family: What differs from default mode.
+        options: RenderOptions.
+        scale: Of the image's sides: 2 is a quarter of the pixels, enlarged again.
+        masked: Whether empty sub-tets are left out.
+        candidate: Whether default mode may do so; see the module's text.
+    """
+
+    name: str
+    family: str
+    options: RenderOptions = DEFAULT
+    scale: int = 1
+    masked: bool = True
+    candidate: bool = False
+
+
+CONFORMANCE = Setting("conformance", "conformance", RenderOptions(conformance=True))
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a setting costs and how wrong it is.
+
+    Attributes:
+        setting, family: See Setting.
+        psnr: Of all views together, random pixels against the reference [dB].
+        worst_psnr: Of the worst view [dB].
+        largest: Difference of a channel, of these and of suspects [1/255].
+        largest_anywhere: The same, of all pixels against conformance mode [1/255]; None where
+            there is none, in conformance mode itself.
+        photo_psnr: Against photographs [dB], if there are any.
+        frame: Of one view [ms].
+        relative: That, of the default's in the same turn [%].
+        samples: A pixel.
+        front: Whether nothing else is both quicker and closer.
+        candidate: Whether default mode may do so.
+        default: Whether it is what default mode does.
+        chosen: Whether it is what the rule picks.
+    """
+
+    setting: str
+    family: str
+    psnr: float
+    worst_psnr: float
+    largest: float
+    largest_anywhere: float | None
+    photo_psnr: float | None
+    frame: Timing
+    relative: Share
+    samples: float
+    front: bool
+    candidate: bool
+    default: bool
+    chosen: bool
+
+
+def settings(level_count: int, half: bool) -> list[Setting]:
+    """What is compared, default mode first.
+
+    Args:
+        level_count: Of the field.
+        half: Whether default mode evaluates networks in half precision.
+    """
+    found = [Setting("default", "default", candidate=True)]
+    for stop in TERMINATIONS:
+        if stop != DEFAULT.stop:
+            options = RenderOptions(termination=stop)
+            found.append(Setting(f"stop {stop:g}", "termination", options, candidate=True))
+    for spared in SPARED_LEVELS:
+        if (count := level_count - spared) > 0:
+            options = RenderOptions(level_count=count)
+            name = less(spared)
+            found.append(Setting(name, "levels", options, candidate=True))
+    for stop in (0.05, 0.1):
+        options = RenderOptions(termination=stop, level_count=level_count - 1)
+        name = f"{less(1)}, stop {stop:g}"
+        if level_count > 1:
+            found.append(Setting(name, "levels and termination", options, candidate=True))
+    if half:
+        options = RenderOptions(single_precision=True)
+        found.append(Setting("float32", "precision", options, candidate=True))
+        found.append(Setting("half, waited for", "precision", RenderOptions(details=True)))
+    for factor in STEP_FACTORS:
+        found.append(Setting(f"step × {factor:g}", "step", RenderOptions(step_factor=factor)))
+    found.append(CONFORMANCE)
+    found.append(Setting("no mask", "mask", masked=False))
+    for scale in SCALES:
+        found.append(Setting(f"1/{scale} of the pixels a side", "resolution", scale=scale))
+    if level_count > 1:  # about what the viewer does on a CPU while something moves
+        fast = RenderOptions(step_factor=2.0, level_count=level_count - 1)
+        found.append(Setting(f"1/2, step × 2, {less(1)}", "several", fast, scale=2))
+    return found
+
+
+def less(count: int) -> str:
+    """The name of the setting that leaves out so many of the finest levels."""
+    return f"{count} {'level' if count == 1 else 'levels'} less"
+
+
+class RenderingStudy:
+    """Renders a field at rest in many ways.
+
+    Attributes:
+        device: Warp's.
+        pictures: Views and their references.
+        times: Of every setting that was measured, in every turn [ms].  name -> [R]
+    """
+
+    def __init__(self, field: TetField, device, size: int, view_count: int, pixel_count: int):
+        """Compute the references.
+
+        Args:
+            size: Of the images, both sides.
+            pixel_count: How many pixels of each view are compared.
+        """
+        self.field, rest = field, field.mesh.rest_vertices
+        self._renderer = Renderer(field, device)
+        self._renderer.set_vertices(rest)
+        self.device = self._renderer.device
+        self._unmasked = None
+        self.pictures = [
+            pictures.picture(field, rest, camera, pixel_count, seed)
+            for seed, camera in enumerate(pictures.views(field, view_count, size))
+        ]
+        self.times = {}
+
+    @property
+    def half(self) -> bool:
+        """Whether default mode evaluates networks in half precision here."""
+        return self._renderer.shading.evaluate_slots is not None
+
+    def reference_error(self) -> pictures.ImageError:
+        """How far the reference is from its own limit of short steps; see pictures."""
+        rng, parts = np.random.default_rng(0), []
+        for picture in self.pictures:
+            count = min(DISCRETIZATION_PIXELS // len(self.pictures), len(picture.pixels))
+            some = rng.choice(len(picture.pixels), count, replace=False)
+            parts.append(
+                replace(picture, pixels=picture.pixels[some], expected=picture.expected[some])
+            )
+        return pictures.discretization(self.field, parts)
+
+    def measure(
+        self,
+        compared: list[Setting],
+        turns: int,
+        photos: Photographs | None = None,
+        step: Callable[[float], None] = lambda share: None,
+    ) -> list[Row]:
+        """A row for each setting, the first of which is the default.
+
+        Args:
+            turns: How often each is timed, one after the other in each turn.
+            step: Called with the share that is done.
+        """
+        for _ in range(WARM_UP):
+            self._images(compared[0])
+        exact, _ = self._images(CONFORMANCE)
+        found = []
+        for number, setting in enumerate(compared):  # compiles and allocates, too
+            found.append(self._images(setting))
+            step(0.5 * (number + 1) / len(compared))
+        suspected = self._suspects(compared, [images for images, _ in found], exact)
+        times = self._times(compared, turns, lambda share: step(0.5 + 0.5 * share))
+        self.times = {s.name: t.tolist() for s, t in zip(compared, times, strict=True)}
+        shares = rule.shares(times)
+        rows = [
+            Row(
+                setting=setting.name,
+                family=setting.family,
+                **self._errors(images, suspected),
+                largest_anywhere=None
+                if setting.options.conformance
+                else float(max(map(np.max, differences(images, exact)))),
+                photo_psnr=self._photo_psnr(setting, photos),
+                frame=timing_of(times[i]),
+                relative=share_of(shares[i]),
+                samples=samples,
+                front=False,
+                candidate=setting.candidate,
+                default=i == 0,
+                chosen=False,
+            )
+            for i, (setting, (images, samples)) in enumerate(zip(compared, found, strict=True))
+        ]
+        errors = [-row.worst_psnr if row.candidate and within(row) else np.inf for row in rows]
+        chosen = rule.cheapest(times, errors, -BOUND)
+        best = rule.front([row.relative.median for row in rows], [-row.psnr for row in rows])
+        return [replace(row, front=bool(best[i]), chosen=i == chosen) for i, row in enumerate(rows)]
+
+    def _errors(self, images, suspected):
+        """Of a Row: against the reference."""
+        pairs = zip(images, self.pictures, strict=True)
+        single = [pictures.picture_error([image], [picture]) for image, picture in pairs]
+        together = pictures.picture_error(images, self.pictures)
+        largest = max(together.largest, pictures.picture_error(images, suspected).largest)
+        worst = min(error.psnr for error in single)
+        return {"psnr": together.psnr, "worst_psnr": worst, "largest": largest}
+
+    def _suspects(self, compared, shown, exact):
+        """A Picture of each view: the pixels where a candidate is farthest from conformance."""
+        chosen = [set() for _ in self.pictures]
+        for setting, images in zip(compared, shown, strict=True):
+            if setting.candidate or setting is compared[0]:
+                for pixels, off in zip(chosen, differences(images, exact), strict=True):
+                    pixels.update(np.argsort(off.ravel())[-SUSPECTS:].tolist())
+        return [
+            pictures.picture_of(
+                self.field, picture.vertices, picture.camera, np.array(sorted(pixels), int)
+            )
+            for picture, pixels in zip(self.pictures, chosen, strict=True)
+        ]
+
+    def _times(self, compared, turns, step):
+        """Milliseconds of a view, of every setting in every turn.  [S, R]"""
+        times = np.empty((len(compared), turns))
+        rng = np.random.default_rng(0)
+        for turn in range(turns):
+            for number in rng.permutation(len(compared)):  # none always follows the same one
+                if self.half:  # a wavefront guesses its rounds by the image before
+                    self._rendered(compared[number], 1)
+                taken = milliseconds(lambda n=number: self._rendered(compared[n]), self.device)
+                times[number, turn] = taken / len(self.pictures)
+            step((turn + 1) / turns)
+        return times
+
+    def stages(self, repeats: int) -> dict[str, Timing]:
+        """Of a view in default mode, pose included, and of all "together"; see Stages."""
+        renderer, rest = self._renderer, self.field.mesh.rest_vertices
+        default, found = Setting("default", "default"), {}
+        for repeat in range(-WARM_UP, repeats):
+            seconds = renderer.stage_seconds = {}
+            for picture in self.pictures:
+                renderer.set_vertices(rest)
+                with held_back(self.device):
+                    renderer.render(picture.camera, default.options)
+            if repeat >= 0:
+                for name, total in (*seconds.items(), ("together", sum(seconds.values()))):
+                    found.setdefault(name, []).append(1e3 * total / len(self.pictures))
+        renderer.stage_seconds = None
+        return {name: timing_of(times) for name, times in found.items()}
+
+    def _rendered(self, setting, count=None):
+        """An Image of the first views, all by default; what enlarges it is OpenGL."""
+        renderer, scale = self._renderer_for(setting), setting.scale
+        cameras = [picture.camera for picture in self.pictures[:count]]
+        return [
+            renderer.render(
+                camera.resized(camera.width // scale, camera.height // scale), setting.options
+            )
+            for camera in cameras
+        ]
+
+    def _images(self, setting):
+        """The colors of every view [H, W, 3], and samples a pixel."""
+        images, samples, pixel_count = [], 0, 0
+        for picture, image in zip(self.pictures, self._rendered(setting), strict=True):
+            width, height = picture.camera.width, picture.camera.height
+            color = image.color_array()[..., :3]
+            images.append(color if setting.scale == 1 else enlarged(color, width, height))
+            samples += image.sample_count
+            pixel_count += width * height
+        return images, samples / pixel_count
+
+    def _renderer_for(self, setting) -> Renderer:
+        if setting.masked:
+            return self._renderer
+        if self._unmasked is None:
+            full = np.full_like(self.field.occupancy, FULL)
+            self._unmasked = Renderer(replace(self.field, occupancy=full), self.device)
+            self._unmasked.set_vertices(self.field.mesh.rest_vertices)
+        return self._unmasked
+
+    def _photo_psnr(self, setting, photos):
+        if photos is None or setting.scale > 1:
+            return None
+        return photos.psnr(self._renderer_for(setting), setting.options)
+
+
+def differences(images, others):
+    """Of bytes [H, W, 3]: how far each pixel's worst channel is off [1/255].  [H, W] each"""
+    pairs = zip(images, others, strict=True)
+    return [np.abs(a.astype(int) - b).max(axis=-1) for a, b in pairs]
+
+
+def within(row: Row) -> bool:
+    """Whether a row's error is what default mode may have."""
+    return row.worst_psnr >= BOUND and max(row.largest, row.largest_anywhere or 0.0) <= LARGEST
+
+
+def enlarged(image, width: int, height: int):
+    """An image of bytes [h, w, 3] with more pixels, interpolated as the viewer does."""
+    resized = Image.fromarray(image).resize((width, height), Image.Resampling.BILINEAR)
+    return np.asarray(resized)

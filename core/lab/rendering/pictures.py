@@ -1,0 +1,130 @@
+"""Views of an object, and how far a rendered image is from what it should be.
+
+The truth is the float64 reference (../render/reference.py) along some of an image's pixels,
+drawn at random: it tries every ray against every tet, so a whole image would take minutes.
+What the reference is itself away from the integral that its sum stands for, it says by
+itself: `discretization`, against a quarter of its step.
+
+Shapes: V vertices, N pixels.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...field import TetField
+from ...render import Camera, RenderOptions, camera_rays, from_field_of_view, look_at, reference
+
+FIELD_OF_VIEW = 0.69  # rad, as in NeRF-synthetic
+FILLED = 0.95  # of the image's half width, or height: how far the object reaches
+ELEVATION = 0.3  # rad
+FIRST_YAW = 0.52  # rad
+PEAK_DB = 100.0  # equal images; bytes can't tell more than some 60 dB apart anyway
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A view of a pose, and what some of its pixels are.
+
+    Attributes:
+        camera: In model space.
+        vertices: The pose.  [V, 3] float32
+        pixels: Numbers of the pixels, row by row.  [N]
+        expected: Their colors over white.  [N, 3] float64
+    """
+
+    camera: Camera
+    vertices: np.ndarray
+    pixels: np.ndarray
+    expected: np.ndarray
+
+
+@dataclass(frozen=True)
+class ImageError:
+    """How far images are from what they should be.
+
+    Attributes:
+        psnr: Of all pixels looked at [dB], at most PEAK_DB.
+        largest: Difference of a channel [1/255].
+    """
+
+    psnr: float
+    largest: float
+
+
+def view(field: TetField, yaw: float, width: int, height: int | None = None) -> Camera:
+    """The object at rest, what can be seen of it, as large as the image from one side."""
+    mesh = field.mesh
+    seen = field.occupancy != 0
+    points = np.unique(mesh.tets[seen if seen.any() else slice(None)])
+    points = mesh.rest_vertices[points]
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    flat = np.cos(ELEVATION)
+    toward = np.array([np.cos(yaw) * flat, np.sin(yaw) * flat, np.sin(ELEVATION)])
+    height = height or width
+    pose = look_at(center + toward, center)
+    right, up = pose[:3, 0], pose[:3, 1]
+    # A point is in sight from where on: its way aside over its tangent, and towards the eye.
+    tangents = FILLED * np.tan(0.5 * FIELD_OF_VIEW) * np.array([1.0, height / width])
+    aside = np.abs((points - center) @ np.stack([right, up], axis=1)) / tangents
+    distance = (aside.max(axis=1) + (points - center) @ toward).max()
+    pose = look_at(center + distance * toward, center)
+    return from_field_of_view(pose, FIELD_OF_VIEW, width, height)
+
+
+def views(field: TetField, count: int, size: int) -> list[Camera]:
+    """Views from all around, of size x size pixels."""
+    yaws = FIRST_YAW + 2.0 * np.pi * np.arange(count) / count
+    return [view(field, yaw, size) for yaw in yaws]
+
+
+def picture(field: TetField, vertices, camera: Camera, pixel_count: int, seed=0) -> Picture:
+    """What random pixels of a view should look like."""
+    all_pixels = camera.width * camera.height
+    rng = np.random.default_rng(seed)
+    pixels = rng.choice(all_pixels, min(pixel_count, all_pixels), replace=False)
+    return picture_of(field, vertices, camera, np.sort(pixels))
+
+
+def picture_of(field: TetField, vertices, camera: Camera, pixels) -> Picture:
+    """What these pixels of a view [N] should look like."""
+    vertices = np.asarray(vertices, np.float32)
+    return Picture(camera, vertices, pixels, _expected(field, vertices, camera, pixels))
+
+
+def discretization(field: TetField, pictures: list[Picture], part=4) -> ImageError:
+    """How far the reference is from itself with a part of the step.
+
+    The sum converges with order 1 to 2, so its distance to the integral is at most a third more.
+    """
+    step = field.options.march_step / part
+    finer = replace(field, options=replace(field.options, march_step=step))
+    expected = [_expected(finer, p.vertices, p.camera, p.pixels) for p in pictures]
+    return image_error([p.expected for p in pictures], expected)
+
+
+def picture_error(images, pictures: list[Picture]) -> ImageError:
+    """The error of rendered images ([H, W, 3] uint8 each) of these pictures."""
+    found = [
+        image.reshape(-1, 3)[picture.pixels] / 255.0
+        for image, picture in zip(images, pictures, strict=True)
+    ]
+    return image_error(found, [picture.expected for picture in pictures])
+
+
+def image_error(images, expected) -> ImageError:
+    """The error of images with values 0..1 against others of the same shapes."""
+    off = np.concatenate(
+        [np.ravel(np.asarray(a, float) - b) for a, b in zip(images, expected, strict=True)]
+    )
+    squared = float((off**2).mean())
+    psnr = min(-10.0 * np.log10(squared), PEAK_DB) if squared > 0.0 else PEAK_DB
+    return ImageError(float(psnr), float(255.0 * np.abs(off).max()))
+
+
+def _expected(field, vertices, camera, pixels):
+    origins, directions = camera_rays(camera)
+    color, _, _ = reference.render_rays(
+        field, vertices, origins[pixels], directions[pixels], RenderOptions().background
+    )
+    return np.clip(color, 0.0, 1.0)

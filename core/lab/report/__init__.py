@@ -1,0 +1,12 @@
+"""The report as files: page, Markdown, JSON, tables and plots."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "parts": ["Figure", "Section", "Table"],
+        "plots": ["INK", "label_points", "log_scale", "new_figure", "png"],
+        "writing": ["Report", "is_complete", "write"],
+    },
+)

@@ -1,0 +1,147 @@
+"""Which machine, versions and command a report comes from: what its times depend on.
+
+Nothing in it says whose machine it is: no host, no user, no folder.
+"""
+
+import hashlib
+import os
+import platform
+import shlex
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import warp as wp
+
+from ...device import thread_count
+from ...field import program_version
+from .parts import Section, Table
+
+PACKAGES = ("numpy", "warp-lang", "torch", "scipy", "pillow")
+SOURCE = Path(__file__).parents[2]  # what is measured, and what measures
+SUFFIXES = (".py", ".cpp", ".cu")
+DIGITS = 16
+CPU_NAMES = Path("/proc/cpuinfo")
+GIB = 2**30
+
+
+@dataclass(frozen=True)
+class Fact:
+    """Something about the machine, and its value in words."""
+
+    what: str
+    value: str
+
+
+def section(device, seeds: dict, command: str, model: Path | None = None) -> Section:
+    """The machine as it is now.
+
+    Args:
+        device: That the report was measured on, "cpu" or "cuda:0".
+        seeds: Of random numbers: what they are for -> seed.
+        command: That made the report; folders in it are left out.
+        model: Its file, to be told from another one of the same name.
+    """
+    device = wp.get_device(device)
+    facts = _cpu() | (_gpu(device) if device.is_cuda else {}) | _software()
+    facts["seeds"] = ", ".join(f"{name} {seed}" for name, seed in seeds.items()) or "none"
+    facts["command"] = without_folders(command)
+    facts["source, SHA-256"] = digest(sources(SOURCE))
+    if model is not None:
+        facts["model, SHA-256"] = digest([model])
+    cores = facts["usable cores"]
+    where = f"{facts['CPU']} with {cores} usable {'core' if cores == '1' else 'cores'}"
+    if device.is_cuda:
+        where = f"{device.name} beside {where}"
+    table = Table(
+        "machine",
+        "What this report was measured on and with.",
+        {"what": "what", "value": "value"},
+        [Fact(what, value) for what, value in facts.items()],
+    )
+    return Section(
+        key="machine",
+        title="Machine",
+        findings=[f"{where}; deformrf {facts['deformrf']} with Warp {facts['warp-lang']}."],
+        tables=[table],
+        values={"device": device.alias, "seeds": seeds},
+    )
+
+
+def sources(folder: Path) -> list[Path]:
+    """The files of a program, in an order that is the same everywhere."""
+    return sorted(path for path in folder.rglob("*") if path.suffix in SUFFIXES)
+
+
+def digest(files) -> str:
+    """The beginning of a hash of files' contents, one after the other."""
+    whole = hashlib.sha256()
+    for file in files:
+        whole.update(file.read_bytes())
+    return whole.hexdigest()[:DIGITS]
+
+
+def without_folders(command: str) -> str:
+    """A command, as shlex.join writes it, with paths cut to their names."""
+    return shlex.join(map(_named, shlex.split(command)))
+
+
+def _named(word: str) -> str:
+    if word.startswith("-"):  # an option; any other "=" belongs to a path
+        option, equals, value = word.partition("=")
+        return f"{_name(option)}{equals}{_name(value)}"
+    return _name(word)
+
+
+def _name(path: str) -> str:
+    return Path(path).name or path  # "." has none
+
+
+def _cpu() -> dict[str, str]:
+    facts = {"CPU": _cpu_name(), "usable cores": str(thread_count())}
+    with suppress(AttributeError, OSError, ValueError):  # not everywhere, as the next one
+        pages = os.sysconf("SC_PHYS_PAGES")
+        facts["memory"] = f"{pages * os.sysconf('SC_PAGE_SIZE') / GIB:.0f} GiB"
+    with suppress(AttributeError, OSError):
+        loads = os.getloadavg()
+        facts["load over 1, 5 and 15 min"] = ", ".join(f"{load:.2f}" for load in loads)
+    return facts
+
+
+def _cpu_name() -> str:
+    if CPU_NAMES.exists():
+        for line in CPU_NAMES.read_text(encoding="utf-8").splitlines():
+            key, _, name = line.partition(":")
+            if key.strip() == "model name":
+                return name.strip()
+    return platform.processor() or platform.machine()
+
+
+def _gpu(device) -> dict[str, str]:
+    versions = {"driver": wp.get_cuda_driver_version(), "Warp": wp.get_cuda_toolkit_version()}
+    return {
+        "GPU": device.name,
+        "GPU memory": f"{device.total_memory / GIB:.0f} GiB",
+        "GPU compute capability": "{}.{}".format(*divmod(device.arch, 10)),
+        "GPU multiprocessors": str(device.sm_count),
+        "CUDA": ", ".join(f"{name} {major}.{minor}" for name, (major, minor) in versions.items()),
+    }
+
+
+def _software() -> dict[str, str]:
+    return {
+        "system": _system(),
+        "Python": platform.python_version(),
+        "deformrf": program_version(),
+        **{name: metadata.version(name) for name in PACKAGES},
+    }
+
+
+def _system() -> str:
+    kernel = f"{platform.system()} {'.'.join(platform.release().split('.')[:2])}"
+    try:
+        name = platform.freedesktop_os_release()["PRETTY_NAME"]
+    except (OSError, KeyError):  # only Linux has that file
+        return f"{kernel}, {platform.machine()}"
+    return f"{name}, {kernel}, {platform.machine()}"

@@ -1,0 +1,90 @@
+"""What a report is made of: sections of text, tables and figures, before they are written."""
+
+from dataclasses import astuple, dataclass, field, fields, is_dataclass
+
+from ..stopwatch import Share, Timing
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of one kind.
+
+    Attributes:
+        name: Of its CSV file, without ".csv"; unique in a report.
+        caption: What a row is, in a sentence.
+        headings: What to print of a row, and above it: attribute -> heading with its unit.
+            Attributes that aren't named here stand in the CSV and JSON alone.
+        rows: Instances of one frozen dataclass, whose values are numbers, text, bool, None
+            or Timing (ms, or what the row's `unit` says; a Share is in percent).  None prints
+            as a dash; a bool as yes and no, but one named `passed` as pass and FAIL; `default`
+            marks a row in bold.
+        first: Print so many rows, all by default; the CSV has all of them.
+    """
+
+    name: str
+    caption: str
+    headings: dict[str, str]
+    rows: list
+    first: int | None = None
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture.
+
+    Attributes:
+        name: Of its file, without ".png"; unique in a report.
+        caption: What it shows, in a sentence or two.
+        png: The file's content.
+    """
+
+    name: str
+    caption: str
+    png: bytes
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report.
+
+    Attributes:
+        key: In the JSON and in links.
+        title: Above it.
+        findings: What was found, a sentence or two each; the first one stands in the summary.
+        method: How it was measured, a paragraph each.
+        tables, figures: In the order in which they are shown, figures first.
+        passed: Whether what can fail did not; None where nothing can.
+        values: What else belongs in the JSON: plain values, or dataclasses of them.
+        seconds: How long it took to measure; None if nobody looked.
+    """
+
+    key: str
+    title: str
+    findings: list[str]
+    method: list[str] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    figures: list[Figure] = field(default_factory=list)
+    passed: bool | None = None
+    values: dict = field(default_factory=dict)
+    seconds: float | None = None
+
+
+def record(row) -> dict:
+    """A row as plain values: what CSV and JSON hold.
+
+    A Timing `frame` becomes frame_ms, frame_ms_low, frame_ms_high and frame_repeats; in a row
+    with a `unit` of its own, frame, frame_low, frame_high and frame_repeats; a Share `relative`
+    becomes relative_percent and so on.
+    """
+    assert is_dataclass(row), row
+    plain = {}
+    suffix = "" if hasattr(row, "unit") else "_ms"
+    for part in fields(row):
+        name, value = part.name, getattr(row, part.name)
+        if part.type in (Timing, Timing | None, Share):  # None leaves no column out
+            median = f"{name}{suffix if part.type is not Share else '_percent'}"
+            names = median, f"{median}_low", f"{median}_high", f"{name}_repeats"
+            plain |= dict(zip(names, (None,) * 4 if value is None else astuple(value), strict=True))
+        else:
+            plain[name] = value
+    return plain

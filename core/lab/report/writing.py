@@ -1,0 +1,182 @@
+"""A report as files: a page, the same as Markdown and as JSON, its tables and its pictures.
+
+report.html     everything, in one file that needs nothing else
+report.md       the same for GitHub, with links to the files below
+report.json     what programs read: all values with all digits, null where one isn't finite
+<table>.csv     all rows of a table; empty where there is no value
+<figure>.png
+"""
+
+import csv
+import io
+import json
+import math
+import os
+from base64 import b64encode
+from contextlib import suppress
+from dataclasses import dataclass, is_dataclass
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+
+from ...field import program_version
+from . import markdown
+from .formatting import FAIL, passed, printed
+from .parts import Section, Table, record
+
+FORMAT = "deformrf-report"
+FORMAT_VERSION = 1
+TEMPLATE = Path(__file__).with_name("page.html")
+INTERRUPTED = "This report was interrupted: it holds only a part of what was asked for."
+
+
+@dataclass(frozen=True)
+class Report:
+    """What is to be written.
+
+    Attributes:
+        title: Above everything.
+        facts: What was measured, where and when, in words.
+        sections: In the order in which they are shown.
+        complete: Whether nothing of what was asked for is missing.
+        missing: What is, in words.
+    """
+
+    title: str
+    facts: dict[str, str]
+    sections: list[Section]
+    complete: bool
+    missing: tuple[str, ...] = ()
+
+
+def is_complete(folder) -> bool:
+    """Whether a folder holds a complete report."""
+    return bool(_last(folder).get("complete"))
+
+
+def write(report: Report, folder) -> list[Path]:
+    """Write all files into a folder, the page last; each appears only when it is complete.
+
+    Files of an older report there that this one doesn't have are removed.
+
+    Returns:
+        Their paths.
+
+    Raises:
+        OSError: The folder or a file can't be written.
+    """
+    tables = [table for part in report.sections for table in part.tables]
+    figures = [figure for part in report.sections for figure in part.figures]
+    for names in (
+        [part.key for part in report.sections],
+        [table.name for table in tables],
+        [figure.name for figure in figures],
+    ):
+        assert len(set(names)) == len(names), f"not unique: {names}"
+    notice = None if report.complete else INTERRUPTED
+    if report.missing:
+        notice = f"{INTERRUPTED} Missing: {', '.join(report.missing)}."
+    contents = {f"{figure.name}.png": figure.png for figure in figures}
+    contents |= {f"{table.name}.csv": table_as_csv(table) for table in tables}
+    names = [*contents, "report.json", "report.md", "report.html"]
+    values = as_json(report) | {"files": names}
+    contents["report.json"] = json.dumps(values, indent=1, allow_nan=False) + "\n"
+    contents["report.md"] = markdown.page(report.title, report.facts, report.sections, notice)
+    contents["report.html"] = as_html(report, notice)
+
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    older = _last(folder).get("files", [])
+    for name, content in contents.items():
+        _write_whole(folder / name, content if isinstance(content, bytes) else content.encode())
+    for name in {*older} - {*contents}:
+        if Path(name).name == name:  # nothing outside the folder, whatever stands there
+            (folder / name).unlink(missing_ok=True)
+    return [folder / name for name in contents]
+
+
+def as_json(report: Report) -> dict:
+    """What report.json holds: plain values, None for what isn't finite."""
+    sections = {
+        part.key: {
+            "title": part.title,
+            "findings": part.findings,
+            "passed": part.passed,
+            "seconds": part.seconds,
+            "values": part.values,
+            "tables": {table.name: table.rows for table in part.tables},
+        }
+        for part in report.sections
+    }
+    return _plain(
+        {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "program_version": program_version(),
+            "facts": report.facts,
+            "complete": report.complete,
+            "sections": sections,
+        }
+    )
+
+
+def table_as_csv(table: Table) -> str:
+    """All rows of a table, with a line of names above them."""
+    records = [record(row) for row in table.rows]
+    names = dict.fromkeys(name for values in records for name in values)
+    # Where a timing is missing in some rows, its columns are those of the others.
+    header = [name for name in names if f"{name}_ms" not in names] or list(table.headings)
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, header, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
+    return stream.getvalue()
+
+
+def as_html(report: Report, notice: str | None) -> str:
+    """The page: no script, and nothing that lies elsewhere."""
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"printed": printed, "passed": passed, "base64": _base64}
+    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
+    return template.render(report=report, notice=notice, version=program_version(), fail=FAIL)
+
+
+def _plain(value):
+    match value:
+        case dict():
+            return {_plain(name): _plain(part) for name, part in value.items()}
+        case list() | tuple():
+            return [_plain(part) for part in value]
+        case np.ndarray() | np.generic():
+            return _plain(value.tolist())
+        case float() if not math.isfinite(value):
+            return None
+        case _ if is_dataclass(value):
+            return _plain(record(value))
+        case _:
+            return value
+
+
+def _last(folder) -> dict:
+    """What the report.json in a folder holds; nothing if there is none of ours."""
+    with suppress(OSError, ValueError):
+        values = json.loads((Path(folder) / "report.json").read_text(encoding="utf-8"))
+        if isinstance(values, dict) and values.get("format") == FORMAT:
+            return values
+    return {}
+
+
+def _base64(content: bytes) -> str:
+    return b64encode(content).decode()
+
+
+def _write_whole(path: Path, content: bytes):
+    partial = path.with_name(path.name + ".part")
+    try:
+        partial.write_bytes(content)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,111 @@
+"""Extreme poses of a model's own mesh, and whether the renderer shows in them what it should.
+
+The starts of the stress cases (stress.py), and what a drag over 100 sizes and shaken handles
+make of the body.  The image is that of default mode; all of its pixels are compared with
+conformance mode, some of them, and the one that differs most, with the float64 reference: in a
+random pose a ray crosses a thousand tets at once.
+
+Shapes: V vertices.
+"""
+
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from ...deform import Material, XpbdSolver, lowest_pins
+from ...field import TetField
+from ...geometry import signed_volumes
+from ...render import Renderer, RenderOptions
+from ..rendering import BOUND, LARGEST, differences, pictures
+from ..stopwatch import Timing, timed
+from .stress import CASES, FRAME, Case, suits
+
+SIZE = 32  # pixels: each may have thousands of samples
+SHAKES = 5  # frames
+WHITE = 254.5  # of 255: what is whiter shows nothing
+
+
+@dataclass(frozen=True)
+class PoseRow:
+    """The renderer in one pose.
+
+    Attributes:
+        pose: Its name.
+        inverted: How many tets are inside out.
+        shown: How many of the compared pixels show something, by the reference.
+        psnr: Of the compared pixels [dB].
+        largest: Difference of a channel of them, and of the worst suspect [1/255].
+        largest_anywhere: Of all pixels against conformance mode [1/255].
+        frame: Of an image of SIZE x SIZE pixels [ms].
+        passed: At least BOUND dB, and nothing more than LARGEST off.
+    """
+
+    pose: str
+    inverted: int
+    shown: int
+    psnr: float
+    largest: float
+    largest_anywhere: float
+    frame: Timing
+    passed: bool
+
+
+def poses(field: TetField, device, seed=0) -> dict[str, np.ndarray]:
+    """Names and vertices [V, 3]."""
+    rest = field.mesh.rest_vertices
+    rng = np.random.default_rng(seed)
+    found = {"at rest": rest}
+    for case in CASES:
+        if not suits(case, field.mesh.tets):
+            continue
+        if case.drive:
+            found[case.name] = _driven(field, case, device, rng)
+        elif case.start.__name__ not in found:
+            found[case.start.__name__] = case.start(rest, rng)
+    return found
+
+
+def _driven(field, case: Case, device, rng):
+    """What a case's first frames make of the body."""
+    mesh = field.mesh
+    pins = lowest_pins(mesh.rest_vertices, mesh.tets)
+    solver = XpbdSolver(mesh.rest_vertices, mesh.tets, Material(), pins, device=device)
+    for _ in islice(case.drive(solver, FRAME, rng), SHAKES):
+        solver.step(FRAME)
+    return solver.vertices.numpy().astype(float)
+
+
+def measure(renderer: Renderer, name: str, vertices, pixel_count: int, repeats: int) -> PoseRow:
+    """Render a pose and compare, half of the pixels where the image shows something."""
+    field, vertices = renderer.field, np.asarray(vertices, np.float32)
+    camera = pictures.views(field, 1, SIZE)[0]
+
+    def render():
+        renderer.set_vertices(vertices)
+        return renderer.render(camera)
+
+    image = render().color_array()[..., :3]
+    exact = renderer.render(camera, RenderOptions(conformance=True)).color_array()[..., :3]
+    [off] = differences([image], [exact])
+    rng = np.random.default_rng(0)
+    order = rng.permutation(SIZE * SIZE)
+    shown = (image.reshape(-1, 3)[order] < WHITE).any(axis=1)
+    pixels = np.unique(
+        np.concatenate([order[shown][: pixel_count // 2], order[: pixel_count // 2]])
+    )
+    picture = pictures.picture_of(field, vertices, camera, pixels)
+    error = pictures.picture_error([image], [picture])
+    suspect = pictures.picture_of(field, vertices, camera, np.array([off.argmax()]))
+    largest = max(error.largest, pictures.picture_error([image], [suspect]).largest)
+    volumes = signed_volumes(vertices, field.mesh.tets)
+    return PoseRow(
+        pose=name,
+        inverted=int((volumes < 0).sum()),
+        shown=int((picture.expected < WHITE / 255.0).any(axis=1).sum()),
+        psnr=error.psnr,
+        largest=largest,
+        largest_anywhere=float(off.max()),
+        frame=timed(render, renderer.device, repeats, warm_up=0),
+        passed=error.psnr >= BOUND and max(largest, off.max()) <= LARGEST,
+    )

@@ -1,0 +1,1 @@
+"""How the error fell with training time."""

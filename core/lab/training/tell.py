@@ -1,0 +1,215 @@
+"""How the error fell with training time, from the history that the model keeps.
+
+A history's rows (../training/history.py) say after how many seconds and steps the training
+rays had which PSNR.  Models that were made before there was one keep figures of the end
+alone, and fields that were never trained keep nothing: any key may be missing.
+"""
+
+from dataclasses import dataclass
+
+from ...field import TetField
+from ..report import INK, Figure, Section, Table, new_figure, png
+
+COLORS = {1: "#e07a1f", 2: "#2a6f97"}  # of the stages
+TEST_COLOR = "#7b2d8b"
+PRINTED = 10  # rows, about
+TOLD = (10, 50, 100)  # % of the time, in the findings
+TITLE = "Training error against time"
+HEADINGS = {
+    "seconds": "time [s]",
+    "share": "of all [%]",
+    "stage": "stage",
+    "step": "step",
+    "psnr": "PSNR of the training rays [dB]",
+}
+METHOD = [
+    "Every 16 steps training looks at the mean squared error of the rays that it draws; a row is "
+    "the mean since the row before. These are the weights as they are then, on the backgrounds "
+    "that are trained on: for images with alpha random ones in the first half of a stage and "
+    "white in the second, so that the curve may jump between them.",
+    "The test PSNR is the mean over views held aside, of the finished model, whose weights are "
+    "averaged over the last steps. Seconds are those of the run, with the compilation of kernels "
+    "and the search for tets that no ray sees after each stage's last step, without the test "
+    "views.",
+]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A row of the history.
+
+    Attributes:
+        seconds: Of the run so far.
+        share: The same, of all of the run's.  [%]
+        stage: 1 or 2.
+        step: Of the stage.
+        psnr: Of the training rays, since the row before.  [dB]
+    """
+
+    seconds: float
+    share: float
+    stage: int
+    step: int
+    psnr: float
+
+
+@dataclass(frozen=True)
+class StageTime:
+    """A stage of the run.
+
+    Attributes:
+        stage: 1 or 2.
+        seconds: That it took; what comes before the first step is the first one's.
+        steps: That it made.
+    """
+
+    stage: int
+    seconds: float
+    steps: int
+
+
+def section(field: TetField) -> Section:
+    """What the model's `meta` knows of its training."""
+    meta = field.meta
+    moments = history(meta)
+    values = {key: meta.get(key) for key in ("data", "device", "workers", "seconds")}
+    values |= {"test_psnr": held_aside_psnr(meta), "test_view_count": meta.get("test_view_count")}
+    if not moments:
+        missing = "the model keeps no history of its training"
+        known = _sentence([missing, _duration(meta), _test(meta)])
+        return Section("training", TITLE, [known], values=values)
+
+    stages = stage_times(meta, moments)
+    told = {share: _by(moments, share) for share in TOLD}
+    gain = told[100].psnr - told[50].psnr if told[50] else None
+    values |= {
+        "stages": stages,
+        "psnr_at_percent": {str(share): moment and moment.psnr for share, moment in told.items()},
+        "last_half_gain_db": gain,
+    }
+    caption = "What was last known after each tenth of the training time."
+    return Section(
+        "training",
+        TITLE,
+        _findings(meta, stages, told, gain),
+        METHOD,
+        tables=[
+            Table("training_tenths", caption, HEADINGS, tenths(moments)),
+            Table("training", "All rows of the history.", HEADINGS, moments, first=3),
+        ],
+        figures=[Figure("training", _caption(meta), picture(meta, moments))],
+        values=values,
+    )
+
+
+def history(meta: dict) -> list[Moment]:
+    """The rows of a model's history, none where there is none."""
+    names = ("seconds", "stage", "step", "psnr")
+    rows = [row for row in meta.get("history") or () if all(name in row for name in names)]
+    if not rows:
+        return []
+    total = meta.get("seconds") or rows[-1]["seconds"]
+    return [
+        Moment(row["seconds"], 100.0 * row["seconds"] / total, *(row[name] for name in names[1:]))
+        for row in rows
+    ]
+
+
+def tenths(moments: list[Moment]) -> list[Moment]:
+    """The last row of each tenth of the time that has one, and the very last."""
+    shown = [_by(moments, 100.0 * (i + 1) / PRINTED) for i in range(PRINTED)]
+    return list(dict.fromkeys(moment for moment in shown if moment))
+
+
+def stage_times(meta: dict, moments: list[Moment]) -> list[StageTime]:
+    """The stages that the history knows."""
+    steps = {moment.stage: moment.step for moment in moments}
+    ends = {moment.stage: moment.seconds for moment in moments}
+    total = meta.get("seconds") or moments[-1].seconds
+    first = 0.0
+    if 1 in steps:
+        first = meta.get("stage_1_seconds") or (ends[1] if 2 in steps else total)
+    seconds = {1: first, 2: total - first}
+    return [StageTime(stage, seconds[stage], steps[stage]) for stage in steps]
+
+
+def held_aside_psnr(meta: dict) -> float | None:
+    """The mean over the test views [dB], if it is known."""
+    return (meta.get("test_mean") or {}).get("psnr")
+
+
+def picture(meta: dict, moments: list[Moment]) -> bytes:
+    """PSNR over seconds, a PNG."""
+    figure = new_figure(8.0, 3.6)
+    axes = figure.add_subplot()
+    for stage in sorted({moment.stage for moment in moments}):
+        mine = [moment for moment in moments if moment.stage == stage]
+        seconds, psnr = ([getattr(m, name) for m in mine] for name in ("seconds", "psnr"))
+        label = f"stage {stage}, training rays"
+        axes.plot(seconds, psnr, ".-", color=COLORS[stage], markersize=4, label=label)
+    end = meta.get("seconds") or moments[-1].seconds
+    psnr = held_aside_psnr(meta)
+    if psnr is not None:
+        axes.axhline(psnr, color=TEST_COLOR, linestyle="--", linewidth=1.0)
+        axes.plot([end], [psnr], "D", color=TEST_COLOR, label=f"test views, {psnr:.2f} dB")
+    axes.set_xlim(0.0, 1.02 * end)
+    axes.set_xlabel("seconds of training", color=INK)
+    axes.set_ylabel("PSNR [dB]", color=INK)
+    axes.tick_params(colors=INK)
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right", frameon=False)
+    return png(figure)
+
+
+def _findings(meta, stages: list[StageTime], told: dict, gain: float | None) -> list[str]:
+    end = f"the training rays end at {told[100].psnr:.2f} dB"
+    places = [
+        f"{moment.psnr:.2f} dB after {share} % of the time (stage {moment.stage})"
+        for share, moment in told.items()
+        if moment
+    ]
+    course = f"The training rays are at {', '.join(places)}."
+    if gain is not None:
+        verb = "gained" if gain >= 0.0 else "lost"
+        course += f" The last half of the time {verb} {abs(gain):.2f} dB."
+    times = [f"stage {s.stage} took {s.seconds:.1f} s for {s.steps:,} steps" for s in stages]
+    findings = [_sentence([_duration(meta), end, _test(meta)]), course, _sentence(times)]
+    if meta.get("interrupted"):
+        findings.append("The run was interrupted: the history ends there.")
+    if meta.get("diverged"):
+        findings.append(f"The run ended early: {meta['diverged']}.")
+    return findings
+
+
+def _by(moments, share) -> Moment | None:
+    """What was last known after that part [%] of the time."""
+    return next((m for m in reversed(moments) if m.share <= share or share >= 100.0), None)
+
+
+def _duration(meta) -> str:
+    where = f" on {meta['device']}" if meta.get("device") else ""
+    workers = meta.get("workers") or 1
+    where += f", {workers} of them" if workers > 1 else ""
+    seconds = meta.get("seconds")
+    return f"training took {seconds:.1f} s{where}" if seconds is not None else ""
+
+
+def _test(meta) -> str:
+    psnr, count = held_aside_psnr(meta), meta.get("test_view_count")
+    views = f"the {count} test views" if count else "the test views"
+    return f"{views} are at {psnr:.2f} dB" if psnr is not None else ""
+
+
+def _sentence(parts: list[str]) -> str:
+    """What is known of the parts, as one sentence."""
+    words = "; ".join(filter(None, parts))
+    return f"{words[0].upper()}{words[1:]}." if words else ""
+
+
+def _caption(meta) -> str:
+    of = f" on {meta['data']}" if meta.get("data") else ""
+    device = f", {meta['device']}" if meta.get("device") else ""
+    caption = f"PSNR of the training rays over the seconds of training{of}{device}."
+    if held_aside_psnr(meta) is not None:
+        caption += " The diamond and the dashed line are the test views' mean at the end."
+    return caption

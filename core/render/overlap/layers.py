@@ -1,0 +1,289 @@
+"""Rays on which tets overlap: all their pieces at once, merged (line 4 of the definition).
+
+A BVH of all tets gives each ray every tet that it crosses; each tet is cut into pieces
+from its own entry, as the walk does.  Pieces switch their media on at one end and off at
+the other: with the ends sorted along the ray, running sums of κ and κ c are what lies
+between two of them, however many tets overlap there.
+
+    tau = Σ κ_k dt,  w = T (1 - exp(-tau)),  color = Σ κ_k c_k / Σ κ_k
+
+The sums are float64: what was switched on has to vanish when it is switched off.
+
+Shapes: R rays, M of them tangled, N pieces, 2 N ends.
+"""
+
+import numpy as np
+import warp as wp
+
+from ...field import is_occupied, subtet_of
+from ..rays import (
+    COUNT,
+    WRITE,
+    Geometry,
+    Pose,
+    Rays,
+    Samples,
+    empty_samples,
+    interval_in_tet,
+    speed_and_fade,
+)
+from ..rounds import Pixels
+from .search import tet_boxes
+
+CPU_PIECES = 1 << 17  # at once, if no single ray has more
+CUDA_PIECES = 1 << 20
+DARK = wp.constant(wp.float64(1.0e-9))  # extinction that is only rounding, as in reference.py
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+class Layers:
+    """Renders tangled rays in the present pose."""
+
+    def __init__(self, pose: Pose, occupancy):
+        self._pose, self._occupancy = pose, occupancy
+        self._all = wp.array(np.arange(len(pose.tets), dtype=np.int32), device=pose.device)
+        self._revision, self._boxes = -1, None
+
+    def prepare(self) -> None:
+        """Build the BVH of the present pose, unless it is there."""
+        if self._revision != self._pose.revision:
+            self._boxes = wp.Bvh(*tet_boxes(self._pose, self._all, len(self._all)))
+            self._revision = self._pose.revision
+
+    def render(self, rays: Rays, ids, step: float, pixels: Pixels, shade) -> int:
+        """Fill the pixels of the rays `ids` [M]; the number of samples.
+
+        Args:
+            step: Δ, in rest length.
+            shade: Called as shade(samples, ids, counts, ends, count), with the last two as in
+                marching.pack_kernel; returns sigma and rgb of the samples.
+        """
+        count = len(ids)
+        if count == 0:
+            return 0
+        device = self._pose.device
+        counts = wp.empty(count, dtype=int, device=device)
+        self._pieces(rays, ids, step, COUNT, counts, Pieces())
+        ends = np.cumsum(counts.numpy(), dtype=np.int64)
+        most, first = CUDA_PIECES if device.is_cuda else CPU_PIECES, 0
+        while first < count:
+            before = int(ends[first - 1]) if first else 0
+            last = max(first + 1, int(np.searchsorted(ends, before + most, side="right")))
+            part = slice(first, last)
+            total = int(ends[last - 1]) - before
+            self._render_part(rays, ids[part], step, counts[part], total, pixels, shade)
+            first = last
+        return int(ends[-1])
+
+    def _pieces(self, rays, ids, step, purpose, counts, pieces):
+        wp.launch(
+            pieces_kernel,
+            dim=len(ids),
+            inputs=[
+                *(self._pose.geometry, self._occupancy, self._boxes.id),
+                *(rays, ids, step, purpose, counts),
+            ],
+            outputs=[pieces],
+            device=self._pose.device,
+        )
+
+    def _render_part(self, rays, ids, step, counts, total, pixels, shade):
+        device = self._pose.device
+        pieces = empty_pieces(total, len(ids), device)
+        wp.utils.array_scan(counts, pieces.ends, inclusive=True)
+        self._pieces(rays, ids, step, WRITE, counts, pieces)
+        sigma, rgb = shade(pieces.samples, ids, counts, pieces.ends, total)
+        if device.is_cuda and total:
+            wp.utils.segmented_sort_pairs(
+                *(pieces.places, pieces.switches, 2 * total),
+                *(pieces.first_switches, pieces.last_switches),
+            )
+        elif total:  # that function takes 60 µs for each ray there
+            wp.launch(sort_kernel, dim=len(ids), inputs=[pieces], device=device)
+        wp.launch(
+            merge_kernel,
+            dim=len(ids),
+            inputs=[ids, counts, pieces, sigma, rgb],
+            outputs=[pixels],
+            device=device,
+        )
+
+
+@wp.struct
+class Pieces:
+    """Pieces of some rays, ray after ray."""
+
+    ends: wp.array(dtype=int)  # [M] inclusive scan of the rays' counts
+    samples: Samples  # [N]
+    rates: wp.array(dtype=float)  # [N] s |F^-1 d|, κ / σ
+    places: wp.array(dtype=float)  # [4 N] t of the pieces' ends; the second half is for sorting
+    switches: wp.array(dtype=int)  # [4 N] 2 n: piece n begins there, 2 n + 1: it ends
+    first_switches: wp.array(dtype=int)  # [M] where each ray's begin
+    last_switches: wp.array(dtype=int)  # [M] the place behind each ray's
+
+
+def empty_pieces(count: int, ray_count: int, device) -> Pieces:
+    pieces = Pieces()
+    pieces.ends = wp.empty(ray_count, dtype=int, device=device)
+    pieces.samples = empty_samples(count, device)
+    pieces.rates = wp.empty(count, dtype=float, device=device)
+    pieces.places = wp.empty(4 * count, dtype=float, device=device)
+    pieces.switches = wp.empty(4 * count, dtype=int, device=device)
+    pieces.first_switches = wp.empty(ray_count, dtype=int, device=device)
+    pieces.last_switches = wp.empty(ray_count, dtype=int, device=device)
+    return pieces
+
+
+@wp.func
+def write_piece(
+    pieces: Pieces,
+    n: int,
+    tet: int,
+    bary: wp.vec4,
+    fade: float,
+    speed: float,
+    low: float,
+    high: float,
+):
+    pieces.samples.tet[n] = tet
+    pieces.samples.bary[n] = bary
+    pieces.samples.length[n] = fade * speed * (high - low)
+    pieces.samples.t[n] = 0.5 * (low + high)
+    pieces.rates[n] = fade * speed
+    pieces.places[2 * n] = low
+    pieces.places[2 * n + 1] = high
+    pieces.switches[2 * n] = 2 * n
+    pieces.switches[2 * n + 1] = 2 * n + 1
+
+
+@wp.kernel
+def pieces_kernel(
+    geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    boxes: wp.uint64,  # id of the BVH of all tets
+    rays: Rays,
+    ids: wp.array(dtype=int),  # [M]
+    step: float,  # Δ
+    purpose: int,  # COUNT or WRITE
+    counts: wp.array(dtype=int),  # [M] COUNT: out, pieces in occupied sub-tets; WRITE: in
+    pieces: Pieces,  # WRITE: out
+):
+    i = wp.tid()
+    ray = ids[i]
+    origin = rays.origins[ray]
+    direction = rays.directions[ray]
+    first = int(0)
+    limit = int(2147483647)
+    if purpose == WRITE:
+        limit = counts[i]
+        first = pieces.ends[i] - limit
+        pieces.first_switches[i] = 2 * first
+        pieces.last_switches[i] = 2 * (first + limit)
+    count = int(0)
+    query = wp.bvh_query_ray(boxes, origin, direction)
+    tet = int(0)
+    while wp.bvh_query_next(query, tet):
+        mask = occupancy[tet]
+        if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
+            alpha, slope, near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
+            if t_out > t_in:
+                speed, fade = speed_and_fade(geometry, tet, slope)
+                rest_length = (t_out - t_in) * speed
+                piece_count = int(wp.ceil(rest_length / step))
+                piece = int(0)
+                while piece < piece_count and count < limit:
+                    low = float(piece) * step
+                    high = wp.min(low + step, rest_length)
+                    bary = alpha + (t_in + 0.5 * (low + high) / speed - near) * slope
+                    if is_occupied(mask, subtet_of(bary)):
+                        if purpose == WRITE:
+                            write_piece(
+                                pieces,
+                                first + count,
+                                tet,
+                                bary,
+                                fade,
+                                speed,
+                                t_in + low / speed,
+                                t_in + high / speed,
+                            )
+                        count += 1
+                    piece += 1
+    if purpose == COUNT:
+        counts[i] = count
+    else:  # should rounding have found fewer this time: pieces of nothing
+        while count < limit:
+            write_piece(pieces, first + count, 0, wp.vec4(1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
+            count += 1
+
+
+@wp.kernel
+def sort_kernel(pieces: Pieces):
+    """Sort each ray's switches by place: Shell's sort, as tets come nearly in order."""
+    i = wp.tid()
+    first = pieces.first_switches[i]
+    last = pieces.last_switches[i]
+    gap = int(1)
+    while gap < (last - first) / 9:
+        gap = 3 * gap + 1
+    while gap > 0:
+        n = first + gap
+        while n < last:
+            place = pieces.places[n]
+            switch = pieces.switches[n]
+            m = int(n)
+            while m >= first + gap and pieces.places[wp.max(m - gap, first)] > place:
+                pieces.places[m] = pieces.places[m - gap]
+                pieces.switches[m] = pieces.switches[m - gap]
+                m -= gap
+            pieces.places[m] = place
+            pieces.switches[m] = switch
+            n += 1
+        gap /= 3
+
+
+@wp.kernel
+def merge_kernel(
+    ids: wp.array(dtype=int),  # [M]
+    counts: wp.array(dtype=int),  # [M]
+    pieces: Pieces,  # switches sorted within each ray
+    sigma: wp.array(dtype=float),  # [N]
+    rgb: wp.array(dtype=wp.vec3),  # [N]
+    pixels: Pixels,  # out; of overlapping tets `tet` is one of them
+):
+    """Running sums along each ray: line 4 of the definition."""
+    i = wp.tid()
+    ray = ids[i]
+    e = pieces.first_switches[i]
+    last = pieces.last_switches[i]
+    kappa = wp.float64(0.0)  # what is switched on
+    emission = wp.vec3d()
+    transmittance = wp.float64(1.0)
+    color = wp.vec3d()
+    depth = wp.float64(0.0)
+    surface = int(-1)
+    previous = float(0.0)
+    while e < last:
+        t = pieces.places[e]
+        if kappa > DARK and t > previous:
+            remaining = wp.exp(-kappa * wp.float64(t - previous))
+            w = transmittance * (wp.float64(1.0) - remaining)
+            color += (w / kappa) * emission
+            depth += w * wp.float64(0.5 * (t + previous))
+            transmittance *= remaining
+        previous = t
+        n = pieces.switches[e] / 2
+        sign = wp.float64(1 - 2 * (pieces.switches[e] % 2))
+        medium = sign * wp.float64(sigma[n]) * wp.float64(pieces.rates[n])
+        c = rgb[n]
+        kappa += medium
+        emission += medium * wp.vec3d(wp.float64(c[0]), wp.float64(c[1]), wp.float64(c[2]))
+        if surface < 0 and transmittance < wp.float64(0.5):
+            surface = pieces.samples.tet[n]
+        e += 1
+    pixels.color[ray] = wp.vec3(float(color[0]), float(color[1]), float(color[2]))
+    pixels.depth[ray] = float(depth)
+    pixels.transmittance[ray] = float(transmittance)
+    pixels.tet[ray] = surface
+    pixels.sample_count[ray] = counts[i]

@@ -1,0 +1,368 @@
+"""Which rays see the mesh overlap itself: the ones that a walk from tet to tet can't follow.
+
+A mesh overlaps itself nowhere if all its tets have one orientation, none is nearly flat, no
+edge of the boundary touches a face of it that it has no vertex in common with, and no part
+lies inside another: a map that keeps orientation and is one to one on the boundary is one to
+one inside.  Two kernels check that once per pose, `crossed_edges_kernel` and
+`nested_parts_kernel`, beside the determinants that the tet frames need anyway.  Without
+overlap nothing else happens.
+
+Otherwise each ray is asked: it is *tangled* if it meets a tet that is turned inside out or
+nearly flat, or is inside two boundary shells at once.  Tangled rays are rendered by
+layers.py, the others by the walk.  A ray that is called tangled for nothing costs time, and
+no truth; so what rounding can't decide counts as overlap.
+
+Shapes: R rays, T tets, V vertices, B boundary faces, C parts that no face joins.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from ...geometry import TetMesh, edges, face_components
+from ..rays import (
+    FADED,
+    QUERY_GAP,
+    FaceBoxes,
+    Geometry,
+    Pose,
+    Rays,
+    crossing_of,
+    interval_in_tet,
+    orientation,
+)
+
+TANGLED_TETS, CROSSINGS = 0, 1  # places in a pose's counts
+PLAIN, TANGLED = 0, 1  # places in the counts of rays
+COPLANAR = wp.constant(1.0e-5)  # of what a volume could be: float32 can't tell it from none
+MOST_CROSSINGS = wp.constant(8)  # of a ray; with more it is tangled
+TOUCHING = wp.constant(1.0e-6)  # t: shells so close may be inside each other
+PROBE = wp.constant(wp.vec3(0.4124, 0.5763, 0.7056))  # a direction along no plane of a lattice
+crossings_vector = wp.types.vector(8, wp.float32)
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+@dataclass(frozen=True)
+class Tangle:
+    """What one pose overlaps with.
+
+    Attributes:
+        tets: BVH of the tets that are turned inside out or nearly flat; None without any.
+        tet_ids: Their numbers, in the order of the BVH.
+        shells: Whether the boundary goes through itself, or a part lies inside another.
+    """
+
+    tets: wp.Bvh | None
+    tet_ids: wp.array
+    shells: bool
+
+    def __bool__(self) -> bool:
+        return self.tets is not None or self.shells
+
+
+class Overlap:
+    """Finds the tangle of a pose, once per change of its vertices."""
+
+    def __init__(self, mesh: TetMesh, neighbours, pose: Pose, boxes: FaceBoxes):
+        self._pose, self.boxes = pose, boxes
+        self._sought = self._found = -1  # revisions of the pose
+        self._tangle = None
+        device = pose.device
+        boundary_edges = edges(_as_tets(pose.boundary_faces))
+        labels = face_components(neighbours)
+        _, first = np.unique(labels, return_index=True)  # a tet of each part
+        with wp.ScopedDevice(device):
+            self._edges = wp.array(boundary_edges, dtype=wp.vec2i)
+            self._part_tets = wp.array(mesh.tets[first], dtype=wp.vec4i)
+            self._counts = wp.zeros(2, dtype=int)
+            self._tangled = wp.empty(mesh.tet_count, dtype=int)
+        self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=device.is_cuda)
+
+    def tangle(self) -> Tangle:
+        """What the present pose overlaps with; waits for the device after a change."""
+        self.seek()
+        if self._found != self._pose.revision:
+            if self._pose.device.is_cuda:
+                wp.synchronize_stream(wp.get_stream(self._pose.device))
+            count, crossings = (int(n) for n in self._host_counts.numpy())
+            bvh = wp.Bvh(*tet_boxes(self._pose, self._tangled, count)) if count else None
+            self._found = self._pose.revision
+            self._tangle = Tangle(bvh, self._tangled, crossings > 0)
+        return self._tangle
+
+    def seek(self) -> None:
+        """Begin to look, if the vertices have changed, without waiting."""
+        if self._sought == self._pose.revision:
+            return
+        self._sought = self._pose.revision
+        pose, device = self._pose, self._pose.device
+        geometry = pose.geometry
+        self._counts.zero_()
+        wp.launch(
+            tangled_tets_kernel,
+            dim=len(pose.tets),
+            inputs=[geometry],
+            outputs=[self._counts, self._tangled],
+            device=device,
+        )
+        wp.launch(
+            crossed_edges_kernel,
+            dim=len(self._edges),
+            inputs=[geometry.boundary, pose.vertices, self._edges, self.boxes.faces],
+            outputs=[self._counts],
+            device=device,
+        )
+        if len(self._part_tets) > 1:
+            self.boxes.refresh()
+            wp.launch(
+                nested_parts_kernel,
+                dim=len(self._part_tets),
+                inputs=[geometry, self.boxes.id, pose.vertices, self.boxes.faces, self._part_tets],
+                outputs=[self._counts],
+                device=device,
+            )
+        wp.copy(self._host_counts, self._counts)
+
+    def sort_rays(self, rays: Rays, count: int):
+        """The numbers of plain and of tangled rays, of those from 0 to count - 1.
+
+        The boxes have to be up to date.
+        """
+        tangle, device = self.tangle(), self._pose.device
+        counts = wp.zeros(2, dtype=int, device=device)
+        plain = wp.empty(count, dtype=int, device=device)
+        tangled = wp.empty(count, dtype=int, device=device)
+        bvh = tangle.tets.id if tangle.tets is not None else 0
+        wp.launch(
+            sort_rays_kernel,
+            dim=count,
+            inputs=[
+                *(self._pose.geometry, rays.origins, rays.directions),
+                *(bvh, tangle.tet_ids, int(tangle.shells)),
+                *(self.boxes.id, self._pose.vertices, self.boxes.faces),
+            ],
+            outputs=[counts, plain, tangled],
+            device=device,
+        )
+        plain_count, tangled_count = counts.numpy()
+        return plain[: int(plain_count)], tangled[: int(tangled_count)]
+
+
+def tet_boxes(pose: Pose, tet_ids, count: int):
+    """Lowest and highest corners of `count` tets' boxes, wp.arrays of vec3."""
+    lowers = wp.empty(count, dtype=wp.vec3, device=pose.device)
+    uppers = wp.empty(count, dtype=wp.vec3, device=pose.device)
+    wp.launch(
+        tet_boxes_kernel,
+        dim=count,
+        inputs=[pose.vertices, pose.tets, tet_ids],
+        outputs=[lowers, uppers],
+        device=pose.device,
+    )
+    return lowers, uppers
+
+
+def _as_tets(faces):
+    """Faces with their first corner repeated: what `edges` takes, and no new edges but loops."""
+    return np.concatenate([faces, faces[:, :1]], axis=1)
+
+
+@wp.kernel
+def tangled_tets_kernel(
+    geometry: Geometry,
+    counts: wp.array(dtype=int),  # [2] added to
+    tangled: wp.array(dtype=int),  # [T] out, in no particular order
+):
+    """Tets that are mirrored unlike most, or so flat that they fade."""
+    tet = wp.tid()
+    shape = geometry.shapes[2 * tet + 1]
+    if orientation(geometry) * shape[3] <= 0.0 or shape[2] < FADED:
+        tangled[wp.atomic_add(counts, wp.static(TANGLED_TETS), 1)] = tet
+
+
+@wp.kernel
+def tet_boxes_kernel(
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    tets: wp.array(dtype=wp.vec4i),  # [T]
+    tet_ids: wp.array(dtype=int),  # [threads]
+    lowers: wp.array(dtype=wp.vec3),  # [threads] out
+    uppers: wp.array(dtype=wp.vec3),  # [threads] out
+):
+    i = wp.tid()
+    tet = tets[tet_ids[i]]
+    a = vertices[tet[0]]
+    b = vertices[tet[1]]
+    c = vertices[tet[2]]
+    d = vertices[tet[3]]
+    # A ray in the plane of a flat box has to meet it in spite of rounding.
+    gap = wp.vec3(QUERY_GAP, QUERY_GAP, QUERY_GAP)
+    lowers[i] = wp.min(wp.min(a, b), wp.min(c, d)) - gap
+    uppers[i] = wp.max(wp.max(a, b), wp.max(c, d)) + gap
+
+
+@wp.func
+def side(a: wp.vec3, b: wp.vec3, c: wp.vec3, p: wp.vec3):
+    """On which side of the plane through a, b, c the point p is: -1, 1, or 0 in it."""
+    normal = wp.cross(b - a, c - a)
+    volume = wp.dot(normal, p - a)
+    most = wp.length(normal) * wp.length(p - a)
+    return wp.where(wp.abs(volume) <= COPLANAR * most, 0, wp.where(volume < 0.0, -1, 1))
+
+
+@wp.func
+def touches(p: wp.vec3, q: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Whether the line segment from p to q goes through the triangle a, b, c, or ends on it.
+
+    Not if it lies in the triangle's plane: where volumes overlap, other edges don't.
+    """
+    from_side = side(a, b, c, p)
+    to_side = side(a, b, c, q)
+    through = from_side * to_side <= 0 and from_side != to_side
+    if through:
+        ab = side(p, q, a, b)
+        bc = side(p, q, b, c)
+        ca = side(p, q, c, a)
+        through = ab * bc >= 0 and bc * ca >= 0 and ab * ca >= 0
+    return through
+
+
+@wp.kernel
+def crossed_edges_kernel(
+    boundary: wp.uint64,  # id of the wp.Mesh of boundary faces
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    boundary_edges: wp.array(dtype=wp.vec2i),  # [E]
+    faces: wp.array(dtype=wp.vec3i),  # [B]
+    counts: wp.array(dtype=int),  # [2] added to
+):
+    """Boundary edges that touch a boundary face which they don't belong to."""
+    edge = boundary_edges[wp.tid()]
+    i = edge[0]
+    j = edge[1]
+    p = vertices[i]
+    q = vertices[j]
+    if counts[wp.static(CROSSINGS)] > 0:  # one is enough
+        return
+    query = wp.mesh_query_aabb(boundary, wp.min(p, q), wp.max(p, q))
+    index = int(0)
+    while wp.mesh_query_aabb_next(query, index):
+        face = faces[index]
+        beside = face[0] == i or face[1] == i or face[2] == i
+        beside = beside or face[0] == j or face[1] == j or face[2] == j
+        if not beside:
+            if touches(p, q, vertices[face[0]], vertices[face[1]], vertices[face[2]]):
+                wp.atomic_add(counts, wp.static(CROSSINGS), 1)
+                return
+
+
+@wp.kernel
+def nested_parts_kernel(
+    geometry: Geometry,
+    boxes: wp.uint64,  # id of FaceBoxes
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    faces: wp.array(dtype=wp.vec3i),  # [B]
+    part_tets: wp.array(dtype=wp.vec4i),  # [C] corners of a tet of each part
+    counts: wp.array(dtype=int),  # [2] added to
+):
+    """A point of each part is inside its own shell, and no other: else the part is inside one.
+
+    Behind everything a ray is outside, so what its crossings add up to is where it starts.
+    """
+    corners = part_tets[wp.tid()]
+    point = vertices[corners[0]] + vertices[corners[1]] + vertices[corners[2]]
+    point = 0.25 * (point + vertices[corners[3]])
+    facing = orientation(geometry)
+    shells = int(0)
+    query = wp.bvh_query_ray(boxes, point, PROBE)
+    index = int(0)
+    while wp.bvh_query_next(query, index):
+        crossing, _t = crossing_of(vertices, faces[index], point, PROBE)
+        shells += int(facing) * crossing
+    if shells != 1:
+        wp.atomic_add(counts, wp.static(CROSSINGS), 1)
+
+
+@wp.func
+def is_inside_two_shells(
+    geometry: Geometry,
+    boxes: wp.uint64,
+    vertices: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    origin: wp.vec3,
+    direction: wp.vec3,
+):
+    """Whether a ray is anywhere inside the boundary twice, or may be."""
+    facing = int(orientation(geometry))
+    places = crossings_vector()
+    signs = crossings_vector()  # 1 where it leaves, -1 where it enters
+    count = int(0)
+    start = int(0)
+    query = wp.bvh_query_ray(boxes, origin, direction)
+    index = int(0)
+    while wp.bvh_query_next(query, index):
+        crossing, t = crossing_of(vertices, faces[index], origin, direction)
+        if crossing != 0:
+            start += facing * crossing
+            if count < MOST_CROSSINGS:
+                places[count] = t
+                signs[count] = float(facing * crossing)
+            count += 1
+    if start < 0 or start > 1 or count > MOST_CROSSINGS:
+        return True
+    i = int(0)
+    while i < count:
+        depth = int(start)  # right behind place i, entries that are close counted, exits not
+        j = int(0)
+        while j < count:
+            if signs[j] < 0.0 and places[j] <= places[i] + TOUCHING:
+                depth += 1
+            if signs[j] > 0.0 and places[j] < places[i] - TOUCHING:
+                depth -= 1
+            j += 1
+        if signs[i] < 0.0 and depth != 1:
+            return True
+        i += 1
+    return False
+
+
+@wp.kernel
+def sort_rays_kernel(
+    geometry: Geometry,
+    origins: wp.array(dtype=wp.vec3),  # [R]
+    directions: wp.array(dtype=wp.vec3),  # [R]
+    tangled_tets: wp.uint64,  # id of a BVH, or 0
+    tet_ids: wp.array(dtype=int),
+    shells: int,  # 1 if the boundary overlaps itself
+    boxes: wp.uint64,  # id of FaceBoxes
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    faces: wp.array(dtype=wp.vec3i),  # [B]
+    counts: wp.array(dtype=int),  # [2] out: plain and tangled rays
+    plain: wp.array(dtype=int),  # [R] out: which rays
+    tangled: wp.array(dtype=int),  # [R] out
+):
+    """Sort rays into plain and tangled ones."""
+    ray = wp.tid()
+    origin = origins[ray]
+    direction = directions[ray]
+    found = int(0)
+    if tangled_tets != wp.uint64(0):
+        query = wp.bvh_query_ray(tangled_tets, origin, direction)
+        index = int(0)
+        while found == 0 and wp.bvh_query_next(query, index):
+            tet = tet_ids[index]
+            if geometry.shapes[2 * tet + 1][2] <= 0.0:
+                found = 1  # perhaps too flat to have coordinates: its box has to do
+            else:
+                _alpha, _slope, _near, t_in, t_out = interval_in_tet(
+                    geometry, tet, origin, direction
+                )
+                if t_out >= t_in:
+                    found = 1
+    if found == 0 and shells == 1:
+        if is_inside_two_shells(geometry, boxes, vertices, faces, origin, direction):
+            found = 1
+    if found == 1:
+        tangled[wp.atomic_add(counts, wp.static(TANGLED), 1)] = ray
+    else:
+        plain[wp.atomic_add(counts, wp.static(PLAIN), 1)] = ray

@@ -1,0 +1,36 @@
+"""One ray: camera, lens, its way through the mesh, and the pieces on it."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "camera": ["Camera"],
+        "entries": ["Entries", "FaceBoxes", "crossing_of", "empty_entries", "find_entries"],
+        "lens": ["DeviceLens", "LensCamera", "device_lens", "lens_direction"],
+        "marching": [
+            "COUNT",
+            "FILL_SLOTS",
+            "MIDDLE",
+            "Rays",
+            "Samples",
+            "WRITE",
+            "basis_kernel",
+            "empty_rays",
+            "empty_samples",
+            "march_kernel",
+            "march_ray",
+            "pack_kernel",
+        ],
+        "traversal": [
+            "FADED",
+            "Geometry",
+            "Pose",
+            "QUERY_GAP",
+            "interval_in_tet",
+            "orientation",
+            "speed_and_fade",
+            "tet_frames_reference",
+        ],
+    },
+)

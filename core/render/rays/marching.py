@@ -1,0 +1,248 @@
+"""Quadrature: the pieces of a ray that can hold density.
+
+Each tet that a ray crosses cuts its own interval, from its own entry, into pieces of rest
+length Δ, the last one shorter; a piece counts if its middle lies in an occupied sub-tet.
+Training displaces the evaluation point inside the piece by a random fraction instead of
+taking the middle.
+
+A round of marching gives each ray at most K pieces, and a ray that isn't finished keeps
+its state and goes on in the next round.  Three ways lead from there to arrays of samples:
+fill slots [R, K], then `pack` them without gaps, ray after ray (rendering: K is small); work
+on the slots as they are (rendering on CUDA, see wavefront.py); or count first and march again
+to write (training: one round with a large K, for which slots would take a gigabyte).
+
+Shapes: R rays, K slots per ray, N packed samples.
+"""
+
+import warp as wp
+
+from ...field import basis_of, basis_vector, is_occupied, store_wide, subtet_ahead
+from .entries import Entries, next_entry
+from .traversal import (
+    MAX_TETS,
+    SMALLEST_ADVANCE,
+    Geometry,
+    exit_tet,
+    line_in_tet,
+    link_across,
+    speed_and_fade,
+)
+
+FILL_SLOTS = wp.constant(0)  # what one launch of march_kernel is for
+COUNT = wp.constant(1)
+WRITE = wp.constant(2)
+MIDDLE = wp.constant(0)  # jitter seed: evaluate at the middle
+MOST_PIECES = wp.constant(1.0e6)  # ahead: int() takes no larger numbers
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+@wp.struct
+class Rays:
+    """Rays and how far each has come."""
+
+    origins: wp.array(dtype=wp.vec3)  # [R]
+    directions: wp.array(dtype=wp.vec3)  # [R] unit
+    t: wp.array(dtype=float)  # [R] entry of the tet
+    tet: wp.array(dtype=int)  # [R] -1: outside the mesh, -2: finished
+    entry_face: wp.array(dtype=int)  # [R] of the tet, -1 if it came through the boundary
+    piece: wp.array(dtype=int)  # [R] the tet's pieces already done
+    first: int  # number of ray 0: a ray's random places follow its number
+
+
+@wp.struct
+class Samples:
+    """Pieces that can hold density, in slots [R, K] or packed [N]."""
+
+    tet: wp.array(dtype=int)
+    bary: wp.array(dtype=wp.vec4)
+    length: wp.array(dtype=float)  # s_k times the piece's rest length: optical depth / σ
+    t: wp.array(dtype=float)  # of the piece's middle
+
+
+def empty_rays(count: int, device) -> Rays:
+    rays = Rays()
+    rays.origins = wp.empty(count, dtype=wp.vec3, device=device)
+    rays.directions = wp.empty(count, dtype=wp.vec3, device=device)
+    rays.t = wp.zeros(count, dtype=float, device=device)
+    rays.tet = wp.full(count, -1, dtype=int, device=device)
+    rays.entry_face = wp.full(count, -1, dtype=int, device=device)
+    rays.piece = wp.zeros(count, dtype=int, device=device)
+    return rays
+
+
+def empty_samples(count: int, device) -> Samples:
+    samples = Samples()
+    samples.tet = wp.empty(count, dtype=int, device=device)
+    samples.bary = wp.empty(count, dtype=wp.vec4, device=device)
+    samples.length = wp.empty(count, dtype=float, device=device)
+    samples.t = wp.empty(count, dtype=float, device=device)
+    return samples
+
+
+@wp.func
+def march_ray(
+    geometry: Geometry,
+    entries: Entries,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    rays: Rays,
+    ray: int,
+    step: float,  # Δ
+    seed: int,  # MIDDLE or that of random places
+    purpose: int,  # FILL_SLOTS, COUNT, or WRITE
+    first_slot: int,
+    slot_spacing: int,  # from one slot of this ray to the next
+    limit: int,  # slots
+    samples: Samples,  # out
+):
+    """One round of one ray; returns the number of its samples.
+
+    FILL_SLOTS leaves the ray where it has come to; the others leave its state alone.
+    """
+    origin = rays.origins[ray]
+    direction = rays.directions[ray]
+    t = rays.t[ray]
+    tet = rays.tet[ray]
+    entry_face = rays.entry_face[ray]
+    piece = rays.piece[ray]
+    random = wp.rand_init(seed, rays.first + ray)
+    count = int(0)
+    tets_left = int(MAX_TETS)
+    while tet > -2 and count < limit:
+        # Two loops, so that on CUDA a warp's rays search together and then walk together.
+        if tet == -1:
+            found, entry_t = next_entry(geometry, entries, ray, origin, direction, t)
+            t = entry_t
+            entry_face = -1
+            piece = 0
+            tet = wp.where(found < 0, -2, found)
+        while tet >= 0 and count < limit:
+            p = origin + t * direction
+            alpha, slope = line_in_tet(geometry, tet, p, direction)
+            face, distance = exit_tet(alpha, slope, entry_face)
+            if tets_left <= 0 or face < 0:  # in circles, or in a tet without thickness
+                tet = -2
+            else:
+                speed, fade = speed_and_fade(geometry, tet, slope)
+                rest_length = distance * speed
+                mask = occupancy[tet]
+                piece_count = int(wp.ceil(rest_length / step))
+                if mask == wp.uint64(0) or fade <= 0.0:
+                    piece_count = 0
+                while piece < piece_count and count < limit:
+                    length = wp.min(step, rest_length - float(piece) * step)
+                    at = (float(piece) * step + 0.5 * length) / speed
+                    last = piece + 1
+                    if seed != MIDDLE:
+                        at = (float(piece) * step + wp.randf(random) * length) / speed
+                    subtet, ahead = subtet_ahead(alpha + at * slope, slope)
+                    if seed == MIDDLE:  # the pieces up to the sub-tet's end are as this one
+                        last += int(wp.clamp(ahead * speed / step, 0.0, MOST_PIECES))
+                    last = wp.min(last, piece_count)
+                    if is_occupied(mask, subtet):
+                        last = wp.min(last, piece + limit - count)
+                        while piece < last:
+                            length = wp.min(step, rest_length - float(piece) * step)
+                            middle = (float(piece) * step + 0.5 * length) / speed
+                            if seed == MIDDLE:
+                                at = middle
+                            if purpose != COUNT:
+                                slot = first_slot + count * slot_spacing
+                                samples.tet[slot] = tet
+                                store_wide(samples.bary, slot, alpha + at * slope)
+                                samples.length[slot] = fade * length
+                                samples.t[slot] = t + middle
+                            count += 1
+                            piece += 1
+                    piece = last
+                if piece >= piece_count:
+                    t += wp.max(distance, SMALLEST_ADVANCE * wp.max(t, 1.0))
+                    link = link_across(geometry, tet, face)
+                    piece = 0
+                    tets_left -= 1
+                    tet = wp.where(link >= 0, link / 4, -1)
+                    entry_face = link % 4
+    if purpose == FILL_SLOTS:
+        rays.t[ray] = t
+        rays.tet[ray] = tet
+        rays.entry_face[ray] = entry_face
+        rays.piece[ray] = piece
+    return count
+
+
+@wp.kernel
+def march_kernel(
+    geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    rays: Rays,
+    alive: wp.array(dtype=int),  # [R] ray of each thread
+    step: float,  # Δ
+    slot_count: int,  # K
+    jitter_seed: wp.array(dtype=int),  # [1]; MIDDLE or the seed of random places
+    purpose: int,  # FILL_SLOTS, COUNT, or WRITE
+    ends: wp.array(dtype=int),  # [threads] WRITE: inclusive scan of counts
+    samples: Samples,  # out: [threads · K], or [N] for WRITE
+    counts: wp.array(dtype=int),  # [threads] out: samples of each ray; WRITE: in
+):
+    """One round for each ray.  COUNT leaves the rays' state alone, so that WRITE finds it."""
+    i = wp.tid()
+    base = i * slot_count
+    limit = slot_count
+    if purpose == WRITE:
+        base = ends[i] - counts[i]
+        limit = counts[i]
+    count = march_ray(
+        geometry,
+        Entries(),  # none: rays search as they go
+        occupancy,
+        rays,
+        alive[i],
+        step,
+        jitter_seed[0],
+        purpose,
+        base,
+        1,
+        limit,
+        samples,
+    )
+    if purpose != WRITE:
+        counts[i] = count
+
+
+@wp.kernel
+def pack_kernel(
+    slots: Samples,  # [threads · K]
+    counts: wp.array(dtype=int),  # [threads]
+    ends: wp.array(dtype=int),  # [threads] inclusive scan of counts
+    slot_count: int,
+    packed: Samples,  # out [N]
+):
+    i = wp.tid()
+    source = i * slot_count
+    target = ends[i] - counts[i]
+    while target < ends[i]:
+        packed.tet[target] = slots.tet[source]
+        packed.bary[target] = slots.bary[source]
+        packed.length[target] = slots.length[source]
+        packed.t[target] = slots.t[source]
+        source += 1
+        target += 1
+
+
+@wp.kernel
+def basis_kernel(
+    rays: Rays,
+    rotations: wp.array(dtype=wp.mat33),  # [T] Q
+    alive: wp.array(dtype=int),  # [threads]
+    counts: wp.array(dtype=int),  # [threads]
+    ends: wp.array(dtype=int),  # [threads]
+    sample_tet: wp.array(dtype=int),  # [N]
+    basis: wp.array(dtype=basis_vector),  # [N] out
+):
+    """Spherical harmonics of each packed sample's rest direction, Qᵀd."""
+    i = wp.tid()
+    direction = rays.directions[alive[i]]
+    n = ends[i] - counts[i]
+    while n < ends[i]:
+        basis[n] = basis_of(wp.transpose(rotations[sample_tet[n]]) * direction)
+        n += 1

@@ -1,0 +1,11 @@
+"""Rounds of march, shade and composite until no ray is left."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "compositing": ["Pixels", "accumulate_kernel", "empty_pixels", "resolve_kernel", "to_byte"],
+        "wavefront": ["Wavefront"],
+    },
+)

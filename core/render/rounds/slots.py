@@ -1,0 +1,306 @@
+"""The kernels of wavefront.py, which says what a round is.
+
+The state of an image in the making is a few integers on the device; places in it are named
+here.  Two lists of rays take turns: one is read while the other one is written.
+
+Shapes: R rays, S slots, L levels, T tets.
+"""
+
+import warp as wp
+
+from ...field import (
+    Tables,
+    basis_of,
+    dense_nodes,
+    hashed_entries,
+    load_wide,
+    load_wide_half,
+    store_wide_half,
+    vec4h,
+)
+from ...geometry import lattice_axes, lattice_cell, lattice_point, lattice_weights
+from ..rays import (
+    FILL_SLOTS,
+    MIDDLE,
+    DeviceLens,
+    Entries,
+    Geometry,
+    Rays,
+    Samples,
+    find_entries,
+    lens_direction,
+    march_ray,
+)
+from .compositing import Pixels, to_byte
+
+TILE_WIDTH, TILE_HEIGHT = wp.constant(8), wp.constant(4)  # pixels of a warp
+LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
+ALIGNMENT = wp.constant(64)  # of the stride
+BACKGROUND_DEPTH = wp.constant(wp.inf)
+# Places in the state, integers on the device.
+PARITY = wp.constant(0)  # which list is read
+LISTED = wp.constant(1)  # rays in it
+NEXT_LISTED = wp.constant(2)  # rays in the other one, so far
+TAKEN = wp.constant(3)  # rays that have slots in this round
+STRIDE = wp.constant(4)
+PER_RAY = wp.constant(5)  # K
+TOTAL = wp.constant(6)  # stride · K
+ROUNDS = wp.constant(7)  # that had something to do
+SAMPLES = wp.constant(8)  # evaluated
+STATE_SIZE = 9
+
+# Divisions by approximation: a fifth of the time, and no error that half precision has not.
+wp.set_module_options({"enable_backward": False, "max_unroll": 2, "fast_math": True})
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    // One atomic for all threads of a warp that are here.
+    unsigned mask = __activemask();
+    int lane = threadIdx.x & 31;
+    int leader = __ffs(mask) - 1;
+    int first = 0;
+    if (lane == leader) first = atomicAdd(&wp::index(state, place), __popc(mask));
+    first = __shfl_sync(mask, first, leader);
+    return first + __popc(mask & ((1u << lane) - 1));
+#else
+    return wp::atomic_add(state, place, 1);
+#endif
+""")
+def claim(state: wp.array(dtype=int), place: int) -> int: ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
+    unsigned mask = __activemask();
+    int sum = __reduce_add_sync(mask, value);
+    if ((threadIdx.x & 31) == __ffs(mask) - 1) atomicAdd(&wp::index(state, place), sum);
+#else
+    wp::atomic_add(state, place, value);
+#endif
+""")
+def add_up(state: wp.array(dtype=int), place: int, value: int): ...
+
+
+@wp.func
+def list_ray(state: wp.array(dtype=int), lists: wp.array2d(dtype=int), ray: int):
+    """Put a ray into the list of the next round."""
+    lists[1 - state[PARITY], claim(state, NEXT_LISTED)] = ray
+
+
+@wp.kernel
+def begin_kernel(
+    geometry: Geometry,
+    camera_to_world: wp.mat44,
+    lens: DeviceLens,
+    first_row: int,
+    row_count: int,
+    background: wp.vec3,
+    boxes: wp.uint64,  # id of FaceBoxes
+    vertices: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    entries: Entries,
+    rays: Rays,
+    pixels: Pixels,
+    state: wp.array(dtype=int),
+    lists: wp.array2d(dtype=int),  # [2, R]
+    color: wp.array(dtype=wp.vec4ub),  # [R] out: background where no ray meets the mesh
+    depth: wp.array(dtype=float),  # [R] out
+):
+    """Rays of the image, and where they enter the mesh; their numbers are pixels, row by row."""
+    i = wp.tid()
+    tile = i / (TILE_WIDTH * TILE_HEIGHT)
+    within = i % (TILE_WIDTH * TILE_HEIGHT)
+    tiles_across = (lens.width + TILE_WIDTH - 1) / TILE_WIDTH
+    column = (tile % tiles_across) * TILE_WIDTH + within % TILE_WIDTH
+    row = (tile / tiles_across) * TILE_HEIGHT + within / TILE_WIDTH
+    if column >= lens.width or row >= row_count:
+        return
+    ray = row * lens.width + column
+    d = lens_direction(lens, column, first_row + row)
+    direction = wp.normalize(wp.transform_vector(camera_to_world, d))
+    origin = wp.vec3(camera_to_world[0, 3], camera_to_world[1, 3], camera_to_world[2, 3])
+    rays.origins[ray] = origin
+    rays.directions[ray] = direction
+    if find_entries(geometry, boxes, vertices, faces, origin, direction, ray, entries) == 0:
+        color[ray] = wp.vec4ub(
+            to_byte(background[0]), to_byte(background[1]), to_byte(background[2]), wp.uint8(0)
+        )
+        depth[ray] = BACKGROUND_DEPTH
+        return
+    rays.t[ray] = 0.0
+    rays.tet[ray] = -1
+    rays.entry_face[ray] = -1
+    rays.piece[ray] = 0
+    pixels.color[ray] = wp.vec3()
+    pixels.depth[ray] = 0.0
+    pixels.transmittance[ray] = 1.0
+    list_ray(state, lists, ray)
+
+
+@wp.kernel
+def advance_kernel(slot_count: int, state: wp.array(dtype=int)):
+    """Turn to the list that is complete, and share the slots out among its rays."""
+    listed = state[NEXT_LISTED]
+    state[PARITY] = 1 - state[PARITY]
+    state[LISTED] = listed
+    state[NEXT_LISTED] = 0
+    taken = wp.min(listed, slot_count / LEAST_SLOTS)
+    stride = (taken + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT
+    # Half of the room: enough to fill a GPU, and not too many behind a surface.
+    per_ray = wp.clamp(slot_count / 2 / wp.max(stride, 1), LEAST_SLOTS, MOST_SLOTS)
+    state[TAKEN] = taken
+    state[STRIDE] = stride
+    state[PER_RAY] = per_ray
+    state[TOTAL] = stride * per_ray
+    if listed > 0:
+        state[ROUNDS] = state[ROUNDS] + 1
+
+
+@wp.kernel
+def march_slots_kernel(
+    geometry: Geometry,
+    entries: Entries,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    rays: Rays,
+    state: wp.array(dtype=int),
+    lists: wp.array2d(dtype=int),  # [2, R]
+    step: float,  # Δ
+    slots: Samples,  # out [S]
+    counts: wp.array(dtype=int),  # [S / 4] out
+):
+    i = wp.tid()
+    if i >= state[STRIDE]:
+        return
+    count = int(0)
+    if i < state[TAKEN]:
+        ray = lists[state[PARITY], i]
+        count = march_ray(
+            geometry,
+            entries,
+            occupancy,
+            rays,
+            ray,
+            step,
+            MIDDLE,
+            FILL_SLOTS,
+            i,
+            state[STRIDE],
+            state[PER_RAY],
+            slots,
+        )
+    counts[i] = count
+
+
+@wp.kernel
+def encode_slots_kernel(
+    tables: Tables,
+    table: wp.array(dtype=vec4h),  # [entries]
+    nodes: wp.array(dtype=vec4h),  # node_table of the dense levels
+    rotations: wp.array(dtype=wp.mat33),  # [T] Q
+    rays: Rays,
+    state: wp.array(dtype=int),
+    lists: wp.array2d(dtype=int),  # [2, R]
+    slots: Samples,  # [S]
+    counts: wp.array(dtype=int),
+    level_count: int,
+    used_level_count: int,  # the finer ones count as zero
+    constant_direction: int,  # 1: the color depends on no direction
+    features: wp.array(dtype=vec4h),  # [S · L] out
+    basis: wp.array(dtype=vec4h),  # [4 S] out
+):
+    n = wp.tid()
+    if n >= state[TOTAL]:
+        return
+    stride = state[STRIDE]
+    i = n % stride
+    if n / stride >= counts[i]:
+        return
+    tet = slots.tet[n]
+    x = lattice_point(load_wide(slots.bary, n))
+    products = tables.products[tet]
+    level = int(0)
+    while level < used_level_count:
+        cell, fraction = lattice_cell(x, level)
+        first, last = lattice_axes(fraction)
+        weights = lattice_weights(fraction)
+        f = wp.vec4()
+        if level < tables.dense_level_count:
+            f = mixed(nodes, dense_nodes(tables, level, tet, cell, first, last), weights)
+        else:
+            f = mixed(table, hashed_entries(tables, level, products, cell, first, last), weights)
+        store_wide_half(features, n * level_count + level, f)
+        level += 1
+    while level < level_count:
+        store_wide_half(features, n * level_count + level, wp.vec4())
+        level += 1
+    if constant_direction == 0:
+        direction = rays.directions[lists[state[PARITY], i]]
+        b = basis_of(wp.transpose(rotations[tet]) * direction)
+        store_wide_half(basis, 4 * n, wp.vec4(b[0], b[1], b[2], b[3]))
+        store_wide_half(basis, 4 * n + 1, wp.vec4(b[4], b[5], b[6], b[7]))
+        store_wide_half(basis, 4 * n + 2, wp.vec4(b[8], b[9], b[10], b[11]))
+        store_wide_half(basis, 4 * n + 3, wp.vec4(b[12], b[13], b[14], b[15]))
+
+
+@wp.func
+def mixed(table: wp.array(dtype=vec4h), e: wp.vec4i, weights: wp.vec4):
+    """Entries, weighted."""
+    a = weights[0] * load_wide_half(table, e[0])
+    b = weights[1] * load_wide_half(table, e[1])
+    c = weights[2] * load_wide_half(table, e[2])
+    d = weights[3] * load_wide_half(table, e[3])
+    return (a + b) + (c + d)
+
+
+@wp.kernel
+def composite_slots_kernel(
+    state: wp.array(dtype=int),
+    lists: wp.array2d(dtype=int),  # [2, R]
+    slots: Samples,  # [S]
+    counts: wp.array(dtype=int),
+    sigma: wp.array(dtype=float),  # [S]
+    rgb: wp.array(dtype=wp.vec3),  # [S]
+    ray_tet: wp.array(dtype=int),  # [R] -2 where the ray has left the mesh for good
+    stop: float,
+    background: wp.array(dtype=wp.vec3),  # [1]
+    pixels: Pixels,
+    color: wp.array(dtype=wp.vec4ub),  # [R] out
+    depth: wp.array(dtype=float),  # [R] out
+):
+    """`accumulate_kernel` and `resolve_kernel` on slots; what is behind a ray's end is alike."""
+    i = wp.tid()
+    if i >= state[LISTED]:
+        return
+    ray = lists[state[PARITY], i]
+    if i >= state[TAKEN]:
+        list_ray(state, lists, ray)
+        return
+    stride = state[STRIDE]
+    add_up(state, SAMPLES, counts[i])
+    transmittance = pixels.transmittance[ray]
+    c = pixels.color[ray]
+    total_t = pixels.depth[ray]
+    n = int(i)
+    last = i + counts[i] * stride
+    while n < last and transmittance >= stop:
+        remaining = wp.exp(-sigma[n] * slots.length[n])
+        w = transmittance * (1.0 - remaining)
+        c += w * rgb[n]
+        total_t += w * slots.t[n]
+        transmittance *= remaining
+        n += stride
+    if transmittance >= stop and ray_tet[ray] > -2:
+        pixels.transmittance[ray] = transmittance
+        pixels.color[ray] = c
+        pixels.depth[ray] = total_t
+        list_ray(state, lists, ray)
+        return
+    opacity = 1.0 - transmittance
+    total_t /= wp.max(opacity, 1.0e-6)
+    if transmittance < stop:
+        c /= opacity
+        opacity = 1.0
+    c += (1.0 - opacity) * background[0]
+    color[ray] = wp.vec4ub(to_byte(c[0]), to_byte(c[1]), to_byte(c[2]), to_byte(opacity))
+    depth[ray] = wp.where(opacity < 0.5, BACKGROUND_DEPTH, total_t)

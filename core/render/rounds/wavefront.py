@@ -1,0 +1,189 @@
+"""The common case on CUDA: an image in rounds that nothing has to wait for.
+
+One launch makes the rays and lists those that meet the mesh.  Then come rounds, each one a
+CUDA graph of five launches:
+
+    advance     the list that the last round wrote is the one to read; how many slots
+    march       the first rays of the list, as many as there is room for, K pieces each
+    encode      slots to features and spherical harmonics, in half precision
+    evaluate    both networks, one fused kernel
+    composite   slots to pixels; rays that go on are listed for the next round
+
+How long the list is, and so K, is known on the device only.  The host launches as many
+rounds as the last image needed and one more, and looks at the list's length when all are
+done: if rays are left, which is rare, further rounds follow.
+
+Rays that meet each other's pixels lie side by side in lists and slots: a warp takes a tile of
+8 x 4 pixels, and slot k of ray i is at k * stride + i.
+
+Shapes: R rays, S slots, L levels.
+"""
+
+import numpy as np
+import warp as wp
+
+from ...field import CONSTANT_BASIS, vec4h
+from ..rays import DeviceLens, FaceBoxes, empty_entries, empty_rays, empty_samples
+from ..shading import Shading
+from . import slots
+from .compositing import empty_pixels
+
+SLOTS_PER_PIXEL = 1.2  # room; rays that don't fit wait for the next round
+MOST_SLOTS_IN_ALL = 1 << 21  # 280 MB of them
+SLOT_MULTIPLE = 4096  # strides fit in
+BLOCK_SIZE = 128  # threads: fewer wait for the longest way of a block
+
+
+class Wavefront:
+    """Renders images of up to `capacity` pixels in default mode.
+
+    `shading.evaluate_slots` fills arrays: evaluate(features [S · L] vec4h, basis [4 S] vec4h,
+    total [1], sigma [S], rgb [S]), without waiting or allocating.
+    """
+
+    def __init__(self, pose, boxes: FaceBoxes, occupancy, shading: Shading, options, capacity: int):
+        """Make room.
+
+        Args:
+            options: FieldOptions.
+        """
+        self.capacity = capacity
+        self._pose, self._occupancy = pose, occupancy
+        self._tables, self._evaluate = shading.tables, shading.evaluate_slots
+        self._table, self._nodes = shading.half_tables()
+        self._view_dependence = options.view_dependence
+        self._march_step, self._level_count = options.march_step, options.level_count
+        self.device = device = pose.device
+        slot_count = min(int(SLOTS_PER_PIXEL * capacity), MOST_SLOTS_IN_ALL)
+        self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
+        self._boxes = boxes
+        self._entries = empty_entries(capacity, device)
+        self.rays = empty_rays(capacity, device)
+        self.pixels = empty_pixels(capacity, device)
+        self._slots = empty_samples(slot_count, device)
+        with wp.ScopedDevice(device):
+            self._state = wp.zeros(slots.STATE_SIZE, dtype=int)
+            self._lists = wp.empty((2, capacity), dtype=int)
+            self._counts = wp.empty(slot_count // slots.LEAST_SLOTS, dtype=int)
+            self._features = wp.zeros(slot_count * options.level_count, dtype=vec4h)
+            basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (slot_count, 1))
+            self._basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
+            self._sigma = wp.empty(slot_count, dtype=float)
+            self._rgb = wp.empty(slot_count, dtype=wp.vec3)
+            self._background = wp.zeros(1, dtype=wp.vec3)
+            self.color = wp.empty(capacity, dtype=wp.vec4ub)
+            self.depth = wp.empty(capacity, dtype=float)
+        self._host_state = wp.zeros(
+            slots.STATE_SIZE, dtype=int, device="cpu", pinned=device.is_cuda
+        )
+        self._shown_background = None
+        self._graphs = {}  # of one round each, by step, stop and levels
+        self._likely_rounds = 4
+
+    def render(self, camera_to_world, lens: DeviceLens, rows, options, stage) -> int:
+        """Fill `color` and `depth` with the rows first..last-1; the number of samples.
+
+        Args:
+            camera_to_world: mat44
+            options: RenderOptions.
+            stage: Times what happens within stage(name), if somebody wants to know.
+        """
+        self._begin(camera_to_world, lens, rows, options, stage)
+        rounds = self._likely_rounds
+        while True:
+            for _ in range(rounds):
+                self._round(options, stage)
+            wp.copy(self._host_state, self._state)
+            if self.device.is_cuda:
+                wp.synchronize_stream(wp.get_stream(self.device))
+            state = self._host_state.numpy()
+            if state[slots.NEXT_LISTED] == 0:
+                break
+            rounds = 2
+        self._likely_rounds = int(state[slots.ROUNDS]) + 1
+        return int(state[slots.SAMPLES])
+
+    def _begin(self, camera_to_world, lens, rows, options, stage):
+        background = tuple(options.background)
+        if background != self._shown_background:
+            self._background.fill_(wp.vec3(*background))
+            self._shown_background = background
+        tiles = -(-lens.width // slots.TILE_WIDTH) * -(-(rows[1] - rows[0]) // slots.TILE_HEIGHT)
+        with stage("begin"):
+            self._boxes.refresh()
+            self._state.zero_()
+            self._launch(
+                slots.begin_kernel,
+                tiles * slots.TILE_WIDTH * slots.TILE_HEIGHT,
+                [
+                    *(self._pose.geometry, camera_to_world, lens, rows[0], rows[1] - rows[0]),
+                    *(wp.vec3(*background), self._boxes.id, self._pose.vertices),
+                    *(self._boxes.faces, self._entries),
+                    *(self.rays, self.pixels, self._state, self._lists),
+                ],
+                [self.color, self.depth],
+            )
+
+    def _round(self, options, stage):
+        """One round; recorded once, unless somebody times the stages."""
+        if not self.device.is_cuda or stage.seconds is not None:
+            self._launch_round(options, stage)
+            return
+        key = options.step_factor, options.stop, options.level_count
+        if key not in self._graphs:
+            self._launch_round(options, stage)  # compiles
+            with wp.ScopedCapture(self.device, force_module_load=False) as capture:
+                self._launch_round(options, stage)
+            self._graphs[key] = capture.graph
+        wp.capture_launch(self._graphs[key])
+
+    def _launch_round(self, options, stage):
+        with stage("march"):
+            self._launch(slots.advance_kernel, 1, [self._slot_count, self._state])
+            self._launch(
+                slots.march_slots_kernel,
+                len(self._counts),
+                [
+                    *(self._pose.geometry, self._entries, self._occupancy),
+                    *(self.rays, self._state, self._lists),
+                    self._march_step * options.step_factor,
+                ],
+                [self._slots, self._counts],
+            )
+        with stage("encode"):
+            self._launch(
+                slots.encode_slots_kernel,
+                self._slot_count,
+                [
+                    *(self._tables, self._table, self._nodes),
+                    *(self._pose.geometry.rotations, self.rays),
+                    *(self._state, self._lists, self._slots, self._counts),
+                    *(self._level_count, options.level_count or self._level_count),
+                    int(not self._view_dependence),
+                ],
+                [self._features, self._basis],
+            )
+        with stage("networks"):
+            total = self._state[slots.TOTAL : slots.TOTAL + 1]
+            self._evaluate(self._features, self._basis, total, self._sigma, self._rgb)
+        with stage("composite"):
+            self._launch(
+                slots.composite_slots_kernel,
+                self.capacity,
+                [
+                    *(self._state, self._lists, self._slots, self._counts),
+                    *(self._sigma, self._rgb, self.rays.tet, options.stop),
+                    *(self._background, self.pixels),
+                ],
+                [self.color, self.depth],
+            )
+
+    def _launch(self, kernel, dim, inputs, outputs=()):
+        wp.launch(
+            kernel,
+            dim=dim,
+            inputs=inputs,
+            outputs=outputs,
+            device=self.device,
+            block_dim=BLOCK_SIZE,
+        )

@@ -1,0 +1,13 @@
+"""Photographs and cameras, in the layouts that other programs write."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "capture": ["DatasetError"],
+        "datasets": ["Dataset", "white_composite"],
+        "raybank": ["Drawn", "RayBank"],
+        "scene_box": ["has_white_border", "object_box", "world_to_unit_cube"],
+    },
+)

@@ -1,0 +1,115 @@
+"""What a data set's files say before any image is read: views, whatever the layout."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...render import Lens, has_rays
+
+IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg")
+EVERY_TEST_VIEW = 8  # where nobody made a split, as is usual for captures (LLFF, mip-NeRF 360)
+
+
+class DatasetError(ValueError):
+    """The folder is not a data set that can be read; the message is one sentence for the user."""
+
+
+@dataclass(frozen=True)
+class View:
+    """One photograph, not read yet.
+
+    Attributes:
+        path: Of the image.
+        camera_to_world: OpenGL's axes: the camera looks along -z, y is up.  [4, 4]
+        lens: The lens for an image of that width and height on disk.
+    """
+
+    path: Path
+    camera_to_world: np.ndarray
+    lens: Callable[[int, int], Lens]
+
+
+@dataclass(frozen=True)
+class Capture:
+    """The views of a split, and what else the files say.
+
+    Attributes:
+        views: Those whose image exists.
+        missing: Images that are named but not there.
+        bounds: Lowest and highest corner of the object's box, if the files have one.  [2, 3]
+    """
+
+    views: tuple[View, ...]
+    missing: tuple[str, ...] = ()
+    bounds: np.ndarray | None = None
+
+
+def read_json(path) -> dict:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise DatasetError(f"{path} is not JSON: {error}") from None
+    if not isinstance(content, dict):
+        raise DatasetError(f"{path} has to be a JSON object")
+    return content
+
+
+def rigid_pose(values, name):
+    """A camera-to-world matrix.  [4, 4] float64
+
+    Raises:
+        DatasetError: It is not 4x4, not finite, or mirrors or distorts.
+    """
+    try:
+        matrix = np.array(values, np.float64)
+    except (TypeError, ValueError):
+        matrix = np.empty(0)
+    if matrix.shape == (3, 4):
+        matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise DatasetError(f"{name} has to be 4 rows of 4 finite numbers")
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    if (lengths < 1e-8).any():
+        raise DatasetError(f"{name} is no camera pose: an axis has no length")
+    matrix[:3, :3] /= lengths  # some tools leave a scale there
+    axes = matrix[:3, :3]
+    if np.abs(axes.T @ axes - np.eye(3)).max() > 1e-2 or np.linalg.det(axes) < 0.0:
+        raise DatasetError(f"{name} is no camera pose: its axes are skew or mirrored")
+    return matrix
+
+
+def from_opencv(camera_to_world):
+    """The pose with OpenGL's axes of a camera that looks along +z, y down.  [4, 4]"""
+    return camera_to_world * np.array([1.0, -1.0, -1.0, 1.0])
+
+
+def checked_lens(lens: Lens, where) -> Lens:
+    """The lens, if it can be one.
+
+    Raises:
+        DatasetError: A number is not finite, the focal length not positive, the principal
+            point far outside the image, or a pixel has no ray.
+    """
+    numbers = np.array([*lens.focal, *lens.center, *lens.radial, *lens.tangential])
+    size = np.array([lens.width, lens.height])
+    if not np.isfinite(numbers).all():
+        raise DatasetError(f"{where}: the intrinsics are not all finite numbers")
+    if (np.array(lens.focal) < 0.05 * size.max()).any() or min(lens.focal) > 100 * size.max():
+        raise DatasetError(
+            f"{where}: the focal lengths {lens.focal[0]:g} and {lens.focal[1]:g} can't be those "
+            f"of an image of {lens.width}x{lens.height} pixels"
+        )
+    if (np.abs(np.array(lens.center) / size - 0.5) > 0.5).any():
+        raise DatasetError(
+            f"{where}: the principal point ({lens.center[0]:g}, {lens.center[1]:g}) lies outside "
+            f"the image of {lens.width}x{lens.height} pixels"
+        )
+    if not has_rays(lens):
+        raise DatasetError(
+            f"{where}: with the distortion {(*lens.radial, *lens.tangential)} some pixels of "
+            f"{lens.width}x{lens.height} have no ray"
+        )
+    return lens

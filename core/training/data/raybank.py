@@ -1,0 +1,140 @@
+"""All training pixels as rays on one device, drawn at random.
+
+Rays are in model space: the data's cameras moved by `world_to_model`, a uniform scale
+and a translation, so directions stay what they are.  One kernel draws, undistorts and
+looks up; it takes its randomness from a seed on the device, so nothing waits for the host.
+
+Shapes: P pixels of N views, R rays.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from ...render import DeviceLens, device_lens, in_space, lens_direction
+from .datasets import Dataset
+
+DRAW = wp.constant(1 << 30)  # keeps its numbers apart from those that jitter the same rays
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Bank:
+    """The photographs, for kernels."""
+
+    pixels: wp.array(dtype=wp.vec4ub)  # [P] straight alpha
+    first_pixels: wp.array(dtype=int)  # [N + 1]
+    poses: wp.array(dtype=wp.mat44)  # [N] in model space
+    lenses: wp.array(dtype=DeviceLens)  # [N]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Rays with the color that they should see.
+
+    Attributes:
+        origins, directions: Model space, unit directions.  [R] vec3
+        rgba: Straight alpha, 0..1.  [R] vec4
+        background: A random color for each ray, 0..1.  [R] vec3
+        first: Number of ray 0: what is random about a ray follows its number.
+    """
+
+    origins: wp.array
+    directions: wp.array
+    rgba: wp.array
+    background: wp.array
+    first: int = 0
+
+
+def empty_drawn(count: int, device) -> Drawn:
+    return Drawn(
+        wp.empty(count, dtype=wp.vec3, device=device),
+        wp.empty(count, dtype=wp.vec3, device=device),
+        wp.empty(count, dtype=wp.vec4, device=device),
+        wp.empty(count, dtype=wp.vec3, device=device),
+    )
+
+
+@wp.func
+def view_of(first_pixels: wp.array(dtype=int), pixel: int):
+    """The view that a pixel belongs to, by bisection."""
+    low = int(0)
+    high = int(first_pixels.shape[0] - 1)
+    while high - low > 1:
+        middle = (low + high) / 2
+        if first_pixels[middle] <= pixel:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@wp.kernel
+def draw_kernel(
+    bank: Bank,
+    chosen: wp.array(dtype=int),  # [R] pixels, or [0]: random ones
+    seed: wp.array(dtype=int),  # [1]
+    first: int,  # number of ray 0
+    origins: wp.array(dtype=wp.vec3),  # [R] out
+    directions: wp.array(dtype=wp.vec3),  # [R] out
+    rgba: wp.array(dtype=wp.vec4),  # [R] out
+    background: wp.array(dtype=wp.vec3),  # [R] out
+):
+    i = wp.tid()
+    random = wp.rand_init(seed[0], DRAW + first + i)
+    pixel_count = bank.pixels.shape[0]
+    pixel = int(0)
+    if chosen.shape[0] > 0:
+        pixel = chosen[i]
+    else:
+        pixel = int(wp.randu(random) % wp.uint32(pixel_count))
+    view = view_of(bank.first_pixels, pixel)
+    lens = bank.lenses[view]
+    pose = bank.poses[view]
+    place = pixel - bank.first_pixels[view]
+    d = lens_direction(lens, place % lens.width, place / lens.width)
+    origins[i] = wp.vec3(pose[0, 3], pose[1, 3], pose[2, 3])
+    directions[i] = wp.normalize(wp.transform_vector(pose, d))
+    c = bank.pixels[pixel]
+    background[i] = wp.vec3(wp.randf(random), wp.randf(random), wp.randf(random))
+    rgba[i] = wp.vec4(float(c[0]), float(c[1]), float(c[2]), float(c[3])) / 255.0
+
+
+class RayBank:
+    """Draws pixels of a data set as rays with their straight-alpha color."""
+
+    def __init__(self, dataset: Dataset, world_to_model, device):
+        self.device = wp.get_device(device)
+        poses = in_space(dataset.poses, world_to_model).astype(np.float32)
+        lenses = [device_lens(lens) for lens in dataset.lenses]
+        self.bank = Bank()
+        with wp.ScopedDevice(self.device):
+            self.bank.pixels = wp.array(dataset.pixels, dtype=wp.vec4ub)
+            self.bank.first_pixels = wp.array(dataset.first_pixels.astype(np.int32), dtype=int)
+            self.bank.poses = wp.array(poses, dtype=wp.mat44)
+            self.bank.lenses = wp.array(lenses, dtype=DeviceLens)
+            self._random = wp.empty(0, dtype=int)
+            self._no_seed = wp.zeros(1, dtype=int)
+
+    @property
+    def pixel_count(self) -> int:
+        return len(self.bank.pixels)
+
+    def draw(self, seed, drawn: Drawn):
+        """Fill with random rays; the same seed (int [1] on the device) draws the same."""
+        self._launch(self._random, seed, drawn)
+
+    def look_up(self, chosen, drawn: Drawn):
+        """Fill with the rays of given pixels, numbered view by view, row by row.  [R] int"""
+        self._launch(chosen, self._no_seed, drawn)
+
+    def _launch(self, chosen, seed, drawn):
+        wp.launch(
+            draw_kernel,
+            dim=len(drawn.origins),
+            inputs=[self.bank, chosen, seed, drawn.first],
+            outputs=[drawn.origins, drawn.directions, drawn.rgba, drawn.background],
+            device=self.device,
+        )

@@ -1,0 +1,146 @@
+"""The samples of a batch of rays, on the device, in arrays that stay where they are.
+
+Two launches of the march kernel, one that counts and one that writes.  With a fixed
+capacity nothing waits for the host, so a CUDA graph can hold it all: rays whose samples
+don't fit are left out of the step (`fits`), and what is unused is marked by tet = -1.
+
+Shapes: R rays, N samples or places for them.
+"""
+
+import torch
+import warp as wp
+
+from ...field import CONSTANT_BASIS, basis_vector
+from ...render import COUNT, WRITE, Pose, basis_kernel, empty_rays, empty_samples, march_kernel
+from ..data import Drawn
+
+MAX_RAY_SAMPLES = 2048  # beyond, a ray is cut off; √3/Δ and one for each tet are far fewer
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def fit_kernel(
+    ends: wp.array(dtype=int),  # [R] inclusive scan of counts
+    capacity: int,  # N
+    counts: wp.array(dtype=int),  # [R] in, out: 0 for rays that don't fit
+    fits: wp.array(dtype=float),  # [R] out: 1 or 0
+    sample_count: wp.array(dtype=int),  # [1] out: samples of the rays that fit
+):
+    i = wp.tid()
+    if i == 0 and ends[0] > capacity:
+        sample_count[0] = 0
+    fits[i] = 0.0
+    if ends[i] <= capacity:
+        fits[i] = 1.0
+        is_last = i == ends.shape[0] - 1
+        if not is_last:
+            is_last = ends[i + 1] > capacity
+        if is_last:
+            sample_count[0] = ends[i]
+    else:
+        counts[i] = 0
+
+
+@wp.kernel
+def mark_unused_kernel(sample_count: wp.array(dtype=int), sample_tet: wp.array(dtype=int)):
+    n = wp.tid()
+    if n >= sample_count[0]:
+        sample_tet[n] = -1
+
+
+class Batch:
+    """R rays and room for their samples.
+
+    Attributes:
+        samples: Samples of all rays that fit, without gaps, then tet = -1.  [N]
+        origins, directions, rgba, background: The same as torch tensors.
+        counts, ends: Of each ray's samples.  [R]
+        drawn: The rays, and the colors that they should see.
+        basis: Spherical harmonics of the samples' directions.  torch [N, 16]
+        fits: 1 where a ray's samples fit, else 0.  torch [R]
+        sample_count: How many there are.  wp int [1]
+    """
+
+    def __init__(self, ray_count: int, capacity: int | None, device, first_ray=0):
+        """`capacity` None makes room for what each march finds, and waits for the device.
+
+        `first_ray` is the number of ray 0, see Drawn.
+        """
+        self.device = device
+        self.capacity = capacity
+        self._rays = empty_rays(ray_count, device)
+        self._rays.first = first_ray
+        self.drawn = Drawn(
+            self._rays.origins,
+            self._rays.directions,
+            wp.zeros(ray_count, dtype=wp.vec4, device=device),
+            wp.zeros(ray_count, dtype=wp.vec3, device=device),
+            first_ray,
+        )
+        self.origins = wp.to_torch(self.drawn.origins)
+        self.directions = wp.to_torch(self.drawn.directions)
+        self.rgba = wp.to_torch(self.drawn.rgba)
+        self.background = wp.to_torch(self.drawn.background)
+        self._everyone = wp.from_torch(
+            torch.arange(ray_count, dtype=torch.int32, device=wp.device_to_torch(device))
+        )
+        self.seed = wp.zeros(1, dtype=int, device=device)
+        self.counts = wp.zeros(ray_count, dtype=int, device=device)
+        self.ends = wp.zeros(ray_count, dtype=int, device=device)
+        self._fits = wp.zeros(ray_count, dtype=float, device=device)
+        self.fits = wp.to_torch(self._fits)
+        self.sample_count = wp.zeros(1, dtype=int, device=device)
+        if capacity is not None:
+            self._make_room(capacity)
+
+    @property
+    def ray_count(self) -> int:
+        return len(self.counts)
+
+    def march(self, pose: Pose, mask, step: float, view_dependence=True):
+        """Find the samples of the rays, jittered by `seed`.
+
+        Without `view_dependence` their basis is constant.
+        """
+        common = [pose.geometry, mask, self._rays, self._everyone, step, MAX_RAY_SAMPLES, self.seed]
+        nowhere = empty_samples(0, self.device)
+        self._launch(
+            march_kernel, self.ray_count, [*common, COUNT, self.ends], [nowhere, self.counts]
+        )
+        wp.utils.array_scan(self.counts, self.ends, inclusive=True)
+        if self.capacity is None:
+            self._make_room(int(self.ends[self.ray_count - 1 :].numpy()[0]))
+        room = len(self.samples.tet)
+        self._launch(
+            fit_kernel,
+            self.ray_count,
+            [self.ends, room],
+            [self.counts, self._fits, self.sample_count],
+        )
+        self._launch(
+            march_kernel, self.ray_count, [*common, WRITE, self.ends], [self.samples, self.counts]
+        )
+        self._launch(mark_unused_kernel, room, [self.sample_count], [self.samples.tet])
+        if not view_dependence:
+            self.basis[:, 0] = CONSTANT_BASIS[0]
+            return
+        self._launch(
+            basis_kernel,
+            self.ray_count,
+            [
+                *(self._rays, pose.geometry.rotations, self._everyone),
+                *(self.counts, self.ends, self.samples.tet),
+            ],
+            [self._basis],
+        )
+
+    def _make_room(self, capacity):
+        self.samples = empty_samples(capacity, self.device)
+        for array in (self.samples.bary, self.samples.length, self.samples.t):
+            array.zero_()  # what is never written is still computed with
+        self._basis = wp.zeros(capacity, dtype=basis_vector, device=self.device)
+        self.basis = wp.to_torch(self._basis)
+
+    def _launch(self, kernel, dim, inputs, outputs):
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)

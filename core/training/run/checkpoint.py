@@ -1,0 +1,103 @@
+"""An unfinished run on disk, from which `deformrf-train --resume` goes on.
+
+Written beside the model every minute and at Ctrl-C, removed when the model is complete.
+It is this program's own and of this version's: a model file is what lasts.
+"""
+
+import os
+import pickle
+import zipfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ...geometry import TetMesh
+from ..options import TrainOptions
+
+FORMAT = "deformrf-checkpoint-1"
+UNREADABLE = (OSError, EOFError, RuntimeError, pickle.UnpicklingError, zipfile.BadZipFile)
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that can't be gone on from, in one sentence for the user."""
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Where a run was.
+
+    Attributes:
+        options: Of the run.
+        stage: 1 or 2.
+        mesh: The stage's mesh.
+        fit: `Fit.state()`: steps done, weights, optimiser, occupancy.
+        world_to_model: [4, 4]
+        report: What was known of the run.
+    """
+
+    options: TrainOptions
+    stage: int
+    mesh: TetMesh
+    fit: dict
+    world_to_model: np.ndarray
+    report: dict
+
+
+def save(checkpoint: Checkpoint, path):
+    """Write it; the file appears only when it is complete."""
+    path = Path(path)
+    mesh = checkpoint.mesh
+    content = {
+        "format": FORMAT,
+        "options": asdict(checkpoint.options),
+        "stage": checkpoint.stage,
+        "mesh": [torch.from_numpy(a) for a in (mesh.rest_vertices, mesh.addresses, mesh.tets)],
+        "fit": checkpoint.fit,
+        "world_to_model": checkpoint.world_to_model.tolist(),
+        "report": checkpoint.report,
+    }
+    partial = path.with_name(path.name + ".part")
+    try:
+        torch.save(content, partial)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def load(path) -> Checkpoint:
+    """Read a checkpoint; its tensors come to the CPU.
+
+    Raises:
+        CheckpointError: There is none, or it is damaged or of another version.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise CheckpointError(
+            f"there is no {path} to resume from: it is written every minute and when a run is "
+            f"interrupted, and removed when the model is complete"
+        )
+    if not zipfile.is_zipfile(path):
+        raise CheckpointError(f"{path} can't be read as a checkpoint: it is damaged")
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except UNREADABLE as error:
+        first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise CheckpointError(f"{path} can't be read as a checkpoint: {first_line}") from None
+    try:
+        if content["format"] != FORMAT:
+            raise CheckpointError(f"{path} is a checkpoint of another version")
+        options = dict(content["options"])
+        if options["aabb"] is not None:
+            options["aabb"] = tuple(options["aabb"])
+        return Checkpoint(
+            TrainOptions(**options),
+            content["stage"],
+            TetMesh(*(tensor.numpy() for tensor in content["mesh"])),
+            content["fit"],
+            np.array(content["world_to_model"]),
+            content["report"],
+        )
+    except (KeyError, TypeError):
+        raise CheckpointError(f"{path} is no checkpoint of this version") from None

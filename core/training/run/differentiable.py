@@ -1,0 +1,122 @@
+"""Warp kernels as torch functions: encoding and compositing with their gradients.
+
+On CUDA the caller makes Warp's stream torch's current one (`on_warp_stream`), so kernels
+and layers follow each other without waiting for the host.
+"""
+
+from contextlib import nullcontext
+
+import torch
+import warp as wp
+
+from ...field import FEATURES, Tables, encode_backward_kernel, encode_kernel, vec4h
+from ...render import composite_backward_kernel, composite_kernel
+
+
+def on_warp_stream(device):
+    """Context in which torch works on Warp's stream of the device."""
+    device = wp.get_device(device)
+    if not device.is_cuda:
+        return nullcontext()
+    return torch.cuda.stream(wp.stream_to_torch(wp.get_stream(device)))
+
+
+class Encode(torch.autograd.Function):
+    """features [N, L·F] = encode(table [entries, F]); differentiable in the table only.
+
+    With `half` the kernels read a float16 copy of the table and write float16 features, whose
+    gradients are float16 too; the table, the sums and the table's gradient stay float32.
+    """
+
+    @staticmethod
+    def forward(ctx, table, tables: Tables, level_count, sample_tet, sample_bary, half=False):
+        count, dtype = len(sample_tet), torch.float16 if half else torch.float32
+        features = torch.empty(count, level_count * FEATURES, device=table.device, dtype=dtype)
+        wp.launch(
+            encode_kernel,
+            dim=count,
+            inputs=[tables, _vec4(table.to(dtype)), sample_tet, sample_bary, level_count],
+            outputs=[_levels(features, level_count)],
+            device=wp.device_from_torch(table.device),
+        )
+        ctx.tables, ctx.level_count = tables, level_count
+        ctx.sample_tet, ctx.sample_bary, ctx.table_shape = sample_tet, sample_bary, table.shape
+        return features
+
+    @staticmethod
+    def backward(ctx, features_grad):
+        table_grad = torch.zeros(ctx.table_shape, device=features_grad.device)
+        wp.launch(
+            encode_backward_kernel,
+            dim=len(ctx.sample_tet),
+            inputs=[
+                ctx.tables,
+                ctx.sample_tet,
+                ctx.sample_bary,
+                _levels(features_grad.contiguous(), ctx.level_count),
+            ],
+            outputs=[_vec4(table_grad)],
+            device=wp.device_from_torch(features_grad.device),
+        )
+        return table_grad, None, None, None, None, None
+
+
+class Composite(torch.autograd.Function):
+    """color [R, 3], opacity [R], distortion [R], weights [N] of packed samples.
+
+    Differentiable in sigma and rgb; weights are not to be differentiated through.
+    """
+
+    @staticmethod
+    def forward(ctx, sigma, rgb, length, t, counts, ends):
+        ray_count, device = len(counts), wp.device_from_torch(sigma.device)
+        weights = torch.empty_like(sigma)
+        color = torch.empty(ray_count, 3, device=sigma.device)
+        opacity = torch.empty(ray_count, device=sigma.device)
+        distortion = torch.empty(ray_count, device=sigma.device)
+        sigma, rgb = sigma.contiguous(), rgb.contiguous()
+        wp.launch(
+            composite_kernel,
+            dim=ray_count,
+            inputs=[_float(sigma), _vec3(rgb), length, t, counts, ends],
+            outputs=[_float(weights), _vec3(color), _float(opacity), _float(distortion)],
+            device=device,
+        )
+        ctx.save_for_backward(sigma, rgb, weights)
+        ctx.samples = (length, t, counts, ends)
+        ctx.mark_non_differentiable(weights)
+        return color, opacity, distortion, weights
+
+    @staticmethod
+    def backward(ctx, color_grad, opacity_grad, distortion_grad, _weights_grad):
+        sigma, rgb, weights = ctx.saved_tensors
+        length, t, counts, ends = ctx.samples
+        # Zeros: samples that belong to no ray get nothing.
+        sigma_grad, rgb_grad = torch.zeros_like(sigma), torch.zeros_like(rgb)
+        wp.launch(
+            composite_backward_kernel,
+            dim=len(counts),
+            inputs=[
+                *(_float(sigma), _vec3(rgb), length, t, counts, ends, _float(weights)),
+                *(_vec3(color_grad), _float(opacity_grad), _float(distortion_grad)),
+            ],
+            outputs=[_float(sigma_grad), _vec3(rgb_grad)],
+            device=wp.device_from_torch(sigma.device),
+        )
+        return sigma_grad, rgb_grad, None, None, None, None
+
+
+def _float(tensor):
+    return wp.from_torch(tensor.detach().contiguous(), dtype=wp.float32)
+
+
+def _vec3(tensor):
+    return wp.from_torch(tensor.detach().contiguous(), dtype=wp.vec3)
+
+
+def _vec4(tensor):
+    return wp.from_torch(tensor.detach(), dtype=vec4h if tensor.dtype == torch.half else wp.vec4)
+
+
+def _levels(tensor, level_count):
+    return _vec4(tensor.detach().view(-1, level_count, FEATURES))

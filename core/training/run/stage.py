@@ -1,0 +1,256 @@
+"""One stage of training: a field on a fixed mesh that learns.
+
+Holds what changes from step to step: tables, networks, occupancy.  `trace` renders rays
+with gradients; `update_occupancy` and `hide_unseen` decide which sub-tets can hold
+density (../field/occupancy.py).
+
+Shapes: R rays, N packed samples, T tets with 64 sub-tets each.
+"""
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import torch
+import warp as wp
+
+from ...field import (
+    GEOMETRY_FEATURES,
+    LEVELS,
+    SUBTET_COUNT,
+    FieldOptions,
+    Networks,
+    TetField,
+    evaluator,
+    make_tables,
+    random_field,
+    subtet_of,
+)
+from ...geometry import TetMesh, path_corners, tet_neighbours
+from ...render import Pose
+from .batch import Batch
+from .differentiable import Composite, Encode
+from .distributed import ALONE, Workers
+
+OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet is occupied, however many others are
+EMPTY_THICKNESS = 1e-4  # below it is empty, even where everything is as thin
+OCCUPANCY_DECAY = 0.95  # per update; so empty space is forgotten within some 60 updates
+UPDATE_CHUNK = 1 << 20  # sub-tets evaluated at once
+INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def mark_seen_kernel(
+    sample_tet: wp.array(dtype=int),  # [N]
+    sample_bary: wp.array(dtype=wp.vec4),  # [N]
+    weights: wp.array(dtype=float),  # [N]
+    seen: wp.array(dtype=float),  # [T · 64] in, out: largest weight so far
+):
+    n = wp.tid()
+    wp.atomic_max(
+        seen, sample_tet[n] * wp.static(SUBTET_COUNT) + subtet_of(sample_bary[n]), weights[n]
+    )
+
+
+class Stage:
+    """A learning field; see the module's text.
+
+    Without `subtet_mask` a tet is occupied as a whole, if any of its sub-tets is.
+    """
+
+    def __init__(
+        self,
+        mesh: TetMesh,
+        options: FieldOptions,
+        device,
+        seed=0,
+        surroundings=None,
+        subtet_mask=True,
+        workers: Workers = ALONE,
+    ):
+        self.device = wp.get_device(device)
+        self.torch_device = torch.device(wp.device_to_torch(self.device))
+        self.options = options
+        self.surroundings = surroundings  # LearntSurroundings, or None
+        self.subtet_mask = subtet_mask
+        self.workers = workers
+        neighbours = tet_neighbours(mesh.tets)
+        self._start = random_field(mesh, neighbours, options, seed, INITIAL_CONTRAST)
+        self.layout = self._start.layout
+        self.tables = make_tables(mesh, self.layout, self.device)
+        self.pose = Pose(mesh, neighbours, self.device)
+        self.table = torch.nn.Parameter(torch.from_numpy(self._start.table).to(self.torch_device))
+        self.networks = Networks(
+            self._start.density_layers, self._start.color_layers, options.density_activation
+        ).to(self.torch_device)
+        self.evaluate = evaluator(self.networks)
+        shape = (mesh.tet_count, SUBTET_COUNT)
+        self.thickness = torch.zeros(shape, device=self.torch_device)
+        self.occupied = torch.ones(shape, dtype=torch.bool, device=self.torch_device)
+        self.hidden = torch.zeros(shape, dtype=torch.bool, device=self.torch_device)
+        self._mask_bits = torch.zeros(shape[0], dtype=torch.int64, device=self.torch_device)
+        self.mask = wp.from_torch(self._mask_bits, dtype=wp.uint64)
+        self.refresh_mask()
+        self._part = 0  # of the sub-tets, whose turn it is
+        self._generator = torch.Generator(device=self.torch_device).manual_seed(seed)
+        corners = path_corners(LEVELS) / 2**LEVELS  # [64, corner, 4]
+        self._corners = torch.from_numpy(corners.astype(np.float32)).to(self.torch_device)
+
+    @property
+    def mesh(self) -> TetMesh:
+        return self._start.mesh
+
+    def trace(self, batch: Batch):
+        """March the batch's rays and composite them; see there."""
+        self.march(batch)
+        return self.composite(batch)
+
+    def march(self, batch: Batch):
+        """Find the samples of the batch's rays in what is occupied."""
+        options = self.options
+        batch.march(self.pose, self.mask, options.march_step, options.view_dependence)
+
+    def composite(self, batch: Batch):
+        """Render marched rays with gradients.
+
+        Returns:
+            color [R, 3] without background, opacity [R], distortion [R], weights [N].
+        """
+        samples = batch.samples
+        with self.precision():
+            features = self.encode(samples.tet, samples.bary)
+            sigma, rgb = self.evaluate(features, batch.basis, wp.to_torch(batch.sample_count))
+        return Composite.apply(sigma, rgb, samples.length, samples.t, batch.counts, batch.ends)
+
+    def encode(self, sample_tet, sample_bary):
+        return Encode.apply(
+            *(self.table, self.tables, self.layout.level_count, sample_tet, sample_bary),
+            self.device.is_cuda,  # there half precision halves what the gathers move
+        )
+
+    @torch.no_grad()
+    def update_occupancy(self, parts=1):
+        """Measure the thickness of every parts-th sub-tet, others each time; renew the mask."""
+        every = slice(self._part % parts, None, parts)
+        self._part += 1
+        flat = self.thickness.view(-1)
+        cells = torch.arange(len(flat), device=self.torch_device)[every]
+        found = torch.cat([self._thickness_of(some) for some in cells.split(UPDATE_CHUNK)])
+        self.thickness *= OCCUPANCY_DECAY ** (1.0 / parts)
+        flat[every] = torch.maximum(flat[every], found)
+        threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
+        self._occupy((self.thickness > threshold) & ~self.hidden)
+
+    def _thickness_of(self, cells):
+        """σ·Δ at a random point of each sub-tet.  [n] int64 -> [n]"""
+        beta = torch.empty(len(cells), 4, device=self.torch_device)
+        beta = beta.exponential_(generator=self._generator)
+        beta /= beta.sum(dim=1, keepdim=True)
+        bary = torch.einsum("nj,njk->nk", beta, self._corners[cells % SUBTET_COUNT])
+        tet = (cells // SUBTET_COUNT).int()
+        share = self.workers.share(len(cells))  # all draw the same, and look at their share
+        mine = slice(share.start, share.stop)
+        features = self.encode(
+            wp.from_torch(tet[mine].contiguous()),
+            wp.from_torch(bary[mine].contiguous(), dtype=wp.vec4),
+        )
+        with self.precision():
+            h = self.networks.density_features(features)
+        sigma = self.networks.sigma(h)
+        return self.workers.gather(sigma, len(cells)) * self.options.march_step
+
+    @torch.no_grad()
+    def hide_unseen(self, batches, smallest_weight):
+        """Mask sub-tets in which no ray has a sample of at least that weight.
+
+        What no camera ever saw, above all the inside of opaque parts, stays hidden in
+        every pose, because optical depth is measured in rest space.
+
+        Args:
+            batches: Iterable of Batch, with rays.
+        """
+        seen = torch.zeros(self.thickness.numel(), device=self.torch_device)
+        looks = enumerate(batches, start=1)
+        for seed, batch in islice(looks, self.workers.rank, None, self.workers.count):
+            batch.seed.fill_(seed)
+            weights = self.trace(batch)[3]
+            wp.launch(
+                mark_seen_kernel,
+                dim=len(weights),
+                inputs=[batch.samples.tet, batch.samples.bary, wp.from_torch(weights)],
+                outputs=[wp.from_torch(seen)],
+                device=self.device,
+            )
+        self.workers.max_(seen)
+        self.hidden = (seen < smallest_weight).view_as(self.hidden)
+        self._occupy(self.occupied & ~self.hidden)
+
+    def _occupy(self, subtets):
+        """Make these the occupied sub-tets.  [T, 64] bool"""
+        if not self.subtet_mask:
+            subtets = subtets | subtets.any(dim=1, keepdim=True)
+        self.workers.broadcast_(subtets)
+        self.occupied = subtets
+        self.refresh_mask()
+
+    def occupied_share(self) -> float:
+        return float(self.occupied.float().mean())
+
+    def parameters(self) -> list:
+        """What is trained: the table, then the networks' weights."""
+        around = self.surroundings.parameters() if self.surroundings else ()
+        return [self.table, *self.networks.parameters(), *around]
+
+    def state(self) -> dict:
+        """Everything that learning changes, as tensors."""
+        return {
+            "parameters": [p.detach() for p in self.parameters()],
+            "thickness": self.thickness,
+            "occupied": self.occupied,
+            "hidden": self.hidden,
+            "part": self._part,
+            "generator": self._generator.get_state(),
+        }
+
+    @torch.no_grad()
+    def load_state(self, state: dict):
+        """Go on from `state`, which has to be that of a stage with this mesh and options."""
+        for mine, saved in zip(self.parameters(), state["parameters"], strict=True):
+            mine.copy_(saved)
+        for name in ("thickness", "occupied", "hidden"):
+            getattr(self, name).copy_(state[name])
+        self._part = state["part"]
+        self._generator.set_state(state["generator"].cpu())
+        self.refresh_mask()
+
+    def export(self, world_to_model, meta) -> TetField:
+        """The field as it stands."""
+        density, color = self.networks.layers()
+        if not self.options.view_dependence:
+            color[0][0][GEOMETRY_FEATURES + 1 :] = 0.0  # nothing has trained them
+        return replace(
+            self._start,
+            occupancy=self.mask.numpy(),
+            table=self.table.detach().cpu().numpy(),
+            density_layers=density,
+            color_layers=color,
+            world_to_model=world_to_model,
+            meta=meta,
+            surroundings=self.surroundings and self.surroundings.export(),
+        )
+
+    def precision(self):
+        """fp16 layers on CUDA; the encoding and the sums stay in float32."""
+        return torch.autocast(
+            self.torch_device.type,
+            torch.float16,
+            enabled=self.device.is_cuda,
+            cache_enabled=False,  # a CUDA graph has to see the weights' conversion
+        )
+
+    def refresh_mask(self):
+        bits = torch.arange(SUBTET_COUNT, device=self.torch_device)
+        # Wraps to the same 64 bits; in place, because a CUDA graph knows the address.
+        self._mask_bits.copy_((self.occupied.long() << bits).sum(dim=1))
