@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, lumped_masses
+from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lumped_masses
 from deformrf.core.geometry import A15
-from deformrf.core.lab.dynamics import error
 from deformrf.core.lab.dynamics.bodies import beam
 from deformrf.core.lab.dynamics.plain import PlainSolver
 
@@ -15,8 +14,8 @@ def test_few_substeps_are_the_solver_s():
     common = body.mesh.rest_vertices, body.mesh.tets, Material(), body.clamped, options
     plain, solver = PlainSolver(*common), XpbdSolver(*common)
     for _ in range(10):
-        plain.step(error.DT)
-        solver.step(error.DT)
+        plain.step(TIME_STEP)
+        solver.step(TIME_STEP)
     moved = np.abs(solver.vertices.numpy() - body.mesh.rest_vertices).max()
     assert np.abs(plain.vertices.numpy() - solver.vertices.numpy()).max() < 1e-3 * moved
 
@@ -31,9 +30,9 @@ def test_a_soft_push_drowns_in_rounding():
     assert (lumped_masses(vertices, tets, 1.0) > 0).all()
     plain, solver = PlainSolver(*common), XpbdSolver(*common)
     for _ in range(6):
-        plain.step(error.DT)
-        solver.step(error.DT)
-    fallen = 0.5 * g * (6 * error.DT) ** 2
+        plain.step(TIME_STEP)
+        solver.step(TIME_STEP)
+    fallen = 0.5 * g * (6 * TIME_STEP) ** 2
     away = (vertices - solver.vertices.numpy())[:, 2]
     np.testing.assert_allclose(away, fallen, rtol=0.02)
     assert np.abs((vertices - plain.vertices.numpy())[:, 2] - fallen).max() > 0.5 * fallen

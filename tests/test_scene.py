@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from deformrf.viewer.scene import MAX_STEPS, STEP, Scene
+from deformrf.core.deform import TIME_STEP
+from deformrf.viewer.scene import MAX_STEPS, Scene
 
 
 @pytest.fixture
@@ -42,15 +43,15 @@ def test_time_in_the_object_runs_as_outside(scene, steps, rate):
     grab_free(scene)
     for _ in range(2 * rate):
         scene.advance(1.0 / rate)
-    assert sum(steps) == pytest.approx(2.0, abs=STEP)
-    assert set(steps) == {STEP}
+    assert sum(steps) == pytest.approx(2.0, abs=TIME_STEP)
+    assert set(steps) == {TIME_STEP}
 
 
 def test_a_frame_that_took_seconds_does_not_lead_to_another(scene, steps):
     grab_free(scene)
     scene.advance(5.0)
     assert len(steps) == MAX_STEPS
-    scene.advance(STEP)
+    scene.advance(TIME_STEP)
     assert len(steps) <= MAX_STEPS + 2
 
 
@@ -60,14 +61,14 @@ def test_paused_no_time_passes_but_single_steps_do(scene, steps):
     scene.advance(1.0)
     assert steps == []
     scene.single_step()
-    assert steps == [STEP]
+    assert steps == [TIME_STEP]
 
 
 def test_the_grabbed_vertex_is_at_its_target_after_a_frame(scene):
     vertex = grab_free(scene)
     target = scene.positions[vertex] + np.array([0.05, 0.02, 0.0])
     scene.drag_to(target)
-    scene.advance(4 * STEP)
+    scene.advance(4 * TIME_STEP)
     assert scene.positions[vertex] == pytest.approx(target, abs=1e-5)
 
 
@@ -78,7 +79,7 @@ def test_a_drag_takes_along_what_is_within_the_radius_as_one_body(scene):
     ids = scene.grabbed.ids
     assert len(ids) > 1
     scene.drag_to(rest[vertex] + np.array([0.1, 0.0, 0.0], np.float32))
-    scene.advance(STEP)
+    scene.advance(TIME_STEP)
     moved = scene.positions[ids] - rest[ids]
     assert moved == pytest.approx(np.tile([0.1, 0, 0], (len(ids), 1)), abs=1e-5)
 
@@ -87,10 +88,10 @@ def test_a_held_object_that_has_come_to_rest_is_no_news(scene):
     vertex = grab_free(scene)
     scene.drag_to(scene.positions[vertex] + np.float32(0.05))
     for _ in range(600):
-        scene.advance(STEP)
+        scene.advance(TIME_STEP)
     revision = scene.revision
     for _ in range(30):
-        scene.advance(STEP)
+        scene.advance(TIME_STEP)
     assert scene.moving
     assert scene.revision == revision
 
@@ -98,7 +99,7 @@ def test_a_held_object_that_has_come_to_rest_is_no_news(scene):
 def test_reset_is_the_rest_pose(scene):
     vertex = grab_free(scene)
     scene.drag_to(scene.positions[vertex] + 0.1)
-    scene.advance(STEP)
+    scene.advance(TIME_STEP)
     scene.reset()
     assert scene.displacements().max() == 0.0
     assert not scene.moving
@@ -107,7 +108,7 @@ def test_reset_is_the_rest_pose(scene):
 def test_another_number_of_substeps_keeps_the_pose(scene):
     vertex = grab_free(scene)
     scene.drag_to(scene.positions[vertex] + 0.1)
-    scene.advance(STEP)
+    scene.advance(TIME_STEP)
     before = scene.positions.copy()
     scene.set_substeps(7)
     assert scene.solver.options.substep_count == 7
@@ -119,7 +120,7 @@ def test_another_number_of_substeps_does_not_end_a_drag(scene):
     scene.set_substeps(7)
     target = scene.positions[vertex] + np.array([0.05, 0.02, 0.0])
     scene.drag_to(target)
-    scene.advance(4 * STEP)
+    scene.advance(4 * TIME_STEP)
     assert scene.positions[vertex] == pytest.approx(target, abs=1e-5)
 
 
@@ -134,7 +135,7 @@ def test_pins_can_be_let_go_and_set_again(scene):
 def test_one_pin_can_be_freed_and_one_vertex_pinned_where_it_is(scene):
     pin, vertex = int(scene.pin_ids[0]), grab_free(scene)
     scene.drag_to(scene.positions[vertex] + np.float32(0.05))
-    scene.advance(STEP)
+    scene.advance(TIME_STEP)
     bent = scene.positions[vertex].copy()
     scene.release()
     scene.set_pin(vertex, True)
@@ -142,7 +143,7 @@ def test_one_pin_can_be_freed_and_one_vertex_pinned_where_it_is(scene):
     assert vertex in scene.pin_ids and vertex not in scene.control_ids
     assert pin not in scene.pin_ids
     for _ in range(30):
-        scene.advance(STEP)
+        scene.advance(TIME_STEP)
     assert (scene.positions[vertex] == bent).all()
     scene.hold(True)
     assert scene.solver.pinned[[pin, vertex]].all()  # what the user pinned stays
@@ -156,12 +157,12 @@ def test_gravity_and_ground_come_and_go(scene):
     scene.set_ground(True)
     assert scene.gravity == 10.0 and scene.on_ground
     for _ in range(60):
-        scene.advance(STEP)
+        scene.advance(TIME_STEP)
     lowest = scene.field.mesh.rest_vertices[:, 2].min()
     assert scene.positions[:, 2].min() == pytest.approx(lowest, abs=1e-3)
     scene.set_ground(False)
     for _ in range(60):
-        scene.advance(STEP)
+        scene.advance(TIME_STEP)
     assert scene.positions[:, 2].max() < lowest
     scene.set_gravity(0.0)
     scene.reset()
@@ -175,7 +176,7 @@ def test_a_soft_drag_is_followed_but_not_exactly_and_weaker_towards_the_radius(s
     way = np.array([0.1, 0.0, 0.0], np.float32)
     scene.drag_to(rest[vertex] + way)
     for _ in range(120):
-        scene.advance(STEP)
+        scene.advance(TIME_STEP)
     moved = scene.positions - rest
     assert 0.9 < moved[vertex, 0] / way[0] < 1.01
     away = np.linalg.norm(rest[scene.grabbed.ids] - rest[vertex], axis=1)
@@ -183,7 +184,7 @@ def test_a_soft_drag_is_followed_but_not_exactly_and_weaker_towards_the_radius(s
     assert followed[away > 0.2 * scene.size].mean() < followed[away < 0.1 * scene.size].mean()
     scene.release()
     for _ in range(300):
-        scene.advance(STEP)
+        scene.advance(TIME_STEP)
     assert scene.displacements().max() < 0.01
 
 
@@ -193,7 +194,7 @@ def test_a_soft_drag_of_one_vertex_to_far_away_tears_nothing(scene):
     assert scene.grabbed.ids.tolist() == [vertex]
     scene.drag_to(scene.positions[vertex] + np.float32(100.0))
     for _ in range(60):
-        scene.advance(STEP)
+        scene.advance(TIME_STEP)
     assert scene.displacements().max() < 3.0
 
 
@@ -217,6 +218,15 @@ def test_what_is_held_follows_material_and_substeps(scene):
     assert scene.stiffness[0] == pytest.approx(4.0 * ratio)
     scene.set_material(young_modulus=1e9)
     assert scene.stiffness[1] < 0.5e9
+
+
+def test_what_is_held_follows_the_pins(scene):
+    """An edge of two pins can't move and has no stiffness ratio: other pins, another median."""
+    before = scene.stiffness
+    rest = scene.field.mesh.rest_vertices
+    scene.solver.set_pinned(rest[:, 2] < np.median(rest[:, 2]))
+    held = scene.solver.stiffness_ratio(), scene.solver.held_young_modulus()
+    assert scene.stiffness == held != before
 
 
 def test_the_material_changes_one_value_at_a_time(scene):

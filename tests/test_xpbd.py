@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+import warp as wp
 
-from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints, kernel_modules
 from deformrf.core.geometry import TetMesh, a15_grid, extract, signed_volumes
 
 DT = 1.0 / 60.0
@@ -344,3 +345,20 @@ def test_wrong_arguments_are_named():
         xpbd.move(np.zeros((1, 3)))
     with pytest.raises(ValueError, match="time step of 0"):
         xpbd.step(0.0)
+
+
+def test_kernel_modules_are_those_that_a_solver_loads(device, monkeypatch):
+    """On CUDA without the module of the frame's main kernel, whose name is a hash."""
+    load, loaded = wp.Module.load, set()
+
+    def noted(module, *arguments, **options):
+        loaded.add(module.name)
+        return load(module, *arguments, **options)
+
+    monkeypatch.setattr(wp.Module, "load", noted)
+    xpbd = solver(TET, free(TET), device)
+    xpbd.set_state(TET.rest_vertices)
+    drag(xpbd, [0], [0.1, 0.0, 0.0])
+    run(xpbd, 1.0)  # tangles are counted
+    names = {name for name in loaded if name.startswith("deformrf.")}
+    assert names == set(kernel_modules(device))

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.deform import (
+    TIME_STEP,
     Material,
     XpbdOptions,
     XpbdSolver,
@@ -23,7 +24,6 @@ from . import orbit as orbits
 from .settings import CPU_TARGET_FPS, Grab, Settings
 from .surface import bounds, nearest_vertices
 
-STEP = 1.0 / 60.0  # s
 MAX_STEPS = 6  # a frame; below 10 frames a second, time in the object runs slower than ours
 VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 CONTROL_COUNT = 40
@@ -84,7 +84,7 @@ class Scene:
         self.revision = 0  # counts the changes of the pose
         self._time = 0.0  # s that frames have lasted and no step has covered
         self._host = None  # the revision, and its positions
-        self._stiffness = None  # material and options, and what is held of them
+        self._stiffness = None  # what `stiffness` depends on, and its value
         self.home()
 
     # -- pose ----------------------------------------------------------------------------
@@ -107,16 +107,16 @@ class Scene:
             self._time = 0.0
             return
         self._time += seconds
-        count = min(round(self._time / STEP), MAX_STEPS)
-        self._time = min(self._time - count * STEP, STEP)
+        count = min(round(self._time / TIME_STEP), MAX_STEPS)
+        self._time = min(self._time - count * TIME_STEP, TIME_STEP)
         self._step(count)
 
     def warm_up(self) -> None:
         """Compile what steps need: done once before a window waits for it."""
         self.solver.grab(self.control_ids[:1])
-        self.solver.step(STEP)
+        self.solver.step(TIME_STEP)
         self.solver.release()
-        self.solver.step(STEP)  # now tangles are counted, too
+        self.solver.step(TIME_STEP)  # now tangles are counted, too
         self.solver.reset()
 
     def single_step(self) -> None:
@@ -131,7 +131,7 @@ class Scene:
             if grab is not None:  # the way is shared out between the steps of a frame
                 grab.reached = grab.target - way * ((remaining - 1) / count)
                 self.solver.move(grab.reached + grab.offsets)
-            self.solver.step(STEP)
+            self.solver.step(TIME_STEP)
         self._notice()
 
     def _notice(self):
@@ -232,7 +232,7 @@ class Scene:
     @property
     def stiffness(self) -> tuple[float, float]:
         """What the substeps hold: the median r = α/(w h²), and Young's modulus [Pa]."""
-        key = self.solver.options, self.material
+        key = self.solver.options, self.material, self.solver.pinned.tobytes()
         if self._stiffness is None or self._stiffness[0] != key:
             solver = self.solver
             self._stiffness = key, (solver.stiffness_ratio(), solver.held_young_modulus())

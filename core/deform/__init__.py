@@ -14,9 +14,10 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "volume_constraints",
             "volume_gradients",
         ],
+        "feedback": ["kernel_modules"],
         "handles": ["control_vertices", "falloff", "lowest_pins", "vertices_within"],
         "material": ["LOWEST_POISSON_RATIO", "Material", "PRESETS"],
-        "options": ["FRAME"],
-        "xpbd": ["XpbdOptions", "XpbdSolver"],
+        "xpbd": ["XpbdSolver"],
+        "xpbd_options": ["TIME_STEP", "XpbdOptions"],
     },
 )

@@ -6,6 +6,8 @@ waits for the device.  Shapes: P parts.
 
 import warp as wp
 
+from . import integration, tangles
+from .frame import CpuFrame, CudaFrame
 from .pace import MOST_THREADS
 from .tangles import TangleCounter
 
@@ -59,3 +61,13 @@ class Feedback:
     def drop(self):
         """What is on its way is about a state that isn't any more."""
         self._motion_is_coming = self._counts_are_coming = False
+
+
+def kernel_modules(device) -> list[str]:
+    """Names of the Warp modules whose kernels a solver launches on a device.
+
+    On CUDA a frame's main kernel, which depends on the mesh's size, is a module of its own
+    that is not among them.
+    """
+    frame = CudaFrame if wp.get_device(device).is_cuda else CpuFrame
+    return sorted([integration.__name__, tangles.__name__, frame.__module__])

@@ -22,9 +22,9 @@ from .feedback import Feedback
 from .frame import CpuFrame, CudaFrame, runs_in_block
 from .integration import NO_SPRING, Timing
 from .material import Material
-from .options import FRAME, XpbdOptions
 from .rescue import Rescue, distortion, way_back
 from .tangles import TangleCounter
+from .xpbd_options import TIME_STEP, XpbdOptions
 
 PINS_OFF = 0.01  # object sizes that pins may be away from where they were to each other
 
@@ -67,7 +67,7 @@ class XpbdSolver:
         self._free_inverse_masses = np.zeros(len(self.rest_vertices))
         self._part_of = components(len(self.rest_vertices), self.tets)  # [V]
         self._active = np.zeros(self._part_of.max() + 1, bool)  # by part
-        self._dt = FRAME
+        self._dt = TIME_STEP
         self._handles = np.empty(0, np.int64)
         self._handle_targets = None  # as last given to move()
         self._springs = None  # stiffness and force limit of each handle, [K, 2]; None: exact

@@ -23,6 +23,7 @@ import warp as wp
 
 from deformrf.core import paths
 from deformrf.core.deform import (
+    TIME_STEP,
     Material,
     XpbdOptions,
     XpbdSolver,
@@ -43,7 +44,6 @@ from deformrf.core.render import (
 from deformrf.core.training.metrics import psnr
 
 REFERENCE_PIXELS = 3000
-STEP = 1.0 / 60.0  # s
 WARM_UP_FRAMES = 4
 FILLING = 0.45  # distance of the camera that sees nothing but the object, of the usual one
 CENTER = (0.5, 0.5, 0.5)
@@ -102,7 +102,7 @@ class Drag:
         stage = self.renderer.stage
         with stage("solver"):
             self.solver.move(self.renderer.field.mesh.rest_vertices[self.ids] + offset)
-            self.solver.step(STEP)
+            self.solver.step(TIME_STEP)
         self.renderer.set_vertices(self.solver.vertices)
         image = self.renderer.render(self.view(frame))
         with stage("upload"):

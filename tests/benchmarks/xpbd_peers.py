@@ -25,10 +25,9 @@ import numpy as np
 import warp as wp
 import xpbd_statics
 from newton_peer import NewtonPeer, newton, newton_model
-from xpbd_speed import DT, WARM_UP, ball
+from xpbd_speed import WARM_UP, ball
 
-from deformrf.core.deform import Material, XpbdSolver, lowest_pins
-from deformrf.core.deform.options import XpbdOptions
+from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lowest_pins
 from deformrf.core.lab.dynamics import statics
 from deformrf.core.lab.dynamics.energy import material_energy
 
@@ -104,7 +103,7 @@ class Scene:
     def newton(self, substeps, energy, solver, iterations):
         if energy not in self.models:
             self.models[energy] = newton_model(self, energy)
-        return NewtonPeer(self, self.models[energy], substeps, DT, solver, iterations)
+        return NewtonPeer(self, self.models[energy], substeps, TIME_STEP, solver, iterations)
 
 
 class Ours:
@@ -119,7 +118,7 @@ class Ours:
         self.solver.move(places[self.scene.top])
 
     def step(self):
-        self.solver.step(DT)
+        self.solver.step(TIME_STEP)
 
 
 def measure(scene, solver, frames, settling):

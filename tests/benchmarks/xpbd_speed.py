@@ -17,10 +17,9 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, lowest_pins
+from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lowest_pins
 from deformrf.core.geometry import a15_grid, extract
 
-DT = 1.0 / 60.0
 WARM_UP = 5
 EDGE_BYTES, TET_BYTES, VERTEX_BYTES = 28, 60, 56  # ids, spans, lengths, a; d twice, v, w, before
 COPY_BYTES = 2**28
@@ -54,10 +53,10 @@ def milliseconds_per_step(solver, top, step_count):
     """The median over steps in which the handles move, and its tenth and ninetieth percentile."""
     times = []
     for step in range(WARM_UP + step_count):
-        solver.move(solver.rest_vertices[top] + [0.1 * np.sin(step * DT), 0.0, 0.0])
+        solver.move(solver.rest_vertices[top] + [0.1 * np.sin(step * TIME_STEP), 0.0, 0.0])
         wp.synchronize_device(solver.device)
         start = time.perf_counter()
-        solver.step(DT)
+        solver.step(TIME_STEP)
         wp.synchronize_device(solver.device)
         times.append(time.perf_counter() - start)
     assert np.isfinite(solver.vertices.numpy()).all()

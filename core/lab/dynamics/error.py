@@ -23,7 +23,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...deform import COMPLIANCE_FLOOR, Material, XpbdOptions, XpbdSolver
+from ...deform import COMPLIANCE_FLOOR, TIME_STEP, Material, XpbdOptions, XpbdSolver
 from ...geometry import A15, BCC, KUHN
 from ..stopwatch import Timing, milliseconds, timing_of
 from .bodies import Beam, Held, beam
@@ -42,7 +42,6 @@ COUNTS = (1, 2, 5, 10, 20, 50, 100, 200)
 COMPLIANCES = (0.0, 1e-8, 1e-6, 1e-4, None)
 GRAVITY = (0.0, 0.0, -9.81)
 DEFAULT_MATERIAL = Material()
-DT = 1.0 / 60.0
 FALL_FRAMES = 12  # 0.2 s
 SETTLING_DAMPING = 10.0  # 1/s, near critical for the softest case
 SETTLING_FRAMES = 1800  # at most
@@ -94,7 +93,7 @@ class Case:
         if self.scene == "static":
             found = equilibrium(self.energy, rest, held, self.gravity)
             return found.vertices[None], found.residual
-        duration = FALL_FRAMES * DT
+        duration = FALL_FRAMES * TIME_STEP
         moved = motion(self.energy, rest, held, duration, self.gravity, samples=FALL_FRAMES)
         way = np.sqrt(((moved.path - rest) ** 2).sum(axis=2).mean())
         return moved.path, moved.self_difference / 3.0 / float(way)
@@ -176,7 +175,7 @@ def measure(case: Case, scheme, count, device, settling_frames=SETTLING_FRAMES) 
     times, before, path, frame = [], rest, [], 0
     limit = FALL_FRAMES if case.scene == "dynamic" else settling_frames
     while frame < limit:
-        times.append(milliseconds(lambda: solver.step(DT), device))
+        times.append(milliseconds(lambda: solver.step(TIME_STEP), device))
         frame += 1
         if case.scene == "dynamic":
             path.append(solver.vertices.numpy().astype(np.float64))
@@ -189,7 +188,7 @@ def measure(case: Case, scheme, count, device, settling_frames=SETTLING_FRAMES) 
         path.append(solver.vertices.numpy().astype(np.float64))
     enough = WARM_UP + (TIMED_FRAMES if scheme != "plain float32" else 1)
     while len(times) < enough:  # the fall alone is too short for a median
-        times.append(milliseconds(lambda: solver.step(DT), device))
+        times.append(milliseconds(lambda: solver.step(TIME_STEP), device))
     away = np.linalg.norm(np.array(path) - case.reference, axis=2)
     moved = np.linalg.norm(case.reference - rest, axis=2)
     rms, rms_moved = (float(np.sqrt((a**2).mean())) for a in (away, moved))

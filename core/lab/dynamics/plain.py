@@ -14,7 +14,7 @@ Shapes: V vertices.
 import numpy as np
 import warp as wp
 
-from ...deform import FRAME, edge_constraints, lumped_masses, volume_constraints
+from ...deform import TIME_STEP, edge_constraints, lumped_masses, volume_constraints
 from ...deform.frame import reference
 
 
@@ -31,7 +31,9 @@ class PlainSolver:
         masses = lumped_masses(rest, tets, material.density)
         self._inverse_masses = np.divide(1.0, masses, out=0.0 * masses, where=masses > 0)
         self._inverse_masses[pinned] = 0.0
-        self._timing = options.timing(FRAME, material.damping, float(np.ptp(rest, axis=0).max()))
+        self._timing = options.timing(
+            TIME_STEP, material.damping, float(np.ptp(rest, axis=0).max())
+        )
         self._substep_count = options.substep_count
         self._positions, self._velocities = rest, np.zeros_like(rest)
         self.vertices = wp.array(rest, dtype=wp.vec3, device="cpu")
@@ -60,8 +62,8 @@ class PlainSolver:
         )
 
     def step(self, dt):
-        """Advance by one frame, which has to be FRAME long."""
-        assert dt == FRAME, dt
+        """Advance by one frame, which has to be TIME_STEP long."""
+        assert dt == TIME_STEP, dt
         x, v = self._positions, self._velocities
         for _ in range(self._substep_count):
             before = x

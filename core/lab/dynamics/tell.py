@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...deform import PRESETS, Material, XpbdOptions
+from ...deform import PRESETS, TIME_STEP, Material, XpbdOptions
 from ...geometry import TetMesh
 from ..rendering import rule
 from ..report import INK, Figure, Section, Table, log_scale, new_figure, png
@@ -15,7 +15,7 @@ from . import error
 from . import measure as own_mesh
 
 TITLE = "Dynamics: error against time"
-FRAME_MS = 1e3 * error.DT
+FRAME_MS = 1e3 * TIME_STEP
 MOST_SUBSTEPS = 200
 MORE = 1.1  # times as many substeps, where a guess was too few
 DEFAULT_COUNT = XpbdOptions().substep_count

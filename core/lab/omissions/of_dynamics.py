@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from ...deform import (
-    FRAME,
     LOWEST_POISSON_RATIO,
+    TIME_STEP,
     Material,
     XpbdOptions,
     XpbdSolver,
@@ -83,7 +83,7 @@ class Drag:
         if len(self.handles):
             away = SWING * self.solver.object_size * math.sin(2.0 * math.pi * self._frame / PERIOD)
             self.solver.move(self.solver.rest_vertices[self.handles] + [away, 0.0, 0.0])
-        self.solver.step(FRAME)
+        self.solver.step(TIME_STEP)
 
 
 class Steps:

@@ -13,13 +13,13 @@ from itertools import islice
 
 import numpy as np
 
-from ...deform import Material, XpbdSolver, lowest_pins
+from ...deform import TIME_STEP, Material, XpbdSolver, lowest_pins
 from ...field import TetField
 from ...geometry import signed_volumes
 from ...render import Renderer, RenderOptions
 from ..rendering import BOUND, LARGEST, differences, pictures
 from ..stopwatch import Timing, timed
-from .stress import CASES, FRAME, Case, suits
+from .stress import CASES, Case, suits
 
 SIZE = 32  # pixels: each may have thousands of samples
 SHAKES = 5  # frames
@@ -71,8 +71,8 @@ def _driven(field, case: Case, device, rng):
     mesh = field.mesh
     pins = lowest_pins(mesh.rest_vertices, mesh.tets)
     solver = XpbdSolver(mesh.rest_vertices, mesh.tets, Material(), pins, device=device)
-    for _ in islice(case.drive(solver, FRAME, rng), SHAKES):
-        solver.step(FRAME)
+    for _ in islice(case.drive(solver, TIME_STEP, rng), SHAKES):
+        solver.step(TIME_STEP)
     return solver.vertices.numpy().astype(float)
 
 

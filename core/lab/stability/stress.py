@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...deform import control_vertices
+from ...deform import TIME_STEP, control_vertices
 from ...geometry import boundary_faces, tet_neighbours
 
-FRAME = 1.0 / 60.0  # s
 FAR = 100.0  # sizes
 SHAKE_RATE = 30.0  # Hz
 SHAKE_SECONDS = 1.0
@@ -134,7 +133,7 @@ class Case:
     name: str
     start: Callable = at_rest
     drive: Callable | None = None
-    dt: float = FRAME
+    dt: float = TIME_STEP
     broken_tets: bool = False
     uneven: bool = False
 

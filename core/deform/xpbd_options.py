@@ -10,8 +10,8 @@ import numpy as np
 
 from .integration import NO_GROUND, Timing
 
-FRAME = 1.0 / 60.0  # s, what XpbdOptions.substep_count is for
-LONGEST_FRAMES = 6  # of those: beyond it the substeps of a step become longer, not more
+TIME_STEP = 1.0 / 60.0  # s; XpbdOptions.substep_count is the number of substeps in it
+LONGEST_STEPS = 6  # of TIME_STEP; in a longer step the substeps are longer, not more
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ class XpbdOptions:
 
     def substeps(self, dt: float) -> int:
         """n for a step of dt [s], so that h doesn't depend on the frame rate."""
-        count = round(dt / FRAME * self.substep_count)
-        return min(max(count, 1), LONGEST_FRAMES * self.substep_count)
+        count = round(dt / TIME_STEP * self.substep_count)
+        return min(max(count, 1), LONGEST_STEPS * self.substep_count)
 
     def timing(self, dt: float, damping: float, object_size: float) -> Timing:
         """What the kernels take of it, for steps of dt [s]."""
