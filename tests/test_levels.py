@@ -1,10 +1,13 @@
-"""Edges of the nested levels, and which are finer than any training pixel."""
+"""Edges of the nested levels, and which are finer than a pixel."""
 
 import numpy as np
 import pytest
 
-from deformrf.core.field import level_edges, levels_below_pixel, narrowest_pixel
+from deformrf.core.field import below_pixel, level_edges, modelfile, narrowest_pixel
 from deformrf.core.geometry import EDGES, a15_grid, path_corners
+from deformrf.core.paths import DEFAULT_MODEL
+from deformrf.core.render import modes
+from deformrf.viewer.resolution import levels_shown
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +36,25 @@ def test_a_pixel_is_narrowest_where_a_camera_comes_closest():
     assert longer_lens < pixel
 
 
-def test_levels_with_shorter_edges_than_a_pixel_are_named(mesh):
+def test_levels_with_shorter_edges_than_a_pixel_are_below_it(mesh):
     edges = level_edges(mesh, 6)
-    assert levels_below_pixel(mesh, 6, 1.001 * edges[4]) == [4, 5]
-    assert levels_below_pixel(mesh, 6, 0.5 * edges[5]) == []
-    assert levels_below_pixel(mesh, 6, 10.0) == list(range(6))
+    assert np.flatnonzero(below_pixel(edges, 1.001 * edges[4])).tolist() == [4, 5]
+    assert not below_pixel(edges, 0.5 * edges[5]).any()
+    assert below_pixel(edges, 10.0).all()
+
+
+def test_training_viewer_and_view_mode_agree_which_levels_are_finer_than_a_pixel():
+    """On the bundled model, for pixels around the edge lengths that they once disagreed about."""
+    field = modelfile.load(DEFAULT_MODEL)
+    count = field.layout.level_count
+    edges = level_edges(field.mesh, count)
+    vertices = field.mesh.rest_vertices
+    top = vertices[:, 2].argmax()
+    for level in range(count):
+        for pixel in (0.93 * edges[level], 0.999 * edges[level], 1.001 * edges[level]):
+            finer = count - max(level + (pixel <= edges[level]), 1)
+            camera = vertices[top] + (0.0, 0.0, 500.0 * pixel)
+            width = narrowest_pixel([camera], 500.0, vertices)
+            assert min(below_pixel(edges, width).sum(), count - 1) == finer
+            assert levels_shown(edges, pixel, most_spared=count) == count - finer
+            assert modes.levels_reference(pixel * 500.0, edges, 500.0) == count - finer - 1

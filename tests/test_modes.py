@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from deformrf.core.field import level_edges
 from deformrf.core.render import (
     MODES,
     Renderer,
@@ -115,11 +116,12 @@ def test_each_tet_keeps_its_color(shown):
 
 def test_levels_are_those_that_a_pixel_can_show(shown):
     renderer, t = shown.renderer, shown("color").depth_array()
-    edge, count = modes.mean_edge(renderer.field.mesh), renderer.field.layout.level_count
-    levels = modes.levels_reference(t, edge, shown.view.focal, count)
+    count = renderer.field.layout.level_count
+    edges = level_edges(renderer.field.mesh, count)
+    levels = modes.levels_reference(t, edges, shown.view.focal)
     seen = np.isfinite(t)
     # Where the level changes, depths are rounded to either side.
-    changing = modes.levels_reference(1.0001 * t, edge, shown.view.focal, count) != levels
+    changing = modes.levels_reference(1.0001 * t, edges, shown.view.focal) != levels
     image = shown("levels")
     color, there = picture(image)
     np.testing.assert_array_equal(there, seen)
@@ -129,7 +131,8 @@ def test_levels_are_those_that_a_pixel_can_show(shown):
 
 def test_a_level_more_is_half_the_distance():
     t = np.array([np.inf, 8.0, 4.0, 2.0, 1.0, 1e-3])
-    assert modes.levels_reference(t, 0.1, 40.0, 6).tolist() == [0, 0, 0, 1, 2, 5]
+    edges = 0.1 / 2.0 ** np.arange(6)
+    assert modes.levels_reference(t, edges, 40.0).tolist() == [0, 0, 0, 1, 2, 5]
 
 
 def test_few_tets_share_a_color():

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from deformrf.viewer.resolution import (
@@ -18,6 +19,8 @@ from deformrf.viewer.resolution import (
     savings,
     size_at,
 )
+
+EDGES = 0.1 / 2.0 ** np.arange(6)  # of six levels
 
 
 def settle(seconds_at_full, target=0.04, ladder=LADDER, frames=60):
@@ -99,13 +102,13 @@ def test_noise_does_not_make_it_flicker():
     ],
 )
 def test_only_levels_finer_than_a_pixel_are_spared(pixel, spared, levels):
-    assert levels_shown(6, 0.1, pixel, spared) == levels
+    assert levels_shown(EDGES, pixel, spared) == levels
 
 
 def test_a_rung_saves_on_what_it_names_and_on_nothing_else():
-    assert savings(CPU_LADDER[0], 6, 0.1, 9.0) == {}
-    assert savings(CPU_LADDER[-1], 6, 0.1, 9.0) == {"step_factor": 2.0, "level_count": 5}
-    assert savings(CPU_LADDER[-1], 6, 0.1, 0.001) == {"step_factor": 2.0}
+    assert savings(CPU_LADDER[0], EDGES, 9.0) == {}
+    assert savings(CPU_LADDER[-1], EDGES, 9.0) == {"step_factor": 2.0, "level_count": 5}
+    assert savings(CPU_LADDER[-1], EDGES, 0.001) == {"step_factor": 2.0}
 
 
 def test_what_else_takes_time_is_taken_from_rendering_but_not_all_of_it():

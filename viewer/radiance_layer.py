@@ -15,7 +15,7 @@ import moderngl
 import numpy as np
 import warp as wp
 
-from ..core.geometry import edges
+from ..core.field import level_edges
 from ..core.render import RenderOptions, render_mode
 from . import gl
 from .resolution import (
@@ -57,9 +57,8 @@ class RadianceLayer:
         self._clock = clock or time.perf_counter
         self._triangle = gl.full_screen(ctx, "image")
         self._moving = MovingResolution(0.1, CPU_LADDER if device == "cpu" else LADDER)
-        mesh = renderer.field.mesh
-        a, b = mesh.rest_vertices[edges(mesh.tets)].swapaxes(0, 1)
-        self._coarse_edge = float(np.linalg.norm(a - b, axis=-1).mean())
+        field = renderer.field
+        self._level_edges = level_edges(field.mesh, field.layout.level_count)
         self._coarse = self._fine = None  # ImageTexture
         self._strips = None  # of the fine image, while there is one
         self._fine_factor = 1.0
@@ -176,8 +175,7 @@ class RadianceLayer:
         others = times.recent((*OTHER_STAGES, *flip))
         moving.target_seconds = render_budget(scene.settings.target_fps, others)
         pixel = scene.orbit.distance / (camera.focal * rung.factor)
-        level_count = self._renderer.field.layout.level_count
-        cheaper = savings(rung, level_count, self._coarse_edge, pixel)
+        cheaper = savings(rung, self._level_edges, pixel)
         start = time.perf_counter()
         self._render_coarse(camera, rung.factor, times, **cheaper)
         moving.measured(time.perf_counter() - start)

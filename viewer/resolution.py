@@ -9,6 +9,8 @@ band around the target before the next one, or the picture would flicker between
 
 from dataclasses import dataclass
 
+from ..core.field import below_pixel
+
 FACTORS = tuple(0.5 ** (0.5 * step) for step in range(7))  # 1 .. 0.125
 TOO_SLOW, FITS = 1.25, 1.1  # of the target: what leads to less, what more may be expected to take
 SMALLEST_STRIP = 4  # rows
@@ -56,22 +58,22 @@ CPU_LADDER = (
 )
 
 
-def levels_shown(level_count: int, coarse_edge: float, pixel: float, most_spared: int) -> int:
+def levels_shown(edges, pixel: float, most_spared: int) -> int:
     """How many levels to encode: without up to `most_spared` that are finer than a pixel.
 
     Args:
-        coarse_edge: Of the coarse tets, the mean; level l has that / 2^l.
+        edges: `level_edges` of the model.  [L]
         pixel: Its width where the object is, in the same unit.
     """
-    finer_count = sum(coarse_edge / 2**level < pixel for level in range(level_count))
-    return max(level_count - min(finer_count, most_spared), 1)
+    finer_count = int(below_pixel(edges, pixel).sum())
+    return max(len(edges) - min(finer_count, most_spared), 1)
 
 
-def savings(rung: Rung, level_count: int, coarse_edge: float, pixel: float) -> dict:
+def savings(rung: Rung, edges, pixel: float) -> dict:
     """What a rung saves on beside pixels, as arguments of RenderOptions."""
     saved = {} if rung.step_factor == 1.0 else {"step_factor": rung.step_factor}
-    shown = levels_shown(level_count, coarse_edge, pixel, rung.spared_levels)
-    return saved if shown == level_count else {**saved, "level_count": shown}
+    shown = levels_shown(edges, pixel, rung.spared_levels)
+    return saved if shown == len(edges) else {**saved, "level_count": shown}
 
 
 def render_budget(target_fps: float, other_seconds: float) -> float:

@@ -27,7 +27,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "grid_encode_kernel",
             "surroundings_widths",
         ],
-        "levels": ["level_edges", "levels_below_pixel", "narrowest_pixel"],
+        "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
         "modelfile": ["program_version"],
         "networks.reference": [
             "BASIS_COUNT",

@@ -1,46 +1,54 @@
-"""How fine each level is, and which levels are finer than the images that trained them.
+"""How fine each level is, and which levels are finer than a pixel.
 
-A pixel at distance t from a camera of focal length f (in pixels) is t / f wide.  A level
-whose longest edge is shorter than the narrowest pixel that the object had in any training
-image interpolates between vertices that no image can tell apart.
+A level is finer than a pixel if even its longest rest edge is shorter than the pixel is wide
+where the pixel meets the object.  Such a level interpolates between vertices that the image
+cannot tell apart.  This is the only definition: training, the viewer, the view mode `levels`
+and the report all use it.
 
-Lengths are in model units.  V vertices, N cameras.
+A pixel at distance t from a camera of focal length f (in pixels) is t / f wide.  Lengths are
+in model units.  V vertices, N cameras, L levels.
 """
 
 import numpy as np
 
-from ..geometry import EDGES, TetMesh, path_corners
-
-SHAPES_KNOWN = 2  # levels until Bey's subdivision has made all shapes that it makes
+from ..geometry import EDGES, TetMesh
 
 
 def level_edges(mesh: TetMesh, level_count: int):
-    """Longest rest edge of each level's descendants.  [L]"""
+    """Longest rest edge of each level's descendants.  [L], never increasing
+
+    A descendant l levels below the tet v0 v1 v2 v3 has, divided by 2^l, edges of the tet and
+    the vector v0 + v2 - v1 - v3, which is twice the inner diagonal (corner_order.py).
+    """
     corners = mesh.rest_vertices[mesh.tets]  # [T, 4, 3]
-    longest = []
-    for level in range(min(level_count, SHAPES_KNOWN + 1)):
-        weights = path_corners(level) / 2**level  # [8^l, corner, 4]
-        spans = weights[:, EDGES[:, 0]] - weights[:, EDGES[:, 1]]
-        spans = np.unique(spans.reshape(-1, 4), axis=0)  # children share most of them
-        longest.append(np.sqrt((np.einsum("et,ntx->nex", spans, corners) ** 2).sum(-1).max()))
-    while len(longest) < level_count:
-        longest.append(0.5 * longest[-1])
-    return np.array(longest)
+    spans = corners[:, EDGES[:, 0]] - corners[:, EDGES[:, 1]]
+    diagonals = corners[:, 0] + corners[:, 2] - corners[:, 1] - corners[:, 3]
+    coarse = np.linalg.norm(spans, axis=-1).max()
+    nested = max(coarse, np.linalg.norm(diagonals, axis=-1).max())
+    levels = np.arange(level_count)
+    return np.where(levels == 0, coarse, nested) / 2.0**levels
+
+
+def below_pixel(edges, pixel):
+    """Whether each level is finer than a pixel.
+
+    Args:
+        edges: `level_edges`.  [L]
+        pixel: Width of a pixel where it meets the object.  [...]
+
+    Returns:
+        [..., L] bool
+    """
+    return np.asarray(edges) < np.asarray(pixel)[..., None]
 
 
 def narrowest_pixel(positions, focals, vertices) -> float:
     """Width of a pixel where a camera comes closest to the object.
 
     Args:
-        positions: Of the cameras, model space.  [N, 3]
-        focals: In pixels, of the images that train; one, or one per camera (the larger
-            one of a lens that has two).  [] or [N]
+        positions: Camera positions, model space.  [N, 3]
+        focals: Focal lengths in pixels; the larger one of a lens that has two.  [] or [N]
         vertices: Rest vertices of the object.  [V, 3]
     """
     distance = [np.linalg.norm(vertices - position, axis=1).min() for position in positions]
     return float((np.array(distance) / focals).min())
-
-
-def levels_below_pixel(mesh: TetMesh, level_count: int, pixel: float):
-    """The levels whose edges are all shorter than `pixel`, coarsest first.  List of int"""
-    return np.flatnonzero(level_edges(mesh, level_count) < pixel).tolist()

@@ -5,8 +5,8 @@
     accumulation  opacity in gray
     normals       ½ + ½n, n the unit normal in model space, towards the eye
     tets          a color that belongs to the tet in which transmittance passes ½
-    levels        the finest level whose edges are at least a pixel long there, dark blue for 0
-                  to yellow for the last one
+    levels        the finest level that is not finer than a pixel there (../field/levels.py),
+                  dark blue for 0 to yellow for the last one
     samples       evaluated samples, from dark blue for 0 to yellow for SAMPLES_SHOWN
     error         ERROR_GAIN · |default mode - conformance mode|, each channel by itself
 
@@ -26,7 +26,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from ..geometry import EDGES
+from ..field import below_pixel, level_edges
 from .options import RenderOptions
 from .rays import DeviceLens, device_lens, lens_direction
 from .render import Image
@@ -96,16 +96,16 @@ def tet_colors_reference(tet):
     return np.stack([64 + (h >> shift & 255) * 3 // 4 for shift in (0, 8, 16)], -1).astype(np.uint8)
 
 
-def levels_reference(t, edge, focal, level_count):
-    """The finest level whose edges, of length edge / 2^level, span a pixel at distance t.  int
+def levels_reference(t, edges, focal):
+    """The finest level that is not finer than a pixel at distance t, or 0.  [...] int
 
     Args:
-        t: Distances [...]; at inf no level does, and 0 comes out.
+        t: Distances, inf where nothing is.  [...]
+        edges: `level_edges` of the model.  [L]
         focal: In pixels.
     """
-    with np.errstate(divide="ignore"):
-        level = np.floor(np.log2(edge * focal / np.asarray(t, float)))
-    return np.clip(level, 0, level_count - 1).astype(int)
+    resolved = ~below_pixel(edges, np.asarray(t, float) / focal)
+    return np.maximum(resolved.sum(axis=-1) - 1, 0)
 
 
 def heat_reference(x):
@@ -251,8 +251,7 @@ def samples_kernel(
 def levels_kernel(
     depth: wp.array2d(dtype=float),
     heat: wp.array(dtype=wp.vec3),
-    edge_pixels: float,  # length of a coarse edge at distance 1
-    level_count: int,
+    edge_pixels: wp.array(dtype=float),  # [L] lengths of the levels' edges at distance 1
     background: wp.vec3,
     color: wp.array2d(dtype=wp.vec4ub),  # out
 ):
@@ -260,9 +259,11 @@ def levels_kernel(
     i, j = wp.tid()
     c = nothing(background)
     if wp.isfinite(depth[i, j]):
-        level = wp.floor(wp.log2(edge_pixels / depth[i, j]))
-        level = wp.clamp(level, 0.0, float(level_count - 1))
-        c = heated(heat, level / float(wp.max(level_count - 1, 1)))
+        level_count = edge_pixels.shape[0]
+        level = int(0)
+        while level + 1 < level_count and edge_pixels[level + 1] >= depth[i, j]:
+            level += 1
+        c = heated(heat, float(level) / float(wp.max(level_count - 1, 1)))
     color[i, j] = c
 
 
@@ -322,10 +323,10 @@ def render_mode(
     elif mode == "tets":
         kernel, inputs = tets_kernel, [rendered.tet, background]
     elif mode == "levels":
-        levels = renderer.field.layout.level_count
-        edge_pixels = mean_edge(renderer.field.mesh) * camera.lens.focal[0]
+        edges = level_edges(renderer.field.mesh, renderer.field.layout.level_count)
+        edge_pixels = wp.array(edges * camera.lens.focal[0], dtype=float, device=device)
         kernel = levels_kernel
-        inputs = [rendered.depth, _heat(device), edge_pixels, levels, background]
+        inputs = [rendered.depth, _heat(device), edge_pixels, background]
     elif mode == "samples":
         kernel, inputs = samples_kernel, [rendered.samples, _heat(device), SAMPLES_SHOWN]
     else:
@@ -335,12 +336,6 @@ def render_mode(
     wp.launch(kernel, dim=color.shape, inputs=inputs, outputs=[color], device=device)
     depth = rendered.depth[above : above + last - first]
     return Image(color, depth, rendered.sample_count)
-
-
-def mean_edge(mesh) -> float:
-    """Mean length of the tets' edges at rest."""
-    corners = mesh.rest_vertices[mesh.tets]
-    return float(np.linalg.norm(np.diff(corners[:, EDGES], axis=2), axis=-1).mean())
 
 
 def _heat(device):

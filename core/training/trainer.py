@@ -24,7 +24,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from ..field import FieldOptions, TetField, fill_enclosed, levels_below_pixel, narrowest_pixel
+from ..field import FieldOptions, TetField, below_pixel, fill_enclosed, level_edges, narrowest_pixel
 from ..geometry import TetMesh, a15_grid, extract, face_components, tet_neighbours
 from ..render import in_space
 from .data import Dataset, DatasetError, RayBank, has_white_border, object_box, world_to_unit_cube
@@ -247,12 +247,13 @@ class _Run:
         self.saved = time.perf_counter()
 
     def _levels_below_pixel(self) -> list[int]:
-        """Levels that no training image could tell apart."""
+        """Levels that are finer than a pixel of every training image."""
         positions = in_space(self.dataset.poses, self.world_to_model)[:, :3, 3]
         focals = np.array([max(lens.focal) for lens in self.dataset.lenses])
         mesh = self.stage.mesh
         pixel = narrowest_pixel(positions, focals, mesh.rest_vertices)
-        return levels_below_pixel(mesh, self.stage.options.level_count, pixel)
+        edges = level_edges(mesh, self.stage.options.level_count)
+        return np.flatnonzero(below_pixel(edges, pixel)).tolist()
 
     def _result(self, interrupted, diverged) -> Trained:
         stage, report = self.stage, self.report

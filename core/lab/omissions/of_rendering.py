@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...field import TetField, level_edges, levels_below_pixel, narrowest_pixel, occupied_share
+from ...field import TetField, below_pixel, level_edges, narrowest_pixel, occupied_share
 from ...render import Renderer, RenderOptions, visible_part
 from ..rendering import views
 from ..stopwatch import compared
@@ -179,13 +179,14 @@ def fine_levels(frames: Frames) -> Omission:
     count = field.layout.level_count
     positions, focal = [c.position for c in frames.cameras], frames.cameras[0].focal
     pixel = narrowest_pixel(positions, focal, field.mesh.rest_vertices)
-    finer = levels_below_pixel(field.mesh, count, pixel)
-    kept = max(1, finer[0] if finer else count - 1)
-    edge = level_edges(field.mesh, count)[-1] / pixel
+    edges = level_edges(field.mesh, count)
+    finer = int(below_pixel(edges, pixel).sum())
+    kept = max(1, count - max(finer, 1))
+    finest = edges[-1] / pixel
     what = (
-        f"{len(finer)} of {count} levels are finer than a pixel of this view"
+        f"{finer} of {count} levels are finer than a pixel of this view"
         if finer
-        else f"no level is finer than a pixel of this view (the finest has edges of {edge:.1f})"
+        else f"no level is finer than a pixel of this view (the finest has edges of {finest:.1f})"
     )
     reason = f"It is kept: {what}, and networks trained with all levels are wrong without one."
     return omission(
