@@ -1,9 +1,11 @@
 """The camera: rays and projection are inverse to each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from deformrf.core.render import camera_rays, from_field_of_view, look_at, view_projection
+from deformrf.core.render import Lens, camera_rays, from_field_of_view, look_at, view_projection
 
 
 @pytest.fixture
@@ -41,3 +43,14 @@ def test_the_field_of_view_is_that_of_the_outer_pixels_edges(camera):
 def test_resizing_keeps_the_vertical_field_of_view(camera):
     small = camera.resized(20, 15)
     assert small.height / small.focal == pytest.approx(camera.height / camera.focal)
+
+
+def test_a_shifted_axis_and_unequal_focal_lengths_project_to_their_pixels(camera):
+    lens = Lens(40, 30, (50.0, 47.0), (18.0, 17.0))
+    camera = replace(camera, lens=lens)
+    origins, directions = camera_rays(camera)
+    points = np.column_stack([origins + 2.0 * directions, np.ones(len(origins))])
+    clip = points @ view_projection(camera, 0.1, 10.0).T
+    u, v = np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5)
+    np.testing.assert_allclose((clip[:, 0] / clip[:, 3] + 1) * 20, u.ravel(), atol=1e-9)
+    np.testing.assert_allclose((1 - clip[:, 1] / clip[:, 3]) * 15, v.ravel(), atol=1e-9)

@@ -10,9 +10,7 @@ from PIL import Image
 
 from deformrf.core.field import FieldOptions, modelfile, random_field
 from deformrf.core.geometry import a15_grid, tet_neighbours
-from deformrf.core.render import Renderer
-from deformrf.core.render.rays import camera as cameras
-from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.render import Renderer, from_field_of_view, look_at, pinhole
 from deformrf.core.training import evaluation
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.evaluation import evaluate, print_report
@@ -41,10 +39,10 @@ def dataset(field):
     poses, images = [], []
     for angle in np.linspace(0.0, 4.0, VIEWS):
         eye = np.array([0.5 + 1.5 * np.cos(angle), 0.5 + 1.5 * np.sin(angle), 0.9])
-        pose = cameras.look_at(eye, (0.5, 0.5, 0.5))
-        view = cameras.from_field_of_view(pose, 0.7, SIZE, SIZE)
+        pose = look_at(eye, (0.5, 0.5, 0.5))
+        view = from_field_of_view(pose, 0.7, SIZE, SIZE)
         images.append(renderer.render(view).color_array())
-        poses.append(cameras.look_at(*((model_to_world @ [*p, 1])[:3] for p in (eye, [0.5] * 3))))
+        poses.append(look_at(*((model_to_world @ [*p, 1])[:3] for p in (eye, [0.5] * 3))))
     images = np.stack(images)
     images[..., 3] = 255  # a photograph over white, without alpha
     names = tuple(f"r_{i}" for i in range(VIEWS))

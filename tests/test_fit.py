@@ -8,8 +8,7 @@ import torch
 
 from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
-from deformrf.core.render import look_at
-from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.render import look_at, pinhole
 from deformrf.core.training import preset, world_to_unit_cube
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank

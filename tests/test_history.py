@@ -10,8 +10,7 @@ import pytest
 import torch
 
 from deformrf.core.field import modelfile
-from deformrf.core.render import look_at
-from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.render import look_at, pinhole
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank

@@ -44,8 +44,6 @@ PAST_THE_DOOR = {
     ("core.render.shading", "core.field.networks.triton"),
     ("viewer.app", "core.field.modelfile"),
     ("viewer.loading", "core.render.rounds.wavefront"),
-    ("viewer.orbit", "core.render.rays.camera"),
-    ("viewer.surface", "core.render.rays.camera"),
 }
 WINDOWING = ["moderngl", "pyglet", "imgui_bundle"]  # not in core: it runs without a display
 SLOW = {

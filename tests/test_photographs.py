@@ -7,8 +7,7 @@ import pytest
 
 from deformrf.core.lab.rendering import pictures
 from deformrf.core.lab.rendering.photographs import photographs
-from deformrf.core.render import LensCamera, Renderer, RenderOptions
-from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.render import Camera, Renderer, RenderOptions, pinhole
 from deformrf.core.training.data import datasets
 
 SIZES = ((20, 20), (24, 16), (16, 24))
@@ -21,7 +20,7 @@ def dataset_of(field, device="cpu"):
     poses = [camera.camera_to_world for camera in pictures.views(field, len(SIZES), 20)]
     lenses = [pinhole(30.0, width, height) for width, height in SIZES]
     images = [
-        renderer.render(LensCamera(*both)).color_array().copy()
+        renderer.render(Camera(*both)).color_array().copy()
         for both in zip(poses, lenses, strict=True)
     ]
     for image in images:

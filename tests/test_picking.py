@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from deformrf.core.render.rays import camera as pinhole
+from deformrf.core.render import Camera, camera_rays, look_at, pinhole
 from deformrf.viewer import picking
 
-CAMERA = pinhole.Camera(pinhole.look_at([0.5, -2, 0.8], [0.5, 0.5, 0.5]), 200.0, 160, 120)
+CAMERA = Camera(look_at([0.5, -2, 0.8], [0.5, 0.5, 0.5]), pinhole(200.0, 160, 120))
 
 
 def test_project_agrees_with_the_rays_of_the_renderer():
-    origins, directions = pinhole.camera_rays(CAMERA)
+    origins, directions = camera_rays(CAMERA)
     t = np.linspace(1, 3, len(origins))
     pixels, distances = picking.project(CAMERA, origins + t[:, None] * directions)
     u, v = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
@@ -19,7 +19,7 @@ def test_project_agrees_with_the_rays_of_the_renderer():
 
 
 def test_ray_direction_is_the_renderers():
-    _, directions = pinhole.camera_rays(CAMERA)
+    _, directions = camera_rays(CAMERA)
     np.testing.assert_allclose(
         picking.ray_direction(CAMERA, (33.5, 70.5)), directions[70 * 160 + 33], atol=1e-12
     )

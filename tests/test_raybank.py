@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from deformrf.core.render import Lens, in_space, lens_rays, look_at
+from deformrf.core.render import Camera, Lens, camera_rays, in_space, look_at
 from deformrf.core.training import world_to_unit_cube
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank, empty_drawn
@@ -32,7 +32,7 @@ def test_rays_are_those_of_the_cameras(device):
     drawn = empty_drawn(len(chosen), device)
     bank.look_up(wp.array(chosen, dtype=int, device=device), drawn)
     poses = in_space(dataset.poses, world_to_model)
-    rays = [lens_rays(lens, pose) for lens, pose in zip(LENSES, poses, strict=True)]
+    rays = [camera_rays(Camera(pose, lens)) for lens, pose in zip(LENSES, poses, strict=True)]
     origins, directions = (np.concatenate(part)[chosen] for part in zip(*rays, strict=True))
     np.testing.assert_allclose(drawn.origins.numpy(), origins, atol=1e-6)
     np.testing.assert_allclose(drawn.directions.numpy(), directions, atol=2e-6)

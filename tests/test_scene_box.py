@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.render import look_at
-from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.render import look_at, pinhole
 from deformrf.core.training import DatasetError, world_to_unit_cube
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.scene_box import focus

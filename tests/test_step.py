@@ -6,7 +6,7 @@ import torch
 
 from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
-from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.render import pinhole
 from deformrf.core.training import world_to_unit_cube
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank

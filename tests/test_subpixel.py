@@ -7,7 +7,6 @@ from deformrf.core.render import (
     Renderer,
     camera_rays,
     from_field_of_view,
-    lens_rays,
     look_at,
     subpixel,
 )
@@ -38,7 +37,7 @@ def test_a_shifted_camera_looks_through_the_shifted_point_of_the_pixel():
     camera, k = view(), int(np.random.default_rng().integers(1, 16))
     (x, y), fine = subpixel.shift(k), 1000
     moved = subpixel.shifted(camera, k)
-    _, directions = lens_rays(moved.lens, moved.camera_to_world)
+    _, directions = camera_rays(moved)
     row, column = 13, 7
     at = round((column + 0.5 + x) * fine - 0.5), round((row + 0.5 + y) * fine - 0.5)
     larger = camera.resized(24 * fine, 20 * fine)

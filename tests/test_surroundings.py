@@ -9,8 +9,7 @@ import warp as wp
 
 from deformrf.core.field import basis_vector, modelfile
 from deformrf.core.field.grid import contract
-from deformrf.core.render import lens_rays, look_at
-from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.render import Camera, camera_rays, look_at, pinhole
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.evaluation import evaluate
@@ -141,7 +140,7 @@ def photographs(count=12, size=20):
     images, poses, lens = [], [], pinhole(1.4 * size, size, size)
     for angle in np.linspace(0, 2 * np.pi, count, endpoint=False):
         pose = look_at((4 * np.cos(angle), 4 * np.sin(angle), 0.5), (0, 0, 0))
-        origins, directions = lens_rays(lens, pose)
+        origins, directions = camera_rays(Camera(pose, lens))
         b = np.einsum("ij,ij->i", origins, directions)
         hit = b**2 - ((origins**2).sum(axis=1) - 0.4**2) > 0
         color = np.where(directions[:, 2:] > -0.1, [[60, 80, 220]], [[40, 160, 60]])

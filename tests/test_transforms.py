@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.render import lens_rays
+from deformrf.core.render import Camera, camera_rays
 from deformrf.core.training import DatasetError
 from deformrf.core.training.data import datasets
 
@@ -100,7 +100,7 @@ def test_images_smaller_than_the_json_says_keep_their_rays(tmp_path):
     sizes = dict.fromkeys(range(9), (15, 20))
     half = datasets.load(write(tmp_path / "half", sizes=sizes), "train").lenses[0]
     assert half == full.resized(15, 20)
-    corner = [lens_rays(lens, np.eye(4))[1][0] for lens in (full, half)]
+    corner = [camera_rays(Camera(np.eye(4), lens))[1][0] for lens in (full, half)]
     np.testing.assert_allclose(*corner, atol=0.02)
 
 

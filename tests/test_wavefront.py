@@ -8,8 +8,8 @@ from deformrf.core.field import node_table, vec4h
 from deformrf.core.field.networks import mma as network_mma
 from deformrf.core.field.networks import reference as network
 from deformrf.core.render import (
+    Camera,
     Lens,
-    LensCamera,
     Renderer,
     RenderOptions,
     from_field_of_view,
@@ -140,7 +140,7 @@ def test_a_real_lens_in_strips(make_ball_field, device):
     renderer = in_slots(Renderer(make_ball_field(8), device))
     pose = view().camera_to_world
     lens = Lens(60, 45, (80.0, 82.0), (28.0, 24.0), (0.1, -0.05, 0.0, 0.0), (0.01, -0.02))
-    camera = LensCamera(pose, lens)
+    camera = Camera(pose, lens)
     strips = [renderer.render(camera, rows=rows).color_array() for rows in ((0, 13), (13, 45))]
     expected = renderer.render(camera, RenderOptions(details=True)).color_array()
     assert np.abs(np.concatenate(strips).astype(int) - expected).mean() < 0.3

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..core.render.rays import camera as pinhole
+from ..core.render import Camera, look_at, pinhole
 
 STEEPEST = np.radians(89.0)  # straight up or down, `up` and the view direction would coincide
 CLOSEST, FARTHEST = 0.02, 50.0  # distance from the target, in model units
@@ -75,13 +75,13 @@ def pose(orbit: Orbit):
             np.sin(orbit.pitch),
         ]
     )
-    return pinhole.look_at(orbit.target + orbit.distance * back, orbit.target)
+    return look_at(orbit.target + orbit.distance * back, orbit.target)
 
 
-def camera(orbit: Orbit, width: int, height: int) -> pinhole.Camera:
+def camera(orbit: Orbit, width: int, height: int) -> Camera:
     """The pinhole camera for an image of width × height pixels."""
     focal = 0.5 * height / np.tan(0.5 * orbit.field_of_view)
-    return pinhole.Camera(pose(orbit), float(focal), width, height)
+    return Camera(pose(orbit), pinhole(float(focal), width, height))
 
 
 def clip_range(orbit: Orbit) -> tuple[float, float]:

@@ -6,7 +6,7 @@ wants to frame, hold and grab is what can be seen: the opaque pixels of a few sm
 
 import numpy as np
 
-from ..core.render.rays import camera as pinhole
+from ..core.render import camera_rays
 from . import orbit as orbits
 
 VIEWS = (*((np.radians(60.0 * k), np.radians(15.0)) for k in range(6)), (0.0, 1.4), (0.0, -1.4))
@@ -32,7 +32,7 @@ def visible_points(renderer, vertices):
         camera = orbits.camera(orbit, VIEW_SIZE, VIEW_SIZE)
         t = renderer.render(camera).depth_array().ravel()
         hit = np.isfinite(t)
-        _, directions = pinhole.camera_rays(camera)
+        _, directions = camera_rays(camera)
         points.append(camera.position + t[hit, None] * directions[hit])
     points = np.concatenate(points)
     if not len(points):

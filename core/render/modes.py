@@ -28,7 +28,7 @@ import warp as wp
 
 from ..field import below_pixel, level_edges
 from .options import RenderOptions
-from .rays import DeviceLens, device_lens, lens_direction
+from .rays import DeviceCamera, camera_ray, device_camera
 from .render import Image
 from .rounds import to_byte
 
@@ -156,12 +156,11 @@ def accumulation_kernel(
 
 @wp.func
 def surface_point(
-    camera_to_world: wp.mat44, lens: DeviceLens, depth: wp.array2d(dtype=float), i: int, j: int,
-    first_row: int,
-):  # fmt: skip
+    camera: DeviceCamera, depth: wp.array2d(dtype=float), i: int, j: int, first_row: int
+):
     """Relative to the eye."""
-    d = lens_direction(lens, j, first_row + i)
-    return depth[i, j] * wp.transform_vector(camera_to_world, d)
+    _origin, direction = camera_ray(camera, j, first_row + i)
+    return depth[i, j] * direction
 
 
 @wp.func
@@ -175,8 +174,7 @@ def depth_jump(depth: wp.array2d(dtype=float), t: float, i: int, j: int):
 
 @wp.kernel
 def normals_kernel(
-    camera_to_world: wp.mat44,
-    lens: DeviceLens,
+    camera: DeviceCamera,
     depth: wp.array2d(dtype=float),
     first_row: int,  # the image's row that row 0 of `depth` is
     skipped: int,  # rows at the top of `depth` that are there for their neighbours alone
@@ -193,9 +191,9 @@ def normals_kernel(
     gap = depth_jump(depth, t, i, j + across) + depth_jump(depth, t, i + down, j)
     c = nothing(background)
     if wp.isfinite(t) and wp.isfinite(gap):
-        p = surface_point(camera_to_world, lens, depth, i, j, first_row)
-        x = surface_point(camera_to_world, lens, depth, i, j + across, first_row) - p
-        y = surface_point(camera_to_world, lens, depth, i + down, j, first_row) - p
+        p = surface_point(camera, depth, i, j, first_row)
+        x = surface_point(camera, depth, i, j + across, first_row) - p
+        y = surface_point(camera, depth, i + down, j, first_row) - p
         n = wp.normalize(wp.cross(x, y))
         if wp.dot(n, p) > 0.0:
             n = -n
@@ -317,9 +315,8 @@ def render_mode(
     elif mode == "accumulation":
         kernel, inputs = accumulation_kernel, [rendered.color]
     elif mode == "normals":
-        pose, lens = wp.mat44(camera.camera_to_world), device_lens(camera.lens)
         kernel = normals_kernel
-        inputs = [pose, lens, rendered.depth, first - above, above, background]
+        inputs = [device_camera(camera), rendered.depth, first - above, above, background]
     elif mode == "tets":
         kernel, inputs = tets_kernel, [rendered.tet, background]
     elif mode == "levels":

@@ -23,14 +23,12 @@ from .rays import (
     FILL_SLOTS,
     MIDDLE,
     Camera,
-    DeviceLens,
     FaceBoxes,
-    LensCamera,
     Pose,
-    device_lens,
+    camera_rays_kernel,
+    device_camera,
     empty_rays,
     empty_samples,
-    lens_direction,
     march_kernel,
     pack_kernel,
 )
@@ -72,22 +70,6 @@ class Image:
     def depth_array(self):
         """float32 [H, W]"""
         return self.depth.numpy()
-
-
-@wp.kernel
-def camera_rays_kernel(
-    camera_to_world: wp.mat44,
-    lens: DeviceLens,
-    first_pixel: int,
-    origins: wp.array(dtype=wp.vec3),  # out
-    directions: wp.array(dtype=wp.vec3),  # out
-):
-    """`lens.lens_rays` for pixels first_pixel, first_pixel + 1, ..."""
-    i = wp.tid()
-    pixel = first_pixel + i
-    d = lens_direction(lens, pixel % lens.width, pixel / lens.width)
-    origins[i] = wp.vec3(camera_to_world[0, 3], camera_to_world[1, 3], camera_to_world[2, 3])
-    directions[i] = wp.normalize(wp.transform_vector(camera_to_world, d))
 
 
 @wp.kernel
@@ -157,9 +139,7 @@ class Renderer:
         """What the mesh overlaps with in its present pose: overlap.Tangle, false if nothing."""
         return self._overlap.tangle()
 
-    def render(
-        self, camera: Camera | LensCamera, options: RenderOptions | None = None, rows=None
-    ) -> Image:
+    def render(self, camera: Camera, options: RenderOptions | None = None, rows=None) -> Image:
         """Render the rows first..last-1 (all by default) as `camera` sees them.
 
         Args:
@@ -239,9 +219,8 @@ class Renderer:
             )
         with self.stage("overlap"):
             self._overlap.seek()
-        wavefront, lens = self._wavefront, device_lens(camera.lens)
-        pose = wp.mat44(camera.camera_to_world)
-        sample_count = wavefront.render(pose, lens, rows, options, self.stage)
+        wavefront = self._wavefront
+        sample_count = wavefront.render(device_camera(camera), rows, options, self.stage)
         with self.stage("overlap"):
             tangle = self.tangle()
         if tangle:
@@ -280,11 +259,7 @@ class Renderer:
         self._launch(
             camera_rays_kernel,
             count,
-            [
-                wp.mat44(camera.camera_to_world),
-                device_lens(camera.lens),
-                first_pixel + tile[0],
-            ],
+            [device_camera(camera), first_pixel + tile[0]],
             [rays.origins, rays.directions],
         )
         pixels, sample_count = self._accumulate(rays, count, options)

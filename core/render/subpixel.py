@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from .rays import LensCamera
+from .rays import Camera
 
 GENERATOR = 1.32471795724474602596  # g, the plastic number
 
@@ -25,10 +25,10 @@ def shift(k: int) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def shifted(camera, k: int) -> LensCamera:
+def shifted(camera: Camera, k: int) -> Camera:
     """The camera of image k."""
     (x, y), (cx, cy) = shift(k), camera.lens.center
-    return LensCamera(camera.camera_to_world, replace(camera.lens, center=(cx - x, cy - y)))
+    return replace(camera, lens=replace(camera.lens, center=(cx - x, cy - y)))
 
 
 @wp.kernel

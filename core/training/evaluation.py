@@ -21,7 +21,7 @@ from rich.table import Table
 
 from ..device import thread_count
 from ..field import TetField, occupied_share, parts_of_file
-from ..render import LensCamera, Renderer, RenderOptions, in_space, lens_rays
+from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space
 from .data import Dataset, has_white_border, white_composite
 from .metrics import check_size, psnr, ssim
 from .run import LearntSurroundings, on_warp_stream, over
@@ -72,12 +72,12 @@ def evaluate(
     options = replace(options or RenderOptions(), background=(1.0, 1.0, 1.0))
     renderer = Renderer(field, device=device)
     poses = in_space(dataset.poses, field.world_to_model)
-    views = [LensCamera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True)]
+    views = [Camera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True)]
     around = field.surroundings and LearntSurroundings(field.surroundings, device)
     if out_dir is not None:
         out_dir = Path(out_dir)
         out_dir.mkdir(parents=True, exist_ok=True)
-    small = LensCamera(poses[0], dataset.lenses[0].resized(8, 8))
+    small = Camera(poses[0], dataset.lenses[0].resized(8, 8))
     render_view(renderer, around, small, options)  # compiles the kernels
 
     has_alpha = dataset.has_alpha
@@ -127,7 +127,7 @@ def render_view(renderer, around, camera, options):
     import torch
 
     black = replace(options, background=(0.0, 0.0, 0.0))
-    origins, directions = lens_rays(camera.lens, camera.camera_to_world)
+    origins, directions = camera_rays(camera)
     color, opacity, _ = renderer.render_rays(origins, directions, black)
     parts = []
     with torch.no_grad(), on_warp_stream(renderer.device):

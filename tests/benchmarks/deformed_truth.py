@@ -30,7 +30,7 @@ from PIL import Image
 
 from deformrf.core.device import start_warp
 from deformrf.core.field import basis_of, basis_vector, modelfile
-from deformrf.core.render import LensCamera, Renderer, RenderOptions, in_space
+from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
 from deformrf.core.render.rays.traversal import tet_frames_reference
 from deformrf.core.training import white_composite
 from deformrf.core.training.data import datasets
@@ -159,7 +159,7 @@ def measure(renderer, dataset, pictures=None):
     poses = in_space(dataset.poses, renderer.field.world_to_model)
     scores = []
     for view, (pose, lens) in enumerate(zip(poses, dataset.lenses, strict=True)):
-        rendered = renderer.render(LensCamera(pose, lens), ROUNDS).color_array()
+        rendered = renderer.render(Camera(pose, lens), ROUNDS).color_array()
         truth = dataset.image(view)
         scores.append(score(rendered, truth))
         if pictures and view % 8 == 0:

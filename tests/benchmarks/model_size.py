@@ -17,7 +17,7 @@ import numpy as np
 from deformrf.core import paths
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile, pack_tables, reached_entries
-from deformrf.core.render import LensCamera, Renderer, in_space
+from deformrf.core.render import Camera, Renderer, in_space
 from deformrf.core.training.data import datasets
 from deformrf.core.training.metrics import psnr
 
@@ -49,7 +49,7 @@ def render_all(field, dataset, device):
     """A list of [H, W, 3] in 0..1, over white."""
     renderer = Renderer(field, device)
     poses = in_space(dataset.poses, field.world_to_model)
-    views = (LensCamera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True))
+    views = (Camera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True))
     return [renderer.render(view).color_array()[..., :3] / 255.0 for view in views]
 
 

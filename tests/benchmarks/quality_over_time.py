@@ -22,7 +22,7 @@ import numpy as np
 
 from deformrf.core.cli import with_steps
 from deformrf.core.device import start_warp
-from deformrf.core.render import LensCamera, Renderer, RenderOptions, in_space
+from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.data import datasets
 from deformrf.core.training.evaluation import render_view
@@ -39,7 +39,7 @@ def mean_psnr(field, views, device) -> float:
     poses = in_space(views.poses, field.world_to_model)
     scores = []
     for index, (pose, lens) in enumerate(zip(poses, views.lenses, strict=True)):
-        image = render_view(renderer, around, LensCamera(pose, lens), options)
+        image = render_view(renderer, around, Camera(pose, lens), options)
         truth = datasets.white_composite(views.image(index)).astype(np.float64)
         scores.append(psnr(image[..., :3] / 255.0, truth))
     return float(np.mean(scores))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...field import TetField
-from ...render import Renderer, RenderOptions, in_space, lens_rays
+from ...render import Camera, Renderer, RenderOptions, camera_rays, in_space
 from ...training import Dataset, white_composite
 from .pictures import image_error
 
@@ -48,7 +48,7 @@ def photographs(field: TetField, dataset: Dataset, pixel_count: int, seed=0) -> 
     poses = in_space(dataset.poses, field.world_to_model)
     parts = []
     for view, (pose, lens) in enumerate(zip(poses, dataset.lenses, strict=True)):
-        origins, directions = lens_rays(lens, pose)
+        origins, directions = camera_rays(Camera(pose, lens))
         some = rng.choice(len(origins), min(pixel_count, len(origins)), replace=False)
         colors = white_composite(dataset.image(view)).reshape(-1, 3)
         parts.append((np.full(len(some), view), origins[some], directions[some], colors[some]))

@@ -5,9 +5,14 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "camera": ["Camera"],
+        "camera": [
+            "Camera",
+            "DeviceCamera",
+            "camera_ray",
+            "camera_rays_kernel",
+            "device_camera",
+        ],
         "entries": ["Entries", "FaceBoxes", "crossing_of", "empty_entries", "find_entries"],
-        "lens": ["DeviceLens", "LensCamera", "device_lens", "lens_direction"],
         "marching": [
             "COUNT",
             "FILL_SLOTS",

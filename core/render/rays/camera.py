@@ -1,35 +1,44 @@
-"""The pinhole camera: one convention, stated once.
+"""The camera: a pose and a lens, and the ray of each pixel.
 
 Camera space is OpenGL's: the camera looks along -z, y is up, x to the right.  Pixel
-(column u, row v) has its centre at (u + ½, v + ½); row 0 is the top.  Distances along a
+(column u, row v) has its center at (u + ½, v + ½); row 0 is the top.  Distances along a
 ray are called t and are measured in units of the space that `camera_to_world` maps to.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+import warp as wp
 
-from .lens import Lens, lens_rays, pinhole
+from .lens import DeviceLens, Lens, device_lens, lens_direction, pinhole, undistort
+
+wp.set_module_options({"enable_backward": False})
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera.
+    """A lens with a pose.
 
     Attributes:
-        camera_to_world: Rigid pose.  [4, 4] float64
-        focal: Focal length in pixels, the same along both axes.
-        width, height: Image size in pixels.
+        camera_to_world: Rigid pose, OpenGL's axes.  [4, 4] float64
+        lens: Image size, intrinsics and distortion.
     """
 
     camera_to_world: np.ndarray
-    focal: float
-    width: int
-    height: int
+    lens: Lens
 
     @property
-    def lens(self) -> Lens:
-        return pinhole(self.focal, self.width, self.height)
+    def width(self) -> int:
+        return self.lens.width
+
+    @property
+    def height(self) -> int:
+        return self.lens.height
+
+    @property
+    def focal(self) -> float:
+        """The horizontal focal length in pixels; a pinhole has no other one."""
+        return self.lens.focal[0]
 
     @property
     def position(self):
@@ -40,14 +49,28 @@ class Camera:
         return -self.camera_to_world[:3, 2]
 
     def resized(self, width: int, height: int) -> "Camera":
-        """The same view with another number of pixels; the vertical field of view stays."""
-        return replace(self, focal=self.focal * height / self.height, width=width, height=height)
+        """The same camera with another number of pixels; the vertical field of view stays.
+
+        Pixels keep their shape: a wider image shows more at its sides.
+        """
+        lens, scale = self.lens, height / self.height
+        lens = replace(
+            lens,
+            width=width,
+            height=height,
+            focal=(lens.focal[0] * scale, lens.focal[1] * scale),
+            center=(
+                0.5 * width + (lens.center[0] - 0.5 * lens.width) * scale,
+                0.5 * height + (lens.center[1] - 0.5 * lens.height) * scale,
+            ),
+        )
+        return replace(self, lens=lens)
 
 
 def from_field_of_view(camera_to_world, angle_x: float, width: int, height: int) -> Camera:
-    """A camera by its horizontal field of view, in radians."""
+    """A pinhole camera by its horizontal field of view, in radians."""
     focal = 0.5 * width / np.tan(0.5 * angle_x)
-    return Camera(np.asarray(camera_to_world, float), float(focal), width, height)
+    return Camera(np.asarray(camera_to_world, float), pinhole(float(focal), width, height))
 
 
 def look_at(eye, target, up=(0.0, 0.0, 1.0)):
@@ -72,21 +95,70 @@ def in_space(poses, matrix):
     return poses
 
 
-def camera_rays(camera: Camera):
-    """One ray per pixel, row by row.
-
-    Returns:
-        origins [H·W, 3] and unit directions [H·W, 3], float64.
-    """
-    return lens_rays(camera.lens, camera.camera_to_world)
-
-
 def view_projection(camera: Camera, near: float, far: float):
-    """World space to OpenGL clip space.  [4, 4]"""
+    """World space to OpenGL clip space, without the lens's distortion.  [4, 4]"""
+    (fx, fy), (cx, cy) = camera.lens.focal, camera.lens.center
     projection = np.zeros((4, 4))
-    projection[0, 0] = 2.0 * camera.focal / camera.width
-    projection[1, 1] = 2.0 * camera.focal / camera.height
+    projection[0, 0] = 2.0 * fx / camera.width
+    projection[1, 1] = 2.0 * fy / camera.height
+    projection[0, 2] = 1.0 - 2.0 * cx / camera.width
+    projection[1, 2] = 2.0 * cy / camera.height - 1.0
     projection[2, 2] = (far + near) / (near - far)
     projection[2, 3] = 2.0 * far * near / (near - far)
     projection[3, 2] = -1.0
     return projection @ np.linalg.inv(camera.camera_to_world)
+
+
+def camera_rays(camera: Camera):
+    """One ray per pixel, row by row, in NumPy.
+
+    Returns:
+        origins [H·W, 3] and unit directions [H·W, 3], float64.
+    """
+    lens, camera_to_world = camera.lens, np.asarray(camera.camera_to_world, float)
+    u, v = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
+    x, y = undistort(
+        lens, (u - lens.center[0]) / lens.focal[0], (v - lens.center[1]) / lens.focal[1]
+    )
+    local = np.stack([x, -y, -np.ones_like(x)], axis=-1).reshape(-1, 3)
+    directions = local @ camera_to_world[:3, :3].T
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.broadcast_to(camera_to_world[:3, 3], directions.shape), directions
+
+
+@wp.struct
+class DeviceCamera:
+    """`Camera` for kernels."""
+
+    camera_to_world: wp.mat44
+    lens: DeviceLens
+
+
+def device_camera(camera: Camera) -> DeviceCamera:
+    value = DeviceCamera()
+    value.camera_to_world = wp.mat44(camera.camera_to_world)
+    value.lens = device_lens(camera.lens)
+    return value
+
+
+@wp.func
+def camera_ray(camera: DeviceCamera, column: int, row: int):
+    """`camera_rays` on the device: a pixel's origin and unit direction."""
+    pose = camera.camera_to_world
+    d = lens_direction(camera.lens, column, row)
+    return wp.vec3(pose[0, 3], pose[1, 3], pose[2, 3]), wp.normalize(wp.transform_vector(pose, d))
+
+
+@wp.kernel
+def camera_rays_kernel(
+    camera: DeviceCamera,
+    first_pixel: int,
+    origins: wp.array(dtype=wp.vec3),  # out
+    directions: wp.array(dtype=wp.vec3),  # out
+):
+    """The rays of the pixels first_pixel, first_pixel + 1, ..., counted row by row."""
+    i = wp.tid()
+    pixel = first_pixel + i
+    origin, direction = camera_ray(camera, pixel % camera.lens.width, pixel / camera.lens.width)
+    origins[i] = origin
+    directions[i] = direction

@@ -1,14 +1,14 @@
-"""What a real camera's lens does to pixels: intrinsics and distortion, both ways.
+"""Lenses: intrinsics and distortion, from directions to pixels and back.
 
-OpenCV's model and axes (x right, y down, z forward).  With the normalised coordinates of a
+OpenCV's model and axes (x right, y down, z forward).  With the normalized coordinates of a
 direction, (x, y) = (X/Z, Y/Z), and r² = x² + y²:
 
     x_d = x·(1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + 2 p1 x y + p2 (r² + 2 x²)
     y_d = y·(1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + p1 (r² + 2 y²) + 2 p2 x y
     u = fx x_d + cx,   v = fy y_d + cy
 
-Pixel (column i, row j) has its centre at u = i + ½, v = j + ½.  Undistorting, from a pixel
-to its ray, has no closed form; Newton's method doubles the digits with each step.
+Pixel (column i, row j) has its center at u = i + ½, v = j + ½.  The inverse, from a pixel to
+its direction, has no closed form; Newton's method doubles the correct digits with each step.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 
 NEWTON_STEPS = 10  # ordinary lenses take three
-UNDISTORT_TOLERANCE = 1e-6  # of normalised coordinates; a pixel is about 1e-3
+UNDISTORT_TOLERANCE = 1e-6  # of normalized coordinates; a pixel is about 1e-3
 
 wp.set_module_options({"enable_backward": False})
 
@@ -46,7 +46,7 @@ class Lens:
         return any(self.radial) or any(self.tangential)
 
     def resized(self, width: int, height: int) -> "Lens":
-        """The same view in other pixels; each axis is scaled by itself."""
+        """The lens of the resized photograph: each axis is scaled by itself."""
         x, y = width / self.width, height / self.height
         return replace(
             self,
@@ -57,28 +57,8 @@ class Lens:
         )
 
 
-@dataclass(frozen=True)
-class LensCamera:
-    """A lens with a pose; the renderer takes it like a pinhole `Camera`.
-
-    Attributes:
-        camera_to_world: Rigid pose, OpenGL's axes.  [4, 4] float64
-    """
-
-    camera_to_world: np.ndarray
-    lens: Lens
-
-    @property
-    def width(self) -> int:
-        return self.lens.width
-
-    @property
-    def height(self) -> int:
-        return self.lens.height
-
-
 def pinhole(focal: float, width: int, height: int) -> Lens:
-    """A lens without distortion whose axis goes through the image's centre."""
+    """A lens without distortion whose axis passes through the center of the image."""
     return Lens(width, height, (focal, focal), (0.5 * width, 0.5 * height))
 
 
@@ -102,7 +82,7 @@ def distort(lens: Lens, x, y):
 
 
 def undistort(lens: Lens, x_d, y_d):
-    """Distorted to normalised coordinates."""
+    """Distorted to normalized coordinates."""
     x, y = np.array(x_d, float), np.array(y_d, float)
     for _ in range(NEWTON_STEPS if lens.is_distorted else 0):
         u, v, xx, xy, yy = distort(lens, x, y)
@@ -113,10 +93,10 @@ def undistort(lens: Lens, x_d, y_d):
 
 
 def has_rays(lens: Lens) -> bool:
-    """Whether every pixel of the image's border has a ray; wild coefficients leave none.
+    """Whether every pixel on the border of the image has one ray; extreme coefficients leave none.
 
-    The lens must also grow monotonically up to there: past its turning point it would show
-    one direction at two pixels.
+    The distortion must also grow monotonically up to the border: beyond a turning point the
+    lens would show one direction at two pixels.
     """
     u = np.concatenate([np.linspace(0, lens.width, 33)] * 2 + [np.full(33, x) for x in (0, 1)])
     v = np.concatenate([np.full(33, y) for y in (0, 1)] + [np.linspace(0, lens.height, 33)] * 2)
@@ -131,23 +111,6 @@ def has_rays(lens: Lens) -> bool:
         error = np.hypot(again[0] - x_d, again[1] - y_d)
         determinants = np.array([xx * yy - xy * xy for _, _, xx, xy, yy in grown])
     return bool((error < UNDISTORT_TOLERANCE).all() and (determinants > 0).all())
-
-
-def lens_rays(lens: Lens, camera_to_world):
-    """One ray per pixel, row by row.
-
-    Returns:
-        origins [H·W, 3] and unit directions [H·W, 3], float64.
-    """
-    camera_to_world = np.asarray(camera_to_world, float)
-    u, v = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
-    x, y = undistort(
-        lens, (u - lens.center[0]) / lens.focal[0], (v - lens.center[1]) / lens.focal[1]
-    )
-    local = np.stack([x, -y, -np.ones_like(x)], axis=-1).reshape(-1, 3)
-    directions = local @ camera_to_world[:3, :3].T
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return np.broadcast_to(camera_to_world[:3, 3], directions.shape), directions
 
 
 @wp.struct
@@ -201,7 +164,7 @@ def undistorted(lens: DeviceLens, distorted: wp.vec2):
 
 @wp.func
 def lens_direction(lens: DeviceLens, column: int, row: int):
-    """The unit direction of a pixel's centre, in camera space with OpenGL's axes."""
+    """The unit direction of a pixel's center, in camera space with OpenGL's axes."""
     distorted = wp.vec2(
         (float(column) + 0.5 - lens.center[0]) / lens.focal[0],
         (float(row) + 0.5 - lens.center[1]) / lens.focal[1],

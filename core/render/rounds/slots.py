@@ -22,13 +22,13 @@ from ...geometry import lattice_axes, lattice_cell, lattice_point, lattice_weigh
 from ..rays import (
     FILL_SLOTS,
     MIDDLE,
-    DeviceLens,
+    DeviceCamera,
     Entries,
     Geometry,
     Rays,
     Samples,
+    camera_ray,
     find_entries,
-    lens_direction,
     march_ray,
 )
 from .compositing import Pixels, to_byte
@@ -91,8 +91,7 @@ def list_ray(state: wp.array(dtype=int), lists: wp.array2d(dtype=int), ray: int)
 @wp.kernel
 def begin_kernel(
     geometry: Geometry,
-    camera_to_world: wp.mat44,
-    lens: DeviceLens,
+    camera: DeviceCamera,
     first_row: int,
     row_count: int,
     background: wp.vec3,
@@ -111,15 +110,14 @@ def begin_kernel(
     i = wp.tid()
     tile = i / (TILE_WIDTH * TILE_HEIGHT)
     within = i % (TILE_WIDTH * TILE_HEIGHT)
-    tiles_across = (lens.width + TILE_WIDTH - 1) / TILE_WIDTH
+    width = camera.lens.width
+    tiles_across = (width + TILE_WIDTH - 1) / TILE_WIDTH
     column = (tile % tiles_across) * TILE_WIDTH + within % TILE_WIDTH
     row = (tile / tiles_across) * TILE_HEIGHT + within / TILE_WIDTH
-    if column >= lens.width or row >= row_count:
+    if column >= width or row >= row_count:
         return
-    ray = row * lens.width + column
-    d = lens_direction(lens, column, first_row + row)
-    direction = wp.normalize(wp.transform_vector(camera_to_world, d))
-    origin = wp.vec3(camera_to_world[0, 3], camera_to_world[1, 3], camera_to_world[2, 3])
+    ray = row * width + column
+    origin, direction = camera_ray(camera, column, first_row + row)
     rays.origins[ray] = origin
     rays.directions[ray] = direction
     if find_entries(geometry, boxes, vertices, faces, origin, direction, ray, entries) == 0:

@@ -23,7 +23,7 @@ import numpy as np
 import warp as wp
 
 from ...field import CONSTANT_BASIS, vec4h
-from ..rays import DeviceLens, FaceBoxes, empty_entries, empty_rays, empty_samples
+from ..rays import DeviceCamera, FaceBoxes, empty_entries, empty_rays, empty_samples
 from ..shading import Shading
 from . import slots
 from .compositing import empty_pixels
@@ -80,15 +80,14 @@ class Wavefront:
         self._graphs = {}  # of one round each, by step, stop and levels
         self._likely_rounds = 4
 
-    def render(self, camera_to_world, lens: DeviceLens, rows, options, stage) -> int:
+    def render(self, camera: DeviceCamera, rows, options, stage) -> int:
         """Fill `color` and `depth` with the rows first..last-1; the number of samples.
 
         Args:
-            camera_to_world: mat44
             options: RenderOptions.
             stage: Times what happens within stage(name), if somebody wants to know.
         """
-        self._begin(camera_to_world, lens, rows, options, stage)
+        self._begin(camera, rows, options, stage)
         rounds = self._likely_rounds
         while True:
             for _ in range(rounds):
@@ -103,12 +102,13 @@ class Wavefront:
         self._likely_rounds = int(state[slots.ROUNDS]) + 1
         return int(state[slots.SAMPLES])
 
-    def _begin(self, camera_to_world, lens, rows, options, stage):
+    def _begin(self, camera, rows, options, stage):
         background = tuple(options.background)
         if background != self._shown_background:
             self._background.fill_(wp.vec3(*background))
             self._shown_background = background
-        tiles = -(-lens.width // slots.TILE_WIDTH) * -(-(rows[1] - rows[0]) // slots.TILE_HEIGHT)
+        row_count = rows[1] - rows[0]
+        tiles = -(-camera.lens.width // slots.TILE_WIDTH) * -(-row_count // slots.TILE_HEIGHT)
         with stage("begin"):
             self._boxes.refresh()
             self._state.zero_()
@@ -116,7 +116,7 @@ class Wavefront:
                 slots.begin_kernel,
                 tiles * slots.TILE_WIDTH * slots.TILE_HEIGHT,
                 [
-                    *(self._pose.geometry, camera_to_world, lens, rows[0], rows[1] - rows[0]),
+                    *(self._pose.geometry, camera, rows[0], row_count),
                     *(wp.vec3(*background), self._boxes.id, self._pose.vertices),
                     *(self._boxes.faces, self._entries),
                     *(self.rays, self.pixels, self._state, self._lists),

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from ...device import thread_count
-from ...render import Lens, LensCamera
+from ...render import Camera, Lens
 from . import colmap, nsvf, transforms
 from .capture import Capture, DatasetError
 
@@ -76,9 +76,9 @@ class Dataset:
         lens = self.lenses[view]
         return self.pixels[first:last].reshape(lens.height, lens.width, 4)
 
-    def camera(self, view: int) -> LensCamera:
+    def camera(self, view: int) -> Camera:
         """The camera of one view, in world space."""
-        return LensCamera(self.poses[view], self.lenses[view])
+        return Camera(self.poses[view], self.lenses[view])
 
     def subset(self, views) -> "Dataset":
         """Some of the views, by their numbers."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from ...render import DeviceLens, device_lens, in_space, lens_direction
+from ...render import Camera, DeviceCamera, camera_ray, device_camera, in_space
 from .datasets import Dataset
 
 DRAW = wp.constant(1 << 30)  # keeps its numbers apart from those that jitter the same rays
@@ -26,8 +26,7 @@ class Bank:
 
     pixels: wp.array(dtype=wp.vec4ub)  # [P] straight alpha
     first_pixels: wp.array(dtype=int)  # [N + 1]
-    poses: wp.array(dtype=wp.mat44)  # [N] in model space
-    lenses: wp.array(dtype=DeviceLens)  # [N]
+    cameras: wp.array(dtype=DeviceCamera)  # [N] in model space
 
 
 @dataclass(frozen=True)
@@ -91,12 +90,12 @@ def draw_kernel(
     else:
         pixel = int(wp.randu(random) % wp.uint32(pixel_count))
     view = view_of(bank.first_pixels, pixel)
-    lens = bank.lenses[view]
-    pose = bank.poses[view]
+    camera = bank.cameras[view]
     place = pixel - bank.first_pixels[view]
-    d = lens_direction(lens, place % lens.width, place / lens.width)
-    origins[i] = wp.vec3(pose[0, 3], pose[1, 3], pose[2, 3])
-    directions[i] = wp.normalize(wp.transform_vector(pose, d))
+    width = camera.lens.width
+    origin, direction = camera_ray(camera, place % width, place / width)
+    origins[i] = origin
+    directions[i] = direction
     c = bank.pixels[pixel]
     background[i] = wp.vec3(wp.randf(random), wp.randf(random), wp.randf(random))
     rgba[i] = wp.vec4(float(c[0]), float(c[1]), float(c[2]), float(c[3])) / 255.0
@@ -107,14 +106,16 @@ class RayBank:
 
     def __init__(self, dataset: Dataset, world_to_model, device):
         self.device = wp.get_device(device)
-        poses = in_space(dataset.poses, world_to_model).astype(np.float32)
-        lenses = [device_lens(lens) for lens in dataset.lenses]
+        poses = in_space(dataset.poses, world_to_model)
+        cameras = [
+            device_camera(Camera(pose, lens))
+            for pose, lens in zip(poses, dataset.lenses, strict=True)
+        ]
         self.bank = Bank()
         with wp.ScopedDevice(self.device):
             self.bank.pixels = wp.array(dataset.pixels, dtype=wp.vec4ub)
             self.bank.first_pixels = wp.array(dataset.first_pixels.astype(np.int32), dtype=int)
-            self.bank.poses = wp.array(poses, dtype=wp.mat44)
-            self.bank.lenses = wp.array(lenses, dtype=DeviceLens)
+            self.bank.cameras = wp.array(cameras, dtype=DeviceCamera)
             self._random = wp.empty(0, dtype=int)
             self._no_seed = wp.zeros(1, dtype=int)
 
