@@ -1,14 +1,16 @@
 # Each target does all the set-up that it needs, once; the second time there is nothing to do.
+# Only "make debian-packages" installs anything outside the checkout.
 
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install -c constraints.txt
 PYTHON ?= $(shell for p in python3 python3.12 python3.11; do \
 	$$p -c "$(PYTHON_FITS)" 2>/dev/null && echo $$p && break; done)
 PYTHON_FITS := import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))
 
-# OpenGL for the viewer; a virtual screen and a robot hand for the tests of its window.
-DEBIAN_PACKAGES := libgl1 libglx-mesa0 libgl1-mesa-dri libegl1 libegl-mesa0 libx11-6 \
-	xvfb xauth xdotool
+# OpenGL for the viewer; a virtual screen and simulated input for the tests of its window.
+OPENGL_PACKAGES := libgl1 libglx-mesa0 libgl1-mesa-dri libegl1 libegl-mesa0 libx11-6
+SCREEN_PACKAGES := xvfb xauth xdotool
 
 # Without a display, the demo drags the top by this much (model space) instead of you.
 DEMO_DRAG ?= top:0.15,-0.1,-0.05
@@ -25,15 +27,18 @@ export XDG_CACHE_HOME := $(CURDIR)/.cache
 export WARP_CACHE_PATH := $(CURDIR)/.cache/warp
 endif
 
-.PHONY: help demo test lint venv debian-packages
+.PHONY: help demo test soak lint venv debian-packages
 
 help:
-	@echo "make demo   open the bundled model (set-up included)"
+	@echo "make demo   open the bundled model (set-up included: what viewing needs)"
 	@echo "make test   run the tests (set-up included; PYTEST_ARGS='-k camera' for some of them)"
+	@echo "make soak   run the tests with new random inputs"
 	@echo "make lint   check style and formatting"
-	@echo "make venv   set-up alone: $(VENV) with the versions of constraints.txt"
+	@echo "make venv   set-up alone: $(VENV) with everything, in the versions of constraints.txt"
+	@echo "make debian-packages   install OpenGL and a virtual screen on Debian or Ubuntu (uses sudo)"
 
-demo: debian-packages venv
+demo: $(VENV)/viewing
+	@$(call SAY_MISSING,$(OPENGL_PACKAGES))
 	@if $(BIN)/python -c '$(WINDOW_OPENS)' >/dev/null 2>&1; then \
 		$(BIN)/deformrf-view; \
 	else \
@@ -44,8 +49,16 @@ demo: debian-packages venv
 		&& echo "The demo is in out/demo.mp4; out/demo.png is its last frame before the vertex is let go."; \
 	fi
 
-test: debian-packages venv
+test: venv
+	@$(call SAY_MISSING,$(OPENGL_PACKAGES) $(SCREEN_PACKAGES))
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+soak: venv
+	@seed=$$($(BIN)/python -c 'import secrets; print(secrets.randbits(32))'); \
+	again="DEFORMRF_TEST_SEED=$$seed make test PYTEST_ARGS='$(PYTEST_ARGS)'"; \
+	echo "Random inputs of seed $$seed; to repeat this run: $$again"; \
+	DEFORMRF_TEST_SEED=$$seed $(BIN)/python -m pytest $(PYTEST_ARGS) \
+	|| { echo "To repeat this run: $$again"; exit 1; }
 
 lint: venv
 	$(BIN)/ruff check .
@@ -54,25 +67,38 @@ lint: venv
 venv: $(VENV)/installed
 
 $(VENV)/installed: pyproject.toml constraints.txt
-	@"$(or $(PYTHON),false)" -c '$(PYTHON_FITS)' 2>/dev/null || { \
-		echo "deformrf needs Python 3.11 or 3.12 with its venv module (on Debian: python3-venv);" \
-			"\"$(or $(PYTHON),python3)\" is not one: name yours with make PYTHON=..." >&2; exit 1; }
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install -c constraints.txt setuptools
-	$(BIN)/python -m pip install -c constraints.txt --no-build-isolation -e '.[dev]'
+	@$(MAKE_VENV)
+	$(PIP) setuptools
+	$(PIP) --no-build-isolation -e '.[dev]'
+	@touch $(VENV)/viewing $@
+
+# Viewing imports neither torch nor scipy nor matplotlib, so the demo does without them.
+# Compiling every module would take as long as installing them; Python compiles what it imports.
+$(VENV)/viewing: pyproject.toml constraints.txt
+	@$(MAKE_VENV)
+	@$(BIN)/python -c "import tomllib; groups = tomllib.load(open('pyproject.toml', 'rb')); \
+		print(*groups['dependency-groups']['view'], sep='\n')" > $(VENV)/view.txt
+	$(PIP) --no-compile -r $(VENV)/view.txt setuptools
+	$(PIP) --no-build-isolation --no-deps -e .
 	@touch $@
 
-# Missing packages are not an error here: whatever needs them says so itself.
-debian-packages:
-	@command -v dpkg-query >/dev/null || exit 0; \
-	missing=$$(for p in $(DEBIAN_PACKAGES); do \
+MAKE_VENV = "$(or $(PYTHON),false)" -c '$(PYTHON_FITS)' 2>/dev/null || { \
+		echo "deformrf needs Python 3.11 or 3.12 with its venv module (on Debian: python3-venv);" \
+			"\"$(or $(PYTHON),python3)\" is not one: name yours with make PYTHON=..." >&2; exit 1; }; \
+	$(PYTHON) -m venv $(VENV)
+
+# Sets the shell's $missing to those of the given Debian packages that are not installed.
+FIND_MISSING = missing=$$(command -v dpkg-query >/dev/null || exit 0; for p in $(1); do \
 		dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; \
-	done | xargs); \
-	[ -n "$$missing" ] || exit 0; \
-	if [ "$$(id -u)" = 0 ]; then sudo=; \
-	elif sudo -n true 2>/dev/null; then sudo=sudo; \
-	else echo "Not installed, and you may need them: apt install $$missing"; exit 0; fi; \
+	done | xargs)
+SAY_MISSING = $(FIND_MISSING); test -z "$$missing" || \
+	echo "Not installed, and you may need them: $$missing (make debian-packages installs them)"
+
+debian-packages:
+	@$(call FIND_MISSING,$(OPENGL_PACKAGES) $(SCREEN_PACKAGES)); \
+	test -n "$$missing" || exit 0; \
+	test "$$(id -u)" = 0 && sudo= || sudo=sudo; \
 	echo "Installing Debian packages: $$missing"; \
 	$$sudo apt-get update -qq; \
 	$$sudo env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends \
-		$$missing >/dev/null || echo "Could not install all of: $$missing"
+		$$missing >/dev/null || { echo "Could not install all of: $$missing" >&2; exit 1; }

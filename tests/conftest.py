@@ -2,7 +2,6 @@
 
 import json
 import os
-import secrets
 import sys
 import zlib
 from dataclasses import replace
@@ -15,17 +14,20 @@ import pytest
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"  # beside the checkout, if at all
 
 
-SEED = int(os.environ.get("DEFORMRF_TEST_SEED", secrets.randbits(32)))  # new in each session
+SEED = int(os.environ.get("DEFORMRF_TEST_SEED", 0))  # make soak draws a new one
 
 
 def pytest_report_header():
-    return f"random inputs: repeat them with DEFORMRF_TEST_SEED={SEED}"
+    return f"random inputs: DEFORMRF_TEST_SEED={SEED}"
 
 
 @pytest.fixture(autouse=True)
 def repeatable_random(request, monkeypatch):
-    """np.random.default_rng() gives each test numbers of its own that SEED can bring back."""
-    sequence = np.random.SeedSequence([SEED, zlib.crc32(request.node.nodeid.encode())])
+    """np.random.default_rng() gives each test numbers that depend on SEED and the test's name.
+
+    They do not depend on the test's file or on which tests run before it.
+    """
+    sequence = np.random.SeedSequence([SEED, zlib.crc32(request.node.name.encode())])
     default_rng = np.random.default_rng
 
     def seeded(seed=None):
