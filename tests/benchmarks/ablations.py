@@ -13,8 +13,6 @@ differences below 0.2 dB mean nothing.
 import argparse
 import gc
 import json
-import subprocess
-import sys
 import tempfile
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -28,7 +26,7 @@ from deformrf.core.training import DatasetError, preset, trainer
 from deformrf.core.training import evaluation as evaluate
 from deformrf.core.training.data import datasets
 
-WHOLE, PUBLISHED = "whole method", "published order"
+WHOLE = "whole method"
 LEVELS = {f"L = {count}": {"level_count": count} for count in range(1, 8)}
 ROWS = {
     WHOLE: {},
@@ -38,7 +36,6 @@ ROWS = {
     "all levels hashed": {"leave_out": ("dense-levels",)},
     "no distortion loss": {"leave_out": ("distortion",)},
     "no view dependence": {"view_dependence": False},
-    PUBLISHED: {},  # of children's corners; in a process of its own
 }
 WARM_UP_STEPS = 32
 HEADINGS = ("PSNR", "SSIM", "seconds", "tets", "occupied", "GiB 1", "GiB 2", "MB")
@@ -93,22 +90,6 @@ def measure(options, train_views, test_views, device):
     }
 
 
-def measure_published(arguments):
-    """The whole method in a process with the published order of children."""
-    runner = Path(__file__).with_name("published_order.py")
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, runner, __file__, arguments.data, "--only", WHOLE]
-        for name in ("device", "preset", "views", "steps", "image_size"):
-            if (value := getattr(arguments, name)) is not None:
-                command += [f"--{name.replace('_', '-')}", str(value)]
-        command += ["--out", folder]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        result = json.loads((Path(folder) / "ablations.json").read_text(encoding="utf-8"))
-    if WHOLE not in result["rows"]:
-        raise DatasetError("that process ended without a row, see above")
-    return result["rows"][WHOLE]
-
-
 def plain(values):
     """As JSON gives them back: lists for tuples."""
     return json.loads(json.dumps(values))
@@ -126,8 +107,13 @@ def line(row):
     memory = row["peak_memory_bytes"] or (None, None)
     gibibytes = ("-" if not used else f"{used / 2**30:.2f}" for used in memory)
     cells = (
-        *(f"{row['psnr']:.2f}", f"{row['ssim']:.4f}", f"{row['seconds']:.1f}", row["tets"]),
-        *(f"{row['occupied_share']:.3f}", *gibibytes, f"{row['model_bytes'] / 1e6:.2f}"),
+        f"{row['psnr']:.2f}",
+        f"{row['ssim']:.4f}",
+        f"{row['seconds']:.1f}",
+        row["tets"],
+        f"{row['occupied_share']:.3f}",
+        *gibibytes,
+        f"{row['model_bytes'] / 1e6:.2f}",
     )
     return "".join(f"{cell:>10}" for cell in cells)
 
@@ -183,17 +169,14 @@ def main():
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / "ablations.json"
     rows = earlier_rows(path, settings)
-    if arguments.only != [PUBLISHED]:
-        warm_up(base, train_views, arguments.device)
+    warm_up(base, train_views, arguments.device)
     print(f"{'':<20}" + "".join(f"{heading:>10}" for heading in HEADINGS))
     made = []
     for name in arguments.only:
         options = row_options(name, base)
-        same = [n for n in made if rows[n]["options"] == plain(asdict(options)) and n != PUBLISHED]
+        same = [n for n in made if rows[n]["options"] == plain(asdict(options))]
         try:
-            if name == PUBLISHED:
-                rows[name] = measure_published(arguments)
-            elif same:
+            if same:
                 rows[name] = rows[same[0]]
             else:
                 rows[name] = measure(options, train_views, test_views, arguments.device)
