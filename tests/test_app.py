@@ -167,14 +167,6 @@ def test_a_transparent_picture_of_a_mode_is_the_field_alone(ball_file, tmp_path,
     assert picture[picture[..., 3] == 255][:, :3].min() >= 64  # colors of tets, no red handles
 
 
-def test_the_modes_of_the_command_line_are_the_renderers():
-    from typing import get_args
-
-    from deformrf.core.render import MODES
-
-    assert get_args(options.Mode) == MODES
-
-
 @pytest.mark.gl
 def test_two_headless_runs_are_the_same_picture(ball_file, tmp_path, window):
     pictures = []

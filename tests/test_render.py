@@ -234,11 +234,11 @@ def test_every_way_of_rendering_shows_the_same(make_ball_field, device):
 
     exact = image(RenderOptions(conformance=True))
     assert exact[..., :3].std() > 10  # there is something to see
-    layers = image(RenderOptions(conformance=True, layers=True))
+    merged = image(RenderOptions(conformance=True, path="merge"))
     whole = image(
         RenderOptions(conformance=True), part_of=lambda f: (f, np.arange(f.mesh.tet_count))
     )
-    for other in (layers, whole):
+    for other in (merged, whole):
         assert np.abs(other - exact).max() <= 2
     default, single = image(RenderOptions()), image(RenderOptions(single_precision=True))
     assert np.abs(default - single).max() <= 6  # half precision is all that differs

@@ -17,7 +17,7 @@ from deformrf.core.lab.rendering.measure import (
 )
 from deformrf.core.lab.rendering.photographs import Photographs
 from deformrf.core.render import Renderer, RenderOptions, camera_rays
-from deformrf.core.render.options import checked
+from deformrf.core.render.render_options import checked
 
 SIZE, VIEWS, PIXELS, TURNS = 24, 2, 60, 2
 
@@ -57,7 +57,7 @@ def test_default_mode_keeps_steps_pixels_and_mask():
     """It may end rays, leave levels out and use half precision, and it needn't conform."""
     for setting in rendering.settings(6, True):
         options, whole = setting.options, setting.scale == 1 and setting.masked
-        shown = options.step_factor == 1.0 and not (options.conformance or options.details)
+        shown = options.step_factor == 1.0 and not (options.conformance or options.path != "auto")
         may = whole and shown
         assert setting.candidate == may, setting
 

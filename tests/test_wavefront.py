@@ -18,7 +18,7 @@ from deformrf.core.render import (
 from deformrf.core.render.rounds import wavefront
 
 BACKGROUND = (0.2, 0.5, 0.9)
-DETAILS = RenderOptions(BACKGROUND, details=True)  # takes the other way on every device
+HOST_ROUNDS = RenderOptions(BACKGROUND, path="host")
 
 
 def view(width=50, height=37):
@@ -68,7 +68,7 @@ def test_slots_make_the_same_image(make_ball_field, device, monkeypatch, slots_p
     camera = view(150, 120)
     for _ in range(2):  # the second time knows how many rounds it takes
         assert_alike(
-            renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, DETAILS)
+            renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, HOST_ROUNDS)
         )
 
 
@@ -91,7 +91,7 @@ def test_another_background_needs_no_new_graphs(make_ball_field, device):
     dark = RenderOptions(background=(0.0, 0.0, 0.0))
     assert_alike(
         renderer.render(camera, dark),
-        renderer.render(camera, RenderOptions((0, 0, 0), details=True)),
+        renderer.render(camera, RenderOptions((0, 0, 0), path="host")),
     )
 
 
@@ -106,7 +106,7 @@ def test_what_overlaps_is_mended(make_ball_field, device):
     vertices[np.argmax(vertices @ camera.camera_to_world[:3, 2])] += 0.25 * camera.forward
     renderer.set_vertices(vertices)
     mended = renderer.render(camera, RenderOptions(BACKGROUND))
-    assert_alike(mended, renderer.render(camera, DETAILS))
+    assert_alike(mended, renderer.render(camera, HOST_ROUNDS))
     _, tangled = renderer._overlap.sort_rays(renderer._wavefront.rays, camera.width * camera.height)
     assert 0 < len(tangled) < 0.5 * (mended.color_array()[..., 3] > 0).sum()
     np.testing.assert_array_equal(plain.color_array(), kept)  # earlier images stay what they are
@@ -129,7 +129,7 @@ def test_fewer_levels_leave_nothing_of_the_others(make_ball_field, device):
     whole = renderer.render(camera).color_array()
     for count in range(1, level_count + 1):
         found = renderer.render(camera, RenderOptions(level_count=count))
-        expected = renderer.render(camera, RenderOptions(level_count=count, details=True))
+        expected = renderer.render(camera, RenderOptions(level_count=count, path="host"))
         assert_alike(found, expected)
         same = (found.color_array() == whole).all()
         assert same == (count == level_count)
@@ -142,7 +142,7 @@ def test_a_real_lens_in_strips(make_ball_field, device):
     lens = Lens(60, 45, (80.0, 82.0), (28.0, 24.0), (0.1, -0.05, 0.0, 0.0), (0.01, -0.02))
     camera = Camera(pose, lens)
     strips = [renderer.render(camera, rows=rows).color_array() for rows in ((0, 13), (13, 45))]
-    expected = renderer.render(camera, RenderOptions(details=True)).color_array()
+    expected = renderer.render(camera, RenderOptions(path="host")).color_array()
     assert np.abs(np.concatenate(strips).astype(int) - expected).mean() < 0.3
 
 
@@ -151,7 +151,7 @@ def test_without_view_dependence_the_basis_is_constant(make_ball_field, device):
     renderer = in_slots(Renderer(field, device))
     camera = view()
     assert_alike(
-        renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, DETAILS)
+        renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, HOST_ROUNDS)
     )
 
 
@@ -162,7 +162,7 @@ def test_networks_of_another_shape_make_the_same_image(make_ball_field, device):
     assert not network_mma.fits(field, renderer.device)
     camera = view()
     assert_alike(
-        renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, DETAILS)
+        renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, HOST_ROUNDS)
     )
     if renderer.shading.evaluate_slots is not None:
         assert renderer._wavefront is not None

@@ -9,6 +9,7 @@ import tyro
 from ..core.arguments import Count, File, at_least, writable_file
 from ..core.device import Choice
 from ..core.paths import DEFAULT_MODEL
+from ..core.render import Mode
 
 WINDOW_SIZE, HEADLESS_SIZE = (1200, 800), (400, 400)
 HEADLESS_FRAMES = 90
@@ -19,7 +20,6 @@ AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
 ]
 Size = Annotated[str | None, tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
 Drag = Annotated[str | None, tyro.conf.arg(metavar="VERTEX:DX,DY,DZ", help_behavior_hint="")]
-Mode = Literal["color", "depth", "accumulation", "normals", "tets", "levels", "samples", "error"]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 
 

@@ -5,8 +5,9 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "modes": ["MODES", "caption", "render_mode"],
-        "options": ["RenderOptions"],
+        "kernels": ["kernel_modules"],
+        "modes": ["caption", "render_mode"],
+        "render_options": ["MODES", "Mode", "RenderOptions"],
         "rays.camera": [
             "Camera",
             "DeviceCamera",

@@ -27,12 +27,11 @@ import numpy as np
 import warp as wp
 
 from ..field import below_pixel, level_edges
-from .options import RenderOptions
 from .rays import DeviceCamera, camera_ray, device_camera
 from .render import Image
+from .render_options import Mode, RenderOptions
 from .rounds import to_byte
 
-MODES = ("color", "depth", "accumulation", "normals", "tets", "levels", "samples", "error")
 SAMPLES_SHOWN = 64  # of the bundled model's rays that meet it, 1 % take more
 ERROR_GAIN = 64.0  # 1/255, which nobody sees, becomes a quarter of white
 HEAT = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))  # viridis
@@ -285,7 +284,7 @@ def error_kernel(
 
 
 def render_mode(
-    renderer, camera, mode="color", options=None, rows=None, depth_range=(0.0, 1.0)
+    renderer, camera, mode: Mode = "color", options=None, rows=None, depth_range=(0.0, 1.0)
 ) -> Image:
     """Render in a view mode; the arguments that are not named here are Renderer.render's.
 

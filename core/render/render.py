@@ -17,7 +17,6 @@ import warp as wp
 
 from ..device import thread_count
 from ..field import TetField
-from .options import RenderOptions, checked
 from .overlap import Layers, Overlap
 from .rays import (
     FILL_SLOTS,
@@ -32,6 +31,7 @@ from .rays import (
     march_kernel,
     pack_kernel,
 )
+from .render_options import RenderOptions, checked
 from .rounds import accumulate_kernel, empty_pixels, resolve_kernel
 from .shading import Shading
 from .stages import Stages
@@ -204,8 +204,8 @@ class Renderer:
 
     def _has_slots(self, options) -> bool:
         """Whether a wavefront renders the image."""
-        special = not options.half or options.details or options.layers
-        return self.shading.evaluate_slots is not None and not special
+        allowed = options.path == "auto" and options.half and not options.details
+        return allowed and self.shading.evaluate_slots is not None
 
     def _render_wavefront(self, camera, options, rows, shape):
         count = shape[0] * shape[1]
@@ -248,7 +248,7 @@ class Renderer:
         """Look for overlap, and get ready for it."""
         with self.stage("overlap"):
             tangle = self.tangle()
-        if tangle or options.layers:
+        if tangle or options.path == "merge":
             self._layers.prepare()
             self._boxes.refresh()
 
@@ -278,8 +278,8 @@ class Renderer:
         pixels = empty_pixels(count, self.device)
         alive = wp.empty(count, dtype=int, device=self.device)
         sample_count, round_ = 0, 0
-        if self.tangle() or options.layers:
-            if options.layers:
+        if self.tangle() or options.path == "merge":
+            if options.path == "merge":
                 self._launch(count_up_kernel, count, [], [alive])
                 alive, tangled = alive[:0], alive
             else:

@@ -118,7 +118,7 @@ def overlap_path(frames: Frames) -> Omission:
 
     It has no early end, so images are also compared with a walk that has none.
     """
-    layers, endless = frames.way(layers=True), frames.way(termination=0.0)
+    layers, endless = frames.way(path="merge"), frames.way(termination=0.0)
     turns, change = frames.compared(layers, frames.usual)
     alike = image_change(frames.images(layers), frames.images(endless))
     return omission(
@@ -137,7 +137,7 @@ def single_precision(frames: Frames) -> Omission:
     return omission(
         "single precision of networks and tables",
         RENDERING,
-        *frames.compared(frames.way(single_precision=True), frames.way(details=True)),
+        *frames.compared(frames.way(single_precision=True), frames.way(path="host")),
         "Tensor cores, in a kernel of ours instead of torch's, and half as many bytes.",
         "Images are too small here for networks to count; half precision is left on because it"
         " counts in larger ones, and needs no torch.",
@@ -149,7 +149,7 @@ def waiting_rounds(frames: Frames) -> Omission:
     return omission(
         "rounds that the host waits for",
         RENDERING,
-        *frames.compared(frames.way(details=True), frames.usual),
+        *frames.compared(frames.way(path="host"), frames.usual),
         "How many rays go on is known on the device, which a round asks; each is a CUDA graph.",
         "Waiting costs nothing here; where images are larger, or the host is busy, it does.",
     )

@@ -126,7 +126,7 @@ def settings(level_count: int, half: bool) -> list[Setting]:
     if half:
         options = RenderOptions(single_precision=True)
         found.append(Setting("float32", "precision", options, candidate=True))
-        found.append(Setting("half, waited for", "precision", RenderOptions(details=True)))
+        found.append(Setting("half, waited for", "precision", RenderOptions(path="host")))
     for factor in STEP_FACTORS:
         found.append(Setting(f"step × {factor:g}", "step", RenderOptions(step_factor=factor)))
     found.append(CONFORMANCE)

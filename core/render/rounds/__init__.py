@@ -6,6 +6,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "compositing": ["Pixels", "accumulate_kernel", "empty_pixels", "resolve_kernel", "to_byte"],
+        "slots": ["begin_kernel"],
         "wavefront": ["Wavefront"],
     },
 )

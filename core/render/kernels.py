@@ -1,0 +1,28 @@
+"""The Warp modules that rendering needs, so that a viewer can compile them before the first frame.
+
+Warp compiles all kernels of a Python module at once, when the first of them is launched.
+"""
+
+import warp as wp
+
+from ..field import encode_kernel
+from . import modes, shading, subpixel
+from .overlap import Layers, Overlap
+from .rays import FaceBoxes, Pose, camera_rays_kernel, march_kernel
+from .render import Renderer
+from .rounds import resolve_kernel
+
+
+def kernel_modules(device) -> list[str]:
+    """Names of the Warp modules whose kernels rendering launches on a device.
+
+    Rendering is `Renderer`, `render_mode` and `RunningMean`.
+    """
+    names = [owner.__module__ for owner in (Renderer, Pose, FaceBoxes, Overlap, Layers)]
+    names += [module.__name__ for module in (modes, subpixel)]
+    kernels = [camera_rays_kernel, march_kernel, resolve_kernel, encode_kernel]
+    if wp.get_device(device).is_cuda:
+        from .rounds import begin_kernel
+
+        kernels += [begin_kernel, shading.half_basis_kernel, shading.network_mma.networks_kernel]
+    return sorted({*names, *(kernel.module.name for kernel in kernels)})

@@ -1,0 +1,78 @@
+"""How to render: options and view modes.  Imports nothing heavy, so that --help stays quick."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+Mode = Literal["color", "depth", "accumulation", "normals", "tets", "levels", "samples", "error"]
+MODES = get_args(Mode)  # modes.py says what each one shows
+
+RayPath = Literal["auto", "host", "merge"]
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """How to render.
+
+    Attributes:
+        background: Color behind the object, 0..1.
+        conformance: Equal the reference (float32, stop at T < 1e-3).  Otherwise rays stop
+            earlier and, on CUDA, the networks are evaluated in half precision.
+        step_factor: Multiplies the model's march step Δ.  A smaller step takes longer and
+            comes closer to the integral that the sum approximates.
+        level_count: Levels that are encoded, all by default; the features of finer ones are 0.
+        termination: Transmittance below which a ray ends; None for the mode's default.
+        single_precision: Evaluate the networks in float32 on CUDA, too.
+        path: How rays become pixels.  "auto": the fastest path that the device and the other
+            options allow, with tangled rays merged.  "host": rounds that the host waits for,
+            as on the CPU, even where CUDA has a wavefront.  "merge": every ray is rendered as
+            tangled rays are.
+        details: Also return each pixel's tet and number of samples.  The wavefront counts
+            neither, so "auto" then takes the path "host".
+    """
+
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    conformance: bool = False
+    step_factor: float = 1.0
+    level_count: int | None = None
+    termination: float | None = None
+    single_precision: bool = False
+    path: RayPath = "auto"
+    details: bool = False
+
+    @property
+    def half(self) -> bool:
+        """Whether networks may be evaluated in half precision; on the CPU they never are."""
+        return not (self.conformance or self.single_precision)
+
+    @property
+    def stop(self) -> float:
+        """Transmittance below which a ray ends.
+
+        Default mode assumes that what is behind the end of a ray looks like what is before
+        it.  That allows a large value: at 2e-2 images reach 64 to 67 dB with the assumption
+        and 49 to 56 dB without.
+        """
+        if self.termination is not None:
+            return self.termination
+        return 1e-3 if self.conformance else 3e-2
+
+
+def checked(options: RenderOptions | None, level_count: int) -> RenderOptions:
+    """The options, or the default ones, for a field of that many levels.
+
+    Raises:
+        ValueError: level_count is not in 1..level_count of the field, step_factor is not
+            positive, termination is not in [0, 1), or path is unknown.
+    """
+    options = options or RenderOptions()
+    if options.level_count is not None and not 1 <= options.level_count <= level_count:
+        raise ValueError(
+            f"level_count is {options.level_count}; the field has {level_count} levels"
+        )
+    if not options.step_factor > 0.0:
+        raise ValueError(f"step_factor is {options.step_factor}; give a positive number")
+    if not 0.0 <= options.stop < 1.0:
+        raise ValueError(f"termination is {options.stop}; give a number from 0 to below 1")
+    if options.path not in get_args(RayPath):
+        raise ValueError(f'path is "{options.path}"; take one of {", ".join(get_args(RayPath))}')
+    return options

@@ -1,0 +1,42 @@
+"""A viewer can compile every kernel of rendering in advance, and compiles no others."""
+
+import warp as wp
+
+from deformrf.core.render import (
+    MODES,
+    Renderer,
+    RunningMean,
+    from_field_of_view,
+    kernel_modules,
+    look_at,
+    render_mode,
+)
+
+
+def test_the_modules_are_those_that_rendering_loads(make_ball_field, device, monkeypatch):
+    loaded, load = set(), wp.Module.load
+
+    def noted(module, *arguments, **options):
+        loaded.add(module.name)
+        return load(module, *arguments, **options)
+
+    monkeypatch.setattr(wp.Module, "load", noted)
+    field = make_ball_field(0)
+    renderer = Renderer(field, device)
+    camera = from_field_of_view(look_at((1.4, 0.2, 1.0), (0.5, 0.5, 0.5)), 0.7, 16, 12)
+    folded = field.mesh.rest_vertices.copy()
+    folded[0] += 1.0  # turns tets inside out
+    for vertices in (field.mesh.rest_vertices, folded):
+        renderer.set_vertices(vertices)
+        for mode in MODES:
+            image = render_mode(renderer, camera, mode)
+    mean = RunningMean(16, 12, device)
+    mean.add(image)
+    mean.color(1)
+    assert {name for name in loaded if name.startswith("deformrf.")} == set(kernel_modules(device))
+
+
+def test_the_tensor_cores_kernels_are_not_among_those_of_a_cpu():
+    modules = kernel_modules("cpu")
+    assert len(modules) == len(set(modules))
+    assert not [name for name in modules if "mma" in name or "slots" in name]
