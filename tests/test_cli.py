@@ -214,12 +214,35 @@ def test_surroundings_that_a_model_has_not_kept_are_said(
     assert ("--keep-surroundings" in result.err) == said
 
 
-def spoil_version(path):
+def change_meta(path, **changes):
     with np.load(path) as archive:
         arrays = dict(archive)
-    meta = json.loads(arrays["meta"].tobytes())
-    meta["format_version"] = 99
-    np.savez(path, **{**arrays, "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8)})
+    meta = json.dumps({**json.loads(arrays["meta"].tobytes()), **changes})
+    meta = meta.replace('"NESTED"', "[" * 20_000 + "]" * 20_000)
+    np.savez(path, **{**arrays, "meta": np.frombuffer(meta.encode(), np.uint8)})
+
+
+@pytest.mark.parametrize(
+    "training",
+    [
+        None,
+        ["a list"],
+        {"seconds": None, "history": 7, "peak_memory_bytes": [None], "options": [1]},
+        {"seconds": "long", "test_mean": "good", "levels_below_pixel": {}, "device": [1]},
+        {"seconds": 10**400, "peak_memory_bytes": "much", "options": None},
+        {"seconds": float("nan"), "stage_1_seconds": float("inf"), "levels_below_pixel": [0.5]},
+    ],
+    ids=["null", "list", "wrong types", "more wrong types", "huge", "no numbers"],
+)
+def test_a_model_with_a_malformed_training_entry_is_evaluated(call, data, model, training):
+    change_meta(model, training=training)
+    result = call(cli.evaluate, model, data, "--device", "cpu", "--json", data / "scores.json")
+    assert result.code == 0
+    assert not [key for key in facts(data / "scores.json") if key.startswith("training_")]
+
+
+def facts(path):
+    return json.loads(path.read_text())["model"]
 
 
 @pytest.mark.parametrize(
@@ -227,11 +250,12 @@ def spoil_version(path):
     [
         (lambda data, model: model.unlink(), "no model file at"),
         (lambda data, model: model.write_text("not a zip"), "not a model file"),
-        (lambda data, model: spoil_version(model), "format version 99"),
+        (lambda data, model: change_meta(model, format_version=99), "format version 99"),
+        (lambda data, model: change_meta(model, training="NESTED"), "nests too deeply"),
         (lambda data, model: (data / "transforms_test.json").unlink(), "transforms_test.json"),
         (lambda data, model: shutil.rmtree(data / "test"), "none of the 2 images"),
     ],
-    ids=["missing", "no model", "version", "no transforms", "images missing"],
+    ids=["missing", "no model", "version", "nested", "no transforms", "images missing"],
 )
 def test_bad_input_to_evaluation_is_one_sentence(call, data, model, spoil, sentence):
     spoil(data, model)

@@ -240,12 +240,77 @@ def test_a_file_that_says_nothing_of_dense_levels_has_them(path, field):
         ({"lattice_spacing": float("nan")}, "spacing is nan"),
         ({"lattice_spacing": "wide"}, "damaged"),
         ({"lattice_spacing": None}, "'rest_vertices' is missing"),
+        ({"lattice_spacing": [[0.1]]}, "damaged"),
+        ({"world_to_model": [[10**400] * 4] * 4}, "damaged"),
+        ({"world_to_model": {"a": None}}, "damaged"),
+        ({"entry_counts": ["many\nlines"] * 200}, "declares"),
+        ({"format_version": "2\nlines"}, "version 2 lines"),
+        ({"options": None}, "damaged"),
+        ({"options": [1, 2]}, "damaged"),
     ],
 )
 def test_wrong_metadata_is_named_in_one_sentence(path, changes, words):
     rewrite_meta(path, **changes)
-    with pytest.raises(ModelFileError, match=words):
+    with pytest.raises(ModelFileError, match=words) as caught:
         modelfile.load(path)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 600
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"density_activation": "sigmoid"}, "activation 'sigmoid', this program reads relu"),
+        ({"density_activation": None}, "activation 'None'"),
+        ({"level_count": 0}, "0 levels, not 1 to 10"),
+        ({"level_count": -(10**30)}, "levels, not 1 to 10"),
+        ({"level_count": 3.0}, "'level_count' is 3.0"),
+        ({"table_size": 2**70}, "more than"),
+        ({"table_size": "large"}, "'table_size' is 'large'"),
+        ({"view_dependence": 1}, "'view_dependence' is 1"),
+        ({"density_hidden": 64}, "damaged"),
+        ({"density_hidden": [64, 64]}, "density_weights_1"),
+        ({"color_hidden": {"64": 64}}, "color_weights_0"),
+        ({"march_step": 1e-9}, "march step is 1e-09"),
+        ({"march_step": [0.01]}, "damaged"),
+        ({"march_step": float("nan")}, "march step is nan"),
+        ({"later_option": 1}, "later_option"),
+    ],
+)
+def test_a_wrong_option_is_named_in_one_sentence(path, changes, words):
+    with np.load(path) as archive:
+        options = json.loads(archive["meta"].tobytes())["options"]
+    rewrite_meta(path, options=options | changes)
+    with pytest.raises(ModelFileError, match=words) as caught:
+        modelfile.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_meta_that_nests_deeply_is_refused(path):
+    nested = b"[" * 20_000 + b"]" * 20_000
+    rewrite(path, meta=np.frombuffer(nested, np.uint8))
+    with pytest.raises(ModelFileError, match="nests too deeply"):
+        modelfile.load(path)
+
+
+def test_a_training_entry_without_a_documented_type_is_dropped(path):
+    row = {"seconds": 2.0, "stage": 1, "step": 16, "psnr": 12.5}
+    rows = [row, row | {"stage": 3}, row | {"psnr": "high"}, row | {"seconds": 0}, 7]
+    known = {"note": [1], "data": "chair", "seconds": 3, "peak_memory_bytes": [1, 2.5]}
+    wrong = {"device": 7, "workers": -1, "stage_1_seconds": "short", "options": None}
+    scores = {"psnr": 30.5, "lpips": None, "ssim": float("nan")}
+    rewrite_meta(path, training={**known, **wrong, "history": rows, "test_mean": scores})
+    expected = {**known, "history": [row], "test_mean": {"psnr": 30.5}}
+    assert modelfile.load(path).meta == expected
+    for value in (None, 7, "text", [known]):
+        rewrite_meta(path, training=value)
+        assert modelfile.load(path).meta == {}
+
+
+def test_older_programs_can_read_the_options_that_are_written(path):
+    with np.load(path) as archive:
+        options = json.loads(archive["meta"].tobytes())["options"]
+    assert options["density_activation"] == "relu"
+    assert options["density_hidden"] == [64] and options["color_hidden"] == [64, 64]
 
 
 def test_a_failed_save_leaves_nothing_behind(field, tmp_path, monkeypatch):

@@ -227,7 +227,7 @@ def test_a_folder_in_a_file_s_place_is_named(ball_file, tmp_path, monkeypatch, c
 
 
 def test_one_tet_is_enough(tmp_path):
-    """And one level, no view dependence: the least that a model can be."""
+    """And one level, no view dependence, no word on training: the least that a model can be."""
     mesh = TetMesh(
         np.array([[0.3, 0.3, 0.3], [0.7, 0.3, 0.3], [0.5, 0.7, 0.3], [0.5, 0.5, 0.7]]),
         np.array([[0, 0, 0], [4, 0, 0], [2, 4, 0], [2, 2, 4]], np.int32),
@@ -238,15 +238,30 @@ def test_one_tet_is_enough(tmp_path):
     weights = [(w.copy(), b) for w, b in field.color_layers]
     weights[0][0][-BASIS_COUNT + 1 :] = 0.0
     modelfile.save(replace(field, color_layers=tuple(weights)), tmp_path / "tet.npz")
+    write_training(tmp_path / "tet.npz", "null")
     output = tmp_path / "report"
     arguments = command.ReportArguments(tmp_path / "tet.npz", output, device="cpu", quick=True)
     assert command.prepare(arguments)() == 0
     assert json.loads((output / "report.json").read_text())["complete"]
 
 
-def test_errors_are_sentences(call, tmp_path, ball_file):
+def write_training(path, text):
+    """Make this JSON text the `training` entry of a model that says nothing there."""
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    meta = arrays["meta"].tobytes().decode()
+    assert meta.endswith('"training": {}}')
+    meta = f"{meta.removesuffix('{}}')}{text}}}"
+    np.savez(path, **{**arrays, "meta": np.frombuffer(meta.encode(), np.uint8)})
+
+
+def test_errors_are_sentences(call, tmp_path, ball, ball_file):
     missing = call(command.main, tmp_path / "none.npz", "-o", tmp_path / "report")
     assert missing.code == INPUT_ERROR and "none.npz" in missing.err
+    modelfile.save(ball, tmp_path / "nested.npz")
+    write_training(tmp_path / "nested.npz", "[" * 20_000 + "]" * 20_000)
+    nested = call(command.main, tmp_path / "nested.npz", "-o", tmp_path / "report")
+    assert nested.code == INPUT_ERROR and "nests too deeply" in nested.err
     (tmp_path / "file").write_text("in the way")
     taken = call(command.main, ball_file, "-o", tmp_path / "file")
     assert taken.code == INPUT_ERROR and "file" in taken.err

@@ -9,11 +9,11 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from deformrf.core.field import program_version
 from deformrf.core.lab.report import plots
 from deformrf.core.lab.report.parts import Figure, Section, Table
 from deformrf.core.lab.report.writing import INTERRUPTED, Report, is_complete, write
 from deformrf.core.lab.stopwatch import Share, Timing
+from deformrf.core.paths import program_version
 
 ODD = "a | <script>alert(\"b\")</script> & 'c'"
 

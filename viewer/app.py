@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a session's end asks that way
     try:
         if chosen.version:
-            from ..core.field import program_version
+            from ..core.paths import program_version
 
             print(f"deformrf {program_version()}")
             return 0

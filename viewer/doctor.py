@@ -10,7 +10,7 @@ PACKAGES = ("warp-lang", "torch", "moderngl", "pyglet", "imgui-bundle", "av", "n
 
 def report(chosen) -> int:
     """Print what the program runs on; exit code 0 if it can draw."""
-    from ..core.field import program_version
+    from ..core.paths import program_version
 
     _line("deformrf", program_version())
     _line("python", f"{sys.version.split()[0]} on {platform.platform()}")

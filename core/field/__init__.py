@@ -28,7 +28,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "surroundings_widths",
         ],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
-        "modelfile": ["program_version"],
         "networks.reference": [
             "BASIS_COUNT",
             "CONSTANT_BASIS",

@@ -1,24 +1,19 @@
-"""model.npz <-> TetField.  The format is described field by field in docs/model-format.md.
+"""model.npz <-> TetField.  docs/model-format.md describes the format field by field.
 
-Reading checks everything before it builds anything: archive.py the file and its arrays,
-packing.py mesh and tables, this module what `meta` says.
+A file is checked before a field is built: archive.py checks the zip and its arrays, meta.py
+the text that describes them, packing.py mesh, tables and networks.
 """
 
-import json
 import os
-import tomllib
-from dataclasses import asdict
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
 from ..geometry import tet_neighbours
-from ..paths import ROOT
 from .archive import ModelFileError, check, read_arrays
-from .encoding import FEATURES, make_layout
-from .field import FieldOptions, TetField, layer_widths
-from .networks import ACTIVATIONS
+from .encoding import make_layout
+from .field import TetField, layer_widths
+from .meta import meta_text, read_meta, read_options, read_training, read_transform
 from .packing import (
     pack_layers,
     pack_mesh,
@@ -31,10 +26,7 @@ from .packing import (
 )
 from .reach import reached_entries
 
-FORMAT = "deformrf-model"
-FORMAT_VERSION = 2
-READABLE_VERSIONS = (1, 2)
-SMALLEST_MARCH_STEP = 1e-4  # a finer one would take a ray through a million pieces
+LONGEST_MESSAGE = 300  # characters: a damaged file may have anything as a value
 
 
 def save(field: TetField, path, metadata_: dict | None = None, entry_bits=16):
@@ -67,19 +59,8 @@ def pack(field: TetField, metadata_: dict | None = None, entry_bits=16) -> dict:
     arrays |= pack_layers("color", field.color_layers)
     if field.surroundings:
         arrays |= pack_surroundings(field.surroundings)
-    meta = {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
-        "program_version": program_version(),
-        "options": asdict(field.options),
-        "feature_count": FEATURES,
-        "dense_level_count": field.layout.dense_level_count,
-        "entry_counts": list(field.layout.entry_counts),
-        "lattice_spacing": spacing,
-        "world_to_model": field.world_to_model.tolist(),
-        "training": {**field.meta, **(metadata_ or {})},
-    }
-    return arrays | {"meta": np.frombuffer(json.dumps(meta).encode(), np.uint8)}
+    meta = meta_text(field, spacing, {**field.meta, **(metadata_ or {})})
+    return arrays | {"meta": np.frombuffer(meta.encode(), np.uint8)}
 
 
 def load(path) -> TetField:
@@ -93,49 +74,19 @@ def load(path) -> TetField:
     try:
         return _build(arrays)
     except ModelFileError as error:
-        raise ModelFileError(f"{path}: {error}") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ModelFileError(f"{path} is damaged: {error}") from error
+        raise ModelFileError(f"{path}: {_one_line(error)}") from error
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        raise ModelFileError(f"{path} is damaged: {_one_line(error)}") from error
 
 
-def program_version() -> str:
-    """Of this program, installed or in a checkout."""
-    try:
-        return metadata.version("deformrf")
-    except metadata.PackageNotFoundError:
-        project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-        return tomllib.loads(project)["project"]["version"]
+def _one_line(error) -> str:
+    line = " ".join(str(error).split())
+    return line if len(line) <= LONGEST_MESSAGE else line[:LONGEST_MESSAGE] + " ..."
 
 
 def _build(arrays) -> TetField:
-    meta = json.loads(arrays["meta"].tobytes().decode())
-    check(
-        isinstance(meta, dict) and meta.get("format") == FORMAT,
-        "it is not a deformrf model: its 'meta' names no such format",
-    )
-    version = meta.get("format_version")
-    check(
-        version in READABLE_VERSIONS,
-        f"it has format version {version}, "
-        f"this program reads {' and '.join(map(str, READABLE_VERSIONS))}",
-    )
-    values = dict(meta["options"])
-    for name in ("density_hidden", "color_hidden"):
-        values[name] = tuple(values[name])
-    options = FieldOptions(**values)
-    check(
-        options.density_activation in ACTIVATIONS,
-        f"its activation '{options.density_activation}' is unknown",
-    )
-    check(
-        SMALLEST_MARCH_STEP <= options.march_step < 1.0,
-        f"its march step is {options.march_step}, below {SMALLEST_MARCH_STEP} or above 1",
-    )
-    check(
-        meta["feature_count"] == FEATURES,
-        f"it has {meta['feature_count']} features per entry, this program reads {FEATURES}",
-    )
-
+    meta = read_meta(arrays["meta"].tobytes().decode())
+    options = read_options(meta["options"])
     # Version 1 has no lattice spacing: it stores every rest vertex.
     mesh, occupancy = unpack_mesh(arrays, meta.get("lattice_spacing"), options.level_count)
     layout = make_layout(mesh, options.level_count, options.table_size, options.dense_levels)
@@ -148,11 +99,6 @@ def _build(arrays) -> TetField:
     )
     table = unpack_tables(arrays, layout)
     density, color = layer_widths(options)
-    world_to_model = np.array(meta["world_to_model"], float)
-    check(
-        world_to_model.shape == (4, 4) and np.isfinite(world_to_model).all(),
-        "its 'world_to_model' is no 4x4 matrix",
-    )
     return TetField(
         mesh=mesh,
         neighbours=tet_neighbours(mesh.tets),
@@ -162,7 +108,7 @@ def _build(arrays) -> TetField:
         density_layers=unpack_layers(arrays, "density", density),
         color_layers=unpack_layers(arrays, "color", color),
         options=options,
-        world_to_model=world_to_model,
-        meta=meta.get("training", {}),
+        world_to_model=read_transform(meta["world_to_model"]),
+        meta=read_training(meta.get("training")),
         surroundings=unpack_surroundings(arrays),
     )

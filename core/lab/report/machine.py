@@ -15,7 +15,7 @@ from pathlib import Path
 import warp as wp
 
 from ...device import thread_count
-from ...field import program_version
+from ...paths import program_version
 from .parts import Section, Table
 
 PACKAGES = ("numpy", "warp-lang", "torch", "scipy", "pillow")

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
-from ...field import program_version
+from ...paths import program_version
 from . import markdown
 from .formatting import FAIL, passed, printed
 from .parts import Section, Table, record
