@@ -1,0 +1,10 @@
+"""The console commands, and what all commands share: exit codes, errors in one sentence."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "running": ["DIVERGED", "INPUT_ERROR", "INTERRUPTED", "require", "run"],
+    },
+)

@@ -1,0 +1,101 @@
+"""How a command runs: it prepares, works, and returns an exit code.
+
+A command first prepares: it checks its arguments and files, and an error there ends in one
+sentence on stderr and exit code 2.  Then it works.  Ctrl-C ends it with exit code 130, after
+it has written the results so far.
+"""
+
+import importlib.util
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+
+from ..arguments import plain_message
+
+DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
+FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
+
+# Packages that an installation for viewing alone may lack: what they do, how to install them.
+PACKAGES = {
+    "torch": ("trains and scores models", "deformrf"),
+    "scipy": ("is needed to measure a model", "deformrf"),
+    "matplotlib": ("draws the report's figures", "deformrf"),
+    "jinja2": ("writes the report's page", "deformrf"),
+    "pycolmap": ("reads COLMAP reconstructions", "'deformrf[colmap]'"),
+    "lpips": ("computes LPIPS", "'deformrf[lpips]'"),
+    "torchvision": ("has the network of LPIPS", "'deformrf[lpips]'"),
+}
+
+
+def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
+    """Prepare a job, do it, return the exit code.
+
+    A user can mend a ValueError or an OSError of the preparation (errors in data sets and models
+    are ValueErrors), a lack of memory or a missing package at any time, and a DatasetError of the
+    job (training found nothing in the images).  `run` prints these as one sentence.  Any other
+    error of the job is a fault of the program and keeps its traceback.
+    """
+    from ..training import DatasetError
+
+    mendable = (ValueError, OSError, MemoryError)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems send SIGTERM
+    try:
+        job = prepare()
+        mendable = (DatasetError, MemoryError)
+        return job()
+    except ModuleNotFoundError as error:
+        if _package_of(error) not in PACKAGES:
+            raise
+        return _refuse(program, _missing_package(_package_of(error)))
+    except mendable as error:
+        sentence = plain_message(error) or "the memory is too small"  # Python's own is empty
+        return _refuse(program, sentence)
+    except KeyboardInterrupt:
+        if is_first():
+            print(f"{program}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def require(*packages: str):
+    """Check that packages are installed, without the time that importing them takes.
+
+    Raises:
+        ModuleNotFoundError: One is not; `run` says how to install it.
+    """
+    for name in packages:
+        if importlib.util.find_spec(name) is None:
+            raise ModuleNotFoundError(f"No module named '{name}'", name=name)
+
+
+def is_first() -> bool:
+    """Whether this process prints for all processes that torchrun started."""
+    return os.environ.get("RANK", "0") == "0"
+
+
+def _package_of(error: ModuleNotFoundError) -> str:
+    return (error.name or "").partition(".")[0]
+
+
+def _missing_package(name: str) -> str:
+    purpose, target = PACKAGES[name]
+    return f"{name}, which {purpose}, is not installed: pip install {target}"
+
+
+def _refuse(program: str, sentence: str) -> int:
+    if is_first() or _outlives_first():
+        print(f"{program}: {sentence}", file=sys.stderr)
+    return INPUT_ERROR
+
+
+def _outlives_first() -> bool:
+    """Whether the first process runs on, so that this process has to report its own error.
+
+    When the first process ends, torchrun sends a signal to the others.
+    """
+    try:
+        time.sleep(FIRST_SECONDS)
+    except KeyboardInterrupt:
+        return False
+    return True

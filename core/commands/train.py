@@ -1,0 +1,296 @@
+"""deformrf-train: photographs with known cameras in, a model file out."""
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from ..arguments import Count, at_least, writable_file
+from ..device import Choice, device_name
+from .running import DIVERGED, INPUT_ERROR, INTERRUPTED, is_first, require, run
+
+PROGRAM = "deformrf-train"
+SAME_NAMED = ("seed", "aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")
+
+Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
+Box = Annotated[
+    tuple[float, float, float, float, float, float] | None,
+    tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1", help_behavior_hint=""),
+]
+Words = Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...", help_behavior_hint="")]
+
+
+@dataclass(frozen=True)
+class TrainArguments:
+    """Train a model from posed images: Blender, nerfstudio, instant-ngp, NSVF or COLMAP.
+
+    On N GPUs of one host: torchrun --standalone --nproc-per-node N --no-python deformrf-train
+    DATA -o MODEL.
+    """
+
+    data: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
+    """Folder with transforms_train.json, transforms.json, rgb/ and pose/, or sparse/0/."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="MODEL")]
+    """Model file to write, an .npz."""
+    preset: Literal["default", "fast", "small", "tiny"] = "default"
+    """default: a GPU, minutes; fast: a GPU, a first look; small: a GPU, a quarter of the file,
+    quicker to render; tiny: two CPU cores, minutes."""
+    device: Choice = "auto"
+    """auto takes CUDA if there is any."""
+    steps: Count = None
+    """Optimization steps, divided between the two stages as in the preset."""
+    seed: Count = None
+    """Seed of all random numbers."""
+    image_size: Count = None
+    """Shrink the images to this longer side [pixels]."""
+    aabb: Box = None
+    """The object's box, lowest and highest corner [the data's units]; else the box in the data,
+    or one around the place that the cameras look at."""
+    scene_radius: Number = None
+    """The same, for a box from -R to R around the data's origin."""
+    surroundings: Literal["auto", "learnt", "white"] = "auto"
+    """What is around the object: learnt beside it, or white (or cut out by alpha); auto decides
+    by the images."""
+    keep_surroundings: bool = False
+    """Store the surroundings in the model, so that deformrf-eval can compare whole images."""
+    view_dependence: bool = True
+    """Without it colors look the same from all sides, and cost less."""
+    leave_out: Words = ()
+    """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
+    (tets are occupied as a whole), dense-levels (all are hashed), distortion (no such loss)."""
+    entry_bits: Literal[8, 16] = 8
+    """Of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
+    resume: bool = False
+    """Continue the interrupted run that was to write MODEL."""
+
+
+def main():
+    """The command deformrf-train."""
+    arguments = tyro.cli(TrainArguments, prog=PROGRAM)
+    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
+
+
+def prepare(arguments: TrainArguments):
+    """Check the arguments and read the images; returns the work."""
+    require("torch")
+    from ..training import load_dataset, world_to_unit_cube
+
+    output = writable_file(arguments.output, ".npz")
+    checkpoint_path = output.with_suffix(".checkpoint")
+    resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
+    options = resumed.options if resumed else train_options(arguments)
+    train_views = load_dataset(arguments.data, "train", arguments.image_size)
+    warn_of_missing(train_views)
+    if resumed:
+        check_resumed_views(resumed.report, train_views)
+    world_to_unit_cube(train_views, options.aabb, options.scene_radius)  # it checks the box
+    test_views = load_test_views(arguments)
+    device = device_name(arguments.device, for_training=True)
+    existed = output.exists()
+
+    def job():
+        if is_first():
+            announce(arguments, device, checkpoint_path)
+        from ..training import torchrun_workers, train
+
+        name = arguments.data.resolve().name
+        with torchrun_workers(device) as workers:
+            trained = train(
+                train_views, options, device, name, checkpoint_path, resumed, workers=workers
+            )
+        if not workers.is_first:
+            return 0  # the first process reports; torchrun would end it if this one failed
+        path = output
+        if existed and not trained.complete:  # an unfinished model never replaces a finished one
+            path = output.with_stem(output.stem + "-interrupted")
+        try:
+            scores = save(trained, path, arguments, test_views, device)
+        except OSError as error:
+            return report_unwritten(error, path, checkpoint_path)
+        print(summary(trained, path, scores))
+        if trained.diverged:
+            print(f"{PROGRAM}: {trained.diverged}", file=sys.stderr)
+            return DIVERGED
+        if trained.interrupted and checkpoint_path.exists():
+            print("Continue with the same command and --resume.")
+        if trained.complete:
+            checkpoint_path.unlink(missing_ok=True)
+        all_done = trained.complete and (scores is None or scores["complete"])
+        return 0 if all_done else INTERRUPTED
+
+    return job
+
+
+def load_test_views(arguments: TrainArguments):
+    """The views that score the model; None, which the user is told, if no image is there."""
+    from ..training import NoImagesError, check_size, has_test_split, load_dataset
+
+    if not has_test_split(arguments.data):
+        return None
+    try:
+        views = load_dataset(arguments.data, "test", arguments.image_size)
+    except NoImagesError as error:
+        if is_first():
+            print(f"The model will not be scored: {error}", file=sys.stderr)
+        return None
+    warn_of_missing(views)
+    for lens in views.lenses:
+        check_size(lens.height, lens.width)
+    return views
+
+
+def announce(arguments: TrainArguments, device: str, checkpoint_path: Path):
+    """Say what the user may not expect of this run."""
+    if device == "cpu" and arguments.preset != "tiny":
+        print("No GPU is used: this takes hours; --preset tiny takes minutes.", flush=True)
+    if checkpoint_path.exists() and not arguments.resume:
+        print(
+            f"{checkpoint_path} is of an interrupted run, which --resume would continue; "
+            f"this run overwrites it after a minute.",
+            flush=True,
+        )
+
+
+def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> dict | None:
+    """Write the model; if it is complete, score it and write it again with its scores.
+
+    The first writing keeps the model if the evaluation is interrupted.
+
+    Returns:
+        The report of the evaluation, None without one.
+    """
+    from .. import field as fields
+    from ..training import evaluate
+
+    kept = trained.field
+    if not arguments.keep_surroundings:
+        kept = replace(kept, surroundings=None)
+    fields.save(kept, path, entry_bits=arguments.entry_bits)
+    if not trained.complete or not test_views:
+        return None
+    # The file's rounded field is scored, in front of the surroundings of the photographs.
+    scored = replace(fields.load(path), surroundings=trained.field.surroundings)
+    report = evaluate(scored, test_views, None, device, model_path=path)
+    scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
+    fields.save(kept, path, scores, arguments.entry_bits)
+    return report
+
+
+def report_unwritten(error: OSError, path: Path, checkpoint_path: Path) -> int:
+    """Say that the model could not be written, and what is left of the run."""
+    sentence = f"{PROGRAM}: can't write {path}: {error.strerror or error}"
+    if checkpoint_path.exists():
+        sentence += f"; the run is kept in {checkpoint_path}: make room, then add --resume"
+    elif path.exists():
+        sentence += "; the file holds the model without its scores"
+    print(sentence, file=sys.stderr)
+    return INPUT_ERROR
+
+
+def train_options(arguments: TrainArguments):
+    """The preset, and what the flags change in it."""
+    from ..training import preset
+
+    if arguments.seed is not None:
+        at_least(0, "--seed", arguments.seed)
+    radius = arguments.scene_radius
+    if radius is not None and not 0.0 < radius < float("inf"):
+        raise ValueError(f"--scene-radius is {radius}: it has to be positive")
+    values = {name: getattr(arguments, name) for name in SAME_NAMED}
+    if arguments.seed is None:
+        del values["seed"]
+    options = preset(arguments.preset, **values)
+    if arguments.steps is None:
+        return options
+    return with_steps(options, at_least(2, "--steps", arguments.steps))
+
+
+def with_steps(options, steps: int):
+    """The options with this many steps in all, at least one in each stage."""
+    if "coarse-stage" in options.leave_out:
+        return replace(options, fine_steps=steps)
+    share = options.coarse_steps / (options.coarse_steps + options.fine_steps)
+    coarse_steps = max(1, round(share * steps))
+    return replace(options, coarse_steps=coarse_steps, fine_steps=steps - coarse_steps)
+
+
+def resumed_run(arguments: TrainArguments, path: Path):
+    """The checkpoint of an interrupted run, if no flag contradicts its options."""
+    from ..training import load_checkpoint
+
+    resumed = load_checkpoint(path)
+    if flag := contradiction(arguments, resumed.options):
+        raise ValueError(
+            f"--resume keeps the options of the interrupted run, from which {flag} differs: "
+            f"drop {flag}"
+        )
+    return resumed
+
+
+def contradiction(arguments: TrainArguments, options) -> str | None:
+    """The first flag that was given and differs from these options."""
+    from ..training import preset
+
+    if set(arguments.leave_out) == set(options.leave_out):  # in any order
+        arguments = replace(arguments, leave_out=options.leave_out)
+    known = {name: getattr(options, name) for name in SAME_NAMED}
+    for name, value in known.items():
+        not_given = getattr(TrainArguments, name)
+        if getattr(arguments, name) not in (not_given, value):
+            no = "no-" if name == "view_dependence" else ""
+            return f"--{no}{name.replace('_', '-')}"
+    asked = replace(preset(arguments.preset), **known)
+    if arguments.steps is not None:
+        if with_steps(options, arguments.steps) != options:
+            return "--steps"
+        asked = with_steps(asked, arguments.steps)
+    return "--preset" if arguments.preset != "default" and asked != options else None
+
+
+def check_resumed_views(report: dict, views):
+    """Raise ValueError if these are not the images of the interrupted run."""
+    if report["view_count"] != views.view_count:
+        raise ValueError(
+            f"the interrupted run had {report['view_count']} views, these are "
+            f"{views.view_count}: --resume needs the same images"
+        )
+    before = tuple(report["image_size"])
+    now = max((lens.width, lens.height) for lens in views.lenses)  # as the report has it
+    if before != now:
+        raise ValueError(
+            "the interrupted run's images had {}x{} pixels, these have {}x{}: --resume needs the "
+            "same --image-size".format(*before, *now)
+        )
+
+
+def warn_of_missing(dataset):
+    """Say how many images were skipped."""
+    if dataset.missing and is_first():
+        total = len(dataset.missing) + dataset.view_count
+        print(
+            f"{len(dataset.missing)} of {total} {dataset.split} images are missing and were "
+            f"skipped, first {dataset.missing[0]}",
+            file=sys.stderr,
+        )
+
+
+def summary(trained, path: Path, scores: dict | None) -> str:
+    """What was written; what the user may want to know about the model."""
+    begun = "Wrote" if trained.complete else "Stopped early; wrote what there is"
+    size = path.stat().st_size / 1e6
+    minutes = trained.report["seconds"] / 60
+    text = f"{begun}: {path}, {trained.field.mesh.tet_count} tets, {size:.1f} MB"
+    text += f", {minutes:.1f} minutes of training"
+    if scores and scores["complete"] and scores["mean"]["psnr"] is not None:
+        mean = scores["mean"]
+        text += f", {mean['psnr']:.2f} dB and SSIM {mean['ssim']:.4f} on the test views"
+    if "coarse-stage" in trained.report.get("options", {}).get("leave_out", ()):
+        text += "\nWithout the coarse stage the model holds the whole grid, empty tets too."
+    if below := trained.report.get("levels_below_pixel"):
+        text += (
+            f"\nOf levels 0 to {trained.field.options.level_count - 1}, these are finer than any "
+            f"pixel of the training images and could be left out: {', '.join(map(str, below))}"
+        )
+    return text
