@@ -1,5 +1,7 @@
-"""Where shaders and assets are, in a checkout and in site-packages alike; the version."""
+"""Where shaders and assets are, the program's version, and how files are written."""
 
+import os
+from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent  # the checkout, or site-packages/deformrf
@@ -18,3 +20,17 @@ def program_version() -> str:
     except metadata.PackageNotFoundError:
         project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
         return tomllib.loads(project)["project"]["version"]
+
+
+@contextmanager
+def whole_file(path: Path):
+    """Yield a path to write to beside `path`; rename the file if the block ends without error.
+
+    So a full disk or an interrupt leaves an older file as it was.
+    """
+    partial = path.with_name(path.name + ".part")
+    try:
+        yield partial
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)

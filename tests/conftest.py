@@ -177,8 +177,23 @@ def call(monkeypatch, capsys):
 
 
 @pytest.fixture
+def refused():
+    """Check that a command ended with one sentence on stderr and exit code 2; the sentence."""
+    from deformrf.core.commands import INPUT_ERROR
+
+    def refused(result):
+        assert result.code == INPUT_ERROR
+        assert result.err.count("\n") == 1 and result.err.endswith("\n"), result.err
+        assert result.out == ""
+        return result.err
+
+    return refused
+
+
+@pytest.fixture
 def trainer(monkeypatch, field):
     """Stands in for the trainer: `calls` is what it was asked to do, `trained` its answer."""
+    from deformrf.core import training
     from deformrf.core.training.trainer import Trained
 
     trained = Trained(field, {"seconds": 90.0}, interrupted=False)
@@ -190,8 +205,7 @@ def trainer(monkeypatch, field):
         return stub.trained
 
     stub.train = train
-    monkeypatch.setitem(sys.modules, "deformrf.core.training.trainer", stub)
-    monkeypatch.setattr("deformrf.core.training.trainer", stub, raising=False)
+    monkeypatch.setattr(training, "train", lambda *given, **named: stub.train(*given, **named))
     return stub
 
 

@@ -17,8 +17,8 @@ def some(**options):
 
 def test_what_is_saved_is_loaded(tmp_path):
     saved = some(aabb=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0))
-    checkpoint.save(saved, tmp_path / "a.checkpoint")
-    loaded = checkpoint.load(tmp_path / "a.checkpoint")
+    checkpoint.save_checkpoint(saved, tmp_path / "a.checkpoint")
+    loaded = checkpoint.load_checkpoint(tmp_path / "a.checkpoint")
     assert (loaded.options, loaded.stage, loaded.report) == (saved.options, 2, saved.report)
     np.testing.assert_array_equal(loaded.mesh.tets, saved.mesh.tets)
     np.testing.assert_array_equal(loaded.mesh.rest_vertices, saved.mesh.rest_vertices)
@@ -43,8 +43,8 @@ def truncate(path):
 )
 def test_what_can_not_be_used_is_one_sentence(tmp_path, spoil, sentence):
     path = tmp_path / "a.checkpoint"
-    checkpoint.save(some(), path)
+    checkpoint.save_checkpoint(some(), path)
     spoil(path)
     with pytest.raises(CheckpointError, match=sentence) as caught:
-        checkpoint.load(path)
+        checkpoint.load_checkpoint(path)
     assert "\n" not in str(caught.value)

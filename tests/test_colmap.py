@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.core.commands import train
 from deformrf.core.render import look_at
-from deformrf.core.training import DatasetError
-from deformrf.core.training.data import datasets
+from deformrf.core.training import DatasetError, load_dataset
 from deformrf.core.training.data.colmap import upright
 
 CAMERAS = {
@@ -63,7 +63,7 @@ def write(folder, count=9, cameras=None):
 def test_poses_and_lenses(tmp_path):
     pytest.importorskip("pycolmap")
     folder, poses = write(tmp_path)
-    train, test = datasets.load(folder, "train"), datasets.load(folder, "test")
+    train, test = load_dataset(folder, "train"), load_dataset(folder, "test")
     assert test.names == ("r_0", "r_8")
     assert len(train.names) == 7
     # The cameras stand upright around z, so nothing was turned.
@@ -79,24 +79,21 @@ def test_missing_images_are_counted(tmp_path):
     pytest.importorskip("pycolmap")
     folder, _ = write(tmp_path)
     (folder / "images/r_3.png").unlink()
-    assert datasets.load(folder, "train").missing == ("images/r_3.png",)
-
-
-def test_there_is_always_a_test_split(tmp_path):
-    assert datasets.has_test_split(write(tmp_path)[0])
+    assert load_dataset(folder, "train").missing == ("images/r_3.png",)
 
 
 def test_another_model_is_named(tmp_path):
     pytest.importorskip("pycolmap")
     fisheye = {1: ("OPENCV_FISHEYE", 16, 12, (20, 21, 8, 6, 0, 0, 0, 0))}
     with pytest.raises(DatasetError, match="camera model OPENCV_FISHEYE"):
-        datasets.load(write(tmp_path, cameras=fisheye)[0], "train")
+        load_dataset(write(tmp_path, cameras=fisheye)[0], "train")
 
 
-def test_without_pycolmap_it_is_said_what_to_install(tmp_path, monkeypatch):
+def test_without_pycolmap_the_command_says_what_to_install(call, tmp_path, monkeypatch, refused):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
-    with pytest.raises(DatasetError, match="pip install pycolmap"):
-        datasets.load(write(tmp_path)[0], "train")
+    result = call(train.main, write(tmp_path)[0], "-o", tmp_path / "m.npz", "--device", "cpu")
+    sentence = "pycolmap, which reads COLMAP reconstructions, is not installed: pip install 'defo"
+    assert sentence in refused(result)
 
 
 def test_upright_turns_the_mean_up_to_z():

@@ -18,8 +18,13 @@ from deformrf.core.device import device_name
 from deformrf.core.field import FieldOptions, modelfile
 from deformrf.core.geometry import a15_grid
 from deformrf.core.render import look_at
-from deformrf.core.training import preset, trainer, world_to_unit_cube
-from deformrf.core.training.data import datasets
+from deformrf.core.training import (
+    load_checkpoint,
+    load_dataset,
+    preset,
+    trainer,
+    world_to_unit_cube,
+)
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run.differentiable import on_warp_stream
 from deformrf.core.training.run.distributed import ALONE, Workers, torchrun_workers
@@ -89,7 +94,7 @@ def train(dataset, device, workers, path=None):
 
 
 def all_of_it(folder, device, workers):
-    dataset = datasets.load(folder / "data", "train")
+    dataset = load_dataset(folder / "data", "train")
     with on_warp_stream(device):
         result = {
             "gradients": gradients(make_step(dataset, device, workers)),
@@ -110,7 +115,7 @@ def interrupted(folder, device, workers):
         run(step, *arguments)
 
     Step.run = interrupting
-    dataset = datasets.load(folder / "data", "train")
+    dataset = load_dataset(folder / "data", "train")
     return train(dataset, device, workers, folder / f"{workers.rank}.checkpoint")
 
 
@@ -233,7 +238,7 @@ def test_one_interrupt_stops_all_at_the_same_step(results, folder):
     _, two, _ = results
     assert all(worker["interrupted"]["interrupted"] for worker in two)
     assert torch.equal(two[0]["interrupted"]["table"], two[1]["interrupted"]["table"])
-    saved = trainer.checkpoints.load(folder / "0.checkpoint")
+    saved = load_checkpoint(folder / "0.checkpoint")
     assert INTERRUPTED_AFTER <= saved.fit["step"]["number"] < INTERRUPTED_AFTER + 16
     assert not (folder / "1.checkpoint").exists()
 

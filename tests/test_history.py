@@ -153,7 +153,7 @@ def test_a_resumed_run_goes_on_with_it(
         Interrupting(patch, owner, name, after)
         first = trainer.train(views, OPTIONS, "cpu", "ball", path)
     assert first.interrupted
-    resumed = checkpoint.load(path)
+    resumed = checkpoint.load_checkpoint(path)
     begun = first.report["history"]
     assert resumed.report["history"] == begun
     assert places(begun)[-1] == LOOKS[known - 1]

@@ -5,8 +5,7 @@ import pytest
 from PIL import Image
 
 from deformrf.core.render import look_at
-from deformrf.core.training import DatasetError
-from deformrf.core.training.data import datasets
+from deformrf.core.training import DatasetError, NoSplitError, load_dataset
 
 MATRIX = np.array([[20.0, 0, 8, 0], [0, 21.0, 6, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
@@ -35,7 +34,7 @@ def write(folder, splits="00011", intrinsics=None, bbox="-1 -2 -3 1 2 3 0.4"):
 
 def test_poses_lens_box_and_splits(tmp_path):
     folder, poses = write(tmp_path)
-    train, test = datasets.load(folder, "train"), datasets.load(folder, "test")
+    train, test = load_dataset(folder, "train"), load_dataset(folder, "test")
     assert train.names == ("0_00000", "0_00001", "0_00002")
     assert test.names == ("1_00003", "1_00004")
     np.testing.assert_allclose(train.poses, poses[:3], atol=1e-9)
@@ -45,28 +44,28 @@ def test_poses_lens_box_and_splits(tmp_path):
 
 def test_with_a_third_split_the_second_is_for_validation(tmp_path):
     folder, _ = write(tmp_path, "0012")
-    assert datasets.load(folder, "test").names == ("2_00003",)
-    assert datasets.load(folder, "val").names == ("1_00002",)
+    assert load_dataset(folder, "test").names == ("2_00003",)
+    assert load_dataset(folder, "val").names == ("1_00002",)
 
 
 def test_only_a_split_without_poses_is_no_test_split(tmp_path):
     folder, _ = write(tmp_path / "bad", "0012")
     (folder / "pose/2_00003.txt").write_text("nan " * 16)
-    assert datasets.has_test_split(folder)
     with pytest.raises(DatasetError, match=r"2_00003\.txt has to be 4 rows"):
-        datasets.load(folder, "test")
-    assert not datasets.has_test_split(write(tmp_path / "none", "000")[0])
+        load_dataset(folder, "test")
+    with pytest.raises(NoSplitError):
+        load_dataset(write(tmp_path / "none", "000")[0], "test")
 
 
 def test_the_synthetic_scenes_intrinsics(tmp_path):
     folder, _ = write(tmp_path, intrinsics="20.0 8.0 6.0 0.\n0. 0. 0.\n1.\n12 16\n")
-    assert datasets.load(folder, "train").lenses[0].focal == (20.0, 20.0)
+    assert load_dataset(folder, "train").lenses[0].focal == (20.0, 20.0)
 
 
 def test_missing_images_are_counted(tmp_path):
     folder, _ = write(tmp_path)
     (folder / "rgb/0_00001.png").unlink()
-    dataset = datasets.load(folder, "train")
+    dataset = load_dataset(folder, "train")
     assert dataset.missing == ("rgb/0_00001",)
     assert dataset.view_count == 2
 
@@ -74,7 +73,7 @@ def test_missing_images_are_counted(tmp_path):
 @pytest.mark.parametrize(
     "change, sentence",
     [
-        ({"intrinsics": MATRIX * [[-1], [1], [1], [1]]}, "corrupt .as in the published Ignatius"),
+        ({"intrinsics": MATRIX * [[-1], [1], [1], [1]]}, "corrupt.*Ignatius"),
         ({"intrinsics": "20000 8 6"}, "can't be those.*Ignatius"),
         ({"intrinsics": MATRIX + np.eye(4, k=2) * 90}, "lies outside.*Ignatius"),
         ({"intrinsics": "<html>"}, "intrinsics.txt has to hold numbers"),
@@ -85,5 +84,5 @@ def test_missing_images_are_counted(tmp_path):
 )
 def test_what_can_not_be_used_is_said_in_a_sentence(tmp_path, change, sentence):
     with pytest.raises(DatasetError, match=sentence) as caught:
-        datasets.load(write(tmp_path, **change)[0], "train")
+        load_dataset(write(tmp_path, **change)[0], "train")
     assert "\n" not in str(caught.value)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deformrf.core.cli import INPUT_ERROR, INTERRUPTED, run
+from deformrf.core.commands import INPUT_ERROR, INTERRUPTED, run
 from deformrf.core.deform import XpbdSolver
 from deformrf.core.field import BASIS_COUNT, FieldOptions, modelfile, random_field
 from deformrf.core.geometry import TetMesh, tet_neighbours

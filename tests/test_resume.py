@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core import cli
+from deformrf.core.commands import INPUT_ERROR, train
 from deformrf.core.geometry import a15_grid
 from deformrf.core.training import preset
 
@@ -14,13 +14,15 @@ def unfinished(path, options=None, view_count=3, image_size=(16, 12)):
 
     report = {"view_count": view_count, "image_size": list(image_size), "seconds": 9.0}
     options = options or preset("tiny", seed=5)
-    checkpoint.save(checkpoint.Checkpoint(options, 1, a15_grid(0.25), {}, np.eye(4), report), path)
+    checkpoint.save_checkpoint(
+        checkpoint.Checkpoint(options, 1, a15_grid(0.25), {}, np.eye(4), report), path
+    )
     return options
 
 
 def test_a_resumed_run_has_the_options_of_its_checkpoint(call, trainer, data, tmp_path):
     options = unfinished(tmp_path / "m.checkpoint")
-    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu", "--resume")
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu", "--resume")
     assert result.code == 0
     [call_] = trainer.calls
     assert call_[1] == call_[5].options == options
@@ -30,13 +32,13 @@ def test_a_resumed_run_has_the_options_of_its_checkpoint(call, trainer, data, tm
 def test_an_interrupted_run_says_how_to_go_on(call, trainer, data, tmp_path):
     trainer.trained.interrupted = True
     unfinished(tmp_path / "m.checkpoint")
-    result = call(cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert "--resume" in result.out
     assert (tmp_path / "m.checkpoint").exists()
 
 
 def test_a_fresh_run_says_that_it_replaces_an_interrupted_one(call, trainer, data, tmp_path):
-    command = [cli.train, data, "-o", tmp_path / "m.npz", "--preset", "tiny", "--device", "cpu"]
+    command = [train.main, data, "-o", tmp_path / "m.npz", "--preset", "tiny", "--device", "cpu"]
     assert "--resume" not in call(*command).out
     for flags, announced in (([], True), (["--resume"], False)):
         unfinished(tmp_path / "m.checkpoint", preset("tiny"))
@@ -64,7 +66,7 @@ WORDS = {
 
 @pytest.mark.parametrize("flags", WORDS.values(), ids=WORDS)
 def test_the_same_command_and_resume_go_on(call, trainer, data, tmp_path, flags):
-    command = [cli.train, data, "-o", tmp_path / "m.npz", "--device", "cpu", *flags]
+    command = [train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu", *flags]
     assert call(*command).code == 0
     views, options = trainer.calls[0][:2]
     lens = views.lenses[0]
@@ -77,7 +79,7 @@ def test_the_same_command_and_resume_go_on(call, trainer, data, tmp_path, flags)
 def test_the_order_of_what_is_left_out_is_no_difference(call, trainer, data, tmp_path):
     unfinished(tmp_path / "m.checkpoint", preset("tiny", leave_out=("distortion", "subtet-mask")))
     flags = ("--device", "cpu", "--resume", "--leave-out", "subtet-mask", "distortion")
-    assert call(cli.train, data, "-o", tmp_path / "m.npz", *flags).code == 0
+    assert call(train.main, data, "-o", tmp_path / "m.npz", *flags).code == 0
 
 
 @pytest.mark.parametrize(
@@ -101,6 +103,6 @@ def test_what_can_not_be_resumed_is_one_sentence(call, data, tmp_path, flags, ru
     if run is not None:
         unfinished(tmp_path / "m.checkpoint", **run)
     output = tmp_path / "m.npz"
-    result = call(cli.train, data, "-o", output, "--device", "cpu", "--resume", *flags)
-    assert (result.code, result.out, result.err.count("\n")) == (cli.INPUT_ERROR, "", 1)
+    result = call(train.main, data, "-o", output, "--device", "cpu", "--resume", *flags)
+    assert (result.code, result.out, result.err.count("\n")) == (INPUT_ERROR, "", 1)
     assert sentence in result.err

@@ -11,8 +11,7 @@ from PIL import Image
 from deformrf.core.field import FieldOptions, is_occupied_reference, modelfile
 from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
 from deformrf.core.render import camera_rays, from_field_of_view, look_at
-from deformrf.core.training import DatasetError, preset, trainer
-from deformrf.core.training.data import datasets
+from deformrf.core.training import DatasetError, load_dataset, preset, trainer
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.evaluation import evaluate
 from deformrf.core.training.options import PRESETS
@@ -49,7 +48,7 @@ def ball_data(tmp_path_factory, write_dataset, ball_poses):
     for split, poses in (("train", ball_poses[:20]), ("test", ball_poses[20:])):
         images = [ball_picture(pose) for pose in poses]
         write_dataset(tmp_path, images, split, poses=poses, camera_angle_x=ANGLE)
-    return datasets.load(tmp_path, "train"), datasets.load(tmp_path, "test")
+    return load_dataset(tmp_path, "train"), load_dataset(tmp_path, "test")
 
 
 SMALL = preset(
@@ -170,7 +169,7 @@ def test_without_the_coarse_stage_the_whole_grid_learns(ball_data, monkeypatch, 
         Interrupting(patch, 40)
         assert trainer.train(ball_data[0], options, "cpu", "ball", path).interrupted
     trained = trainer.train(
-        ball_data[0], options, "cpu", "ball", path, resumed=checkpoint.load(path)
+        ball_data[0], options, "cpu", "ball", path, resumed=checkpoint.load_checkpoint(path)
     )
     assert trained.complete
     field = trained.field
@@ -250,7 +249,7 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(
         Interrupting(patch, after)
         first = trainer.train(ball_data[0], SMALL, "cpu", "ball", path)
     assert first.interrupted
-    resumed = checkpoint.load(path)
+    resumed = checkpoint.load_checkpoint(path)
     assert (resumed.stage, resumed.fit["step"]["number"]) == ((1, 37) if after < 60 else (2, 45))
     assert resumed.options == SMALL
     whole = trainer.train(ball_data[0], resumed.options, "cpu", "ball", path, resumed)
@@ -271,7 +270,7 @@ def test_a_resumed_run_keeps_the_corner_orders_of_its_checkpoint(ball_data, monk
         first = trainer.train(ball_data[0], SMALL, "cpu", "ball", path)
     with monkeypatch.context() as patch:
         Interrupting(patch, 2)
-        resumed = checkpoint.load(path)
+        resumed = checkpoint.load_checkpoint(path)
         second = trainer.train(ball_data[0], SMALL, "cpu", "ball", path, resumed)
     np.testing.assert_array_equal(second.field.mesh.tets, first.field.mesh.tets)
 
@@ -281,7 +280,7 @@ def test_a_long_run_is_saved_from_time_to_time(ball_data, monkeypatch, tmp_path)
     path = tmp_path / "ball.checkpoint"
     trained = trainer.train(ball_data[0], SMALL, "cpu", "ball", path)
     assert trained.complete
-    saved = checkpoint.load(path)
+    saved = checkpoint.load_checkpoint(path)
     last = (SMALL.fine_steps - 1) // fit.OCCUPANCY_INTERVAL * fit.OCCUPANCY_INTERVAL
     assert (saved.stage, saved.fit["step"]["number"]) == (2, last)
 

@@ -7,8 +7,7 @@ import pytest
 from PIL import Image
 
 from deformrf.core.render import Camera, camera_rays
-from deformrf.core.training import DatasetError
-from deformrf.core.training.data import datasets
+from deformrf.core.training import DatasetError, NoSplitError, load_dataset
 
 PHONE = {
     "fl_x": 40.0, "fl_y": 41.0, "cx": 15.5, "cy": 21.0, "w": 30, "h": 40,
@@ -34,7 +33,7 @@ def write(folder, count=9, sizes=None, per_frame=None, name="transforms.json", *
 
 
 def test_intrinsics_and_distortion_are_read(tmp_path):
-    dataset = datasets.load(write(tmp_path), "train")
+    dataset = load_dataset(write(tmp_path), "train")
     lens = dataset.lenses[0]
     assert (lens.focal, lens.center) == ((40.0, 41.0), (15.5, 21.0))
     assert (lens.radial, lens.tangential) == ((0.05, -0.08, 0.0, 0.0), (-1e-3, 2e-4))
@@ -43,50 +42,48 @@ def test_intrinsics_and_distortion_are_read(tmp_path):
 
 def test_every_eighth_view_of_a_common_file_is_for_testing(tmp_path):
     write(tmp_path, count=17)
-    train, test = (datasets.load(tmp_path, split) for split in ("train", "test"))
+    train, test = (load_dataset(tmp_path, split) for split in ("train", "test"))
     assert test.names == ("0000", "0008", "0016")
     assert len(train.names) == 14
     assert not set(train.names) & set(test.names)
-    assert datasets.has_test_split(tmp_path)
 
 
 def test_nerfstudios_lists_are_followed(tmp_path):
     names = [f"images/{i:04d}.png" for i in range(9)]
     write(tmp_path, train_filenames=names[:4], val_filenames=names[4:6], test_filenames=names[6:])
-    assert datasets.load(tmp_path, "train").names == ("0000", "0001", "0002", "0003")
-    assert datasets.load(tmp_path, "test").names == ("0006", "0007", "0008")
+    assert load_dataset(tmp_path, "train").names == ("0000", "0001", "0002", "0003")
+    assert load_dataset(tmp_path, "test").names == ("0006", "0007", "0008")
     write(tmp_path, train_filenames=names[:4], val_filenames=names[4:6])
-    assert datasets.load(tmp_path, "test").names == ("0004", "0005")
+    assert load_dataset(tmp_path, "test").names == ("0004", "0005")
 
 
 def test_a_common_file_is_no_test_split_of_one_that_has_its_own(tmp_path):
     """Else training views would be scored."""
     write(tmp_path)
     write(tmp_path, name="transforms_train.json")
-    assert len(datasets.load(tmp_path, "train").names) == 9
-    assert not datasets.has_test_split(tmp_path)
-    with pytest.raises(DatasetError, match=r"transforms_test\.json"):
-        datasets.load(tmp_path, "test")
+    assert len(load_dataset(tmp_path, "train").names) == 9
+    with pytest.raises(NoSplitError, match=r"transforms_test\.json"):
+        load_dataset(tmp_path, "test")
 
 
 def test_only_a_split_without_views_is_no_test_split(tmp_path):
     """A test view that can't be read is a mistake, which `load` has to name."""
     write(tmp_path / "bad", per_frame={8: {"transform_matrix": [[1, 2], [3, 4]]}})
-    assert datasets.load(tmp_path / "bad", "train").view_count == 7
-    assert datasets.has_test_split(tmp_path / "bad")
+    assert load_dataset(tmp_path / "bad", "train").view_count == 7
     with pytest.raises(DatasetError, match=r"transform_matrix of images/0008\.png"):
-        datasets.load(tmp_path / "bad", "test")
+        load_dataset(tmp_path / "bad", "test")
     write(tmp_path / "one", count=1)
     write(tmp_path / "all", train_filenames=[f"images/{i:04d}.png" for i in range(9)])
-    assert not datasets.has_test_split(tmp_path / "one")
-    assert not datasets.has_test_split(tmp_path / "all")
+    for name in ("one", "all"):
+        with pytest.raises(NoSplitError):
+            load_dataset(tmp_path / name, "test")
 
 
 def test_frames_may_have_their_own_lens(tmp_path):
     """Portrait and landscape in one folder."""
     turned = {"w": 40, "h": 30, "cx": 21.0, "cy": 14.5, "fl_x": 39.0, "k1": 0.0, "k2": 0.0}
     write(tmp_path, sizes={3: (40, 30)}, per_frame={3: turned})
-    dataset = datasets.load(tmp_path, "train")
+    dataset = load_dataset(tmp_path, "train")
     landscape = dataset.lenses[dataset.names.index("0003")]
     assert (landscape.width, landscape.height) == (40, 30)
     assert (landscape.focal, landscape.center) == ((39.0, 41.0), (21.0, 14.5))
@@ -96,9 +93,9 @@ def test_frames_may_have_their_own_lens(tmp_path):
 
 def test_images_smaller_than_the_json_says_keep_their_rays(tmp_path):
     """As with instant-ngp's images_2/ folders."""
-    full = datasets.load(write(tmp_path / "full"), "train").lenses[0]
+    full = load_dataset(write(tmp_path / "full"), "train").lenses[0]
     sizes = dict.fromkeys(range(9), (15, 20))
-    half = datasets.load(write(tmp_path / "half", sizes=sizes), "train").lenses[0]
+    half = load_dataset(write(tmp_path / "half", sizes=sizes), "train").lenses[0]
     assert half == full.resized(15, 20)
     corner = [camera_rays(Camera(np.eye(4), lens))[1][0] for lens in (full, half)]
     np.testing.assert_allclose(*corner, atol=0.02)
@@ -107,7 +104,7 @@ def test_images_smaller_than_the_json_says_keep_their_rays(tmp_path):
 def test_missing_images_are_counted(tmp_path):
     write(tmp_path)
     (tmp_path / "images/0002.png").unlink()
-    dataset = datasets.load(tmp_path, "train")
+    dataset = load_dataset(tmp_path, "train")
     assert dataset.missing == ("images/0002.png",)
     assert len(dataset.names) == 6
 
@@ -115,7 +112,7 @@ def test_missing_images_are_counted(tmp_path):
 def test_a_scaled_pose_is_taken_without_its_scale(tmp_path):
     pose = np.diag([2.0, 2.0, 2.0, 1.0])
     write(tmp_path, per_frame={1: {"transform_matrix": pose.tolist()}})
-    np.testing.assert_allclose(datasets.load(tmp_path, "train").poses[0], np.eye(4))
+    np.testing.assert_allclose(load_dataset(tmp_path, "train").poses[0], np.eye(4))
 
 
 MIRRORED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
@@ -130,7 +127,7 @@ MIRRORED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
         ({"fl_x": 0.0}, "focal lengths 0 and"),
         ({"fl_x": float("nan")}, "not all finite"),
         ({"cx": 300.0}, r"principal point \(300, 21\) lies outside"),
-        ({"k1": -9.0}, "some pixels of 30x40 have no ray"),
+        ({"k1": -9.0}, "some of the 30x40 pixels have no ray"),
         ({"w": 40, "h": 30}, "says that images have 40x30 pixels, but images/.* has 30x40"),
         ({"per_frame": {1: {"transform_matrix": MIRRORED}}}, "skew or mirrored"),
         ({"per_frame": {1: {"transform_matrix": [[0.0] * 4] * 4}}}, "axis has no length"),
@@ -138,13 +135,13 @@ MIRRORED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
 )
 def test_what_can_not_be_used_is_said_in_a_sentence(tmp_path, change, sentence):
     with pytest.raises(DatasetError, match=sentence) as caught:
-        datasets.load(write(tmp_path, **change), "train")
+        load_dataset(write(tmp_path, **change), "train")
     assert "\n" not in str(caught.value)
 
 
 def test_the_fox_capture_is_read(shared_data):
     folder = shared_data("fox_capture")
-    train, test = (datasets.load(folder, split, image_size=120) for split in ("train", "test"))
+    train, test = (load_dataset(folder, split, image_size=120) for split in ("train", "test"))
     assert (train.view_count, test.view_count) == (43, 7)
     assert (train.lenses[0].width, train.lenses[0].height) == (68, 120)
     assert train.lenses[0].is_distorted

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from rich.console import Console
+from rich.table import Table
 
 from ..arguments import Count, File, writable_file
 from ..device import Choice, device_name
@@ -51,34 +53,46 @@ def main():
 
 def prepare(arguments: EvaluateArguments):
     """Check the arguments and read images and model; returns the work."""
-    from ..training import check_size, load_dataset
+    from ..training import (
+        LPIPS_SIZE_MIN,
+        check_replaceable,
+        check_size,
+        evaluate,
+        lacks_surroundings,
+        load_dataset,
+        output_paths,
+        write_report,
+    )
 
     if not 0.01 <= arguments.step_factor <= 100.0:
         raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
     if arguments.split not in SPLITS:
         raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
-    # The cheap checks first: importing the renderer takes a second.
     dataset = load_dataset(arguments.data, arguments.split, arguments.image_size, arguments.views)
     warn_of_missing(dataset)
     for lens in dataset.lenses:
         check_size(lens.height, lens.width)
-    json_path = arguments.json and writable_file(arguments.json, ".json")
+        if arguments.lpips_weights:
+            check_size(lens.height, lens.width, "LPIPS", LPIPS_SIZE_MIN)
+    if arguments.json:
+        check_replaceable(writable_file(arguments.json, ".json"))
     if arguments.images:
         arguments.images.mkdir(parents=True, exist_ok=True)
+        check_replaceable(*output_paths(arguments.images, dataset))
     device = device_name(arguments.device)
     lpips = None
     if arguments.lpips_weights:
+        require("torch", "lpips", "torchvision")
         from ..training import Lpips
 
-        for lens in dataset.lenses:
-            Lpips.check_size(lens.height, lens.width)
         lpips = Lpips(arguments.lpips_weights, device)
 
     from ..field import load
     from ..render import RenderOptions
-    from ..training import evaluate, lacks_surroundings, print_report, write_report
 
     field = load(arguments.model)
+    if field.surroundings is not None:
+        require("torch")
     options = RenderOptions(step_factor=arguments.step_factor)
 
     def job():
@@ -89,12 +103,59 @@ def prepare(arguments: EvaluateArguments):
                 file=sys.stderr,
                 flush=True,
             )
-        report = evaluate(
-            field, dataset, arguments.images, device, options, arguments.model, lpips
-        )
+        report = evaluate(field, dataset, arguments.images, device, options, arguments.model, lpips)
         print_report(report)
-        if json_path:
-            write_report(report, json_path)
+        not_written = report.get("not_written")
+        if arguments.json:
+            try:
+                write_report(report, arguments.json)
+            except OSError as error:
+                not_written = f"{arguments.json}: {error.strerror or error}"
+        if not_written:
+            print(f"{PROGRAM}: can't write {not_written}", file=sys.stderr)
+            return INPUT_ERROR
         return 0 if report["complete"] else INTERRUPTED
 
     return job
+
+
+def print_report(report):
+    """A table: a line for each view, then the mean."""
+
+    def cells(row):
+        values = (row["psnr"], row["ssim"], row["lpips"], row["alpha_error"], row["seconds"])
+        formats = ("{:.2f}", "{:.4f}", "{:.4f}", "{:.4f}", "{:.3f}")
+        return ["-" if v is None else f.format(v) for f, v in zip(formats, values, strict=True)]
+
+    facts = report["model"]
+    title = f"{facts['tets']} tets, {facts['levels']} levels, {', '.join(report['sizes'])}"
+    table = Table("view", title=title)
+    for heading in ("PSNR [dB]", "SSIM", "LPIPS", "alpha error", "seconds"):
+        table.add_column(heading, justify="right")
+    for row in report["views"]:
+        table.add_row(row["name"], *cells(row))
+    table.add_section()
+    label = "mean" if report["complete"] else f"mean of the {len(report['views'])} views done"
+    table.add_row(label, *cells(report["mean"]))
+    console = Console()
+    console.print(table)
+    if report["mean"]["lpips"] is None:
+        console.print("LPIPS: not computed; --lpips-weights names its weights.")
+    console.print(model_line(facts), soft_wrap=True)
+
+
+def model_line(facts) -> str:
+    """What the model weighs, and what it cost."""
+    parts = []
+    if "bytes" in facts:
+        parts.append(f"{facts['bytes'] / 1e6:.2f} MB")
+        parts.append(f"mesh {facts['mesh_bytes'] / 1e3:.0f} KB")
+        parts.append(f"tables {facts['table_bytes'] / 1e6:.2f} MB")
+    parts.append(f"{facts['occupied_share']:.1%} of the sub-tets occupied")
+    if "training_seconds" in facts:
+        parts.append(f"trained in {facts['training_seconds']:.0f} s")
+    memory = facts.get("training_peak_memory_bytes")
+    if isinstance(memory, list):
+        stages = " and ".join(f"{used / 2**30:.2f}" for used in memory)
+        parts.append(f"{stages} GiB of GPU memory in stages 1 and 2")
+    return "Model: " + ", ".join(parts)

@@ -17,12 +17,14 @@ from ..arguments import plain_message
 DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
 
-# Packages that an installation for viewing alone may lack: what they do, how to install them.
+WHOLE = "deformrf (in a checkout: make venv)"
+# Packages that may be missing ("make demo" installs only what viewing needs): what each does,
+# and what to install.
 PACKAGES = {
-    "torch": ("trains and scores models", "deformrf"),
-    "scipy": ("is needed to measure a model", "deformrf"),
-    "matplotlib": ("draws the report's figures", "deformrf"),
-    "jinja2": ("writes the report's page", "deformrf"),
+    "torch": ("trains models", WHOLE),
+    "scipy": ("measures models", WHOLE),
+    "matplotlib": ("draws the report's figures", WHOLE),
+    "jinja2": ("writes the report's page", WHOLE),
     "pycolmap": ("reads COLMAP reconstructions", "'deformrf[colmap]'"),
     "lpips": ("computes LPIPS", "'deformrf[lpips]'"),
     "torchvision": ("has the network of LPIPS", "'deformrf[lpips]'"),

@@ -81,7 +81,7 @@ def prepare(arguments: TrainArguments):
     checkpoint_path = output.with_suffix(".checkpoint")
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
     options = resumed.options if resumed else train_options(arguments)
-    train_views = load_dataset(arguments.data, "train", arguments.image_size)
+    train_views = load_dataset(arguments.data, "train", arguments.image_size, for_training=True)
     warn_of_missing(train_views)
     if resumed:
         check_resumed_views(resumed.report, train_views)
@@ -110,6 +110,8 @@ def prepare(arguments: TrainArguments):
         except OSError as error:
             return report_unwritten(error, path, checkpoint_path)
         print(summary(trained, path, scores))
+        if "coarse-stage" in options.leave_out:
+            print("Without the coarse stage the model holds the whole grid, empty tets too.")
         if trained.diverged:
             print(f"{PROGRAM}: {trained.diverged}", file=sys.stderr)
             return DIVERGED
@@ -124,13 +126,13 @@ def prepare(arguments: TrainArguments):
 
 
 def load_test_views(arguments: TrainArguments):
-    """The views that score the model; None, which the user is told, if no image is there."""
-    from ..training import NoImagesError, check_size, has_test_split, load_dataset
+    """The views that score the model; None without a split for them, or without its images."""
+    from ..training import NoImagesError, NoSplitError, check_size, load_dataset
 
-    if not has_test_split(arguments.data):
-        return None
     try:
         views = load_dataset(arguments.data, "test", arguments.image_size)
+    except NoSplitError:
+        return None
     except NoImagesError as error:
         if is_first():
             print(f"The model will not be scored: {error}", file=sys.stderr)
@@ -286,8 +288,6 @@ def summary(trained, path: Path, scores: dict | None) -> str:
     if scores and scores["complete"] and scores["mean"]["psnr"] is not None:
         mean = scores["mean"]
         text += f", {mean['psnr']:.2f} dB and SSIM {mean['ssim']:.4f} on the test views"
-    if "coarse-stage" in trained.report.get("options", {}).get("leave_out", ()):
-        text += "\nWithout the coarse stage the model holds the whole grid, empty tets too."
     if below := trained.report.get("levels_below_pixel"):
         text += (
             f"\nOf levels 0 to {trained.field.options.level_count - 1}, these are finer than any "

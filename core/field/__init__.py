@@ -28,6 +28,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "surroundings_widths",
         ],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
+        "modelfile": ["load", "save"],
         "networks.reference": [
             "BASIS_COUNT",
             "CONSTANT_BASIS",

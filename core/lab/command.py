@@ -17,7 +17,7 @@ from typing import Annotated, NamedTuple
 import tyro
 
 from ..arguments import File, plain_message, writable_file
-from ..cli import INPUT_ERROR, run
+from ..commands import INPUT_ERROR, require, run
 from ..device import Choice, device_name
 from ..paths import DEFAULT_MODEL
 
@@ -107,6 +107,7 @@ def main():
 
 def prepare(arguments: ReportArguments) -> Callable[[], int]:
     """Find what is wrong with the arguments; returns the work."""
+    require("scipy", "matplotlib", "jinja2")
     from ..field import modelfile
 
     field = modelfile.load(arguments.model)
@@ -166,11 +167,10 @@ def photographs_for(field, data, effort: Effort):
     """Pixels of the data set's test views; None without data, or if they can't be compared."""
     if data is None:
         return None
-    from ..training import lacks_surroundings
-    from ..training.data import datasets
+    from ..training import lacks_surroundings, load_dataset
     from .rendering import photographs
 
-    dataset = datasets.load(data, TEST_SPLIT, view_count=effort.photo_count)
+    dataset = load_dataset(data, TEST_SPLIT, view_count=effort.photo_count)
     if field.surroundings is not None or lacks_surroundings(field, dataset):
         print(
             "The photographs show what surrounds the object, and the report is about the object "

@@ -5,10 +5,29 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "data.capture": ["DatasetError"],
-        "data.datasets": ["Dataset", "white_composite"],
-        "data.scene_box": ["world_to_unit_cube"],
-        "evaluation": ["lacks_surroundings"],
-        "options": ["preset"],
+        "data": [
+            "Dataset",
+            "DatasetError",
+            "load_dataset",
+            # for the commands and the lab
+            "NoImagesError",
+            "NoSplitError",
+            "white_composite",
+            "world_to_unit_cube",
+        ],
+        "evaluation": [
+            "evaluate",
+            # for the commands and the lab
+            "check_replaceable",
+            "lacks_surroundings",
+            "output_paths",
+            "write_report",
+        ],
+        "options": ["TrainOptions", "preset"],
+        "trainer": ["train"],
+        # for the commands
+        "lpips": ["LPIPS_SIZE_MIN", "Lpips"],
+        "metrics": ["check_size"],
+        "run": ["load_checkpoint", "torchrun_workers"],
     },
 )

@@ -1,12 +1,11 @@
 """A model against images that it has not seen: PSNR, SSIM and opacity, view by view.
 
 Render and truth are composited over white.  The alpha error is the mean of |α − α_truth|; it
-is left out where the data have no alpha.  Seconds are those of one render and of its copy to
+is None where the data have no alpha.  Seconds are those of one render and of its copy to
 the host, without the first compilation of the kernels.
 """
 
 import json
-import os
 import time
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, replace
@@ -15,17 +14,16 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 from PIL import Image
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from ..device import thread_count
 from ..field import TetField, occupied_share, parts_of_file
+from ..paths import whole_file
 from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space
-from .data import Dataset, has_white_border, white_composite
+from .data import Dataset, has_white_border, track, white_composite
 from .metrics import check_size, psnr, ssim
-from .run import LearntSurroundings, on_warp_stream, over
 
+REPORT = "report.json"
+REPORT_KEYS = {"model", "split", "mean", "views"}
 SURROUNDINGS_RAYS = 1 << 14  # at once: 64 samples each
 WAITING_VIEWS = 32  # at most, rendered and not scored yet: images would fill the memory
 DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
@@ -54,10 +52,12 @@ def evaluate(
 ) -> dict:
     """Render every view of a data set and score it.
 
-    Ctrl-C ends it early: the report then holds the views that are done, and says so.
+    Ctrl-C ends it early: the report then holds the views that are done, and "complete" is False.
+    If a file can't be written, the scores go on without files, and "not_written" names the file
+    and the reason.
 
     Args:
-        out_dir: Where report.json and an image per view go: render, truth, their difference
+        out_dir: Folder of report.json and an image per view: render, truth, their difference
             and the render's accumulation (opacity).
         device: "cpu" or "cuda:0".
         options: RenderOptions; their background is replaced by white.
@@ -66,35 +66,46 @@ def evaluate(
 
     Returns:
         The report, plain JSON values.
+
+    Raises:
+        ValueError: An image is too small for SSIM, or `out_dir` holds another program's files.
     """
     for lens in dataset.lenses:
         check_size(lens.height, lens.width)
+    paths = output_paths(out_dir, dataset) if out_dir is not None else None
+    if paths:
+        check_replaceable(*paths)
+        paths[0].parent.mkdir(parents=True, exist_ok=True)
     options = replace(options or RenderOptions(), background=(1.0, 1.0, 1.0))
     renderer = Renderer(field, device=device)
     poses = in_space(dataset.poses, field.world_to_model)
     views = [Camera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True)]
-    around = field.surroundings and LearntSurroundings(field.surroundings, device)
-    if out_dir is not None:
-        out_dir = Path(out_dir)
-        out_dir.mkdir(parents=True, exist_ok=True)
+    around = learnt_surroundings(field, device)
     small = Camera(poses[0], dataset.lenses[0].resized(8, 8))
     render_view(renderer, around, small, options)  # compiles the kernels
-
     has_alpha = dataset.has_alpha
+    failures = []
+
+    def write(path, save):
+        try:
+            with whole_file(path) as partial:
+                save(partial)
+        except OSError as error:
+            failures.append(f"{path}: {error.strerror or error}")
 
     def score(index, rendered, seconds):
         truth = dataset.image(index)
-        if out_dir is not None:
-            picture = side_by_side(rendered, truth)
-            Image.fromarray(picture).save(out_dir / f"{index:03d}_{dataset.names[index]}.png")
+        if paths:
+            picture = Image.fromarray(side_by_side(rendered, truth))
+            write(paths[1 + index], lambda partial: picture.save(partial, "PNG"))
         return score_view(dataset.names[index], rendered, truth, has_alpha, seconds, lpips)
 
-    # On a GPU SSIM takes longer than a render.  On the CPU it would take a render's time.
+    # On a GPU SSIM takes longer than a render.  On the CPU it would slow the render down.
     waiting = WAITING_VIEWS if wp.get_device(device).is_cuda else 1
     jobs = []
     with ThreadPoolExecutor(thread_count()) as pool:
         try:
-            for index, camera in enumerate(track(views)):
+            for index, camera in enumerate(track(views, len(views), "Evaluating")):
                 begin = time.perf_counter()
                 rendered = render_view(renderer, around, camera, options)
                 seconds = time.perf_counter() - begin
@@ -103,7 +114,7 @@ def evaluate(
                     jobs[-waiting].result()
             wait(jobs)
         except KeyboardInterrupt:
-            pass  # the report of what is done says that it is not complete
+            pass  # the report says that it is not complete
     scores = [job.result() for job in jobs]
     report = {
         "model": model_facts(field, model_path),
@@ -115,9 +126,50 @@ def evaluate(
         "mean": mean_scores(scores),
         "views": [plain(asdict(score)) for score in scores],
     }
-    if out_dir is not None:
-        write_report(report, out_dir / "report.json")
+    if paths:
+        write(paths[0], lambda partial: partial.write_text(as_json(report), encoding="utf-8"))
+    if failures:
+        report["not_written"] = failures[0]
     return report
+
+
+def output_paths(out_dir, dataset: Dataset) -> list[Path]:
+    """The files that `evaluate` writes: the report, then a picture of each view."""
+    names = (f"{index:03d}_{name}.png" for index, name in enumerate(dataset.names))
+    return [Path(out_dir) / name for name in (REPORT, *names)]
+
+
+def check_replaceable(report_path: Path, *picture_paths: Path):
+    """Raise ValueError if a file exists that `evaluate` did not write.
+
+    A report of `evaluate` shows that the pictures beside it are its own too.
+    """
+    if is_report(report_path):
+        return
+    for path in (report_path, *picture_paths):
+        if path.exists():
+            raise ValueError(
+                f"{path} exists and is not a file of deformrf-eval, which would overwrite it: "
+                f"give another name"
+            )
+
+
+def is_report(path: Path) -> bool:
+    """Whether a file is a report that `evaluate` wrote."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and content.keys() >= REPORT_KEYS
+
+
+def learnt_surroundings(field, device):
+    """The surroundings on a device, or None; torch is imported only for them."""
+    if field.surroundings is None:
+        return None
+    from .run import LearntSurroundings
+
+    return LearntSurroundings(field.surroundings, device)
 
 
 def render_view(renderer, around, camera, options):
@@ -125,6 +177,8 @@ def render_view(renderer, around, camera, options):
     if around is None:
         return renderer.render(camera, options).color_array()
     import torch
+
+    from .run import on_warp_stream, over
 
     black = replace(options, background=(0.0, 0.0, 0.0))
     origins, directions = camera_rays(camera)
@@ -147,9 +201,9 @@ def render_view(renderer, around, camera, options):
 
 
 def lacks_surroundings(field, dataset) -> bool:
-    """Whether photographs show what was learnt beside the object and is not in the model.
+    """Whether photographs show surroundings that training learnt and the model does not hold.
 
-    As trainer.learns_surroundings decides it, for these images.
+    Decided as by trainer.learns_surroundings, for these images.
     """
     options = field.meta.get("options")
     asked = options.get("surroundings") if isinstance(options, dict) else None
@@ -196,7 +250,11 @@ def model_facts(field, path=None) -> dict:
         "occupied_share": occupied_share(field.occupancy),
     }
     if path is not None:
-        facts |= {"file": Path(path).name, "bytes": os.path.getsize(path), **parts_of_file(path)}
+        facts |= {
+            "file": Path(path).name,
+            "bytes": Path(path).stat().st_size,
+            **parts_of_file(path),
+        }
     known = ("seconds", "stage_1_seconds", "peak_memory_bytes", "levels_below_pixel", "device")
     return facts | {f"training_{k}": field.meta[k] for k in known if k in field.meta}
 
@@ -210,55 +268,11 @@ def side_by_side(rendered, truth):
     return np.round(255.0 * picture).astype(np.uint8)
 
 
-def track(views):
-    """Yield the views under a progress bar with the time left, if there is a terminal."""
-    console = Console(stderr=True)
-    columns = (TextColumn("Evaluating"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        yield from progress.track(views)
+def write_report(report: dict, path: Path):
+    """Write a report of `evaluate` to another file."""
+    with whole_file(path) as partial:
+        partial.write_text(as_json(report), encoding="utf-8")
 
 
-def write_report(report, path):
-    Path(path).write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def print_report(report):
-    """A table: a line for each view, then the mean."""
-
-    def cells(row):
-        values = (row["psnr"], row["ssim"], row["lpips"], row["alpha_error"], row["seconds"])
-        formats = ("{:.2f}", "{:.4f}", "{:.4f}", "{:.4f}", "{:.3f}")
-        return ["-" if v is None else f.format(v) for f, v in zip(formats, values, strict=True)]
-
-    facts = report["model"]
-    title = f"{facts['tets']} tets, {facts['levels']} levels, {', '.join(report['sizes'])}"
-    table = Table("view", title=title)
-    for heading in ("PSNR [dB]", "SSIM", "LPIPS", "alpha error", "seconds"):
-        table.add_column(heading, justify="right")
-    for row in report["views"]:
-        table.add_row(row["name"], *cells(row))
-    table.add_section()
-    label = "mean" if report["complete"] else f"mean of the {len(report['views'])} views done"
-    table.add_row(label, *cells(report["mean"]))
-    console = Console()
-    console.print(table)
-    if report["mean"]["lpips"] is None:
-        console.print("LPIPS: not computed; --lpips-weights names its weights.")
-    console.print(model_line(facts), soft_wrap=True)
-
-
-def model_line(facts) -> str:
-    """What the model weighs, and what it cost."""
-    parts = []
-    if "bytes" in facts:
-        parts.append(f"{facts['bytes'] / 1e6:.2f} MB")
-        parts.append(f"mesh {facts['mesh_bytes'] / 1e3:.0f} KB")
-        parts.append(f"tables {facts['table_bytes'] / 1e6:.2f} MB")
-    parts.append(f"{facts['occupied_share']:.1%} of the sub-tets occupied")
-    if "training_seconds" in facts:
-        parts.append(f"trained in {facts['training_seconds']:.0f} s")
-    memory = facts.get("training_peak_memory_bytes")
-    if isinstance(memory, list):
-        stages = " and ".join(f"{used / 2**30:.2f}" for used in memory)
-        parts.append(f"{stages} GiB of GPU memory in stages 1 and 2")
-    return "Model: " + ", ".join(parts)
+def as_json(report: dict) -> str:
+    return json.dumps(report, indent=1, allow_nan=False) + "\n"

@@ -40,11 +40,11 @@ def ssim(a, b) -> float:
     return float(similarity.mean())
 
 
-def check_size(height, width):
-    """Raise ValueError if no whole window of SSIM fits."""
-    if min(height, width) < WINDOW_SIZE:
+def check_size(height, width, metric="SSIM", smallest=WINDOW_SIZE):
+    """Raise ValueError if an image is too small for a metric, such as one window of SSIM."""
+    if min(height, width) < smallest:
         raise ValueError(
-            f"SSIM needs images of at least {WINDOW_SIZE}x{WINDOW_SIZE} pixels, "
+            f"{metric} needs images of at least {smallest}x{smallest} pixels, "
             f"these have {width}x{height}"
         )
 
@@ -66,10 +66,11 @@ def blur(image):
 
 
 def as_float64(a, b):
+    """Both images in float64; ValueError if they can't be compared."""
     a, b = np.asarray(a), np.asarray(b)
     if a.shape != b.shape:
         raise ValueError(f"images of different shapes can't be compared: {a.shape} and {b.shape}")
-    for image in (a, b):  # 8-bit values would give numbers that look plausible and mean nothing
+    for image in (a, b):  # 8-bit values would give plausible, wrong numbers
         if not np.issubdtype(image.dtype, np.floating):
             raise ValueError(f"images must hold floats in [0, 1], not {image.dtype}")
     return a.astype(np.float64), b.astype(np.float64)

@@ -42,8 +42,8 @@ from .run import (
     Workers,
     on_warp_stream,
     random_surroundings,
+    save_checkpoint,
 )
-from .run import checkpoint as checkpoints
 
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
@@ -237,7 +237,7 @@ class _Run:
             "seconds": self._seconds(),
             "peak_memory_bytes": self.memory,
         }
-        checkpoints.save(
+        save_checkpoint(
             Checkpoint(
                 *(self.options, self.stage_number, self.stage.mesh, self.fit.state()),
                 *(self.world_to_model, report),

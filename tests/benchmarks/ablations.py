@@ -19,12 +19,11 @@ from pathlib import Path
 
 import torch
 
-from deformrf.core.cli import with_steps
+from deformrf.core.commands.train import with_steps
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
-from deformrf.core.training import DatasetError, preset, trainer
+from deformrf.core.training import DatasetError, load_dataset, preset, trainer
 from deformrf.core.training import evaluation as evaluate
-from deformrf.core.training.data import datasets
 
 WHOLE = "whole method"
 LEVELS = {f"L = {count}": {"level_count": count} for count in range(1, 8)}
@@ -157,8 +156,8 @@ def main():
     base = preset(arguments.preset)
     if arguments.steps is not None:
         base = with_steps(base, arguments.steps)
-    train_views = datasets.load(arguments.data, "train", arguments.image_size)
-    test_views = datasets.load(arguments.data, "test", arguments.image_size, arguments.views)
+    train_views = load_dataset(arguments.data, "train", arguments.image_size)
+    test_views = load_dataset(arguments.data, "test", arguments.image_size, arguments.views)
     settings = {
         "data": Path(arguments.data).resolve().name,
         "image_size": arguments.image_size,

@@ -32,8 +32,7 @@ from deformrf.core.device import start_warp
 from deformrf.core.field import basis_of, basis_vector, modelfile
 from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
 from deformrf.core.render.rays.traversal import tet_frames_reference
-from deformrf.core.training import white_composite
-from deformrf.core.training.data import datasets
+from deformrf.core.training import load_dataset, white_composite
 from deformrf.core.training.metrics import psnr, ssim
 
 WAYS = {  # name: direction, path length
@@ -207,9 +206,9 @@ def main():
     start_warp()
     renderer = WayRenderer(modelfile.load(arguments.model), arguments.device)
     deformed = {
-        name: datasets.load(arguments.data_root / name, "test", arguments.size) for name in MAPS
+        name: load_dataset(arguments.data_root / name, "test", arguments.size) for name in MAPS
     }
-    undeformed = datasets.load(arguments.data_root / "helmet", "test", arguments.size)
+    undeformed = load_dataset(arguments.data_root / "helmet", "test", arguments.size)
     names = deformed["helmet_twist"].names
     undeformed = undeformed.subset([undeformed.names.index(name) for name in names])
 

@@ -18,7 +18,7 @@ from deformrf.core import paths
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile, pack_tables, reached_entries
 from deformrf.core.render import Camera, Renderer, in_space
-from deformrf.core.training.data import datasets
+from deformrf.core.training import load_dataset, white_composite
 from deformrf.core.training.metrics import psnr
 
 MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")
@@ -72,9 +72,9 @@ def main():
     arguments = parser.parse_args()
     start_warp()
     field = modelfile.load(arguments.model)
-    dataset = datasets.load(arguments.data, "test", arguments.size, arguments.views)
+    dataset = load_dataset(arguments.data, "test", arguments.size, arguments.views)
     images = [dataset.image(view) for view in range(dataset.view_count)]
-    truth = [datasets.white_composite(image).astype(np.float64) for image in images]
+    truth = [white_composite(image).astype(np.float64) for image in images]
     headings = ("MB", "mesh KB", "load ms", "dB to fp16", "dB to images")
     print(f"{'':20}" + "".join(f"{heading:>14}" for heading in headings))
     first = None

@@ -20,11 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from deformrf.core.cli import with_steps
+from deformrf.core.commands.train import with_steps
 from deformrf.core.device import start_warp
 from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
-from deformrf.core.training import preset, trainer
-from deformrf.core.training.data import datasets
+from deformrf.core.training import load_dataset, preset, trainer, white_composite
 from deformrf.core.training.evaluation import render_view
 from deformrf.core.training.metrics import psnr
 from deformrf.core.training.run.surroundings import LearntSurroundings
@@ -40,7 +39,7 @@ def mean_psnr(field, views, device) -> float:
     scores = []
     for index, (pose, lens) in enumerate(zip(poses, views.lenses, strict=True)):
         image = render_view(renderer, around, Camera(pose, lens), options)
-        truth = datasets.white_composite(views.image(index)).astype(np.float64)
+        truth = white_composite(views.image(index)).astype(np.float64)
         scores.append(psnr(image[..., :3] / 255.0, truth))
     return float(np.mean(scores))
 
@@ -51,8 +50,8 @@ def curve(data, arguments) -> dict:
     options = preset(arguments.preset)
     if arguments.steps is not None:
         options = with_steps(options, arguments.steps)
-    train_views = datasets.load(data, "train", arguments.image_size)
-    test_views = datasets.load(data, "test", arguments.image_size, arguments.views)
+    train_views = load_dataset(data, "train", arguments.image_size)
+    test_views = load_dataset(data, "test", arguments.image_size, arguments.views)
     points, due = [], 0.0
 
     def score(stage, seconds, export):

@@ -17,8 +17,7 @@ import torch
 
 from deformrf.core.device import start_warp
 from deformrf.core.training import evaluation as evaluate
-from deformrf.core.training import preset, trainer
-from deformrf.core.training.data import datasets
+from deformrf.core.training import load_dataset, preset, trainer
 from deformrf.core.training.run.stage import Stage
 
 encode = Stage.encode
@@ -101,7 +100,7 @@ def main():
     parser.add_argument("--fine-steps", type=int)
     arguments = parser.parse_intermixed_args()
     start_warp()
-    train_views, held_aside = split(datasets.load(arguments.data, "train", arguments.image_size))
+    train_views, held_aside = split(load_dataset(arguments.data, "train", arguments.image_size))
     print(f"{'choice':<40}{'PSNR':>8}{'SSIM':>8}{'seconds':>9}{'tets':>8}{'occupied':>10}")
     for name in arguments.names or CHOICES:
         with chosen(name, arguments.preset) as options:

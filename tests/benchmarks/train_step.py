@@ -17,8 +17,7 @@ from deformrf.core import paths
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.field.occupancy import unpack_mask
-from deformrf.core.training import preset
-from deformrf.core.training.data import datasets
+from deformrf.core.training import load_dataset, preset
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run.differentiable import Composite, on_warp_stream
 from deformrf.core.training.run.fit import next_ray_count
@@ -100,7 +99,7 @@ def main():
     start_warp()
     field = modelfile.load(arguments.model)
     options = preset("default" if arguments.device.startswith("cuda") else "tiny")
-    views = datasets.load(arguments.data, "train", view_count=20)
+    views = load_dataset(arguments.data, "train", view_count=20)
     with on_warp_stream(arguments.device):
         stage = trained_stage(field, arguments.device)
         bank = RayBank(views, field.world_to_model, arguments.device)

@@ -5,8 +5,8 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "capture": ["DatasetError"],
-        "datasets": ["Dataset", "white_composite"],
+        "datasets": ["Dataset", "load_dataset", "track", "white_composite"],
+        "posed_images": ["DatasetError", "NoImagesError", "NoSplitError"],
         "raybank": ["Drawn", "RayBank"],
         "scene_box": ["has_white_border", "object_box", "world_to_unit_cube"],
     },

@@ -1,8 +1,8 @@
-"""COLMAP's sparse reconstructions, read with pycolmap if it is installed.
+"""COLMAP's sparse reconstructions, read with the package pycolmap.
 
 A folder holds `images/` and `sparse/0/` (or `sparse/`, or `colmap/sparse/0/`).  Every eighth
-view, in the order of the names, is a test view.  A reconstruction has no upright of its own:
-the world is turned so that the cameras' mean upright is +z.
+image, in the order of the names, is a test image.  A reconstruction has no vertical axis of its
+own: the reader turns the world so that the mean up direction of the cameras is +z.
 """
 
 from pathlib import Path
@@ -10,7 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from ...render import Lens
-from .capture import EVERY_TEST_VIEW, Capture, DatasetError, View, checked_lens, from_opencv
+from .posed_images import (
+    DatasetError,
+    ImageList,
+    PosedImage,
+    checked_lens,
+    from_opencv,
+    is_of_split,
+)
 
 # Where each model has fx, fy, cx, cy, k1, k2, p1, p2 among its parameters; None is zero.
 PARAMETERS = {
@@ -29,46 +36,43 @@ def sparse_folder(folder) -> Path | None:
     return None
 
 
-def read(folder, split) -> Capture:
-    """The views of a split.
+def read(folder, split) -> ImageList:
+    """The images of a split.
 
     Raises:
-        DatasetError: pycolmap is not installed, or the reconstruction can't be used.
+        DatasetError: The reconstruction can't be used.
+        ModuleNotFoundError: pycolmap is not installed.
     """
-    try:
-        import pycolmap
-    except ImportError:
-        raise DatasetError(
-            f"{folder} is a COLMAP reconstruction: to read it, pip install pycolmap"
-        ) from None
+    import pycolmap
+
     sparse = sparse_folder(folder)
     try:
         reconstruction = pycolmap.Reconstruction(str(sparse))
     except (RuntimeError, ValueError) as error:
         raise DatasetError(f"{sparse} can't be read by pycolmap: {error}") from None
-    images = sorted(reconstruction.images.values(), key=lambda image: image.name)
-    poses, lenses = [], []
-    for image in images:
-        rigid = image.cam_from_world
-        matrix = (rigid() if callable(rigid) else rigid).matrix()  # a method since pycolmap 3.12
-        world_to_camera = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
-        poses.append(from_opencv(np.linalg.inv(world_to_camera)))
-        lenses.append(lens_reader(reconstruction.cameras[image.camera_id], image.name))
-    if not poses:
+    registered = sorted(reconstruction.images.values(), key=lambda image: image.name)
+    if not registered:
         raise DatasetError(f"{sparse} holds no registered images")
+    poses = [pose_of(image) for image in registered]
+    lenses = [lens_reader(reconstruction.cameras[i.camera_id], i.name) for i in registered]
     turn = upright(np.mean([pose[:3, 1] for pose in poses], axis=0))
-    views, missing = [], []
-    for index, (image, pose, lens) in enumerate(zip(images, poses, lenses, strict=True)):
-        if len(images) > 1 and (index % EVERY_TEST_VIEW == 0) != (split != "train"):
-            continue
+    found, missing = [], []
+    for index, (image, pose, lens) in enumerate(zip(registered, poses, lenses, strict=True)):
         path = folder / "images" / image.name
+        if not is_of_split(index, len(registered), split):
+            continue
         if path.is_file():
-            views.append(View(path, turn @ pose, lens))
+            found.append(PosedImage(path, turn @ pose, lens))
         else:
             missing.append(f"images/{image.name}")
-    if not views:
-        raise DatasetError(f"none of the {len(missing)} {split} images is in {folder / 'images'}")
-    return Capture(tuple(views), tuple(missing))
+    return ImageList(split, tuple(found), tuple(missing))
+
+
+def pose_of(image):
+    """Camera to world, OpenGL's axes.  [4, 4]"""
+    rigid = image.cam_from_world
+    matrix = (rigid() if callable(rigid) else rigid).matrix()  # a method since pycolmap 3.12
+    return from_opencv(np.linalg.inv(np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])))
 
 
 def upright(up):
@@ -85,6 +89,7 @@ def upright(up):
 
 
 def lens_reader(camera, name):
+    """The function that makes an image's lens from its width and height on disk."""
     model = getattr(camera.model, "name", str(camera.model))
     if model not in PARAMETERS:
         raise DatasetError(
@@ -95,8 +100,4 @@ def lens_reader(camera, name):
         0.0 if place is None else float(camera.params[place]) for place in PARAMETERS[model]
     )
     whole = Lens(camera.width, camera.height, (fx, fy), (cx, cy), (k1, k2, 0.0, 0.0), (p1, p2))
-
-    def lens(width, height):
-        return checked_lens(whole.resized(width, height), name)
-
-    return lens
+    return lambda width, height: checked_lens(whole.resized(width, height), name)

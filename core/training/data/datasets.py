@@ -9,22 +9,22 @@
 Shapes: N views of H_i rows and W_i columns, P pixels in all.
 """
 
-import time
+from bisect import bisect_left
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
+from rich import progress
 from rich.console import Console
-from rich.progress import Progress
 
 from ...device import thread_count
 from ...render import Camera, Lens
 from . import colmap, nsvf, transforms
-from .capture import Capture, DatasetError
+from .posed_images import DatasetError, ImageList, NoSplitError
 
-SILENT_SECONDS = 2.0  # a load that takes longer shows a progress bar
+PIXELS_MAX = 2**31 - 1  # that a RayBank takes: Warp's arrays and kernels count in int32
 UNREADABLE = (OSError, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError)
 
 
@@ -101,7 +101,7 @@ def from_images(images, poses, lenses, names, split, missing=(), bounds=None) ->
     )
 
 
-def load(folder, split, image_size=None, view_count=None) -> Dataset:
+def load_dataset(folder, split, image_size=None, view_count=None, for_training=False) -> Dataset:
     """Read one split.
 
     Args:
@@ -109,30 +109,36 @@ def load(folder, split, image_size=None, view_count=None) -> Dataset:
         split: "train", "test", ...
         image_size: Longer side in pixels to shrink the images to; they are never enlarged.
         view_count: Read that many views, spread evenly over the split; None reads all.
+        for_training: Refuse more pixels than a RayBank takes.
 
     Raises:
-        DatasetError: Anything about the folder is not as it has to be.
+        NoSplitError: The files list no such images.
+        NoImagesError: None of the images is there.
+        DatasetError: Anything else about the folder is not as it has to be.
     """
     for name, value in (("image size", image_size), ("number of views", view_count)):
         if value is not None and value < 1:
             raise DatasetError(f"The {name} is {value}: it has to be at least 1")
-    capture = read_capture(Path(folder), split)
-    views = capture.views
-    if view_count is not None and view_count < len(views):
-        chosen = np.linspace(0, len(views) - 1, view_count).round().astype(int)
-        views = [views[i] for i in chosen]
-    lenses = []
-    for view in views:
-        width, height = size_on_disk(view.path)
-        lens = view.lens(width, height)
-        lenses.append(lens.resized(*shrunk_size(width, height, image_size)))
-    pixels = read_images([view.path for view in views], lenses)
-    poses = np.stack([view.camera_to_world for view in views])
-    names = tuple(view.path.stem for view in views)
-    return Dataset(pixels, poses, tuple(lenses), names, split, capture.missing, capture.bounds)
+    listed = list_images(Path(folder), split)
+    images = listed.images
+    if view_count is not None and view_count < len(images):
+        chosen = np.linspace(0, len(images) - 1, view_count).round().astype(int)
+        images = [images[i] for i in chosen]
+    sizes = [size_on_disk(image.path) for image in images]
+    shrunk = [shrunk_size(size, image_size) for size in sizes]
+    if for_training:
+        check_pixel_count(shrunk)
+    lenses = [
+        image.lens(*size).resized(*small)
+        for image, size, small in zip(images, sizes, shrunk, strict=True)
+    ]
+    pixels = read_images([image.path for image in images], lenses)
+    poses = np.stack([image.camera_to_world for image in images])
+    names = tuple(image.path.stem for image in images)
+    return Dataset(pixels, poses, tuple(lenses), names, split, listed.missing, listed.bounds)
 
 
-def read_capture(folder, split) -> Capture:
+def list_images(folder, split) -> ImageList:
     """What the files say of a split, in whichever layout the folder has."""
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder: give the one that holds the data set")
@@ -143,24 +149,10 @@ def read_capture(folder, split) -> Capture:
     if colmap.sparse_folder(folder):
         return colmap.read(folder, split)
     others = ", ".join(sorted(p.name for p in folder.glob("transforms*.json"))) or "none"
-    raise DatasetError(
+    raise NoSplitError(
         f"{folder} holds no transforms_{split}.json (transforms files there: {others}), and "
         f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP)"
     )
-
-
-def has_test_split(folder) -> bool:
-    """Whether the files name views to score a model with; `load` finds what is wrong with them.
-
-    Raises:
-        DatasetError: A file that names the views of all splits can't be read.
-    """
-    folder = Path(folder)
-    if transforms.transforms_path(folder, "test"):
-        return transforms.has_split(folder, "test")
-    if nsvf.is_here(folder):
-        return bool(nsvf.files_of(folder, "test")[0])
-    return colmap.sparse_folder(folder) is not None  # every eighth view of any
 
 
 def white_composite(images):
@@ -179,11 +171,31 @@ def size_on_disk(path):
         raise DatasetError(f"{path} can't be read as an image") from None
 
 
-def shrunk_size(width, height, image_size):
-    if image_size is None or image_size >= max(width, height):
-        return width, height
-    scale = image_size / max(width, height)
-    return tuple(max(1, round(scale * side)) for side in (width, height))
+def shrunk_size(size, image_size):
+    """Width and height with `image_size` as the longer side, if that is smaller."""
+    if image_size is None or image_size >= max(size):
+        return size
+    scale = image_size / max(size)
+    return tuple(max(1, round(scale * side)) for side in size)
+
+
+def check_pixel_count(sizes):
+    """Raise DatasetError if images of these widths and heights have too many pixels to train on.
+
+    The message says to which longer side they have to be shrunk.
+    """
+
+    def count(image_size=None):
+        return sum(width * height for width, height in (shrunk_size(s, image_size) for s in sizes))
+
+    if count() <= PIXELS_MAX:
+        return
+    fits = bisect_left(range(max(map(max, sizes))), True, key=lambda n: count(n + 1) > PIXELS_MAX)
+    raise DatasetError(
+        f"the {len(sizes)} training images have {count() / 1e9:.2f} billion pixels together, and "
+        f"at most {PIXELS_MAX / 1e9:.2f} billion can be trained on: give --image-size {fits}, "
+        f"or less"
+    )
 
 
 def read_images(paths, lenses):
@@ -197,7 +209,7 @@ def read_images(paths, lenses):
         pixels[first[index] : first[index + 1]] = image.reshape(-1, 4)
 
     with ThreadPoolExecutor(min(8, thread_count())) as pool:
-        for _ in slow_track(pool.map(read, range(len(paths))), len(paths), "Loading images"):
+        for _ in track(pool.map(read, range(len(paths))), len(paths), "Loading images"):
             pass
     return pixels
 
@@ -215,19 +227,14 @@ def read_image(path, width, height):
     return np.asarray(image)
 
 
-def slow_track(items, count, description):
-    """Yield the items; show a progress bar once they have taken a while."""
-    begin = time.monotonic()
+def track(items, count, description):
+    """Yield the items under a progress bar on stderr, if that is a terminal."""
     console = Console(stderr=True)
-    progress = Progress(console=console, transient=True)
-    task = progress.add_task(description, total=count)
-    try:
-        for item in items:
-            yield item
-            progress.advance(task)
-            late = time.monotonic() - begin > SILENT_SECONDS
-            if late and console.is_terminal and not progress.live.is_started:
-                progress.start()
-    finally:
-        if progress.live.is_started:
-            progress.stop()
+    return progress.track(
+        items,
+        description,
+        count,
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )

@@ -7,70 +7,60 @@
                          "f cx cy ..." in the first line
     bbox.txt             lowest and highest corner of the object's box, and a voxel size
 
-The intrinsics that came with Tanks and Temples' Ignatius are known to be corrupt; what can't
-be a camera's is refused.
+The published intrinsics of Ignatius (Tanks and Temples) are corrupt; the reader refuses
+intrinsics that no camera has.
 """
 
 import numpy as np
 
 from ...render import Lens
-from .capture import (
+from .posed_images import (
     IMAGE_ENDINGS,
-    Capture,
     DatasetError,
-    View,
+    ImageList,
+    NoSplitError,
+    PosedImage,
     checked_lens,
     from_opencv,
     rigid_pose,
 )
+
+IGNATIUS = "; the published Ignatius has such a file"
 
 
 def is_here(folder) -> bool:
     return (folder / "rgb").is_dir() and (folder / "pose").is_dir()
 
 
-def read(folder, split) -> Capture:
-    """The views of a split.
+def read(folder, split) -> ImageList:
+    """The images of a split.
 
     Raises:
         DatasetError: A file is missing or not as it has to be.
     """
-    poses, images, prefix = files_of(folder, split)
+    images = [p for p in (folder / "rgb").iterdir() if p.suffix.lower() in IMAGE_ENDINGS]
+    by_stem = {path.stem: path for path in sorted(images)}
+    prefix = "0_" if split == "train" else "1_"
+    if split == "test" and any(stem.startswith("2_") for stem in by_stem):
+        prefix = "2_"
+    poses = sorted((folder / "pose").glob(f"{prefix}*.txt"))
     if not poses:
-        raise DatasetError(f"{folder / 'pose'} has no poses {prefix}*.txt, the {split} split")
-    by_stem = {path.stem: path for path in images}
+        raise NoSplitError(f"{folder / 'pose'} has no poses {prefix}*.txt, the {split} split")
     lens = lens_reader(folder / "intrinsics.txt")
-    views, missing = [], []
+    found, missing = [], []
     for path in poses:
-        if path.stem not in by_stem:
+        if path.stem in by_stem:
+            pose = from_opencv(rigid_pose(numbers(path, (4, 4)), f"{path}"))
+            found.append(PosedImage(by_stem[path.stem], pose, lens))
+        else:
             missing.append(f"rgb/{path.stem}")
-            continue
-        pose = from_opencv(rigid_pose(numbers(path, (4, 4)), f"{path}"))
-        views.append(View(by_stem[path.stem], pose, lens))
-    if not views:
-        raise DatasetError(f"none of the {len(missing)} images of the {split} split is in rgb/")
     bounds = None
     if (folder / "bbox.txt").is_file():
         values = numbers(folder / "bbox.txt")
         if len(values) < 6:
             raise DatasetError(f"{folder / 'bbox.txt'} has to begin with the six numbers of a box")
         bounds = values[:6].reshape(2, 3)
-    return Capture(tuple(views), tuple(missing), bounds)
-
-
-def files_of(folder, split):
-    """A split's poses, the images of all splits, and how the split's names begin."""
-    images = sorted(p for p in (folder / "rgb").iterdir() if p.suffix.lower() in IMAGE_ENDINGS)
-    prefix = split_prefix({path.name[:2] for path in images}, split)
-    return sorted((folder / "pose").glob(f"{prefix}*.txt")), images, prefix
-
-
-def split_prefix(prefixes, split) -> str:
-    if split == "train":
-        return "0_"
-    if split == "test":
-        return "2_" if "2_" in prefixes else "1_"
-    return "1_"
+    return ImageList(split, tuple(found), tuple(missing), bounds)
 
 
 def numbers(path, shape=None):
@@ -87,26 +77,24 @@ def numbers(path, shape=None):
 
 
 def lens_reader(path):
+    """The function that makes an image's lens from its width and height on disk."""
     values = numbers(path)
     if len(values) == 16:
-        matrix = values.reshape(4, 4)
-        focal, center = (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2])
+        focal, center = (values[0], values[5]), (values[2], values[6])
     elif len(values) >= 3:
         focal, center = (values[0], values[0]), (values[1], values[2])
     else:
         raise DatasetError(f"{path} has to hold a 4x4 matrix, or a line 'f cx cy'")
-    if not np.isfinite([*focal, *center]).all() or min(focal) <= 0 or min(center) <= 0:
+    focal, center = tuple(map(float, focal)), tuple(map(float, center))
+    if not np.isfinite([*focal, *center]).all() or min(*focal, *center) <= 0:
         raise DatasetError(
-            f"{path} is corrupt (as in the published Ignatius): focal lengths {focal}, "
-            f"principal point {center}"
+            f"{path} is corrupt: focal lengths {focal}, principal point {center}{IGNATIUS}"
         )
 
     def lens(width, height):
         try:
-            return checked_lens(
-                Lens(width, height, tuple(map(float, focal)), tuple(map(float, center))), path
-            )
+            return checked_lens(Lens(width, height, focal, center), path)
         except DatasetError as error:
-            raise DatasetError(f"{error}; the published Ignatius has such a file") from None
+            raise DatasetError(f"{error}{IGNATIUS}") from None
 
     return lens

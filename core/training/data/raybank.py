@@ -1,8 +1,8 @@
 """All training pixels as rays on one device, drawn at random.
 
-Rays are in model space: the data's cameras moved by `world_to_model`, a uniform scale
-and a translation, so directions stay what they are.  One kernel draws, undistorts and
-looks up; it takes its randomness from a seed on the device, so nothing waits for the host.
+Rays are in model space: `world_to_model` is a uniform scale and a translation, so it keeps the
+directions of the data's cameras.  One kernel draws pixels, makes their rays and reads their
+colors; its seed is an array on the device, so the host never waits.
 
 Shapes: P pixels of N views, R rays.
 """
@@ -13,9 +13,9 @@ import numpy as np
 import warp as wp
 
 from ...render import Camera, DeviceCamera, camera_ray, device_camera, in_space
-from .datasets import Dataset
+from .datasets import Dataset, check_pixel_count
 
-DRAW = wp.constant(1 << 30)  # keeps its numbers apart from those that jitter the same rays
+DRAW = wp.constant(1 << 30)  # so that a ray's pixel and its jitter have different random numbers
 
 wp.set_module_options({"enable_backward": False})
 
@@ -31,13 +31,13 @@ class Bank:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Rays with the color that they should see.
+    """Rays and the colors of their pixels.
 
     Attributes:
         origins, directions: Model space, unit directions.  [R] vec3
         rgba: Straight alpha, 0..1.  [R] vec4
         background: A random color for each ray, 0..1.  [R] vec3
-        first: Number of ray 0: what is random about a ray follows its number.
+        first: Number of ray 0; a ray's random numbers depend on its number.
     """
 
     origins: wp.array
@@ -102,9 +102,14 @@ def draw_kernel(
 
 
 class RayBank:
-    """Draws pixels of a data set as rays with their straight-alpha color."""
+    """Draws pixels of a data set as rays with their straight-alpha color.
+
+    Raises:
+        DatasetError: The data set has more pixels than an array can index.
+    """
 
     def __init__(self, dataset: Dataset, world_to_model, device):
+        check_pixel_count([(lens.width, lens.height) for lens in dataset.lenses])
         self.device = wp.get_device(device)
         poses = in_space(dataset.poses, world_to_model)
         cameras = [

@@ -1,21 +1,21 @@
 """Which part of the world becomes the unit cube, in which the tets live.
 
-Tets outside the user's box are left out, so that a table beside the object needn't be kept.
-In this order: the box that the user gives (`--aabb`, or `--scene-radius` around the data's
-origin), the box that the data set brings (NSVF's bbox.txt), or a box around the point that
-the cameras look at.  The cube is as wide as the box's longest side.
+The object's box is, in this order: the user's (`--aabb`, or `--scene-radius` around the data's
+origin), the data set's (NSVF's bbox.txt), or a box around the point that the cameras look at.
+The cube's edge is the box's longest side.  Tets outside the user's box are left out, so the
+model has no tets for what stands beside the object.
 """
 
 import numpy as np
 
-from .capture import DatasetError
 from .datasets import Dataset
+from .posed_images import DatasetError
 
 # Half an edge over the cameras' median distance: NeRF-synthetic's cameras stand 4.03 from
 # the centre of the box from -1.5 to 1.5, and instant-ngp scales captures to about the same.
 REACH = 1.5 / 4.031
 WHITE, WHITE_SHARE = 250, 0.8  # of 255; of the border
-PARALLEL = 0.02  # smallest eigenvalue of the mean projector below which views have no focus
+PARALLEL = 0.02  # below this smallest eigenvalue of the mean projector views have no focus
 
 
 def world_to_unit_cube(dataset: Dataset, aabb=None, radius=None):
@@ -49,7 +49,7 @@ def object_box(world_to_model, aabb=None):
 
 
 def has_white_border(dataset: Dataset) -> bool:
-    """Whether the images' outermost pixels are white: the object was cut out on white."""
+    """Whether the images' outermost pixels are white, as where an object is cut out on white."""
     white = total = 0
     for view in range(dataset.view_count):
         image = dataset.image(view)[..., :3]
@@ -60,6 +60,7 @@ def has_white_border(dataset: Dataset) -> bool:
 
 
 def box_to_unit_cube(box, name):
+    """The similarity from a box [2, 3] to the unit cube; `name` is for the message.  [4, 4]"""
     low, high = np.asarray(box, float)
     size = high - low
     if not np.isfinite(size).all() or (size <= 0.0).any():
@@ -74,10 +75,10 @@ def box_to_unit_cube(box, name):
 
 
 def focus(poses):
-    """The point nearest to all cameras' axes, in the least squares.  [3]
+    """The point with the least squared distance to all cameras' axes.  [3]
 
     Raises:
-        DatasetError: The axes are about parallel, so that there is no such point.
+        DatasetError: The axes are nearly parallel, so there is no such point.
     """
     origins, axes = poses[:, :3, 3], poses[:, :3, 2]
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # projectors across each axis

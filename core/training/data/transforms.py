@@ -1,12 +1,12 @@
 """transforms.json: NeRF-synthetic's, instant-ngp's and nerfstudio's.
 
-The first has transforms_<split>.json with `camera_angle_x`, the horizontal field of view in
+NeRF-synthetic has transforms_<split>.json with `camera_angle_x`, the horizontal field of view in
 radians.  The other two may have one transforms.json for all, with fl_x, fl_y, cx, cy, w, h
 in pixels and OpenCV's distortion k1, k2, k3, k4, p1, p2, for all frames or for each.  Each of
 `frames` has a `file_path` (relative, its ending may be left out) and a `transform_matrix`.
 
-Without a split of its own, every eighth view of a transforms.json is a test view; nerfstudio's
-lists train_filenames, val_filenames and test_filenames are followed where they are.
+Without a split of its own, every eighth image of a transforms.json is a test image;
+nerfstudio's lists train_filenames, val_filenames and test_filenames take precedence.
 """
 
 from pathlib import Path
@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from ...render import Lens
-from .capture import (
-    EVERY_TEST_VIEW,
+from .posed_images import (
     IMAGE_ENDINGS,
-    Capture,
     DatasetError,
-    View,
+    ImageList,
+    NoSplitError,
+    PosedImage,
     checked_lens,
+    is_of_split,
     read_json,
     rigid_pose,
 )
@@ -30,47 +31,35 @@ ASPECT_TOLERANCE = 0.02  # between the JSON's w : h and the image's
 
 
 def transforms_path(folder, split) -> Path | None:
-    """The file that lists a split's frames: its own, or the one of all where no split has one."""
+    """The file of a split, or the common file if no split has a file of its own."""
     own, common = folder / f"transforms_{split}.json", folder / "transforms.json"
     if own.is_file():
         return own
     return common if common.is_file() and not (folder / "transforms_train.json").is_file() else None
 
 
-def read(folder, split) -> Capture:
-    """The views of a split.
+def read(folder, split) -> ImageList:
+    """The images of a split.
 
     Raises:
         DatasetError: The file is not as it has to be, or no image is there.
     """
     path, scene, frames = listed(folder, split)
-    views, missing = [], []
+    if not frames:
+        raise NoSplitError(f"{path} has no {split} views")
+    found, missing = [], []
     for frame in frames:
-        image = image_path(folder, frame["file_path"])
-        if image is None:
-            missing.append(frame["file_path"])
-            continue
-        pose = rigid_pose(
-            frame.get("transform_matrix"), f"the transform_matrix of {frame['file_path']}"
-        )
-        views.append(View(image, pose, lens_reader({**scene, **frame}, path)))
-    if not views:
-        raise DatasetError(
-            f"none of the {len(missing)} images that {path} names is there: {folder / missing[0]} "
-            f"(tried as it is, and with {', '.join(IMAGE_ENDINGS)})"
-            if missing
-            else f"{path} has no {split} views"
-        )
-    return Capture(tuple(views), tuple(missing))
-
-
-def has_split(folder, split) -> bool:
-    """Whether a folder's file, of the split or of all, lists any of its frames."""
-    return bool(listed(folder, split)[2])
+        name = frame["file_path"]
+        if image := image_path(folder, name):
+            pose = rigid_pose(frame.get("transform_matrix"), f"the transform_matrix of {name}")
+            found.append(PosedImage(image, pose, lens_reader({**scene, **frame}, path)))
+        else:
+            missing.append(name)
+    return ImageList(split, tuple(found), tuple(missing))
 
 
 def listed(folder, split):
-    """A split's file, what is in it, and those of its frames that are the split's.
+    """A split's file, its content, and the frames of the split.
 
     Raises:
         DatasetError: The file is not as it has to be.
@@ -98,20 +87,22 @@ def frames_of(scene, frames, split):
             chosen = set(lists["val"] or ())
         return [frame for frame in frames if frame["file_path"] in chosen]
     order = sorted(range(len(frames)), key=lambda i: frames[i]["file_path"])
-    aside = set(order[::EVERY_TEST_VIEW]) if len(frames) > 1 else set()
-    return [frame for i, frame in enumerate(frames) if (i in aside) == (split != "train")]
+    chosen = {i for place, i in enumerate(order) if is_of_split(place, len(order), split)}
+    return [frame for i, frame in enumerate(frames) if i in chosen]
 
 
 def image_path(folder, name) -> Path | None:
-    for ending in ("", *IMAGE_ENDINGS):
-        path = folder / (name + ending)
-        if path.is_file():
-            return path
-    return None
+    paths = (folder / (name + ending) for ending in ("", *IMAGE_ENDINGS))
+    return next((path for path in paths if path.is_file()), None)
 
 
 def lens_reader(values, path):
-    """What makes a Lens of the numbers that hold for a frame, once the image's size is known."""
+    """The function that makes an image's lens from its width and height on disk.
+
+    Args:
+        values: The JSON's numbers for the frame.
+        path: Of the JSON, for messages.
+    """
     model = values.get("camera_model")
     if model not in PERSPECTIVE or values.get("is_fisheye"):
         raise DatasetError(
@@ -133,7 +124,7 @@ def lens_reader(values, path):
         )
 
     def lens(width, height):
-        w, h = number("w", width), number("h", height)  # what the numbers are in pixels of
+        w, h = number("w", width), number("h", height)  # of the images that the numbers are for
         if w <= 0 or h <= 0 or abs(np.log((w / h) / (width / height))) > ASPECT_TOLERANCE:
             raise DatasetError(
                 f"{path} says that images have {w:g}x{h:g} pixels, but {values['file_path']} has "

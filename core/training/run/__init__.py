@@ -6,9 +6,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "batch": ["Batch"],
-        "checkpoint": ["Checkpoint"],
+        "checkpoint": ["Checkpoint", "load_checkpoint", "save_checkpoint"],
         "differentiable": ["on_warp_stream"],
-        "distributed": ["ALONE", "Workers"],
+        "distributed": ["ALONE", "Workers", "torchrun_workers"],
         "fit": ["Diverged", "Fit"],
         "history": ["History"],
         "progress": ["TrainingProgress"],

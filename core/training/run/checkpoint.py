@@ -45,7 +45,7 @@ class Checkpoint:
     report: dict
 
 
-def save(checkpoint: Checkpoint, path):
+def save_checkpoint(checkpoint: Checkpoint, path):
     """Write it; the file appears only when it is complete."""
     path = Path(path)
     mesh = checkpoint.mesh
@@ -66,7 +66,7 @@ def save(checkpoint: Checkpoint, path):
         partial.unlink(missing_ok=True)
 
 
-def load(path) -> Checkpoint:
+def load_checkpoint(path) -> Checkpoint:
     """Read a checkpoint; its tensors come to the CPU.
 
     Raises:

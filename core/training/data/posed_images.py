@@ -1,4 +1,7 @@
-"""What a data set's files say before any image is read: views, whatever the layout."""
+"""What a data set's files say before any image is read: paths, poses and lenses.
+
+One reader for each layout (transforms.py, nsvf.py, colmap.py) makes an `ImageList`.
+"""
 
 import json
 from collections.abc import Callable
@@ -10,16 +13,24 @@ import numpy as np
 from ...render import Lens, has_rays
 
 IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg")
-EVERY_TEST_VIEW = 8  # where nobody made a split, as is usual for captures (LLFF, mip-NeRF 360)
+EVERY_TEST_VIEW = 8  # for data without a split, as in LLFF and mip-NeRF 360
 
 
 class DatasetError(ValueError):
     """The folder is not a data set that can be read; the message is one sentence for the user."""
 
 
+class NoSplitError(DatasetError):
+    """The files list no images of a split."""
+
+
+class NoImagesError(DatasetError):
+    """The files list images of a split, and none of them exists."""
+
+
 @dataclass(frozen=True)
-class View:
-    """One photograph, not read yet.
+class PosedImage:
+    """An image that exists, its camera's pose and lens.
 
     Attributes:
         path: Of the image.
@@ -33,18 +44,42 @@ class View:
 
 
 @dataclass(frozen=True)
-class Capture:
-    """The views of a split, and what else the files say.
+class ImageList:
+    """The images of one split.
 
     Attributes:
-        views: Those whose image exists.
-        missing: Images that are named but not there.
+        split: "train", "test", ...
+        images: Those that exist, at least one.
+        missing: Names of those that do not.
         bounds: Lowest and highest corner of the object's box, if the files have one.  [2, 3]
+
+    Raises:
+        NoSplitError: The list is empty.
+        NoImagesError: No image exists.
     """
 
-    views: tuple[View, ...]
+    split: str
+    images: tuple[PosedImage, ...]
     missing: tuple[str, ...] = ()
     bounds: np.ndarray | None = None
+
+    def __post_init__(self):
+        if not self.images and not self.missing:
+            raise NoSplitError(f"the data set has no {self.split} images")
+        if not self.images:
+            raise NoImagesError(
+                f"none of the {len(self.missing)} {self.split} images is there: "
+                f"{self.missing[0]} (tried as it is, and with {', '.join(IMAGE_ENDINGS)})"
+            )
+
+
+def is_of_split(index: int, count: int, split: str) -> bool:
+    """Whether image `index` of `count` belongs to a split, where the files define no split.
+
+    Every eighth image is a test image, but not a single one.
+    """
+    is_test = count > 1 and index % EVERY_TEST_VIEW == 0
+    return is_test == (split != "train")
 
 
 def read_json(path) -> dict:
@@ -74,7 +109,7 @@ def rigid_pose(values, name):
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if (lengths < 1e-8).any():
         raise DatasetError(f"{name} is no camera pose: an axis has no length")
-    matrix[:3, :3] /= lengths  # some tools leave a scale there
+    matrix[:3, :3] /= lengths  # some programs write scaled axes
     axes = matrix[:3, :3]
     if np.abs(axes.T @ axes - np.eye(3)).max() > 1e-2 or np.linalg.det(axes) < 0.0:
         raise DatasetError(f"{name} is no camera pose: its axes are skew or mirrored")
@@ -87,7 +122,7 @@ def from_opencv(camera_to_world):
 
 
 def checked_lens(lens: Lens, where) -> Lens:
-    """The lens, if it can be one.
+    """The lens, if a camera can have it.
 
     Raises:
         DatasetError: A number is not finite, the focal length not positive, the principal
@@ -95,21 +130,22 @@ def checked_lens(lens: Lens, where) -> Lens:
     """
     numbers = np.array([*lens.focal, *lens.center, *lens.radial, *lens.tangential])
     size = np.array([lens.width, lens.height])
+    pixels = f"{lens.width}x{lens.height} pixels"
     if not np.isfinite(numbers).all():
         raise DatasetError(f"{where}: the intrinsics are not all finite numbers")
-    if (np.array(lens.focal) < 0.05 * size.max()).any() or min(lens.focal) > 100 * size.max():
+    if min(lens.focal) < 0.05 * size.max() or min(lens.focal) > 100 * size.max():
         raise DatasetError(
             f"{where}: the focal lengths {lens.focal[0]:g} and {lens.focal[1]:g} can't be those "
-            f"of an image of {lens.width}x{lens.height} pixels"
+            f"of an image of {pixels}"
         )
     if (np.abs(np.array(lens.center) / size - 0.5) > 0.5).any():
         raise DatasetError(
             f"{where}: the principal point ({lens.center[0]:g}, {lens.center[1]:g}) lies outside "
-            f"the image of {lens.width}x{lens.height} pixels"
+            f"the image of {pixels}"
         )
     if not has_rays(lens):
+        distortion = (*lens.radial, *lens.tangential)
         raise DatasetError(
-            f"{where}: with the distortion {(*lens.radial, *lens.tangential)} some pixels of "
-            f"{lens.width}x{lens.height} have no ray"
+            f"{where}: with the distortion {distortion} some of the {pixels} have no ray"
         )
     return lens

@@ -1,0 +1,189 @@
+"""deformrf-train: what it passes to training, what it writes, what it refuses."""
+
+import json
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from deformrf.core.commands import DIVERGED, INTERRUPTED, train
+from deformrf.core.field import modelfile
+from deformrf.core.training import DatasetError, preset
+from deformrf.core.training.options import LEAVE_OUT, PRESETS
+
+
+def test_training_gets_data_options_and_device(call, trainer, data, tmp_path):
+    flags = ("--preset", "fast", "--seed", 7, "--image-size", 15, "--device", "cpu")
+    result = call(train.main, data, "-o", tmp_path / "m.npz", *flags, "--scene-radius", 2)
+    assert (result.code, result.err) == (0, "")
+    [(views, options, device, name, checkpoint_path, resumed)] = trainer.calls
+    assert (views.split, views.view_count) == ("train", 3)
+    assert {(lens.width, lens.height) for lens in views.lenses} == {(15, 11)}
+    assert options == preset("fast", seed=7, scene_radius=2.0)
+    assert (device, name) == ("cpu", "data")
+    assert (checkpoint_path, resumed) == (tmp_path / "m.checkpoint", None)
+
+
+def test_what_is_left_out_reaches_the_trainer(call, trainer, data, tmp_path):
+    """All steps are those of the one stage, and the user learns what the model then holds."""
+    flags = ("--steps", 50, "--leave-out", "coarse-stage", "subtet-mask", "--device", "cpu")
+    result = call(train.main, data, "-o", tmp_path / "m.npz", *flags)
+    assert "whole grid" in result.out
+    options = trainer.calls[0][1]
+    assert options == preset("default", fine_steps=50, leave_out=("coarse-stage", "subtet-mask"))
+
+
+def test_help_names_all_that_can_be_left_out(call):
+    shown = call(train.main, "--help").out
+    assert all(word in shown for word in LEAVE_OUT)
+
+
+def test_training_writes_the_model_with_its_test_scores(call, trainer, data, tmp_path):
+    output = tmp_path / "new" / "m.npz"
+    result = call(train.main, data, "-o", output, "--device", "cpu")
+    meta = modelfile.load(output).meta
+    assert meta["test_view_count"] == 2
+    assert f"{meta['test_mean']['psnr']:.2f} dB" in result.out
+    assert str(output) in result.out and "1.5 minutes" in result.out
+
+
+def test_training_needs_no_test_split(call, trainer, data, tmp_path):
+    (data / "transforms_test.json").unlink()
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert result.code == 0
+    assert "dB" not in result.out
+    assert "test_mean" not in modelfile.load(tmp_path / "m.npz").meta
+
+
+def test_a_bad_test_split_is_found_before_training(call, trainer, data, tmp_path, refused):
+    scene = json.loads((data / "transforms_test.json").read_text())
+    scene["frames"][1]["transform_matrix"] = "garbage"
+    (data / "transforms_test.json").write_text(json.dumps(scene))
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert "transform_matrix of ./test/r_1.png" in refused(result)
+    assert not trainer.calls
+
+
+def test_missing_test_images_are_said_and_skipped(call, trainer, data, tmp_path):
+    (data / "test" / "r_0.png").unlink()
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert result.code == 0
+    assert "1 of 2 test images are missing and were skipped, first ./test/r_0.png" in result.err
+    assert modelfile.load(tmp_path / "m.npz").meta["test_view_count"] == 1
+
+
+def test_an_interrupted_training_writes_what_there_is(call, trainer, data, tmp_path):
+    trainer.trained.interrupted = True
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert result.code == INTERRUPTED
+    assert "Stopped early; wrote what there is" in result.out
+    modelfile.load(tmp_path / "m.npz")
+
+
+def test_an_interrupted_training_keeps_an_older_model(call, trainer, data, tmp_path):
+    trainer.trained.interrupted = True
+    output = tmp_path / "m.npz"
+    output.write_bytes(b"a model of an earlier run")
+    result = call(train.main, data, "-o", output, "--device", "cpu")
+    assert result.code == INTERRUPTED
+    assert "m-interrupted.npz" in result.out
+    assert output.read_bytes() == b"a model of an earlier run"
+    modelfile.load(tmp_path / "m-interrupted.npz")
+
+
+def test_a_lost_run_says_why_and_writes_its_last_good_weights(call, trainer, data, tmp_path):
+    trainer.trained.diverged = "the loss became nan at step 48"
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert (result.code, result.err) == (
+        DIVERGED,
+        "deformrf-train: the loss became nan at step 48\n",
+    )
+    modelfile.load(tmp_path / "m.npz")
+
+
+def test_a_default_run_without_a_gpu_is_announced(call, trainer, data, tmp_path):
+    for preset_name, announced in (("default", True), ("tiny", False)):
+        output = tmp_path / f"{preset_name}.npz"
+        result = call(train.main, data, "-o", output, "--preset", preset_name, "--device", "cpu")
+        assert ("takes minutes" in result.out) == announced
+
+
+def test_images_in_which_nothing_is_found_are_one_sentence(
+    call, trainer, data, monkeypatch, refused
+):
+    def fail(*_, workers):
+        raise DatasetError("stage 1 found nothing")
+
+    monkeypatch.setattr(trainer, "train", fail)
+    result = call(train.main, data, "-o", data / "m.npz", "--preset", "tiny", "--device", "cpu")
+    assert "found nothing" in refused(result)
+
+
+@pytest.mark.parametrize(
+    "error, sentence",
+    [
+        (MemoryError("the GPU's memory is too small: take --preset tiny"), "take --preset tiny"),
+        (MemoryError(), "the memory is too small"),
+    ],
+)
+def test_a_lack_of_memory_is_one_sentence(
+    call, trainer, data, monkeypatch, error, sentence, refused
+):
+    def fail(*_, workers):
+        raise error
+
+    monkeypatch.setattr(trainer, "train", fail)
+    result = call(train.main, data, "-o", data / "m.npz", "--preset", "tiny", "--device", "cpu")
+    assert sentence in refused(result)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("steps", [2, 100, 10**6])
+def test_steps_are_shared_out_between_the_stages(name, steps):
+    options = train.with_steps(preset(name), steps)
+    assert options.coarse_steps + options.fine_steps == steps
+    assert min(options.coarse_steps, options.fine_steps) >= 1
+
+
+def test_the_command_line_knows_every_preset():
+    assert set(get_args(train.TrainArguments.__annotations__["preset"])) == set(PRESETS)
+
+
+@pytest.mark.parametrize(
+    "flags, sentence",
+    [
+        (["-o", "model.txt"], "has to end in .npz"),
+        (["-o", "m.npz", "--steps", 1], "--steps is 1: it has to be at least 2"),
+        (["-o", "m.npz", "--seed", -1], "--seed is -1: it has to be at least 0"),
+        (["-o", "m.npz", "--image-size", 0], "image size is 0"),
+        (["-o", "m.npz", "--scene-radius", 0], "--scene-radius is 0.0"),
+        (
+            ["-o", "m.npz", "--leave-out", "distortion", "stage"],
+            "no 'stage' to leave out; choose from coarse-stage, subtet-mask, dense-levels, ",
+        ),
+    ],
+)
+def test_bad_flags_of_training_are_one_sentence(call, trainer, data, flags, sentence, refused):
+    assert sentence in refused(call(train.main, data, *flags, "--device", "cpu"))
+    assert not trainer.calls
+
+
+def test_an_empty_data_folder_is_one_sentence(call, tmp_path, refused):
+    result = call(train.main, tmp_path, "-o", tmp_path / "m.npz")
+    assert "holds no transforms_train.json" in refused(result)
+
+
+def test_a_folder_as_output_is_one_sentence(call, data, tmp_path, refused):
+    (tmp_path / "m.npz").mkdir()
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert "is a folder" in refused(result)
+
+
+def test_output_below_a_file_is_one_sentence(call, data, tmp_path, refused):
+    (tmp_path / "file").write_text("")
+    result = call(train.main, data, "-o", tmp_path / "file" / "m.npz", "--device", "cpu")
+    assert str(tmp_path / "file") in refused(result)
+
+
+def test_unknown_flags_exit_with_2(call):
+    assert call(train.main, Path(), "-o", "m.npz", "--fast").code == 2
