@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+import warp as wp
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
 from deformrf.core.deform.frame import cpu as frame_cpu
@@ -72,10 +73,8 @@ def test_a_point_opens_as_the_reference_does(device):
     solver.set_state(start)
     solver.step(DT)
     moved = solver.vertices.numpy()
-    assert np.ptp(moved, axis=0).min() > 0.1 * solver.object_size
-    # The first edges agree to rounding; the ones after them measure roundings' directions.
-    first = solver.edges.vertices[: solver.edges.offsets[1]]
-    assert np.isfinite(moved).all() and len(first) > 10
+    assert np.ptp(moved, axis=0).min() > 0.3 * solver.object_size
+    np.testing.assert_allclose(moved, reference_step(solver, start), atol=1e-5)
 
 
 def test_edges_of_no_length_open_in_their_directions(device):
@@ -201,6 +200,12 @@ def test_two_solvers_may_step_in_two_threads():
             assert np.isfinite(x).all()
 
 
+@pytest.mark.parametrize("kernel", ["begin", "block", "grid"])
+def test_the_gpu_source_compiles_without_a_gpu(kernel, tmp_path):
+    module = getattr(frame_cuda, f"{kernel}_kernel").module
+    assert wp.compile_aot_module(module, arch=90, module_dir=tmp_path)
+
+
 @pytest.mark.gpu
 def test_a_vertex_of_many_constraints_is_solved_or_named():
     """A fan of tets around one edge has as many colors as tets."""
@@ -222,14 +227,13 @@ def test_a_vertex_of_many_constraints_is_solved_or_named():
 
 
 @pytest.mark.gpu
-def test_a_block_and_a_grid_do_the_same():
+def test_a_block_and_a_grid_do_the_same(monkeypatch):
     mesh, results = ball(0.03), []
     start = shaken(mesh)
+    assert frame_cuda.runs_in_block(mesh.vertex_count)
     for in_block in (True, False):
+        monkeypatch.setattr(frame_cuda, "runs_in_block", lambda count, answer=in_block: answer)
         solver = make_solver(mesh, "cuda:0", options=XpbdOptions())
-        assert solver._frame.in_block
-        if not in_block:
-            solver._frame.use_grid()
         solver.set_state(start)
         for _ in range(3):
             solver.step(DT)

@@ -10,7 +10,7 @@ def test_the_modules_are_those_of_renderer_and_solver():
     import deformrf.core.render.modes  # noqa: F401  the window imports it
 
     modules = kernel_modules("cpu")
-    for name in ("render.rays.marching", "render.modes", "field.encoding", "deform.integration"):
+    for name in ("render.rays.marching", "render.modes", "field.encoding", "deform.tangles"):
         assert f"deformrf.core.{name}" in modules
     assert "deformrf.core.deform.frame.cpu" in modules
     assert "deformrf.core.deform.frame.cuda" not in modules

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints, integration
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
 from deformrf.core.deform.frame import reference
+from deformrf.core.deform.xpbd_options import Timing
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
@@ -116,8 +117,8 @@ def test_two_frames_with_springs_are_the_references(device, trial):
         solver.move(targets[HEAD])
         solver.step(DT)
         frame = frame_of(options, material, targets=targets, anchors=anchors)
-        springs = np.full((MESH.vertex_count, 2), (integration.NO_SPRING, 0.0))
-        springs[HEAD] = integration.spring_coefficients(
+        springs = np.full((MESH.vertex_count, 2), (constraints.NO_SPRING, 0.0))
+        springs[HEAD] = constraints.spring_coefficients(
             stiffness, limit, frame.inverse_masses[HEAD], frame.timing.substep
         )
         frame = replace(frame, springs=springs)
@@ -132,8 +133,8 @@ def test_a_spring_alone_follows_backward_eulers_closed_form():
     no_edges = constraints.EdgeConstraints(
         np.empty((0, 2), np.int32), *[np.empty(0)] * 3, np.array([0]), np.empty(0)
     )
-    springs = integration.spring_coefficients([k], [np.inf], np.array([w]), h)
-    timing = integration.Timing(h, 1.0, 1e9, 0.0, 0.0, 0.0)
+    springs = constraints.spring_coefficients([k], [np.inf], np.array([w]), h)
+    timing = Timing(h, 1.0, 1e9, 0.0, 0.0, 0.0)
     zero = np.zeros((1, 3))
     frame = reference.Frame(
         timing, n, np.array([w]), zero, zero, no_edges, np.empty(0), springs=springs

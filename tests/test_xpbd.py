@@ -362,3 +362,27 @@ def test_kernel_modules_are_those_that_a_solver_loads(device, monkeypatch):
     run(xpbd, 1.0)  # tangles are counted
     names = {name for name in loaded if name.startswith("deformrf.")}
     assert names == set(kernel_modules(device))
+
+
+def test_what_is_held_stays_where_it_is_until_it_is_moved(device):
+    """Pins, exact handles and springs begin where their vertices are, and end at their targets."""
+    mesh = vase()
+    x = solver(mesh, foot(mesh), device)
+    ids = head(mesh)
+    state = mesh.rest_vertices + np.random.default_rng().normal(
+        scale=1e-3, size=(len(foot(mesh)), 3)
+    )
+    x.set_state(state)
+    x.grab(ids)
+    x.step(DT)
+    held = np.append(np.flatnonzero(foot(mesh)), ids)
+    np.testing.assert_array_equal(x.vertices.numpy()[held], state[held].astype(np.float32))
+    targets = (state[ids] + [0.01, 0.0, 0.02]).astype(np.float32)
+    x.move(targets)
+    x.step(DT)
+    np.testing.assert_array_equal(x.vertices.numpy()[ids], targets)
+    middle = np.flatnonzero(np.abs(mesh.rest_vertices[:, 2] - 0.5) < 0.05)
+    now = x.vertices.numpy()[middle].copy()
+    x.set_pinned(np.isin(np.arange(len(state)), middle))
+    x.step(DT)
+    np.testing.assert_array_equal(x.vertices.numpy()[middle], now)

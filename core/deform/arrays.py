@@ -1,69 +1,36 @@
-"""The solver's state on a device: arrays that stay the same for its whole life.
+"""The solver's state on a device: arrays that are allocated once and keep their sizes.
 
-A frame reads and writes these and nothing else.  Whatever a user changes (handles, pins,
-material, time step, which parts are at rest) changes their contents, never their sizes,
-so that a recorded frame goes on being right.
+A frame reads and writes these arrays and nothing else.  What a user changes (handles, pins,
+material, time step, which components are at rest) changes their contents only, so a recorded
+launch stays valid.
 
-Shapes: V vertices, C constraints of one type, of which the first offsets[-1] are in use.
+Shapes: V vertices, C constraints of one type, n = 2 (edges) or 4 (tets) vertices of each.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
-from . import integration
+from .constraints import NO_SPRING
+from .pace import MOST_THREADS
+from .xpbd_options import Timing
 
 CPU_GROUP = 8  # constraints that a CPU projects at once
 CUDA_GROUP = 32  # threads of a warp
 
 
-class VertexArrays(NamedTuple):
-    """One entry per vertex.
-
-    Attributes:
-        vertices: Positions at the frame's start.  [V] vec3
-        deltas: The way from there; between frames, what float32 rounded away.  [V] vec3
-        velocities: [V] vec3
-        inverse_masses: 0 = kinematic.  [V]
-        anchors: Where targets were at the frame's start; of springs only.  [V] vec3
-        targets: Where kinematic vertices and springs' ends are at its end.  [V] vec3
-        springs: a = 1/(k h²) or NO_SPRING, and the longest move w F h².  [V] vec2
-    """
-
-    vertices: wp.array
-    deltas: wp.array
-    velocities: wp.array
-    inverse_masses: wp.array
-    anchors: wp.array
-    targets: wp.array
-    springs: wp.array
-
-
-class ConstraintArrays(NamedTuple):
-    """One entry per constraint in use, sorted by color.
-
-    A color begins at a multiple of a group (CPU_GROUP, CUDA_GROUP) and fills whole groups;
-    entries that aren't used have vertex V, which no array but a frame's own has.
-
-    Attributes:
-        vertices: [C] vec2i or vec4i
-        ids: Where it stands in the list of all constraints.  [C] int
-        rest_values: L or 6 V0.  [C]
-        regularization: a.  [C]
-        offsets: Color c is offsets[c]:offsets[c + 1]; it may be empty.  [color_count + 1]
-    """
-
-    vertices: wp.array
-    ids: wp.array
-    rest_values: wp.array
-    regularization: wp.array
-    offsets: wp.array
-
-
 @wp.struct
-class FrameArrays:
-    """All of it, as the kernels of a frame take it; edge_ and tet_ are ConstraintArrays."""
+class VertexArrays:
+    """One entry per vertex.  [V]
+
+    Attributes:
+        vertices: Positions at the frame's start.
+        deltas: Displacements since then; between frames, what float32 rounded away.
+        velocities: [m/s]
+        inverse_masses: 0 = kinematic.
+        anchors: Targets at the frame's start, which springs need.
+        targets: Where kinematic vertices and the ends of springs are at the frame's end.
+        springs: a = 1/(k h²) or NO_SPRING, and the longest move w F h².
+    """
 
     vertices: wp.array(dtype=wp.vec3)
     deltas: wp.array(dtype=wp.vec3)
@@ -72,51 +39,60 @@ class FrameArrays:
     anchors: wp.array(dtype=wp.vec3)
     targets: wp.array(dtype=wp.vec3)
     springs: wp.array(dtype=wp.vec2)
-    timing: wp.array(dtype=float)  # integration.Timing
-    motion: wp.array(dtype=float)  # feedback.py
-    edge_vertices: wp.array(dtype=wp.vec2i)
-    edge_ids: wp.array(dtype=int)
-    edge_rest: wp.array(dtype=float)
-    edge_regularization: wp.array(dtype=float)
-    edge_offsets: wp.array(dtype=int)
-    tet_vertices: wp.array(dtype=wp.vec4i)
-    tet_rest: wp.array(dtype=float)
-    tet_regularization: wp.array(dtype=float)
-    tet_offsets: wp.array(dtype=int)
-    vertex_count: int
-    edge_room: int  # entries of ConstraintArrays
-    tet_room: int
-    edge_color_count: int
-    tet_color_count: int
 
 
-def frame_arrays(state: VertexArrays, edges, volumes, timing, motion) -> FrameArrays:
-    """Everything in one struct; edges and volumes are ConstraintLists."""
+@wp.struct
+class ConstraintArrays:
+    """One entry per constraint in use, sorted by color.
+
+    A color begins at a multiple of a group (CPU_GROUP, CUDA_GROUP) and fills whole groups;
+    the vertices of unused entries are V, one more than the last vertex.
+
+    Attributes:
+        vertices: [C, n]
+        ids: Index of each in the list of all constraints.  [C]
+        rest_values: L or 6 V0.  [C]
+        regularization: a.  [C]
+        offsets: Color c is offsets[c]:offsets[c + 1]; it may be empty.  [color_count + 1]
+    """
+
+    vertices: wp.array2d(dtype=int)
+    ids: wp.array(dtype=int)
+    rest_values: wp.array(dtype=float)
+    regularization: wp.array(dtype=float)
+    offsets: wp.array(dtype=int)
+
+
+@wp.struct
+class FrameArrays:
+    """Everything that a frame reads and writes.
+
+    Attributes:
+        timing: The numbers of a Timing.
+        motion: The farthest that a vertex moved in this frame [m], one number for each thread
+            of a CPU; a GPU writes the first.  [MOST_THREADS]
+    """
+
+    state: VertexArrays
+    edges: ConstraintArrays
+    volumes: ConstraintArrays
+    timing: wp.array(dtype=float)
+    motion: wp.array(dtype=float)
+
+
+def frame_arrays(vertex_count, edges: ConstraintArrays, volumes: ConstraintArrays, device):
+    """FrameArrays at rest in the origin, without springs."""
     frame = FrameArrays()
-    for name, array in state._asdict().items():
-        setattr(frame, name, array)
-    frame.timing, frame.motion = timing, motion
-    for kind, arrays in (("edge", edges.arrays), ("tet", volumes.arrays)):
-        setattr(frame, f"{kind}_vertices", arrays.vertices)
-        setattr(frame, f"{kind}_rest", arrays.rest_values)
-        setattr(frame, f"{kind}_regularization", arrays.regularization)
-        setattr(frame, f"{kind}_offsets", arrays.offsets)
-        setattr(frame, f"{kind}_room", len(arrays.vertices))
-        setattr(frame, f"{kind}_color_count", len(arrays.offsets) - 1)
-    frame.edge_ids = edges.arrays.ids
-    frame.vertex_count = len(state.vertices)
+    for name in ("vertices", "deltas", "velocities", "anchors", "targets"):
+        setattr(frame.state, name, wp.zeros(vertex_count, dtype=wp.vec3, device=device))
+    frame.state.inverse_masses = wp.zeros(vertex_count, dtype=float, device=device)
+    frame.state.springs = wp.full(
+        vertex_count, wp.vec2(NO_SPRING, 0.0), dtype=wp.vec2, device=device
+    )
+    frame.edges, frame.volumes = edges, volumes
+    frame.timing = wp.zeros(len(Timing._fields), dtype=float, device=device)
+    frame.motion = wp.zeros(MOST_THREADS, dtype=float, device=device)
     return frame
-
-
-def vertex_arrays(count, device) -> VertexArrays:
-    """All zero, without springs."""
-
-    def zeros(dtype=wp.vec3):
-        return wp.zeros(count, dtype=dtype, device=device)
-
-    springs = wp.full(count, wp.vec2(integration.NO_SPRING, 0.0), dtype=wp.vec2, device=device)
-    x, d, v, anchors, targets = (zeros() for _ in range(5))
-    return VertexArrays(x, d, v, zeros(float), anchors, targets, springs)
 
 
 def upload(array, dtype, device):
@@ -131,13 +107,12 @@ class ConstraintList:
 
     Attributes:
         constraints: All of them, an EdgeConstraints or a VolumeConstraints.
-        in_use: Indices into it, by color.  [N] int
-        vertices: As in `arrays`, on the host.  [C, 2 or 4] int32
-        arrays: ConstraintArrays with room for all.
+        in_use: Their indices, by color.  [N] int
+        arrays: ConstraintArrays with room for all constraints.
     """
 
-    def __init__(self, constraints, rest_values, dtype, vertex_count, device, by_class=False):
-        """Take constraints; `by_class` puts translates side by side within a color."""
+    def __init__(self, constraints, rest_values, vertex_count, device, by_class=False):
+        """Use all constraints; `by_class` puts translates side by side within a color."""
         self.constraints = constraints
         self._by_class = by_class
         self._rest_values = rest_values
@@ -146,14 +121,13 @@ class ConstraintList:
         offsets = constraints.offsets
         self._colors = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
         room = int(self._whole_groups(np.diff(offsets)).sum())
-        self.vertices = np.empty((room, constraints.vertices.shape[1]), np.int32)
-        self.arrays = ConstraintArrays(
-            wp.zeros(room, dtype=dtype, device=device),
-            wp.zeros(room, dtype=int, device=device),
-            wp.zeros(room, dtype=float, device=device),
-            wp.zeros(room, dtype=float, device=device),
-            wp.zeros(len(offsets), dtype=int, device=device),
-        )
+        corner_count = constraints.vertices.shape[1]
+        self.arrays = ConstraintArrays()
+        self.arrays.vertices = wp.zeros((room, corner_count), dtype=int, device=device)
+        self.arrays.ids = wp.zeros(room, dtype=int, device=device)
+        self.arrays.rest_values = wp.zeros(room, dtype=float, device=device)
+        self.arrays.regularization = wp.zeros(room, dtype=float, device=device)
+        self.arrays.offsets = wp.zeros(len(offsets), dtype=int, device=device)
         self.in_use = None
         self.select(np.ones(vertex_count, bool))
 
@@ -161,7 +135,7 @@ class ConstraintList:
         return -(-counts // self._group) * self._group
 
     def select(self, movable) -> bool:
-        """Use the constraints that have a movable vertex ([V] bool); whether that is new."""
+        """Use the constraints that have a movable vertex ([V] bool); True if these are others."""
         in_use = np.flatnonzero(movable[self.constraints.vertices].any(axis=1))
         if self._by_class:
             keys = in_use, self.constraints.classes[in_use], self._colors[in_use]
@@ -173,9 +147,7 @@ class ConstraintList:
         starts = np.append(0, np.cumsum(self._whole_groups(counts)))
         within = np.arange(len(in_use)) - np.repeat(np.append(0, np.cumsum(counts))[:-1], counts)
         self._places = np.repeat(starts[:-1], counts) + within
-        self.vertices[:] = self._unused
-        self.vertices[self._places] = self.constraints.vertices[in_use]
-        self.arrays.vertices.assign(self.vertices)
+        self._put(self.arrays.vertices, self.constraints.vertices[in_use], self._unused)
         self._put(self.arrays.ids, in_use)
         self._put(self.arrays.rest_values, self._rest_values[in_use])
         self.arrays.offsets.assign(starts.astype(np.int32))
@@ -184,14 +156,14 @@ class ConstraintList:
     def set_regularization(self, values):
         """Take a of all constraints.  [C]
 
-        Where nothing can move and nothing gives, a is 0; any other number keeps 0/0 away.
+        a is 0 only where no vertex can move and the compliance is 0; 1 avoids 0/0 there.
         """
         values = values[self.in_use]
         self._put(self.arrays.regularization, np.where(values > 0.0, values, 1.0))
 
-    def _put(self, array, values):
-        """Fill an array, with 1 in unused entries: no division by zero happens there."""
+    def _put(self, array, values, unused=1):
+        """Fill an array; 1 in unused entries avoids a division by zero."""
         kind = np.float32 if np.issubdtype(values.dtype, np.floating) else np.int32
-        filled = np.ones(len(self.vertices), kind)
+        filled = np.full(array.shape, unused, kind)
         filled[self._places] = values
         array.assign(filled)

@@ -36,6 +36,9 @@ SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for what belongs to flat te
 BRACE_VOLUME = 0.25  # V_e of a brace, in means over edges; a hinge has many braces
 COLLAPSED = 1e-12  # of L; a shorter edge has no direction of its own
 
+NO_SPRING = -1.0  # in place of a, which is never negative
+UNLIMITED = 3e38  # a longest move that no spring reaches
+
 
 @dataclass(frozen=True)
 class EdgeConstraints:
@@ -146,6 +149,20 @@ def lumped_masses(rest_vertices, tets, density):
     used = np.unique(tets)
     masses[used] = np.maximum(masses[used], SMALLEST_SHARE * masses[used].mean())
     return masses
+
+
+def spring_coefficients(stiffness, force_limit, inverse_masses, substep):
+    """a = 1/(k h²) [1/kg] and the longest move w F h² [m] of a spring.  [K, 2]
+
+    Args:
+        stiffness: k [N/m].  [K]
+        force_limit: F [N].  [K]
+        inverse_masses: w.  [K]
+    """
+    a = 1.0 / (np.asarray(stiffness) * substep**2)
+    longest = inverse_masses * np.minimum(force_limit, UNLIMITED) * substep**2
+    longest = np.minimum(longest, UNLIMITED)
+    return np.stack(np.broadcast_arrays(a, longest), axis=-1)
 
 
 def volume_gradients(vertices, tets):

@@ -6,9 +6,8 @@ waits for the device.  Shapes: P parts.
 
 import warp as wp
 
-from . import integration, tangles
+from . import tangles
 from .frame import CpuFrame, CudaFrame
-from .pace import MOST_THREADS
 from .tangles import TangleCounter
 
 
@@ -20,10 +19,10 @@ class Feedback:
             mesh.  [MOST_THREADS] on the device
     """
 
-    def __init__(self, tangles: TangleCounter, device):
+    def __init__(self, tangles: TangleCounter, motion, device):
         self._device = device
         self._tangles = tangles
-        self.motion = wp.zeros(MOST_THREADS, dtype=float, device=device)
+        self.motion = motion
         self._motion_on_host = wp.zeros_like(self.motion, device="cpu", pinned=device.is_cuda)
         self._counts_on_host = wp.zeros(
             tangles.counts.shape, dtype=int, device="cpu", pinned=device.is_cuda
@@ -70,4 +69,4 @@ def kernel_modules(device) -> list[str]:
     that is not among them.
     """
     frame = CudaFrame if wp.get_device(device).is_cuda else CpuFrame
-    return sorted([integration.__name__, tangles.__name__, frame.__module__])
+    return [tangles.__name__, frame.__module__]

@@ -24,7 +24,7 @@ import warp as wp
 
 from ..geometry import EDGES
 from .arrays import upload
-from .integration import UNLIMITED
+from .constraints import UNLIMITED
 
 wp.set_module_options({"enable_backward": False})
 

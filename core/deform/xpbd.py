@@ -16,11 +16,10 @@ import numpy as np
 import warp as wp
 
 from ..geometry import components
-from . import checks, constraints, integration
-from .arrays import ConstraintList, frame_arrays, upload, vertex_arrays
+from . import checks, constraints
+from .arrays import ConstraintList, frame_arrays
 from .feedback import Feedback
 from .frame import CpuFrame, CudaFrame, runs_in_block
-from .integration import NO_SPRING, Timing
 from .material import Material
 from .rescue import Rescue, distortion, way_back
 from .tangles import TangleCounter
@@ -83,22 +82,18 @@ class XpbdSolver:
         self.reset()
 
     def _allocate(self):
-        device = self.device
-        self._state = vertex_arrays(len(self.rest_vertices), device)
-        self.vertices, self.velocities = self._state.vertices, self._state.velocities
-        edges, volumes = self.edges, self.volumes
+        device, edges, volumes = self.device, self.edges, self.volumes
         count = len(self.rest_vertices)
         common = count, device, device.is_cuda and runs_in_block(count)
-        self._edge_list = ConstraintList(edges, edges.rest_lengths, wp.vec2i, *common)
-        self._volume_list = ConstraintList(volumes, volumes.rest_volumes, wp.vec4i, *common)
-        self._timing = wp.zeros(len(Timing._fields), dtype=float, device=device)
+        self._edge_list = ConstraintList(edges, edges.rest_lengths, *common)
+        self._volume_list = ConstraintList(volumes, volumes.rest_volumes, *common)
+        arrays = frame_arrays(count, self._edge_list.arrays, self._volume_list.arrays, device)
+        self._state, self._timing = arrays.state, arrays.timing
+        self.vertices, self.velocities = self._state.vertices, self._state.velocities
         tangles = TangleCounter(self.rest_vertices, volumes.vertices, self._part_of, device)
-        self._feedback = Feedback(tangles, device)
-        frame = frame_arrays(
-            self._state, self._edge_list, self._volume_list, self._timing, self._feedback.motion
-        )
+        self._feedback = Feedback(tangles, arrays.motion, device)
         self._frame = (
-            CudaFrame(frame, self.rest_vertices, device) if device.is_cuda else CpuFrame(frame)
+            CudaFrame(arrays, self.rest_vertices, device) if device.is_cuda else CpuFrame(arrays)
         )
 
     # -- material, masses --------------------------------------------------------------
@@ -184,27 +179,21 @@ class XpbdSolver:
         self._handle_targets = targets.copy()
         free = ~self.pinned[self._handles]
         if free.any():
-            wp.launch(
-                integration.move_kernel,
-                dim=int(free.sum()),
-                inputs=[
-                    upload(self._handles[free].astype(np.int32), int, self.device),
-                    upload(targets[free], wp.vec3, self.device),
-                    self._state.targets,
-                ],
-                device=self.device,
-            )
+            self._state.targets[self._ids(self._handles[free])].assign(targets[free])
 
     def release(self):
         """Let all handles go; they keep their velocity and get their mass back."""
         self.grab([])
 
     def _hold(self, held_anew):
+        """These vertices [V] bool become kinematic or get springs where they are."""
         if held_anew.any():
-            state = self._state
-            flags = wp.array(held_anew, dtype=bool, device=self.device)
-            inputs = [state.vertices, flags, state.anchors, state.targets]
-            wp.launch(integration.hold_kernel, len(held_anew), inputs, device=self.device)
+            state, ids = self._state, self._ids(np.flatnonzero(held_anew))
+            for goal in (state.anchors, state.targets):
+                wp.copy(goal[ids], state.vertices[ids])
+
+    def _ids(self, ids):
+        return wp.array(ids, dtype=int, device=self.device)
 
     def _update_inverse_masses(self):
         kinematic = self.pinned | self._rescued
@@ -391,8 +380,8 @@ class XpbdSolver:
             elif compliances is not None:
                 part.set_regularization(regularization(compliances, w, h))
         if self._springs is not None:
-            springs = np.full((len(w), 2), (NO_SPRING, 0.0))
-            springs[self._handles] = integration.spring_coefficients(
+            springs = np.full((len(w), 2), (constraints.NO_SPRING, 0.0))
+            springs[self._handles] = constraints.spring_coefficients(
                 *self._springs.T, w[self._handles], h
             )
             self._state.springs.assign(springs.astype(np.float32))

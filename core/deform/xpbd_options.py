@@ -5,13 +5,35 @@ Units: SI; z is up.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from .integration import NO_GROUND, Timing
-
 TIME_STEP = 1.0 / 60.0  # s; XpbdOptions.substep_count is the number of substeps in it
+NO_GROUND = -3e38  # below every vertex; finite: fast arithmetic may ignore infinities
 LONGEST_STEPS = 6  # of TIME_STEP; in a longer step the substeps are longer, not more
+
+
+class Timing(NamedTuple):
+    """What all vertices share, in the order of the kernels' array `timing`.
+
+    Attributes:
+        substep: h [s].
+        decay: exp(-δ h).
+        speed_limit: v_max [m/s].
+        gravity_x, gravity_y, gravity_z: [m/s²]
+        ground: Height z of the ground [m]; NO_GROUND if there is none.
+        friction: Coulomb's coefficient on the ground.
+    """
+
+    substep: float
+    decay: float
+    speed_limit: float
+    gravity_x: float
+    gravity_y: float
+    gravity_z: float
+    ground: float = NO_GROUND
+    friction: float = 0.0
 
 
 @dataclass(frozen=True)

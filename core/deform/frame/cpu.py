@@ -1,48 +1,57 @@
 """One frame of the solver on a CPU: eight constraints at once, several threads.
 
 Constraints of one color share no vertex, so eight of them are projected in the lanes of a
-vector, and threads take parts of a color.  They meet at a barrier between colors, which
-spins: waiting for the operating system would take longer than a color.  The result doesn't
-depend on the number of threads.
+vector, and each thread takes a part of a color.  Between colors the threads wait for each
+other at a barrier that spins: waiting for the operating system would take longer than a
+color.  The result doesn't depend on the number of threads.
 
-Entries that aren't used (arrays.py) are about a vertex V that has no mass.
+Unused entries of constraint lists (arrays.py) refer to a vertex V that has no mass.
 
-The substep itself is in xpbd.py and reference.py.  Shapes: V vertices, E edges, T tets.
+reference.py defines the substep.  Shapes: V vertices.
 """
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from pathlib import Path
 from threading import Lock
 from time import perf_counter
 
 import warp as wp
 
 from ..arrays import FrameArrays
-from ..constraints import COLLAPSED, STEP_LIMIT
 from ..pace import MOST_THREADS, Pace, thread_limit
+from .native import native_source
 
 wp.set_module_options({"enable_backward": False})
 
-
 LINE = 16  # ints of a cache line, or half of one
-EVERYONE = 2**30  # arrivals beyond any barrier
-
-_SOURCE = Path(__file__).with_suffix(".cpp").read_text(encoding="utf-8")
+EVERYONE = 2**30  # more arrivals than any barrier waits for
 
 
-@wp.func_native(
-    _SOURCE.replace("@COLLAPSED", f"{COLLAPSED}f")
-    .replace("@STEP_LIMIT", f"{STEP_LIMIT}f")
-    .replace("@LINE", str(LINE))
-)
+@wp.struct
+class CpuScratch:
+    """What a frame needs besides FrameArrays.
+
+    Attributes:
+        bodies: Deltas and inverse masses.  [V + 1]
+        previous: The same at the substep's start.  [V]
+        spans: Differences of vertices at the frame's start, by component.
+            [3 rooms of edges + 9 rooms of volumes]
+        lanes: Vertices of constraints, eight by eight.  [2 rooms of edges + 4 rooms of volumes]
+        arrivals: How many barriers each thread has reached; 0 before a frame.
+            [LINE · MOST_THREADS]
+    """
+
+    bodies: wp.array(dtype=wp.vec4)
+    previous: wp.array(dtype=wp.vec4)
+    spans: wp.array(dtype=float)
+    lanes: wp.array(dtype=int)
+    arrivals: wp.array(dtype=int)
+
+
+@wp.func_native(native_source("cpu.cpp", LINE=LINE))
 def frame_native(
     frame: FrameArrays,
-    bodies: wp.array(dtype=wp.vec4),
-    previous: wp.array(dtype=wp.vec4),
-    spans: wp.array(dtype=float),
-    lanes: wp.array(dtype=int),
-    arrivals: wp.array(dtype=int),
+    scratch: CpuScratch,
     substep_count: int,
     has_volumes: int,
     has_springs: int,
@@ -55,11 +64,7 @@ def frame_native(
 @wp.kernel(grid_stride=False)
 def frame_kernel(
     frame: FrameArrays,
-    bodies: wp.array(dtype=wp.vec4),  # [V + 1] deltas and inverse masses
-    previous: wp.array(dtype=wp.vec4),  # [V] at the substep's start
-    spans: wp.array(dtype=float),  # [3 edge_room + 9 tet_room] of the frame's start, by component
-    lanes: wp.array(dtype=int),  # [2 edge_room + 4 tet_room] vertices, eight by eight
-    arrivals: wp.array(dtype=int),  # [LINE · threads] at barriers, 0 when the frame begins
+    scratch: CpuScratch,
     substep_count: int,
     has_volumes: int,
     has_springs: int,
@@ -69,11 +74,7 @@ def frame_kernel(
 ):
     frame_native(
         frame,
-        bodies,
-        previous,
-        spans,
-        lanes,
-        arrivals,
+        scratch,
         substep_count,
         has_volumes,
         has_springs,
@@ -88,21 +89,20 @@ class CpuFrame:
 
     def __init__(self, frame: FrameArrays):
         self._frame = frame
-        span_count = 3 * frame.edge_room + 9 * frame.tet_room
-        lane_count = 2 * frame.edge_room + 4 * frame.tet_room
-        self._scratch = (
-            wp.zeros(frame.vertex_count + 1, dtype=wp.vec4, device="cpu"),
-            wp.zeros(frame.vertex_count, dtype=wp.vec4, device="cpu"),
-            wp.zeros(span_count, dtype=float, device="cpu"),
-            wp.zeros(lane_count, dtype=int, device="cpu"),
-            wp.zeros(LINE * MOST_THREADS, dtype=int, device="cpu"),
-        )
-        self._arrivals = self._scratch[-1].numpy()
+        vertex_count = len(frame.state.vertices)
+        edge_room, tet_room = len(frame.edges.ids), len(frame.volumes.ids)
+        self._scratch = scratch = CpuScratch()
+        scratch.bodies = wp.zeros(vertex_count + 1, dtype=wp.vec4, device="cpu")
+        scratch.previous = wp.zeros(vertex_count, dtype=wp.vec4, device="cpu")
+        scratch.spans = wp.zeros(3 * edge_room + 9 * tet_room, dtype=float, device="cpu")
+        scratch.lanes = wp.zeros(2 * edge_room + 4 * tet_room, dtype=int, device="cpu")
+        scratch.arrivals = wp.zeros(LINE * MOST_THREADS, dtype=int, device="cpu")
+        self._arrivals = scratch.arrivals.numpy()
         self._launches = {}
-        self._pace = Pace(thread_limit(frame.tet_room))
+        self._pace = Pace(thread_limit(tet_room))
 
     def run(self, substep_count: int, volumes: bool, springs: bool, ground: bool) -> None:
-        """One frame; what isn't needed isn't done."""
+        """Run one frame with the given parts of a substep."""
         thread_count = self._pace.thread_count
         key = thread_count, substep_count, volumes, springs, ground
         if key not in self._launches:
@@ -110,7 +110,7 @@ class CpuFrame:
                 wp.launch(
                     frame_kernel,
                     1,
-                    [self._frame, *self._scratch, *map(int, key[1:]), thread, thread_count],
+                    [self._frame, self._scratch, *map(int, key[1:]), thread, thread_count],
                     device="cpu",
                     record_cmd=True,
                 )
@@ -119,12 +119,12 @@ class CpuFrame:
         mine, *others = self._launches[key]
         start = perf_counter()
         running = []
-        with _ONE_AT_A_TIME:  # two solvers would wait for helpers that the other one holds
+        with _ONE_AT_A_TIME:  # two frames at once would wait for each other's helpers
             self._arrivals[:] = 0
             try:
                 running += [_helpers().submit(self._launch, other) for other in others]
                 self._launch(mine)
-            except BaseException:  # Ctrl-C between them: nobody must wait for who isn't there
+            except BaseException:  # Ctrl-C: helpers must not wait for a thread that never comes
                 self._arrivals[:] = EVERYONE
                 raise
             finally:

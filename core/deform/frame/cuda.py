@@ -1,30 +1,28 @@
 """One frame of the solver on a GPU, in one launch: n substeps, every color of every substep.
 
-A launch per color costs 1.3 µs or more, whatever it does, and a substep has about 40 of
-them.  Here one kernel does the whole frame and waits at a barrier between colors instead.
-What it waits with, and where it keeps the positions, depends on the mesh's size:
+A launch per color costs at least 1.3 µs, and a substep has about 40 colors.  So one kernel
+runs the whole frame and waits at a barrier between colors.  There are two forms of it, and
+the mesh's size decides which one runs:
 
-    block  one block of threads, positions in its shared memory, __syncthreads
+    block  one block of threads, positions in its shared memory, __syncthreads as barrier
     grid   a block on most of the GPU's processors, positions in its L2 cache, a counter
 
-Constraints are loaded two colors ahead, so that only positions are waited for behind a
-barrier.  The order of colors is the same for both, so the results are.
+Constraints are loaded two colors ahead, so that behind a barrier a thread waits for
+positions only.  Both forms take the colors in the same order and give the same result.
 
-Shared memory has eight banks of 16 bytes, and eight threads that want the same one wait
-for each other.  Translates of one constraint are neighbors in the order (coloring.py), so
-a vertex's bank is the parity of its lattice cell: then most eights have eight banks.
+Shared memory has eight banks of 16 bytes, and eight threads that access the same bank wait
+for each other.  Translates of one constraint are neighbors in the order (coloring.py), so a
+vertex's bank is the parity of its lattice cell: then most groups of eight use eight banks.
 
-The substep itself is in xpbd.py and reference.py.  Shapes: V vertices, E edges, T tets.
+reference.py defines the substep.  Shapes: V vertices, E and T rooms for edges and volumes.
 """
-
-from pathlib import Path
 
 import numpy as np
 import warp as wp
 
 from ...geometry import lattice_addresses
 from ..arrays import FrameArrays
-from ..constraints import COLLAPSED, STEP_LIMIT
+from .native import native_source
 
 wp.set_module_options({"enable_backward": False})
 
@@ -35,30 +33,45 @@ MOST_COLORS = 380  # of edges and tets together; 8 bytes each
 BANKS = 8
 
 
+@wp.struct
+class CudaScratch:
+    """What a frame needs besides FrameArrays.
+
+    Attributes:
+        slots: Where a block keeps each vertex in shared memory.  [V]
+        bodies: Deltas and inverse masses, of a grid.  [V]
+        previous: Deltas at the substep's start.  [V]
+        edge_slots: Slots of the ends; -1 in unused entries.  [E]
+        edge_spans: Differences of the ends at the frame's start, and L.  [E]
+        tet_slots: Slots of the corners; -1 in unused entries.  [T]
+        tet_spans: Corners minus the first one at the frame's start, and 6 V0, a, 0.  [3 T]
+        arrivals: How many blocks have reached the barriers so far.  [1]
+    """
+
+    slots: wp.array(dtype=int)
+    bodies: wp.array(dtype=wp.vec4)
+    previous: wp.array(dtype=wp.vec3)
+    edge_slots: wp.array(dtype=wp.vec2i)
+    edge_spans: wp.array(dtype=wp.vec4)
+    tet_slots: wp.array(dtype=wp.vec4i)
+    tet_spans: wp.array(dtype=wp.vec4)
+    arrivals: wp.array(dtype=int)
+
+
 def _kernel(grid, threads):
     """The kernel for one block or for a grid of them."""
-    snippet = Path(__file__).with_suffix(".cu").read_text(encoding="utf-8")
-    for name, value in {
-        "GRID": int(grid),
-        "THREADS": threads,
-        "SHARED_VERTICES": SHARED_VERTICES,
-        "MOST_COLORS": MOST_COLORS,
-        "COLLAPSED": f"{COLLAPSED}f",
-        "STEP_LIMIT": f"{STEP_LIMIT}f",
-    }.items():
-        snippet = snippet.replace(f"@{name}", str(value))
+    source = native_source(
+        "cuda.cu",
+        GRID=int(grid),
+        THREADS=threads,
+        SHARED_VERTICES=SHARED_VERTICES,
+        MOST_COLORS=MOST_COLORS,
+    )
 
-    @wp.func_native(snippet)
+    @wp.func_native(source)
     def frame_native(
         frame: FrameArrays,
-        slots: wp.array(dtype=int),
-        bodies: wp.array(dtype=wp.vec4),
-        previous: wp.array(dtype=wp.vec3),
-        edge_slots: wp.array(dtype=wp.vec2i),
-        edge_spans: wp.array(dtype=wp.vec4),
-        tet_slots: wp.array(dtype=wp.vec4i),
-        tet_spans: wp.array(dtype=wp.vec4),
-        arrivals: wp.array(dtype=int),
+        scratch: CudaScratch,
         substep_count: int,
         has_volumes: int,
         has_springs: int,
@@ -68,70 +81,44 @@ def _kernel(grid, threads):
     @wp.kernel(module="unique", grid_stride=False, enable_backward=False, launch_bounds=threads)
     def frame_kernel(
         frame: FrameArrays,
-        slots: wp.array(dtype=int),  # [V] where a block keeps each vertex
-        bodies: wp.array(dtype=wp.vec4),  # [V] deltas and inverse masses, of a grid
-        previous: wp.array(dtype=wp.vec3),  # [V] deltas at the substep's start
-        edge_slots: wp.array(dtype=wp.vec2i),  # [edge_room]
-        edge_spans: wp.array(dtype=wp.vec4),  # [edge_room] of the frame's start, and L
-        tet_slots: wp.array(dtype=wp.vec4i),  # [tet_room]
-        tet_spans: wp.array(dtype=wp.vec4),  # [3 tet_room] and 6 V0, a, 0
-        arrivals: wp.array(dtype=int),  # [1] at barriers
+        scratch: CudaScratch,
         substep_count: int,
         has_volumes: int,
         has_springs: int,
         has_ground: int,
     ):
-        frame_native(
-            frame,
-            slots,
-            bodies,
-            previous,
-            edge_slots,
-            edge_spans,
-            tet_slots,
-            tet_spans,
-            arrivals,
-            substep_count,
-            has_volumes,
-            has_springs,
-            has_ground,
-        )
+        frame_native(frame, scratch, substep_count, has_volumes, has_springs, has_ground)
 
     return frame_kernel
 
 
 @wp.kernel(grid_stride=False)
-def begin_kernel(
-    frame: FrameArrays,
-    slots: wp.array(dtype=int),  # [V]
-    has_volumes: int,
-    edge_slots: wp.array(dtype=wp.vec2i),  # [edge_room] out: -1 in entries that aren't used
-    edge_spans: wp.array(dtype=wp.vec4),  # [edge_room] out: difference of the ends, and L
-    tet_slots: wp.array(dtype=wp.vec4i),  # [tet_room] out: -1 in entries that aren't used
-    tet_spans: wp.array(dtype=wp.vec4),  # [3 tet_room] out: corners minus the first; 6 V0, a, 0
-):
+def begin_kernel(frame: FrameArrays, scratch: CudaScratch, has_volumes: int):
     k = wp.tid()
-    if k < frame.edge_room:
-        e = frame.edge_vertices[k]
-        if e[0] < frame.vertex_count:
-            edge_slots[k] = wp.vec2i(slots[e[0]], slots[e[1]])
-            u = frame.vertices[e[0]] - frame.vertices[e[1]]
-            edge_spans[k] = wp.vec4(u[0], u[1], u[2], frame.edge_rest[k])
+    vertex_count = frame.state.vertices.shape[0]
+    edges = frame.edges.vertices
+    if k < edges.shape[0]:
+        if edges[k, 0] < vertex_count:
+            scratch.edge_slots[k] = wp.vec2i(scratch.slots[edges[k, 0]], scratch.slots[edges[k, 1]])
+            u = frame.state.vertices[edges[k, 0]] - frame.state.vertices[edges[k, 1]]
+            scratch.edge_spans[k] = wp.vec4(u[0], u[1], u[2], frame.edges.rest_values[k])
         else:
-            edge_slots[k] = wp.vec2i(-1, -1)
-    if has_volumes != 0 and k < frame.tet_room:
-        t = frame.tet_vertices[k]
-        if t[0] < frame.vertex_count:
-            tet_slots[k] = wp.vec4i(slots[t[0]], slots[t[1]], slots[t[2]], slots[t[3]])
-            origin = frame.vertices[t[0]]
-            a = frame.vertices[t[1]] - origin
-            b = frame.vertices[t[2]] - origin
-            c = frame.vertices[t[3]] - origin
-            tet_spans[k] = wp.vec4(a[0], a[1], a[2], frame.tet_rest[k])
-            tet_spans[frame.tet_room + k] = wp.vec4(b[0], b[1], b[2], frame.tet_regularization[k])
-            tet_spans[2 * frame.tet_room + k] = wp.vec4(c[0], c[1], c[2], 0.0)
+            scratch.edge_slots[k] = wp.vec2i(-1, -1)
+    tets = frame.volumes.vertices
+    room = tets.shape[0]
+    if has_volumes != 0 and k < room:
+        if tets[k, 0] < vertex_count:
+            slots = wp.vec4i()
+            for i in range(4):
+                slots[i] = scratch.slots[tets[k, i]]
+            scratch.tet_slots[k] = slots
+            origin = frame.state.vertices[tets[k, 0]]
+            last = wp.vec3(frame.volumes.rest_values[k], frame.volumes.regularization[k], 0.0)
+            for i in range(3):
+                u = frame.state.vertices[tets[k, i + 1]] - origin
+                scratch.tet_spans[i * room + k] = wp.vec4(u[0], u[1], u[2], last[i])
         else:
-            tet_slots[k] = wp.vec4i(-1, -1, -1, -1)
+            scratch.tet_slots[k] = wp.vec4i(-1, -1, -1, -1)
 
 
 block_kernel = _kernel(False, BLOCK_THREADS)
@@ -142,60 +129,56 @@ class CudaFrame:
     """Runs frames of one solver on a GPU."""
 
     def __init__(self, frame: FrameArrays, rest_vertices, device):
-        """Take the arrays to work on, and where vertices are at rest.  [V, 3]"""
-        if frame.edge_color_count + frame.tet_color_count > MOST_COLORS:
+        """Take the arrays to work on, and where vertices are at rest.  [V, 3]
+
+        Raises:
+            ValueError: The constraints have too many colors for a block's shared memory.
+        """
+        edge_colors, tet_colors = len(frame.edges.offsets) - 1, len(frame.volumes.offsets) - 1
+        if edge_colors + tet_colors > MOST_COLORS:
             raise ValueError(
-                f"constraints have {frame.edge_color_count} + {frame.tet_color_count} colors; "
-                f"the solver takes {MOST_COLORS} on a GPU: some vertex has too many edges or tets"
+                f"constraints have {edge_colors} + {tet_colors} colors; the solver takes "
+                f"{MOST_COLORS} on a GPU: some vertex has too many edges or tets"
             )
         self._frame, self._device = frame, device
-        self.in_block = runs_in_block(len(rest_vertices))
-        slots = bank_slots(rest_vertices) if self.in_block else np.arange(len(rest_vertices))
-
-        def scratch(count, dtype):
-            return wp.zeros(count, dtype=dtype, device=device)
-
-        self._scratch = (
-            wp.array(slots.astype(np.int32), device=device),
-            scratch(1 if self.in_block else frame.vertex_count, wp.vec4),
-            scratch(frame.vertex_count, wp.vec3),
-            scratch(frame.edge_room, wp.vec2i),
-            scratch(frame.edge_room, wp.vec4),
-            scratch(frame.tet_room, wp.vec4i),
-            scratch(3 * frame.tet_room, wp.vec4),
-            scratch(1, int),
-        )
         self._launches = {}
+        count = len(rest_vertices)
+        self._in_block = runs_in_block(count)
+        edge_room, tet_room = len(frame.edges.ids), len(frame.volumes.ids)
 
-    def use_grid(self) -> None:
-        """Run small meshes as large ones, to compare."""
-        self.in_block = False
-        slots, bodies, *others = self._scratch
-        count = len(slots)
-        slots.assign(np.arange(count, dtype=np.int32))
-        self._scratch = slots, wp.zeros(count, dtype=wp.vec4, device=bodies.device), *others
-        self._launches.clear()
+        def zeros(size, dtype):
+            return wp.zeros(size, dtype=dtype, device=device)
+
+        slots = bank_slots(rest_vertices) if self._in_block else np.arange(count)
+        self._scratch = scratch = CudaScratch()
+        scratch.slots = wp.array(slots.astype(np.int32), device=device)
+        scratch.bodies = zeros(1 if self._in_block else count, wp.vec4)
+        scratch.previous = zeros(count, wp.vec3)
+        scratch.edge_slots = zeros(edge_room, wp.vec2i)
+        scratch.edge_spans = zeros(edge_room, wp.vec4)
+        scratch.tet_slots = zeros(tet_room, wp.vec4i)
+        scratch.tet_spans = zeros(3 * tet_room, wp.vec4)
+        scratch.arrivals = zeros(1, int)
 
     def run(self, substep_count: int, volumes: bool, springs: bool, ground: bool) -> None:
-        """One frame; what isn't needed isn't done."""
+        """Run one frame with the given parts of a substep."""
         key = substep_count, volumes, springs, ground
         if key not in self._launches:
-            threads = BLOCK_THREADS if self.in_block else GRID_THREADS
+            threads = BLOCK_THREADS if self._in_block else GRID_THREADS
             # A power of two, all of which run at once: they wait for each other.
-            blocks = 1 if self.in_block else 2 ** int(np.log2(self._device.sm_count))
-            slots, _, _, *lists, _ = self._scratch
+            blocks = 1 if self._in_block else 2 ** int(np.log2(self._device.sm_count))
             self._launches[key] = (
                 wp.launch(
                     begin_kernel,
-                    max(self._frame.edge_room, self._frame.tet_room),
-                    [self._frame, slots, int(volumes), *lists],
+                    max(len(self._frame.edges.ids), len(self._frame.volumes.ids)),
+                    [self._frame, self._scratch, int(volumes)],
                     device=self._device,
                     record_cmd=True,
                 ),
                 wp.launch(
-                    block_kernel if self.in_block else grid_kernel,
+                    block_kernel if self._in_block else grid_kernel,
                     blocks * threads,
-                    [self._frame, *self._scratch, *map(int, key)],
+                    [self._frame, self._scratch, *map(int, key)],
                     device=self._device,
                     block_dim=threads,
                     record_cmd=True,
@@ -211,7 +194,7 @@ def runs_in_block(vertex_count: int) -> bool:
 
 
 def bank_slots(rest_vertices):
-    """Where a block keeps each vertex, so that neighboring threads find different banks.
+    """Where a block keeps each vertex, so that neighboring threads access different banks.
 
     Args:
         rest_vertices: [V, 3]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..constraints import EdgeConstraints, VolumeConstraints, project_edges, project_volumes
-from ..integration import Timing
+from ..xpbd_options import Timing
 
 TINY = 1e-200  # in place of a length of 0
 

@@ -1,0 +1,175 @@
+// The arithmetic of a substep, once for both devices: cpu.cpp and cuda.cu include this text.
+// It is the body of a function there, so it has lambdas in place of functions and templates.
+// reference.py has the same in float64.  Each device defines before:
+//
+//   real                      one number of each constraint that is projected at once: eight
+//                             constraints in the lanes of a vector (CPU), or one (GPU)
+//   Body                      x, y, z a vertex's delta, w its inverse mass; each a real
+//   Vector                    four floats x, y, z, w
+//   FOR_LANES(mask, i)        runs what follows for the lanes i that the mask selects
+//   LANE(v, i)                lane i of a real
+//   larger(a, b)
+//   divided(a, b)             a / b
+//   per_root(a, b)            a / sqrt(b), of floats
+//   shortfall(squared, rest, total)   (rest - |u|) / (|u| total), where squared = |u|^2
+//   cosine(t), sine(t)        of t half turns
+//   before(i), keep_before(i, d)      the delta of vertex i at the substep's start
+//
+// Numbers that all vertices share, and what a vertex has.
+const float* const timing = frame.timing.data;  // xpbd_options.Timing
+const float h = timing[0], per_h = 1.0f / h, decay = timing[1], limit = timing[2];
+const float fall_x = h * timing[3], fall_y = h * timing[4], fall_z = h * timing[5];
+const int vertex_count = frame.state.vertices.shape[0];
+float* const x = reinterpret_cast<float*>(frame.state.vertices.data);
+float* const velocity = reinterpret_cast<float*>(frame.state.velocities.data);
+float* const rest_delta = reinterpret_cast<float*>(frame.state.deltas.data);
+float* const anchor = reinterpret_cast<float*>(frame.state.anchors.data);
+const float* const target = reinterpret_cast<const float*>(frame.state.targets.data);
+
+// -- constraints ------------------------------------------------------------------------------
+
+struct Direction { float x, y, z; };
+// The direction of an edge that has no length: pseudo-random, but always the same one.
+auto fallback_direction = [&](int id) {
+    unsigned bits = (unsigned(id) + 1u) * 2654435761u;
+    bits ^= bits >> 16;
+    bits *= 2246822519u;
+    bits ^= bits >> 13;
+    const float up = (bits & 0xFFFFu) / 32768.0f - 1.0f;
+    const float half_turns = (bits >> 16) / 32768.0f;
+    const float wide = 1.0f - up * up;
+    const float ring = sqrt(wide > 0.0f ? wide : 0.0f);
+    return Direction{ring * cosine(half_turns), ring * sine(half_turns), up};
+};
+
+// Edges between p and q.  The span is their difference at the frame's start.
+auto project_edge = [&](Body& p, Body& q, real span_x, real span_y, real span_z, real rest,
+                        real regularization, const int* ids) {
+    real ux = span_x + (p.x - q.x), uy = span_y + (p.y - q.y), uz = span_z + (p.z - q.z);
+    const real squared = ux * ux + uy * uy + uz * uz;
+    const real total = p.w + q.w + regularization;
+    real along = shortfall(squared, rest, total);
+    const auto collapsed = !(squared > @COLLAPSED * @COLLAPSED * rest * rest);
+    FOR_LANES(collapsed, i) {
+        const Direction u = fallback_direction(ids[i]);
+        LANE(ux, i) = u.x;
+        LANE(uy, i) = u.y;
+        LANE(uz, i) = u.z;
+        LANE(along, i) = LANE(rest, i) / LANE(total, i);
+    }
+    const real mp = p.w * along, mq = q.w * along;
+    p.x += mp * ux; p.y += mp * uy; p.z += mp * uz;
+    q.x -= mq * ux; q.y -= mq * uy; q.z -= mq * uz;
+};
+
+// Tets.  Spans are those of corners 1, 2, 3 from corner 0 at the frame's start: a, b, c.
+auto project_tet = [&](Body& p0, Body& p1, Body& p2, Body& p3, const real (&span)[9], real rest,
+                       real regularization) {
+    const real ax = span[0] + (p1.x - p0.x), ay = span[1] + (p1.y - p0.y);
+    const real az = span[2] + (p1.z - p0.z), bx = span[3] + (p2.x - p0.x);
+    const real by = span[4] + (p2.y - p0.y), bz = span[5] + (p2.z - p0.z);
+    const real cx = span[6] + (p3.x - p0.x), cy = span[7] + (p3.y - p0.y);
+    const real cz = span[8] + (p3.z - p0.z);
+    const real g1x = by * cz - bz * cy, g1y = bz * cx - bx * cz, g1z = bx * cy - by * cx;
+    const real g2x = cy * az - cz * ay, g2y = cz * ax - cx * az, g2z = cx * ay - cy * ax;
+    const real g3x = ay * bz - az * by, g3y = az * bx - ax * bz, g3z = ax * by - ay * bx;
+    const real g0x = -(g1x + g2x + g3x), g0y = -(g1y + g2y + g3y), g0z = -(g1z + g2z + g3z);
+    const real n0 = g0x * g0x + g0y * g0y + g0z * g0z;
+    const real n1 = g1x * g1x + g1y * g1y + g1z * g1z;
+    const real n2 = g2x * g2x + g2y * g2y + g2z * g2z;
+    const real n3 = g3x * g3x + g3y * g3y + g3z * g3z;
+    const real weighted = p0.w * n0 + p1.w * n1 + p2.w * n2 + p3.w * n3;
+    real multiplier = divided(rest - (ax * g1x + ay * g1y + az * g1z), weighted + regularization);
+    const real largest = larger(larger(p0.w * p0.w * n0, p1.w * p1.w * n1),
+                                larger(p2.w * p2.w * n2, p3.w * p3.w * n3));
+    const real squared = multiplier * multiplier * largest;  // of the longest move
+    constexpr float cube = @STEP_LIMIT * @STEP_LIMIT * @STEP_LIMIT;
+    // Compared to the sixth power: only the few moves that are too long need roots.
+    const auto too_long = squared * squared * squared > cube * cube * rest * rest;
+    FOR_LANES(too_long, i)
+        LANE(multiplier, i) *= per_root(@STEP_LIMIT * cbrt(LANE(rest, i)), LANE(squared, i));
+    real m = multiplier * p0.w;
+    p0.x += m * g0x; p0.y += m * g0y; p0.z += m * g0z;
+    m = multiplier * p1.w;
+    p1.x += m * g1x; p1.y += m * g1y; p1.z += m * g1z;
+    m = multiplier * p2.w;
+    p2.x += m * g2x; p2.y += m * g2y; p2.z += m * g2z;
+    m = multiplier * p3.w;
+    p3.x += m * g3x; p3.y += m * g3y; p3.z += m * g3z;
+};
+
+// -- vertices ---------------------------------------------------------------------------------
+
+// A substep begins: vertex i moves on by its velocity, or along its way if it is kinematic.
+auto predict = [&](int i, int substep, Vector d, Vector v) {
+    if (d.w > 0.0f) {
+        keep_before(i, d);
+        v.x = decay * v.x + fall_x; v.y = decay * v.y + fall_y; v.z = decay * v.z + fall_z;
+        const float squared = v.x * v.x + v.y * v.y + v.z * v.z;
+        if (squared > limit * limit) {
+            const float less = limit / sqrt(squared);
+            v.x *= less; v.y *= less; v.z *= less;
+        }
+        d.x += h * v.x; d.y += h * v.y; d.z += h * v.z;
+    } else {
+        const float share = (substep + 1.0f) / substep_count;
+        d.x = share * (target[3 * i] - x[3 * i]);
+        d.y = share * (target[3 * i + 1] - x[3 * i + 1]);
+        d.z = share * (target[3 * i + 2] - x[3 * i + 2]);
+    }
+    return d;
+};
+auto first_prediction = [&](int i) {
+    const float* const d = rest_delta + 3 * i;
+    const float* const v = velocity + 3 * i;
+    return predict(i, 0, Vector{d[0], d[1], d[2], frame.state.inverse_masses.data[i]},
+                   Vector{v[0], v[1], v[2], 0.0f});
+};
+
+// A substep ends: vertex i's spring, the ground, and its velocity.
+auto finish = [&](int i, int substep, Vector& d) {
+    Vector v = {0.0f, 0.0f, 0.0f, 0.0f};
+    if (!(d.w > 0.0f)) return v;
+    const Vector from = before(i);
+    if (has_springs && frame.state.springs.data[i][0] >= 0.0f) {
+        const float share = (substep + 1.0f) / substep_count;
+        auto to_goal = [&](int j, float delta) {
+            const float way = target[3 * i + j] - anchor[3 * i + j];
+            return ((anchor[3 * i + j] - x[3 * i + j]) + share * way) - delta;
+        };
+        const float ux = to_goal(0, d.x), uy = to_goal(1, d.y), uz = to_goal(2, d.z);
+        const float squared = ux * ux + uy * uy + uz * uz;
+        const float most = frame.state.springs.data[i][1];
+        const float whole = d.w / (d.w + frame.state.springs.data[i][0]);
+        const bool bounded = whole * whole * squared > most * most;
+        const float part = bounded ? per_root(most, squared) : whole;
+        d.x += part * ux; d.y += part * uy; d.z += part * uz;
+    }
+    if (has_ground) {
+        const float push = (timing[6] - x[3 * i + 2]) - d.z;
+        if (push > 0.0f) {
+            d.z += push;
+            const float sx = d.x - from.x, sy = d.y - from.y;
+            const float slid = sqrt(sx * sx + sy * sy);
+            const float most = timing[7] * push;
+            const float held = slid > most ? most / slid : 1.0f;
+            d.x -= held * sx;
+            d.y -= held * sy;
+        }
+    }
+    v.x = (d.x - from.x) * per_h; v.y = (d.y - from.y) * per_h; v.z = (d.z - from.z) * per_h;
+    return v;
+};
+
+// The frame ends: vertex i's position, velocity, and what the addition rounded away.
+auto store = [&](int i, Vector d, Vector v) {
+    const float deltas[3] = {d.x, d.y, d.z}, velocities[3] = {v.x, v.y, v.z};
+    for (int j = 0; j < 3; ++j) {
+        const int k = 3 * i + j;
+        const float start = x[k];
+        velocity[k] = velocities[j];
+        x[k] = d.w > 0.0f ? start + deltas[j] : target[k];
+        rest_delta[k] = d.w > 0.0f ? (start - x[k]) + deltas[j] : 0.0f;
+        anchor[k] = target[k];
+    }
+};
