@@ -8,7 +8,7 @@ in vec3 center;
 in float radius;
 in vec3 tint;
 out vec3 surface_point;  // camera space, on the square
-flat out vec4 sphere;    // centre in camera space, radius
+flat out vec4 sphere;    // center in camera space, radius
 flat out vec3 sphere_tint;
 
 void main() {

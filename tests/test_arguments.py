@@ -1,9 +1,8 @@
-"""What command lines accept, and that they share one definition of it."""
+"""What command lines accept."""
 
 import pytest
 
-from deformrf.core import arguments, cli
-from deformrf.viewer import options
+from deformrf.core import arguments
 
 
 def test_a_number_that_is_too_small_is_called_by_its_name():
@@ -27,10 +26,3 @@ def test_what_is_no_file_of_that_kind_is_refused(tmp_path):
     (tmp_path / "a.png").mkdir()
     with pytest.raises(ValueError, match="is a folder"):
         arguments.writable_file(tmp_path / "a.png", ".png")
-
-
-@pytest.mark.parametrize("name", ["Count", "File", "at_least", "writable_file"])
-def test_all_commands_use_the_same_definitions(name):
-    shared = getattr(arguments, name)
-    assert getattr(cli, name) is shared
-    assert getattr(options, name) is shared

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deformrf.viewer import actions as a
 from deformrf.viewer import controls as c
 from deformrf.viewer import picking
-from deformrf.viewer.actions import Actions
 from deformrf.viewer.scene import Scene
 
 SIZE = 320, 240
@@ -200,9 +200,9 @@ def test_a_drag_goes_on_without_a_vertex_that_was_let_go_by_something_else(
 
 
 def test_every_key_has_an_action_and_every_action_a_key():
-    actions = {name for name in vars(Actions) if not name.startswith("_")}
-    assert {entry.action for entry in c.INPUTS if entry.key} == actions
-    keys = [entry.key for entry in c.INPUTS if entry.key]
+    actions = {name for name in vars(a.Actions) if not name.startswith("_")}
+    assert {entry.action for entry in a.INPUTS if entry.key} == actions
+    keys = [entry.key for entry in a.INPUTS if entry.key]
     assert len(keys) == len(set(keys))
 
 
@@ -210,22 +210,22 @@ def test_every_key_has_an_action_and_every_action_a_key():
 def test_keys_are_named_as_pyglet_names_them(window):
     from pyglet.window import key
 
-    for entry in c.INPUTS:
+    for entry in a.INPUTS:
         assert not entry.key or hasattr(key, entry.key.removeprefix("CTRL+")), entry
 
 
 def test_ctrl_tells_two_keys_apart():
-    assert c.action_of("Q", ctrl=True) == "quit"
-    assert c.action_of("Q", ctrl=False) is None
-    assert c.action_of("R", ctrl=True) is None
+    assert a.action_of("Q", ctrl=True) == "quit"
+    assert a.action_of("Q", ctrl=False) is None
+    assert a.action_of("R", ctrl=True) is None
 
 
 def test_the_readme_says_what_the_inputs_are():
     readme = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
     _, section = readme.split("\n## Controls\n")
     rows = [line for line in section.split("\n## ")[0].splitlines() if line.startswith("|")]
-    assert rows[2:] == [f"| {entry.label} | {entry.help} |" for entry in c.INPUTS]
+    assert rows[2:] == [f"| {entry.label} | {entry.help} |" for entry in a.INPUTS]
 
 
 def test_escape_does_not_quit():
-    assert c.action_of("ESCAPE", ctrl=False) == "cancel"
+    assert a.action_of("ESCAPE", ctrl=False) == "cancel"

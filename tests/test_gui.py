@@ -22,6 +22,7 @@ class Panel:
             on_key_press=lambda s, m: self.seen.append("key") or True,
         )
         self.gui = Gui(window)
+        self.gui.listen()
         for _ in range(3):
             self.frame()
 

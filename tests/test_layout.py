@@ -33,8 +33,6 @@ PAST_THE_DOOR = {
     ("core.render.shading", "core.field.networks.reference"),
     ("core.render.shading", "core.field.networks.mma"),
     ("core.render.shading", "core.field.networks.triton"),
-    ("viewer.app", "core.field.modelfile"),
-    ("viewer.loading", "core.render.rounds.wavefront"),
 }
 WINDOWING = ["moderngl", "pyglet", "imgui_bundle"]  # not in core: it runs without a display
 SLOW = {
@@ -174,7 +172,7 @@ def test_every_dependency_is_pinned():
         "deformrf.core.commands.train",
         "deformrf.core.commands.evaluate",
         "deformrf.core.lab.command",
-        "deformrf.viewer.app",
+        "deformrf.viewer.command",
     ],
 )
 def test_entry_points_import_nothing_slow(module):

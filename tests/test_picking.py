@@ -31,7 +31,7 @@ def test_what_is_behind_the_camera_is_nowhere():
     assert np.isnan(pixels).all()
     assert t[0] == -np.inf
     assert not picking.visible(CAMERA, behind[None], None, 0.1)[0]
-    assert picking.pick(CAMERA, (80, 60), behind[None], 0.1, np.array([True]), 5) is None
+    assert picking.pick_sphere(CAMERA, (80, 60), behind[None], 0.1, np.array([True]), 5) is None
 
 
 def test_the_view_plane_goes_through_the_point_and_faces_the_camera():
@@ -59,7 +59,7 @@ def test_the_nearest_of_the_shown_spheres_is_picked():
     direction = picking.ray_direction(CAMERA, (80, 60))
     points = CAMERA.position + np.array([[3.0], [2.0], [1.5]]) * direction
     shown = np.array([True, True, False])
-    assert picking.pick(CAMERA, (80, 60), points, 0.02, shown, 2.0) == 1
+    assert picking.pick_sphere(CAMERA, (80, 60), points, 0.02, shown, 2.0) == 1
 
 
 def test_a_miss_within_the_slack_counts():
@@ -68,4 +68,4 @@ def test_a_miss_within_the_slack_counts():
     edge = 200.0 * radius / np.linalg.norm(point - CAMERA.position)
     for beside, hit in [(edge + 4.0, 0), (edge + 6.0, None)]:
         pixel = (80 + beside, 60)
-        assert picking.pick(CAMERA, pixel, point[None], radius, np.array([True]), 5.0) == hit
+        assert picking.pick_sphere(CAMERA, pixel, point[None], radius, np.array([True]), 5.0) == hit

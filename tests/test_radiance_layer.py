@@ -7,10 +7,10 @@ from deformrf.core.render import MODES, Renderer, RenderOptions, render_mode, sh
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer.gl import Canvas, depth_terms
 from deformrf.viewer.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceLayer
+from deformrf.viewer.refinement import SAMPLE_COUNT
 from deformrf.viewer.resolution import CPU_LADDER
-from deformrf.viewer.sampling import SAMPLE_COUNT
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.timing import StageTimes
+from deformrf.viewer.status import FrameTimes
 
 pytestmark = pytest.mark.gl
 SIZE = 160, 120
@@ -32,7 +32,7 @@ class Stage:
 
     def frame(self, whole=False, passing=0.01):
         self.now += passing
-        self.layer.update(self.scene, self.camera, StageTimes(), whole)
+        self.layer.update(self.scene, self.camera, FrameTimes(), whole)
         self.canvas.use(SIZE)
         self.layer.draw(self.camera, orbits.clip_range(self.scene.orbit))
         return self.canvas.read()
@@ -138,7 +138,7 @@ def test_a_fixed_resolution_is_kept(stage):
 def test_another_size_of_the_window_is_another_image(stage):
     stage.frame(whole=True)
     camera = orbits.camera(stage.scene.orbit, 90, 70)
-    stage.layer.update(stage.scene, camera, StageTimes(), whole=True)
+    stage.layer.update(stage.scene, camera, FrameTimes(), whole=True)
     assert stage.layer.depth_image().shape == (70, 90)
 
 
@@ -191,7 +191,7 @@ def test_a_window_of_one_pixel_has_room_for_its_image(stage):
     camera = orbits.camera(stage.scene.orbit, 1, 1)
     for _ in range(40):
         stage.now += 0.3
-        stage.layer.update(stage.scene, camera, StageTimes())
+        stage.layer.update(stage.scene, camera, FrameTimes())
     assert stage.layer.sample_count > 1
 
 
@@ -267,7 +267,7 @@ def test_the_target_frame_rate_is_the_settings_less_what_else_takes_time(stage):
 
 
 def test_stages_of_rendering_are_measured_only_if_asked_for(stage):
-    times = StageTimes()
+    times = FrameTimes()
     stage.layer.update(stage.scene, stage.camera, times, True)
     assert times.rendering == {}
     stage.scene.settings.time_rendering = True

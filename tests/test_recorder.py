@@ -1,130 +1,66 @@
-"""Clips: what was pushed is what a player finds."""
+"""Screenshots and videos of whatever the canvas shows, and the PNG files."""
 
 from fnmatch import fnmatch
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
+from PIL import Image
 
-from deformrf.viewer import recorder
-
-
-def gray(value, width=64, height=48):
-    return np.full((height, width, 3), value, np.uint8)
+from deformrf.viewer import recorder as r
+from deformrf.viewer.status import Status
 
 
-def probe(path):
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        return [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)], stream
+class Canvas:
+    """Shows one gray."""
+
+    size = 32, 24
+    gray = 90
+
+    def read(self):
+        return np.full((24, 32, 3), self.gray, np.uint8)
 
 
-class Clock:
-    """Seconds that pass when told to."""
-
-    now = 0.0
-
-    def __call__(self):
-        return self.now
+@pytest.fixture
+def recorder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return r.Recorder(Canvas(), Status(), lambda event, **fields: None, fps=30)
 
 
-def test_every_pushed_frame_is_in_the_clip(tmp_path):
-    video = recorder.VideoRecorder(tmp_path / "a.mp4", (64, 48), 30)
-    for k in range(45):
-        video.push(gray(5 * k))
-    assert video.close() == tmp_path / "a.mp4"
-    frames, stream = probe(tmp_path / "a.mp4")
-    assert len(frames) == 45
-    assert stream.average_rate == 30
-    assert float(stream.duration * stream.time_base) == pytest.approx(1.5)
-    assert [round(frame.mean() / 5) for frame in frames] == list(range(45))
-    assert list(tmp_path.iterdir()) == [tmp_path / "a.mp4"]
-
-
-def test_the_clip_is_tagged_h264_yuv420p_bt709(tmp_path):
-    video = recorder.VideoRecorder(tmp_path / "a.mp4", (64, 48), 30)
-    video.push(gray(100))
-    video.close()
-    _, stream = probe(tmp_path / "a.mp4")
-    context = stream.codec_context
-    assert context.name == "h264"
-    assert context.pix_fmt == "yuv420p"
-    tags = context.color_range, context.colorspace, context.color_primaries, context.color_trc
-    assert tags == (1, 1, 1, 1)
-
-
-def test_colors_survive(tmp_path):
-    video = recorder.VideoRecorder(tmp_path / "a.mp4", (64, 48), 30)
-    red = gray(0)
-    red[:] = 210, 40, 30
-    for _ in range(3):
-        video.push(red)
-    video.close()
-    frames, _ = probe(tmp_path / "a.mp4")
-    assert abs(frames[1].reshape(-1, 3).mean(axis=0) - [210, 40, 30]).max() < 6
-
-
-def test_an_odd_size_loses_one_row_and_column(tmp_path):
-    video = recorder.VideoRecorder(tmp_path / "a.mp4", (65, 49), 30)
-    video.push(gray(9, 65, 49))
-    video.close()
-    frames, _ = probe(tmp_path / "a.mp4")
-    assert frames[0].shape == (48, 64, 3)
-
-
-def test_until_it_is_closed_the_clip_has_another_name(tmp_path):
-    video = recorder.VideoRecorder(tmp_path / "a.mp4", (64, 48), 30)
-    video.push(gray(0))
-    assert video.part.name == "a.part.mp4"
-    assert not (tmp_path / "a.mp4").exists()
-    video.close()
-    assert (tmp_path / "a.mp4").exists()
-    assert not video.part.exists()
-
-
-def test_live_a_slow_picture_is_repeated_and_a_quick_one_left_out(tmp_path):
-    clock = Clock()
-    video = recorder.VideoRecorder(tmp_path / "a.mp4", (64, 48), 10, clock=clock)
-    for seconds, value in [(0.0, 10), (0.3, 60), (0.31, 110), (0.45, 160), (0.95, 210)]:
-        clock.now = seconds
-        video.push(gray(value))
-    clock.now = 1.2
-    video.close()
-    frames, _ = probe(tmp_path / "a.mp4")
-    levels = [round(frame.mean() / 50 - 0.2) for frame in frames]
-    assert levels == [0, 0, 0, 2, 3, 3, 3, 3, 3, 4, 4, 4]
-    assert (video.frame_count, video.dropped_count) == (12, 1)
-    assert video.repeated_count == 12 - 4
-
-
-def test_a_frame_is_due_when_its_time_has_come(tmp_path):
-    clock = Clock()
-    video = recorder.VideoRecorder(tmp_path / "a.mp4", (64, 48), 10, clock=clock)
-    assert video.due()
-    video.push(gray(0))
-    assert not video.due()
-    clock.now = 0.1
-    assert video.due()
-    video.close()
-
-
-def test_an_encoder_that_fails_says_so_and_leaves_no_file(tmp_path, monkeypatch):
-    def broken(image):
-        raise ValueError("no such color")
-
-    monkeypatch.setattr(recorder, "_video_frame", broken)
-    video = recorder.VideoRecorder(tmp_path / "a.mp4", (64, 48), 30)
-    video.push(gray(0))
-    with pytest.raises(RuntimeError, match="no such color"):
-        video.close()
+def test_a_screenshot_is_of_the_next_frame_and_only_that(recorder, tmp_path, capsys):
+    recorder.save_screenshot()
     assert list(tmp_path.iterdir()) == []
+    recorder.screenshot()
+    recorder.save_screenshot()
+    recorder.save_screenshot()
+    (path,) = tmp_path.iterdir()
+    assert np.asarray(Image.open(path)).mean() == 90
+    assert path.name in capsys.readouterr().out
+    assert recorder.written[0].name == path.name
 
 
-def test_a_frame_of_another_size_is_centred():
-    image = gray(7, 4, 2)
-    image[:, :, 0] = np.arange(4)
-    assert recorder.fitted(image, 2, 4)[:, :, 0].tolist() == [[0, 0], [1, 2], [1, 2], [0, 0]]
+def test_a_clip_that_cannot_be_written_is_reported_and_the_rest_goes_on(recorder, tmp_path, capsys):
+    recorder.start(tmp_path / "missing" / "a.mp4", live=False)
+    for _ in range(3):
+        recorder.add_frame()
+    recorder.stop()
+    assert recorder.failed
+    said = capsys.readouterr().err
+    assert said == f"can't write {tmp_path / 'missing' / 'a.mp4'}: No such file or directory\n"
+    assert recorder.written == []
+
+
+def test_a_screenshot_that_cannot_be_written_is_reported(recorder, tmp_path, capsys):
+    recorder.screenshot(tmp_path / "missing" / "a.png")
+    recorder.save_screenshot()
+    assert recorder.failed
+    said = capsys.readouterr().err
+    assert said == f"can't write {tmp_path / 'missing' / 'a.png'}: No such file or directory\n"
+
+
+def test_stopping_without_a_clip_does_nothing(recorder):
+    recorder.stop()
+    assert not recorder.failed
 
 
 @pytest.mark.parametrize("error", [OSError("the disk is full"), KeyboardInterrupt()])
@@ -140,9 +76,9 @@ def test_a_picture_that_fails_leaves_no_file(tmp_path, monkeypatch, error, step)
     if step == "save":
         monkeypatch.setattr("PIL.Image.Image.save", save)
     else:
-        monkeypatch.setattr(recorder.os, "replace", fail)
+        monkeypatch.setattr(r.os, "replace", fail)
     with pytest.raises(type(error)):
-        recorder.save_png(tmp_path / "a.png", gray(3))
+        r.save_png(tmp_path / "a.png", np.full((48, 64, 3), 3, np.uint8))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -153,11 +89,12 @@ def test_git_ignores_unfinished_files(name):
 
 
 def test_a_stamped_name_is_never_taken(tmp_path, monkeypatch):
-    monkeypatch.setattr(recorder.time, "strftime", lambda _: "now")
-    first = recorder.stamped("shot", ".png", tmp_path)
-    recorder.save_png(first, gray(3))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(r.time, "strftime", lambda _: "now")
+    first = r.stamped("shot", ".png")
+    r.save_png(first, np.full((48, 64, 3), 3, np.uint8))
     assert first.name == "shot-now.png"
-    assert recorder.stamped("shot", ".png", tmp_path).name == "shot-now-2.png"
+    assert r.stamped("shot", ".png").name == "shot-now-2.png"
 
 
 def test_a_background_is_taken_out_of_a_picture():
@@ -165,7 +102,7 @@ def test_a_background_is_taken_out_of_a_picture():
     color, alpha = rng.uniform(size=(40, 50, 3)), rng.integers(0, 256, (40, 50, 1)) / 255
     background = rng.uniform(size=3)
     over = np.concatenate([alpha * color + (1 - alpha) * background, alpha], axis=-1)
-    straight = recorder.without_background(np.round(255 * over).astype(np.uint8), background)
+    straight = r.without_background(np.round(255 * over).astype(np.uint8), background)
     assert np.array_equal(straight[..., 3:], np.round(255 * alpha))
     error = abs(straight[..., :3] - 255 * color) * alpha  # as it shows over any color
     assert error.max() <= 1.01

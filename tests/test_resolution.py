@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from deformrf.viewer.refinement import Strips, finer, size_at
 from deformrf.viewer.resolution import (
     CPU_LADDER,
     FACTORS,
@@ -12,12 +13,9 @@ from deformrf.viewer.resolution import (
     RECOGNIZABLE,
     TOO_SLOW,
     MovingResolution,
-    Strips,
-    finer,
     levels_shown,
     render_budget,
     savings,
-    size_at,
 )
 
 EDGES = 0.1 / 2.0 ** np.arange(6)  # of six levels

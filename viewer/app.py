@@ -1,142 +1,260 @@
-"""The command deformrf-view: parse, check, open a window (or none), run, report.
+"""App: the window, what is drawn in it, and the loop of frames.
 
-Whatever the user can get wrong ends in one sentence on stderr and exit code 2; Ctrl-C
-and SIGTERM finish the clip and end with 130.  torch, Warp and pyglet are imported when the
-arguments are known to be good.
+App.frame is one frame: time passes in the scene, the field is rendered if anything changed,
+field, spheres and panels are drawn into the canvas, and the canvas is shown.  Without a
+display the same frames go into files.
 """
 
-import logging
-import signal
-import sys
-import threading
-from contextlib import contextmanager
+import time
+from concurrent.futures import ThreadPoolExecutor
 
-from ..core.arguments import plain_message
-from . import options
+import pyglet
+from pyglet.window import key
 
-FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
-SLOW_START = 1.5  # s after which the user is told what takes so long
+from . import orbit as orbits
+from . import script
+from .actions import Actions, action_of
+from .controls import Controls
+from .events import state_of
+from .gl import Canvas
+from .handle_layer import HandleLayer
+from .loading import Progress, kernel_modules, prepare
+from .radiance_layer import RadianceLayer
+from .recorder import Recorder, without_background
+from .status import Status
+from .upload import choose_path
 
-
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command; returns its exit code, which the console script passes to sys.exit."""
-    chosen = options.parse(arguments)
-    logging.basicConfig(level=logging.WARNING, format="deformrf-view: %(message)s")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a session's end asks that way
-    try:
-        if chosen.version:
-            from ..core.paths import program_version
-
-            print(f"deformrf {program_version()}")
-            return 0
-        if chosen.doctor:
-            from .doctor import report
-
-            return report(chosen)
-        return view(chosen)
-    except KeyboardInterrupt:
-        return INTERRUPTED
+FRAME_SECONDS = 1.0 / 60.0  # the shortest frame, where vsync sets none
+AWAKE_SECONDS = 1.0  # of frames after an event: panels answer over several of them
+POLL_SECONDS = 1.0 / 30.0  # between two looks for events at rest
+REDRAW_SECONDS = 0.5  # between two frames at rest, for messages that go and curves that grow
+STATE_SECONDS = 0.5  # between two "state" events in the log
 
 
-def view(chosen: options.ViewArguments) -> int:
-    """Show a model; returns the exit code."""
-    try:
-        options.check(chosen)
-        field, device, drag = _inputs(chosen)
-        app = _open(chosen)
-    except (ValueError, OSError, RuntimeError) as error:
-        return _complain(error)
-    try:
-        try:
-            with _told_if_slow():
-                app.load(field, chosen.model.stem, device, chosen.interop, chosen.fps)
-            app.scene.settings.mode = chosen.mode
-            app.scene.settings.transparent_screenshots = chosen.run.transparent
-            if drag is not None:
-                from .script import resolved
+class App:
+    """A window onto one model.
 
-                drag = resolved(drag, app.scene)
-        except ValueError as error:
-            return _complain(error)
-        _run(app, chosen, drag)
-    finally:
-        app.close()
-    return FAILED if app.capture.failed else 0
-
-
-def _inputs(chosen):
-    """The field, the device and the drag; errors of the user's making are raised here."""
-    from ..core.field import modelfile
-    from .script import parse_drag
-
-    drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
-    field = modelfile.load(chosen.model)
-    from ..core.device import device_name
-
-    return field, device_name(chosen.device), drag
-
-
-def _open(chosen):
-    """The App in its window, still empty.
-
-    Raises:
-        WindowError: There is no display, or no OpenGL on it.
+    Attributes:
+        scene: Set by `load`, like `radiance`, `handles`, `controls` and `actions`.
+        progress: How far `load` is.
+        frame_count: Frames drawn so far.
+        last_event: When the window last had an event, by time.perf_counter.
     """
-    from .window import open_window
 
-    size = options.frame_size(chosen)
-    headless = chosen.run.headless
-    window, context = open_window(size, headless, f"deformrf: {chosen.model.stem}")
-    from .events import EventLog
-    from .loop import App
+    def __init__(self, window, ctx, log, gui: bool = True, fps: int = 30):
+        """Take a window and its context, an EventLog, and the frame rate of videos."""
+        self.window, self.ctx, self.log = window, ctx, log
+        self.scene = self.progress = None
+        self.status = Status(gl_renderer=ctx.info["GL_RENDERER"])
+        self.canvas = Canvas(ctx)
+        self.recorder = Recorder(self.canvas, self.status, log, fps)
+        self.frame_count = 0
+        self.last_event = self._last_state = self._drawn_at = 0.0
+        self.gui = None
+        window.push_handlers(self)
+        if gui:
+            from .gui import Gui
 
-    return App(window, context, EventLog(chosen.log_events), gui=not headless)
+            self.gui = Gui(window)
 
+    # -- start ---------------------------------------------------------------------------
 
-def _run(app, chosen, drag):
-    run = chosen.run
-    if not run.headless:
-        if run.record is not None:
-            app.frame(0.0)  # the canvas has its size from the first frame
-            app.capture.start(chosen.fps, run.record)
-        app.run(run.frames)
-        if run.screenshot is not None:
-            app.capture.screenshot(run.screenshot)
-            app.frame(0.0, whole=True)
-        return
-    count = run.frames or options.HEADLESS_FRAMES
-    app.canvas.use(options.frame_size(chosen))
-    if run.record is not None:
-        app.capture.start(chosen.fps, run.record, live=False)
-    frames = app.run_offline(count, chosen.fps, drag, run.screenshot)
-    for _ in _with_progress(frames, count):
-        pass
+    def load(self, field, name: str, device: str, interop: str = "auto") -> None:
+        """Show a model; this takes a while, above all where kernels have to be compiled.
 
+        Raises:
+            ValueError: interop is "buffer", and CUDA and OpenGL share no buffers.
+        """
+        import warp as wp
 
-def _with_progress(frames, count):
-    """The frames, with a bar on the terminal that says how long the rest will take."""
-    from rich.console import Console
-    from rich.progress import track
+        self.status.device = wp.get_device(device).name
+        self.status.interop = choose_path(self.ctx, device, interop)
+        modules = kernel_modules(device)
+        self.progress = Progress(len(modules))
+        arguments = field, name, device, modules, self.progress
+        if self.gui is None:
+            scene, renderer = prepare(*arguments)
+        else:
+            with ThreadPoolExecutor(1) as pool:
+                preparing = pool.submit(prepare, *arguments)
+                while not preparing.done():
+                    self._show_progress(f"preparing {name}")
+                scene, renderer = preparing.result()
+        self.radiance = RadianceLayer(self.ctx, renderer, device, self.status.interop)
+        self.handles = HandleLayer(self.ctx, scene)
+        self.controls = Controls(scene, self.radiance.depth_image, self.log)
+        self.actions = Actions(self)
+        self.scene = scene
+        # The handlers that are pushed last are asked first.
+        self.window.push_handlers(self.controls)
+        if self.gui is not None:
+            self.gui.listen()
+        self.window.push_handlers(**dict.fromkeys(self.window.event_types, self._note_event))
 
-    console = Console(stderr=True)
-    return track(frames, "rendering", total=count, console=console, disable=not console.is_terminal)
+    def _show_progress(self, title):
+        from .panels import loading_window
 
+        self.window.switch_to()
+        self.window.dispatch_events()
+        self.canvas.use(self.size)
+        self.ctx.clear(0.94, 0.94, 0.95, 1.0)
+        self.gui.begin()
+        loading_window(title, self.progress)
+        self.gui.end()
+        self.canvas.show(self.size)
+        self.window.flip()
+        time.sleep(0.05)
 
-@contextmanager
-def _told_if_slow():
-    """Say what is going on if it takes more than a moment."""
-    message = "compiling kernels, on the first start only ..."
-    timer = threading.Timer(SLOW_START, lambda: print(message, file=sys.stderr, flush=True))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
+    # -- the window's events (the mouse's are in controls.py) ----------------------------
 
+    def on_key_press(self, symbol, modifiers):
+        action = action_of(key.symbol_string(symbol), bool(modifiers & key.MOD_CTRL))
+        if self.scene is not None and action is not None:
+            self.log("key", action=action)
+            getattr(self.actions, action)()
+        return True  # pyglet's own handler would close the window on Esc
 
-def _complain(error) -> int:
-    """One line on stderr, its beginning in red on a terminal."""
-    red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
-    print(f"{red}deformrf-view:{plain} {plain_message(error)}", file=sys.stderr)
-    return INPUT_ERROR
+    def on_resize(self, width, height):
+        self.log("resize", size=[width, height], framebuffer=self.size)
+        return True  # pyglet's own handler would set a viewport
+
+    def _note_event(self, *arguments):
+        self.last_event = time.perf_counter()
+
+    # -- loops ---------------------------------------------------------------------------
+
+    def run(self, frame_count: int | None = None) -> None:
+        """Show frames until the window is closed, or that many.
+
+        Without a number of frames, none is drawn while there is nothing new to see.
+        """
+        last = time.perf_counter()
+        while not self.window.has_exit and self.frame_count != frame_count:
+            pyglet.clock.tick()
+            self.window.switch_to()
+            self.window.dispatch_events()
+            if self.window.has_exit:
+                break
+            now = time.perf_counter()
+            elapsed, last = now - last, now
+            if frame_count is None and self._quiet(now) and not self._rest():
+                continue
+            self.frame(elapsed)
+            time.sleep(max(0.0, FRAME_SECONDS - (time.perf_counter() - now)))
+
+    def _rest(self) -> bool:
+        """Do what there is to do without a frame; whether a frame has to show it."""
+        before = self.radiance.sample_count
+        if self.radiance.settled:
+            time.sleep(POLL_SECONDS)
+        else:
+            self.radiance.update(self.scene, self.controls.camera, self.status.times)
+        self.status.times.rest()
+        return self.radiance.sample_count != before
+
+    def _quiet(self, now) -> bool:
+        """Whether the next frame would look like the last one."""
+        return (
+            now - self._drawn_at < REDRAW_SECONDS
+            and now - self.last_event > AWAKE_SECONDS
+            and self.radiance.refined == 1.0
+            and not self.scene.moving
+            and not self.recorder.wants_screenshot
+            and self.recorder.video is None
+        )
+
+    def run_offline(self, frame_count: int, fps: int, drag=None, screenshot=None):
+        """Render frames one after another, each in full; yields the number of each.
+
+        The screenshot shows the last frame, or the last one before a drag is let go.
+        """
+        shot = frame_count - 1 if drag is None else script.hold_ends(frame_count) - 1
+        for number in range(frame_count):
+            if drag is not None:
+                script.play(drag, self.scene, number, frame_count)
+            if screenshot is not None and number == shot:
+                self.recorder.screenshot(screenshot)
+            self.window.switch_to()
+            self.frame(1.0 / fps, whole=True)
+            yield number
+
+    # -- a frame -------------------------------------------------------------------------
+
+    def frame(self, seconds: float, whole: bool = False) -> None:
+        """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
+        scene, controls, times = self.scene, self.controls, self.status.times
+        controls.size = size = self.size
+        controls.ratio = size[0] / max(self.window.width, 1)
+        if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
+            scene.hover = None
+        with times.part("simulate"):
+            scene.advance(seconds)
+        camera, clip_range = controls.camera, orbits.clip_range(scene.orbit)
+        self.radiance.update(scene, camera, times, whole or self._wants_transparent)
+        with times.part("draw"):
+            self.canvas.use(size)
+            self.radiance.draw(camera, clip_range)
+            if not scene.settings.handles_in_clips:
+                self._record_view()
+            self.handles.draw(scene, camera, clip_range)
+            if scene.settings.handles_in_clips:
+                self._record_view()
+        with times.part("panel"):
+            self._draw_panels()
+        with times.part("flip"):
+            if self.gui is not None:
+                self.canvas.show(size)
+                self.window.flip()
+        times.end_frame()
+        self._log_state()
+        self.frame_count += 1
+        self._drawn_at = time.perf_counter()
+
+    def _record_view(self):
+        """The canvas has the view, and no panel yet: keep it if a video or picture wants it."""
+        self.recorder.add_frame()
+        if self._wants_transparent:
+            image, background = self.radiance.color_image(), self.scene.settings.background
+            self.recorder.save_screenshot(without_background(image, background))
+        elif self.gui is None or not self.scene.settings.panel_in_screenshots:
+            self.recorder.save_screenshot()
+
+    @property
+    def _wants_transparent(self):
+        return self.recorder.wants_screenshot and self.scene.settings.transparent_screenshots
+
+    def _draw_panels(self):
+        if self.gui is None:
+            return
+        from .panels import draw_panels
+
+        self.gui.begin()
+        draw_panels(self)
+        self.gui.end()
+        if self.scene.settings.panel_in_screenshots:
+            self.recorder.save_screenshot()
+
+    def _log_state(self):
+        now = time.perf_counter()
+        ready = self.frame_count == 0
+        if self.log.enabled and (ready or now - self._last_state >= STATE_SECONDS):
+            self._last_state = now
+            self.log("ready" if ready else "state", **state_of(self))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The framebuffer's size in pixels, at least 1 x 1."""
+        width, height = self.window.get_framebuffer_size()
+        return max(width, 1), max(height, 1)
+
+    def close(self) -> None:
+        """Finish a video, and give everything back."""
+        try:
+            self.recorder.stop()
+        finally:
+            if self.gui is not None:
+                self.gui.close()
+            if self.scene is not None:
+                self.radiance.release()
+            self.ctx.release()
+            self.window.close()

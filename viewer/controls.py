@@ -1,73 +1,20 @@
-"""Mouse and keys to camera moves, drags and actions; knows no window.
+"""The mouse: from the window's events to camera moves and drags of control vertices.
 
-Pixels are the image's: x to the right, y down.  The one table of inputs is INPUTS: key
-bindings, the panel's hints and the help overlay are made from it.
+Pixels are the image's: x to the right, y down.  The methods on_* are called by the window,
+with pyglet's positions (points, y up); the others know no window.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from . import orbit as orbits
 from . import picking
 
+BUTTONS = ("left", "middle", "right")
 ZOOM_PER_NOTCH = 0.88
-CLICK_SLACK = 3.0  # logical pixels that the mouse may move during a click
-PICK_SLACK = 5.0  # logical pixels around a sphere that still count as on it
-
-
-@dataclass(frozen=True)
-class Input:
-    """One thing that a user can do.
-
-    Attributes:
-        label: How the help names the key or gesture.
-        help: What it does.
-        key: pyglet's name of the key, with CTRL+ before it if that is held; empty for
-            gestures of the mouse.
-        action: The method of Actions that the key calls.
-    """
-
-    label: str
-    help: str
-    key: str = ""
-    action: str = ""
-
-
-INPUTS = (
-    Input("left drag on a red vertex", "bend the object"),
-    Input("left drag elsewhere", "orbit"),
-    Input("click on a gray pin", "free it"),
-    Input("Shift+click on a red vertex", "pin it where it is"),
-    Input("middle or right drag", "pan"),
-    Input("wheel", "zoom to the mouse"),
-    Input("F", "focus: the object, or the vertex under the mouse", "F", "focus"),
-    Input("Home", "reset the camera", "HOME", "home"),
-    Input("R", "reset the deformation", "R", "reset"),
-    Input("Space", "pause, or go on", "SPACE", "pause"),
-    Input(".", "single step", "PERIOD", "single_step"),
-    Input("M", "next view mode: depth, normals, ...", "M", "next_mode"),
-    Input("H", "hide or show the vertices", "H", "toggle_handles"),
-    Input("W", "wireframe", "W", "toggle_wireframe"),
-    Input("Tab", "hide or show the panel", "TAB", "toggle_panel"),
-    Input("F1", "hide or show the help", "F1", "toggle_help"),
-    Input("F2", "screenshot", "F2", "screenshot"),
-    Input("F9", "start or stop recording", "F9", "record"),
-    Input("Esc", "let go of the vertex, back to where it was", "ESCAPE", "cancel"),
-    Input("Ctrl+Q", "quit", "CTRL+Q", "quit"),
-)
-_ACTIONS = {entry.key: entry.action for entry in INPUTS if entry.key}
-
-
-def action_of(key: str, ctrl: bool) -> str | None:
-    """The action of a key, by pyglet's name of it."""
-    return _ACTIONS.get(f"CTRL+{key}" if ctrl else key)
-
-
-def label_of(action: str) -> str:
-    """The key that calls an action, as shown to the user."""
-    return next(entry.label for entry in INPUTS if entry.action == action)
+CLICK_SLACK = 3.0  # points that the mouse may move during a click
+PICK_SLACK = 5.0  # points around a sphere that still count as on it
 
 
 class Controls:
@@ -76,7 +23,7 @@ class Controls:
     Attributes:
         mode: "orbit", "pan", "grab", or "" while no button is held.
         size: Width and height of the image.
-        ratio: Image pixels per logical pixel.
+        ratio: Image pixels per point.
     """
 
     def __init__(self, scene, depth_image: Callable, log: Callable):
@@ -88,35 +35,41 @@ class Controls:
         self._depth_image = depth_image
         self._log = log
         self._button = ""
-        self._miss = np.zeros(2)  # from the grabbed vertex's centre to where it was pressed
+        self._miss = np.zeros(2)  # from the center of the grabbed vertex to the press
         self._pin = None  # that a click would free, and where it was pressed
 
     @property
     def camera(self):
         return orbits.camera(self.scene.orbit, *self.size)
 
-    def shown(self):
-        """Which control vertices are in sight.  [C] bool"""
-        return self._in_sight(self.scene.control_ids)
+    # -- the window's events -------------------------------------------------------------
 
-    def pick(self, pixel) -> int | None:
-        """The control vertex under a pixel."""
-        return self._pick_of(self.scene.control_ids, pixel)
+    def on_mouse_motion(self, x, y, dx, dy):
+        self.motion(self._pixel(x, y))
 
-    def _pick_of(self, ids, pixel):
-        scene, slack = self.scene, PICK_SLACK * self.ratio
-        points, shown = scene.positions[ids], self._in_sight(ids)
-        index = picking.pick(self.camera, pixel, points, scene.handle_radius, shown, slack)
-        return None if index is None else int(ids[index])
+    def on_mouse_press(self, x, y, button, modifiers):
+        from pyglet.window import key, mouse  # raises without a display, so not at the top
 
-    def _in_sight(self, ids):
-        scene = self.scene
-        if not scene.settings.show_handles:
-            return np.zeros(len(ids), bool)
-        points = scene.positions[ids]
-        return picking.visible(self.camera, points, self._depth_image(), scene.handle_bias)
+        name = mouse.buttons_string(button).lower()
+        if name in BUTTONS:
+            self.press(self._pixel(x, y), name, bool(modifiers & key.MOD_SHIFT))
 
-    # -- mouse ---------------------------------------------------------------------------
+    def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
+        self.drag(self._pixel(x, y), dx * self.ratio, -dy * self.ratio)
+
+    def on_mouse_release(self, x, y, button, modifiers):
+        from pyglet.window import mouse
+
+        self.release(mouse.buttons_string(button).lower())
+
+    def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
+        self.scroll(self._pixel(x, y), scroll_y)
+
+    def _pixel(self, x, y):
+        """From a position in the window to the middle of the image's pixel."""
+        return (x + 0.5) * self.ratio, self.size[1] - (y + 0.5) * self.ratio
+
+    # -- the same in pixels --------------------------------------------------------------
 
     def motion(self, pixel) -> None:
         if not self.mode:
@@ -133,7 +86,7 @@ class Controls:
             self._grab(vertex, pixel)
         else:
             self.mode = "orbit" if button == "left" else "pan"
-            pin = self._pick_of(self.scene.pin_ids, pixel) if button == "left" else None
+            pin = self.pick(pixel, self.scene.pin_ids) if button == "left" else None
             self._pin = None if pin is None else (pin, np.asarray(pixel, float))
 
     def drag(self, pixel, dx: float, dy: float) -> None:
@@ -183,28 +136,50 @@ class Controls:
             self._log("cancel", vertex=vertex)
         self.mode = self._button = ""
 
-    def _set_pin(self, vertex, pinned):
-        self.scene.set_pin(vertex, pinned)
-        self._log("pin" if pinned else "free", vertex=vertex)
+    # -- what is under the mouse ---------------------------------------------------------
 
-    # -- helpers -------------------------------------------------------------------------
+    def pick(self, pixel, ids=None) -> int | None:
+        """The vertex whose sphere is under a pixel.
 
-    def _grab(self, vertex, pixel):
+        Args:
+            ids: Vertices to choose from, the control vertices by default.
+        """
+        scene, slack = self.scene, PICK_SLACK * self.ratio
+        ids = scene.control_ids if ids is None else ids
+        shown = self.shown(ids)
+        index = picking.pick_sphere(
+            self.camera, pixel, scene.positions[ids], scene.handle_radius, shown, slack
+        )
+        return None if index is None else int(ids[index])
+
+    def shown(self, ids):
+        """Which of these vertices have a sphere in sight.  [len(ids)] bool"""
         scene = self.scene
-        center, _ = picking.project(self.camera, scene.positions[vertex][None])
-        self._miss = np.asarray(pixel, float) - center[0]
-        scene.grab(vertex)
-        scene.hover = vertex
-        self.mode = "grab"
-        self._log("grab", vertex=vertex, position=scene.positions[vertex], pixel=center[0])
+        if not scene.settings.show_handles:
+            return np.zeros(len(ids), bool)
+        points = scene.positions[ids]
+        return picking.visible(self.camera, points, self._depth_image(), scene.handle_bias)
 
     def _surface_at(self, pixel):
-        """The object's point under a pixel, or else the one as far away as the orbit's target."""
-        camera, scene = self.camera, self.scene
+        """The object's point under a pixel; beside the object, one as far away as its target."""
+        camera = self.camera
         depth = self._depth_image()
         at = np.asarray(pixel, float)
         if depth is not None:
             t = picking.depth_at(depth, camera, at[None])[0]
             if np.isfinite(t):
                 return camera.position + t * picking.ray_direction(camera, at)
-        return picking.onto_view_plane(camera, at, scene.orbit.target)
+        return picking.onto_view_plane(camera, at, self.scene.orbit.target)
+
+    def _grab(self, vertex, pixel):
+        scene = self.scene
+        (center,), _ = picking.project(self.camera, scene.positions[vertex][None])
+        self._miss = np.asarray(pixel, float) - center
+        scene.grab(vertex)
+        scene.hover = vertex
+        self.mode = "grab"
+        self._log("grab", vertex=vertex, position=scene.positions[vertex], pixel=center)
+
+    def _set_pin(self, vertex, pinned):
+        self.scene.set_pin(vertex, pinned)
+        self._log("pin" if pinned else "free", vertex=vertex)

@@ -1,4 +1,4 @@
-"""--doctor: what a report of a problem should begin with."""
+"""--doctor: the facts that a report of a problem should begin with."""
 
 import os
 import platform
@@ -8,38 +8,33 @@ from importlib import metadata
 PACKAGES = ("warp-lang", "torch", "moderngl", "pyglet", "imgui-bundle", "av", "numpy")
 
 
-def report(chosen) -> int:
+def report(headless: bool) -> int:
     """Print what the program runs on; exit code 0 if it can draw."""
     from ..core.paths import program_version
 
     _line("deformrf", program_version())
     _line("python", f"{sys.version.split()[0]} on {platform.platform()}")
     for package in PACKAGES:
-        _line(package, _version(package))
+        try:
+            _line(package, metadata.version(package))
+        except metadata.PackageNotFoundError:
+            _line(package, "missing")
     _line("encoder", _encoder())
-    device = _device()
-    return _opengl(chosen, device)
+    return _opengl(headless, _device())
 
 
 def _line(name, value):
     print(f"{name:16}{value}", flush=True)
 
 
-def _version(package):
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "missing"
-
-
 def _encoder():
     try:
         import av
 
-        from .recorder import CODEC
+        from .video import CODEC
 
-        return f"{av.Codec(CODEC, 'w').long_name}"
-    except Exception as error:  # whatever is wrong with it is what is to be reported
+        return av.Codec(CODEC, "w").long_name
+    except Exception as error:  # whatever is wrong with it is to be reported
         return f"none ({error})"
 
 
@@ -57,13 +52,12 @@ def _device():
     return "cuda:0"
 
 
-def _opengl(chosen, device):
+def _opengl(headless, device):
     from .upload import choose_path
     from .window import WindowError, open_window
 
-    headless = chosen.run.headless or (
-        sys.platform == "linux" and not os.environ.get("DISPLAY")
-    )  # pyglet chooses once for the life of a program
+    # pyglet chooses between a display and none once for the life of a program.
+    headless = headless or (sys.platform == "linux" and not os.environ.get("DISPLAY"))
     name = "OpenGL (EGL)" if headless else "OpenGL (window)"
     try:
         window, context = open_window((64, 64), headless)

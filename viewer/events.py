@@ -1,4 +1,4 @@
-"""One JSON line per event of interest, for whoever drives the program from outside."""
+"""The event log: one JSON line per event of interest, for a program that drives the viewer."""
 
 import json
 
@@ -20,15 +20,15 @@ class EventLog:
 
 def state_of(app) -> dict:
     """Where things are, for the events "ready" and "state"."""
-    scene, controls = app.scene, app.controls
-    pixels, _ = picking.project(controls.camera, scene.positions[scene.control_ids])
+    scene, controls, ids = app.scene, app.controls, app.scene.control_ids
+    pixels, _ = picking.project(controls.camera, scene.positions[ids])
     moved = scene.displacements()
     return {
         "size": [app.window.width, app.window.height],
         "framebuffer": controls.size,
         "vertices": [  # in points from the window's top left corner
             {"id": int(vertex), "at": at / controls.ratio}
-            for vertex, at, shown in zip(scene.control_ids, pixels, controls.shown(), strict=True)
+            for vertex, at, shown in zip(ids, pixels, controls.shown(ids), strict=True)
             if shown
         ],
         "max_displacement": moved.max(),
@@ -52,6 +52,4 @@ def _plain(value):
     """NumPy's arrays and numbers as JSON's."""
     if isinstance(value, np.ndarray):
         return value.astype(float).round(6).tolist()
-    if isinstance(value, np.generic):
-        return value.item()
-    return str(value)
+    return value.item() if isinstance(value, np.generic) else str(value)

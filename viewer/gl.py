@@ -1,4 +1,4 @@
-"""Small OpenGL helpers: programs from the shaders folder, the full-screen triangle."""
+"""OpenGL helpers: programs from the shaders folder, the full-screen triangle, the canvas."""
 
 import moderngl
 import numpy as np
@@ -22,15 +22,12 @@ def full_screen(ctx: moderngl.Context, name: str) -> moderngl.VertexArray:
 
 
 def set_uniforms(program: moderngl.Program, **values) -> None:
-    """Set uniforms; those that the compiler found unused are passed over.
-
-    Matrices are given as arrays [rows, columns], which OpenGL wants column by column.
-    """
+    """Set uniforms, except those that the compiler removed; matrices are [rows, columns]."""
     for name, value in values.items():
         if name not in program:
             continue
         if getattr(value, "ndim", 0) == 2:
-            program[name].write(value.T.astype("f4").tobytes())
+            program[name].write(value.T.astype("f4").tobytes())  # OpenGL stores columns
         else:
             program[name].value = value if isinstance(value, int | float) else tuple(value)
 
@@ -55,8 +52,7 @@ class Canvas:
     def use(self, size: tuple[int, int]) -> None:
         """Draw into it from now on, with that many pixels."""
         if self._framebuffer is None or self._framebuffer.size != size:
-            if self._framebuffer is not None:
-                self.release()
+            self.release()
             color = self._ctx.texture(size, 4)
             color.filter = moderngl.NEAREST, moderngl.NEAREST
             depth = self._ctx.depth_renderbuffer(size)
@@ -71,18 +67,17 @@ class Canvas:
         return image[::-1]
 
     def show(self, size: tuple[int, int]) -> None:
-        """Copy it to the window, whose framebuffer has that size now.
-
-        moderngl remembers the size that the window had at first, so it is set here.
-        """
+        """Copy it to the window, whose framebuffer has that size now."""
         self._ctx.screen.use()
-        self._ctx.viewport = (0, 0, *size)
+        self._ctx.viewport = (0, 0, *size)  # moderngl remembers the size of the first window
         self._ctx.enable_only(moderngl.NOTHING)
         self._framebuffer.color_attachments[0].use(0)
         self._blit.program["image"].value = 0
         self._blit.render(moderngl.TRIANGLES)
 
     def release(self) -> None:
+        if self._framebuffer is None:
+            return
         self._framebuffer.color_attachments[0].release()
         self._framebuffer.depth_attachment.release()
         self._framebuffer.release()

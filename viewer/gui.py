@@ -1,63 +1,88 @@
 """Dear ImGui in a pyglet window: events in, its own OpenGL 3 renderer out.
 
 Clicks and wheel turns over a panel belong to it and do not reach the view.  ImGui is told
-of every click, since one beside the panel ends a text entry there.  What ImGui says about
-whose a click is (`want_capture_mouse`) is as old as the last frame, and while the field is
-rendered a frame can take a while: presses are tested against where the panels are.
+of every click, since one beside the panel ends a text entry there.  ImGui's own answer to
+whose a click is (`want_capture_mouse`) is as old as the last frame, which can have taken a
+while: presses are tested against the rectangles of the panels instead.
 """
 
 import logging
 import time
+from pathlib import Path
 
+import imgui_bundle
 from imgui_bundle import imgui
 from pyglet.window import key, mouse
 
-from .gui_style import apply_style
-
 log = logging.getLogger(__name__)
 
+FONT = Path(imgui_bundle.__file__).parent / "assets" / "fonts" / "Roboto" / "Roboto-Regular.ttf"
+FONT_SIZE = 16.0
+ACCENT = (0.80, 0.16, 0.13)  # the red of the control vertices
 NOWHERE = -3.4e38  # ImGui's own "no mouse"
 BUTTONS = {mouse.LEFT: 0, mouse.RIGHT: 1, mouse.MIDDLE: 2}
+SAME_KEYS = ("tab", "escape", "delete", "insert", "space", "home", "end")
+SAME_KEYS += ("backspace", "minus", "period", "comma", *"acvxyz")  # letters to edit text
+OTHER_KEYS = {  # pyglet's names -> ImGui's
+    "RETURN": "enter",
+    "NUM_ENTER": "keypad_enter",
+    "LEFT": "left_arrow",
+    "RIGHT": "right_arrow",
+    "UP": "up_arrow",
+    "DOWN": "down_arrow",
+    "PAGEUP": "page_up",
+    "PAGEDOWN": "page_down",
+    "LCTRL": "left_ctrl",
+    "RCTRL": "right_ctrl",
+    "LSHIFT": "left_shift",
+    "RSHIFT": "right_shift",
+    "LALT": "left_alt",
+    "RALT": "right_alt",
+}
 
 
-def _key_map():
+def key_map():
     """pyglet's key symbols -> ImGui's keys."""
-    keys = imgui.Key
-    names = {
-        "TAB": keys.tab,
-        "BACKSPACE": keys.backspace,
-        "RETURN": keys.enter,
-        "NUM_ENTER": keys.keypad_enter,
-        "ESCAPE": keys.escape,
-        "DELETE": keys.delete,
-        "INSERT": keys.insert,
-        "SPACE": keys.space,
-        "LEFT": keys.left_arrow,
-        "RIGHT": keys.right_arrow,
-        "UP": keys.up_arrow,
-        "DOWN": keys.down_arrow,
-        "HOME": keys.home,
-        "END": keys.end,
-        "PAGEUP": keys.page_up,
-        "PAGEDOWN": keys.page_down,
-        "LCTRL": keys.left_ctrl,
-        "RCTRL": keys.right_ctrl,
-        "LSHIFT": keys.left_shift,
-        "RSHIFT": keys.right_shift,
-        "LALT": keys.left_alt,
-        "RALT": keys.right_alt,
-        "MINUS": keys.minus,
-        "PERIOD": keys.period,
-        "COMMA": keys.comma,
-    }
-    names |= {letter.upper(): getattr(keys, letter) for letter in "acvxyz"}  # edit shortcuts
-    return {getattr(key, name): value for name, value in names.items()}
+    names = {name.upper(): name for name in SAME_KEYS} | OTHER_KEYS
+    return {getattr(key, name): getattr(imgui.Key, value) for name, value in names.items()}
+
+
+def apply_style() -> None:
+    """Font, shapes and colors: light, with the red of the control vertices."""
+    if FONT.is_file():
+        imgui.get_io().fonts.add_font_from_file_ttf(str(FONT), FONT_SIZE)
+    imgui.style_colors_light()
+    style, colors = imgui.get_style(), imgui.Col_
+    style.window_rounding, style.frame_rounding, style.grab_rounding = 8.0, 4.0, 4.0
+    style.window_border_size, style.frame_border_size = 1.0, 0.0
+    style.window_padding, style.frame_padding = (12.0, 10.0), (8.0, 4.0)
+    style.item_spacing = (8.0, 6.0)
+    for name, color in {
+        colors.text_disabled: (0.38, 0.39, 0.42, 1.0),
+        colors.window_bg: (0.97, 0.97, 0.98, 0.94),
+        colors.border: (0.0, 0.0, 0.0, 0.12),
+        colors.title_bg: (0.90, 0.90, 0.92, 0.96),
+        colors.title_bg_active: (0.90, 0.90, 0.92, 0.96),
+        colors.frame_bg: (0.88, 0.89, 0.91, 1.0),
+        colors.frame_bg_hovered: (0.84, 0.85, 0.88, 1.0),
+        colors.frame_bg_active: (0.80, 0.81, 0.85, 1.0),
+        colors.button: (0.86, 0.87, 0.90, 1.0),
+        colors.button_hovered: (*ACCENT, 0.35),
+        colors.button_active: (*ACCENT, 0.6),
+        colors.header: (0.90, 0.90, 0.92, 1.0),
+        colors.header_hovered: (*ACCENT, 0.2),
+        colors.header_active: (*ACCENT, 0.35),
+        colors.slider_grab: (*ACCENT, 0.9),
+        colors.slider_grab_active: (*(0.8 * c for c in ACCENT), 1.0),
+        colors.check_mark: (*ACCENT, 1.0),
+        colors.plot_lines: (*ACCENT, 1.0),
+        colors.plot_histogram: (*ACCENT, 0.75),  # progress bars
+    }.items():
+        style.set_color_(name, color)
 
 
 class Gui:
     """ImGui attached to one window.
-
-    Make it after the view has registered its handlers: the last one pushed is asked first.
 
     Attributes:
         mouse_on_panel: Whether the mouse was last seen over a panel.
@@ -71,25 +96,24 @@ class Gui:
         apply_style()
         if not imgui.backends.opengl3_init("#version 330"):
             raise RuntimeError("ImGui's OpenGL renderer does not start")
-        self._set_clipboard()
-        self._keys = _key_map()
+        platform = imgui.get_platform_io()
+        platform.platform_get_clipboard_text_fn = lambda context: window.get_clipboard_text()
+        platform.platform_set_clipboard_text_fn = lambda context, text: window.set_clipboard_text(
+            text
+        )
+        self._keys = key_map()
         self._time = time.perf_counter()
         self._rectangles = []  # of the panels in the last frame: left, top, right, bottom
         self._building = []
         self.mouse_on_panel = False
         self._captured = set()  # buttons that were pressed on a panel
         self._failed = set()
-        window.push_handlers(self)
-
-    def _set_clipboard(self):
-        platform = imgui.get_platform_io()
-        window = self.window
-        platform.platform_get_clipboard_text_fn = lambda context: window.get_clipboard_text()
-        platform.platform_set_clipboard_text_fn = lambda context, text: window.set_clipboard_text(
-            text
-        )
 
     # -- events: True means that the view does not get them -------------------------------
+
+    def listen(self) -> None:
+        """Be asked for the window's events before every handler that was pushed so far."""
+        self.window.push_handlers(self)
 
     def covers(self, x: float, y: float) -> bool:
         """Whether a panel is at that position of the window, or a popup is open."""

@@ -1,85 +1,115 @@
-"""What happens before the first picture: kernels are compiled, the object is looked at.
+"""What happens before the first picture: kernels are loaded, the object is looked at.
 
-It runs in a thread, so that a window can say how far it is.  Warp compiles module by
-module, which takes a second or more each at the first start and next to nothing later.
+`prepare` runs in a thread, so that a window can show how far it is.  Warp compiles a module
+of kernels when it finds no binary of it in its cache, which takes a second or so each.
 """
 
-import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import warp as wp
 
-from ..core.render import Renderer
+from ..core import deform, render
+from ..core.device import thread_count
 from .scene import Scene
 from .surface import visible_points
 
-NEEDED = ("render.", "deform.", "field.encoding", "field.networks.mma")  # parts of core
-CPU_ALONE, CUDA_ALONE = "deform.frame.cpu", "deform.frame.cuda"
-OTHERS = ("networks and tables", "the surface, from eight sides", "the solver")
+STAGES = ("kernels", "networks and tables", "the surface, from eight sides", "the solver")
 
 
 class Progress:
-    """How far `prepare` is: its thread writes, the window's reads.
+    """How far `prepare` is: its threads write, the window's thread reads.
 
     Attributes:
-        stages: Names, in order.
-        seconds: Of the stages that are done.
+        seconds: Of the stages that are done, in the order of STAGES.
+        compiling: Whether a kernel is being compiled now.
+        compiled: Whether any kernel was.
     """
 
-    def __init__(self, modules: list[str]):
-        self.modules = modules
-        count = len(modules)
-        self.stages = [
-            f"compiling kernels {k} of {count}: {name.rpartition('.')[2]}"
-            for k, name in enumerate(modules, 1)
-        ] + list(OTHERS)
+    def __init__(self, module_count: int):
         self.seconds: list[float] = []
+        self.compiled = False
+        self._module_count = module_count
+        self._loaded_count = 0
+        self._compiling: set = set()
         self._since = time.perf_counter()
 
     @property
-    def fraction(self) -> float:
-        return len(self.seconds) / len(self.stages)
+    def compiling(self) -> bool:
+        return bool(self._compiling)
 
     @property
-    def current(self) -> tuple[str, float]:
-        """The stage that is going on, and for how many seconds it has been."""
-        stage = self.stages[min(len(self.seconds), len(self.stages) - 1)]
-        return stage, time.perf_counter() - self._since
+    def fraction(self) -> float:
+        done = self._loaded_count + max(len(self.seconds) - 1, 0)
+        return done / (self._module_count + len(STAGES) - 1)
 
-    def done(self) -> None:
-        """The present stage is finished."""
+    @property
+    def stage(self) -> str:
+        """What is going on."""
+        if self.seconds:
+            return STAGES[min(len(self.seconds), len(STAGES) - 1)]
+        verb = "compiling" if self.compiling else "loading"
+        return f"{verb} kernels, {self._loaded_count} of {self._module_count} modules done"
+
+    @property
+    def stage_seconds(self) -> float:
+        """How long it has been going on."""
+        return time.perf_counter() - self._since
+
+    def begin_module(self, name: str, cached: bool) -> None:
+        if not cached:
+            self._compiling.add(name)
+            self.compiled = True
+
+    def end_module(self, name: str) -> None:
+        self._compiling.discard(name)
+        self._loaded_count += 1
+
+    def end_stage(self) -> None:
         now = time.perf_counter()
         self.seconds.append(now - self._since)
         self._since = now
 
 
 def kernel_modules(device: str) -> list[str]:
-    """The modules of core that have been imported and whose Warp kernels a viewer needs there."""
-    core = __package__.rpartition(".")[0] + ".core."
-    not_here = core + (CUDA_ALONE if device == "cpu" else CPU_ALONE)
-    if device != "cpu":
-        from ..core.render.rounds import wavefront  # noqa: F401  or it is imported with the first image
-    return sorted(
-        name
-        for name, module in list(sys.modules.items())
-        if name.startswith(tuple(core + part for part in NEEDED))
-        and name != not_here
-        and any(isinstance(v, wp.Kernel) and v.module.name == name for v in vars(module).values())
-    )
+    """Names of the Warp modules that a viewer launches on a device."""
+    return [*render.kernel_modules(device), *deform.kernel_modules(device)]
 
 
-def prepare(field, name: str, device: str, progress: Progress):
-    """Scene and renderer of a model, every kernel compiled."""
-    for module in progress.modules:
-        wp.load_module(module, device=device)
-        progress.done()
+def is_cached(name: str, device: str) -> bool:
+    """Whether Warp has a binary of a module, as it is now, in its cache."""
+    module, device = wp.get_module(name), wp.get_device(device)
+    block_dim = 1 if device.is_cpu else module.options["block_dim"]
+    folder = Path(wp.config.kernel_cache_dir) / module.get_module_identifier(block_dim)
+    binary = "*.o" if device.is_cpu else f"*.sm{device.get_cuda_compile_arch()}*"
+    return any(folder.glob("*.meta")) and any(folder.glob(binary))
+
+
+def load_kernels(modules: list[str], device: str, progress: Progress) -> None:
+    """Load modules of kernels, and compile those that Warp's cache lacks."""
+
+    def load(name):
+        progress.begin_module(name, is_cached(name, device))
+        wp.load_module(name, device)
+        progress.end_module(name)
+
+    # Side by side, Warp's compiler for the CPU takes longer than one after another.
+    with ThreadPoolExecutor(1 if device == "cpu" else thread_count()) as pool:
+        list(pool.map(load, modules))  # the list raises what a thread raised
+
+
+def prepare(field, name: str, device: str, modules: list[str], progress: Progress):
+    """Scene and renderer of a model, with every kernel that they launch."""
+    load_kernels(modules, device, progress)
+    progress.end_stage()
     rest = field.mesh.rest_vertices
-    renderer = Renderer(field, device)
+    renderer = render.Renderer(field, device)
     renderer.set_vertices(rest)
-    progress.done()
+    progress.end_stage()
     points = visible_points(renderer, rest)
-    progress.done()
+    progress.end_stage()
     scene = Scene(field, name, device, points)
     scene.warm_up()
-    progress.done()
+    progress.end_stage()
     return scene, renderer

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.render import Camera, look_at, pinhole
 
-STEEPEST = np.radians(89.0)  # straight up or down, `up` and the view direction would coincide
+STEEPEST = np.radians(89.0)  # at 90° `up` and the view direction coincide
 CLOSEST, FARTHEST = 0.02, 50.0  # distance from the target, in model units
 TURN_PER_HEIGHT = np.pi  # a drag over the height of the image turns by half a turn
 
@@ -35,7 +35,7 @@ class Orbit:
 
 
 def framing(orbit: Orbit, center, radius: float, aspect: float = 1.0) -> Orbit:
-    """The same direction of view, with a ball of `radius` about `center` filling the image."""
+    """The same direction of view, so that a ball of `radius` about `center` fills the image."""
     half_angle = 0.5 * orbit.field_of_view
     half_angle = min(half_angle, np.arctan(np.tan(half_angle) * aspect))
     distance = np.clip(radius / np.sin(half_angle), CLOSEST, FARTHEST)
@@ -58,7 +58,7 @@ def panned(orbit: Orbit, dx: float, dy: float, height: int) -> Orbit:
 
 
 def zoomed(orbit: Orbit, factor: float, anchor=None) -> Orbit:
-    """The eye's distances from `anchor` times `factor`; the anchor keeps its pixel."""
+    """The eye `factor` times as far from `anchor`, which keeps its pixel."""
     distance = float(np.clip(orbit.distance * factor, CLOSEST, FARTHEST))
     anchor = orbit.target if anchor is None else np.asarray(anchor, float)
     target = anchor + (orbit.target - anchor) * (distance / orbit.distance)
@@ -68,14 +68,8 @@ def zoomed(orbit: Orbit, factor: float, anchor=None) -> Orbit:
 def pose(orbit: Orbit):
     """Camera to world.  [4, 4]"""
     horizontal = np.cos(orbit.pitch)
-    back = np.array(
-        [
-            horizontal * np.sin(orbit.yaw),
-            -horizontal * np.cos(orbit.yaw),
-            np.sin(orbit.pitch),
-        ]
-    )
-    return look_at(orbit.target + orbit.distance * back, orbit.target)
+    x, y, z = horizontal * np.sin(orbit.yaw), -horizontal * np.cos(orbit.yaw), np.sin(orbit.pitch)
+    return look_at(orbit.target + orbit.distance * np.array([x, y, z]), orbit.target)
 
 
 def camera(orbit: Orbit, width: int, height: int) -> Camera:
@@ -85,5 +79,5 @@ def camera(orbit: Orbit, width: int, height: int) -> Camera:
 
 
 def clip_range(orbit: Orbit) -> tuple[float, float]:
-    """Near and far plane, for OpenGL's depth buffer alone: rays have no such planes."""
+    """Near and far plane, for OpenGL's depth buffer only: rays have no such planes."""
     return 0.02 * orbit.distance, orbit.distance + 4.0

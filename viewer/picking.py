@@ -1,6 +1,6 @@
-"""From pixels to control vertices and back.
+"""Which sphere is under a pixel, where points appear, and which of them are in sight.
 
-Pixels are the image's: x to the right, y down, the centre of the first one at (½, ½).
+Pixels are the image's: x to the right, y down, the center of the first one at (½, ½).
 t is the distance from the eye along a pixel's unit ray, as in the depth image.
 """
 
@@ -41,13 +41,14 @@ def onto_view_plane(camera: Camera, pixel, point):
 
 
 def depth_at(depth_image, camera: Camera, pixels):
-    """The depth image [h, w] of the same view, at pixels [N, 2] of `camera`.  [N]
+    """The depth at pixels [N, 2] of `camera`; inf outside the image.  [N]
 
-    The image may have fewer pixels than the camera.  Outside of it there is nothing: inf.
+    Args:
+        depth_image: Of the same view, perhaps with fewer pixels than the camera.  [h, w]
     """
     height, width = depth_image.shape
     scale = np.array([width / camera.width, height / camera.height])
-    inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+    inside = _inside(camera, pixels)
     columns, rows = (np.where(inside[:, None], pixels, 0.0) * scale).astype(int).T
     nearest = depth_image[np.minimum(rows, height - 1), np.minimum(columns, width - 1)]
     return np.where(inside, nearest, np.inf)
@@ -56,17 +57,21 @@ def depth_at(depth_image, camera: Camera, pixels):
 def visible(camera: Camera, points, depth_image, bias: float):
     """Which points are in the image and at most `bias` behind the object's surface.  [N] bool"""
     pixels, t = project(camera, points)
-    inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+    inside = _inside(camera, pixels)
     if depth_image is None:
         return inside
     return inside & (t - bias <= depth_at(depth_image, camera, pixels))
 
 
-def pick(camera: Camera, pixel, points, radius: float, shown, slack: float) -> int | None:
-    """The shown sphere under a pixel: of those that cover it, the nearest to the eye.
+def _inside(camera, pixels):
+    return ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+
+
+def pick_sphere(camera: Camera, pixel, centers, radius: float, shown, slack: float) -> int | None:
+    """The sphere under a pixel: of those that cover it, the nearest to the eye.
 
     Args:
-        points: Centres of the spheres.  [N, 3]
+        centers: Of the spheres.  [N, 3]
         radius: Of every sphere, model units.
         shown: Which of them can be picked.  [N] bool
         slack: Pixels by which a sphere may be missed.
@@ -74,7 +79,7 @@ def pick(camera: Camera, pixel, points, radius: float, shown, slack: float) -> i
     Returns:
         Its index, or None.
     """
-    pixels, t = project(camera, points)
+    pixels, t = project(camera, centers)
     reach = camera.focal * radius / np.maximum(t, 1e-9) + slack
     distance = np.hypot(*(pixels - np.asarray(pixel, float)).T)
     candidates = np.flatnonzero(shown & (distance <= reach))

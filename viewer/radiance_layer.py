@@ -1,10 +1,9 @@
 """The field's image in the window: rendered when something has changed, refined at rest.
 
 While camera or vertices change, the image is rendered with as many pixels as the target
-frame rate allows (resolution.py).  Afterwards finer ones follow, up to the full resolution,
-and then images shifted by parts of a pixel, whose mean is shown: all in strips of rows, a
-strip per frame, so that the window answers all the while.  Depth goes along, that of the
-unshifted image: other things in the scene hide behind the object.
+frame rate allows (resolution.py).  At rest finer images follow, up to the full resolution,
+and then shifted images whose mean is shown, a strip of rows per frame (refinement.py).
+The depth is that of the unshifted image: other things in the scene hide behind the object.
 """
 
 import time
@@ -18,22 +17,12 @@ import warp as wp
 from ..core.field import level_edges
 from ..core.render import RenderOptions, render_mode
 from . import gl
-from .resolution import (
-    CPU_LADDER,
-    LADDER,
-    STRIP_SECONDS,
-    MovingResolution,
-    Strips,
-    finer,
-    render_budget,
-    savings,
-    size_at,
-)
-from .sampling import SAMPLE_COUNT, Sampling
+from .refinement import SAMPLE_COUNT, Picture, Sampling, Strips, finer, size_at
+from .resolution import CPU_LADDER, LADDER, MovingResolution, render_budget, savings
 from .upload import ImageTexture
 
 REST_SECONDS = 0.15  # without a change, before refining begins
-OTHER_STAGES = ("simulate", "draw", "panel")
+OTHER_PARTS = ("simulate", "draw", "panel")  # of a frame, beside rendering
 CHECKER_SIZE = 12  # pixels
 AVERAGED_MODES = ("color", "accumulation")
 
@@ -42,30 +31,22 @@ class RadianceLayer:
     """Draws what a Renderer of core/render renders.
 
     Attributes:
-        path: How frames reach OpenGL, "buffer" or "copy".
-        factor: Resolution of the coarse image, relative to the window's.
-        cheaper: What the coarse image saves on, as arguments of RenderOptions.
         render_count: Images rendered so far; strips, and so sub-pixel samples, not counted.
     """
 
     def __init__(self, ctx: moderngl.Context, renderer, device: str, path: str, clock=None):
-        self.path = path
-        self.factor = 1.0
-        self.cheaper = {}
+        """Take a renderer, Warp's name of its device, and how frames reach OpenGL."""
         self.render_count = 0
-        self._ctx, self._renderer, self._device = ctx, renderer, device
+        self._ctx, self._renderer, self._device, self._path = ctx, renderer, device, path
         self._clock = clock or time.perf_counter
         self._triangle = gl.full_screen(ctx, "image")
         self._moving = MovingResolution(0.1, CPU_LADDER if device == "cpu" else LADDER)
         field = renderer.field
         self._level_edges = level_edges(field.mesh, field.layout.level_count)
-        self._coarse = self._fine = None  # ImageTexture
-        self._strips = None  # of the fine image, while there is one
-        self._fine_factor = 1.0
-        self._images = []  # what the coarse image is made of, from top to bottom
-        self._strip_images = []  # the same of the fine one, as far as it is
-        self._sampling = None  # once the full image is there, and more is wanted
-        self._row_seconds = None  # at the full resolution
+        self._shown: Picture | None = None  # the last whole picture
+        self._coming: Picture | None = None  # a finer one, as far as it is
+        self._spare: ImageTexture | None = None  # for the next finer one
+        self._sampling: Sampling | None = None  # once shifted images are rendered
         self._host_depth = None
         self._seen = self._pose = None  # what was rendered last
         self._options, self._mode, self._depth_range = RenderOptions(), "color", (0.0, 1.0)
@@ -75,18 +56,26 @@ class RadianceLayer:
     # -- how far it is -------------------------------------------------------------------
 
     @property
+    def factor(self) -> float:
+        """Resolution of the last whole picture, relative to the window's."""
+        return self._shown.factor if self._shown else 1.0
+
+    @property
+    def cheaper(self) -> dict:
+        """What the last whole picture saves on, as arguments of RenderOptions."""
+        return self._shown.cheaper if self._shown else {}
+
+    @property
     def refined(self) -> float:
         """The part of the rows that shows the full resolution."""
         if self.factor == 1.0:
             return 1.0
-        return self._progress if self._fine_factor == 1.0 else 0.0
+        return self._progress if self._coming and self._coming.factor == 1.0 else 0.0
 
     @property
     def sample_count(self) -> int:
         """How many images at full resolution the shown one is the mean of."""
-        if self._sampling is not None:
-            return self._sampling.count
-        return int(self.factor == 1.0)
+        return self._sampling.count if self._sampling else int(self.factor == 1.0)
 
     @property
     def most_samples(self) -> int:
@@ -100,23 +89,21 @@ class RadianceLayer:
 
     @property
     def _progress(self):
-        """The part of the fine image that there is."""
-        return self._strips.next_row / self._strips.height if self._strips else 0.0
+        """The part of the coming picture that there is."""
+        return self._coming.strips.next_row / self._coming.strips.height if self._coming else 0.0
 
     def depth_image(self):
-        """The depths [h, w] of the last whole image, perhaps at fewer pixels than the window's.
-
-        None before the first.
-        """
-        if self._host_depth is None and self._images:
-            self._host_depth = np.concatenate([image.depth_array() for image in self._images])
+        """The depths [h, w] of the last whole picture, at its own resolution; None before it."""
+        if self._host_depth is None and self._shown:
+            depths = [image.depth_array() for image in self._shown.images]
+            self._host_depth = np.concatenate(depths)
         return self._host_depth
 
     def color_image(self):
-        """The colors of the last whole image, opacity as alpha.  [h, w, 4] uint8"""
-        if self._sampling is not None and self._sampling.color is not None:
+        """The colors of the last whole picture, opacity as alpha.  [h, w, 4] uint8"""
+        if self._sampling and self._sampling.color is not None:
             return self._sampling.color.numpy()
-        return np.concatenate([image.color_array() for image in self._images])
+        return np.concatenate([image.color_array() for image in self._shown.images])
 
     # -- rendering -----------------------------------------------------------------------
 
@@ -125,8 +112,8 @@ class RadianceLayer:
 
         Args:
             camera: Of the full resolution.
-            times: StageTimes.
-            whole: Render all pixels at once, whatever it takes, but each only once.
+            times: FrameTimes.
+            whole: Render all pixels at once, however long it takes, but each only once.
         """
         settings = scene.settings
         self._mode, self._depth_range = settings.mode, scene.depth_range
@@ -146,11 +133,11 @@ class RadianceLayer:
             self._seen, self._changed_at = seen, now
             self._set_pose(scene, times)
             if whole or fixed is not None:
-                self._render_coarse(camera, 1.0 if whole else fixed, times)
+                self._render_at(1.0 if whole else fixed, camera, times)
             else:
                 self._render_moving(camera, scene, times)
         elif whole and self.refined < 1.0:
-            self._render_coarse(camera, 1.0, times)
+            self._render_at(1.0, camera, times)
         elif whole or now - self._changed_at < REST_SECONDS:
             pass  # it may go on moving
         elif self.refined < 1.0:
@@ -162,99 +149,93 @@ class RadianceLayer:
 
     def _set_pose(self, scene, times):
         if scene.revision != self._pose:
-            with times.stage("render"):
+            with times.part("render"):
                 self._renderer.set_vertices(scene.solver.vertices)
             self._pose = scene.revision
 
     def _render_moving(self, camera, scene, times):
-        """A coarse image, as good as the target frame rate allows."""
+        """Render at once, as well as the target frame rate allows."""
         moving, rung = self._moving, self._moving.rung
-        # Beside a renderer on the CPU it may be OpenGL that makes flip slow; otherwise it is
-        # the wait for the screen, which takes nothing from anybody.
+        # On CUDA, flip is the wait for the screen, and costs rendering nothing.
         flip = ("flip",) if self._device == "cpu" else ()
-        others = times.recent((*OTHER_STAGES, *flip))
+        others = times.recent((*OTHER_PARTS, *flip))
         moving.target_seconds = render_budget(scene.settings.target_fps, others)
         pixel = scene.orbit.distance / (camera.focal * rung.factor)
         cheaper = savings(rung, self._level_edges, pixel)
         start = time.perf_counter()
-        self._render_coarse(camera, rung.factor, times, **cheaper)
+        self._render_at(rung.factor, camera, times, cheaper)
         moving.measured(time.perf_counter() - start)
 
-    def _render_coarse(self, camera, factor, times, **cheaper):
+    def _render_at(self, factor, camera, times, cheaper=None):
+        """Render a whole picture."""
         size = size_at(factor, camera.width, camera.height)
-        start = time.perf_counter()
-        image = self._render(camera.resized(*size), times, **cheaper)
-        self._row_seconds = (time.perf_counter() - start) / size[1] / factor
-        self._coarse = self._texture(self._coarse, size)
-        with times.stage("upload"):
-            self._coarse.write(image)
-        self._images, self._host_depth = [image], None
-        self.factor, self._strips, self._strip_images = factor, None, []
-        self.cheaper = cheaper
-        self._sampling = None
+        texture = self._texture(self._shown.texture if self._shown else None, size)
+        picture = Picture(texture, factor, Strips(size[1]), cheaper or {})
+        self._add_rows(picture, (0, size[1]), camera, times)
+        self._shown, self._coming, self._sampling, self._host_depth = picture, None, None, None
         self.render_count += 1
 
     def _refine(self, camera, times):
-        """Render the next strip; an image that is complete takes the coarse one's place."""
-        if self._strips is None:
-            self._fine_factor = finer(self.factor)
-            size = size_at(self._fine_factor, camera.width, camera.height)
-            self._fine = self._texture(self._fine, size)
-            self._strips, self._strip_images = Strips(size[1], STRIP_SECONDS), []
-        first_row, image = self._next_strip(self._strips, camera.resized(*self._fine.size), times)
-        self._strip_images.append(image)
-        with times.stage("upload"):
-            self._fine.write(image, first_row)
-        if self._strips.done:
-            self._row_seconds = self._strips.seconds_per_row
-            self._coarse, self._fine = self._fine, self._coarse
-            self._images, self._strip_images = self._strip_images, []
-            self.factor, self._strips, self._host_depth = self._fine_factor, None, None
-            self.cheaper = {}
+        """Render the next strip of a finer picture; a whole one takes the shown one's place."""
+        if self._coming is None:
+            factor = finer(self.factor)
+            size = size_at(factor, camera.width, camera.height)
+            self._spare = self._texture(self._spare, size)
+            self._coming = Picture(self._spare, factor, Strips(size[1]))
+        coming = self._coming
+        self._add_rows(coming, coming.strips.following(), camera, times)
+        if coming.strips.done:
+            self._spare = self._shown.texture
+            self._shown, self._coming, self._host_depth = coming, None, None
 
     def _sample(self, camera, times):
-        """Render the next strip of a shifted image; one that is complete joins the mean."""
-        camera = camera.resized(*self._coarse.size)  # a tiny window has an image larger than it
+        """Render the next strip of a shifted image; a whole one joins the mean."""
+        camera = camera.resized(*self._shown.texture.size)  # of a tiny window, it is larger
         if self._sampling is None:
-            self._sampling = Sampling(self._images, camera, self._device, self._row_seconds)
-        if self._sampling.step(camera, partial(self._next_strip, times=times)):
-            with times.stage("upload"):
-                self._coarse.write_color(self._sampling.color)
+            self._sampling = Sampling(self._shown, self._device)
+        if self._sampling.step(camera, partial(self._next_rows, times=times)):
+            with times.part("upload"):
+                self._shown.texture.write_color(self._sampling.color)
 
-    def _next_strip(self, strips, camera, times):
-        """The first row of the next strip, and its image."""
+    def _add_rows(self, picture, rows, camera, times):
+        """Render rows of a picture and put them into its texture."""
+        camera = camera.resized(*picture.texture.size)
+        image = self._render(picture.strips, rows, camera, times, picture.cheaper)
+        with times.part("upload"):
+            picture.texture.write(image, rows[0])
+        picture.images.append(image)
+
+    def _next_rows(self, strips, camera, times):
         rows = strips.following()
-        start = time.perf_counter()
-        image = self._render(camera, times, rows)
-        strips.rendered(rows, time.perf_counter() - start)
-        return rows[0], image
+        return rows[0], self._render(strips, rows, camera, times, {})
 
-    def _render(self, camera, times, rows=None, **cheaper):
+    def _render(self, strips, rows, camera, times, cheaper):
+        start = time.perf_counter()
         options = replace(self._options, **cheaper)
-        with times.stage("render"):
+        with times.part("render"):
             image = render_mode(
                 self._renderer, camera, self._mode, options, rows, self._depth_range
             )
             wp.synchronize_device(self._device)  # or CUDA's time would be measured elsewhere
+        strips.rendered(rows, time.perf_counter() - start)
         return image
 
     def _texture(self, old, size):
-        """A texture pair of that size; the old one if it fits."""
+        """A texture of that size; the old one if it fits."""
         if old is not None and old.size == size:
             return old
         if old is not None:
             old.release()
-        return ImageTexture(self._ctx, size, self._device, self.path)
+        return ImageTexture(self._ctx, size, self._device, self._path)
 
     # -- OpenGL --------------------------------------------------------------------------
 
     def draw(self, camera, clip_range) -> None:
         """Draw color and depth into the framebuffer in use."""
-        fine = self._fine if self._strips else self._coarse
-        self._coarse.color.use(0)
-        self._coarse.depth.use(1)
-        fine.color.use(2)
-        fine.depth.use(3)
+        coarse = self._shown.texture
+        fine = self._coming.texture if self._coming else coarse
+        for unit, texture in enumerate((coarse.color, coarse.depth, fine.color, fine.depth)):
+            texture.use(unit)
         half_height = 0.5 * camera.height / camera.focal
         gl.set_uniforms(
             self._triangle.program,
@@ -275,6 +256,6 @@ class RadianceLayer:
         self._ctx.depth_func = "<="
 
     def release(self) -> None:
-        for texture in (self._coarse, self._fine):
+        for texture in (self._shown and self._shown.texture, self._spare):
             if texture is not None:
                 texture.release()

@@ -1,170 +1,109 @@
-"""Frames to an MP4 file that every player opens, and to PNG files.
-
-Encoding runs in a thread behind a short queue.  The file is written as <name>.part.mp4
-and renamed when it is complete, since an MP4 that was never closed cannot be read.
-Offline, every frame is written; live, frames are repeated or left out by the clock, so
-that a second of the clip is a second that the user saw.
-"""
+"""Screenshots and videos of the canvas: when a frame is kept, and the PNG files."""
 
 import os
-import queue
-import threading
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
-QUEUE_LENGTH = 8  # frames; 8 x 1920 x 1080 x 3 bytes = 50 MB
-CODEC, QUALITY = "libx264", {"crf": "18", "preset": "veryfast"}
-BT_709 = 1  # the number of range "tv", primaries, transfer and matrix alike (H.264, annex E)
+from .video import VideoWriter
 
 
-class VideoRecorder:
-    """An H.264 file that is being written."""
+class Recorder:
+    """Keeps this frame of the canvas, or the next ones.
 
-    def __init__(self, path: Path, size: tuple[int, int], fps: int, clock=None):
-        """Open the file.
+    Attributes:
+        video: The video that is being recorded, or None.
+        written: Files that are finished.
+        failed: Whether a video or a screenshot was lost.
+    """
 
-        Args:
-            path: Where the finished clip goes, ending in .mp4.
-            size: Width and height of the frames; an odd last column or row is cut off, as
-                4:2:0 pictures have even sizes.
-            fps: Frames per second of the clip.
-            clock: A function that returns seconds, for a live recording; None if each
-                pushed frame is one frame of the clip.
-        """
-        import av
-
-        self.path = Path(path)
-        self.part = self.path.with_name(self.path.stem + ".part.mp4")
-        self.width, self.height = max(size[0] & ~1, 2), max(size[1] & ~1, 2)
-        self.fps = fps
-        self.frame_count = self.repeated_count = self.dropped_count = 0
-        self._clock = clock
-        self._start = clock() if clock else 0.0
-        self._pending = None  # live: the last image, and the frame number that it starts at
-        self._error = None
-        self._queue = queue.Queue(QUEUE_LENGTH)
-        self._container = av.open(str(self.part), "w", options={"movflags": "+faststart"})
-        self._stream = self._container.add_stream(CODEC, rate=fps, options=QUALITY)
-        self._stream.width, self._stream.height = self.width, self.height
-        self._stream.pix_fmt = "yuv420p"
-        context = self._stream.codec_context
-        context.color_range = context.colorspace = BT_709
-        context.color_primaries = context.color_trc = BT_709
-        self._thread = threading.Thread(target=self._encode, name="recorder", daemon=True)
-        self._thread.start()
+    def __init__(self, canvas, status, log, fps: int):
+        self.video: VideoWriter | None = None
+        self.written: list[Path] = []
+        self.failed = False
+        self._canvas, self._status, self._log, self._fps = canvas, status, log, fps
+        self._screenshot: Path | None = None
 
     @property
-    def seconds(self) -> float:
-        """How much of the clip there is."""
-        if self._clock:
-            return self._clock() - self._start
-        return self.frame_count / self.fps
+    def wants_screenshot(self) -> bool:
+        """Whether the frame that is being drawn is to be kept."""
+        return self._screenshot is not None
 
-    def due(self) -> bool:
-        """Whether a frame handed over now would be used."""
-        return not self._clock or self._pending is None or self._slot() > self._pending[1]
+    def screenshot(self, path: Path | None = None) -> None:
+        """Keep the next frame; by default in the current folder, named by date and time."""
+        self._screenshot = path or stamped("deformrf", ".png")
 
-    def push(self, image) -> None:
-        """Add one image [H, W, 3] uint8, top row first.
+    def start(self, path: Path | None = None, live: bool = True) -> None:
+        """Record from the next frame on; by the clock if live, else frame by frame."""
+        path = path or stamped("deformrf", ".mp4")
+        clock = time.monotonic if live else None
+        self.video = VideoWriter(path, self._canvas.size, self._fps, clock)
+        self._log("recording", path=path)
 
-        Offline it waits for the encoder.  Live it never waits.
+    def stop(self) -> None:
+        """Finish the video, if one is being recorded."""
+        video, self.video = self.video, None
+        if video is not None:
+            try:
+                self._finished(video.close())
+            except RuntimeError as error:
+                self._fail(error)
 
-        Raises:
-            RuntimeError: The encoder failed.
-        """
-        if self._error:
-            raise RuntimeError(self._failure()) from self._error
-        image = fitted(image, self.width, self.height)
-        if not self._clock:
-            self._queue.put((image, 1))
-            self.frame_count += 1
+    def add_frame(self) -> None:
+        """Add the canvas as it is now to the video, if one is being recorded."""
+        if self.video is None or not self.video.due():
             return
-        slot = self._slot()
-        if self._pending and slot > self._pending[1]:
-            self._write_pending(until=slot, wait=False)
-        elif self._pending:
-            self.dropped_count += 1
-            slot = self._pending[1]
-        self._pending = image, slot
-
-    def close(self) -> Path:
-        """Finish the file and give it its name.
-
-        Raises:
-            RuntimeError: The encoder failed; there is no file.
-        """
-        if self._pending:
-            self._write_pending(until=max(self._slot(), self._pending[1] + 1), wait=True)
-        self._queue.put(None)
-        self._thread.join()
-        if self._error:
-            self.part.unlink(missing_ok=True)
-            raise RuntimeError(self._failure()) from self._error
-        os.replace(self.part, self.path)
-        return self.path
-
-    def _failure(self):
-        """What went wrong in the encoder's thread, in one sentence."""
-        if isinstance(self._error, OSError) and self._error.strerror:
-            return f"can't write {self.path}: {self._error.strerror}"
-        return f"the video encoder failed: {self._error}"
-
-    def _slot(self):
-        return int((self._clock() - self._start) * self.fps + 1e-6)
-
-    def _write_pending(self, until, wait):
-        """Queue the pending image for the frames up to `until`, which the next one starts."""
-        image, _ = self._pending
-        count = until - self.frame_count
         try:
-            self._queue.put((image, count), block=wait)
-        except queue.Full:  # the image after it will stand in for this one
-            self.dropped_count += 1
+            self.video.push(self._canvas.read())
+        except RuntimeError:  # stop() raises it again and reports it
+            self.stop()
+
+    def save_screenshot(self, image=None) -> None:
+        """Write an image, by default the canvas as it is now, if a screenshot is wanted."""
+        if self._screenshot is None:
             return
-        self.frame_count += count
-        self.repeated_count += count - 1
-
-    def _encode(self):
-        items = iter(self._queue.get, None)  # None ends the clip
+        path, self._screenshot = self._screenshot, None
         try:
-            written = 0
-            for image, count in items:
-                frame = _video_frame(image)
-                for _ in range(count):
-                    frame.pts = written
-                    written += 1
-                    self._container.mux(self._stream.encode(frame))
-            self._container.mux(self._stream.encode(None))
-            self._container.close()
-        except Exception as error:  # handed to the caller by the next push or by close
-            self._error = error
-            for _ in items:  # so that no push waits for ever
-                pass
+            self._finished(save_png(path, self._canvas.read() if image is None else image))
+        except OSError as error:
+            self._fail(f"can't write {path}: {error.strerror or error}")
+
+    def _finished(self, path):
+        self.written.append(path)
+        self._status.say(f"wrote {path}")
+        self._log("written", path=path)
+        print(f"wrote {path}", flush=True)
+
+    def _fail(self, error):
+        self.failed = True
+        self._status.say(str(error))
+        print(error, file=sys.stderr, flush=True)
 
 
-def _video_frame(image):
-    import av
-    from av.video.reformatter import ColorRange, Colorspace
+def save_png(path: Path, image) -> Path:
+    """Write an image [H, W, 3 or 4] uint8, top row first; it appears when it is complete."""
+    from PIL import Image
 
-    return av.VideoFrame.from_ndarray(image, format="rgb24").reformat(
-        format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
-    )
+    part = Path(path).with_suffix(".part.png")
+    try:
+        Image.fromarray(image).save(part)
+        os.replace(part, path)
+    except BaseException:  # an interrupt leaves no part behind either
+        part.unlink(missing_ok=True)
+        raise
+    return Path(path)
 
 
-def fitted(image, width: int, height: int):
-    """The image centred on a canvas of that size, cut or padded with its corner's color."""
-    rows, columns = image.shape[:2]
-    if (columns & ~1, rows & ~1) == (width, height):
-        return np.ascontiguousarray(image[:height, :width])
-    canvas = np.empty((height, width, 3), np.uint8)
-    canvas[:] = image[0, 0]
-    h, w = min(rows, height), min(columns, width)
-    top, left = (height - h) // 2, (width - w) // 2
-    y, x = (rows - h) // 2, (columns - w) // 2
-    canvas[top : top + h, left : left + w] = image[y : y + h, x : x + w]
-    return canvas
+def stamped(stem: str, suffix: str) -> Path:
+    """A free name in the current folder: <stem>-<date>-<time>[-2, -3 ..]<suffix>."""
+    base = f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    path, count = Path.cwd() / f"{base}{suffix}", 1
+    while path.exists():
+        count += 1
+        path = path.with_name(f"{base}-{count}{suffix}")
+    return path
 
 
 def without_background(image, background):
@@ -180,31 +119,5 @@ def without_background(image, background):
     color, opacity = image[..., :3].astype(np.float32), image[..., 3:] / np.float32(255.0)
     own = color - 255.0 * np.float32(background) * (1.0 - opacity)
     straight = np.divide(own, opacity, out=np.zeros_like(own), where=opacity > 0)
-    return np.concatenate(
-        [np.clip(straight + 0.5, 0.0, 255.0).astype(np.uint8), image[..., 3:]], axis=-1
-    )
-
-
-def save_png(path: Path, image) -> Path:
-    """Write an image [H, W, 3 or 4] uint8, top row first."""
-    from PIL import Image
-
-    part = Path(path).with_suffix(".part.png")
-    try:
-        Image.fromarray(image).save(part)
-        os.replace(part, path)
-    except BaseException:  # an interrupt leaves no part behind either
-        part.unlink(missing_ok=True)
-        raise
-    return Path(path)
-
-
-def stamped(stem: str, suffix: str, folder: Path | None = None) -> Path:
-    """A name that is not taken yet: <stem>-<date>-<time>[-2, -3 ..]<suffix>."""
-    folder = Path.cwd() if folder is None else folder
-    base = f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}"
-    path, count = folder / f"{base}{suffix}", 1
-    while path.exists():
-        count += 1
-        path = folder / f"{base}-{count}{suffix}"
-    return path
+    straight = np.clip(straight + 0.5, 0.0, 255.0).astype(np.uint8)
+    return np.concatenate([straight, image[..., 3:]], axis=-1)

@@ -1,10 +1,10 @@
-"""How many pixels to render: fewer while things move, all of them once they rest.
+"""How many pixels to render while things move.
 
 The factors are powers of √½ of the window's size, so that one step halves or doubles the
-pixels, and with them about the time.  A slow renderer has more to give up than pixels:
-below about a third of the width a picture is a mosaic, so before that its rays take longer
-steps and it leaves out levels finer than a pixel.  After a change the time has to leave a
-band around the target before the next one, or the picture would flicker between two.
+pixels, and with them about the time.  Below about a third of the width a picture is a mosaic;
+before that, a slow renderer makes its rays take longer steps and leaves out levels finer than
+a pixel.  After a change the time has to leave a band around the target before the next one,
+or the picture would flicker between two.
 """
 
 from dataclasses import dataclass
@@ -13,8 +13,6 @@ from ..core.field import below_pixel
 
 FACTORS = tuple(0.5 ** (0.5 * step) for step in range(7))  # 1 .. 0.125
 TOO_SLOW, FITS = 1.25, 1.1  # of the target: what leads to less, what more may be expected to take
-SMALLEST_STRIP = 4  # rows
-STRIP_SECONDS = 0.045  # rendering a strip at rest
 SMALLEST_SHARE = 0.4  # of a frame that rendering gets, whatever else takes time
 RECOGNIZABLE = 0.35  # the factor below which pixels are the last thing to save on
 
@@ -41,20 +39,16 @@ class Rung:
 CHEAPER = ((1.4, 0, 0.82), (2.0, 0, 0.75), (2.0, 1, 0.71))
 
 
-def _plain(factor):
-    return Rung(factor, cost=factor * factor)
-
-
-def _cheaper(factor, step_factor, spared_levels, share):
+def _rung(factor, step_factor=1.0, spared_levels=0, share=1.0):
     return Rung(factor, step_factor, spared_levels, share * factor * factor)
 
 
-LADDER = tuple(map(_plain, FACTORS))
+LADDER = tuple(map(_rung, FACTORS))
 _LARGE = [factor for factor in FACTORS if factor >= RECOGNIZABLE]
 CPU_LADDER = (
-    *map(_plain, _LARGE),
-    *(_cheaper(_LARGE[-1], *saving) for saving in CHEAPER),
-    *(_cheaper(factor, *CHEAPER[-1]) for factor in FACTORS[len(_LARGE) :]),
+    *map(_rung, _LARGE),
+    *(_rung(_LARGE[-1], *saving) for saving in CHEAPER),
+    *(_rung(factor, *CHEAPER[-1]) for factor in FACTORS[len(_LARGE) :]),
 )
 
 
@@ -111,39 +105,3 @@ class MovingResolution:
         if self._patience == 3:
             self.step -= 1
             self._patience = 0
-
-
-@dataclass
-class Strips:
-    """Cuts an image of `height` rows into strips that each take about `budget_seconds`."""
-
-    height: int
-    budget_seconds: float
-    next_row: int = 0
-    seconds_per_row: float | None = None
-
-    @property
-    def done(self) -> bool:
-        return self.next_row >= self.height
-
-    def following(self) -> tuple[int, int]:
-        """The next strip: its first row and the row after its last."""
-        rows = SMALLEST_STRIP
-        if self.seconds_per_row is not None:
-            rows = max(rows, int(self.budget_seconds / max(self.seconds_per_row, 1e-9)))
-        return self.next_row, min(self.next_row + rows, self.height)
-
-    def rendered(self, rows: tuple[int, int], seconds: float) -> None:
-        """Take account of a strip that is finished."""
-        self.next_row = rows[1]
-        self.seconds_per_row = seconds / (rows[1] - rows[0])
-
-
-def finer(factor: float) -> float:
-    """The factor to refine to: the full one, by way of another if it is far off."""
-    return 4.0 * factor if 4.0 * factor < 0.6 else 1.0
-
-
-def size_at(factor: float, width: int, height: int) -> tuple[int, int]:
-    """The size in pixels at a factor, at least 8 × 8."""
-    return max(8, round(width * factor)), max(8, round(height * factor))

@@ -1,4 +1,4 @@
-"""A drag without a mouse: out in the first third of the frames, held, let go."""
+"""The drag of --drag: out in the first third of the frames, held in the second, then let go."""
 
 import math
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 TOP = "top"  # in place of an id
-LONGEST_OFFSET = 2.0  # model units; farther, nothing is left in the picture
+LONGEST_OFFSET = 2.0  # model units; farther away, the vertex leaves the picture
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ def parse_drag(text: str) -> DragScript:
 
 
 def resolved(script: DragScript, scene) -> DragScript:
-    """The drag of a vertex of this scene.
+    """The drag of a vertex of this scene, with the vertex's id.
 
     Raises:
-        ValueError: The scene has no such vertex, or holds it fast.
+        ValueError: The scene has no such vertex, or it is pinned.
     """
     free = scene.control_ids[~scene.solver.pinned[scene.control_ids]]
     if script.vertex == TOP:
@@ -76,7 +76,7 @@ def hold_ends(frame_count: int) -> int:
 
 
 def play(script: DragScript, scene, frame: int, frame_count: int) -> None:
-    """Do to the scene what the script has for this frame; called before the scene advances."""
+    """Move the scene's grabbed vertex as in this frame; called before the scene advances."""
     if frame == 0:
         scene.grab(script.vertex)
     if scene.grabbed is None:

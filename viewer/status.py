@@ -1,38 +1,84 @@
-"""What the program reports about itself to the panels; no panel writes to it."""
+"""What the program reports about itself to the panels: devices, frame times, messages."""
 
 import time
+from collections import deque
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from .timing import StageTimes
+import numpy as np
 
+PARTS = ("simulate", "render", "upload", "draw", "panel", "flip")  # of a frame
+HISTORY = 120  # frames
+RECENT = 9  # frames; few enough to follow what the user does
 MESSAGE_SECONDS = 6.0
+
+
+class FrameTimes:
+    """Seconds per frame and per part of a frame, over the last frames.
+
+    Attributes:
+        frames: Lengths of the last frames.
+        rendering: Seconds of each stage of the renderer in the last image, if measured.
+    """
+
+    def __init__(self):
+        self.frames = deque([0.0], maxlen=HISTORY)
+        self.rendering: dict[str, float] = {}
+        self._parts = {part: deque([0.0], maxlen=HISTORY) for part in PARTS}
+        self._now = dict.fromkeys(PARTS, 0.0)
+        self._last = None
+
+    @contextmanager
+    def part(self, name: str):
+        """Add the time spent inside to one part of the present frame."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._now[name] += time.perf_counter() - start
+
+    def end_frame(self) -> None:
+        """Close the present frame; it began when the one before was closed."""
+        now = time.perf_counter()
+        if self._last is not None:
+            self.frames.append(now - self._last)
+        for name, value in self._now.items():
+            self._parts[name].append(value)
+        self.rest()
+        self._last = now
+
+    def rest(self) -> None:
+        """No frame follows for a while: the time until the next one belongs to no frame."""
+        self._last = None
+        self._now = dict.fromkeys(PARTS, 0.0)
+
+    def recent(self, parts) -> float:
+        """Median seconds that these parts took together in the last few frames."""
+        return float(np.median(np.sum([list(self._parts[p])[-RECENT:] for p in parts], axis=0)))
+
+    def frame_seconds(self) -> float:
+        """Mean length of the last frames."""
+        return float(np.mean(self.frames))
+
+    def medians(self) -> dict[str, float]:
+        """Median seconds per part over the last frames."""
+        return {name: float(np.median(values)) for name, values in self._parts.items()}
 
 
 @dataclass
 class Status:
-    """Facts for the read-outs.
+    """Facts for the read-outs; no panel writes to it.
 
     Attributes:
-        device: The renderer's, with its name.
+        device: Name of the device that renders.
         interop: How frames reach OpenGL, "buffer" or "copy".
         gl_renderer: OpenGL's own name of what draws.
-        resolution: Factor of the image that is shown, relative to the window.
-        refined: The part of its rows that are at full resolution.
-        sample_count, most_samples: Shifted images in its mean, and how many they will be.
-        saved: On what else than pixels it saves, empty in full quality.
-        recorder: The clip that is being recorded, if any.
     """
 
     device: str = ""
     interop: str = ""
     gl_renderer: str = ""
-    resolution: float = 1.0
-    refined: float = 1.0
-    sample_count: int = 1
-    most_samples: int = 1
-    saved: str = ""
-    recorder: object = None
-    times: StageTimes = field(default_factory=StageTimes)
+    times: FrameTimes = field(default_factory=FrameTimes)
     _message: tuple[float, str] = (0.0, "")
 
     def say(self, message: str) -> None:

@@ -1,7 +1,7 @@
 """Where the object's surface is, as seen from all around.
 
-A trained mesh also has tets around the object and specks in empty space.  What a user
-wants to frame, hold and grab is what can be seen: the opaque pixels of a few small images.
+A trained mesh also has tets around the object and specks in empty space.  A user wants to
+frame, hold and grab what can be seen, which is the opaque pixels of a few small images.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from . import orbit as orbits
 
 VIEWS = (*((np.radians(60.0 * k), np.radians(15.0)) for k in range(6)), (0.0, 1.4), (0.0, -1.4))
 VIEW_SIZE = 64  # pixels
-SPECKS = 0.5  # percent of the points beyond which each side of the bounds may leave out
+SPECKS = 0.5  # percent of the points that the bounds leave out at each side
 MAX_POINTS = 4000
 
 
@@ -41,7 +41,7 @@ def visible_points(renderer, vertices):
 
 
 def bounds(points):
-    """Lowest and highest corner of the points, a few specks left out.  [3], [3]"""
+    """Lowest and highest corner of the box around the points, without specks.  [3], [3]"""
     return tuple(np.percentile(points, [SPECKS, 100.0 - SPECKS], axis=0))
 
 

@@ -1,8 +1,8 @@
 """From the renderer's arrays to OpenGL textures, without the host where that works.
 
-On CUDA the arrays reach a pixel buffer that both sides share; a probe at start-up decides
-whether they do (on laptops and remote desktops OpenGL often runs on another GPU).
-Otherwise, and on the CPU, the bytes go through host memory.
+On CUDA the arrays go into pixel buffers that CUDA and OpenGL share.  On laptops and remote
+desktops OpenGL often runs on another GPU and they can't share: a probe at the start finds
+out.  There, and on the CPU, the bytes go through host memory.
 """
 
 import logging
@@ -16,7 +16,10 @@ PROBE_SIZE = 16
 
 
 def choose_path(ctx: moderngl.Context, device: str, wanted: str) -> str:
-    """ "buffer" if CUDA and OpenGL share memory here and `wanted` allows it, else "copy".
+    """How frames reach OpenGL: "buffer" where CUDA and OpenGL share memory, else "copy".
+
+    Args:
+        wanted: "buffer", "copy", or "auto" for the better one.
 
     Raises:
         ValueError: `wanted` is "buffer", and that does not work.
@@ -53,8 +56,7 @@ class SharedBuffer:
     def __init__(self, ctx: moderngl.Context, device: str, dtype, byte_count: int):
         if not wp.get_device(device).is_cuda:
             raise RuntimeError("the renderer runs on the CPU")
-        self.dtype = dtype
-        self.byte_count = byte_count
+        self._dtype = dtype
         self._buffer = ctx.buffer(reserve=byte_count, dynamic=True)
         self._shared = wp.RegisteredGLBuffer(
             self._buffer.glo,
@@ -64,7 +66,7 @@ class SharedBuffer:
         )
 
     def write(self, texture: moderngl.Texture, image, viewport) -> None:
-        mapped = self._shared.map(dtype=self.dtype, shape=(image.size,))
+        mapped = self._shared.map(dtype=self._dtype, shape=(image.size,))
         wp.copy(mapped, image.flatten())
         self._shared.unmap()
         texture.write(self._buffer, viewport=viewport)
@@ -74,6 +76,16 @@ class SharedBuffer:
         self._buffer.release()
 
 
+class HostCopy:
+    """The way through host memory, with a SharedBuffer's methods."""
+
+    def write(self, texture: moderngl.Texture, image, viewport) -> None:
+        texture.write(np.ascontiguousarray(image.numpy()), viewport=viewport)
+
+    def release(self) -> None:
+        pass
+
+
 class ImageTexture:
     """A color and a depth texture of one size, filled by strips of rows."""
 
@@ -81,26 +93,19 @@ class ImageTexture:
         self.size = size
         self.color = ctx.texture(size, 4, dtype="f1")
         self.color.filter = moderngl.LINEAR, moderngl.LINEAR
-        self.color.repeat_x = self.color.repeat_y = False
         self.depth = ctx.texture(size, 1, dtype="f4")
         self.depth.filter = moderngl.NEAREST, moderngl.NEAREST  # inf must not be blended
-        self.depth.repeat_x = self.depth.repeat_y = False
-        pixel_count = size[0] * size[1]
-        self._shared = (
-            (
-                SharedBuffer(ctx, device, wp.vec4ub, 4 * pixel_count),
-                SharedBuffer(ctx, device, wp.float32, 4 * pixel_count),
-            )
-            if path == "buffer"
-            else None
-        )
+        for texture in (self.color, self.depth):
+            texture.repeat_x = texture.repeat_y = False
+        self._color_path = self._depth_path = HostCopy()
+        if path == "buffer":
+            byte_count = 4 * size[0] * size[1]
+            self._color_path = SharedBuffer(ctx, device, wp.vec4ub, byte_count)
+            self._depth_path = SharedBuffer(ctx, device, wp.float32, byte_count)
 
     def write_color(self, color) -> None:
         """Put a whole color image [H, W] vec4ub and leave the depth as it is."""
-        if self._shared:
-            self._shared[0].write(self.color, color, None)
-        else:
-            self.color.write(np.ascontiguousarray(color.numpy()))
+        self._color_path.write(self.color, color, None)
 
     def write(self, image, first_row: int = 0) -> None:
         """Put a strip (an Image of core/render) at `first_row`, counted from the top."""
@@ -108,15 +113,9 @@ class ImageTexture:
         assert width == self.size[0], (width, self.size)
         assert first_row + height <= self.size[1], (first_row, height, self.size)
         viewport = (0, first_row, width, height)
-        if self._shared:
-            self._shared[0].write(self.color, image.color, viewport)
-            self._shared[1].write(self.depth, image.depth, viewport)
-        else:
-            self.color.write(np.ascontiguousarray(image.color.numpy()), viewport=viewport)
-            self.depth.write(np.ascontiguousarray(image.depth.numpy()), viewport=viewport)
+        self._color_path.write(self.color, image.color, viewport)
+        self._depth_path.write(self.depth, image.depth, viewport)
 
     def release(self) -> None:
-        for shared in self._shared or ():
-            shared.release()
-        self.color.release()
-        self.depth.release()
+        for part in (self._color_path, self._depth_path, self.color, self.depth):
+            part.release()

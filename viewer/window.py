@@ -4,7 +4,7 @@ GL_MAJOR, GL_MINOR = 3, 3
 
 
 class WindowError(RuntimeError):
-    """No window can be opened, in one sentence for the user."""
+    """No window can be opened; the message is one sentence for the user."""
 
 
 def open_window(size: tuple[int, int], headless: bool, title: str = "deformrf"):
@@ -21,16 +21,13 @@ def open_window(size: tuple[int, int], headless: bool, title: str = "deformrf"):
     pyglet.options.headless = headless
     pyglet.options.dpi_scaling = "stretch"  # sizes in points, crisp on any screen
     pyglet.options.shadow_window = False  # moderngl binds to one context
-    pyglet.options.debug_gl = False  # else errors of others' calls are raised at random later
+    pyglet.options.debug_gl = False  # or errors are raised later, at calls that did not cause them
     try:
         import moderngl
         import pyglet.window
 
         config = pyglet.gl.Config(
-            major_version=GL_MAJOR,
-            minor_version=GL_MINOR,
-            double_buffer=True,
-            depth_size=24,
+            major_version=GL_MAJOR, minor_version=GL_MINOR, double_buffer=True, depth_size=24
         )
         window = pyglet.window.Window(
             *size, caption=title, resizable=True, vsync=True, config=config

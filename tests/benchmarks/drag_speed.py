@@ -76,8 +76,8 @@ def main():
     start_warp()
     for size in arguments.sizes:
         window, context = open_window((size, size), headless=True)
-        from deformrf.viewer.events import EventLog  # pyglet knows by now that there is no display
-        from deformrf.viewer.loop import App
+        from deformrf.viewer.app import App  # pyglet knows by now that there is no display
+        from deformrf.viewer.events import EventLog
 
         app = App(window, context, EventLog(False), gui=False)
         app.load(modelfile.load(arguments.model), "model", device_name(arguments.device))

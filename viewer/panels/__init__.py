@@ -1,11 +1,11 @@
-"""The panels: each a function of (scene, actions, status) that draws one section.
+"""The panels: each a function of the App that draws one section.
 
-They read the scene and the status, and change things through the scene's methods, its
-settings and `actions`, the same methods that the keys call.
+They read the App's state, and change it through the scene's methods, its settings, and the
+actions, which the keys call too.
 """
 
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
-    __name__, submod_attrs={"layout": ["draw_panels"], "loading": ["loading_window"]}
+    __name__, submod_attrs={"layout": ["draw_panels", "loading_window"]}
 )

@@ -1,43 +1,32 @@
-"""What the object is made of, and its time."""
+"""What the object is made of, what surrounds it, and its time."""
 
 from imgui_bundle import imgui
 
 from ...core.deform import COMPLIANCE_FLOOR, LOWEST_POISSON_RATIO, PRESETS
-from ..controls import label_of
+from ..actions import label_of
 from ..scene import EARTH
+from .widgets import LOGARITHMIC, checkbox, number_setting, setting, slider
 
-SOFTEST, STIFFEST = 1e3, 1e9  # Pa
-POISSON_RANGE = 0.0, 0.49
-HIGHEST_DAMPING = 20.0  # 1/s
-HIGHEST_GRAB_RADIUS = 0.4  # object sizes
-MOST_SUBSTEPS = 60
-STRONGEST_GRAVITY = 3.0 * EARTH
+YOUNG_MODULI = 1e3, 1e9  # Pa
+POISSON_RATIOS = 0.0, 0.49
+DAMPINGS = 0.0, 20.0  # 1/s
+GRAB_RADII = 0.0, 0.4  # object sizes
+SUBSTEPS = 1, 60
+GRAVITIES = 0.1, 3.0 * EARTH
 CUSTOM = "custom"  # the name of a material that is none of PRESETS
+SUBSTEPS_TOOLTIP = f"""compliance against inertia in a substep:
+below 1 more substeps make it stiffer, below {COMPLIANCE_FLOOR} it is softer than asked for"""
 
 
-def deform_panel(scene, actions, status):
-    _time_buttons(scene, actions)
-    _material_choice(scene)
-    _material_sliders(scene)
-    _grab_choice(scene.settings)
-    _solver_options(scene)
+def deform_panel(app):
+    scene = app.scene
+    _time_buttons(scene, app.actions)
+    _material(scene)
+    _grab(scene.settings)
+    _substeps(scene)
     _surroundings(scene)
     imgui.text_disabled(vertex_line(scene))
     imgui.set_item_tooltip("the id that --drag takes")
-
-
-def _grab_choice(settings):
-    changed, radius = imgui.slider_float(
-        "grab radius", settings.grab_radius, 0.0, HIGHEST_GRAB_RADIUS, "%.2f of the size"
-    )
-    if changed:
-        settings.grab_radius = radius
-    changed, soft = imgui.checkbox("soft grab", settings.soft_grab)
-    imgui.set_item_tooltip(
-        "pull with springs, weaker towards the radius, instead of moving exactly"
-    )
-    if changed:
-        settings.soft_grab = soft
 
 
 def vertex_line(scene) -> str:
@@ -48,18 +37,16 @@ def vertex_line(scene) -> str:
 
 
 def _time_buttons(scene, actions):
-    if imgui.button("Go on" if scene.paused else "Pause"):
-        actions.pause()
-    imgui.set_item_tooltip(label_of("pause"))
-    imgui.same_line()
-    if imgui.button("Step"):
-        actions.single_step()
-    imgui.set_item_tooltip(f"one 60th of a second ({label_of('single_step')})")
-    imgui.same_line()
-    if imgui.button("Reset"):
-        actions.reset()
-    imgui.set_item_tooltip(f"back to the rest pose ({label_of('reset')})")
-    imgui.same_line()
+    buttons = (
+        ("Go on" if scene.paused else "Pause", "pause", label_of("pause")),
+        ("Step", "single_step", f"one 60th of a second ({label_of('single_step')})"),
+        ("Reset", "reset", f"back to the rest pose ({label_of('reset')})"),
+    )
+    for label, action, tooltip in buttons:
+        if imgui.button(label):
+            getattr(actions, action)()
+        imgui.set_item_tooltip(tooltip)
+        imgui.same_line()
     imgui.text_disabled(state_line(scene))
 
 
@@ -72,81 +59,57 @@ def state_line(scene) -> str:
     return "paused" if scene.paused else "moving" if scene.moving else "at rest"
 
 
-def _material_choice(scene):
-    names = [*PRESETS, CUSTOM]
-    changed, chosen = imgui.combo("material", names.index(name_of(scene.material)), names)
-    if changed and names[chosen] != CUSTOM:
-        scene.set_material(**vars(PRESETS[names[chosen]]))
-
-
 def name_of(material) -> str:
     """What the panel calls a material."""
     return next((name for name, preset in PRESETS.items() if preset == material), CUSTOM)
 
 
-def _material_sliders(scene):
-    material = scene.material
-    changed, modulus = imgui.slider_float(
-        "stiffness",
-        material.young_modulus,
-        SOFTEST,
-        STIFFEST,
-        f"{si(material.young_modulus)}Pa",
-        imgui.SliderFlags_.logarithmic.value,
+def _material(scene):
+    names = [*PRESETS, CUSTOM]
+    changed, chosen = imgui.combo("material", names.index(name_of(scene.material)), names)
+    if changed and names[chosen] != CUSTOM:
+        scene.set_material(**vars(PRESETS[names[chosen]]))
+    modulus = f"{si(scene.material.young_modulus)}Pa"
+    _material_slider(
+        scene, "stiffness", "young_modulus", YOUNG_MODULI, modulus, LOGARITHMIC, "Young's modulus"
     )
-    imgui.set_item_tooltip("Young's modulus")
-    if changed:
-        scene.set_material(young_modulus=modulus)
-    changed, ratio = imgui.slider_float(
-        "Poisson ratio", material.poisson_ratio, *POISSON_RANGE, "%.2f"
-    )
-    if changed:
-        scene.set_material(poisson_ratio=ratio)
-    if material.poisson_ratio < LOWEST_POISSON_RATIO:
+    _material_slider(scene, "Poisson ratio", "poisson_ratio", POISSON_RATIOS, "%.2f")
+    if scene.material.poisson_ratio < LOWEST_POISSON_RATIO:
         imgui.text(f"{LOWEST_POISSON_RATIO} is held: springs can't follow a lower ratio")
-    changed, damping = imgui.slider_float(
-        "damping", material.damping, 0.0, HIGHEST_DAMPING, "%.1f per s"
-    )
-    if changed:
-        scene.set_material(damping=damping)
+    _material_slider(scene, "damping", "damping", DAMPINGS, "%.1f per s")
 
 
-def _solver_options(scene):
-    changed, count = imgui.slider_int(
-        "substeps", scene.solver.options.substep_count, 1, MOST_SUBSTEPS
-    )
-    if changed:
-        scene.set_substeps(count)
+def _material_slider(scene, label, name, bounds, text, flags=0, tooltip=""):
+    def change(value):
+        scene.set_material(**{name: value})
+
+    slider(label, getattr(scene.material, name), bounds, text, change, flags, tooltip)
+
+
+def _grab(settings):
+    number_setting("grab radius", settings, "grab_radius", GRAB_RADII, "%.2f of the size")
+    tooltip = "pull with springs, weaker towards the radius, instead of moving exactly"
+    setting("soft grab", settings, "soft_grab", tooltip)
+
+
+def _substeps(scene):
+    slider("substeps", scene.solver.options.substep_count, SUBSTEPS, "%d", scene.set_substeps)
     ratio, modulus = scene.stiffness
     imgui.text_disabled(f"r = {ratio:.2g}, holds {si(modulus)}Pa")
-    imgui.set_item_tooltip(
-        "compliance against inertia in a substep: below 1 more substeps make it stiffer,\n"
-        f"below {COMPLIANCE_FLOOR} it is softer than asked for"
-    )
+    imgui.set_item_tooltip(SUBSTEPS_TOOLTIP)
     if ratio < COMPLIANCE_FLOOR:
         imgui.text("softened: take more substeps")
 
 
 def _surroundings(scene):
-    changed, held = imgui.checkbox("held", scene.held)
-    imgui.set_item_tooltip("by its lowest part; off lets all pins go")
-    if changed:
-        scene.hold(held)
+    checkbox("held", scene.held, scene.hold, "by its lowest part; off lets all pins go")
     imgui.same_line()
-    changed, on = imgui.checkbox("ground", scene.on_ground)
-    imgui.set_item_tooltip("under the object at rest")
-    if changed:
-        scene.set_ground(on)
+    checkbox("ground", scene.on_ground, scene.set_ground, "under the object at rest")
     imgui.same_line()
-    changed, on = imgui.checkbox("gravity", scene.gravity > 0.0)
-    if changed:
-        scene.set_gravity(EARTH if on else 0.0)
-    elif on:
-        changed, strength = imgui.slider_float(
-            "strength", scene.gravity, 0.1, STRONGEST_GRAVITY, "%.1f m/s²"
-        )
-        if changed:
-            scene.set_gravity(strength)
+    on = scene.gravity > 0.0
+    checkbox("gravity", on, lambda wanted: scene.set_gravity(EARTH if wanted else 0.0))
+    if on:
+        slider("strength", scene.gravity, GRAVITIES, "%.1f m/s²", scene.set_gravity)
 
 
 def si(value: float) -> str:

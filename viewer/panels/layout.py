@@ -1,13 +1,33 @@
-"""Where the panels are: one window with sections, the help overlay, the line of messages."""
+"""Where the panels are: one window with sections, the help overlay, the line of messages.
+
+While a model is loaded, a window says how far that is.
+"""
 
 from imgui_bundle import imgui
 
+from ..actions import INPUTS
+from ..loading import STAGES
 from .deform import deform_panel
-from .help import help_overlay, hints_panel
-from .model import model_panel
 from .record import record_panel
 from .stats import stats_panel
-from .view import view_panel
+from .view import model_panel, view_panel
+
+PANEL_WIDTH = 330.0
+BAR_WIDTH = 360.0
+MARGIN = 12.0
+HINT_COUNT = 4  # the first gestures of the mouse
+FLOATING = (
+    imgui.WindowFlags_.no_decoration.value
+    | imgui.WindowFlags_.no_saved_settings.value
+    | imgui.WindowFlags_.always_auto_resize.value
+    | imgui.WindowFlags_.no_nav.value
+)
+
+
+def hints_panel(app):
+    for entry in INPUTS[:HINT_COUNT]:
+        imgui.text_disabled(f"{entry.label}: {entry.help}")
+
 
 SECTIONS = (
     ("Model", model_panel, True),
@@ -17,27 +37,24 @@ SECTIONS = (
     ("Time", stats_panel, False),
     ("Mouse", hints_panel, True),
 )
-PANEL_WIDTH = 330.0
-MARGIN = 12.0
-FLOATING = (
-    imgui.WindowFlags_.no_decoration.value
-    | imgui.WindowFlags_.no_saved_settings.value
-    | imgui.WindowFlags_.always_auto_resize.value
-    | imgui.WindowFlags_.no_nav.value
-)
 
 
-def draw_panels(gui, scene, actions, status) -> None:
+def draw_panels(app) -> None:
     """Everything that lies over the view."""
-    if scene.settings.show_panel:
-        _main_panel(gui, scene, actions, status)
-    if scene.settings.show_help:
-        _help(gui, scene, actions, status)
-    if status.message:
-        show_message(status.message)
+    if app.scene.settings.show_panel:
+        _main_panel(app)
+    if app.scene.settings.show_help:
+        _floating("help", (0.5, 0.5))
+        app.gui.guarded(help_overlay, app)
+        app.gui.claim()
+        imgui.end()
+    if app.status.message:
+        _floating("message", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value)
+        imgui.text(app.status.message)
+        imgui.end()
 
 
-def _main_panel(gui, scene, actions, status):
+def _main_panel(app):
     height = imgui.get_io().display_size.y
     imgui.set_next_window_pos((MARGIN, MARGIN), imgui.Cond_.first_use_ever.value)
     imgui.set_next_window_size_constraints(
@@ -49,26 +66,44 @@ def _main_panel(gui, scene, actions, status):
         flags = imgui.TreeNodeFlags_.default_open.value if is_open else 0
         if imgui.collapsing_header(title, flags):
             imgui.push_id(title)  # a button may be called like a header, as Record is
-            gui.guarded(panel, scene, actions, status)
+            app.gui.guarded(panel, app)
             imgui.pop_id()
     imgui.pop_item_width()
-    gui.claim()
+    app.gui.claim()
     imgui.end()
 
 
-def _help(gui, scene, actions, status):
+def _floating(name, place, flags=0):
+    """Begin a window without decoration, centered at (0.5, 0.5) or at the bottom (0.5, 1)."""
     size = imgui.get_io().display_size
-    imgui.set_next_window_pos((0.5 * size.x, 0.5 * size.y), pivot=(0.5, 0.5))
-    imgui.begin("help", flags=FLOATING)
-    gui.guarded(help_overlay, scene, actions, status)
-    gui.claim()
-    imgui.end()
+    bottom = MARGIN if place[1] == 1.0 else 0.0
+    imgui.set_next_window_pos((place[0] * size.x, place[1] * size.y - bottom), pivot=place)
+    imgui.begin(name, flags=FLOATING | flags)
 
 
-def show_message(text: str) -> None:
-    """One line at the bottom of the window."""
-    size = imgui.get_io().display_size
-    imgui.set_next_window_pos((0.5 * size.x, size.y - MARGIN), pivot=(0.5, 1.0))
-    imgui.begin("message", flags=FLOATING | imgui.WindowFlags_.no_inputs.value)
-    imgui.text(text)
+def help_overlay(app):
+    """What mouse and keys do."""
+    if imgui.begin_table("inputs", 2, imgui.TableFlags_.sizing_fixed_fit.value):
+        for entry in INPUTS:
+            imgui.table_next_row()
+            imgui.table_next_column()
+            imgui.text(entry.label)
+            imgui.table_next_column()
+            imgui.text_disabled(entry.help)
+        imgui.end_table()
+
+
+def loading_window(title: str, progress) -> None:
+    """The stages of a loading.Progress, with a bar."""
+    _floating("loading", (0.5, 0.5), imgui.WindowFlags_.no_inputs.value)
+    imgui.text(title)
+    done = list(progress.seconds)  # another thread adds to it
+    for stage, seconds in zip(STAGES, done, strict=False):
+        imgui.text_disabled(f"{stage}, {seconds:.1f} s")
+    imgui.text(f"{progress.stage}, {progress.stage_seconds:.0f} s")
+    for stage in STAGES[len(done) + 1 :]:
+        imgui.text_disabled(stage)
+    imgui.progress_bar(progress.fraction, (BAR_WIDTH, 0.0), f"{progress.fraction:.0%}")
+    if progress.compiled:
+        imgui.text_disabled("kernels are compiled on the first start only")
     imgui.end()

@@ -1,26 +1,37 @@
-"""How the picture looks, and with how many pixels it is rendered."""
+"""What is shown: the model, how its picture looks, and with how many pixels."""
 
 from imgui_bundle import imgui
 
 from ...core.render import MODES, caption
-from ..controls import label_of
+from ..actions import label_of
+from .widgets import LOGARITHMIC, number_setting, setting
 
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
-SLOWEST, FASTEST = 2.0, 120.0  # frames a second
+TARGETS = 2.0, 120.0  # frames a second
 
 
-def view_panel(scene, actions, status):
-    _mode(scene)
-    _background(scene.settings)
-    _resolution(scene.settings, status)
+def model_panel(app):
+    scene, field = app.scene, app.scene.field
+    counts = f"{field.mesh.tet_count:,} tets, {field.mesh.vertex_count:,} vertices"
+    imgui.text(scene.name)
+    imgui.text_disabled(f"{counts}, {field.options.level_count} levels")
+    psnr = (field.meta.get("test_mean") or {}).get("psnr")
+    if psnr is not None:
+        imgui.text_disabled(f"{psnr:.1f} dB on its test views")
+
+
+def view_panel(app):
+    _mode(app.scene)
+    _background(app.scene.settings)
+    _resolution(app)
     if imgui.button("Reset camera"):
-        actions.home()
+        app.actions.home()
     imgui.same_line()
     if imgui.button("Focus"):
-        actions.focus()
+        app.actions.focus()
     imgui.same_line()
     if imgui.button("Help"):
-        actions.toggle_help()
+        app.actions.toggle_help()
 
 
 def _mode(scene):
@@ -41,13 +52,14 @@ def _background(settings):
     if changed:
         settings.background = tuple(color)[:3]
     imgui.same_line()
-    _checkbox(settings, "checkerboard", "checkerboard")
-    _checkbox(settings, "show_handles", "vertices")
+    setting("checkerboard", settings, "checkerboard")
+    setting("vertices", settings, "show_handles")
     imgui.same_line()
-    _checkbox(settings, "show_wireframe", "wireframe")
+    setting("wireframe", settings, "show_wireframe")
 
 
-def _resolution(settings, status):
+def _resolution(app):
+    settings = app.scene.settings
     wanted = None if settings.automatic_resolution else settings.fixed_resolution
     names = list(RESOLUTIONS)
     current = list(RESOLUTIONS.values()).index(wanted)
@@ -58,31 +70,22 @@ def _resolution(settings, status):
         settings.automatic_resolution = factor is None
         settings.fixed_resolution = factor or 1.0
     if settings.automatic_resolution:
-        changed, fps = imgui.slider_float(
-            "target", settings.target_fps, SLOWEST, FASTEST, "%.0f frames/s",
-            imgui.SliderFlags_.logarithmic.value | imgui.SliderFlags_.always_clamp.value,
-        )  # fmt: skip
-        imgui.set_item_tooltip("the resolution while things move follows it")
-        if changed:
-            settings.target_fps = fps
-    _checkbox(settings, "accumulate", "average shifted images at rest")
-    for line in shown_lines(status):
+        flags = LOGARITHMIC | imgui.SliderFlags_.always_clamp.value
+        tooltip = "the resolution while things move follows it"
+        number_setting("target", settings, "target_fps", TARGETS, "%.0f frames/s", flags, tooltip)
+    setting("average shifted images at rest", settings, "accumulate")
+    for line in shown_lines(app.radiance, app.status.times):
         imgui.text_disabled(line)
 
 
-def shown_lines(status) -> tuple[str, str]:
-    """The picture as it is: pixels and frame rate, and how far it is refined."""
-    fps = 1.0 / max(status.times.frame_seconds(), 1e-6)
-    pixels = f"{status.resolution:.0%}, pixels {1.0 / status.resolution:.1f} wide, {fps:.0f} fps"
-    if status.refined < 1.0:
-        saved = f", {status.saved}" if status.saved else ""
-        return pixels, f"{status.refined:.0%} refined{saved}"
-    if status.sample_count < 2:
+def shown_lines(image, times) -> tuple[str, str]:
+    """The picture of a RadianceLayer: its pixels and frame rate, and how far it is refined."""
+    fps = 1.0 / max(times.frame_seconds(), 1e-6)
+    pixels = f"{image.factor:.0%}, pixels {1.0 / image.factor:.1f} wide, {fps:.0f} fps"
+    if image.refined < 1.0:
+        names = {"step_factor": "steps × {}", "level_count": "{} levels"}
+        saved = [names[name].format(value) for name, value in image.cheaper.items()]
+        return pixels, ", ".join([f"{image.refined:.0%} refined", *saved])
+    if image.sample_count < 2:
         return pixels, "full"
-    return pixels, f"full + {status.sample_count}/{status.most_samples} samples"
-
-
-def _checkbox(settings, attribute, label):
-    changed, value = imgui.checkbox(label, getattr(settings, attribute))
-    if changed:
-        setattr(settings, attribute, value)
+    return pixels, f"full + {image.sample_count}/{image.most_samples} samples"

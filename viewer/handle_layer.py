@@ -1,7 +1,7 @@
-"""Control vertices and pins as spheres, and the boundary of the mesh as wires.
+"""Draws the red spheres of the control vertices, the gray ones of the pins, and the wireframe.
 
-They are drawn after the radiance layer and hide behind its depth.  A sphere is drawn
-nearer than it is by the scene's handle_bias, with which picking.visible agrees.
+They are drawn after the radiance layer and hide behind its depth.  Spheres are drawn nearer
+than they are by the scene's handle_bias; picking.visible uses the same bias.
 """
 
 import moderngl
@@ -19,7 +19,7 @@ WIRE_TINT = (0.10, 0.12, 0.16, 0.45)
 CAPACITY_STEP = 256  # spheres
 
 
-class MeshLayer:
+class HandleLayer:
     """Spheres and wires of one scene."""
 
     def __init__(self, ctx: moderngl.Context, scene):
@@ -81,9 +81,9 @@ class MeshLayer:
 
 
 def sphere_instances(scene):
-    """Centre, radius and tint of every sphere.  [S, 7] float32
+    """Center, radius and tint of every sphere, far ones first.  [S, 7] float32
 
-    Far ones first: the soft edge of a sphere blends with what is behind it.
+    The soft edge of a sphere blends with what was drawn before it.
     """
     pin_ids = scene.pin_ids
     ids = np.concatenate([pin_ids, scene.control_ids])

@@ -1,29 +1,29 @@
-"""Stage times: what is measured is what is shown."""
+"""Frame times: what is measured is what is shown."""
 
 import time
 
 import pytest
 
-from deformrf.viewer.timing import STAGES, StageTimes
+from deformrf.viewer.status import PARTS, FrameTimes
 
 
 def test_times_of_a_stage_add_up_within_a_frame():
-    times = StageTimes()
+    times = FrameTimes()
     for _ in range(9):
-        with times.stage("draw"):
+        with times.part("draw"):
             time.sleep(0.004)
-        with times.stage("draw"):
+        with times.part("draw"):
             time.sleep(0.004)
         times.end_frame()
     assert times.medians()["draw"] == pytest.approx(0.008, rel=0.5)
     assert times.medians()["upload"] == 0.0
     assert times.frame_seconds() >= 0.006
-    assert set(times.medians()) == set(STAGES)
+    assert set(times.medians()) == set(PARTS)
 
 
 def test_a_stage_that_fails_is_still_timed():
-    times = StageTimes()
-    with pytest.raises(ValueError), times.stage("render"):
+    times = FrameTimes()
+    with pytest.raises(ValueError), times.part("render"):
         time.sleep(0.002)
         raise ValueError
     times.end_frame()
@@ -31,9 +31,9 @@ def test_a_stage_that_fails_is_still_timed():
 
 
 def test_what_happens_at_rest_is_part_of_no_frame():
-    times = StageTimes()
+    times = FrameTimes()
     times.end_frame()
-    with times.stage("render"):
+    with times.part("render"):
         time.sleep(0.05)
     times.rest()
     times.end_frame()
@@ -43,10 +43,10 @@ def test_what_happens_at_rest_is_part_of_no_frame():
 
 
 def test_recent_stages_are_added_up_frame_by_frame():
-    times = StageTimes()
+    times = FrameTimes()
     for _ in range(9):
         for stage in ("draw", "panel", "flip"):
-            with times.stage(stage):
+            with times.part(stage):
                 time.sleep(0.003)
         times.end_frame()
     assert times.recent(("draw", "panel")) == pytest.approx(0.006, rel=0.5)

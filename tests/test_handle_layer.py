@@ -7,10 +7,10 @@ from deformrf.core.render import Renderer
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer import picking
 from deformrf.viewer.gl import Canvas
-from deformrf.viewer.mesh_layer import PIN_SCALE, MeshLayer, sphere_instances
+from deformrf.viewer.handle_layer import PIN_SCALE, HandleLayer, sphere_instances
 from deformrf.viewer.radiance_layer import RadianceLayer
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.timing import StageTimes
+from deformrf.viewer.status import FrameTimes
 
 SIZE = 400, 300
 
@@ -32,13 +32,13 @@ def draw(scene, context, objects=True):
     camera = orbits.camera(scene.orbit, *SIZE)
     clip_range = orbits.clip_range(scene.orbit)
     layer = RadianceLayer(context, Renderer(scene.field), "cpu", "copy")
-    layer.update(scene, camera, StageTimes(), whole=True)
+    layer.update(scene, camera, FrameTimes(), whole=True)
     canvas = Canvas(context)
     canvas.use(SIZE)
     context.clear(0, 0, 0, 1, depth=1.0)
     if objects:
         layer.draw(camera, clip_range)
-    MeshLayer(context, scene).draw(scene, camera, clip_range)
+    HandleLayer(context, scene).draw(scene, camera, clip_range)
     return canvas.read(), layer.depth_image(), camera
 
 

@@ -31,6 +31,7 @@ class Panel:
             set_gravity=self.called("gravity"),
             set_ground=self.called("ground"),
             hold=self.called("hold"),
+            set_substeps=self.called("substeps"),
             paused=False,
             moving=False,
             held=True,
@@ -67,7 +68,7 @@ class Panel:
 
         self.gui.begin()
         imgui.begin("panel")
-        deform_panel(self.scene, None, None)
+        deform_panel(SimpleNamespace(scene=self.scene, actions=None))
         imgui.end()
         self.gui.end()
 

@@ -1,0 +1,252 @@
+"""The command deformrf-view: parse, check, open a window (or none), run, report.
+
+Every mistake of the user ends in one sentence on stderr and exit code 2; Ctrl-C and SIGTERM
+finish the video and end with 130.  Warp and pyglet are imported when the arguments are known
+to be good, so that --help is quick.
+"""
+
+import logging
+import signal
+import sys
+import threading
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from ..core.arguments import Count, File, at_least, plain_message, writable_file
+from ..core.device import Choice
+from ..core.paths import DEFAULT_MODEL
+from ..core.render import Mode
+
+FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
+SLOW_START = 1.5  # s after which the user is told what takes so long
+WINDOW_SIZE, HEADLESS_SIZE = (1200, 800), (400, 400)
+HEADLESS_FRAMES = 90
+SMALLEST_SIDE, LARGEST_SIDE = 32, 8192
+
+AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
+    tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
+]
+Size = Annotated[str | None, tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
+Drag = Annotated[str | None, tyro.conf.arg(metavar="VERTEX:DX,DY,DZ", help_behavior_hint="")]
+Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
+
+
+@dataclass(frozen=True)
+class RunArguments:
+    """What to do without a mouse."""
+
+    headless: Flag = False
+    """Render into the files of --record and --screenshot, without a display."""
+    frames: Count = None
+    """End after that many frames (90 if headless)."""
+    drag: Drag = None
+    """Headless: drag a vertex by an offset [model units, the object is about 1 wide] in the
+    first third of the frames, hold it in the second, let it go in the third. VERTEX is an id,
+    or the word top: the highest control vertex that is not pinned."""
+    record: File = None
+    """Write an MP4 of the run."""
+    screenshot: File = None
+    """Write a PNG of the last frame; with --drag, of the last one before it is let go."""
+    transparent: Flag = False
+    """The PNG shows the field alone, with its opacity as alpha."""
+
+
+@dataclass(frozen=True)
+class ViewArguments:
+    """Grab red control vertices of an object and bend it."""
+
+    model: AnyModel = DEFAULT_MODEL
+    """Model file, an .npz; the bundled one by default."""
+    device: Choice = "auto"
+    """auto takes CUDA if there is any."""
+    size: Size = None
+    """Size of the window [points], 1200x800 by default, or, headless, of the frames [pixels],
+    400x400 by default."""
+    mode: Mode = "color"
+    """What the picture shows; error is that against the exact mode of rendering."""
+    fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
+    """Frames per second of clips."""
+    interop: Literal["auto", "buffer", "copy"] = "auto"
+    """How CUDA frames reach OpenGL: a shared buffer, or a copy through host memory."""
+    log_events: Flag = False
+    """Print one JSON line per event: ready, state, grab, release, orbit, resize, ..."""
+    version: Flag = False
+    """Print the version."""
+    doctor: Flag = False
+    """Print versions, OpenGL, CUDA, how frames reach OpenGL, the video encoder."""
+    run: RunArguments = field(default_factory=RunArguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns its exit code, which the console script passes to sys.exit."""
+    chosen = tyro.cli(
+        ViewArguments,
+        prog="deformrf-view",
+        args=arguments,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+    )
+    logging.basicConfig(level=logging.WARNING, format="deformrf-view: %(message)s")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the end of a login session
+    try:
+        if chosen.version:
+            from ..core.paths import program_version
+
+            print(f"deformrf {program_version()}")
+            return 0
+        if chosen.doctor:
+            from .doctor import report
+
+            return report(chosen.run.headless)
+        return view(chosen)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def check(arguments: ViewArguments) -> None:
+    """Raise a ValueError for what can be known to be wrong before any work."""
+    run = arguments.run
+    frame_size(arguments)
+    at_least(1, "--fps", arguments.fps)
+    if run.frames is not None:
+        at_least(1, "--frames", run.frames)
+    if run.drag is not None and not run.headless:
+        raise ValueError("--drag plays without a mouse: it needs --headless")
+    if run.headless and run.record is None and run.screenshot is None:
+        raise ValueError("--headless writes files: it needs --record or --screenshot, or both")
+    if run.transparent and run.screenshot is None:
+        raise ValueError("--transparent is about a picture: it needs --screenshot")
+    for path, ending in ((run.record, ".mp4"), (run.screenshot, ".png")):
+        try:
+            if path is not None:
+                writable_file(path, ending)
+        except OSError as error:
+            raise ValueError(f"can't write {path}: {error.strerror}") from error
+
+
+def frame_size(arguments: ViewArguments) -> tuple[int, int]:
+    """Width and height of window or frames.
+
+    Raises:
+        ValueError: --size is no size, or one that no window has.
+    """
+    if arguments.size is None:
+        return HEADLESS_SIZE if arguments.run.headless else WINDOW_SIZE
+    width, _, height = arguments.size.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise ValueError(f"--size is '{arguments.size}'; write it as in 800x600")
+    size = int(width), int(height)
+    if min(size) < SMALLEST_SIDE or max(size) > LARGEST_SIDE:
+        raise ValueError(
+            f"--size is {arguments.size}; both sides have to be {SMALLEST_SIDE} to {LARGEST_SIDE}"
+        )
+    return size
+
+
+def view(chosen: ViewArguments) -> int:
+    """Show a model; returns the exit code."""
+    try:
+        check(chosen)
+        field, device, drag = _inputs(chosen)
+        app = _open(chosen)
+    except (ValueError, OSError, RuntimeError) as error:
+        return _complain(error)
+    try:
+        try:
+            with _told_if_slow(app):
+                app.load(field, chosen.model.stem, device, chosen.interop)
+            app.scene.settings.mode = chosen.mode
+            app.scene.settings.transparent_screenshots = chosen.run.transparent
+            if drag is not None:
+                from .script import resolved
+
+                drag = resolved(drag, app.scene)
+        except ValueError as error:
+            return _complain(error)
+        _run(app, chosen, drag)
+    finally:
+        app.close()
+    return FAILED if app.recorder.failed else 0
+
+
+def _inputs(chosen):
+    """The field, the device and the drag; mistakes of the user are raised here."""
+    from ..core.device import device_name
+    from ..core.field import load
+    from .script import parse_drag
+
+    drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
+    return load(chosen.model), device_name(chosen.device), drag
+
+
+def _open(chosen):
+    """The App in its window, still empty.
+
+    Raises:
+        WindowError: There is no display, or no OpenGL on it.
+    """
+    from .window import open_window
+
+    headless = chosen.run.headless
+    window, context = open_window(frame_size(chosen), headless, f"deformrf: {chosen.model.stem}")
+    from .app import App  # imports pyglet's window, which is possible from now on
+    from .events import EventLog
+
+    return App(window, context, EventLog(chosen.log_events), gui=not headless, fps=chosen.fps)
+
+
+def _run(app, chosen, drag):
+    run = chosen.run
+    if not run.headless:
+        if run.record is not None:
+            app.frame(0.0)  # the canvas has its size from the first frame
+            app.recorder.start(run.record)
+        app.run(run.frames)
+        if run.screenshot is not None:
+            app.recorder.screenshot(run.screenshot)
+            app.frame(0.0, whole=True)
+        return
+    count = run.frames or HEADLESS_FRAMES
+    app.canvas.use(frame_size(chosen))
+    if run.record is not None:
+        app.recorder.start(run.record, live=False)
+    for _ in _with_progress(app.run_offline(count, chosen.fps, drag, run.screenshot), count):
+        pass
+
+
+def _with_progress(frames, count):
+    """The frames, with a bar on the terminal that says how long the rest will take."""
+    from rich.console import Console
+    from rich.progress import track
+
+    console = Console(stderr=True)
+    return track(frames, "rendering", total=count, console=console, disable=not console.is_terminal)
+
+
+@contextmanager
+def _told_if_slow(app):
+    """Say on stderr what is going on if it takes more than a moment."""
+
+    def tell():
+        progress = app.progress
+        if progress is not None:
+            first = " (on the first start only)" if progress.compiling else ""
+            print(f"{progress.stage}{first} ...", file=sys.stderr, flush=True)
+
+    timer = threading.Timer(SLOW_START, tell)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def _complain(error) -> int:
+    """One line on stderr, its beginning in red on a terminal."""
+    red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
+    print(f"{red}deformrf-view:{plain} {plain_message(error)}", file=sys.stderr)
+    return INPUT_ERROR

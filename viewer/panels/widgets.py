@@ -1,0 +1,45 @@
+"""A slider and a box that change something when the user does."""
+
+from functools import partial
+
+from imgui_bundle import imgui
+
+LOGARITHMIC = imgui.SliderFlags_.logarithmic.value
+
+
+def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
+    """A slider over an int or a float; calls `change` with a new value.
+
+    Args:
+        bounds: Lowest and highest value.
+        text: How ImGui formats the value.
+    """
+    draw = imgui.slider_int if isinstance(value, int) else imgui.slider_float
+    changed, value = draw(label, value, *bounds, text, flags)
+    _tooltip(tooltip)
+    if changed:
+        change(value)
+
+
+def checkbox(label, value, change, tooltip="") -> None:
+    """A box; calls `change` with True or False when it is clicked."""
+    changed, value = imgui.checkbox(label, value)
+    _tooltip(tooltip)
+    if changed:
+        change(value)
+
+
+def setting(label, settings, name, tooltip="") -> None:
+    """A box for one of the Settings."""
+    checkbox(label, getattr(settings, name), partial(setattr, settings, name), tooltip)
+
+
+def number_setting(label, settings, name, bounds, text, flags=0, tooltip="") -> None:
+    """A slider for one of the Settings."""
+    change = partial(setattr, settings, name)
+    slider(label, getattr(settings, name), bounds, text, change, flags, tooltip)
+
+
+def _tooltip(text):
+    if text:
+        imgui.set_item_tooltip(text)

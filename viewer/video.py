@@ -1,0 +1,169 @@
+"""Images to an MP4 file that every player opens.
+
+A thread encodes behind a short queue.  The file is written as <name>.part.mp4 and renamed
+when it is complete, since no player reads an MP4 that was never closed.  Without a clock
+each image is one frame of the video; with a clock images are repeated or dropped, so that
+a second of the video shows a second of the clock.
+"""
+
+import os
+import queue
+import threading
+from pathlib import Path
+
+import numpy as np
+
+QUEUE_LENGTH = 8  # frames; 8 x 1920 x 1080 x 3 bytes = 50 MB
+CODEC, QUALITY = "libx264", {"crf": "18", "preset": "veryfast"}
+BT_709 = 1  # the number of range "tv", primaries, transfer and matrix alike (H.264, annex E)
+
+
+class VideoWriter:
+    """An H.264 file that is being written.
+
+    Attributes:
+        frame_count: Frames that are in the file, or queued for it.
+        repeated_count: Those of them that repeat the one before.
+        dropped_count: Images that did not become a frame.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int], fps: int, clock=None):
+        """Open the file.
+
+        Args:
+            path: Where the finished file goes, ending in .mp4.
+            size: Width and height of the images; an odd last column or row is cut off, as
+                4:2:0 pictures have even sizes.
+            fps: Frames per second.
+            clock: A function that returns seconds, or None.
+        """
+        import av
+
+        self.path = Path(path)
+        self.part = self.path.with_name(self.path.stem + ".part.mp4")
+        self.width, self.height = max(size[0] & ~1, 2), max(size[1] & ~1, 2)
+        self.fps = fps
+        self.frame_count = self.repeated_count = self.dropped_count = 0
+        self._clock = clock
+        self._start = clock() if clock else 0.0
+        self._pending = None  # with a clock: the last image, and the frame number it starts at
+        self._error = None
+        self._queue = queue.Queue(QUEUE_LENGTH)  # of (image, how many frames show it)
+        self._container = av.open(str(self.part), "w", options={"movflags": "+faststart"})
+        self._stream = self._container.add_stream(CODEC, rate=fps, options=QUALITY)
+        self._stream.width, self._stream.height = self.width, self.height
+        self._stream.pix_fmt = "yuv420p"
+        context = self._stream.codec_context
+        context.color_range = context.colorspace = BT_709
+        context.color_primaries = context.color_trc = BT_709
+        self._thread = threading.Thread(target=self._encode, name="video", daemon=True)
+        self._thread.start()
+
+    @property
+    def seconds(self) -> float:
+        """Length of the video so far."""
+        if self._clock:
+            return self._clock() - self._start
+        return self.frame_count / self.fps
+
+    def due(self) -> bool:
+        """Whether an image that is pushed now would become a frame."""
+        return self._pending is None or self._now() > self._pending[1]
+
+    def push(self, image) -> None:
+        """Add an image [H, W, 3] uint8, top row first; wait for the encoder if there is no clock.
+
+        Raises:
+            RuntimeError: The encoder failed.
+        """
+        if self._error:
+            raise RuntimeError(self._failure()) from self._error
+        image = fitted(image, self.width, self.height)
+        if not self._clock:
+            self._queue.put((image, 1))
+            self.frame_count += 1
+            return
+        number = self._now()
+        if self._pending and number > self._pending[1]:
+            self._queue_pending(until=number, wait=False)
+        elif self._pending:
+            self.dropped_count += 1
+            number = self._pending[1]
+        self._pending = image, number
+
+    def close(self) -> Path:
+        """Finish the file and give it its name.
+
+        Raises:
+            RuntimeError: The encoder failed; there is no file.
+        """
+        if self._pending:
+            self._queue_pending(until=max(self._now(), self._pending[1] + 1), wait=True)
+        self._queue.put(None)
+        self._thread.join()
+        if self._error:
+            self.part.unlink(missing_ok=True)
+            raise RuntimeError(self._failure()) from self._error
+        os.replace(self.part, self.path)
+        return self.path
+
+    def _failure(self):
+        """What went wrong in the encoder's thread, in one sentence."""
+        if isinstance(self._error, OSError) and self._error.strerror:
+            return f"can't write {self.path}: {self._error.strerror}"
+        return f"the video encoder failed: {self._error}"
+
+    def _now(self):
+        """The number of the frame that the clock is at."""
+        return int((self._clock() - self._start) * self.fps + 1e-6)
+
+    def _queue_pending(self, until, wait):
+        """Queue the pending image for all frames before number `until`."""
+        count = until - self.frame_count
+        try:
+            self._queue.put((self._pending[0], count), block=wait)
+        except queue.Full:  # the next image will also take this one's frames
+            self.dropped_count += 1
+            return
+        self.frame_count += count
+        self.repeated_count += count - 1
+
+    def _encode(self):
+        items = iter(self._queue.get, None)  # None ends the video
+        try:
+            written = 0
+            for image, count in items:
+                frame = _video_frame(image)
+                for _ in range(count):
+                    frame.pts = written
+                    written += 1
+                    self._container.mux(self._stream.encode(frame))
+            self._container.mux(self._stream.encode(None))
+            self._container.close()
+        except Exception as error:  # handed to the caller by the next push or by close
+            self._error = error
+            for _ in items:  # so that no push waits for ever
+                pass
+
+
+def _video_frame(image):
+    import av
+    from av.video.reformatter import ColorRange, Colorspace
+
+    return av.VideoFrame.from_ndarray(image, format="rgb24").reformat(
+        format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
+    )
+
+
+def fitted(image, width: int, height: int):
+    """The image centered on a canvas of that size, cut or padded with its corner's color."""
+    rows, columns = image.shape[:2]
+    if (columns & ~1, rows & ~1) == (width, height):
+        return np.ascontiguousarray(image[:height, :width])
+    canvas = np.empty((height, width, 3), np.uint8)
+    canvas[:] = image[0, 0]
+    h, w = min(rows, height), min(columns, width)
+    top, left = (height - h) // 2, (width - w) // 2
+    y, x = (rows - h) // 2, (columns - w) // 2
+    canvas[top : top + h, left : left + w] = image[y : y + h, x : x + w]
+    return canvas
