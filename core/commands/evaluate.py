@@ -31,8 +31,8 @@ class EvaluateArguments:
     images: File = None
     """Write render, truth, difference (x4) and accumulation of each view to this folder."""
     lpips_weights: File = None
-    """Weights of LPIPS with VGG-16: one file of the package lpips, or a folder with
-    vgg16-397923af.pth and vgg.pth.  None come with this program."""
+    """Weights of VGG-16 for LPIPS: torchvision's vgg16-397923af.pth, a folder that holds it, or
+    one file of the package lpips.  None come with this program."""
     split: str = "test"
     """Which views: train, val or test."""
     views: Count = None

@@ -37,8 +37,10 @@ class Lpips:
     """
 
     def __init__(self, path, device="cpu"):
-        import lpips
-
+        try:
+            import lpips
+        except RuntimeError as error:  # torchvision's, beside a torch that it was not built for
+            raise ValueError(f"the package lpips can't be imported: {error}") from error
         path = Path(path)
         if path.is_dir():
             state = read(path / BACKBONE_FILE)
