@@ -179,7 +179,7 @@ def test_only_what_overlaps_takes_the_long_way(posed, pose):
     _, _, _, both, renderer = posed(pose)
     stages = renderer.stage_seconds = {}
     renderer.render_rays(*both, CONFORMANCE)
-    assert ("layers" in stages) == (pose in FOLDED)
+    assert ("merge" in stages) == (pose in FOLDED)
 
 
 @pytest.fixture
@@ -189,9 +189,9 @@ def assert_noticed(device):
     def check(field, vertices, center, spread):
         vertices = vertices.astype(np.float32)
         renderer = Renderer(field, device)
-        assert not renderer.tangle()
+        assert not renderer.overlap.tangle()
         renderer.set_vertices(vertices)
-        assert renderer.tangle()
+        assert renderer.overlap.tangle()
         rng = np.random.default_rng()
         directions = rng.normal(size=(300, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -203,7 +203,7 @@ def assert_noticed(device):
         # Rounding may explain a ray that slips along a face or a mask's edge.
         assert (np.abs(color - expected).max(axis=1) > 2.0 / 255.0).sum() <= 2
         renderer.set_vertices(field.mesh.rest_vertices)
-        assert not renderer.tangle()
+        assert not renderer.overlap.tangle()
 
     return check
 

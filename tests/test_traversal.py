@@ -6,12 +6,8 @@ import warp as wp
 
 from deformrf.core.render import Pose, empty_rays, empty_samples, march_kernel
 from deformrf.core.render.rays.marching import FILL_SLOTS
-from deformrf.core.render.rays.traversal import (
-    Geometry,
-    line_in_tet,
-    speed_and_fade,
-    tet_frames_reference,
-)
+from deformrf.core.render.rays.pose import Geometry, tet_frames_reference
+from deformrf.core.render.rays.traversal import line_in_tet, speed_and_fade
 from deformrf.core.render.reference import ray_pieces
 
 SLOTS = 512

@@ -28,7 +28,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "empty_samples",
             "march_kernel",
         ],
-        "rays.traversal": ["Pose"],
+        "rays.pose": ["Pose"],
         "render": ["Renderer"],
         "rounds.compositing": ["composite_backward_kernel", "composite_kernel"],
         "subpixel": ["RunningMean", "shifted"],

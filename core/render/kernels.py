@@ -7,8 +7,8 @@ import warp as wp
 
 from ..field import encode_kernel
 from . import modes, shading, subpixel
-from .overlap import Layers, Overlap
-from .rays import FaceBoxes, Pose, camera_rays_kernel, march_kernel
+from .overlap import Overlap, PieceMerger
+from .rays import Pose, camera_rays_kernel, march_kernel
 from .render import Renderer
 from .rounds import resolve_kernel
 
@@ -18,7 +18,7 @@ def kernel_modules(device) -> list[str]:
 
     Rendering is `Renderer`, `render_mode` and `RunningMean`.
     """
-    names = [owner.__module__ for owner in (Renderer, Pose, FaceBoxes, Overlap, Layers)]
+    names = [owner.__module__ for owner in (Renderer, Pose, Overlap, PieceMerger)]
     names += [module.__name__ for module in (modes, subpixel)]
     kernels = [camera_rays_kernel, march_kernel, resolve_kernel, encode_kernel]
     if wp.get_device(device).is_cuda:

@@ -1,4 +1,4 @@
-"""View modes: what else there is to see of a field than its color.
+"""View modes: pictures of a field that show something else than its color.
 
     mode          a pixel's color
     depth         (far - t) / (far - near) in gray: near is white, far is black
@@ -8,14 +8,14 @@
     levels        the finest level that is not finer than a pixel there (../field/levels.py),
                   dark blue for 0 to yellow for the last one
     samples       evaluated samples, from dark blue for 0 to yellow for SAMPLES_SHOWN
-    error         ERROR_GAIN · |default mode - conformance mode|, each channel by itself
+    error         ERROR_GAIN · |default mode - conformance mode| in each channel
 
-Normals come from the depth image: neighbouring pixels are points p = t·d, and n is the cross
-product of their differences across and down.  Of the two neighbours on a side the one whose
-depth differs less counts, so that n is right up to a silhouette, where there are two surfaces.
+Normals come from the depth image: neighboring pixels are points p = t·d, and n is the cross
+product of their differences across and down.  Each difference uses the neighbor whose depth
+is closer, so that n is right up to a silhouette, where two surfaces meet.
 
-The error is that against conformance mode, as the float64 reference takes minutes an image;
-tests/test_render.py has conformance mode equal to it.
+The error is the difference to conformance mode, because the float64 reference takes minutes
+per image; tests/test_render.py compares conformance mode with the reference.
 
 Alpha is 1 where the mode has something to show and 0 where the background stays.  Images
 are [H, W], row 0 at the top; t is the distance along the unit ray d, inf where nothing is.
@@ -29,22 +29,23 @@ import warp as wp
 from ..field import below_pixel, level_edges
 from .rays import DeviceCamera, camera_ray, device_camera
 from .render import Image
-from .render_options import Mode, RenderOptions
+from .render_options import MODES, Mode, RenderOptions
 from .rounds import to_byte
 
-SAMPLES_SHOWN = 64  # of the bundled model's rays that meet it, 1 % take more
-ERROR_GAIN = 64.0  # 1/255, which nobody sees, becomes a quarter of white
+# The numbers of the modes in a kernel.
+DEPTH, ACCUMULATION, NORMALS, TETS, LEVELS, SAMPLES = map(wp.constant, range(1, 7))
+SAMPLES_SHOWN = wp.constant(64)  # 1 % of the rays that meet the bundled model take more
+ERROR_GAIN = wp.constant(64.0)  # 1/255, which is invisible, becomes a quarter of white
 HEAT = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))  # viridis
 
-# Multipliers of the hash: Knuth's, and one of xxHash.
-PRIMES = 2654435761, 2246822519
+PRIMES = 2654435761, 2246822519  # multipliers of the hash: Knuth's, and one of xxHash
 _FIRST, _SECOND = (wp.constant(wp.uint32(prime)) for prime in PRIMES)
 
 wp.set_module_options({"enable_backward": False})
 
 
 def caption(mode: str, depth_range=(0.0, 1.0)) -> str:
-    """What the colors of a mode stand for, in a line; nothing for the field's own color."""
+    """One line on what the colors of a mode mean; empty for the field's own color."""
     near, far = depth_range
     return {
         "color": "",
@@ -58,14 +59,11 @@ def caption(mode: str, depth_range=(0.0, 1.0)) -> str:
     }[mode]
 
 
-# -- reference ---------------------------------------------------------------------------------
-
-
 def normals_reference(points):
     """Unit normals towards the eye, from points [H, W, 3] relative to it, NaN where none is.
 
     Returns:
-        [H, W, 3], NaN where a pixel has no neighbour across, or none down.
+        [H, W, 3], NaN where a pixel has no neighbor across, or none down.
     """
     points = np.asarray(points, float)
     t = np.linalg.norm(points, axis=-1)
@@ -113,53 +111,33 @@ def heat_reference(x):
     return np.stack([np.interp(x, at, column) for column in np.array(HEAT).T / 255.0], axis=-1)
 
 
-# -- kernels -----------------------------------------------------------------------------------
+@wp.struct
+class Rendered:
+    """What pictures are made of; a mode fills the fields that it reads."""
+
+    color: wp.array2d(dtype=wp.vec4ub)
+    exact: wp.array2d(dtype=wp.vec4ub)  # color in conformance mode
+    depth: wp.array2d(dtype=float)
+    tet: wp.array2d(dtype=int)
+    samples: wp.array2d(dtype=int)
+    camera: DeviceCamera
+    first_row: int  # the camera's row that row 0 of the arrays is
+    near: float
+    far: float
+    edge_pixels: wp.array(dtype=float)  # [L] lengths of the levels' edges at distance 1
+    heat: wp.array(dtype=wp.vec3)
 
 
 @wp.func
-def opaque(color: wp.vec3):
-    return wp.vec4ub(to_byte(color[0]), to_byte(color[1]), to_byte(color[2]), wp.uint8(255))
+def gray(x: float):
+    return wp.vec3(x, x, x)
 
 
 @wp.func
-def nothing(background: wp.vec3):
-    b = background
-    return wp.vec4ub(to_byte(b[0]), to_byte(b[1]), to_byte(b[2]), wp.uint8(0))
-
-
-@wp.kernel
-def depth_kernel(
-    depth: wp.array2d(dtype=float),
-    near: float,
-    far: float,
-    background: wp.vec3,
-    color: wp.array2d(dtype=wp.vec4ub),  # out
-):
-    i, j = wp.tid()
-    gray = (far - depth[i, j]) / (far - near)
-    c = opaque(wp.vec3(gray, gray, gray))
-    if wp.isinf(depth[i, j]):
-        c = nothing(background)
-    color[i, j] = c
-
-
-@wp.kernel
-def accumulation_kernel(
-    rendered: wp.array2d(dtype=wp.vec4ub),
-    color: wp.array2d(dtype=wp.vec4ub),  # out
-):
-    i, j = wp.tid()
-    a = rendered[i, j][3]
-    color[i, j] = wp.vec4ub(a, a, a, wp.uint8(255))
-
-
-@wp.func
-def surface_point(
-    camera: DeviceCamera, depth: wp.array2d(dtype=float), i: int, j: int, first_row: int
-):
+def surface_point(rendered: Rendered, i: int, j: int):
     """Relative to the eye."""
-    _origin, direction = camera_ray(camera, j, first_row + i)
-    return depth[i, j] * direction
+    _origin, direction = camera_ray(rendered.camera, j, rendered.first_row + i)
+    return rendered.depth[i, j] * direction
 
 
 @wp.func
@@ -171,57 +149,41 @@ def depth_jump(depth: wp.array2d(dtype=float), t: float, i: int, j: int):
     return jump
 
 
-@wp.kernel
-def normals_kernel(
-    camera: DeviceCamera,
-    depth: wp.array2d(dtype=float),
-    first_row: int,  # the image's row that row 0 of `depth` is
-    skipped: int,  # rows at the top of `depth` that are there for their neighbours alone
-    background: wp.vec3,
-    color: wp.array2d(dtype=wp.vec4ub),  # out
-):
+@wp.func
+def normal_color(rendered: Rendered, i: int, j: int):
     """`normals_reference`."""
-    row, j = wp.tid()
-    i = row + skipped
+    depth = rendered.depth
     t = depth[i, j]
-    # Which neighbour is nearer in depth: on the left or right, above or below.
+    # The neighbors that are closer in depth: on the left or right, above or below.
     across = wp.where(depth_jump(depth, t, i, j + 1) < depth_jump(depth, t, i, j - 1), 1, -1)
     down = wp.where(depth_jump(depth, t, i + 1, j) < depth_jump(depth, t, i - 1, j), 1, -1)
     gap = depth_jump(depth, t, i, j + across) + depth_jump(depth, t, i + down, j)
-    c = nothing(background)
+    c = gray(wp.nan)
     if wp.isfinite(t) and wp.isfinite(gap):
-        p = surface_point(camera, depth, i, j, first_row)
-        x = surface_point(camera, depth, i, j + across, first_row) - p
-        y = surface_point(camera, depth, i + down, j, first_row) - p
+        p = surface_point(rendered, i, j)
+        x = surface_point(rendered, i, j + across) - p
+        y = surface_point(rendered, i + down, j) - p
         n = wp.normalize(wp.cross(x, y))
         if wp.dot(n, p) > 0.0:
             n = -n
-        c = opaque(0.5 * (n + wp.vec3(1.0, 1.0, 1.0)))
-    color[row, j] = c
-
-
-@wp.kernel
-def tets_kernel(
-    tet: wp.array2d(dtype=int),
-    background: wp.vec3,
-    color: wp.array2d(dtype=wp.vec4ub),  # out
-):
-    """`tet_colors_reference`."""
-    i, j = wp.tid()
-    h = wp.uint32(tet[i, j] + 1) * _FIRST
-    h = h ^ (h >> wp.uint32(15))
-    h = h * _SECOND
-    h = h ^ (h >> wp.uint32(13))
-    c = wp.vec4ub(tet_byte(h), tet_byte(h >> wp.uint32(8)), tet_byte(h >> wp.uint32(16)),
-                  wp.uint8(255))  # fmt: skip
-    if tet[i, j] < 0:
-        c = nothing(background)
-    color[i, j] = c
+        c = 0.5 * (n + gray(1.0))
+    return c
 
 
 @wp.func
 def tet_byte(h: wp.uint32):
-    return wp.uint8(wp.uint32(64) + (h & wp.uint32(255)) * wp.uint32(3) / wp.uint32(4))
+    return float(wp.uint32(64) + (h & wp.uint32(255)) * wp.uint32(3) / wp.uint32(4)) / 255.0
+
+
+@wp.func
+def tet_color(tet: int):
+    """`tet_colors_reference`."""
+    h = wp.uint32(tet + 1) * _FIRST
+    h = h ^ (h >> wp.uint32(15))
+    h = h * _SECOND
+    h = h ^ (h >> wp.uint32(13))
+    c = wp.vec3(tet_byte(h), tet_byte(h >> wp.uint32(8)), tet_byte(h >> wp.uint32(16)))
+    return wp.where(tet < 0, gray(wp.nan), c)
 
 
 @wp.func
@@ -230,57 +192,59 @@ def heated(heat: wp.array(dtype=wp.vec3), x: float):
     last = heat.shape[0] - 1
     place = wp.clamp(x, 0.0, 1.0) * float(last)
     k = wp.min(int(place), last - 1)
-    return opaque(wp.lerp(heat[k], heat[k + 1], place - float(k)))
+    return wp.lerp(heat[k], heat[k + 1], place - float(k))
 
 
-@wp.kernel
-def samples_kernel(
-    samples: wp.array2d(dtype=int),
-    heat: wp.array(dtype=wp.vec3),
-    most: int,
-    color: wp.array2d(dtype=wp.vec4ub),  # out
-):
-    i, j = wp.tid()
-    color[i, j] = heated(heat, float(samples[i, j]) / float(most))
-
-
-@wp.kernel
-def levels_kernel(
-    depth: wp.array2d(dtype=float),
-    heat: wp.array(dtype=wp.vec3),
-    edge_pixels: wp.array(dtype=float),  # [L] lengths of the levels' edges at distance 1
-    background: wp.vec3,
-    color: wp.array2d(dtype=wp.vec4ub),  # out
-):
+@wp.func
+def level_color(rendered: Rendered, t: float):
     """`levels_reference`."""
-    i, j = wp.tid()
-    c = nothing(background)
-    if wp.isfinite(depth[i, j]):
-        level_count = edge_pixels.shape[0]
-        level = int(0)
-        while level + 1 < level_count and edge_pixels[level + 1] >= depth[i, j]:
-            level += 1
-        c = heated(heat, float(level) / float(wp.max(level_count - 1, 1)))
-    color[i, j] = c
+    level_count = rendered.edge_pixels.shape[0]
+    level = int(0)
+    while level + 1 < level_count and rendered.edge_pixels[level + 1] >= t:
+        level += 1
+    c = heated(rendered.heat, float(level) / float(wp.max(level_count - 1, 1)))
+    return wp.where(wp.isfinite(t), c, gray(wp.nan))
 
 
-@wp.kernel
-def error_kernel(
-    rendered: wp.array2d(dtype=wp.vec4ub),
-    conformance: wp.array2d(dtype=wp.vec4ub),
-    gain: float,
-    color: wp.array2d(dtype=wp.vec4ub),  # out
-):
-    i, j = wp.tid()
-    a = rendered[i, j]
-    b = conformance[i, j]
+@wp.func
+def error_color(a: wp.vec4ub, b: wp.vec4ub):
     difference = wp.vec3()
     for k in range(3):
-        difference[k] = gain * wp.abs(float(a[k]) - float(b[k])) / 255.0
-    color[i, j] = opaque(difference)
+        difference[k] = ERROR_GAIN * wp.abs(float(a[k]) - float(b[k])) / 255.0
+    return difference
 
 
-# -- image -------------------------------------------------------------------------------------
+@wp.kernel
+def picture_kernel(
+    mode: int,
+    rendered: Rendered,
+    skipped: int,  # rows at the top of `rendered` that are only there as neighbors
+    background: wp.vec3,
+    picture: wp.array2d(dtype=wp.vec4ub),  # out
+):
+    row, j = wp.tid()
+    i = row + skipped
+    t = rendered.depth[i, j]
+    c = wp.vec3()  # not finite where the background stays
+    if mode == DEPTH:
+        c = gray((rendered.far - t) / (rendered.far - rendered.near))
+    elif mode == ACCUMULATION:
+        c = gray(float(rendered.color[i, j][3]) / 255.0)
+    elif mode == NORMALS:
+        c = normal_color(rendered, i, j)
+    elif mode == TETS:
+        c = tet_color(rendered.tet[i, j])
+    elif mode == LEVELS:
+        c = level_color(rendered, t)
+    elif mode == SAMPLES:
+        c = heated(rendered.heat, float(rendered.samples[i, j]) / float(SAMPLES_SHOWN))
+    else:
+        c = error_color(rendered.color[i, j], rendered.exact[i, j])
+    alpha = wp.uint8(255)
+    if not wp.isfinite(c[0]):
+        c = background
+        alpha = wp.uint8(0)
+    picture[row, j] = wp.vec4ub(to_byte(c[0]), to_byte(c[1]), to_byte(c[2]), alpha)
 
 
 def render_mode(
@@ -302,37 +266,24 @@ def render_mode(
     above = below = 0
     if mode == "normals":  # rows beside the strip, so that strips make up the whole image
         above, below = int(first > 0), int(last < camera.height)
-    details = mode in ("tets", "samples")
-    rendered = renderer.render(
-        camera, replace(options, details=details), (first - above, last + below)
-    )
-    device = rendered.color.device
-    background = wp.vec3(*options.background)
-    color = wp.empty((last - first, camera.width), dtype=wp.vec4ub, device=device)
-    if mode == "depth":
-        kernel, inputs = depth_kernel, [rendered.depth, *map(float, depth_range), background]
-    elif mode == "accumulation":
-        kernel, inputs = accumulation_kernel, [rendered.color]
-    elif mode == "normals":
-        kernel = normals_kernel
-        inputs = [device_camera(camera), rendered.depth, first - above, above, background]
-    elif mode == "tets":
-        kernel, inputs = tets_kernel, [rendered.tet, background]
-    elif mode == "levels":
+    options = replace(options, details=mode in ("tets", "samples"))
+    image = renderer.render(camera, options, (first - above, last + below))
+    rendered, device = Rendered(), renderer.device
+    rendered.color, rendered.depth = image.color, image.depth
+    rendered.tet, rendered.samples = image.tet, image.samples
+    rendered.camera, rendered.first_row = device_camera(camera), first - above
+    rendered.near, rendered.far = map(float, depth_range)
+    if mode in ("levels", "samples"):
+        heat = np.array(HEAT, np.float32) / 255.0
+        rendered.heat = wp.array(heat, dtype=wp.vec3, device=device)
+    if mode == "levels":
         edges = level_edges(renderer.field.mesh, renderer.field.layout.level_count)
-        edge_pixels = wp.array(edges * camera.lens.focal[0], dtype=float, device=device)
-        kernel = levels_kernel
-        inputs = [rendered.depth, _heat(device), edge_pixels, background]
-    elif mode == "samples":
-        kernel, inputs = samples_kernel, [rendered.samples, _heat(device), SAMPLES_SHOWN]
-    else:
+        edge_pixels = edges * camera.lens.focal[0]
+        rendered.edge_pixels = wp.array(edge_pixels, dtype=float, device=device)
+    if mode == "error":
         exact = RenderOptions(background=options.background, conformance=True)
-        conformance = renderer.render(camera, exact, rows)
-        kernel, inputs = error_kernel, [rendered.color, conformance.color, ERROR_GAIN]
-    wp.launch(kernel, dim=color.shape, inputs=inputs, outputs=[color], device=device)
-    depth = rendered.depth[above : above + last - first]
-    return Image(color, depth, rendered.sample_count)
-
-
-def _heat(device):
-    return wp.array(np.array(HEAT, np.float32) / 255.0, dtype=wp.vec3, device=device)
+        rendered.exact = renderer.render(camera, exact, rows).color
+    picture = wp.empty((last - first, camera.width), dtype=wp.vec4ub, device=device)
+    inputs = [MODES.index(mode), rendered, above, wp.vec3(*options.background)]
+    wp.launch(picture_kernel, picture.shape, inputs=inputs, outputs=[picture], device=device)
+    return Image(picture, image.depth[above : above + last - first], image.sample_count)

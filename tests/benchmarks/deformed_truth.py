@@ -31,7 +31,7 @@ from PIL import Image
 from deformrf.core.device import start_warp
 from deformrf.core.field import basis_of, basis_vector, modelfile
 from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
-from deformrf.core.render.rays.traversal import tet_frames_reference
+from deformrf.core.render.rays.pose import tet_frames_reference
 from deformrf.core.training import load_dataset, white_composite
 from deformrf.core.training.metrics import psnr, ssim
 
@@ -43,7 +43,7 @@ WAYS = {  # name: direction, path length
     "direction F⁻¹d": ("F⁻¹d", "rest"),
 }
 HEADINGS = ("IoU", "ΔIoU", "alpha dB", "color dB", "SSIM")
-ROUNDS = RenderOptions(path="host")  # whose networks can be replaced
+HOST_ROUNDS = RenderOptions(path="host")  # whose networks can be replaced
 SQUASHES = (1.0, 0.3, 0.1)
 SQUASH_SIZE = 200  # rays each way
 OFF_LATTICE = 1.37e-4  # in the planes of the lattice rounding decides what a ray meets
@@ -109,6 +109,7 @@ class WayRenderer(Renderer):
     def __init__(self, field, device):
         super().__init__(field, device)
         self._defined_basis, self.shading.basis = self.shading.basis, self._basis
+        self._defined_march, self.host_rounds.march = self.host_rounds.march, self._march
 
     def set_vertices(self, vertices):
         super().set_vertices(vertices)
@@ -121,7 +122,7 @@ class WayRenderer(Renderer):
         )
 
     def _march(self, rays, alive, *rest):
-        samples, counts, ends, count = super()._march(rays, alive, *rest)
+        samples, counts, ends, count = self._defined_march(rays, alive, *rest)
         if self.length == "current":
             inputs = [rays.directions, self._rest_from_current, alive, counts, ends, samples.tet]
             self._launch(current_length_kernel, len(counts), inputs, [samples.length])
@@ -158,7 +159,7 @@ def measure(renderer, dataset, pictures=None):
     poses = in_space(dataset.poses, renderer.field.world_to_model)
     scores = []
     for view, (pose, lens) in enumerate(zip(poses, dataset.lenses, strict=True)):
-        rendered = renderer.render(Camera(pose, lens), ROUNDS).color_array()
+        rendered = renderer.render(Camera(pose, lens), HOST_ROUNDS).color_array()
         truth = dataset.image(view)
         scores.append(score(rendered, truth))
         if pictures and view % 8 == 0:

@@ -272,7 +272,7 @@ class RenderingStudy:
         return times
 
     def stages(self, repeats: int) -> dict[str, Timing]:
-        """Of a view in default mode, pose included, and of all "together"; see Stages."""
+        """Of a view in default mode, pose included, and of all "together"; see StageTimer."""
         renderer, rest = self._renderer, self.field.mesh.rest_vertices
         default, found = Setting("default", "default"), {}
         for repeat in range(-WARM_UP, repeats):

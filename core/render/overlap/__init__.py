@@ -1,11 +1,11 @@
-"""Where the mesh overlaps itself: finding those rays and rendering them."""
+"""Where the mesh overlaps itself: finding the rays that see it, and rendering them."""
 
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "layers": ["Layers"],
+        "merging": ["PieceMerger"],
         "search": ["Overlap"],
     },
 )

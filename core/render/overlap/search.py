@@ -1,16 +1,16 @@
-"""Which rays see the mesh overlap itself: the ones that a walk from tet to tet can't follow.
+"""Which rays see the mesh overlap itself, so that a walk from tet to tet misses some of its tets.
 
 A mesh overlaps itself nowhere if all its tets have one orientation, none is nearly flat, no
-edge of the boundary touches a face of it that it has no vertex in common with, and no part
-lies inside another: a map that keeps orientation and is one to one on the boundary is one to
-one inside.  Two kernels check that once per pose, `crossed_edges_kernel` and
-`nested_parts_kernel`, beside the determinants that the tet frames need anyway.  Without
-overlap nothing else happens.
+edge of the boundary touches a face that it shares no vertex with, and no part lies inside
+another: a map that keeps orientation and is one to one on the boundary is one to one inside.
+Two kernels check the boundary once per pose, `crossed_edges_kernel` and
+`nested_parts_kernel`; orientation and flatness come with the tet frames.  Without overlap
+nothing else happens.
 
-Otherwise each ray is asked: it is *tangled* if it meets a tet that is turned inside out or
-nearly flat, or is inside two boundary shells at once.  Tangled rays are rendered by
-layers.py, the others by the walk.  A ray that is called tangled for nothing costs time, and
-no truth; so what rounding can't decide counts as overlap.
+With overlap, each ray is classified.  It is *tangled* if it meets a tet that is inverted or
+nearly flat, or if it is inside two boundary shells at once.  merging.py renders tangled rays,
+the walk renders the others.  Where rounding leaves a doubt, a ray counts as tangled: a false
+positive costs time and never changes the image.
 
 Shapes: R rays, T tets, V vertices, B boundary faces, C parts that no face joins.
 """
@@ -24,7 +24,6 @@ from ...geometry import TetMesh, edges, face_components
 from ..rays import (
     FADED,
     QUERY_GAP,
-    FaceBoxes,
     Geometry,
     Pose,
     Rays,
@@ -35,9 +34,9 @@ from ..rays import (
 
 TANGLED_TETS, CROSSINGS = 0, 1  # places in a pose's counts
 PLAIN, TANGLED = 0, 1  # places in the counts of rays
-COPLANAR = wp.constant(1.0e-5)  # of what a volume could be: float32 can't tell it from none
+COPLANAR = wp.constant(1.0e-5)  # of the largest possible volume: float32 can't tell it from 0
 MOST_CROSSINGS = wp.constant(8)  # of a ray; with more it is tangled
-TOUCHING = wp.constant(1.0e-6)  # t: shells so close may be inside each other
+TOUCHING = wp.constant(1.0e-6)  # in t: shells this close may be inside each other
 PROBE = wp.constant(wp.vec3(0.4124, 0.5763, 0.7056))  # a direction along no plane of a lattice
 crossings_vector = wp.types.vector(8, wp.float32)
 
@@ -46,12 +45,12 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 @dataclass(frozen=True)
 class Tangle:
-    """What one pose overlaps with.
+    """Where one pose overlaps itself; false if nowhere.
 
     Attributes:
-        tets: BVH of the tets that are turned inside out or nearly flat; None without any.
+        tets: BVH of the tets that are inverted or nearly flat; None without any.
         tet_ids: Their numbers, in the order of the BVH.
-        shells: Whether the boundary goes through itself, or a part lies inside another.
+        shells: Whether the boundary intersects itself, or a part lies inside another.
     """
 
     tets: wp.Bvh | None
@@ -63,91 +62,88 @@ class Tangle:
 
 
 class Overlap:
-    """Finds the tangle of a pose, once per change of its vertices."""
+    """Finds the tangle of a pose, once per change of its vertices, and the tangled rays."""
 
-    def __init__(self, mesh: TetMesh, neighbours, pose: Pose, boxes: FaceBoxes):
-        self._pose, self.boxes = pose, boxes
-        self._sought = self._found = -1  # revisions of the pose
+    def __init__(self, mesh: TetMesh, neighbours, pose: Pose):
+        self._pose = pose
+        self._searched = self._found = -1  # revisions of the pose
         self._tangle = None
-        device = pose.device
-        boundary_edges = edges(_as_tets(pose.boundary_faces))
-        labels = face_components(neighbours)
-        _, first = np.unique(labels, return_index=True)  # a tet of each part
-        with wp.ScopedDevice(device):
+        faces, labels = pose.boundary_faces, face_components(neighbours)
+        _, first_tets = np.unique(labels, return_index=True)  # one of each part
+        # `edges` takes tets: with the first corner twice it finds those of a face, and loops.
+        boundary_edges = edges(np.concatenate([faces, faces[:, :1]], axis=1))
+        with wp.ScopedDevice(pose.device):
             self._edges = wp.array(boundary_edges, dtype=wp.vec2i)
-            self._part_tets = wp.array(mesh.tets[first], dtype=wp.vec4i)
+            self._part_tets = wp.array(mesh.tets[first_tets], dtype=wp.vec4i)
             self._counts = wp.zeros(2, dtype=int)
-            self._tangled = wp.empty(mesh.tet_count, dtype=int)
-        self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=device.is_cuda)
+            self._tangled_tets = wp.empty(mesh.tet_count, dtype=int)
+        self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=pose.device.is_cuda)
 
     def tangle(self) -> Tangle:
-        """What the present pose overlaps with; waits for the device after a change."""
-        self.seek()
+        """Where the present pose overlaps itself; waits for the device after a change."""
+        self.search()
         if self._found != self._pose.revision:
             if self._pose.device.is_cuda:
                 wp.synchronize_stream(wp.get_stream(self._pose.device))
             count, crossings = (int(n) for n in self._host_counts.numpy())
-            bvh = wp.Bvh(*tet_boxes(self._pose, self._tangled, count)) if count else None
+            bvh = wp.Bvh(*tet_boxes(self._pose, self._tangled_tets, count)) if count else None
             self._found = self._pose.revision
-            self._tangle = Tangle(bvh, self._tangled, crossings > 0)
+            self._tangle = Tangle(bvh, self._tangled_tets, crossings > 0)
         return self._tangle
 
-    def seek(self) -> None:
-        """Begin to look, if the vertices have changed, without waiting."""
-        if self._sought == self._pose.revision:
+    def search(self) -> None:
+        """Start the search on the device if the vertices have changed; does not wait."""
+        pose = self._pose
+        if self._searched == pose.revision:
             return
-        self._sought = self._pose.revision
-        pose, device = self._pose, self._pose.device
-        geometry = pose.geometry
+        self._searched = pose.revision
         self._counts.zero_()
-        wp.launch(
+        self._launch(
             tangled_tets_kernel,
-            dim=len(pose.tets),
-            inputs=[geometry],
-            outputs=[self._counts, self._tangled],
-            device=device,
+            len(pose.tets),
+            [pose.geometry],
+            [self._counts, self._tangled_tets],
         )
-        wp.launch(
-            crossed_edges_kernel,
-            dim=len(self._edges),
-            inputs=[geometry.boundary, pose.vertices, self._edges, self.boxes.faces],
-            outputs=[self._counts],
-            device=device,
+        self._launch(
+            crossed_edges_kernel, len(self._edges), [pose.geometry, self._edges], [self._counts]
         )
         if len(self._part_tets) > 1:
-            self.boxes.refresh()
-            wp.launch(
+            pose.refresh_face_boxes()
+            self._launch(
                 nested_parts_kernel,
-                dim=len(self._part_tets),
-                inputs=[geometry, self.boxes.id, pose.vertices, self.boxes.faces, self._part_tets],
-                outputs=[self._counts],
-                device=device,
+                len(self._part_tets),
+                [pose.geometry, self._part_tets],
+                [self._counts],
             )
         wp.copy(self._host_counts, self._counts)
 
     def sort_rays(self, rays: Rays, count: int):
-        """The numbers of plain and of tangled rays, of those from 0 to count - 1.
+        """The numbers of the plain and of the tangled rays among the first `count`.
 
-        The boxes have to be up to date.
+        Pose.refresh_face_boxes comes before.
         """
         tangle, device = self.tangle(), self._pose.device
         counts = wp.zeros(2, dtype=int, device=device)
         plain = wp.empty(count, dtype=int, device=device)
         tangled = wp.empty(count, dtype=int, device=device)
-        bvh = tangle.tets.id if tangle.tets is not None else 0
-        wp.launch(
+        self._launch(
             sort_rays_kernel,
-            dim=count,
-            inputs=[
-                *(self._pose.geometry, rays.origins, rays.directions),
-                *(bvh, tangle.tet_ids, int(tangle.shells)),
-                *(self.boxes.id, self._pose.vertices, self.boxes.faces),
+            count,
+            [
+                self._pose.geometry,
+                rays.origins,
+                rays.directions,
+                tangle.tets.id if tangle.tets is not None else 0,
+                tangle.tet_ids,
+                int(tangle.shells),
             ],
-            outputs=[counts, plain, tangled],
-            device=device,
+            [counts, plain, tangled],
         )
         plain_count, tangled_count = counts.numpy()
         return plain[: int(plain_count)], tangled[: int(tangled_count)]
+
+    def _launch(self, kernel, dim, inputs, outputs):
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self._pose.device)
 
 
 def tet_boxes(pose: Pose, tet_ids, count: int):
@@ -164,18 +160,13 @@ def tet_boxes(pose: Pose, tet_ids, count: int):
     return lowers, uppers
 
 
-def _as_tets(faces):
-    """Faces with their first corner repeated: what `edges` takes, and no new edges but loops."""
-    return np.concatenate([faces, faces[:, :1]], axis=1)
-
-
 @wp.kernel
 def tangled_tets_kernel(
     geometry: Geometry,
     counts: wp.array(dtype=int),  # [2] added to
     tangled: wp.array(dtype=int),  # [T] out, in no particular order
 ):
-    """Tets that are mirrored unlike most, or so flat that they fade."""
+    """Tets whose orientation is not that of most, or that are so flat that they fade."""
     tet = wp.tid()
     shape = geometry.shapes[2 * tet + 1]
     if orientation(geometry) * shape[3] <= 0.0 or shape[2] < FADED:
@@ -196,8 +187,7 @@ def tet_boxes_kernel(
     b = vertices[tet[1]]
     c = vertices[tet[2]]
     d = vertices[tet[3]]
-    # A ray in the plane of a flat box has to meet it in spite of rounding.
-    gap = wp.vec3(QUERY_GAP, QUERY_GAP, QUERY_GAP)
+    gap = wp.vec3(QUERY_GAP, QUERY_GAP, QUERY_GAP)  # a ray in the plane of a flat box meets it
     lowers[i] = wp.min(wp.min(a, b), wp.min(c, d)) - gap
     uppers[i] = wp.max(wp.max(a, b), wp.max(c, d)) + gap
 
@@ -215,7 +205,8 @@ def side(a: wp.vec3, b: wp.vec3, c: wp.vec3, p: wp.vec3):
 def touches(p: wp.vec3, q: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     """Whether the line segment from p to q goes through the triangle a, b, c, or ends on it.
 
-    Not if it lies in the triangle's plane: where volumes overlap, other edges don't.
+    A segment in the plane of the triangle does not count: where volumes overlap, other edges
+    cross it.
     """
     from_side = side(a, b, c, p)
     to_side = side(a, b, c, q)
@@ -230,28 +221,29 @@ def touches(p: wp.vec3, q: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.kernel
 def crossed_edges_kernel(
-    boundary: wp.uint64,  # id of the wp.Mesh of boundary faces
-    vertices: wp.array(dtype=wp.vec3),  # [V]
+    geometry: Geometry,
     boundary_edges: wp.array(dtype=wp.vec2i),  # [E]
-    faces: wp.array(dtype=wp.vec3i),  # [B]
     counts: wp.array(dtype=int),  # [2] added to
 ):
-    """Boundary edges that touch a boundary face which they don't belong to."""
+    """Count boundary edges that touch a boundary face with which they share no vertex."""
     edge = boundary_edges[wp.tid()]
     i = edge[0]
     j = edge[1]
-    p = vertices[i]
-    q = vertices[j]
+    p = geometry.vertices[i]
+    q = geometry.vertices[j]
     if counts[wp.static(CROSSINGS)] > 0:  # one is enough
         return
-    query = wp.mesh_query_aabb(boundary, wp.min(p, q), wp.max(p, q))
+    query = wp.mesh_query_aabb(geometry.boundary, wp.min(p, q), wp.max(p, q))
     index = int(0)
     while wp.mesh_query_aabb_next(query, index):
-        face = faces[index]
+        face = geometry.faces[index]
         beside = face[0] == i or face[1] == i or face[2] == i
         beside = beside or face[0] == j or face[1] == j or face[2] == j
         if not beside:
-            if touches(p, q, vertices[face[0]], vertices[face[1]], vertices[face[2]]):
+            a = geometry.vertices[face[0]]
+            b = geometry.vertices[face[1]]
+            c = geometry.vertices[face[2]]
+            if touches(p, q, a, b, c):
                 wp.atomic_add(counts, wp.static(CROSSINGS), 1)
                 return
 
@@ -259,49 +251,41 @@ def crossed_edges_kernel(
 @wp.kernel
 def nested_parts_kernel(
     geometry: Geometry,
-    boxes: wp.uint64,  # id of FaceBoxes
-    vertices: wp.array(dtype=wp.vec3),  # [V]
-    faces: wp.array(dtype=wp.vec3i),  # [B]
     part_tets: wp.array(dtype=wp.vec4i),  # [C] corners of a tet of each part
     counts: wp.array(dtype=int),  # [2] added to
 ):
-    """A point of each part is inside its own shell, and no other: else the part is inside one.
+    """Count parts of which a point is not inside exactly one shell, the part's own.
 
-    Behind everything a ray is outside, so what its crossings add up to is where it starts.
+    A ray ends outside of all shells, so the signs of its crossings add up to the number of
+    shells around its origin.
     """
     corners = part_tets[wp.tid()]
+    vertices = geometry.vertices
     point = vertices[corners[0]] + vertices[corners[1]] + vertices[corners[2]]
     point = 0.25 * (point + vertices[corners[3]])
     facing = orientation(geometry)
     shells = int(0)
-    query = wp.bvh_query_ray(boxes, point, PROBE)
+    query = wp.bvh_query_ray(geometry.face_boxes, point, PROBE)
     index = int(0)
     while wp.bvh_query_next(query, index):
-        crossing, _t = crossing_of(vertices, faces[index], point, PROBE)
+        crossing, _t = crossing_of(geometry, index, point, PROBE)
         shells += int(facing) * crossing
     if shells != 1:
         wp.atomic_add(counts, wp.static(CROSSINGS), 1)
 
 
 @wp.func
-def is_inside_two_shells(
-    geometry: Geometry,
-    boxes: wp.uint64,
-    vertices: wp.array(dtype=wp.vec3),
-    faces: wp.array(dtype=wp.vec3i),
-    origin: wp.vec3,
-    direction: wp.vec3,
-):
-    """Whether a ray is anywhere inside the boundary twice, or may be."""
+def is_inside_two_shells(geometry: Geometry, origin: wp.vec3, direction: wp.vec3):
+    """Whether a ray may be inside two shells of the boundary at any t."""
     facing = int(orientation(geometry))
     places = crossings_vector()
     signs = crossings_vector()  # 1 where it leaves, -1 where it enters
     count = int(0)
     start = int(0)
-    query = wp.bvh_query_ray(boxes, origin, direction)
+    query = wp.bvh_query_ray(geometry.face_boxes, origin, direction)
     index = int(0)
     while wp.bvh_query_next(query, index):
-        crossing, t = crossing_of(vertices, faces[index], origin, direction)
+        crossing, t = crossing_of(geometry, index, origin, direction)
         if crossing != 0:
             start += facing * crossing
             if count < MOST_CROSSINGS:
@@ -312,7 +296,7 @@ def is_inside_two_shells(
         return True
     i = int(0)
     while i < count:
-        depth = int(start)  # right behind place i, entries that are close counted, exits not
+        depth = int(start)  # right behind place i; close to it, entries count and exits do not
         j = int(0)
         while j < count:
             if signs[j] < 0.0 and places[j] <= places[i] + TOUCHING:
@@ -333,10 +317,7 @@ def sort_rays_kernel(
     directions: wp.array(dtype=wp.vec3),  # [R]
     tangled_tets: wp.uint64,  # id of a BVH, or 0
     tet_ids: wp.array(dtype=int),
-    shells: int,  # 1 if the boundary overlaps itself
-    boxes: wp.uint64,  # id of FaceBoxes
-    vertices: wp.array(dtype=wp.vec3),  # [V]
-    faces: wp.array(dtype=wp.vec3i),  # [B]
+    shells: int,  # 1 if the boundary intersects itself
     counts: wp.array(dtype=int),  # [2] out: plain and tangled rays
     plain: wp.array(dtype=int),  # [R] out: which rays
     tangled: wp.array(dtype=int),  # [R] out
@@ -352,7 +333,7 @@ def sort_rays_kernel(
         while found == 0 and wp.bvh_query_next(query, index):
             tet = tet_ids[index]
             if geometry.shapes[2 * tet + 1][2] <= 0.0:
-                found = 1  # perhaps too flat to have coordinates: its box has to do
+                found = 1  # it may be too flat to have coordinates, so its box decides
             else:
                 _alpha, _slope, _near, t_in, t_out = interval_in_tet(
                     geometry, tet, origin, direction
@@ -360,7 +341,7 @@ def sort_rays_kernel(
                 if t_out >= t_in:
                     found = 1
     if found == 0 and shells == 1:
-        if is_inside_two_shells(geometry, boxes, vertices, faces, origin, direction):
+        if is_inside_two_shells(geometry, origin, direction):
             found = 1
     if found == 1:
         tangled[wp.atomic_add(counts, wp.static(TANGLED), 1)] = ray

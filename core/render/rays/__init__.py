@@ -12,7 +12,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "camera_rays_kernel",
             "device_camera",
         ],
-        "entries": ["Entries", "FaceBoxes", "crossing_of", "empty_entries", "find_entries"],
+        "entries": ["Entries", "crossing_of", "empty_entries", "find_entries"],
         "marching": [
             "COUNT",
             "FILL_SLOTS",
@@ -27,15 +27,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "march_ray",
             "pack_kernel",
         ],
-        "traversal": [
-            "FADED",
-            "Geometry",
-            "Pose",
-            "QUERY_GAP",
-            "interval_in_tet",
-            "orientation",
-            "speed_and_fade",
-            "tet_frames_reference",
-        ],
+        "pose": ["Geometry", "Pose", "QUERY_GAP", "tet_frames_reference"],
+        "traversal": ["FADED", "interval_in_tet", "orientation", "speed_and_fade"],
     },
 )

@@ -1,26 +1,35 @@
-"""Where rays enter the mesh: all places at once, found in one pass through a BVH of its faces.
+"""Where a ray meets its first tet, and where it enters the mesh again.
 
-Searching anew whenever a ray has left the mesh costs a warp as many passes, one after
-another, as its unluckiest ray needs.  Rays that enter more often than there is room for, or
-for which entries and exits don't pair up (they start inside, or slipped through an edge),
-search as they go: `traversal.enter_mesh`.
+`enter_mesh` searches the boundary for the next entry behind t.  `find_entries` finds all
+entries of a ray in one pass through a BVH of the boundary's faces: on CUDA, a search per entry
+costs a warp as many passes, one after another, as its slowest ray needs.  A ray falls back to
+`enter_mesh` if it has more entries than there is room for, or if its entries and exits do not
+pair up (it starts inside, or slipped through an edge).
 
 Shapes: R rays, B boundary faces.
 """
 
 import warp as wp
 
-from .traversal import QUERY_GAP, Geometry, Pose, enter_mesh, orientation
+from .pose import QUERY_GAP, Geometry
+from .traversal import (
+    MAX_TETS,
+    SMALLEST_ADVANCE,
+    exit_tet,
+    line_in_tet,
+    link_across,
+    orientation,
+)
 
 MOST_ENTRIES = wp.constant(4)
-UNKNOWN = wp.constant(-1)  # a ray's count: it searches as it goes
+UNKNOWN = wp.constant(-1)  # as the count of a ray: it uses enter_mesh
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
 @wp.struct
 class Entries:
-    """Entries of each ray, nearest first; without any arrays all rays search as they go."""
+    """Entries of each ray, nearest first; if the arrays are empty, all rays use enter_mesh."""
 
     t: wp.array2d(dtype=float)  # [MOST_ENTRIES, R]
     tet: wp.array2d(dtype=int)  # [MOST_ENTRIES, R]
@@ -30,71 +39,80 @@ class Entries:
 
 def empty_entries(count: int, device) -> Entries:
     entries = Entries()
-    entries.t = wp.empty((MOST_ENTRIES if count else 0, count), dtype=float, device=device)
-    entries.tet = wp.empty((MOST_ENTRIES if count else 0, count), dtype=int, device=device)
+    entries.t = wp.empty((MOST_ENTRIES, count), dtype=float, device=device)
+    entries.tet = wp.empty((MOST_ENTRIES, count), dtype=int, device=device)
     entries.count = wp.empty(count, dtype=int, device=device)
     entries.next = wp.empty(count, dtype=int, device=device)
     return entries
 
 
-class FaceBoxes:
-    """A BVH of a pose's boundary faces, up to date after `refresh`."""
+@wp.func
+def enter_mesh(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, t: float):
+    """The first tet that a ray meets at or behind t.
 
-    def __init__(self, pose: Pose):
-        self._pose, self._revision = pose, -1
-        with wp.ScopedDevice(pose.device):
-            self.faces = wp.array(pose.boundary_faces, dtype=wp.vec3i)
-            self._lowers = wp.empty(len(self.faces), dtype=wp.vec3)
-            self._uppers = wp.empty(len(self.faces), dtype=wp.vec3)
-        self._bvh = None
+    If the next face is one that the ray leaves the mesh through, the ray started inside the
+    mesh or slipped in at an edge.  Then a walk back from that face finds the tet at t.
 
-    @property
-    def id(self):
-        return self._bvh.id
-
-    def refresh(self) -> None:
-        """Take the pose's present vertices, if they have changed."""
-        if self._revision == self._pose.revision:
-            return
-        self._revision = self._pose.revision
-        wp.launch(
-            face_boxes_kernel,
-            dim=len(self.faces),
-            inputs=[self._pose.vertices, self.faces],
-            outputs=[self._lowers, self._uppers],
-            device=self._pose.device,
-        )
-        if self._bvh is None:
-            self._bvh = wp.Bvh(self._lowers, self._uppers)
-        else:
-            self._bvh.refit()
-
-
-@wp.kernel
-def face_boxes_kernel(
-    vertices: wp.array(dtype=wp.vec3),  # [V]
-    faces: wp.array(dtype=wp.vec3i),  # [B]
-    lowers: wp.array(dtype=wp.vec3),  # [B] out
-    uppers: wp.array(dtype=wp.vec3),  # [B] out
-):
-    i = wp.tid()
-    face = faces[i]
-    a = vertices[face[0]]
-    b = vertices[face[1]]
-    c = vertices[face[2]]
-    gap = wp.vec3(QUERY_GAP, QUERY_GAP, QUERY_GAP)  # a ray in the plane of a flat box meets it
-    lowers[i] = wp.min(wp.min(a, b), c) - gap
-    uppers[i] = wp.max(wp.max(a, b), c) + gap
+    Returns:
+        The tet, or -1 if there is none, and the t at which the ray is in it (>= t).
+    """
+    step = SMALLEST_ADVANCE * wp.max(t, 1.0)
+    start = t - QUERY_GAP
+    tet = int(-1)
+    entry = float(t)
+    searching = int(1)
+    while searching == 1:
+        query = wp.mesh_query_ray(geometry.boundary, origin + start * direction, direction, 1.0e6)
+        searching = 0
+        if query.result:
+            hit = start + query.t
+            if wp.dot(query.normal, direction) * orientation(geometry) < 0.0:
+                tet = geometry.boundary_tets[query.face]
+                entry = wp.max(t, hit)
+            elif hit <= t + QUERY_GAP:  # the face that the ray has just left
+                start = hit + step
+                searching = 1
+            else:
+                tet, entry = walk_back(
+                    geometry, origin, direction, t, geometry.boundary_tets[query.face], hit
+                )
+    return tet, entry
 
 
 @wp.func
-def crossing_of(
-    vertices: wp.array(dtype=wp.vec3), face: wp.vec3i, origin: wp.vec3, direction: wp.vec3
+def walk_back(
+    geometry: Geometry, origin: wp.vec3, direction: wp.vec3, t: float, last_tet: int, end: float
 ):
-    """How a ray crosses a face: 1 along its normal, -1 against it, 0 not; and where."""
-    a = vertices[face[0]] - origin
-    b = vertices[face[1]] - origin
-    c = vertices[face[2]] - origin
+    """From a tet that a ray leaves at `end`, back to where it is at t, or entered the mesh."""
+    tet = int(last_tet)
+    position = float(end)
+    exit_face = int(-1)
+    tets_left = int(MAX_TETS)
+    walking = int(1)
+    while walking == 1:
+        p = origin + position * direction
+        alpha, slope = line_in_tet(geometry, tet, p, -direction)
+        face, distance = exit_tet(alpha, slope, exit_face)
+        walking = 0
+        previous = int(-1)
+        if face >= 0:
+            position -= wp.max(distance, SMALLEST_ADVANCE * wp.max(position, 1.0))
+            previous = link_across(geometry, tet, face)
+        if position > t and tets_left > 0 and previous >= 0:
+            tet = previous / 4
+            exit_face = previous % 4
+            tets_left -= 1
+            walking = 1
+    return tet, wp.max(position, t)
+
+
+@wp.func
+def crossing_of(geometry: Geometry, index: int, origin: wp.vec3, direction: wp.vec3):
+    """How a ray crosses a boundary face: 1 along its normal, -1 against it, 0 not; and where."""
+    face = geometry.faces[index]
+    a = geometry.vertices[face[0]] - origin
+    b = geometry.vertices[face[1]] - origin
+    c = geometry.vertices[face[2]] - origin
     # Volumes of the tets that the ray spans with the edges: all of one sign inside.
     u = wp.dot(direction, wp.cross(c, b))
     v = wp.dot(direction, wp.cross(a, c))
@@ -113,23 +131,19 @@ def crossing_of(
 
 @wp.func
 def find_entries(
-    geometry: Geometry,
-    boxes: wp.uint64,  # id of FaceBoxes
-    vertices: wp.array(dtype=wp.vec3),
-    faces: wp.array(dtype=wp.vec3i),
-    origin: wp.vec3,
-    direction: wp.vec3,
-    ray: int,
-    entries: Entries,
+    geometry: Geometry, origin: wp.vec3, direction: wp.vec3, ray: int, entries: Entries
 ):
-    """Fill a ray's entries; returns their number, 0 if the ray meets nothing, or UNKNOWN."""
+    """Fill a ray's entries; returns their number, 0 if the ray meets nothing, or UNKNOWN.
+
+    Pose.refresh_face_boxes comes before.
+    """
     facing = orientation(geometry)
     count = int(0)
     exits = int(0)
-    query = wp.bvh_query_ray(boxes, origin, direction)
+    query = wp.bvh_query_ray(geometry.face_boxes, origin, direction)
     index = int(0)
     while wp.bvh_query_next(query, index):
-        crossing, t = crossing_of(vertices, faces[index], origin, direction)
+        crossing, t = crossing_of(geometry, index, origin, direction)
         if float(crossing) * facing > 0.0:
             exits += 1
         elif crossing != 0:

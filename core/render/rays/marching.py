@@ -5,11 +5,13 @@ length Δ, the last one shorter; a piece counts if its middle lies in an occupie
 Training displaces the evaluation point inside the piece by a random fraction instead of
 taking the middle.
 
-A round of marching gives each ray at most K pieces, and a ray that isn't finished keeps
-its state and goes on in the next round.  Three ways lead from there to arrays of samples:
-fill slots [R, K], then `pack` them without gaps, ray after ray (rendering: K is small); work
-on the slots as they are (rendering on CUDA, see wavefront.py); or count first and march again
-to write (training: one round with a large K, for which slots would take a gigabyte).
+A round of marching gives each ray at most K pieces.  A ray that is not finished keeps its
+state and goes on in the next round.  The samples reach arrays in one of three ways:
+
+    slots [R, K], then pack_kernel removes the gaps    rounds that the host waits for; K is small
+    slots that stay as they are                        the wavefront on CUDA
+    count, then march again and write                  training: one round with a large K, for
+                                                       which slots would take a gigabyte
 
 Shapes: R rays, K slots per ray, N packed samples.
 """
@@ -18,10 +20,10 @@ import warp as wp
 
 from ...field import basis_of, basis_vector, is_occupied, store_wide, subtet_ahead
 from .entries import Entries, next_entry
+from .pose import Geometry
 from .traversal import (
     MAX_TETS,
     SMALLEST_ADVANCE,
-    Geometry,
     exit_tet,
     line_in_tet,
     link_across,
@@ -31,8 +33,8 @@ from .traversal import (
 FILL_SLOTS = wp.constant(0)  # what one launch of march_kernel is for
 COUNT = wp.constant(1)
 WRITE = wp.constant(2)
-MIDDLE = wp.constant(0)  # jitter seed: evaluate at the middle
-MOST_PIECES = wp.constant(1.0e6)  # ahead: int() takes no larger numbers
+MIDDLE = wp.constant(0)  # as a seed: evaluate at the middle
+MOST_PIECES = wp.constant(1.0e6)  # skipped at once: int() takes no larger numbers
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -47,7 +49,7 @@ class Rays:
     tet: wp.array(dtype=int)  # [R] -1: outside the mesh, -2: finished
     entry_face: wp.array(dtype=int)  # [R] of the tet, -1 if it came through the boundary
     piece: wp.array(dtype=int)  # [R] the tet's pieces already done
-    first: int  # number of ray 0: a ray's random places follow its number
+    first: int  # number of ray 0; the number of a ray seeds its jitter
 
 
 @wp.struct
@@ -88,7 +90,7 @@ def march_ray(
     rays: Rays,
     ray: int,
     step: float,  # Δ
-    seed: int,  # MIDDLE or that of random places
+    seed: int,  # MIDDLE, or the seed of the jitter
     purpose: int,  # FILL_SLOTS, COUNT, or WRITE
     first_slot: int,
     slot_spacing: int,  # from one slot of this ray to the next
@@ -97,7 +99,7 @@ def march_ray(
 ):
     """One round of one ray; returns the number of its samples.
 
-    FILL_SLOTS leaves the ray where it has come to; the others leave its state alone.
+    FILL_SLOTS stores how far the ray has come; COUNT and WRITE do not.
     """
     origin = rays.origins[ray]
     direction = rays.directions[ray]
@@ -120,7 +122,7 @@ def march_ray(
             p = origin + t * direction
             alpha, slope = line_in_tet(geometry, tet, p, direction)
             face, distance = exit_tet(alpha, slope, entry_face)
-            if tets_left <= 0 or face < 0:  # in circles, or in a tet without thickness
+            if tets_left <= 0 or face < 0:  # walks in circles, or in a flat tet
                 tet = -2
             else:
                 speed, fade = speed_and_fade(geometry, tet, slope)
@@ -136,7 +138,7 @@ def march_ray(
                     if seed != MIDDLE:
                         at = (float(piece) * step + wp.randf(random) * length) / speed
                     subtet, ahead = subtet_ahead(alpha + at * slope, slope)
-                    if seed == MIDDLE:  # the pieces up to the sub-tet's end are as this one
+                    if seed == MIDDLE:  # further middles are in the same sub-tet
                         last += int(wp.clamp(ahead * speed / step, 0.0, MOST_PIECES))
                     last = wp.min(last, piece_count)
                     if is_occupied(mask, subtet):
@@ -178,13 +180,13 @@ def march_kernel(
     alive: wp.array(dtype=int),  # [R] ray of each thread
     step: float,  # Δ
     slot_count: int,  # K
-    jitter_seed: wp.array(dtype=int),  # [1]; MIDDLE or the seed of random places
+    jitter_seed: wp.array(dtype=int),  # [1] MIDDLE, or the seed of the jitter
     purpose: int,  # FILL_SLOTS, COUNT, or WRITE
     ends: wp.array(dtype=int),  # [threads] WRITE: inclusive scan of counts
     samples: Samples,  # out: [threads · K], or [N] for WRITE
     counts: wp.array(dtype=int),  # [threads] out: samples of each ray; WRITE: in
 ):
-    """One round for each ray.  COUNT leaves the rays' state alone, so that WRITE finds it."""
+    """One round for each ray.  COUNT keeps the state of the rays: WRITE repeats the round."""
     i = wp.tid()
     base = i * slot_count
     limit = slot_count
@@ -193,7 +195,7 @@ def march_kernel(
         limit = counts[i]
     count = march_ray(
         geometry,
-        Entries(),  # none: rays search as they go
+        Entries(),  # none: rays use enter_mesh
         occupancy,
         rays,
         alive[i],

@@ -18,6 +18,8 @@ Shapes: R rays, N packed samples; ray r owns samples ends[r] - counts[r] .. ends
 import numpy as np
 import warp as wp
 
+from ..rays import Samples
+
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
@@ -108,7 +110,7 @@ def composite_backward_kernel(
         total += weights[n]
         total_t += weights[n] * t[n]
         n += 1
-    # Backwards: the sums behind piece i are at hand when they are needed.
+    # Backwards, so that the sums behind piece i are known at piece i.
     behind = float(0.0)  # Σ_{j>i} w_j v_j
     after = float(0.0)  # Σ_{j>i} w_j
     after_t = float(0.0)
@@ -154,15 +156,13 @@ def empty_pixels(count: int, device) -> Pixels:
 def accumulate_kernel(
     sigma: wp.array(dtype=float),  # [N]
     rgb: wp.array(dtype=wp.vec3),  # [N]
-    length: wp.array(dtype=float),  # [N]
-    t: wp.array(dtype=float),  # [N]
-    tet: wp.array(dtype=int),  # [N]
+    samples: Samples,  # [N]
     alive: wp.array(dtype=int),  # [threads]
     counts: wp.array(dtype=int),  # [threads]
     ends: wp.array(dtype=int),  # [threads]
     ray_tet: wp.array(dtype=int),  # [R] -2 where the ray has left the mesh for good
     stop: float,  # transmittance below which a ray ends
-    closing: int,  # 1: what is behind a ray's end looks like what is before it; 0: black
+    closing: int,  # 1: behind its end a ray looks as before it; 0: black
     pixels: Pixels,
     still_alive: wp.array(dtype=int),  # [threads] out
     still_alive_count: wp.array(dtype=int),  # [1] out
@@ -176,12 +176,12 @@ def accumulate_kernel(
     pixels.sample_count[ray] = pixels.sample_count[ray] + counts[i]
     n = ends[i] - counts[i]
     while n < ends[i] and transmittance >= stop:
-        remaining = wp.exp(-sigma[n] * length[n])
+        remaining = wp.exp(-sigma[n] * samples.length[n])
         w = transmittance * (1.0 - remaining)
         c += w * rgb[n]
-        depth += w * t[n]
+        depth += w * samples.t[n]
         if transmittance >= 0.5 and transmittance * remaining < 0.5:
-            pixels.tet[ray] = tet[n]
+            pixels.tet[ray] = samples.tet[n]
         transmittance *= remaining
         n += 1
     ended = transmittance < stop
@@ -199,7 +199,7 @@ def accumulate_kernel(
 @wp.kernel
 def resolve_kernel(
     pixels: Pixels,
-    ids: wp.array(dtype=int),  # rays, one per thread; all of them if it is empty
+    ids: wp.array(dtype=int),  # ray of each thread; if empty, thread i has ray i
     background: wp.vec3,
     color: wp.array(dtype=wp.vec4ub),  # [R] out: over the background, a = opacity
     depth: wp.array(dtype=float),  # [R] out: inf where opacity < 0.5
@@ -216,3 +216,12 @@ def resolve_kernel(
 @wp.func
 def to_byte(x: float):
     return wp.uint8(wp.clamp(x, 0.0, 1.0) * 255.0 + 0.5)
+
+
+def resolve(pixels: Pixels, background, color, depth, ids=None) -> None:
+    """Write color and depth of the rays `ids`, by default of all that `color` has room for."""
+    count = len(color if ids is None else ids)
+    if ids is None:
+        ids = wp.empty(0, dtype=int, device=color.device)
+    inputs = [pixels, ids, wp.vec3(*background)]
+    wp.launch(resolve_kernel, count, inputs=inputs, outputs=[color, depth], device=color.device)

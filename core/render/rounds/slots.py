@@ -1,7 +1,7 @@
-"""The kernels of wavefront.py, which says what a round is.
+"""The kernels of wavefront.py, where a round is described.
 
-The state of an image in the making is a few integers on the device; places in it are named
-here.  Two lists of rays take turns: one is read while the other one is written.
+The progress of an image is a few integers on the device, the state; the constants below name
+their places.  Two lists of rays alternate: kernels read one and write the other.
 
 Shapes: R rays, S slots, L levels, T tets.
 """
@@ -45,17 +45,17 @@ TAKEN = wp.constant(3)  # rays that have slots in this round
 STRIDE = wp.constant(4)
 PER_RAY = wp.constant(5)  # K
 TOTAL = wp.constant(6)  # stride · K
-ROUNDS = wp.constant(7)  # that had something to do
+ROUNDS = wp.constant(7)  # that had rays
 SAMPLES = wp.constant(8)  # evaluated
 STATE_SIZE = 9
 
-# Divisions by approximation: a fifth of the time, and no error that half precision has not.
+# Approximate divisions take a fifth of the time, and half precision hides their error.
 wp.set_module_options({"enable_backward": False, "max_unroll": 2, "fast_math": True})
 
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    // One atomic for all threads of a warp that are here.
+    // One atomic for all active threads of a warp.
     unsigned mask = __activemask();
     int lane = threadIdx.x & 31;
     int leader = __ffs(mask) - 1;
@@ -95,18 +95,18 @@ def begin_kernel(
     first_row: int,
     row_count: int,
     background: wp.vec3,
-    boxes: wp.uint64,  # id of FaceBoxes
-    vertices: wp.array(dtype=wp.vec3),
-    faces: wp.array(dtype=wp.vec3i),
     entries: Entries,
     rays: Rays,
     pixels: Pixels,
     state: wp.array(dtype=int),
     lists: wp.array2d(dtype=int),  # [2, R]
-    color: wp.array(dtype=wp.vec4ub),  # [R] out: background where no ray meets the mesh
+    color: wp.array(dtype=wp.vec4ub),  # [R] out, of rays that miss the mesh
     depth: wp.array(dtype=float),  # [R] out
 ):
-    """Rays of the image, and where they enter the mesh; their numbers are pixels, row by row."""
+    """Make the rays of the image, find their entries, and list those that meet the mesh.
+
+    Rays are numbered as their pixels, row by row.
+    """
     i = wp.tid()
     tile = i / (TILE_WIDTH * TILE_HEIGHT)
     within = i % (TILE_WIDTH * TILE_HEIGHT)
@@ -120,7 +120,7 @@ def begin_kernel(
     origin, direction = camera_ray(camera, column, first_row + row)
     rays.origins[ray] = origin
     rays.directions[ray] = direction
-    if find_entries(geometry, boxes, vertices, faces, origin, direction, ray, entries) == 0:
+    if find_entries(geometry, origin, direction, ray, entries) == 0:
         color[ray] = wp.vec4ub(
             to_byte(background[0]), to_byte(background[1]), to_byte(background[2]), wp.uint8(0)
         )
@@ -138,14 +138,14 @@ def begin_kernel(
 
 @wp.kernel
 def advance_kernel(slot_count: int, state: wp.array(dtype=int)):
-    """Turn to the list that is complete, and share the slots out among its rays."""
+    """Swap the lists, and divide the slots among the rays of the one to read."""
     listed = state[NEXT_LISTED]
     state[PARITY] = 1 - state[PARITY]
     state[LISTED] = listed
     state[NEXT_LISTED] = 0
     taken = wp.min(listed, slot_count / LEAST_SLOTS)
     stride = (taken + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT
-    # Half of the room: enough to fill a GPU, and not too many behind a surface.
+    # Half of the room fills a GPU, and wastes few samples behind a surface.
     per_ray = wp.clamp(slot_count / 2 / wp.max(stride, 1), LEAST_SLOTS, MOST_SLOTS)
     state[TAKEN] = taken
     state[STRIDE] = stride
@@ -203,7 +203,7 @@ def encode_slots_kernel(
     counts: wp.array(dtype=int),
     level_count: int,
     used_level_count: int,  # the finer ones count as zero
-    constant_direction: int,  # 1: the color depends on no direction
+    constant_direction: int,  # 1: the color does not depend on the direction
     features: wp.array(dtype=vec4h),  # [S · L] out
     basis: wp.array(dtype=vec4h),  # [4 S] out
 ):
@@ -243,7 +243,7 @@ def encode_slots_kernel(
 
 @wp.func
 def mixed(table: wp.array(dtype=vec4h), e: wp.vec4i, weights: wp.vec4):
-    """Entries, weighted."""
+    """The weighted sum of four entries."""
     a = weights[0] * load_wide_half(table, e[0])
     b = weights[1] * load_wide_half(table, e[1])
     c = weights[2] * load_wide_half(table, e[2])
@@ -266,7 +266,7 @@ def composite_slots_kernel(
     color: wp.array(dtype=wp.vec4ub),  # [R] out
     depth: wp.array(dtype=float),  # [R] out
 ):
-    """`accumulate_kernel` and `resolve_kernel` on slots; what is behind a ray's end is alike."""
+    """`accumulate_kernel` (with closing = 1) and `resolve_kernel`, on slots."""
     i = wp.tid()
     if i >= state[LISTED]:
         return

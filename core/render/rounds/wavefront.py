@@ -1,20 +1,20 @@
-"""The common case on CUDA: an image in rounds that nothing has to wait for.
+"""Default mode on CUDA: an image in rounds that do not wait for the host.
 
 One launch makes the rays and lists those that meet the mesh.  Then come rounds, each one a
-CUDA graph of five launches:
+CUDA graph of five launches (slots.py has the kernels):
 
-    advance     the list that the last round wrote is the one to read; how many slots
-    march       the first rays of the list, as many as there is room for, K pieces each
+    advance     swaps the lists of rays and divides the slots among the rays
+    march       fills K slots for each ray of the list, for as many rays as there is room
     encode      slots to features and spherical harmonics, in half precision
-    evaluate    both networks, one fused kernel
-    composite   slots to pixels; rays that go on are listed for the next round
+    evaluate    features to density and color: both networks, one fused kernel
+    composite   slots to pixels; lists the rays that go on in the next round
 
-How long the list is, and so K, is known on the device only.  The host launches as many
-rounds as the last image needed and one more, and looks at the list's length when all are
-done: if rays are left, which is rare, further rounds follow.
+Only the device knows how long the list is, and so K.  The host launches one round more than
+the last image needed, and reads the length of the list when all are done.  If rays are left,
+which is rare, it launches further rounds.
 
-Rays that meet each other's pixels lie side by side in lists and slots: a warp takes a tile of
-8 x 4 pixels, and slot k of ray i is at k * stride + i.
+Rays of neighboring pixels are side by side in lists and slots: a warp takes a tile of 8 x 4
+pixels, and slot k of ray i is at k * stride + i.
 
 Shapes: R rays, S slots, L levels.
 """
@@ -23,15 +23,15 @@ import numpy as np
 import warp as wp
 
 from ...field import CONSTANT_BASIS, vec4h
-from ..rays import DeviceCamera, FaceBoxes, empty_entries, empty_rays, empty_samples
+from ..rays import DeviceCamera, Pose, empty_entries, empty_rays, empty_samples
 from ..shading import Shading
 from . import slots
 from .compositing import empty_pixels
 
-SLOTS_PER_PIXEL = 1.2  # room; rays that don't fit wait for the next round
-MOST_SLOTS_IN_ALL = 1 << 21  # 280 MB of them
-SLOT_MULTIPLE = 4096  # strides fit in
-BLOCK_SIZE = 128  # threads: fewer wait for the longest way of a block
+SLOTS_PER_PIXEL = 1.2  # rays for which there is no room wait for the next round
+MOST_SLOTS_IN_ALL = 1 << 21  # 280 MB
+SLOT_MULTIPLE = 4096  # a multiple of every stride's alignment
+BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
 
 class Wavefront:
@@ -41,8 +41,8 @@ class Wavefront:
     total [1], sigma [S], rgb [S]), without waiting or allocating.
     """
 
-    def __init__(self, pose, boxes: FaceBoxes, occupancy, shading: Shading, options, capacity: int):
-        """Make room.
+    def __init__(self, pose: Pose, occupancy, shading: Shading, options, capacity: int):
+        """Allocate everything.
 
         Args:
             options: FieldOptions.
@@ -56,7 +56,6 @@ class Wavefront:
         self.device = device = pose.device
         slot_count = min(int(SLOTS_PER_PIXEL * capacity), MOST_SLOTS_IN_ALL)
         self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
-        self._boxes = boxes
         self._entries = empty_entries(capacity, device)
         self.rays = empty_rays(capacity, device)
         self.pixels = empty_pixels(capacity, device)
@@ -76,16 +75,20 @@ class Wavefront:
         self._host_state = wp.zeros(
             slots.STATE_SIZE, dtype=int, device="cpu", pinned=device.is_cuda
         )
-        self._shown_background = None
+        self._last_background = None
         self._graphs = {}  # of one round each, by step, stop and levels
         self._likely_rounds = 4
 
     def render(self, camera: DeviceCamera, rows, options, stage) -> int:
-        """Fill `color` and `depth` with the rows first..last-1; the number of samples.
+        """Fill `color` and `depth` with the rows first..last-1.
 
         Args:
+            rows: (first, last)
             options: RenderOptions.
-            stage: Times what happens within stage(name), if somebody wants to know.
+            stage: StageTimer.
+
+        Returns:
+            The number of samples.
         """
         self._begin(camera, rows, options, stage)
         rounds = self._likely_rounds
@@ -104,28 +107,34 @@ class Wavefront:
 
     def _begin(self, camera, rows, options, stage):
         background = tuple(options.background)
-        if background != self._shown_background:
+        if background != self._last_background:
             self._background.fill_(wp.vec3(*background))
-            self._shown_background = background
+            self._last_background = background
         row_count = rows[1] - rows[0]
         tiles = -(-camera.lens.width // slots.TILE_WIDTH) * -(-row_count // slots.TILE_HEIGHT)
         with stage("begin"):
-            self._boxes.refresh()
+            self._pose.refresh_face_boxes()
             self._state.zero_()
             self._launch(
                 slots.begin_kernel,
                 tiles * slots.TILE_WIDTH * slots.TILE_HEIGHT,
                 [
-                    *(self._pose.geometry, camera, rows[0], row_count),
-                    *(wp.vec3(*background), self._boxes.id, self._pose.vertices),
-                    *(self._boxes.faces, self._entries),
-                    *(self.rays, self.pixels, self._state, self._lists),
+                    self._pose.geometry,
+                    camera,
+                    rows[0],
+                    row_count,
+                    wp.vec3(*background),
+                    self._entries,
+                    self.rays,
+                    self.pixels,
+                    self._state,
+                    self._lists,
                 ],
                 [self.color, self.depth],
             )
 
     def _round(self, options, stage):
-        """One round; recorded once, unless somebody times the stages."""
+        """One round, recorded as a CUDA graph unless its stages are timed."""
         if not self.device.is_cuda or stage.seconds is not None:
             self._launch_round(options, stage)
             return
@@ -138,14 +147,19 @@ class Wavefront:
         wp.capture_launch(self._graphs[key])
 
     def _launch_round(self, options, stage):
+        geometry, level_count = self._pose.geometry, self._level_count
         with stage("march"):
             self._launch(slots.advance_kernel, 1, [self._slot_count, self._state])
             self._launch(
                 slots.march_slots_kernel,
                 len(self._counts),
                 [
-                    *(self._pose.geometry, self._entries, self._occupancy),
-                    *(self.rays, self._state, self._lists),
+                    geometry,
+                    self._entries,
+                    self._occupancy,
+                    self.rays,
+                    self._state,
+                    self._lists,
                     self._march_step * options.step_factor,
                 ],
                 [self._slots, self._counts],
@@ -155,10 +169,17 @@ class Wavefront:
                 slots.encode_slots_kernel,
                 self._slot_count,
                 [
-                    *(self._tables, self._table, self._nodes),
-                    *(self._pose.geometry.rotations, self.rays),
-                    *(self._state, self._lists, self._slots, self._counts),
-                    *(self._level_count, options.level_count or self._level_count),
+                    self._tables,
+                    self._table,
+                    self._nodes,
+                    geometry.rotations,
+                    self.rays,
+                    self._state,
+                    self._lists,
+                    self._slots,
+                    self._counts,
+                    level_count,
+                    options.level_count or level_count,
                     int(not self._view_dependence),
                 ],
                 [self._features, self._basis],
@@ -171,9 +192,16 @@ class Wavefront:
                 slots.composite_slots_kernel,
                 self.capacity,
                 [
-                    *(self._state, self._lists, self._slots, self._counts),
-                    *(self._sigma, self._rgb, self.rays.tet, options.stop),
-                    *(self._background, self.pixels),
+                    self._state,
+                    self._lists,
+                    self._slots,
+                    self._counts,
+                    self._sigma,
+                    self._rgb,
+                    self.rays.tet,
+                    options.stop,
+                    self._background,
+                    self.pixels,
                 ],
                 [self.color, self.depth],
             )

@@ -1,13 +1,13 @@
-"""Rays on which tets overlap: all their pieces at once, merged (line 4 of the definition).
+"""Tangled rays: all pieces of all tets that a ray crosses, merged (line 4 of the definition).
 
-A BVH of all tets gives each ray every tet that it crosses; each tet is cut into pieces
-from its own entry, as the walk does.  Pieces switch their media on at one end and off at
-the other: with the ends sorted along the ray, running sums of κ and κ c are what lies
-between two of them, however many tets overlap there.
+A BVH of all tets gives each ray every tet that it crosses; each tet is cut into pieces from
+the ray's entry into it, as in the walk.  A piece adds its medium at one end and removes it at
+the other.  With the ends sorted along the ray, running sums of κ and κ c are the medium
+between two ends, for any number of overlapping tets:
 
     tau = Σ κ_k dt,  w = T (1 - exp(-tau)),  color = Σ κ_k c_k / Σ κ_k
 
-The sums are float64: what was switched on has to vanish when it is switched off.
+The sums are float64, so that they return to zero when the last medium is removed.
 
 Shapes: R rays, M of them tangled, N pieces, 2 N ends.
 """
@@ -28,22 +28,25 @@ from ..rays import (
     speed_and_fade,
 )
 from ..rounds import Pixels
+from ..stage_timer import StageTimer
 from .search import tet_boxes
 
 CPU_PIECES = 1 << 17  # at once, if no single ray has more
 CUDA_PIECES = 1 << 20
-DARK = wp.constant(wp.float64(1.0e-9))  # extinction that is only rounding, as in reference.py
+DARK = wp.constant(wp.float64(1.0e-9))  # a smaller extinction is rounding, as in reference.py
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
-class Layers:
+class PieceMerger:
     """Renders tangled rays in the present pose."""
 
-    def __init__(self, pose: Pose, occupancy):
+    def __init__(self, pose: Pose, occupancy, shading, march_step: float):
         self._pose, self._occupancy = pose, occupancy
+        self._shading, self._march_step = shading, march_step
         self._all = wp.array(np.arange(len(pose.tets), dtype=np.int32), device=pose.device)
         self._revision, self._boxes = -1, None
+        self._untimed = StageTimer(pose.device)  # callers time the whole
 
     def prepare(self) -> None:
         """Build the BVH of the present pose, unless it is there."""
@@ -51,20 +54,18 @@ class Layers:
             self._boxes = wp.Bvh(*tet_boxes(self._pose, self._all, len(self._all)))
             self._revision = self._pose.revision
 
-    def render(self, rays: Rays, ids, step: float, pixels: Pixels, shade) -> int:
-        """Fill the pixels of the rays `ids` [M]; the number of samples.
+    def render(self, rays: Rays, ids, pixels: Pixels, options) -> int:
+        """Fill the pixels of the rays `ids` [M]; `prepare` comes before.
 
-        Args:
-            step: Δ, in rest length.
-            shade: Called as shade(samples, ids, counts, ends, count), with the last two as in
-                marching.pack_kernel; returns sigma and rgb of the samples.
+        Returns:
+            The number of samples.
         """
         count = len(ids)
         if count == 0:
             return 0
         device = self._pose.device
         counts = wp.empty(count, dtype=int, device=device)
-        self._pieces(rays, ids, step, COUNT, counts, Pieces())
+        self._find_pieces(rays, ids, COUNT, counts, Pieces(), options)
         ends = np.cumsum(counts.numpy(), dtype=np.int64)
         most, first = CUDA_PIECES if device.is_cuda else CPU_PIECES, 0
         while first < count:
@@ -72,41 +73,48 @@ class Layers:
             last = max(first + 1, int(np.searchsorted(ends, before + most, side="right")))
             part = slice(first, last)
             total = int(ends[last - 1]) - before
-            self._render_part(rays, ids[part], step, counts[part], total, pixels, shade)
+            self._render_part(rays, ids[part], counts[part], total, pixels, options)
             first = last
         return int(ends[-1])
 
-    def _pieces(self, rays, ids, step, purpose, counts, pieces):
+    def _render_part(self, rays, ids, counts, total, pixels, options):
+        device = self._pose.device
+        pieces = empty_pieces(total, len(ids), device)
+        wp.utils.array_scan(counts, pieces.ends, inclusive=True)
+        self._find_pieces(rays, ids, WRITE, counts, pieces, options)
+        sigma, rgb = self._shading.shade(
+            rays, ids, counts, pieces.ends, pieces.samples, total, options, self._untimed
+        )
+        if device.is_cuda and total:
+            wp.utils.segmented_sort_pairs(
+                pieces.places,
+                pieces.switches,
+                2 * total,
+                pieces.first_switches,
+                pieces.last_switches,
+            )
+        elif total:  # on a CPU that function takes 60 µs per ray
+            wp.launch(sort_kernel, dim=len(ids), inputs=[pieces], device=device)
+        inputs = [ids, counts, pieces, sigma, rgb]
+        wp.launch(merge_kernel, dim=len(ids), inputs=inputs, outputs=[pixels], device=device)
+
+    def _find_pieces(self, rays, ids, purpose, counts, pieces, options):
+        step = self._march_step * options.step_factor
         wp.launch(
             pieces_kernel,
             dim=len(ids),
             inputs=[
-                *(self._pose.geometry, self._occupancy, self._boxes.id),
-                *(rays, ids, step, purpose, counts),
+                self._pose.geometry,
+                self._occupancy,
+                self._boxes.id,
+                rays,
+                ids,
+                step,
+                purpose,
+                counts,
             ],
             outputs=[pieces],
             device=self._pose.device,
-        )
-
-    def _render_part(self, rays, ids, step, counts, total, pixels, shade):
-        device = self._pose.device
-        pieces = empty_pieces(total, len(ids), device)
-        wp.utils.array_scan(counts, pieces.ends, inclusive=True)
-        self._pieces(rays, ids, step, WRITE, counts, pieces)
-        sigma, rgb = shade(pieces.samples, ids, counts, pieces.ends, total)
-        if device.is_cuda and total:
-            wp.utils.segmented_sort_pairs(
-                *(pieces.places, pieces.switches, 2 * total),
-                *(pieces.first_switches, pieces.last_switches),
-            )
-        elif total:  # that function takes 60 µs for each ray there
-            wp.launch(sort_kernel, dim=len(ids), inputs=[pieces], device=device)
-        wp.launch(
-            merge_kernel,
-            dim=len(ids),
-            inputs=[ids, counts, pieces, sigma, rgb],
-            outputs=[pixels],
-            device=device,
         )
 
 
@@ -117,10 +125,10 @@ class Pieces:
     ends: wp.array(dtype=int)  # [M] inclusive scan of the rays' counts
     samples: Samples  # [N]
     rates: wp.array(dtype=float)  # [N] s |F^-1 d|, κ / σ
-    places: wp.array(dtype=float)  # [4 N] t of the pieces' ends; the second half is for sorting
-    switches: wp.array(dtype=int)  # [4 N] 2 n: piece n begins there, 2 n + 1: it ends
-    first_switches: wp.array(dtype=int)  # [M] where each ray's begin
-    last_switches: wp.array(dtype=int)  # [M] the place behind each ray's
+    places: wp.array(dtype=float)  # [4 N] t of the ends; the second half is room for the sort
+    switches: wp.array(dtype=int)  # [4 N] 2 n where piece n begins, 2 n + 1 where it ends
+    first_switches: wp.array(dtype=int)  # [M] index of each ray's first one
+    last_switches: wp.array(dtype=int)  # [M] index behind each ray's last one
 
 
 def empty_pieces(count: int, ray_count: int, device) -> Pieces:
@@ -212,7 +220,7 @@ def pieces_kernel(
                     piece += 1
     if purpose == COUNT:
         counts[i] = count
-    else:  # should rounding have found fewer this time: pieces of nothing
+    else:  # if rounding found fewer pieces this time, empty ones fill the room
         while count < limit:
             write_piece(pieces, first + count, 0, wp.vec4(1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
             count += 1
@@ -220,7 +228,7 @@ def pieces_kernel(
 
 @wp.kernel
 def sort_kernel(pieces: Pieces):
-    """Sort each ray's switches by place: Shell's sort, as tets come nearly in order."""
+    """Sort each ray's switches by place, with Shell's sort: the tets are nearly in order."""
     i = wp.tid()
     first = pieces.first_switches[i]
     last = pieces.last_switches[i]
@@ -250,14 +258,14 @@ def merge_kernel(
     pieces: Pieces,  # switches sorted within each ray
     sigma: wp.array(dtype=float),  # [N]
     rgb: wp.array(dtype=wp.vec3),  # [N]
-    pixels: Pixels,  # out; of overlapping tets `tet` is one of them
+    pixels: Pixels,  # out; where tets overlap, `tet` is one of them
 ):
     """Running sums along each ray: line 4 of the definition."""
     i = wp.tid()
     ray = ids[i]
     e = pieces.first_switches[i]
     last = pieces.last_switches[i]
-    kappa = wp.float64(0.0)  # what is switched on
+    kappa = wp.float64(0.0)  # of the media that are switched on
     emission = wp.vec3d()
     transmittance = wp.float64(1.0)
     color = wp.vec3d()

@@ -1,0 +1,256 @@
+"""The mesh in its current shape: what rays need to know of each tet.
+
+Per pose, each tet k gets a frame:
+
+    alpha(p)                     barycentric coordinates of a current point, linear in p
+    |F_k^-1 d|                   rest length per t, from how alpha changes along d
+    Q_k                          orthogonal polar factor of F_k, reflection kept
+    s_k                          smoothstep(1e-3, 1e-2, σ_min/σ_max of F_k): flat tets fade
+
+Shapes: T tets, V vertices, B boundary faces.  Model units.
+"""
+
+import numpy as np
+import warp as wp
+
+from ...geometry import TetMesh, boundary_faces
+
+# Rounding may move a face across a ray's t: queries look this far around t, boxes are this
+# much larger than what is in them.
+QUERY_GAP = wp.constant(4.0e-6)
+# A tet flatter than this (σ_min/σ_max) has no coordinates.  Rays that meet a fading tet are
+# tangled (overlap/search.py).  A walk meets a flat one by rounding only, and ends there.
+FLAT = wp.constant(1.0e-5)
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 4})
+
+
+@wp.struct
+class Geometry:
+    """The mesh on a device, refreshed per pose.
+
+    A tet has three `rows`, the gradients of its last three coordinates, each followed by a
+    component of its corner 0, the point that they are counted from: thin tets have large
+    gradients, and an offset from the origin would then have a large rounding error.  And it
+    has two `shapes`, products of its edges at rest, e_i · e_j, those of different edges
+    doubled: (11, 22, 33, 12) and (13, 23, s, sign), where sign is -1 if the tet is mirrored.
+    """
+
+    vertices: wp.array(dtype=wp.vec3)  # [V] current
+    faces: wp.array(dtype=wp.vec3i)  # [B] of the boundary
+    boundary: wp.uint64  # id of the wp.Mesh of boundary faces
+    face_boxes: wp.uint64  # id of a BVH of them, see Pose.refresh_face_boxes
+    boundary_tets: wp.array(dtype=int)  # [B] the tet behind each face
+    links: wp.array(dtype=wp.vec4i)  # [T] across each face: 4 · tet + its face, -1 outside
+    rows: wp.array(dtype=wp.vec4)  # [3 T]
+    shapes: wp.array(dtype=wp.vec4)  # [2 T]
+    rotations: wp.array(dtype=wp.mat33)  # [T]
+    mirrored_count: wp.array(dtype=int)  # [1]
+
+
+def tet_frames_reference(rest_vertices, vertices, tets):
+    """The frames of all tets, in NumPy.
+
+    Returns:
+        gradients [T, 4, 4] (columns 0-2 G, column 3 g), inverse F [T, 3, 3], Q [T, 3, 3],
+        fade s [T].  A faded tet has zeros and s = 0.
+    """
+    rest_edges = np.swapaxes(rest_vertices[tets[:, 1:]] - rest_vertices[tets[:, :1]], 1, 2)
+    edges = np.swapaxes(vertices[tets[:, 1:]] - vertices[tets[:, :1]], 1, 2)
+    deformation = edges @ np.linalg.inv(rest_edges)
+    u, stretches, vt = np.linalg.svd(deformation)
+    ratio = stretches[:, 2] / np.maximum(stretches[:, 0], 1e-30)
+    x = np.clip((ratio - 1e-3) / (1e-2 - 1e-3), 0, 1)
+    fade = x * x * (3 - 2 * x)
+    flat = fade <= 0
+    edges = np.where(flat[:, None, None], np.eye(3), edges)
+    inverse = np.linalg.inv(edges)
+    gradients = np.zeros((len(tets), 4, 4))
+    gradients[:, 1:, :3] = inverse
+    gradients[:, 1:, 3] = -np.einsum("tij,tj->ti", inverse, vertices[tets[:, 0]])
+    gradients[:, 0] = -gradients[:, 1:].sum(axis=1)
+    gradients[:, 0, 3] += 1.0
+    inverse_f = rest_edges @ inverse
+    gradients[flat], inverse_f[flat] = 0.0, 0.0
+    return gradients, inverse_f, u @ vt, fade
+
+
+def links(neighbours):
+    """Across each face 4 · tet + the face of that tet, -1 outside.  [T, 4] -> [T, 4] int32"""
+    tet, face = np.nonzero(neighbours >= 0)
+    across = neighbours[tet, face]
+    back = (neighbours[across] == tet[:, None]).argmax(axis=1)
+    result = np.full(neighbours.shape, -1, np.int32)
+    result[tet, face] = 4 * across + back
+    return result
+
+
+@wp.func
+def smoothstep(low: float, high: float, x: float):
+    y = wp.clamp((x - low) / (high - low), 0.0, 1.0)
+    return y * y * (3.0 - 2.0 * y)
+
+
+@wp.kernel
+def tet_frames_kernel(
+    tets: wp.array(dtype=wp.vec4i),  # [T]
+    vertices: wp.array(dtype=wp.vec3),  # [V] current
+    rest_edges: wp.array(dtype=wp.mat33),  # [T] columns x1-x0, x2-x0, x3-x0 at rest
+    rest_edges_inverse: wp.array(dtype=wp.mat33),  # [T]
+    rows: wp.array(dtype=wp.vec4),  # [3 T] out, see `Geometry`
+    shapes: wp.array(dtype=wp.vec4),  # [2 T] out, see `Geometry`
+    rotations: wp.array(dtype=wp.mat33),  # [T] out, Q
+    mirrored_count: wp.array(dtype=int),  # [1] added to
+):
+    i = wp.tid()
+    tet = tets[i]
+    x0 = vertices[tet[0]]
+    edges = wp.matrix_from_cols(vertices[tet[1]] - x0, vertices[tet[2]] - x0, vertices[tet[3]] - x0)
+    f = edges * rest_edges_inverse[i]
+    u = wp.mat33()
+    v = wp.mat33()
+    stretches = wp.vec3()
+    wp.svd3(f, u, stretches, v)
+    # svd3 returns rotations and puts a reflection into the sign of a stretch.
+    flips = wp.vec3(wp.sign(stretches[0]), wp.sign(stretches[1]), wp.sign(stretches[2]))
+    rotations[i] = u * wp.diag(flips) * wp.transpose(v)
+    # The smallest stretch of a flat tet is lost in rounding, so it is computed from the volume.
+    # Volume and inverse are float64: in float32 the coordinates of a thin tet would be off by its
+    # thickness.
+    x0d = wp.vec3d(x0)
+    current = wp.matrix_from_cols(
+        wp.vec3d(vertices[tet[1]]) - x0d,
+        wp.vec3d(vertices[tet[2]]) - x0d,
+        wp.vec3d(vertices[tet[3]]) - x0d,
+    )
+    volume = wp.determinant(current)
+    rest_volume = wp.determinant(wp.mat33d(rest_edges[i]))
+    a = wp.abs(stretches)
+    largest = wp.max(a)
+    middle = a[0] + a[1] + a[2] - largest - wp.min(a)
+    smallest = wp.abs(float(volume / rest_volume)) / wp.max(largest * middle, 1.0e-30)
+    ratio = wp.min(smallest / wp.max(largest, 1.0e-30), 1.0)
+    fade = smoothstep(1.0e-3, 1.0e-2, ratio)
+    m = wp.mat33d()
+    if ratio > FLAT:  # rays cross a faded tet, though it has no density
+        m = wp.inverse(current)
+    for k in range(3):
+        rows[3 * i + k] = wp.vec4(float(m[k, 0]), float(m[k, 1]), float(m[k, 2]), x0[k])
+    gram = wp.transpose(rest_edges[i]) * rest_edges[i]
+    sign = wp.where(volume < wp.float64(0.0), -1.0, 1.0)
+    shapes[2 * i] = wp.vec4(gram[0, 0], gram[1, 1], gram[2, 2], 2.0 * gram[0, 1])
+    shapes[2 * i + 1] = wp.vec4(2.0 * gram[0, 2], 2.0 * gram[1, 2], fade, sign)
+    if sign < 0.0:
+        wp.atomic_add(mirrored_count, 0, 1)
+
+
+@wp.kernel
+def face_boxes_kernel(
+    geometry: Geometry,
+    lowers: wp.array(dtype=wp.vec3),  # [B] out
+    uppers: wp.array(dtype=wp.vec3),  # [B] out
+):
+    i = wp.tid()
+    face = geometry.faces[i]
+    a = geometry.vertices[face[0]]
+    b = geometry.vertices[face[1]]
+    c = geometry.vertices[face[2]]
+    gap = wp.vec3(QUERY_GAP, QUERY_GAP, QUERY_GAP)  # a ray in the plane of a flat box meets it
+    lowers[i] = wp.min(wp.min(a, b), c) - gap
+    uppers[i] = wp.max(wp.max(a, b), c) + gap
+
+
+class Pose:
+    """The mesh in its current shape on one device.
+
+    Attributes:
+        geometry: For kernels.
+        vertices: Current positions.  [V] vec3
+        tets: Vertex ids.  [T] vec4i
+        boundary_faces: Vertex ids, in NumPy.  [B, 3]
+        revision: Counts the changes of the vertices.
+    """
+
+    def __init__(self, mesh: TetMesh, neighbours, device):
+        self.device = wp.get_device(device)
+        faces, behind = boundary_faces(mesh.tets, neighbours)
+        self.boundary_faces, self.revision = faces, 0
+        rest_edges = np.swapaxes(
+            mesh.rest_vertices[mesh.tets[:, 1:]] - mesh.rest_vertices[mesh.tets[:, :1]], 1, 2
+        )
+        with wp.ScopedDevice(self.device):
+            self.vertices = wp.array(mesh.rest_vertices.astype(np.float32), dtype=wp.vec3)
+            self.tets = wp.array(mesh.tets, dtype=wp.vec4i)
+            self._rest_edges = wp.array(rest_edges.astype(np.float32), dtype=wp.mat33)
+            self._rest_edges_inverse = wp.array(
+                np.linalg.inv(rest_edges).astype(np.float32), dtype=wp.mat33
+            )
+            # wp.Mesh owns its points: refit reads what set_vertices copied into them.
+            self._boundary = wp.Mesh(
+                points=wp.clone(self.vertices), indices=wp.array(faces.ravel(), dtype=int)
+            )
+            self._face_boxes, self._face_boxes_revision = None, 0
+            self._lowers = wp.empty(len(faces), dtype=wp.vec3)
+            self._uppers = wp.empty(len(faces), dtype=wp.vec3)
+            geometry = self.geometry = Geometry()
+            geometry.vertices = self.vertices
+            geometry.faces = wp.array(faces, dtype=wp.vec3i)
+            geometry.boundary = self._boundary.id
+            geometry.boundary_tets = wp.array(behind, dtype=int)
+            geometry.links = wp.array(links(neighbours), dtype=wp.vec4i)
+            geometry.rows = wp.empty(3 * mesh.tet_count, dtype=wp.vec4)
+            geometry.shapes = wp.empty(2 * mesh.tet_count, dtype=wp.vec4)
+            geometry.rotations = wp.empty(mesh.tet_count, dtype=wp.mat33)
+            geometry.mirrored_count = wp.zeros(1, dtype=int)
+        self.set_vertices(self.vertices)
+
+    def set_vertices(self, vertices):
+        """Take new positions: an array [V, 3] or a wp.array of vec3 on the device.
+
+        Raises:
+            ValueError: There are more or fewer of them than vertices.
+        """
+        if not isinstance(vertices, wp.array):
+            vertices = np.ascontiguousarray(vertices, np.float32)
+            vertices = wp.array(vertices, dtype=wp.vec3, device=self.device)
+        if vertices.shape != self.vertices.shape:
+            raise ValueError(
+                f"the mesh has {len(self.vertices)} vertices, {len(vertices)} were given"
+            )
+        if vertices.ptr != self.vertices.ptr:
+            wp.copy(self.vertices, vertices)
+        wp.copy(self._boundary.points, vertices)
+        self._boundary.refit()
+        self.revision += 1
+        geometry = self.geometry
+        geometry.mirrored_count.zero_()
+        wp.launch(
+            tet_frames_kernel,
+            dim=len(self.tets),
+            inputs=[self.tets, self.vertices, self._rest_edges, self._rest_edges_inverse],
+            outputs=[
+                geometry.rows,
+                geometry.shapes,
+                geometry.rotations,
+                geometry.mirrored_count,
+            ],
+            device=self.device,
+        )
+
+    def refresh_face_boxes(self) -> None:
+        """Bring the BVH `geometry.face_boxes` up to date; only some ways of rendering need it."""
+        if self._face_boxes_revision == self.revision:
+            return
+        self._face_boxes_revision = self.revision
+        wp.launch(
+            face_boxes_kernel,
+            dim=len(self._lowers),
+            inputs=[self.geometry],
+            outputs=[self._lowers, self._uppers],
+            device=self.device,
+        )
+        if self._face_boxes is None:
+            self._face_boxes = wp.Bvh(self._lowers, self._uppers)
+            self.geometry.face_boxes = self._face_boxes.id
+        else:
+            self._face_boxes.refit()
