@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import constraints
+from deformrf.core.deform.frame import reference
 from deformrf.core.geometry import a15_grid, signed_volumes
 
 UNIT_TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
@@ -89,7 +90,7 @@ def test_volume_gradients_are_differences_of_volume():
 
 
 def test_fallback_directions_are_unit_vectors_without_a_preference():
-    directions = constraints.fallback_directions(np.arange(20_000))
+    directions = reference.fallback_directions(np.arange(20_000))
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
     np.testing.assert_allclose(directions.mean(axis=0), 0.0, atol=0.02)
     np.testing.assert_allclose(directions.T @ directions / 20_000, np.eye(3) / 3, atol=0.02)
@@ -97,14 +98,14 @@ def test_fallback_directions_are_unit_vectors_without_a_preference():
 
 def test_projections_keep_momentum():
     vertices, w, ends, lengths, regularization = random_edges(100)
-    moved = constraints.project_edges(
+    moved = reference.project_edges(
         vertices, w, ends, lengths, regularization, np.arange(len(ends))
     )
     others = np.setdiff1d(np.arange(len(w)), ends[(w[ends] > 0).all(axis=1)])
     check_momentum(vertices, moved, w, others)
 
     vertices, w, tets, volumes, regularization = random_tets(100)
-    moved = constraints.project_volumes(vertices, w, tets, volumes, regularization)
+    moved = reference.project_volumes(vertices, w, tets, volumes, regularization)
     others = np.setdiff1d(np.arange(len(w)), tets[(w[tets] > 0).all(axis=1)])
     check_momentum(vertices, moved, w, others)
 
@@ -122,14 +123,14 @@ def check_momentum(vertices, moved, w, others):
 def test_without_compliance_one_projection_restores_an_edge():
     vertices, w, ends, lengths, _ = random_edges(50)
     free = (w[ends] > 0).any(axis=1)
-    moved = constraints.project_edges(vertices, w, ends, lengths, 0.0, np.arange(len(ends)))
+    moved = reference.project_edges(vertices, w, ends, lengths, 0.0, np.arange(len(ends)))
     length = np.linalg.norm(moved[ends[:, 0]] - moved[ends[:, 1]], axis=1)
     np.testing.assert_allclose(length[free], lengths[free])
 
 
 def test_a_volume_projection_moves_no_vertex_too_far():
     vertices, w, tets, volumes, regularization = random_tets(200)
-    moved = constraints.project_volumes(vertices, w, tets, volumes, regularization)
+    moved = reference.project_volumes(vertices, w, tets, volumes, regularization)
     longest = np.linalg.norm((moved - vertices)[tets], axis=-1).max(axis=1)
     limit = constraints.STEP_LIMIT * np.cbrt(volumes)
     assert (longest <= limit * (1 + 1e-9)).all()

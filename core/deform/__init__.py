@@ -14,10 +14,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "volume_constraints",
             "volume_gradients",
         ],
-        "feedback": ["kernel_modules"],
         "handles": ["control_vertices", "falloff", "lowest_pins", "vertices_within"],
         "material": ["LOWEST_POISSON_RATIO", "Material", "PRESETS"],
-        "xpbd": ["XpbdSolver"],
+        "xpbd": ["XpbdSolver", "kernel_modules"],
         "xpbd_options": ["TIME_STEP", "XpbdOptions"],
     },
 )

@@ -1,9 +1,9 @@
 """Extra edges that make hinges stiff.
 
-A mesh that was cut from a grid by occupancy has tets that hang on the rest by one edge or
-one vertex.  Nothing holds such a part at its angle: after a drag it would stay turned.
-Two tets that share a vertex but aren't connected through faces are therefore braced,
-every corner of one to every corner of the other.
+A mesh that was cut from a grid by occupancy has tets that are joined to the rest by one edge
+or one vertex only.  No edge length resists their rotation there: after a drag they would stay
+turned.  So two tets that share a vertex but aren't connected through faces get braces, edges
+from every corner of one to every corner of the other.
 
 Shapes: V vertices, T tets, B braces.
 """
@@ -31,7 +31,7 @@ def hinge_braces(tets):
             if labels[one] != labels[other]:
                 pairs = product(tets[one].tolist(), tets[other].tolist())
                 braces.update((min(pair), max(pair)) for pair in pairs if pair[0] != pair[1])
-    if not braces:  # as with most meshes: spare them a set of all edges
+    if not braces:  # as with most meshes, which then need no set of all edges
         return np.empty((0, 2), np.int64)
     braces -= set(map(tuple, np.sort(tets[:, EDGES].reshape(-1, 2), axis=1).tolist()))
     return np.array(sorted(braces), np.int64).reshape(-1, 2)

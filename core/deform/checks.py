@@ -1,33 +1,32 @@
-"""What a caller hands to the solver: right shapes and finite numbers, or a sentence.
+"""Checks of what a caller hands to the solver.  Each raises a ValueError that says what to do.
 
 Shapes: V vertices, K handles, C constraints.
 """
 
+import math
+
 import numpy as np
 
-FARTHEST = 1e9  # m, m/s; the products of four lengths have to fit into float32
+FARTHEST = 1e9  # m and m/s; products of four lengths have to fit into float32
 
 
-def pin_mask(mask, vertex_count):
-    """A copy.  [V] bool
+def number(what, value, positive=False):
+    """Check a number: finite, and 0 or more, or positive."""
+    if not (math.isfinite(value) and value >= 0.0) or (positive and value == 0.0):
+        wanted = "a positive number" if positive else "0 or more"
+        raise ValueError(f"the {what} is {value}; give {wanted}")
 
-    Raises:
-        ValueError: It has another shape.
-    """
-    mask = np.array(mask, bool)
-    if mask.shape != (vertex_count,):
-        raise ValueError(
-            f"the pin mask has shape {mask.shape}; the mesh has {vertex_count} vertices"
-        )
-    return mask
+
+def per_vertex(values, vertex_count, what, dtype=float):
+    """A copy as an array.  [V]"""
+    values = np.array(values, dtype)
+    if values.shape != (vertex_count,):
+        raise ValueError(f"{what} of shape {values.shape}; the mesh has {vertex_count} vertices")
+    return values
 
 
 def vectors(values, count, what, of):
-    """Float32, none of them beyond FARTHEST.  [count, 3]
-
-    Raises:
-        ValueError: They have another shape, or one is NaN or infinite.
-    """
+    """Finite float32 vectors, clipped to FARTHEST.  [count, 3]"""
     values = np.asarray(values, np.float32)
     if values.shape != (count, 3):
         raise ValueError(f"the {what}s have shape {values.shape}; there are {count} {of}s")
@@ -38,16 +37,8 @@ def vectors(values, count, what, of):
 
 
 def masses(values, vertex_count):
-    """Float64.  [V]
-
-    Raises:
-        ValueError: They have another shape, or one is negative, NaN or infinite.
-    """
-    values = np.asarray(values, float)
-    if values.shape != (vertex_count,):
-        raise ValueError(
-            f"the masses have shape {values.shape}; the mesh has {vertex_count} vertices"
-        )
+    """Masses of 0 or more, in float64.  [V]"""
+    values = per_vertex(values, vertex_count, "masses")
     wrong = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0)))
     if len(wrong):
         raise ValueError(f"vertex {wrong[0]} has a mass of {values[wrong[0]]} kg; give 0 or more")
@@ -55,15 +46,7 @@ def masses(values, vertex_count):
 
 
 def compliances(values, count, what):
-    """One per constraint.  [C] float64
-
-    Args:
-        values: [C] or a number
-        what: The constraints, as the message names them.
-
-    Raises:
-        ValueError: They have another shape, or one is negative or NaN.
-    """
+    """A number or an array, as one compliance of 0 or more for each constraint.  [C] float64"""
     values = np.asarray(values, float)
     if values.shape not in ((), (count,)):
         raise ValueError(f"compliances of shape {values.shape} for {count} {what}")
@@ -74,11 +57,7 @@ def compliances(values, count, what):
 
 
 def handles(ids, vertex_count):
-    """[K] int
-
-    Raises:
-        ValueError: There is no such vertex.
-    """
+    """Ids of vertices that exist.  [K] int"""
     ids = np.asarray(ids, np.int64).reshape(-1)
     if len(ids) and not (0 <= ids.min() and ids.max() < vertex_count):
         raise ValueError(
@@ -88,11 +67,7 @@ def handles(ids, vertex_count):
 
 
 def springs(stiffness, force_limit, handle_count):
-    """Stiffness [N/m] and force limit [N] of each handle.  [K, 2]
-
-    Raises:
-        ValueError: One isn't positive, or a stiffness is infinite.
-    """
+    """Stiffness [N/m], finite, and force limit [N] of each handle, both positive.  [K, 2]"""
     springs = np.empty((handle_count, 2))
     springs[:, 0], springs[:, 1] = stiffness, force_limit
     if not (np.isfinite(springs[:, 0]).all() and (springs > 0.0).all()):

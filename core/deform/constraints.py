@@ -1,25 +1,22 @@
-"""Edge-length and tet-volume constraints: one XPBD projection of each.
+"""Edge-length and tet-volume constraints: their vertices, rest values and compliances.
 
-A substep of length h solves every constraint once, from multiplier 0, so no multiplier is
-stored.  With compliance α, inverse masses w and gradients g_i = ∂C/∂x_i
+A substep of length h projects every constraint once, from multiplier 0, so no multiplier is
+stored (XPBD, Macklin 2016, eq. 18; n substeps of one iteration, Macklin 2019).  With
+compliance α, inverse masses w and gradients g_i = ∂C/∂x_i
 
     Δλ = −C / (Σ w_i |g_i|² + a),   x_i += w_i Δλ g_i,   a = max(α/h², r_min · w̄)
 
     edge:   C = |x_i − x_j| − L,   α = 1/k_e,    k_e = 15 μ f V_e / L²,   w̄ = w_i + w_j
     volume: C = 6 (V − V0),        α = 36 V0 / K,  w̄ = Σ w_i |g_i|² at rest
+    spring: C = |x_i − target|,    α = 1/k, with a force of at most F
 
-(XPBD, Macklin 2016, eq. 18; n substeps of one iteration, Macklin 2019.)  The floor
-r_min · w̄ keeps a stiff system from tangling.  An edge of no length takes a fixed
-pseudo-random direction, or a collapsed body would never open again.  The factor f makes
-a lattice equally stiff in all directions (isotropy.py).  A volume
-projection moves no vertex farther than STEP_LIMIT · (6 V0)^(1/3).
+The floor r_min · w̄ keeps a stiff system from tangling.  An edge of length 0 takes a fixed
+pseudo-random direction; without it a collapsed body would never open.  The factor f makes a
+lattice equally stiff in all directions (isotropy.py).  A volume projection moves no vertex
+farther than STEP_LIMIT · (6 V0)^(1/3).
 
-In float32 a position x is the vertex at the frame's start plus a small delta d, and a
-difference x_i − x_j is its span at the frame's start plus d_i − d_j.  With x itself the
-roundings of 20 substeps shake a resting body by 0.2 % of its size, for ever (measured).
-
-Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and
-[m⁴/kg] for volumes.  Shapes: V vertices, E edges, T tets, both sorted by color.
+Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and springs,
+[m⁴/kg] for volumes.  Shapes: V vertices, E edges, T tets, both sorted by color, K handles.
 """
 
 from dataclasses import dataclass
@@ -32,10 +29,9 @@ from .isotropy import edge_factors
 
 COMPLIANCE_FLOOR = 0.05  # r_min
 STEP_LIMIT = 0.5
-SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for what belongs to flat tets alone
+SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
 BRACE_VOLUME = 0.25  # V_e of a brace, in means over edges; a hinge has many braces
-COLLAPSED = 1e-12  # of L; a shorter edge has no direction of its own
-
+COLLAPSED = 1e-12  # of L; a shorter edge counts as one of length 0
 NO_SPRING = -1.0  # in place of a, which is never negative
 UNLIMITED = 3e38  # a longest move that no spring reaches
 
@@ -111,7 +107,7 @@ def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
     volumes = np.bincount(edge_of.ravel(), weights=shares, minlength=len(ends))
     if not volumes.any():
         raise ValueError(f"no tet has a volume; all {len(tets)} are flat")
-    # An edge between flat tets alone would have no stiffness at all.
+    # An edge between flat tets alone would have no stiffness.
     volumes = np.maximum(volumes, SMALLEST_SHARE * volumes.mean())
     factors = edge_factors(np.linalg.norm(np.diff(rest_vertices[ends], axis=1)[:, 0], axis=1))
     braces = hinge_braces(tets)
@@ -138,11 +134,19 @@ def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
     )
 
 
-def lumped_masses(rest_vertices, tets, density):
-    """A quarter of each tet's mass to each of its corners, kg.  [V]
+def volume_gradients(vertices, tets):
+    """∂(6V)/∂x_i.  [T, 4, 3]"""
+    origin, *others = (vertices[tets[:, i]] for i in range(4))
+    a, b, c = (corner - origin for corner in others)
+    outer = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    return np.concatenate([-outer.sum(axis=1, keepdims=True), outer], axis=1)
 
-    A vertex without a tet has no mass; one of flat tets alone has little, or it would
-    stay where it is and pin what is joined to it.
+
+def lumped_masses(rest_vertices, tets, density):
+    """A quarter of each tet's mass to each of its corners [kg].  [V]
+
+    A vertex without a tet has no mass.  A vertex of flat tets alone has a small one: without
+    mass it would be kinematic and pin its neighbors.
     """
     shares = np.repeat(density * np.abs(signed_volumes(rest_vertices, tets)) / 4.0, 4)
     masses = np.bincount(tets.ravel(), weights=shares, minlength=len(rest_vertices))
@@ -163,70 +167,3 @@ def spring_coefficients(stiffness, force_limit, inverse_masses, substep):
     longest = inverse_masses * np.minimum(force_limit, UNLIMITED) * substep**2
     longest = np.minimum(longest, UNLIMITED)
     return np.stack(np.broadcast_arrays(a, longest), axis=-1)
-
-
-def volume_gradients(vertices, tets):
-    """∂(6V)/∂x_i.  [T, 4, 3]"""
-    origin, *others = (vertices[tets[:, i]] for i in range(4))
-    a, b, c = (corner - origin for corner in others)
-    outer = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
-    return np.concatenate([-outer.sum(axis=1, keepdims=True), outer], axis=1)
-
-
-def fallback_directions(ids):
-    """A fixed pseudo-random unit vector for each edge id.  [E, 3]"""
-    bits = (ids.astype(np.uint32) + np.uint32(1)) * np.uint32(2654435761)
-    bits ^= bits >> np.uint32(16)
-    bits *= np.uint32(2246822519)
-    bits ^= bits >> np.uint32(13)
-    z = (bits & np.uint32(0xFFFF)) / 32768.0 - 1.0
-    angle = (bits >> np.uint32(16)) * (2.0 * np.pi / 65536.0)
-    ring = np.sqrt(1.0 - z * z)
-    return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
-
-
-def project_edges(vertices, inverse_masses, ends, rest_lengths, regularization, ids):
-    """Positions after the edges of one color were projected.  [V, 3]
-
-    Args:
-        regularization: a.  [E]
-        ids: Where each edge stands in the sorted list.  [E]
-    """
-    first, second = ends[:, 0], ends[:, 1]
-    w = inverse_masses[first] + inverse_masses[second]
-    along = vertices[first] - vertices[second]
-    length = np.linalg.norm(along, axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        direction = np.where(
-            (length > COLLAPSED * rest_lengths)[:, None],
-            along / length[:, None],
-            fallback_directions(ids),
-        )
-        multiplier = (rest_lengths - length) / (w + regularization)
-    move = np.where(w > 0, multiplier, 0.0)[:, None] * direction
-    moved = vertices.copy()
-    moved[first] += inverse_masses[first, None] * move
-    moved[second] -= inverse_masses[second, None] * move
-    return moved
-
-
-def project_volumes(vertices, inverse_masses, tets, rest_volumes, regularization):
-    """Positions after the tets of one color were projected.  [V, 3]
-
-    Args:
-        rest_volumes: 6 V0.  [T]
-        regularization: a.  [T]
-    """
-    gradients = volume_gradients(vertices, tets)
-    w = inverse_masses[tets]
-    squared = (gradients**2).sum(-1)
-    constraint = 6.0 * signed_volumes(vertices, tets) - rest_volumes
-    with np.errstate(invalid="ignore", divide="ignore"):
-        multiplier = -constraint / ((w * squared).sum(1) + regularization)
-    multiplier[~(w > 0).any(axis=1)] = 0.0
-    longest = np.abs(multiplier) * (w * np.sqrt(squared)).max(1)
-    limit = STEP_LIMIT * np.cbrt(rest_volumes)
-    multiplier *= np.minimum(1.0, limit / np.maximum(longest, 1e-300))
-    moved = vertices.copy()
-    moved[tets] += multiplier[:, None, None] * w[:, :, None] * gradients
-    return moved

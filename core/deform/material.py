@@ -1,8 +1,8 @@
 """What an object is made of, in SI units, and the stiffnesses that constraints take from it.
 
-A network of springs with k_e L²/V_e = 15 μ on every edge is, averaged over directions, an
-isotropic solid with Lamé constants λ = μ, that is Poisson's ratio 1/4; volume constraints
-of bulk modulus K = λ − μ ≥ 0 add the rest.
+Averaged over directions, a network of springs with k_e L²/V_e = 15 μ on every edge is an
+isotropic solid with Lamé constants λ = μ, that is, with Poisson's ratio 1/4.  Volume
+constraints of bulk modulus K = λ − μ ≥ 0 add the rest.
 
     E Young's modulus [Pa], ν Poisson's ratio, μ = E / (2 (1 + ν)) [Pa]
     λ = E ν / ((1 + ν)(1 − 2ν)) [Pa], K [Pa]
@@ -12,6 +12,7 @@ import math
 import warnings
 from dataclasses import dataclass
 
+from . import checks
 from .constraints import COMPLIANCE_FLOOR
 
 LOWEST_POISSON_RATIO = 0.25
@@ -19,16 +20,20 @@ LOWEST_POISSON_RATIO = 0.25
 
 @dataclass(frozen=True)
 class Material:
-    """An elastic solid.  Model space is one metre wide.
+    """An elastic solid.  Model space is one meter wide.
 
     The default is stiff enough that a thin neck straightens again within a few seconds,
-    and just soft enough for 30 substeps to hold its stiffness on a grid of edge 0.045.
+    and soft enough that 30 substeps hold its stiffness on a grid of edge 0.045.
 
     Attributes:
         young_modulus: E [Pa].
-        poisson_ratio: ν, below 1/2.  Below 1/4 springs and volumes can't follow; 1/4 is held.
+        poisson_ratio: ν, below 1/2.  Springs and volume constraints can't represent a ratio
+            below 1/4; 1/4 is held instead, with a warning.
         density: Mass per rest volume [kg/m³].
-        damping: Rate at which all velocities decay [1/s], whatever the substeps.
+        damping: Rate at which all velocities decay [1/s], independent of the substeps.
+
+    Raises:
+        ValueError: A value is out of range.
     """
 
     young_modulus: float = 5e5
@@ -37,18 +42,15 @@ class Material:
     damping: float = 3.0
 
     def __post_init__(self):
-        for name in ("young_modulus", "density"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"the material's {name} is {value}; give a positive number")
+        checks.number("material's young_modulus", self.young_modulus, positive=True)
+        checks.number("material's density", self.density, positive=True)
+        checks.number("material's damping", self.damping)
         if not -1.0 < self.poisson_ratio < 0.5:
             raise ValueError(f"Poisson's ratio is {self.poisson_ratio}; give one in (-1, 0.5)")
-        if not (math.isfinite(self.damping) and self.damping >= 0.0):
-            raise ValueError(f"the damping is {self.damping} per second; give 0 or more")
         if self.poisson_ratio < LOWEST_POISSON_RATIO:
             warnings.warn(
                 f"Poisson's ratio {self.poisson_ratio} is below {LOWEST_POISSON_RATIO}, "
-                f"which springs can't follow; {LOWEST_POISSON_RATIO} is held instead",
+                f"which springs can't represent; {LOWEST_POISSON_RATIO} is held instead",
                 stacklevel=3,
             )
 
@@ -64,7 +66,7 @@ class Material:
 
     @property
     def bulk_modulus(self) -> float:
-        """K = λ − μ [Pa], what volume constraints add; 0 means that there are none."""
+        """K = λ − μ [Pa] of the volume constraints; 0 means that there are none."""
         ratio = self.held_poisson_ratio
         # λ − μ = μ (4ν − 1) / (1 − 2ν), which is exactly 0 at 1/4.
         return self.shear_modulus * (4.0 * ratio - 1.0) / (1.0 - 2.0 * ratio)
@@ -72,9 +74,10 @@ class Material:
     def young_modulus_at(self, stiffness_ratio: float) -> float:
         """The E that a load meets at r = α/(w h²) [Pa]: E r / (max(r, r_min) + c).
 
-        One projection a substep acts like a compliance of α + c w h², so that for large r a
-        share of about c/r of E is lost.  Columns of A15 under loads from two sides have c = 0.3
-        at ν = 1/4, 0.35 at 0.35 and 0.55 at 0.45, each ± 0.1 for r from 0.05 to 50 (measured).
+        One projection a substep acts like a compliance of α + c w h², so for large r the
+        body loses a share of about c/r of E.  Columns of A15 under loads from two sides have
+        c = 0.3 at ν = 1/4, 0.35 at 0.35 and 0.55 at 0.45, each ± 0.1 for r from 0.05 to 50
+        (measured).
         """
         floored = max(stiffness_ratio, COMPLIANCE_FLOOR)
         return self.young_modulus * stiffness_ratio / (floored + self.softening)

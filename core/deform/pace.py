@@ -1,29 +1,29 @@
-"""How many threads a frame is worth on a CPU, found out while it runs."""
+"""How many threads run a frame on a CPU, measured while frames run."""
 
 from ..device import thread_count
 
 MOST_THREADS = 8
-TETS_PER_THREAD = 2000  # fewer aren't worth the barriers
-TRIAL = 3  # frames with another number of threads, to see which is faster
+TETS_PER_THREAD = 2000  # with fewer, barriers cost more than a thread saves
+TRIAL = 3  # frames with the other number of threads, to compare
 FIRST_PAUSE, LONGEST_PAUSE = 120, 4000  # frames between trials
 
 
 class Pace:
-    """How many threads are faster here and now: one, or as many as there may be.
+    """Chooses the faster of two numbers of threads: one, or the limit.
 
-    Threads wait for each other about 40 times a substep.  Where something else keeps a
-    core busy, each of those times may cost a time slice, and one thread is faster.
+    Threads wait for each other about 40 times a substep.  Where another program keeps a
+    core busy, each wait may cost a time slice, and one thread is faster.
     """
 
     def __init__(self, limit: int):
         self._limit = limit
         self.thread_count = limit
-        self._seconds = {1: [], limit: []}  # of a substep, in the newest trial of each
+        self._seconds = {1: [], limit: []}  # per substep, in the newest trial of each
         self._frames = 0  # with this number of threads since the last trial
         self._pause = FIRST_PAUSE
 
     def note(self, seconds: float) -> None:
-        """A frame took so long, per substep; the number of threads may be another now."""
+        """Take a frame's time per substep; `thread_count` may change."""
         if self._limit == 1:
             return
         times = self._seconds[self.thread_count]
@@ -48,5 +48,5 @@ class Pace:
 
 
 def thread_limit(tet_count: int) -> int:
-    """How many threads a mesh is worth on this machine."""
+    """The largest number of threads that a mesh may use on this machine."""
     return max(1, min(thread_count(), tet_count // TETS_PER_THREAD, MOST_THREADS))

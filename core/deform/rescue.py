@@ -1,21 +1,24 @@
-"""When a tangled part of a mesh is taken back to its shape, and where to.
+"""When a tangled part of a mesh is taken back to its rest shape, and where to.
 
 Edge lengths can't tell a tet from its mirror image, and positive volumes can't tell one
-sheet around an edge from two (tangles.py): both can be minima of the energy, at every
-stiffness.  If something stays tangled for PATIENCE while nothing is grabbed, the solver
-first runs for SOFTENING with every constraint at r = a/w̄ = RATIO, volumes on, whatever the
-material: that frees most tangles and keeps what the object was doing.  What is tangled
-still goes around the constraints: its part moves straight, within DURATION, to its rest
-shape where it is and as it is turned, and is let go there at rest.  What pins hold
-elsewhere then pulls on an untangled body.  If that, or its weight, tangles it TRIES times
-within FORGET of each other, it is left alone until the user does something.
+sheet around an edge from two (tangles.py).  Both states can be minima of the energy at every
+stiffness.  The solver therefore rescues a part that stays tangled for PATIENCE while nothing
+is grabbed:
+
+1.  For SOFTENING it runs with every constraint at r = a/w̄ = RATIO and with volumes on,
+    whatever the material.  That frees most tangles and keeps the object's motion.
+2.  Parts that are still tangled after it bypass the constraints: their vertices move
+    straight to their goals within DURATION, and are released there at rest.
 
     goal_i = R (X_i − X̄) + x̄,   R the proper rotation that minimizes Σ m_i |goal_i − x_i|²
 
-(Kabsch 1976; as in shape matching, Müller et al., "Meshless Deformations Based on Shape
-Matching", 2005.)  Held vertices count HELD times as much as free ones.
+The goal is the rest shape in the part's present position and rotation (Kabsch 1976; used as
+in shape matching, Müller et al., "Meshless Deformations Based on Shape Matching", 2005).
+Held vertices weigh HELD times as much as free ones, and pull the released, untangled body to
+them.  If a part tangles again, by its pins or its weight, TRIES times within FORGET of each
+other, the solver leaves it alone until the user does something.
 
-Times are simulated seconds.  Shapes: V vertices, P parts.
+Times are simulated seconds.  Shapes: V vertices, P parts (connected components).
 """
 
 import numpy as np
@@ -31,21 +34,20 @@ HELD = 1e6
 
 
 class Rescue:
-    """Watches how many tangles each part has.
+    """Decides what is done about the tangles that it is told of.
 
     Attributes:
-        counts: Inverted tets and wrapped edges, as last counted [P]; None since the user
-            did something.
-        ratio: The r that all constraints shall have in this frame; None for the material's.
-        parts: Those that go around the constraints [P] bool; None while none does.
-        progress: How much of the way shall be done by the end of this frame, 0 to 1.
+        counts: Tangles of each part when last counted [P]; None since the user did something.
+        ratio: The r of all constraints in this frame; None for the material's.
+        parts: Those that bypass the constraints [P] bool; None if none does.
+        progress: The share of their way that is done at the end of this frame, 0 to 1.
     """
 
     def __init__(self):
         self.touch()
 
     def touch(self):
-        """The user did something: what was found out before doesn't hold any more."""
+        """The user did something: forget all counts and tries."""
         self.counts = self.parts = self.ratio = None
         self._is_news = False
         self._tangled_for = self._sound_for = 0.0
@@ -69,68 +71,63 @@ class Rescue:
 
     @property
     def given_up(self) -> bool:
-        """Whether something is tangled, and all tries are used up."""
+        """Whether something is tangled and all tries are used up."""
         tangled = self.counts is not None and bool(self.counts.any())
         return tangled and self._tries >= TRIES and not self.running
 
     @property
     def may_sleep(self) -> bool:
-        """Whether there is nothing left to do or to find out."""
+        """Whether the solver may sleep: no try is under way or to come, and tangles are known."""
         if self.running or self.counts is None:
             return False
         return self.given_up or not self.counts.any()
 
     def advance(self, dt: float) -> bool:
-        """A frame of dt begins, and nothing is grabbed; whether to count after it."""
+        """Begin a frame of dt in which nothing is grabbed; True to count tangles after it."""
         self._sound_for += dt
         if self._sound_for >= FORGET:
             self._tries = 0
-        if self.parts is not None and self.progress == 1.0:
-            self.parts = None
-            self._tangled_for = 0.0
-        elif self.ratio is not None and self._time >= SOFTENING - 1e-6:
-            self.ratio = None
+        softened = self.ratio is not None and self._time >= SOFTENING - 1e-6
+        returned = self.parts is not None and self.progress == 1.0
+        if softened or returned:
+            self.ratio = self.parts = None
             self._tangled_for = 0.0
         elif not self.running and self.counts is not None and self.counts.any():
-            # Only on fresh news: much can come right between two counts.
+            # Only on a new count: a part may have untangled itself since the last one.
             if self._is_news and self._tangled_for >= PATIENCE - 1e-6 and self._tries < TRIES:
                 self._begin()
             self._tangled_for += dt
         self._is_news = False
+        self._time += dt
+        if self.running:
+            self._since_count = COUNT_INTERVAL  # count as soon as the try is over
         if self.ratio is not None:
-            self._time += dt
-            self._since_count = COUNT_INTERVAL  # as soon as it is over
             return False
         if self.parts is not None:
-            self._time += dt
-            along = min(self._time / DURATION + 1e-6, 1.0)  # frames add up to it but for rounding
-            self.progress = along * along * (3.0 - 2.0 * along)
-            self._since_count = COUNT_INTERVAL  # as soon as it is over
+            share = min(self._time / DURATION + 1e-6, 1.0)  # 1e-6: frames add up with rounding
+            self.progress = share * share * (3.0 - 2.0 * share)
             return self.progress == 1.0
-        return self._count_is_due(dt)
-
-    def _begin(self):
-        self._tries += 1
-        self._time = 0.0
-        if self._tries == 1:
-            self.ratio = RATIO
-        else:
-            self.parts = self.counts > 0
-
-    def _count_is_due(self, dt):
         self._since_count += dt
         due = self._since_count >= COUNT_INTERVAL - 1e-6
         if due:
             self._since_count = 0.0
         return due
 
+    def _begin(self):
+        self._tries += 1
+        self._time = self.progress = 0.0
+        if self._tries == 1:
+            self.ratio = RATIO
+        else:
+            self.parts = self.counts > 0
+
 
 def goals(rest_vertices, vertices, held):
-    """Where the vertices of one part are at rest, if the part is moved but not bent.  [V, 3]
+    """The rest shape of one part, moved and turned to where the part is.  [V, 3]
 
     Args:
-        vertices: Now; those that aren't finite are left out.  [V, 3]
-        held: Vertices that shall stay where they are, as far as possible.  [V] bool
+        vertices: Current positions; those that aren't finite don't count.  [V, 3]
+        held: Vertices that should stay where they are, as far as possible.  [V] bool
     """
     known = np.isfinite(vertices).all(axis=1)
     if not known.any():
@@ -143,20 +140,30 @@ def goals(rest_vertices, vertices, held):
     return (rest_vertices - rest_middle) @ turn.T + middle
 
 
-def way_back(rest_vertices, vertices, part, held):
-    """Where the vertices of a part [V] bool that aren't held [V] bool are, and where they go.
+def ways_back(rest_vertices, vertices, held, part_of, parts):
+    """Where the free vertices of these parts ([P] bool) start and end.  2 × [V, 3]
 
-    Returns:
-        Both of its free vertices, in order.  What is lost begins where it goes.  2 x [N, 3]
+    A vertex whose position isn't finite starts at its goal; entries of others are copies of
+    `vertices`.
+
+    Args:
+        vertices: Current positions.  [V, 3]
+        held: [V] bool
+        part_of: [V]
     """
-    goal = goals(rest_vertices[part], vertices[part], held[part])[~held[part]]
-    start = vertices[part & ~held]
-    known = np.isfinite(start).all(axis=1, keepdims=True)
-    return np.where(known, start, goal), goal
+    start, goal = vertices.copy(), vertices.copy()
+    for part in np.flatnonzero(parts):
+        members = part_of == part
+        of_part = goals(rest_vertices[members], vertices[members], held[members])
+        free = members & ~held
+        goal[free] = of_part[~held[members]]
+        lost = free & ~np.isfinite(vertices).all(axis=1)
+        start[lost] = goal[lost]
+    return start, goal
 
 
 def distortion(rest_vertices, vertices) -> float:
-    """How far a vertex is, at most, from where it would be if all had moved as one.  [V, 3]"""
+    """The largest distance of a vertex to its place in a rigid motion of all.  [V, 3]"""
     if len(vertices) == 0:
         return 0.0
     away = goals(rest_vertices, vertices, np.zeros(len(vertices), bool)) - vertices

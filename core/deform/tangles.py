@@ -1,23 +1,27 @@
-"""Where a mesh is tangled: tets inside out, edges that tets wrap more than once or overlong.
+"""Where a mesh is tangled: inverted tets, and edges that tets wrap more than once.
 
-Around an edge the dihedral angles of its tets add up to 2π at most, in any pose that could
-be built.  A collapsed body can open again with every volume positive but 4π around a few
-edges, as the sheets of a Riemann surface lie around a branch point.  No projection leads
-out of that: the energy has a minimum there (Lipman, "Bijective Mappings of Meshes with
-Boundary and the Degree in Mesh Processing", 2014, for why both together say it all).
+Around an edge, the dihedral angles of its tets add up to 2π at most in any pose of a real
+body.  A collapsed body can open again with every volume positive and a sum of 4π around a
+few edges, like the sheets of a Riemann surface around a branch point.  The energy has a
+minimum there, so projections don't lead out of it.  Volumes and sums together detect every
+tangle (Lipman, "Bijective Mappings of Meshes with Boundary and the Degree in Mesh
+Processing", 2014).
 
-    θ = Σ over tets around an edge of atan2(|e × a × (e × b)|, (e × a)·(e × b))
+    θ = Σ over tets around an edge of atan2(|(e × a) × (e × b)|, (e × a)·(e × b))
 
-with e along the edge and a, b from its first end to the tet's two other corners.
+Here e is the vector along the edge, a and b those from its first end to the tet's two other
+corners.
 
-A body can also hang turned over at its pins, as an umbrella that the wind has turned, in
-balance for many seconds.  Edges more than STRETCH times as long as at rest say so, where
-neither weight nor pins explain them; who counts decides whether that is asked.
+A body can also hang turned over at its pins, like an umbrella that the wind has turned, and
+balance there for many seconds.  Its edges are then longer than STRETCH times their rest
+lengths.  That is a tangle only where neither weight nor pins can explain it, so the caller
+decides whether such edges count.
 
-Shapes: V vertices, T tets, E edges of tets, F = 6 T pairs of an edge and a tet, P parts.
+Shapes: V vertices, T tets, E edges of tets, F = 6 T pairs of an edge and a tet, P parts
+(connected components of the mesh).
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -28,20 +32,19 @@ from .constraints import UNLIMITED
 
 wp.set_module_options({"enable_backward": False})
 
-OTHERS = np.array([[2, 3], [1, 3], [1, 2], [0, 3], [0, 2], [0, 1]])  # the corners not in EDGES
+OTHERS = np.array([[2, 3], [1, 3], [1, 2], [0, 3], [0, 2], [0, 1]])  # corners not in EDGES
 SLACK = 0.2 * np.pi  # beyond 2π: a notch may close a little too far
 STRETCH = 2.0
 
 
-@dataclass(frozen=True)
-class Fans:
+class Fans(NamedTuple):
     """The tets around each edge.
 
     Attributes:
         ends: [E, 2] int32
         offsets: Edge e has the pairs offsets[e]:offsets[e + 1].  [E + 1] int32
         others: The corners of these tets that aren't ends.  [F, 2] int32
-        limits: The largest sum of angles that is no tangle.  [E]
+        limits: The largest θ that is no tangle.  [E]
         lengths: At rest.  [E]
     """
 
@@ -62,8 +65,7 @@ def fans(rest_vertices, tets) -> Fans:
     ends = pairs[order[begins]]
     others = tets[:, OTHERS].reshape(-1, 2)[order]
     at_rest = angle_sums(rest_vertices, ends, offsets, others)
-    # What is folded at rest may be as much.
-    limits = np.maximum(2.0 * np.pi, at_rest) + SLACK
+    limits = np.maximum(2.0 * np.pi, at_rest) + SLACK  # an edge may be wrapped at rest
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
     return Fans(*(a.astype(np.int32) for a in (ends, offsets, others)), limits, lengths)
 
@@ -89,7 +91,7 @@ def count_inverted_kernel(
     e1 = vertices[corners[1]] - origin
     e2 = vertices[corners[2]] - origin
     e3 = vertices[corners[3]] - origin
-    if not wp.dot(wp.cross(e1, e2), e3) > 0.0:  # what is not a number counts, too
+    if not wp.dot(wp.cross(e1, e2), e3) > 0.0:  # NaN counts as inverted
         wp.atomic_add(counts, 0, parts[corners[0]], 1)
 
 
@@ -101,7 +103,7 @@ def count_wrapped_kernel(
     others: wp.array(dtype=wp.vec2i),  # [F]
     limits: wp.array(dtype=float),  # [E]
     lengths: wp.array(dtype=float),  # [E]
-    stretch: float,  # the most that an edge may have of its length at rest
+    stretch: float,  # longer edges, in rest lengths, count too
     parts: wp.array(dtype=int),  # [V]
     counts: wp.array2d(dtype=int),  # [2, P] in and out
 ):
@@ -119,11 +121,10 @@ def count_wrapped_kernel(
 
 
 class TangleCounter:
-    """Counts on a device; a mesh's fans are made when they are first needed.
+    """Counts tangles on a device; the first count builds the mesh's fans.
 
     Attributes:
-        counts: Inverted tets and wrapped edges of each part, as last counted.  [2, P] int
-            on the device
+        counts: Inverted tets and wrapped edges of each part.  [2, P] int on the device
     """
 
     def __init__(self, rest_vertices, tets, parts, device):
@@ -136,19 +137,14 @@ class TangleCounter:
         self.counts = wp.zeros((2, int(parts.max()) + 1), dtype=int, device=device)
 
     def count(self, vertices, overlong=False):
-        """Count in this state ([V] vec3 on the device), overlong edges as wrapped ones."""
+        """Count in this state ([V] vec3 on the device); overlong edges as wrapped if asked for."""
         if self._fans is None:
-            made = fans(*self._mesh)
-            self._fans = (
-                upload(made.ends, wp.vec2i, self._device),
-                upload(made.offsets, int, self._device),
-                upload(made.others, wp.vec2i, self._device),
-                upload(made.limits, float, self._device),
-                upload(made.lengths, float, self._device),
-            )
+            dtypes = Fans(wp.vec2i, int, wp.vec2i, float, float)
+            pairs = zip(fans(*self._mesh), dtypes, strict=True)
+            self._fans = Fans(*(upload(array, dtype, self._device) for array, dtype in pairs))
         self.counts.zero_()
         inputs = [vertices, self._tets, self._parts, self.counts]
         wp.launch(count_inverted_kernel, len(self._tets), inputs, device=self._device)
         stretch = STRETCH if overlong else UNLIMITED
         inputs = [vertices, *self._fans, stretch, self._parts, self.counts]
-        wp.launch(count_wrapped_kernel, len(self._fans[0]), inputs, device=self._device)
+        wp.launch(count_wrapped_kernel, len(self._fans.ends), inputs, device=self._device)

@@ -1,7 +1,4 @@
-"""How the solver steps time, and what surrounds the object.
-
-Units: SI; z is up.
-"""
+"""How the solver steps time, and what surrounds the object.  SI units; z is up."""
 
 import math
 from dataclasses import dataclass
@@ -9,19 +6,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from . import checks
+
 TIME_STEP = 1.0 / 60.0  # s; XpbdOptions.substep_count is the number of substeps in it
-NO_GROUND = -3e38  # below every vertex; finite: fast arithmetic may ignore infinities
 LONGEST_STEPS = 6  # of TIME_STEP; in a longer step the substeps are longer, not more
+NO_GROUND = -3e38  # below every vertex; finite: fast arithmetic may ignore infinities
 
 
 class Timing(NamedTuple):
-    """What all vertices share, in the order of the kernels' array `timing`.
+    """The numbers that all vertices share, in the order of the kernels' array `timing`.
 
     Attributes:
         substep: h [s].
-        decay: exp(-δ h).
+        decay: exp(-δ h), δ the damping.
         speed_limit: v_max [m/s].
-        gravity_x, gravity_y, gravity_z: [m/s²]
+        gravity_x, gravity_y, gravity_z: g [m/s²].
         ground: Height z of the ground [m]; NO_GROUND if there is none.
         friction: Coulomb's coefficient on the ground.
     """
@@ -45,11 +44,14 @@ class XpbdOptions:
         gravity: g [m/s²].
         ground: Height of a ground that nothing falls through [m]; None for none.
         friction: Coulomb's coefficient on the ground.
-        speed_limit: v_max in object sizes per second; without it a release after an
+        speed_limit: v_max in object sizes per second.  Without a limit, the release after an
             extreme drag throws vertices through each other.
-        sleep_motion: In object sizes; a frame that moves no vertex farther is still.
-        sleep_frames: The solver sleeps after as many still frames.
-        rescue: Whether what stays tangled is taken back to its rest shape (rescue.py).
+        sleep_motion: In object sizes; a frame is still if no vertex moves farther in it.
+        sleep_frames: The solver sleeps after this many still frames.
+        rescue: Whether parts that stay tangled are taken back to their rest shape (rescue.py).
+
+    Raises:
+        ValueError: A value is out of range.
     """
 
     substep_count: int = 30
@@ -69,22 +71,19 @@ class XpbdOptions:
                 raise ValueError(f"{value} {words}; give a whole number from {least} on")
         if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
             raise ValueError(f"gravity is {self.gravity}; give three finite numbers")
-        for name in ("speed_limit", "sleep_motion"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ValueError(f"the {name.replace('_', ' ')} is {value}; give 0 or more")
         if self.ground is not None and not math.isfinite(self.ground):
             raise ValueError(f"the ground's height is {self.ground}; give a number, or None")
-        if not (math.isfinite(self.friction) and self.friction >= 0.0):
-            raise ValueError(f"the friction is {self.friction}; give 0 or more")
+        checks.number("speed limit", self.speed_limit)
+        checks.number("sleep motion", self.sleep_motion)
+        checks.number("friction", self.friction)
 
     def substeps(self, dt: float) -> int:
-        """n for a step of dt [s], so that h doesn't depend on the frame rate."""
+        """n for a step of dt [s].  It keeps h, and so the pose, independent of the frame rate."""
         count = round(dt / TIME_STEP * self.substep_count)
         return min(max(count, 1), LONGEST_STEPS * self.substep_count)
 
     def timing(self, dt: float, damping: float, object_size: float) -> Timing:
-        """What the kernels take of it, for steps of dt [s]."""
+        """The kernels' numbers for steps of dt [s]; damping [1/s], object_size [m]."""
         h = dt / self.substeps(dt)
         return Timing(
             h,

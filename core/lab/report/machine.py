@@ -20,7 +20,7 @@ from .parts import Section, Table
 
 PACKAGES = ("numpy", "warp-lang", "torch", "scipy", "pillow")
 SOURCE = Path(__file__).parents[2]  # what is measured, and what measures
-SUFFIXES = (".py", ".cpp", ".cu")
+SUFFIXES = (".py", ".cpp", ".cu", ".h")
 DIGITS = 16
 CPU_NAMES = Path("/proc/cpuinfo")
 GIB = 2**30

@@ -1,0 +1,100 @@
+"""Which vertices don't move freely: pins, handles, and the parts that a rescue takes back.
+
+Shapes: V vertices, K handles.
+"""
+
+import numpy as np
+import warp as wp
+
+from . import checks
+from .arrays import VertexArrays
+from .constraints import NO_SPRING, spring_coefficients
+
+
+class Holds:
+    """Keeps inverse masses, targets and springs on the device up to date.
+
+    Attributes:
+        pinned, rescued: [V] bool
+        handles: Vertex ids.  [K]
+        springs: Stiffness and force limit of each handle [K, 2]; None: handles are exact.
+        free_inverse_masses: w of vertices that nothing holds.  [V]
+        inverse_masses: w, 0 for kinematic vertices.  [V]
+    """
+
+    def __init__(self, pinned, state: VertexArrays):
+        self._state = state
+        self.pinned, self.rescued = pinned, np.zeros(len(pinned), bool)
+        self.free_inverse_masses = np.zeros(len(pinned))
+        self.handles, self.springs = np.empty(0, np.int64), None
+        self._targets = None  # of the handles, as last given to move()
+
+    def set_masses(self, masses):
+        """Take masses [kg]; a vertex of mass 0 stays where it is.  [V]"""
+        self._stop((masses == 0.0) & (self.free_inverse_masses > 0.0))
+        self.free_inverse_masses = np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
+        self._update()
+
+    def pin(self, mask):
+        """Pin these vertices, and free all others.  [V] bool"""
+        held_anew = mask & ~self.pinned
+        self.pinned = mask
+        self._targets = None  # freed vertices have not received the last ones
+        self._stop(held_anew)
+        self._update()
+
+    def grab(self, ids, stiffness, force_limit):
+        """Make these vertices [K] the handles; see XpbdSolver.grab."""
+        self.springs = (
+            None if stiffness is None else checks.springs(stiffness, force_limit, len(ids))
+        )
+        self.handles, self._targets = ids, None
+        held_anew = np.zeros(len(self.pinned), bool)
+        held_anew[ids] = True
+        self._stop(held_anew & ~self.pinned)
+        self._update()
+
+    def move(self, targets):
+        """Set the handles' targets.  [K, 3]"""
+        if self._targets is not None and np.array_equal(targets, self._targets):
+            return
+        self._targets = targets.copy()
+        free = ~self.pinned[self.handles]
+        if free.any():
+            self._state.targets[self._ids(self.handles[free])].assign(targets[free])
+
+    def set_rescued(self, mask):
+        """Make these vertices kinematic, and release those of the rescue before.  [V] bool"""
+        self.rescued = mask
+        self._update()
+
+    def set_positions(self, vertices):
+        """Everything is somewhere else: hold what is held there.  [V, 3]"""
+        self._state.anchors.assign(vertices)
+        self._state.targets.assign(vertices)
+        self._targets = None
+
+    def prepare_springs(self, substep):
+        """Update the springs' coefficients for substeps of this length [s]."""
+        if self.springs is not None:
+            springs = np.full((len(self.pinned), 2), (NO_SPRING, 0.0))
+            w = self.inverse_masses[self.handles]
+            springs[self.handles] = spring_coefficients(*self.springs.T, w, substep)
+            self._state.springs.assign(springs.astype(np.float32))
+
+    def _stop(self, held_anew):
+        """Let the targets of these vertices [V] bool be where the vertices are."""
+        if held_anew.any():
+            ids = self._ids(np.flatnonzero(held_anew))
+            for goals in (self._state.anchors, self._state.targets):
+                wp.copy(goals[ids], self._state.vertices[ids])
+
+    def _ids(self, ids):
+        return wp.array(ids, dtype=int, device=self._state.vertices.device)
+
+    def _update(self):
+        kinematic = self.pinned | self.rescued
+        if self.springs is None:
+            kinematic[self.handles] = True
+        self.inverse_masses = np.where(kinematic, 0.0, self.free_inverse_masses)
+        self._state.inverse_masses.assign(self.inverse_masses)
