@@ -1,16 +1,18 @@
 """deformrf-eval: the scores and files that it writes, and what it refuses."""
 
+import errno
 import json
 import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.commands import evaluate
+from deformrf.core.commands import INPUT_ERROR, evaluate
 from deformrf.core.field import modelfile
 
 
@@ -151,3 +153,72 @@ def test_a_command_says_one_sentence_and_nothing_else(data, tmp_path):
     run = subprocess.run(command, capture_output=True, text=True)
     assert (run.returncode, run.stdout) == (2, "")
     assert run.stderr == f"deformrf-eval: there is no model file at {tmp_path / 'no.npz'}\n"
+
+
+@pytest.mark.parametrize("name", ["report.json", "001_r_1.png"])
+def test_images_never_overwrite_a_file_of_another_program(call, data, model, name, refused):
+    """Such as the report of deformrf-report."""
+    path = data / "results" / name
+    path.parent.mkdir()
+    path.write_text('{"format": "deformrf-report", "sections": {}}')
+    before = path.read_bytes()
+    result = call(evaluate.main, model, data, "--device", "cpu", "--images", path.parent)
+    assert f"{path} exists and is not a file of deformrf-eval" in refused(result)
+    assert path.read_bytes() == before
+
+
+def test_scores_never_overwrite_the_data_set(call, data, model, refused):
+    path = data / "transforms_test.json"
+    before = path.read_bytes()
+    result = call(evaluate.main, model, data, "--device", "cpu", "--json", path)
+    assert f"{path} exists and is not a file of deformrf-eval" in refused(result)
+    assert path.read_bytes() == before
+
+
+def test_its_own_files_are_written_again(call, data, model, tmp_path):
+    flags = ("--device", "cpu", "--images", tmp_path / "a", "--json", tmp_path / "a.json")
+    for _ in range(2):
+        assert call(evaluate.main, model, data, *flags).code == 0
+
+
+def test_a_full_disk_costs_pictures_and_no_scores(call, data, model, tmp_path, monkeypatch):
+    def full_disk(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Image.Image, "save", full_disk)
+    flags = ("--device", "cpu", "--images", tmp_path / "a", "--json", tmp_path / "a.json")
+    result = call(evaluate.main, model, data, *flags)
+    assert result.code == INPUT_ERROR
+    picture = tmp_path / "a" / "000_r_0.png"
+    assert result.err.endswith(f"deformrf-eval: can't write {picture}: No space left on device\n")
+    assert "mean" in result.out
+    for path in (tmp_path / "a.json", tmp_path / "a" / "report.json"):
+        assert len(json.loads(path.read_text())["views"]) == 2
+    assert sorted(p.name for p in (tmp_path / "a").iterdir()) == ["report.json"]
+
+
+def test_scores_that_can_not_be_written_are_still_printed(call, data, model, tmp_path, monkeypatch):
+    def full_disk(self, *_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full_disk)
+    path = tmp_path / "a.json"
+    result = call(evaluate.main, model, data, "--device", "cpu", "--json", path)
+    assert (result.code, "mean" in result.out) == (INPUT_ERROR, True)
+    assert result.err.endswith(f"deformrf-eval: can't write {path}: No space left on device\n")
+    assert not path.exists()
+
+
+def test_a_plain_model_is_scored_without_torch(call, data, model, monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    assert call(evaluate.main, model, data, "--device", "cpu").code == 0
+
+
+def test_a_model_with_surroundings_needs_torch(call, field, data, tmp_path, monkeypatch, refused):
+    from deformrf.core.training.run.surroundings import random_surroundings
+
+    around = random_surroundings(np.array([[0.0] * 3, [1.0] * 3]))
+    modelfile.save(replace(field, surroundings=around), tmp_path / "m.npz")
+    monkeypatch.setitem(sys.modules, "torch", None)
+    result = call(evaluate.main, tmp_path / "m.npz", data, "--device", "cpu")
+    assert "torch, which trains models, is not installed: pip install deformrf" in refused(result)

@@ -1,14 +1,21 @@
 """deformrf-train: what it passes to training, what it writes, what it refuses."""
 
+import errno
 import json
+import re
+import shutil
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
+from PIL import Image
 
-from deformrf.core.commands import DIVERGED, INTERRUPTED, train
+from deformrf.core.commands import DIVERGED, INPUT_ERROR, INTERRUPTED, train
 from deformrf.core.field import modelfile
+from deformrf.core.render import look_at
 from deformrf.core.training import DatasetError, preset
+from deformrf.core.training.data import datasets
 from deformrf.core.training.options import LEAVE_OUT, PRESETS
 
 
@@ -187,3 +194,67 @@ def test_output_below_a_file_is_one_sentence(call, data, tmp_path, refused):
 
 def test_unknown_flags_exit_with_2(call):
     assert call(train.main, Path(), "-o", "m.npz", "--fast").code == 2
+
+
+def test_training_goes_on_without_scores_where_test_images_are_missing(
+    call, trainer, data, tmp_path
+):
+    shutil.rmtree(data / "test")
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert result.code == 0
+    assert "The model will not be scored: none of the 2 test images is there" in result.err
+    assert "test_mean" not in modelfile.load(tmp_path / "m.npz").meta
+
+
+def test_more_pixels_than_can_be_trained_on_are_refused_before_memory_is_taken(
+    call, trainer, tmp_path, monkeypatch, refused
+):
+    """26 photographs of 84 million pixels; the sentence says what fits."""
+    (tmp_path / "train").mkdir()
+    Image.new("1", (12000, 7000)).save(tmp_path / "train" / "r_0.png")
+    frames = [
+        {"file_path": "train/r_0", "transform_matrix": look_at((4, 0, i), (0, 0, 0)).tolist()}
+        for i in range(26)
+    ]
+    scene = {"camera_angle_x": 0.7, "frames": frames}
+    (tmp_path / "transforms_train.json").write_text(json.dumps(scene))
+    monkeypatch.setattr(datasets, "read_images", lambda *_: pytest.fail("memory is taken"))
+    sentence = refused(call(train.main, tmp_path, "-o", tmp_path / "m.npz", "--device", "cpu"))
+    assert "26 training images have 2.18 billion pixels together" in sentence
+    size = int(re.search(r"--image-size (\d+)", sentence)[1])
+    for longest, fits in ((size, True), (size + 1, False)):
+        width, height = datasets.shrunk_size((12000, 7000), longest)
+        assert (26 * width * height < 2**31) == fits
+
+
+def full_disk(*_, **__):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_leaves_the_checkpoint_and_says_so(call, trainer, data, tmp_path, monkeypatch):
+    monkeypatch.setattr(np, "savez", full_disk)
+    output, checkpoint_path = tmp_path / "m.npz", tmp_path / "m.checkpoint"
+    checkpoint_path.write_text("the run")
+    result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
+    assert result.code == INPUT_ERROR
+    assert result.err == (
+        f"deformrf-train: can't write {output}: No space left on device; the run is kept in "
+        f"{checkpoint_path}: make room, then add --resume\n"
+    )
+    assert checkpoint_path.read_text() == "the run"
+    assert not output.exists()
+
+
+def test_a_disk_that_fills_before_the_scores_are_written_leaves_the_model(
+    call, trainer, data, tmp_path, monkeypatch
+):
+    savez, output = np.savez, tmp_path / "m.npz"
+
+    def full_at_second(*arguments, **arrays):
+        return full_disk() if output.exists() else savez(*arguments, **arrays)
+
+    monkeypatch.setattr(np, "savez", full_at_second)
+    result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
+    assert result.code == INPUT_ERROR
+    assert "No space left on device; the file holds the model without its scores" in result.err
+    modelfile.load(output)

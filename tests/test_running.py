@@ -1,5 +1,8 @@
 """How commands end: exit codes, errors in one sentence, several processes."""
 
+import subprocess
+import sys
+
 import pytest
 
 from deformrf.core.commands import INPUT_ERROR, INTERRUPTED, evaluate, run, running, train
@@ -57,3 +60,41 @@ def test_help_lists_every_flag(call, command):
     assert result.code == 0
     for flag in ("--device", "--image-size"):
         assert flag in result.out
+
+
+@pytest.mark.parametrize(
+    "package, module, arguments",
+    [
+        ("torch", "commands.train", [".", "-o", "m.npz"]),
+        ("scipy", "lab.command", []),
+        ("matplotlib", "lab.command", []),
+        ("jinja2", "lab.command", []),
+    ],
+)
+def test_a_command_says_which_package_it_lacks(package, module, arguments, tmp_path):
+    """In a process of its own, as after an installation for viewing alone."""
+    program = (
+        "import sys\n"
+        "class Without:\n"
+        "    def find_spec(self, name, *_):\n"
+        f"        if name == {package!r}:\n"
+        "            raise ModuleNotFoundError(name=name)\n"
+        "sys.meta_path.insert(0, Without())\n"
+        f"from deformrf.core.{module} import main; main()"
+    )
+    command = [sys.executable, "-c", program, *arguments]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert (run.returncode, run.stdout) == (INPUT_ERROR, "")
+    assert run.stderr.count("\n") == 1
+    assert f"{package}, which " in run.stderr
+    assert run.stderr.endswith(
+        " is not installed: pip install deformrf (in a checkout: make venv)\n"
+    )
+
+
+def test_a_missing_module_of_the_program_itself_keeps_its_traceback():
+    def prepare():
+        import deformrf.core.no_such_module  # noqa: F401
+
+    with pytest.raises(ModuleNotFoundError):
+        run("deformrf-x", prepare)
