@@ -29,11 +29,7 @@ MAY_IMPORT = {
     "viewer": ["core"],
 }
 # Imports that still pass a room's door; each room empties its own.
-PAST_THE_DOOR = {
-    ("core.render.shading", "core.field.networks.reference"),
-    ("core.render.shading", "core.field.networks.mma"),
-    ("core.render.shading", "core.field.networks.triton"),
-}
+PAST_THE_DOOR = set()
 WINDOWING = ["moderngl", "pyglet", "imgui_bundle"]  # not in core: it runs without a display
 SLOW = {
     "torch",

@@ -29,15 +29,15 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         ],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
         "modelfile": ["load", "save"],
-        "networks.reference": [
+        "networks": [
             "BASIS_COUNT",
             "CONSTANT_BASIS",
             "GEOMETRY_FEATURES",
+            "TorchNetworks",
             "basis_of",
             "basis_vector",
+            "evaluator",
         ],
-        "networks.torch": ["Networks"],
-        "networks.triton": ["evaluator"],
         "occupancy": [
             "LEVELS",
             "SUBTET_COUNT",

@@ -12,7 +12,7 @@ import numpy as np
 from ..geometry import TetMesh
 from .encoding import FEATURES, Layout, encode_reference, make_layout
 from .grid import Surroundings
-from .networks import BASIS_COUNT, GEOMETRY_FEATURES, evaluate, spherical_harmonics
+from .networks import BASIS_COUNT, GEOMETRY_FEATURES, Layers, evaluate, spherical_harmonics
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,6 @@ class FieldOptions:
         table_size: Entries of a hashed level, T_h; a power of two.
         density_hidden: Widths of the density network's hidden layers.
         color_hidden: Widths of the color network's hidden layers.
-        density_activation: "relu" or "sigmoid" (the paper's).
         march_step: Δ, the rest length of a quadrature piece, in model units.
         view_dependence: Whether color depends on the direction; if not, the color network's
             weights for all but the constant spherical harmonic are zero.
@@ -36,13 +35,9 @@ class FieldOptions:
     table_size: int = 2**18
     density_hidden: tuple[int, ...] = (64,)
     color_hidden: tuple[int, ...] = (64, 64)
-    density_activation: str = "relu"
     march_step: float = 0.002
     view_dependence: bool = True
     dense_levels: bool = True
-
-
-Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
 
 
 @dataclass(frozen=True)
@@ -95,7 +90,7 @@ class TetField:
         features = encode_reference(
             self.mesh, self.layout, self.table.astype(np.float64), tet, bary
         )
-        return evaluate(features, spherical_harmonics(directions), *double, self.options)
+        return evaluate(features, spherical_harmonics(directions), *double)
 
 
 def layer_widths(options: FieldOptions):

@@ -1,8 +1,6 @@
 """What samples look like: features from the tables, density and color from the networks.
 
-On the CPU the networks are NumPy's, in blocks.  On CUDA they run in half precision on tensor
-cores (network_mma.py; for networks of other shapes Triton, if it is there); where float32 is
-asked for, torch does it, which takes seconds to import and so waits until then.
+The field's `evaluator` decides how the networks run on the device.
 
 Shapes: N packed samples, L levels.
 """
@@ -10,9 +8,16 @@ Shapes: N packed samples, L levels.
 import numpy as np
 import warp as wp
 
-from ..field import FEATURES, TetField, encode_kernel, make_tables, node_table, vec4h
-from ..field.networks import mma as network_mma
-from ..field.networks import reference as network
+from ..field import (
+    CONSTANT_BASIS,
+    TetField,
+    basis_vector,
+    encode_kernel,
+    evaluator,
+    make_tables,
+    node_table,
+    vec4h,
+)
 from .rays import Rays, Samples, basis_kernel
 
 wp.set_module_options({"enable_backward": False})
@@ -22,32 +27,29 @@ class Shading:
     """Density and color of samples of one field on one device.
 
     Attributes:
-        evaluate_slots: What Wavefront takes as `evaluate`; None where there is no such thing.
+        evaluate_slots: `Evaluator.in_place`, for rounds that do not wait for the host; None
+            where the device or the networks' shape does not allow it.
     """
 
     def __init__(self, field: TetField, rotations, device):
-        """Upload what is needed.
+        """Upload the tables and the networks.
 
         Args:
-            rotations: Q of each tet in the present pose, the same array for ever.
+            rotations: Q of each tet.  The renderer writes each new pose to this array.
         """
         self._field, self._rotations, self.device = field, rotations, device
         self.tables = make_tables(field.mesh, field.layout, device)
-        self._table = self._half_tables = self._networks = None
-        self.evaluate_slots = None
+        self._table = self._half_tables = None
+        networks = evaluator(field, device)
+        self._evaluate, self.evaluate_slots = networks.packed, networks.in_place
         if not device.is_cuda:
-            self._networks = numpy_networks(field)
             self._upload_table()
-        elif network_mma.fits(field, device):
-            self.evaluate_slots = network_mma.Networks(field, device).evaluate
-        else:
-            self._networks, self.evaluate_slots = torch_networks(field, device)
 
     def shade(self, rays: Rays, alive, counts, ends, samples: Samples, count, options, stage):
         """Density and color of packed samples.
 
         Args:
-            alive, counts, ends: Whose samples they are, see marching.pack_kernel.
+            alive, counts, ends: The rays of the samples; see marching.pack_kernel.
             count: N
             options: RenderOptions.
             stage: Stages.
@@ -57,13 +59,11 @@ class Shading:
         """
         if self.evaluate_slots is not None and options.half:
             return self._shade_half(rays, alive, counts, ends, samples, count, options, stage)
-        if self._networks is None:
-            self._networks, _ = torch_networks(self._field, self.device)
         with stage("encode"):
             features = self.encode(samples, count, options.level_count)
             basis = self.basis(rays, alive, counts, ends, samples, count)
         with stage("networks"):
-            return self._networks(features, basis, half=options.half)
+            return self._evaluate(features, basis, half=options.half)
 
     def _shade_half(self, rays, alive, counts, ends, samples, count, options, stage):
         device = self.device
@@ -100,9 +100,9 @@ class Shading:
     def basis(self, rays, alive, counts, ends, samples, count):
         """Spherical harmonics of the samples' rest directions.  [N] basis_vector"""
         if not self._field.options.view_dependence:
-            constant = network.basis_vector(network.CONSTANT_BASIS)
-            return wp.full(count, constant, dtype=network.basis_vector, device=self.device)
-        basis = wp.empty(count, dtype=network.basis_vector, device=self.device)
+            constant = basis_vector(CONSTANT_BASIS)
+            return wp.full(count, constant, dtype=basis_vector, device=self.device)
+        basis = wp.empty(count, dtype=basis_vector, device=self.device)
         wp.launch(
             basis_kernel,
             dim=len(counts),
@@ -122,14 +122,14 @@ class Shading:
         return self._half_tables
 
     def _upload_table(self):
-        """In float32: on CUDA only if somebody asks, as the common case has `half_tables`."""
+        """In float32: on CUDA at the first need, as default mode reads `half_tables`."""
         if self._table is None:
             self._table = wp.array(self._field.table, dtype=wp.vec4, device=self.device)
 
 
 @wp.kernel
 def half_basis_kernel(
-    basis: wp.array(dtype=network.basis_vector),  # [N]
+    basis: wp.array(dtype=basis_vector),  # [N]
     halves: wp.array2d(dtype=vec4h),  # [N, 4] out
 ):
     n = wp.tid()
@@ -141,68 +141,3 @@ def half_basis_kernel(
             wp.float16(b[4 * k + 2]),
             wp.float16(b[4 * k + 3]),
         )
-
-
-def numpy_networks(field):
-    """evaluate(features, basis, half) -> sigma, rgb, all Warp arrays on the CPU."""
-    networks = network.BlockedNetworks(field.density_layers, field.color_layers, field.options)
-
-    def evaluate(features, basis, half):  # half precision would be slower here
-        width = FEATURES * features.shape[1]
-        sigma, rgb = networks.evaluate(features.numpy().reshape(len(basis), width), basis.numpy())
-        return (
-            wp.array(sigma, dtype=float, device="cpu", copy=False),
-            wp.array(rgb, dtype=wp.vec3, device="cpu", copy=False),
-        )
-
-    return evaluate
-
-
-def torch_networks(field, device):
-    """The networks on a CUDA device, in two forms.
-
-    Returns:
-        evaluate(features, basis, half) -> sigma, rgb, all Warp arrays; and what Wavefront
-        takes as `evaluate`, or None where Triton can't do these networks.
-    """
-    import torch
-
-    from ..field import Networks
-    from ..field.networks import triton as network_triton
-
-    networks = Networks(
-        field.density_layers, field.color_layers, field.options.density_activation
-    ).to(f"cuda:{device.ordinal}")
-    half_networks = Networks(*networks.layers(), field.options.density_activation)
-    half_networks = half_networks.to(f"cuda:{device.ordinal}").half()
-
-    @torch.no_grad()
-    def evaluate(features, basis, half):
-        # On Warp's stream, so that kernels and layers follow each other without waiting.
-        with torch.cuda.stream(wp.stream_to_torch(wp.get_stream(device))):
-            x = wp.to_torch(features).flatten(1)
-            missing = networks.density[0].in_features - x.shape[1]
-            x = torch.nn.functional.pad(x, (0, missing)) if missing else x
-            y = wp.to_torch(basis)
-            if half:
-                sigma, rgb = half_networks(x.half(), y.half())
-            else:
-                sigma, rgb = networks(x, y)
-            return wp.from_torch(sigma), wp.from_torch(rgb, dtype=wp.vec3)
-
-    if not network_triton.can_fuse(networks):
-        return evaluate, None
-    parameters = network_triton.pack(networks).detach()
-
-    @torch.no_grad()
-    def evaluate_slots(features, basis, total, sigma, rgb):
-        with torch.cuda.stream(wp.stream_to_torch(wp.get_stream(device))):
-            network_triton.launch_forward(
-                networks,
-                parameters,
-                wp.to_torch(features).view(len(sigma), -1),
-                wp.to_torch(basis).view(len(sigma), -1),
-                *(wp.to_torch(array) for array in (total, sigma, rgb)),
-            )
-
-    return evaluate, evaluate_slots

@@ -288,7 +288,6 @@ def field_options(options: TrainOptions) -> FieldOptions:
         level_count=options.level_count,
         table_size=2**options.table_size_log2,
         density_hidden=(64,) * options.density_layers,
-        density_activation=options.density_activation,
         march_step=options.march_step,
         view_dependence=options.view_dependence,
         dense_levels="dense-levels" not in options.leave_out,

@@ -1,14 +1,13 @@
 """Milliseconds of the networks: torch's float16 layers beside the fused kernels.
 
-    python tests/benchmarks/network_speed.py [--hidden 1 3] [--activation relu|sigmoid]
-        [--samples 262144 4194304] [--used 1.0] [--forward BLOCK WARPS STAGES PROGRAMS]
-        [--backward BLOCK WARPS STAGES PROGRAMS]
+    python tests/benchmarks/network_speed.py [--samples 262144 4194304] [--used 1.0]
+        [--forward BLOCK WARPS STAGES PROGRAMS] [--backward BLOCK WARPS STAGES PROGRAMS]
 
 Medians of single calls between two events; CUDA only.  Beside each time is the largest error
 against the same layers in float32 on as many samples as fit a check: of rgb forward, and
 with backward of the gradients, each tensor's by its norm.  --used is the share of the
 samples that exist, which only the fused kernels can make use of.  --forward and --backward
-try other launches than network_triton's own.
+try other launches than those of core/field/networks/triton.py.
 """
 
 import argparse
@@ -19,9 +18,9 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from deformrf.core.field import FieldOptions, Networks
+from deformrf.core.field import FieldOptions, TorchNetworks
 from deformrf.core.field.field import layer_widths
-from deformrf.core.field.networks import triton as network_triton
+from deformrf.core.field.networks import triton as fused
 from deformrf.core.training.run.step import LOSS_SCALE
 
 RUNS, WARM_UP_RUNS = 30, 5
@@ -29,9 +28,8 @@ CHECKED = 1 << 18  # samples of which errors are measured
 RAYS = 1 << 12  # a sample's gradient is about that much smaller than the loss
 
 
-def make_networks(hidden, activation):
+def make_networks():
     rng = np.random.default_rng(1)
-    options = FieldOptions(density_hidden=(64,) * hidden)
 
     def layers(widths):
         bound = [np.sqrt(6.0 / fan_in) for fan_in in widths[:-1]]
@@ -40,8 +38,8 @@ def make_networks(hidden, activation):
             for b, i, o in zip(bound, widths[:-1], widths[1:], strict=True)
         )
 
-    density, color = (layers(widths) for widths in layer_widths(options))
-    return Networks(density, color, activation).to("cuda:0")
+    density, color = (layers(widths) for widths in layer_widths(FieldOptions()))
+    return TorchNetworks(density, color).to("cuda:0")
 
 
 def make_samples(count):
@@ -95,49 +93,50 @@ def errors(evaluate, networks, x, y, given):
     return float(rgb), float(max(by_norm))
 
 
-def measure(table, hidden, activation, count, used):
-    networks = make_networks(hidden, activation)
+def measure(table, count, used):
+    networks = make_networks()
     x, y, *given = make_samples(count)
     counter = torch.tensor([int(count * used)], dtype=torch.int32, device="cuda:0")
     ways = {"torch float16": layers_in(torch.float16)}
-    if network_triton.can_fuse(networks):
-        ways["fused"] = network_triton.evaluate
+    if fused.fits(networks):
+        ways["fused"] = fused.evaluate
     for name, evaluate in ways.items():
         with torch.no_grad():
             forward = median_time(lambda way=evaluate: way(networks, x, y, counter))
         both = median_time(lambda way=evaluate: gradients(way, networks, x, y, counter, given))
         rgb, by_norm = errors(evaluate, networks, x, y, given)
         table.add_row(
-            *(f"{count:,}", f"{hidden} {activation}", name),
-            *(f"{forward:.3f}", f"{rgb:.1e}", f"{both:.3f}", f"{by_norm:.1e}"),
+            f"{count:,}",
+            name,
+            f"{forward:.3f}",
+            f"{rgb:.1e}",
+            f"{both:.3f}",
+            f"{by_norm:.1e}",
         )
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--hidden", type=int, nargs="+", default=[1, 3])
-    parser.add_argument("--activation", choices=["relu", "sigmoid"], default="relu")
     parser.add_argument("--samples", type=int, nargs="+", default=[1 << 18, 1 << 22])
     parser.add_argument("--used", type=float, default=1.0)
-    launch = tuple(field.name.upper() for field in fields(network_triton.Launch))
+    launch = tuple(field.name.upper() for field in fields(fused.Launch))
     parser.add_argument("--forward", type=int, nargs=4, metavar=launch)
     parser.add_argument("--backward", type=int, nargs=4, metavar=launch)
     arguments = parser.parse_args()
     if not torch.cuda.is_available():
         parser.error("there is no CUDA device, and elsewhere there are no fused networks")
     if arguments.forward:
-        network_triton.FORWARD = network_triton.Launch(*arguments.forward)
+        fused.FORWARD = fused.Launch(*arguments.forward)
     if arguments.backward:
-        own = network_triton.Launch(*arguments.backward)
-        network_triton.BACKWARD = network_triton.BACKWARD_HOPPER = own
+        own = fused.Launch(*arguments.backward)
+        fused.BACKWARD = fused.BACKWARD_HOPPER = own
     table = Table(title=f"{torch.cuda.get_device_name()}: ms, and the largest error")
-    for column in ("samples", "density network", "way"):
+    for column in ("samples", "way"):
         table.add_column(column)
     for column in ("forward", "of rgb", "and backward", "of gradients"):
         table.add_column(column, justify="right")
     for count in arguments.samples:
-        for hidden in arguments.hidden:
-            measure(table, hidden, arguments.activation, count, arguments.used)
+        measure(table, count, arguments.used)
     Console().print(table)
 
 

@@ -34,8 +34,6 @@ def two_features(stage, sample_tet, sample_bary):
 CHOICES = {
     "default": {},
     "2 features an entry": {"stage.Stage.encode": two_features},
-    "2 density layers": {"density_layers": 2},
-    "3 sigmoid layers (paper)": {"density_layers": 3, "density_activation": "sigmoid"},
     "T = 2^17": {"table_size_log2": 17},
     "T = 2^18": {"table_size_log2": 18},
     "T = 2^19": {"table_size_log2": 19},

@@ -65,7 +65,7 @@ def parts_of(step, times):
     with stage.precision():
         features = stage.encode(samples.tet, samples.bary)
         done("encode")
-        sigma, rgb = stage.evaluate(features, batch.basis, wp.to_torch(batch.sample_count))
+        sigma, rgb = stage.networks.evaluate(features, batch.basis, wp.to_torch(batch.sample_count))
         done("networks")
     color, _, distortion, _ = Composite.apply(
         sigma, rgb, samples.length, samples.t, batch.counts, batch.ends

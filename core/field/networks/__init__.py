@@ -1,16 +1,21 @@
-"""The two networks, one module for each place that they run in."""
+"""The two networks: their definition, and one module for each place where they run."""
 
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "dispatch": ["Evaluator", "evaluator"],
         "reference": [
-            "ACTIVATIONS",
             "BASIS_COUNT",
+            "CONSTANT_BASIS",
             "GEOMETRY_FEATURES",
+            "Layers",
+            "basis_of",
+            "basis_vector",
             "evaluate",
             "spherical_harmonics",
         ],
+        "torch": ["TorchNetworks"],
     },
 )

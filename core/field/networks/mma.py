@@ -1,13 +1,13 @@
 """Both networks on a GPU's tensor cores, in one Warp kernel: rendering needs no torch.
 
-The layers of `network.py` in their usual shape: one hidden layer of 64 with ReLU for density,
-two for color, up to 8 levels.  A warp takes 32 samples through all layers in its registers,
-by mma.sync.m16n8k16: what a product leaves in a thread's registers is, rounded to half
-precision, what the next one wants there.  The weights lie in shared memory, in the order in
-which the threads of a warp read them (`fragments`).
+The kernel takes networks of the usual shape: one hidden layer of 64 for density, two for
+color, up to 8 levels.  A warp takes 32 samples through all layers in its registers by
+mma.sync.m16n8k16: the result of one product, rounded to half precision, lies in each thread's
+registers where the next product expects its operand.  The weights lie in shared memory in the
+order in which the threads of a warp read them (`fragments`).
 
-Precision is that of `network_triton.py`: weights, inputs and hidden layers are float16; sums,
-biases and what comes out are float32.  Compute capability 8.0 or newer.
+Weights, inputs and hidden layers are float16; sums, biases and outputs are float32 (as in
+triton.py).  The kernel needs compute capability 8.0 or newer.
 
 Shapes: N samples, L levels.
 """
@@ -16,42 +16,27 @@ import numpy as np
 import warp as wp
 
 from ..wide import vec4h
-from .reference import BASIS_COUNT, GEOMETRY_FEATURES, MAX_LOG_SIGMA
+from .reference import MAX_FEATURES, MAX_LOG_SIGMA, WIDTH, has_usual_shape
 
-WIDTH = 64  # of the hidden layers
-MAX_FEATURES = 32  # 4 L
 TILE_K, TILE_N = 16, 8  # of one product
 OLDEST_GPU = 80  # Warp's arch
 BLOCK_SIZE = 128
-BLOCKS_PER_PROCESSOR = 3  # as many as have room for their registers
+BLOCKS_PER_PROCESSOR = 3  # the registers have room for no more
 
 wp.set_module_options({"enable_backward": False})
 
 
 def fits(field, device) -> bool:
-    """Whether `evaluate` can do this field's networks on a device."""
-    shapes = [w.shape for w, _ in (*field.density_layers, *field.color_layers)]
-    usual = [
-        (WIDTH, GEOMETRY_FEATURES),
-        (GEOMETRY_FEATURES + BASIS_COUNT, WIDTH),
-        (WIDTH, WIDTH),
-        (WIDTH, 3),
-    ]
-    return (
-        device.is_cuda
-        and device.arch >= OLDEST_GPU
-        and field.options.density_activation == "relu"
-        and shapes[1:] == usual
-        and shapes[0][1] == WIDTH
-        and shapes[0][0] <= MAX_FEATURES
-    )
+    """Whether TensorCoreNetworks can evaluate this field's networks on a Warp device."""
+    shapes = [weights.shape for weights, _ in (*field.density_layers, *field.color_layers)]
+    return device.is_cuda and device.arch >= OLDEST_GPU and has_usual_shape(shapes)
 
 
 def fragments(weights):
-    """A layer's weights [in, out] as threads hold them: tiles [out / 8, in / 16], zeros beyond.
+    """A layer's weights [in, out], padded with zeros, in the order in which threads read them.
 
-    In tile (n, k) thread `lane` has column 8 n + lane / 4 and, of the rows from 16 k on, those
-    at p, p + 1, p + 8, p + 9 with p = 2 (lane % 4).
+    The tiles are [out / 8, in / 16].  In tile (n, k) thread `lane` holds column 8 n + lane / 4
+    of the rows 16 k + p + (0, 1, 8, 9) with p = 2 (lane % 4).
 
     Returns:
         [tiles, 32, 4] float16
@@ -66,8 +51,8 @@ def fragments(weights):
     return tiles[:, :, row, column].reshape(-1, 32, 4)
 
 
-class Networks:
-    """The networks of a field on a CUDA device."""
+class TensorCoreNetworks:
+    """The networks of a field on a CUDA device, for images."""
 
     def __init__(self, field, device):
         layers = [*field.density_layers, *field.color_layers]
@@ -86,19 +71,23 @@ class Networks:
         self._threads = device.sm_count * BLOCKS_PER_PROCESSOR * BLOCK_SIZE
 
     def evaluate(self, features, basis, total, sigma, rgb):
-        """Fill sigma and rgb; nothing is allocated, and nothing waits.
+        """Fill sigma and rgb, without an allocation and without waiting for the host.
 
         Args:
-            features: Of samples one after another.  [N · L] vec4h
-            basis: Spherical harmonics.  [4 N] vec4h
-            total: How many of the samples there are, at most N.  [1] int
+            features: L entries per sample, one sample after another.  [N · L] vec4h
+            basis: Spherical harmonics, 4 entries per sample.  [4 N] vec4h
+            total: How many of the N samples exist.  [1] int
             sigma, rgb: [N] float and vec3, out.
         """
         wp.launch(
             networks_kernel,
             dim=self._threads,
             inputs=[
-                *(features, basis, self._fragments, self._biases, total),
+                features,
+                basis,
+                self._fragments,
+                self._biases,
+                total,
                 4 * (len(features) // max(len(sigma), 1)),
             ],
             outputs=[sigma, rgb],
@@ -144,7 +133,7 @@ class Networks:
         c[0] = c[2] = bias[first + pair];
         c[1] = c[3] = bias[first + pair + 1];
     };
-    // Two products' results side by side are one operand of the next layer.
+    // The results of two products side by side are one operand of the next layer.
     auto join = [&](Operand& a, const Result& c, const Result& d) {
         a[0] = halves(c[0], c[1]);
         a[1] = halves(c[2], c[3]);

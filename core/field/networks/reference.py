@@ -1,15 +1,14 @@
-"""The two small MLPs and the view direction's basis, in NumPy.
+"""The two small networks and the basis of the view direction, in NumPy: the definition.
 
-    h = density_mlp(features)          [N, 16]
-    sigma = exp(h[:, 0])               per unit of rest length
-    rgb = sigmoid(color_mlp([h, Y(d)]))
+    h = density network(features)             [N, 16]
+    sigma = exp(min(h[:, 0], 15))             per unit of rest length
+    rgb = sigmoid(color network([h, Y(d)]))
 
-Y is the real spherical-harmonics basis of degree 0..3 in the sample's direction d
-(Ramamoorthi & Hanrahan 2001; as Instant-NGP).  Everything here works in the precision of
-what it is given: in float64 it is the reference, in float32 the renderer on the CPU.
+Y is the real spherical-harmonics basis of degree 0..3 of the sample's direction d
+(Ramamoorthi & Hanrahan 2001; the same as Instant-NGP's).  The functions compute in the
+precision of their arguments, float64 for the reference.
 
-A network is a tuple of layers (weights [in, out], bias [out]); hidden layers have the
-activation that the field's options name, the last one none.
+A network is a tuple of layers (weights [in, out], bias [out]) with ReLU between them.
 """
 
 import numpy as np
@@ -18,12 +17,31 @@ import warp as wp
 GEOMETRY_FEATURES = 16  # h; its first column is the logarithm of sigma
 BASIS_COUNT = 16  # spherical harmonics of degree < 4
 CONSTANT_BASIS = (0.28209479177387814, *[0.0] * (BASIS_COUNT - 1))  # no direction in it
-BLOCK = 512  # samples; 128 KB for 64 channels
 MAX_LOG_SIGMA = 15.0  # exp stays far from float32's and float16's limits; 3e6 is opaque
 
+# The shape that the fused kernels (mma.py, triton.py) are written for.
+WIDTH = 64  # of the hidden layers: one for density, two for color
+MAX_FEATURES = 32  # 4 L
 
-def relu(x):
-    return np.maximum(x, 0, out=x)
+Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
+
+
+def has_usual_shape(shapes) -> bool:
+    """Whether networks have the shape that the fused kernels are written for.
+
+    Args:
+        shapes: (in, out) of the density network's layers, then of the color network's.
+    """
+    shapes = [tuple(shape) for shape in shapes]
+    feature_count = shapes[0][0]
+    usual = [
+        (feature_count, WIDTH),
+        (WIDTH, GEOMETRY_FEATURES),
+        (GEOMETRY_FEATURES + BASIS_COUNT, WIDTH),
+        (WIDTH, WIDTH),
+        (WIDTH, 3),
+    ]
+    return feature_count <= MAX_FEATURES and shapes == usual
 
 
 def sigmoid(x):
@@ -34,20 +52,12 @@ def sigmoid(x):
     return np.multiply(x, 0.5, out=x)
 
 
-ACTIVATIONS = {"relu": relu, "sigmoid": sigmoid}
-
-
-def mlp(x, layers, activation: str):
+def mlp(x, layers: Layers):
     """Apply a network.  [N, in] -> [N, out]"""
-    act = ACTIVATIONS[activation]
     for weights, bias in layers[:-1]:
-        x = x @ weights
-        x += bias
-        x = act(x)
+        x = np.maximum(x @ weights + bias, 0)
     weights, bias = layers[-1]
-    x = x @ weights
-    x += bias
-    return x
+    return x @ weights + bias
 
 
 def sigma_from(h):
@@ -87,7 +97,7 @@ basis_vector = wp.types.vector(length=BASIS_COUNT, dtype=wp.float32)
 
 @wp.func
 def basis_of(d: wp.vec3):
-    """spherical_harmonics for one direction."""
+    """`spherical_harmonics` of one direction."""
     x = d[0]
     y = d[1]
     z = d[2]
@@ -114,101 +124,16 @@ def basis_of(d: wp.vec3):
     )
 
 
-def evaluate(features, basis, density_layers, color_layers, options):
+def evaluate(features, basis, density_layers: Layers, color_layers: Layers):
     """Density and color of samples.
 
     Args:
         features: Encoding.  [N, L·F]
-        basis: spherical_harmonics of the samples' directions.  [N, 16]
-        options: FieldOptions; names the activations.
+        basis: `spherical_harmonics` of the samples' directions.  [N, 16]
 
     Returns:
         sigma [N] and rgb [N, 3].
     """
-    h = mlp(features, density_layers, options.density_activation)
-    rgb = sigmoid(mlp(np.concatenate([h, basis], axis=1), color_layers, "relu"))
+    h = mlp(features, density_layers)
+    rgb = sigmoid(mlp(np.concatenate([h, basis], axis=1), color_layers))
     return sigma_from(h), rgb
-
-
-class BlockedNetworks:
-    """`evaluate` in float32, in blocks of samples whose activations stay in a core's cache.
-
-    A pass over a block costs as much as a small layer, so there are few.  relu(x + b) is
-    max(x, -b) + b, and adding b is left to the next layer's bias; the first color layer reads
-    h and the basis from one buffer, which the last density layer writes to.  Biases are as
-    large as a block, because NumPy is 2 to 4 times slower with a row or a scalar.
-    """
-
-    def __init__(self, density_layers, color_layers, options):
-        missing = np.zeros(len(density_layers[0][0]), np.float32)
-        self._density = _HiddenLayers(density_layers[:-1], options.density_activation, missing)
-        self._h_weights, bias = density_layers[-1]
-        missing = bias + self._density.missing @ self._h_weights
-        self._log_sigma_bias = missing[0]
-        missing = np.append(missing, np.zeros(BASIS_COUNT, np.float32))
-        self._color = _HiddenLayers(color_layers[:-1], "relu", missing)
-        self._rgb_weights, bias = color_layers[-1]
-        self._rgb_bias = np.tile(bias + self._color.missing @ self._rgb_weights, (BLOCK, 1))
-
-    def evaluate(self, features, basis):
-        """Density and color of samples.
-
-        Args:
-            features: Of all levels, or of the coarser ones.  [N, l·F]
-            basis: [N, 16]
-
-        Returns:
-            sigma [N] and rgb [N, 3].
-        """
-        count = len(features)
-        sigma, rgb = np.empty(count, np.float32), np.empty((count, 3), np.float32)
-        joined = np.empty((BLOCK, GEOMETRY_FEATURES + BASIS_COUNT), np.float32)
-        density_buffers, color_buffers = self._density.buffers(), self._color.buffers()
-        for start in range(0, count, BLOCK):
-            part = slice(start, start + BLOCK)
-            color = rgb[part]
-            x = self._density.apply(features[part], density_buffers)
-            y = joined[: len(x)]
-            np.matmul(x, self._h_weights[: x.shape[1]], out=y[:, :GEOMETRY_FEATURES])
-            np.add(y[:, 0], self._log_sigma_bias, out=sigma[part])
-            y[:, GEOMETRY_FEATURES:] = basis[part]
-            x = self._color.apply(y, color_buffers)
-            np.matmul(x, self._rgb_weights, out=color)
-            color += self._rgb_bias[: len(x)]
-            sigmoid(color)
-        np.minimum(sigma, MAX_LOG_SIGMA, out=sigma)
-        return np.exp(sigma, out=sigma), rgb
-
-
-class _HiddenLayers:
-    """Layers with an activation, as BlockedNetworks has them.
-
-    Attributes:
-        missing: What has to be added to the output, [width]; here the input lacks as much.
-    """
-
-    def __init__(self, layers, activation, missing):
-        self._activation = activation
-        self._layers = []
-        self.missing = missing
-        for weights, bias in layers:
-            bias = bias + self.missing @ weights
-            is_relu = activation == "relu"
-            self._layers.append((weights, np.tile(-bias if is_relu else bias, (BLOCK, 1))))
-            self.missing = bias if is_relu else np.zeros_like(bias)
-
-    def buffers(self):
-        """One for each layer's output in a block."""
-        return [np.empty_like(bias) for _, bias in self._layers]
-
-    def apply(self, x, buffers):
-        """[n, in] -> [n, width], one of the buffers.  Missing inputs are taken to be zero."""
-        count = len(x)
-        for (weights, bias), y in zip(self._layers, buffers, strict=True):
-            x = np.matmul(x, weights[: x.shape[1]], out=y[:count])
-            if self._activation == "relu":
-                np.maximum(x, bias[:count], out=x)
-            else:
-                x += bias[:count]
-                ACTIVATIONS[self._activation](x)
-        return x

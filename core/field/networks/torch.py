@@ -1,15 +1,12 @@
-"""The networks of `network.py` in torch: for training, and for rendering on CUDA.
+"""The networks in torch: for training, and for rendering on CUDA in float32.
 
-Imported only where it is needed; torch takes seconds to load.
+Import this module only where it is needed: loading torch takes seconds.
 """
 
 import torch
 from torch import nn
 
-from ..field import Layers
-from .reference import MAX_LOG_SIGMA
-
-ACTIVATIONS = {"relu": torch.relu, "sigmoid": torch.sigmoid}
+from .reference import MAX_LOG_SIGMA, Layers
 
 
 class TruncatedExp(torch.autograd.Function):
@@ -27,19 +24,18 @@ class TruncatedExp(torch.autograd.Function):
         return gradient * y
 
 
-class Networks(nn.Module):
-    """Both MLPs; same layers, same order as network.evaluate."""
+class TorchNetworks(nn.Module):
+    """Both networks as torch modules; `reference.evaluate` with gradients."""
 
-    def __init__(self, density_layers: Layers, color_layers: Layers, density_activation: str):
+    def __init__(self, density_layers: Layers, color_layers: Layers):
         super().__init__()
         self.density = nn.ModuleList(_linear(w, b) for w, b in density_layers)
         self.color = nn.ModuleList(_linear(w, b) for w, b in color_layers)
-        self.activation = ACTIVATIONS[density_activation]
 
     def density_features(self, features):
         """[N, L·F] -> h [N, 16]"""
         for layer in self.density[:-1]:
-            features = self.activation(layer(features))
+            features = torch.relu(layer(features))
         return self.density[-1](features)
 
     def sigma(self, h):
@@ -53,6 +49,20 @@ class Networks(nn.Module):
         for layer in self.color[:-1]:
             x = torch.relu(layer(x))
         return self.sigma(h), torch.sigmoid(self.color[-1](x).float())
+
+    def evaluate(self, features, basis, sample_count=None):
+        """`forward`, by the fused kernels where they fit (triton.py).
+
+        Args:
+            sample_count: How many of the N samples exist, int32 [1] on the device; None for
+                all.  The fused kernels skip the others and give no values for them.
+        """
+        if features.is_cuda:
+            from . import triton
+
+            if triton.fits(self):
+                return triton.evaluate(self, features, basis, sample_count)
+        return self(features, basis)
 
     def layers(self):
         """Density and color layers as NumPy arrays (weights [in, out], bias [out])."""

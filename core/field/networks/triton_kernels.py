@@ -1,9 +1,8 @@
-"""The Triton kernels of `network_triton.py`, which says what they compute and how precisely.
+"""The Triton kernels of triton.py, which says what they compute and how precisely.
 
-Compiled for one shape of the networks each: FEATURES = L·F, MIDDLE hidden layers of the
-density network after its first, SIGMOID or ReLU there.  Names: w weights, s sums of their
-gradients over samples, t those of biases, p where a layer begins, g_ gradients of the loss.
-A matrix with a side that tl.dot doesn't take (24 features, 3 colors) is padded with zeros.
+Triton compiles them for one number of FEATURES = L·F each.  Names: w weights, s sums of their
+gradients over samples, t sums of the biases' gradients, p where a layer begins, g_ gradients
+of the loss.  Zeros pad a matrix with a side that tl.dot does not take (24 features, 3 colors).
 
 Shapes: N samples, B of them in a block.  Weights are [out, in].
 """
@@ -13,7 +12,7 @@ import triton.language as tl
 
 from . import reference as network
 
-WIDTH = tl.constexpr(64)  # of every hidden layer
+WIDTH = tl.constexpr(network.WIDTH)  # of every hidden layer
 GEOMETRY = tl.constexpr(network.GEOMETRY_FEATURES)
 BASIS = tl.constexpr(network.BASIS_COUNT)
 MAX_LOG_SIGMA = tl.constexpr(network.MAX_LOG_SIGMA)
@@ -44,31 +43,24 @@ def _bias(start, ROWS: tl.constexpr):
 
 
 @triton.jit
-def _starts(parameters, FEATURES: tl.constexpr, MIDDLE: tl.constexpr):
-    """Where the layers begin: a1, a2, a3, h, c1, c2, rgb; see `pack`."""
-    a2 = parameters + (FEATURES + 1) * WIDTH
-    a3 = a2 + (WIDTH + 1) * WIDTH
-    h = a2 + MIDDLE * (WIDTH + 1) * WIDTH
+def _starts(parameters, FEATURES: tl.constexpr):
+    """Where the layers begin: a, h, c1, c2, rgb; see `pack`."""
+    h = parameters + (FEATURES + 1) * WIDTH
     c1 = h + (WIDTH + 1) * GEOMETRY
     c2 = c1 + (GEOMETRY + BASIS + 1) * WIDTH
-    return parameters, a2, a3, h, c1, c2, c2 + (WIDTH + 1) * WIDTH
+    return parameters, h, c1, c2, c2 + (WIDTH + 1) * WIDTH
 
 
 @triton.jit
-def _load_weights(parameters, FEATURES: tl.constexpr, MIDDLE: tl.constexpr):
+def _load_weights(parameters, FEATURES: tl.constexpr):
     """Weights, one layer after another; c1's in two parts, for h and y."""
-    a1, a2, a3, h, c1, c2, rgb = _starts(parameters, FEATURES, MIDDLE)
-    w1 = _weights(a1, WIDTH, FEATURES, FEATURES)
-    w2, w3 = w1, w1  # never used, unless
-    if MIDDLE > 0:
-        w2 = _weights(a2, WIDTH, WIDTH, WIDTH)
-    if MIDDLE > 1:
-        w3 = _weights(a3, WIDTH, WIDTH, WIDTH)
+    a, h, c1, c2, rgb = _starts(parameters, FEATURES)
+    wa = _weights(a, WIDTH, FEATURES, FEATURES)
     wh = _weights(h, GEOMETRY, WIDTH, WIDTH)
     wc1h = _weights(c1, WIDTH, GEOMETRY, GEOMETRY + BASIS)
     wc1y = _weights(c1 + GEOMETRY, WIDTH, BASIS, GEOMETRY + BASIS)
     wc2 = _weights(c2, WIDTH, WIDTH, WIDTH)
-    return w1, w2, w3, wh, wc1h, wc1y, wc2, _weights(rgb, 3, WIDTH, WIDTH)
+    return wa, wh, wc1h, wc1y, wc2, _weights(rgb, 3, WIDTH, WIDTH)
 
 
 @triton.jit
@@ -87,41 +79,28 @@ def _store_rows(array, rows, count, values, COLUMNS: tl.constexpr):
 
 
 @triton.jit
-def _hidden(x, w, bias, SIGMOID: tl.constexpr):
-    """act(W x + b) for a block.  x [B, in], w [64, in]"""
+def _hidden(x, w, bias):
+    """relu(W x + b) for a block.  x [B, in], w [64, in]"""
     y = tl.dot(x, tl.trans(w)) + _bias(bias, WIDTH)[None, :]
-    if SIGMOID:
-        y = tl.sigmoid(y)
-    else:
-        y = tl.maximum(y, 0.0)
-    return y.to(tl.float16)
+    return tl.maximum(y, 0.0).to(tl.float16)
 
 
 @triton.jit
-def _density(
-    x, start, w1, w2, w3, wh, FEATURES: tl.constexpr, MIDDLE: tl.constexpr, SIGMOID: tl.constexpr
-):
-    """a1, a2, a3 (the last one again for those that there aren't) and h."""
-    p1, p2, p3, ph, _, _, _ = _starts(start, FEATURES, MIDDLE)
-    a1 = _hidden(x, w1, p1 + WIDTH * FEATURES, SIGMOID)
-    a2 = a1
-    if MIDDLE > 0:
-        a2 = _hidden(a1, w2, p2 + WIDTH * WIDTH, SIGMOID)
-    a3 = a2
-    if MIDDLE > 1:
-        a3 = _hidden(a2, w3, p3 + WIDTH * WIDTH, SIGMOID)
-    h = tl.dot(a3, tl.trans(wh)) + _bias(ph + GEOMETRY * WIDTH, GEOMETRY)[None, :]
-    return a1, a2, a3, h
+def _density(x, start, wa, wh, FEATURES: tl.constexpr):
+    """a and h."""
+    pa, ph, _, _, _ = _starts(start, FEATURES)
+    a = _hidden(x, wa, pa + WIDTH * FEATURES)
+    return a, tl.dot(a, tl.trans(wh)) + _bias(ph + GEOMETRY * WIDTH, GEOMETRY)[None, :]
 
 
 @triton.jit
-def _color(h, y, start, wc1h, wc1y, wc2, wrgb, FEATURES: tl.constexpr, MIDDLE: tl.constexpr):
+def _color(h, y, start, wc1h, wc1y, wc2, wrgb, FEATURES: tl.constexpr):
     """c1, c2 and rgb, the last padded to 16 columns."""
-    _, _, _, _, p1, p2, p3 = _starts(start, FEATURES, MIDDLE)
+    _, _, p1, p2, p3 = _starts(start, FEATURES)
     c1 = tl.dot(y, tl.trans(wc1y), acc=tl.dot(h, tl.trans(wc1h)))
     c1 += _bias(p1 + (GEOMETRY + BASIS) * WIDTH, WIDTH)[None, :]
     c1 = tl.maximum(c1, 0.0).to(tl.float16)
-    c2 = _hidden(c1, wc2, p2 + WIDTH * WIDTH, False)
+    c2 = _hidden(c1, wc2, p2 + WIDTH * WIDTH)
     return c1, c2, tl.sigmoid(tl.dot(c2, tl.trans(wrgb)) + _bias(p3 + 3 * WIDTH, 3)[None, :])
 
 
@@ -132,39 +111,27 @@ def _sigma(h):
     return tl.exp(tl.minimum(tl.sum(tl.where(j == 0, h, 0.0), axis=1), MAX_LOG_SIGMA))
 
 
-@triton.jit
-def _count(sample_count, room, COUNTED: tl.constexpr):
-    if COUNTED:
-        room = tl.minimum(tl.load(sample_count), room)
-    return room
-
-
 @triton.jit(do_not_specialize=["room"])
 def forward_kernel(
     features,  # [N, FEATURES]
     basis,  # [N, 16]
     parameters,  # see `pack`
-    sample_count,  # [1] if COUNTED
+    sample_count,  # [1]
     sigma,  # [N] out
     rgb,  # [N, 3] out
     room,  # N
     FEATURES: tl.constexpr,
-    MIDDLE: tl.constexpr,  # of the density network's hidden layers, those after the first
-    SIGMOID: tl.constexpr,  # there; else ReLU
-    COUNTED: tl.constexpr,
     BLOCK: tl.constexpr,
 ):
-    count = _count(sample_count, room, COUNTED)
-    w1, w2, w3, wh, wc1h, wc1y, wc2, wrgb = _load_weights(parameters, FEATURES, MIDDLE)
+    count = tl.minimum(tl.load(sample_count), room)
+    wa, wh, wc1h, wc1y, wc2, wrgb = _load_weights(parameters, FEATURES)
     for block in range(tl.program_id(0), tl.cdiv(count, BLOCK), tl.num_programs(0)):
         n = block * BLOCK + tl.arange(0, BLOCK)
         x = _load_rows(features, n, count, FEATURES).to(tl.float16)
         y = _load_rows(basis, n, count, BASIS).to(tl.float16)
-        _, _, _, h = _density(x, parameters, w1, w2, w3, wh, FEATURES, MIDDLE, SIGMOID)
+        _, h = _density(x, parameters, wa, wh, FEATURES)
         tl.store(sigma + n, _sigma(h), mask=n < count)
-        _, _, color = _color(
-            h.to(tl.float16), y, parameters, wc1h, wc1y, wc2, wrgb, FEATURES, MIDDLE
-        )
+        _, _, color = _color(h.to(tl.float16), y, parameters, wc1h, wc1y, wc2, wrgb, FEATURES)
         _store_rows(rgb, n, count, color, 3)
 
 
@@ -181,14 +148,9 @@ def _half(g):
 
 
 @triton.jit
-def _before(g, a, SIGMOID: tl.constexpr):
-    """The gradient by a hidden layer's sum from that by its output a."""
-    if SIGMOID:
-        slope = a.to(tl.float32)
-        g = g * slope * (1.0 - slope)
-    else:
-        g = tl.where(a > 0.0, g, 0.0)
-    return _half(g)
+def _before(g, a):
+    """The gradient by a hidden layer's sum, from the gradient by its output a."""
+    return _half(tl.where(a > 0.0, g, 0.0))
 
 
 @triton.jit
@@ -235,27 +197,23 @@ def backward_kernel(
     features,  # [N, FEATURES]
     basis,  # [N, 16]
     parameters,  # [PARAMETERS], see `pack`
-    sample_count,  # [1] if COUNTED
+    sample_count,  # [1]
     g_sigma,  # [N]
     g_rgb,  # [N, 3]
     g_features,  # [N, FEATURES] out
     partial,  # [programs, PARAMETERS] out: gradients of the program's samples
     room,  # N
     FEATURES: tl.constexpr,
-    MIDDLE: tl.constexpr,  # of the density network's hidden layers, those after the first
-    SIGMOID: tl.constexpr,  # there; else ReLU
-    COUNTED: tl.constexpr,
-    BLOCK: tl.constexpr,
     PARAMETERS: tl.constexpr,
+    BLOCK: tl.constexpr,
 ):
-    count = _count(sample_count, room, COUNTED)
-    w1, w2, w3, wh, wc1h, wc1y, wc2, wrgb = _load_weights(parameters, FEATURES, MIDDLE)
-    # Sums over samples: of weights' gradients [out, in], of biases' as if they were weights of
-    # ones.  h and rgb have too few rows for that (every warp would do the same work): theirs
-    # are [in, out], and the biases' a block of rows, added up at the end.
+    count = tl.minimum(tl.load(sample_count), room)
+    wa, wh, wc1h, wc1y, wc2, wrgb = _load_weights(parameters, FEATURES)
+    # Sums over samples: gradients of weights [out, in], and of biases as if they were weights
+    # of ones.  h and rgb have too few rows for that (every warp would do the same work): their
+    # sums are [in, out], and those of their biases a block of rows, added up at the end.
     ones = tl.full((BLOCK, DOT_SIZE), 1.0, tl.float16)
-    s1, t1 = _zeros(WIDTH, FEATURES), _zeros(WIDTH, 1)
-    s2, t2, s3, t3 = _zeros(WIDTH, WIDTH), _zeros(WIDTH, 1), _zeros(WIDTH, WIDTH), t1
+    sa, ta = _zeros(WIDTH, FEATURES), _zeros(WIDTH, 1)
     sh, th = _zeros(WIDTH, GEOMETRY), _zeros(BLOCK, GEOMETRY)
     sc1h, sc1y, tc1 = _zeros(WIDTH, GEOMETRY), _zeros(WIDTH, BASIS), _zeros(WIDTH, 1)
     sc2, tc2 = _zeros(WIDTH, WIDTH), _zeros(WIDTH, 1)
@@ -264,18 +222,18 @@ def backward_kernel(
         n = block * BLOCK + tl.arange(0, BLOCK)
         x = _load_rows(features, n, count, FEATURES).to(tl.float16)
         y = _load_rows(basis, n, count, BASIS).to(tl.float16)
-        a1, a2, a3, h = _density(x, parameters, w1, w2, w3, wh, FEATURES, MIDDLE, SIGMOID)
+        a, h = _density(x, parameters, wa, wh, FEATURES)
         h_half = h.to(tl.float16)
-        c1, c2, color = _color(h_half, y, parameters, wc1h, wc1y, wc2, wrgb, FEATURES, MIDDLE)
+        c1, c2, color = _color(h_half, y, parameters, wc1h, wc1y, wc2, wrgb, FEATURES)
 
         g_sum = _load_rows(g_rgb, n, count, 3) * color * (1.0 - color)
         trgb += g_sum
         unit = _unit(g_sum)
         g_sum = _half(g_sum * (1.0 / unit))
         srgb = _add(srgb, c2, g_sum, unit)
-        g_c2 = _before(tl.dot(g_sum, wrgb), c2, False)
+        g_c2 = _before(tl.dot(g_sum, wrgb), c2)
         sc2, tc2 = _add(sc2, g_c2, c1, unit), _add(tc2, g_c2, ones, unit)
-        g_c1 = _before(tl.dot(g_c2, wc2), c1, False)
+        g_c1 = _before(tl.dot(g_c2, wc2), c1)
         sc1h, sc1y = _add(sc1h, g_c1, h_half, unit), _add(sc1y, g_c1, y, unit)
         tc1 = _add(tc1, g_c1, ones, unit)
 
@@ -285,25 +243,13 @@ def backward_kernel(
         th += g_h
         unit = _unit(g_h)
         g_h = _half(g_h * (1.0 / unit))
-        sh = _add(sh, a3, g_h, unit)
-        g_a = _before(tl.dot(g_h, wh), a3, SIGMOID)
-        if MIDDLE > 1:
-            s3, t3 = _add(s3, g_a, a2, unit), _add(t3, g_a, ones, unit)
-            g_a = _before(tl.dot(g_a, w3), a2, SIGMOID)
-        if MIDDLE > 0:
-            s2, t2 = _add(s2, g_a, a1, unit), _add(t2, g_a, ones, unit)
-            g_a = _before(tl.dot(g_a, w2), a1, SIGMOID)
-        s1, t1 = _add(s1, g_a, x, unit), _add(t1, g_a, ones, unit)
-        _store_rows(g_features, n, count, tl.dot(g_a, w1) * unit, FEATURES)
+        sh = _add(sh, a, g_h, unit)
+        g_a = _before(tl.dot(g_h, wh), a)
+        sa, ta = _add(sa, g_a, x, unit), _add(ta, g_a, ones, unit)
+        _store_rows(g_features, n, count, tl.dot(g_a, wa) * unit, FEATURES)
 
-    p1, p2, p3, ph, pc1, pc2, prgb = _starts(
-        partial + tl.program_id(0) * PARAMETERS, FEATURES, MIDDLE
-    )
-    _store_layer(p1, s1, t1, WIDTH, FEATURES)
-    if MIDDLE > 0:
-        _store_layer(p2, s2, t2, WIDTH, WIDTH)
-    if MIDDLE > 1:
-        _store_layer(p3, s3, t3, WIDTH, WIDTH)
+    pa, ph, pc1, pc2, prgb = _starts(partial + tl.program_id(0) * PARAMETERS, FEATURES)
+    _store_layer(pa, sa, ta, WIDTH, FEATURES)
     _store_out(ph, sh, th, GEOMETRY)
     _store(pc1, sc1h, WIDTH, GEOMETRY, GEOMETRY + BASIS)
     _store(pc1 + GEOMETRY, sc1y, WIDTH, BASIS, GEOMETRY + BASIS)

@@ -19,9 +19,8 @@ from ...field import (
     LEVELS,
     SUBTET_COUNT,
     FieldOptions,
-    Networks,
     TetField,
-    evaluator,
+    TorchNetworks,
     make_tables,
     random_field,
     subtet_of,
@@ -82,10 +81,8 @@ class Stage:
         self.tables = make_tables(mesh, self.layout, self.device)
         self.pose = Pose(mesh, neighbours, self.device)
         self.table = torch.nn.Parameter(torch.from_numpy(self._start.table).to(self.torch_device))
-        self.networks = Networks(
-            self._start.density_layers, self._start.color_layers, options.density_activation
-        ).to(self.torch_device)
-        self.evaluate = evaluator(self.networks)
+        networks = TorchNetworks(self._start.density_layers, self._start.color_layers)
+        self.networks = networks.to(self.torch_device)
         shape = (mesh.tet_count, SUBTET_COUNT)
         self.thickness = torch.zeros(shape, device=self.torch_device)
         self.occupied = torch.ones(shape, dtype=torch.bool, device=self.torch_device)
@@ -121,7 +118,8 @@ class Stage:
         samples = batch.samples
         with self.precision():
             features = self.encode(samples.tet, samples.bary)
-            sigma, rgb = self.evaluate(features, batch.basis, wp.to_torch(batch.sample_count))
+            sample_count = wp.to_torch(batch.sample_count)
+            sigma, rgb = self.networks.evaluate(features, batch.basis, sample_count)
         return Composite.apply(sigma, rgb, samples.length, samples.t, batch.counts, batch.ends)
 
     def encode(self, sample_tet, sample_bary):

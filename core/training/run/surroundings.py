@@ -24,8 +24,8 @@ from ...field import (
     GRID_ENTRIES,
     GRID_LEVELS,
     RESOLUTIONS,
-    Networks,
     Surroundings,
+    TorchNetworks,
     basis_of,
     basis_vector,
     contracted,
@@ -181,7 +181,7 @@ class LearntSurroundings(torch.nn.Module):
         low, high = start.box
         self._center, self._half = wp.vec3(*(0.5 * (low + high))), wp.vec3(*(0.5 * (high - low)))
         self.table = torch.nn.Parameter(torch.from_numpy(start.table.copy()))
-        self.networks = Networks(start.density_layers, start.color_layers, "relu")
+        self.networks = TorchNetworks(start.density_layers, start.color_layers)
         sky = np.clip(start.sky, 1e-3, 1 - 1e-3)
         self.sky_logit = torch.nn.Parameter(torch.from_numpy(np.log(sky / (1 - sky))).float())
         self.to(torch_device)

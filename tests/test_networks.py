@@ -1,13 +1,13 @@
-"""The networks: torch and NumPy agree, and the view basis is orthonormal."""
+"""The networks: torch, NumPy in blocks and the definition agree; the view basis is orthonormal."""
 
 import numpy as np
 import pytest
 import torch
 import warp as wp
 
-from deformrf.core.field import Networks, basis_of, basis_vector
-from deformrf.core.field.networks import reference as network
-from deformrf.core.field.networks.reference import spherical_harmonics
+from deformrf.core.field import TorchNetworks, basis_of, basis_vector, evaluator
+from deformrf.core.field.networks import cpu, evaluate, spherical_harmonics
+from deformrf.core.field.networks.reference import has_usual_shape, sigmoid
 from deformrf.core.field.networks.torch import TruncatedExp
 
 
@@ -43,18 +43,14 @@ def test_basis_kernel_matches_numpy(device):
     np.testing.assert_allclose(basis.numpy(), spherical_harmonics(d), atol=2e-6)
 
 
-@pytest.mark.parametrize("activation", ["relu", "sigmoid"])
-def test_torch_and_numpy_networks_agree(make_ball_field, activation):
-    field = make_ball_field(
-        np.random.default_rng().integers(1000),
-        density_activation=activation,
-        density_hidden=(64, 64),
-    )
+@pytest.mark.parametrize("hidden", [(64,), (64, 64), ()])
+def test_torch_and_numpy_networks_agree(make_ball_field, hidden):
+    field = make_ball_field(np.random.default_rng().integers(1000), density_hidden=hidden)
     features = np.random.default_rng().normal(size=(300, 24))
     basis = spherical_harmonics(random_directions(300))
     layers = field.density_layers, field.color_layers
-    sigma, rgb = network.evaluate(features.copy(), basis, *layers, field.options)
-    networks = Networks(*layers, activation).double()
+    sigma, rgb = evaluate(features, basis, *layers)
+    networks = TorchNetworks(*layers).double()
     with torch.no_grad():
         torch_sigma, torch_rgb = networks(torch.from_numpy(features), torch.from_numpy(basis))
     np.testing.assert_allclose(torch_sigma, sigma, rtol=1e-5)  # sigma is float32 by design
@@ -65,35 +61,72 @@ def test_torch_and_numpy_networks_agree(make_ball_field, activation):
             np.testing.assert_array_equal(b2, b)
 
 
-@pytest.mark.parametrize("activation", ["relu", "sigmoid"])
+@pytest.mark.parametrize("hidden", [(64, 32), ()])
 @pytest.mark.parametrize("levels", [6, 4])
-def test_networks_in_blocks_agree_with_the_reference(make_ball_field, activation, levels):
+def test_networks_in_blocks_agree_with_the_reference(make_ball_field, hidden, levels):
     """Also with biases, without the finest levels, and where the last block isn't full."""
     rng = np.random.default_rng()
-    field = make_ball_field(0, density_activation=activation, density_hidden=(64, 32))
+    field = make_ball_field(0, density_hidden=hidden)
     density, color = (
         tuple((w, rng.normal(size=b.shape).astype(np.float32)) for w, b in layers)
         for layers in (field.density_layers, field.color_layers)
     )
-    count = network.BLOCK + 100
+    count = cpu.BLOCK + 100
     features = rng.normal(size=(count, 24)).astype(np.float32)
     features[:, 4 * levels :] = 0.0
     basis = spherical_harmonics(random_directions(count)).astype(np.float32)
-    networks = network.BlockedNetworks(density, color, field.options)
+    networks = cpu.CpuNetworks(density, color)
     sigma, rgb = networks.evaluate(features[:, : 4 * levels], basis)
     double = [
         [(w.astype(float), b.astype(float)) for w, b in layers] for layers in (density, color)
     ]
-    expected_sigma, expected_rgb = network.evaluate(
-        features.astype(float), basis.astype(float), *double, field.options
-    )
+    expected_sigma, expected_rgb = evaluate(features.astype(float), basis.astype(float), *double)
     np.testing.assert_allclose(sigma, expected_sigma, rtol=1e-4)
     np.testing.assert_allclose(rgb, expected_rgb, atol=1e-5)
 
 
+@pytest.mark.parametrize("hidden", [(64,), (64, 64, 64), (32,)])
+@pytest.mark.parametrize("half", [False, True])
+def test_the_evaluator_of_a_device_agrees_with_the_reference(make_ball_field, device, hidden, half):
+    """Networks of any shape, on every device, without the finest level."""
+    rng, device = np.random.default_rng(), wp.get_device(device)
+    field = make_ball_field(int(rng.integers(1000)), density_hidden=hidden)
+    count, levels = 700, 5
+    features = rng.normal(size=(count, levels, 4)).astype(np.float32)
+    basis = spherical_harmonics(random_directions(count)).astype(np.float32)
+    sigma, rgb = evaluator(field, device).packed(
+        wp.array(features, dtype=wp.vec4, device=device),
+        wp.array(basis, dtype=basis_vector, device=device),
+        half=half,
+    )
+    whole = np.concatenate([features.reshape(count, -1), np.zeros((count, 4))], axis=1)
+    expected_sigma, expected_rgb = evaluate(
+        whole, basis.astype(float), field.density_layers, field.color_layers
+    )
+    tolerance = 3e-2 if half and device.is_cuda else 1e-3
+    logs = np.log(sigma.numpy()), np.log(expected_sigma)
+    np.testing.assert_allclose(*logs, atol=tolerance)
+    np.testing.assert_allclose(rgb.numpy(), expected_rgb, atol=tolerance)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("hidden, fused", [((64,), True), ((64, 64), False), ((32,), False)])
+def test_only_the_usual_shape_runs_in_place(make_ball_field, hidden, fused):
+    field = make_ball_field(1, density_hidden=hidden)
+    assert (evaluator(field, wp.get_device("cuda:0")).in_place is not None) == fused
+
+
+def test_the_usual_shape():
+    usual = [(24, 64), (64, 16), (32, 64), (64, 64), (64, 3)]
+    assert has_usual_shape(usual) and has_usual_shape([(4, 64), *usual[1:]])
+    assert not has_usual_shape([(36, 64), *usual[1:]])
+    assert not has_usual_shape([usual[0], (64, 64), *usual[1:]])
+    assert not has_usual_shape([(24, 32), (32, 16), *usual[2:]])
+
+
 def test_sigmoid_does_not_overflow():
     x = np.array([-1e4, -1.0, 0.0, 1.0, 1e4])
-    np.testing.assert_allclose(network.sigmoid(x.copy()), [0, 0.26894142, 0.5, 0.73105858, 1])
+    np.testing.assert_allclose(sigmoid(x.copy()), [0, 0.26894142, 0.5, 0.73105858, 1])
 
 
 def test_truncated_exp_has_the_gradient_of_exp_and_stays_finite():

@@ -1,4 +1,4 @@
-"""The fused networks compute what network_torch computes, forward and backward.
+"""The fused networks compute what torch's layers compute, forward and backward.
 
 On a GPU as they are; without one, if Triton is installed, in its interpreter.
 """
@@ -14,9 +14,9 @@ INTERPRETED = not torch.cuda.is_available()
 if INTERPRETED:  # before Triton is imported
     os.environ.setdefault("TRITON_INTERPRET", "1")
 
-from deformrf.core.field import FieldOptions, Networks  # noqa: E402
+from deformrf.core.field import FieldOptions, TorchNetworks  # noqa: E402
 from deformrf.core.field.field import layer_widths  # noqa: E402
-from deformrf.core.field.networks import triton as network_triton  # noqa: E402
+from deformrf.core.field.networks import triton as fused  # noqa: E402
 from deformrf.core.field.networks.torch import TruncatedExp  # noqa: E402
 
 # float16 has 11 bits: one rounding is off by up to 2^-11 = 5e-4 of the value.  A sum over 64
@@ -41,18 +41,18 @@ def device(request):
     """Where the kernels run, by torch's name."""
     if request.param != "interpreter":
         return request.param
-    if network_triton.kernels is None:
+    if fused.kernels is None:
         pytest.skip("needs Triton")
     if not INTERPRETED:
         pytest.skip("there is a GPU: Triton compiles the kernels")
-    if version(network_triton.kernels.triton) < (3, 7) and version(np) >= (2, 4):
+    if version(fused.kernels.triton) < (3, 7) and version(np) >= (2, 4):
         pytest.skip("Triton's interpreter before 3.7 can't count loops with NumPy 2.4")
-    if "Interpreted" not in type(network_triton.kernels.forward_kernel).__name__:
+    if "Interpreted" not in type(fused.kernels.forward_kernel).__name__:
         pytest.skip("Triton was imported without its interpreter: run this file alone")
     return "cpu"
 
 
-def random_networks(device, hidden=1, activation="relu", level_count=6):
+def random_networks(device, hidden=1, level_count=6):
     rng = np.random.default_rng()
     options = FieldOptions(level_count, density_hidden=(64,) * hidden)
 
@@ -64,7 +64,7 @@ def random_networks(device, hidden=1, activation="relu", level_count=6):
         )
 
     density, color = (layers(widths) for widths in layer_widths(options))
-    return Networks(density, color, activation).to(device)
+    return TorchNetworks(density, color).to(device)
 
 
 def random_samples(count, device, column_count=24):
@@ -90,18 +90,18 @@ def reference(networks, features, basis, rounding, closest=None):
     def linear(layer, x):
         return near(x) @ near(layer.weight).T + layer.bias
 
-    def activated(activation, x):
-        if closest is not None and activation is torch.relu:
+    def activated(x):
+        if closest is not None:
             torch.minimum(closest, x.detach().abs().amin(dim=1), out=closest)
-        return activation(x)
+        return torch.relu(x)
 
     x = features
     for layer in networks.density[:-1]:
-        x = activated(networks.activation, linear(layer, x))
+        x = activated(linear(layer, x))
     h = linear(networks.density[-1], x)
     x = torch.cat([h, basis], dim=1)
     for layer in networks.color[:-1]:
-        x = activated(torch.relu, linear(layer, x))
+        x = activated(linear(layer, x))
     return TruncatedExp.apply(h[:, 0]), torch.sigmoid(linear(networks.color[-1], x))
 
 
@@ -131,12 +131,10 @@ def relative_error(ours, expected):
     return float((ours.double() - expected).norm() / expected.norm())
 
 
-@pytest.mark.parametrize("activation", ["relu", "sigmoid"])
-@pytest.mark.parametrize("hidden", [1, 3])
-def test_values_and_gradients_match_float64(device, hidden, activation):
-    networks = random_networks(device, hidden, activation)
+def test_values_and_gradients_match_float64(device):
+    networks = random_networks(device)
     x, y, g_sigma, g_rgb = random_samples(np.random.default_rng().integers(300, 700), device)
-    sigma, rgb = network_triton.evaluate(networks, x, y)
+    sigma, rgb = fused.evaluate(networks, x, y)
     assert sigma.dtype == rgb.dtype == torch.float32
     with torch.no_grad():
         exact_sigma, exact_rgb = reference(
@@ -162,7 +160,7 @@ def test_any_number_of_levels_up_to_eight(device, level_count):
     networks = random_networks(device, level_count=level_count)
     x, y, *given = random_samples(200, device, 4 * level_count)
     drop_close_calls(networks, x, y, *given)
-    ours = gradients(network_triton.evaluate(networks, x, y), x, networks, *given)
+    ours = gradients(fused.evaluate(networks, x, y), x, networks, *given)
     expected = reference_gradients(networks, x, y, *given, rounding=True)
     errors = [relative_error(a, b) for a, b in zip(ours, expected, strict=True)]
     assert max(errors) < SAME_ROUNDING, errors
@@ -172,9 +170,9 @@ def test_half_features_get_half_gradients(device):
     networks = random_networks(device)
     x, y, *given = random_samples(100, device)
     half = x.detach().half().requires_grad_()
-    ours = gradients(network_triton.evaluate(networks, half, y), half, networks, *given)
+    ours = gradients(fused.evaluate(networks, half, y), half, networks, *given)
     assert ours[0].dtype == torch.float16
-    expected = gradients(network_triton.evaluate(networks, x, y), x, networks, *given)
+    expected = gradients(fused.evaluate(networks, x, y), x, networks, *given)
     torch.testing.assert_close(ours[0].float(), expected[0], rtol=1e-3, atol=1e-6)
     for a, b in zip(ours[1:], expected[1:], strict=True):
         torch.testing.assert_close(a, b, rtol=0.0, atol=0.0)
@@ -183,7 +181,7 @@ def test_half_features_get_half_gradients(device):
 def test_no_samples(device):
     networks = random_networks(device)
     x, y, *given = random_samples(0, device)
-    sigma, rgb = network_triton.evaluate(networks, x, y)
+    sigma, rgb = fused.evaluate(networks, x, y)
     assert sigma.shape == (0,)
     assert rgb.shape == (0, 3)
     x_grad, *rest = gradients((sigma, rgb), x, networks, *given)
@@ -200,21 +198,17 @@ def test_samples_past_the_count_are_neither_read_nor_written(device, count):
     with torch.no_grad():
         for array in (x, y, g_sigma, g_rgb):
             array[count:] = torch.nan
-    ours = gradients(network_triton.evaluate(networks, x, y, counter), x, networks, g_sigma, g_rgb)
+    ours = gradients(fused.evaluate(networks, x, y, counter), x, networks, g_sigma, g_rgb)
     few = x[:count].detach().requires_grad_()
-    outputs = network_triton.evaluate(networks, few, y[:count])
+    outputs = fused.evaluate(networks, few, y[:count])
     expected = gradients(outputs, few, networks, g_sigma[:count], g_rgb[:count])
     torch.testing.assert_close(ours[0][:count], expected[0], rtol=0.0, atol=0.0)
     for a, b in zip(ours[1:], expected[1:], strict=True):  # other programs, other order of sums
         torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5 * float(b.abs().max()))
 
     sigma, rgb = torch.full((room,), -1.0, device=device), torch.full((room, 3), -1.0).to(device)
-    network_triton._launch(
-        network_triton.kernels.forward_kernel,
-        network_triton.FORWARD,
-        *(x.detach(), y, network_triton.pack(networks).detach(), counter, sigma, rgb),
-        **{"FEATURES": 24, "MIDDLE": 0, "SIGMOID": False, "COUNTED": True},
-    )
+    parameters = fused.pack(networks).detach()
+    fused.launch_forward(x.detach(), y, parameters, counter, sigma, rgb)
     assert torch.equal(sigma[:count], outputs[0])
     assert (sigma[count:] == -1.0).all()
     assert (rgb[count:] == -1.0).all()
@@ -223,9 +217,9 @@ def test_samples_past_the_count_are_neither_read_nor_written(device, count):
 @pytest.mark.parametrize("exponent", [-60, -20, 20, 60])
 def test_gradients_follow_the_scale_of_the_loss(device, exponent):
     """Far outside float16's range: the kernels measure gradients in units of their own."""
-    networks = random_networks(device, hidden=3)
+    networks = random_networks(device)
     x, y, g_sigma, g_rgb = random_samples(100, device)
-    outputs = network_triton.evaluate(networks, x, y)
+    outputs = fused.evaluate(networks, x, y)
     ours = torch.autograd.grad(outputs, x, [g_sigma, g_rgb], retain_graph=True)[0]
     scale = 2.0**exponent
     scaled = torch.autograd.grad(outputs, x, [g_sigma * scale, g_rgb * scale])[0]
@@ -237,7 +231,7 @@ def test_small_gradients_of_the_color_survive_large_ones_of_sigma(device):
     x, y, g_sigma, g_rgb = random_samples(200, device)
     given = (g_sigma * 1e6, g_rgb * 1e-6)
     drop_close_calls(networks, x, y, *given)
-    ours = gradients(network_triton.evaluate(networks, x, y), x, networks, *given)
+    ours = gradients(fused.evaluate(networks, x, y), x, networks, *given)
     expected = reference_gradients(networks, x, y, *given, rounding=True)
     errors = [relative_error(a, b) for a, b in zip(ours, expected, strict=True)]
     assert max(errors) < SAME_ROUNDING, errors
@@ -248,7 +242,7 @@ def test_sigma_has_the_gradient_of_network_torch_beyond_its_limit(device):
     with torch.no_grad():
         networks.density[-1].bias[0] = 30.0
     x, y, g_sigma, g_rgb = random_samples(50, device)
-    sigma, rgb = network_triton.evaluate(networks, x, y)
+    sigma, rgb = fused.evaluate(networks, x, y)
     torch.testing.assert_close(sigma, torch.full_like(sigma, np.exp(15.0)), rtol=1e-5, atol=0.0)
     bias_grad = gradients((sigma, rgb), x, networks, g_sigma, 0.0 * g_rgb)[4]
     assert len(bias_grad) == 16
@@ -260,7 +254,7 @@ def test_a_gradient_that_is_no_number_shows(device):
     networks = random_networks(device)
     x, y, g_sigma, g_rgb = random_samples(50, device)
     g_rgb[7, 1] = torch.nan
-    x_grad, *rest = gradients(network_triton.evaluate(networks, x, y), x, networks, g_sigma, g_rgb)
+    x_grad, *rest = gradients(fused.evaluate(networks, x, y), x, networks, g_sigma, g_rgb)
     assert x_grad[7].isnan().any()
     assert all(gradient.isnan().any() for gradient in rest)
 
@@ -269,32 +263,36 @@ def test_the_same_again_gives_the_same(device):
     networks = random_networks(device)
     x, y, *given = random_samples(1000, device)
     first, second = (
-        gradients(network_triton.evaluate(networks, x, y), x, networks, *given) for _ in range(2)
+        gradients(fused.evaluate(networks, x, y), x, networks, *given) for _ in range(2)
     )
     assert all(torch.equal(a, b) for a, b in zip(first, second, strict=True))
 
 
 def test_the_cpu_has_the_torch_layers():
-    assert not network_triton.can_fuse(random_networks("cpu"))
+    networks = random_networks("cpu")
+    assert not fused.fits(networks)
+    x, y, *_ = random_samples(10, "cpu")
+    for ours, expected in zip(networks.evaluate(x, y), networks(x, y), strict=True):
+        assert torch.equal(ours, expected)
 
 
 @pytest.mark.gpu
-def test_what_can_be_fused():
-    assert network_triton.kernels is not None, "torch for CUDA comes with Triton"
-    assert network_triton.can_fuse(random_networks("cuda:0", 3, "sigmoid"))
-    assert not network_triton.can_fuse(random_networks("cuda:0", 4))
-    assert not network_triton.can_fuse(random_networks("cuda:0", level_count=9))
+def test_what_the_kernels_take():
+    assert fused.kernels is not None, "torch for CUDA comes with Triton"
+    assert fused.fits(random_networks("cuda:0"))
+    assert not fused.fits(random_networks("cuda:0", hidden=2))
+    assert not fused.fits(random_networks("cuda:0", level_count=9))
 
 
 @pytest.mark.gpu
 def test_a_graph_holds_forward_and_backward():
     """Recorded with one count, replayed with another: nothing about it is in the graph."""
-    networks = random_networks("cuda:0", 3, "sigmoid")
+    networks = random_networks("cuda:0")
     x, y, *given = random_samples(3000, "cuda:0")
     counter = torch.tensor([100], dtype=torch.int32, device="cuda:0")
 
     def work():
-        outputs = network_triton.evaluate(networks, x, y, counter)
+        outputs = fused.evaluate(networks, x, y, counter)
         return gradients(outputs, x, networks, *given)
 
     stream = torch.cuda.Stream()

@@ -5,28 +5,27 @@ import pytest
 import warp as wp
 
 from deformrf.core.field import BASIS_COUNT, vec4h
-from deformrf.core.field.networks import mma as network_mma
-from deformrf.core.field.networks import reference as network
+from deformrf.core.field.networks import evaluate, mma
 
 
 def test_fragments_are_what_the_products_of_a_warp_take():
     """Of mma.m16n8k16 thread l has column l / 4 and rows 2 (l % 4) + 0, 1, 8, 9."""
     rng = np.random.default_rng()
     weights = rng.normal(size=(64, 16)).astype(np.float16)
-    tiles = network_mma.fragments(weights).reshape(2, 4, 32, 4)
+    tiles = mma.fragments(weights).reshape(2, 4, 32, 4)
     for n, k, lane, i in rng.integers(0, (2, 4, 32, 4), (50, 4)):
         row = 16 * k + 2 * (lane % 4) + (i % 2) + 8 * (i // 2)
         assert tiles[n, k, lane, i] == weights[row, 8 * n + lane // 4]
 
 
 def test_missing_columns_are_zero():
-    tiles = network_mma.fragments(np.ones((64, 3)))
+    tiles = mma.fragments(np.ones((64, 3)))
     assert tiles.shape == (4, 32, 4)
     assert tiles.sum() == 64 * 3
 
 
 def test_the_cpu_has_no_tensor_cores(make_ball_field):
-    assert not network_mma.fits(make_ball_field(1), wp.get_device("cpu"))
+    assert not mma.fits(make_ball_field(1), wp.get_device("cpu"))
 
 
 @pytest.mark.gpu
@@ -36,25 +35,24 @@ def test_values_are_those_of_numpy(make_ball_field, level_count, count):
     rng = np.random.default_rng()
     field = make_ball_field(int(rng.integers(1000)), level_count=level_count)
     device = wp.get_device("cuda:0")
-    assert network_mma.fits(field, device)
+    assert mma.fits(field, device)
     room = count + 7  # samples that aren't there cost nothing, and have no values
     features = rng.normal(size=(room, 4 * level_count)).astype(np.float16)
     basis = rng.normal(size=(room, BASIS_COUNT)).astype(np.float16)
     sigma, rgb = wp.zeros(room, device=device), wp.zeros(room, dtype=wp.vec3, device=device)
-    network_mma.Networks(field, device).evaluate(
+    mma.TensorCoreNetworks(field, device).evaluate(
         *(wp.array(a.reshape(-1, 4), dtype=vec4h, device=device) for a in (features, basis)),
         wp.full(1, count, dtype=int, device=device),
         sigma,
         rgb,
     )
-    expected_sigma, expected_rgb = network.evaluate(
+    expected_sigma, expected_rgb = evaluate(
         features.astype(float),
         basis.astype(float),
         field.density_layers,
         field.color_layers,
-        field.options,
     )
-    # float16 weights and hidden layers, as in test_network_triton.py.
+    # float16 weights and hidden layers, as in test_networks_triton.py.
     logs = np.log(sigma.numpy()[:count]), np.log(expected_sigma[:count])
     np.testing.assert_allclose(*logs, atol=3e-2)
     np.testing.assert_allclose(rgb.numpy()[:count], expected_rgb[:count], atol=2e-2)

@@ -1,0 +1,87 @@
+"""The fastest way to evaluate a field's networks for images on a device.
+
+    device                 half precision            float32
+    CPU                    none: it would be slower  NumPy (cpu.py)
+    CUDA, usual shape      tensor cores (mma.py)     torch
+    CUDA, other shapes     torch                     torch
+
+Torch takes seconds to import, so its networks are made at the first call that needs them.
+Training evaluates its networks itself: TorchNetworks.evaluate.
+
+Shapes: N samples, L levels, l <= L of them encoded.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import warp as wp
+
+from . import mma
+from .cpu import CpuNetworks
+
+
+@dataclass(frozen=True)
+class Evaluator:
+    """Both networks of a field on a device.
+
+    Attributes:
+        packed: packed(features [N, l] vec4, basis [N] basis_vector, half) -> sigma [N], rgb
+            [N]: Warp arrays.  With `half`, in half precision if the device gains by it.
+        in_place: mma.TensorCoreNetworks.evaluate, which allocates nothing and waits for
+            nothing; None where only `packed` is there.
+    """
+
+    packed: Callable
+    in_place: Callable | None = None
+
+
+def evaluator(field, device) -> Evaluator:
+    """How to evaluate the networks of a field (TetField) on a Warp device."""
+    if not device.is_cuda:
+        return Evaluator(_on_cpu(field))
+    in_place = None
+    if mma.fits(field, device):
+        in_place = mma.TensorCoreNetworks(field, device).evaluate
+    return Evaluator(_in_torch(field, device), in_place)
+
+
+def _on_cpu(field):
+    networks = CpuNetworks(field.density_layers, field.color_layers)
+
+    def packed(features, basis, half):
+        rows = features.numpy().reshape(len(basis), 4 * features.shape[1])
+        sigma, rgb = networks.evaluate(rows, basis.numpy())
+        return (
+            wp.array(sigma, dtype=float, device="cpu", copy=False),
+            wp.array(rgb, dtype=wp.vec3, device="cpu", copy=False),
+        )
+
+    return packed
+
+
+def _in_torch(field, device):
+    made = {}  # networks by `half`
+
+    def networks(half):
+        from .torch import TorchNetworks
+
+        if half not in made:
+            whole = TorchNetworks(field.density_layers, field.color_layers)
+            whole = whole.to(f"cuda:{device.ordinal}")
+            made[half] = whole.half() if half else whole
+        return made[half]
+
+    def packed(features, basis, half):
+        import torch
+
+        dtype = torch.float16 if half else torch.float32
+        # On Warp's stream, so that kernels and layers follow each other without waiting.
+        stream = wp.stream_to_torch(wp.get_stream(device))
+        with torch.no_grad(), torch.cuda.stream(stream):
+            x = wp.to_torch(features).flatten(1)
+            missing = networks(half).density[0].in_features - x.shape[1]
+            x = torch.nn.functional.pad(x, (0, missing)) if missing else x
+            sigma, rgb = networks(half)(x.to(dtype), wp.to_torch(basis).to(dtype))
+            return wp.from_torch(sigma), wp.from_torch(rgb, dtype=wp.vec3)
+
+    return packed
