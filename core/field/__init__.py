@@ -37,6 +37,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "basis_of",
             "basis_vector",
             "evaluator",
+            "networks_kernel",
         ],
         "occupancy": [
             "LEVELS",

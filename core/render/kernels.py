@@ -5,7 +5,7 @@ Warp compiles all kernels of a Python module at once, when the first of them is 
 
 import warp as wp
 
-from ..field import encode_kernel
+from ..field import encode_kernel, networks_kernel
 from . import modes, shading, subpixel
 from .overlap import Overlap, PieceMerger
 from .rays import Pose, camera_rays_kernel, march_kernel
@@ -24,5 +24,5 @@ def kernel_modules(device) -> list[str]:
     if wp.get_device(device).is_cuda:
         from .rounds import begin_kernel
 
-        kernels += [begin_kernel, shading.half_basis_kernel, shading.network_mma.networks_kernel]
+        kernels += [begin_kernel, shading.half_basis_kernel, networks_kernel]
     return sorted({*names, *(kernel.module.name for kernel in kernels)})

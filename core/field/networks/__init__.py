@@ -6,6 +6,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "dispatch": ["Evaluator", "evaluator"],
+        "mma": ["networks_kernel"],
         "reference": [
             "BASIS_COUNT",
             "CONSTANT_BASIS",
