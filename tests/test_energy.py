@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from beams import ball
 
 from deformrf.core.deform import Material
 from deformrf.core.geometry import A15, BCC, a15_grid, signed_volumes
-from deformrf.core.lab.dynamics.bodies import ball
 from deformrf.core.lab.dynamics.energy import Energy, material_energy, uniform_energy
 
 

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -73,24 +74,28 @@ def test_other_values_are_words():
 
 @dataclass(frozen=True)
 class Row:
-    name: str
-    error: float | None
+    error: Annotated[float | None, "error [%]"]
+    name: Annotated[str, "case"]
     default: bool
     hidden: int = 1
 
 
 def test_a_table_shows_what_has_a_heading():
-    rows = [Row("a", 0.1, False), Row("b", None, True), Row("c", 0.3, False)]
-    shown = printed(Table("t", "T.", {"error": "error [%]", "name": "case"}, rows))
+    rows = [Row(0.1, "a", False), Row(None, "b", True), Row(0.3, "c", False)]
+    shown = printed(Table("t", "T.", rows))
     assert shown.headings == ["error [%]", "case"] and shown.numeric == [True, False]
     assert shown.rows == [["0.100", "a"], ["–", "b"], ["0.300", "c"]]
     assert shown.marked == [False, True, False] and shown.notes == ["The default is in bold."]
 
 
 def test_a_table_may_show_its_first_rows_only():
-    rows = [Row("a", None, False)] * 1200
-    shown = printed(Table("t", "T.", {"name": "case", "error": "error"}, rows, first=2))
+    rows = [Row(0.5, "a", False)] * 1200
+    shown = printed(Table("t", "T.", rows, first=2))
     assert len(shown.rows) == 2 and shown.notes == ["The first 2 of 1,200 rows."]
-    assert shown.numeric == [False, False]  # of nothing, nothing is known
-    none = printed(Table("t", "T.", {"name": "case"}, []))
+    none = printed(Table("t", "T.", []))
     assert none.rows == [] and none.notes == []
+
+
+def test_a_column_without_a_value_is_not_shown():
+    shown = printed(Table("t", "T.", [Row(None, "a", False), Row(None, "b", False)]))
+    assert shown.headings == ["case"] and shown.rows == [["a"], ["b"]]

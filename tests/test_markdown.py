@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
 from markdown_it import MarkdownIt
 
@@ -14,16 +15,15 @@ FIGURE = Figure("fig_1", "σ [1/m]: *so* | so.", b"")
 
 @dataclass(frozen=True)
 class Row:
-    case: str
-    size: float
-    passed: bool
+    case: Annotated[str, "case [|]"]
+    size: Annotated[float, "size"]
+    passed: Annotated[bool, "result"]
     default: bool
 
 
 TABLE = Table(
     "cases_all",
     "Cases | all.",
-    {"case": "case [|]", "size": "size", "passed": "result"},
     [Row(ODD, 0.25, False, False), Row("plain", 2.0, True, True), Row("", 1.0, True, True)],
 )
 SECTIONS = [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.lab.rendering import pictures
-from deformrf.core.lab.rendering.photographs import photographs
+from deformrf.core.lab.rendering.pictures import photographs
 from deformrf.core.render import Camera, Renderer, RenderOptions, pinhole
 from deformrf.core.training.data import datasets
 

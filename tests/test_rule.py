@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.lab.rendering import rule
+from deformrf.core.lab import rule
 
 
 def turns(*medians):

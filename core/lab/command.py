@@ -1,8 +1,8 @@
 """deformrf-report: error against run time, stability, and what was left out, for one model.
 
-Sections are measured one after the other and written together.  Ctrl-C, or an error, writes
-those that are done.  Whatever a report says, also that something failed, its exit code is 0 if it
-was written whole.  Slow imports wait until the arguments are known to be good.
+Sections are measured one after the other and written together.  After Ctrl-C or an error,
+those that are done are written.  The exit code is 0 if the report was written whole, even if
+it says that something failed.  Slow imports wait until the arguments are known to be good.
 """
 
 import shlex
@@ -20,6 +20,7 @@ from ..arguments import File, plain_message, writable_file
 from ..commands import INPUT_ERROR, require, run
 from ..device import Choice, device_name
 from ..paths import DEFAULT_MODEL
+from .effort import EFFORTS, Effort
 
 PROGRAM = "deformrf-report"
 TETS = 5000  # that the estimates of time are for
@@ -31,7 +32,6 @@ SECONDS = {  # full on two CPU cores, on one H100, quick on the one and on the o
     "left out": (110, 65, 30, 25),
 }
 GROWING = ("dynamics", "stability")  # with the number of tets
-TRUST = 0.2  # in these estimates, as if so much of them were done in time
 LONG = 150  # seconds: what takes longer is told in minutes
 TEST_SPLIT = "test"
 
@@ -55,34 +55,6 @@ class ReportArguments:
     """auto takes CUDA if there is any."""
     quick: bool = False
     """Fewer settings, pixels and repeats: 5,000 tets take under two minutes on two CPU cores."""
-
-
-class Effort(NamedTuple):
-    """How much is measured.
-
-    Attributes:
-        size: Of images, both sides [pixels].
-        view_count: Views from all around.
-        pixel_count: Compared with the reference in each view.
-        turns: Of timing.
-        photo_count: Test views.
-        photo_pixels: Compared in each of them.
-    """
-
-    size: int
-    view_count: int
-    pixel_count: int
-    turns: int
-    photo_count: int
-    photo_pixels: int
-
-
-EFFORTS = {  # (on a CPU, quick)
-    (True, True): Effort(150, 2, 250, 4, 4, 400),
-    (True, False): Effort(200, 3, 800, 16, 10, 1000),
-    (False, True): Effort(400, 2, 250, 8, 4, 400),
-    (False, False): Effort(800, 3, 800, 24, 10, 1000),
-}
 
 
 class Job(NamedTuple):
@@ -115,52 +87,52 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
     effort = EFFORTS[device == "cpu", arguments.quick]
     photos = photographs_for(field, arguments.data, effort)
     writable_file(arguments.output / "report.html", ".html")
+    jobs = plan(field, arguments, device, effort, photos)
+    return lambda: report(field, arguments, device, jobs)
 
-    def work():
-        from .report import machine
 
-        command = machine.without_folders(printable(shlex.join([PROGRAM, *sys.argv[1:]])))
-        # Before it has work to do.
-        about_machine = machine.section(device, seeds(), command, arguments.model)
-        jobs = plan(field, arguments, device, effort, photos)
-        begun, found, failure = time.perf_counter(), [], None
-        try:
-            for section in measured(jobs):
-                found.append(section)
-        except (KeyboardInterrupt, Exception) as error:  # what is done is written first
-            failure = error
-        from .report import Report, is_complete, write
+def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> int:
+    """Measure, write and tell; returns the exit code."""
+    from .report import Report, is_complete, machine, write
 
-        if failure is not None and not found:
+    command = machine.without_folders(printable(shlex.join([PROGRAM, *sys.argv[1:]])))
+    # Before it has work to do.
+    about_machine = machine.section(device, seeds(), command, arguments.model)
+    begun, found, failure = time.perf_counter(), [], None
+    try:
+        for section in measured(jobs):
+            found.append(section)
+    except (KeyboardInterrupt, Exception) as error:  # what is done is written first
+        failure = error
+        if not found:
             print(f"{PROGRAM}: nothing was measured yet, nothing is written", file=sys.stderr)
-            raise failure
-        output = arguments.output
-        if failure is not None and is_complete(output):  # keep it
-            output = output.resolve()  # "." has no name
-            output = output.with_name(f"{output.name}-interrupted")
-        missing = [job.title for job in jobs[len(found) :]]
-        name = printable(arguments.model.stem)
-        facts = {
-            "model": f"{name}, {field.mesh.tet_count} tets, {field.layout.level_count} levels",
-            "device": _device_words(device),
-            "effort": "quick" if arguments.quick else "full",
-            "date": date.today().isoformat(),
-            "duration": f"{time.perf_counter() - begun:.0f} s",
-            "command": command,
-        }
-        title, complete = f"Report on {name}", failure is None
-        report = Report(title, facts, [*found, about_machine], complete, tuple(missing))
-        try:
-            paths = write(report, output)
-        except OSError as error:
-            print(f"{PROGRAM}: {plain_message(error)}", file=sys.stderr)
-            return INPUT_ERROR
-        tell(found, paths[-1], missing)
-        if failure is not None:
-            raise failure
-        return 0
-
-    return work
+            raise
+    output = arguments.output
+    if failure is not None and is_complete(output):  # keep it
+        output = output.resolve()  # "." has no name
+        output = output.with_name(f"{output.name}-interrupted")
+    missing = tuple(job.title for job in jobs[len(found) :])
+    name = printable(arguments.model.stem)
+    facts = {
+        "model": f"{name}, {field.mesh.tet_count} tets, {field.layout.level_count} levels",
+        "device": _device_words(device),
+        "effort": "quick" if arguments.quick else "full",
+        "date": date.today().isoformat(),
+        "duration": f"{time.perf_counter() - begun:.0f} s",
+        "command": command,
+    }
+    sections = [*found, about_machine]
+    try:
+        paths = write(
+            Report(f"Report on {name}", facts, sections, failure is None, missing), output
+        )
+    except OSError as error:
+        print(f"{PROGRAM}: {plain_message(error)}", file=sys.stderr)
+        return INPUT_ERROR
+    tell(found, paths[-1], missing)
+    if failure is not None:
+        raise failure
+    return 0
 
 
 def photographs_for(field, data, effort: Effort):
@@ -173,8 +145,8 @@ def photographs_for(field, data, effort: Effort):
     dataset = load_dataset(data, TEST_SPLIT, view_count=effort.photo_count)
     if field.surroundings is not None or lacks_surroundings(field, dataset):
         print(
-            "The photographs show what surrounds the object, and the report is about the object "
-            "alone: they are left out of it.",
+            "The photographs show what surrounds the object, but the report is about the object "
+            "alone: it leaves them out.",
             file=sys.stderr,
             flush=True,
         )
@@ -185,35 +157,18 @@ def photographs_for(field, data, effort: Effort):
 def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos) -> list[Job]:
     """What there is to measure."""
     from .dynamics import tell as dynamics
-    from .omissions import measure as omissions
-    from .omissions import tell as left_out
-    from .rendering import RenderingStudy
+    from .omissions import tell as omissions
     from .rendering import tell as rendering
     from .stability import tell as stability
     from .training import tell as training
 
-    quick, name = arguments.quick, arguments.model.stem
-
-    def render(step):
-        study = RenderingStudy(*(field, device, effort.size, effort.view_count, effort.pixel_count))
-        return rendering.section(study, effort.turns, photos, step)
-
-    def omit(step):
-        chosen = omissions.effort(device, quick)
-        parts, rows = omissions.omissions(field, arguments.model, device, chosen), []
-        whole, done = sum(part.seconds for part in parts), 0.0
-        for part in parts:
-            rows += part.run()
-            done += part.seconds
-            step(done / whole)
-        return left_out.section(rows, chosen)
-
+    quick, model = arguments.quick, arguments.model
     sections = {
-        "rendering": render,
-        "dynamics": lambda step: dynamics.section(name, field.mesh, device, quick, step),
+        "rendering": lambda step: rendering.section(field, device, effort, photos, step),
+        "dynamics": lambda step: dynamics.section(field.mesh, device, quick, step),
         "training": lambda step: training.section(field),
         "stability": lambda step: stability.section(field, device, quick, step),
-        "left out": omit,
+        "left out": lambda step: omissions.section(field, model, device, effort, step),
     }
     size, column = max(field.mesh.tet_count / TETS, 0.2), 2 * quick + (device != "cpu")
     return [
@@ -224,46 +179,35 @@ def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos)
 
 def measured(jobs: list[Job]):
     """The sections, one by one, under a progress bar."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
     whole = sum(job.seconds for job in jobs)
-    print(f"This takes about {_duration(whole)}.", flush=True)
-    columns = (
-        TextColumn("{task.description:10}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("elapsed, about {task.fields[left]} left"),
-    )
-    start = time.perf_counter()
-    with Progress(*columns) as bar:
-        task = bar.add_task("", total=whole, left=_duration(whole))
-        before = 0.0
-
-        def show(done):
-            # By what this machine took so far, the less of it there is the less.
-            pace = (time.perf_counter() - start + TRUST * whole) / (done + TRUST * whole)
-            bar.update(task, completed=done, left=_duration(pace * (whole - done)))
-
+    about = f"{whole:.0f} s" if whole < LONG else f"{whole / 60:.0f} min"
+    print(f"This takes about {about}.", flush=True)
+    title = TextColumn("{task.description:10}")
+    with Progress(title, BarColumn(), TaskProgressColumn(), TimeRemainingColumn()) as bar:
+        task, before = bar.add_task("", total=whole), 0.0
         for job in jobs:
             bar.update(task, description=job.title)
 
             def step(share, before=before, job=job):
-                show(before + share * job.seconds)
+                bar.update(task, completed=before + share * job.seconds)
 
             begun = time.perf_counter()
             section = job.section(step)
+            step(1.0)
             before += job.seconds
-            show(before)
             yield replace(section, seconds=time.perf_counter() - begun)
 
 
-def _duration(seconds):
-    return f"{seconds:.0f} s" if seconds < LONG else f"{seconds / 60:.0f} min"
-
-
 def printable(words: str) -> str:
-    """Without what a file's name may have and no text can."""
+    """A file's name as text: what no text can hold becomes a question mark."""
     return words.encode("utf-8", "replace").decode()
 
 
@@ -279,7 +223,7 @@ def tell(sections, path, missing=()):
 
 def seeds() -> dict[str, int | str]:
     """Of everything random in a report."""
-    from .stability import SEED
+    from .stability.tell import SEED
 
     return {"pixels": "the view's number", "order of settings": 0, "stress cases and poses": SEED}
 

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from deformrf.core.deform import XpbdOptions
-from deformrf.core.lab.dynamics import measure as own_mesh
+from deformrf.core.lab import rule
+from deformrf.core.lab.dynamics import measure as dynamics
 from deformrf.core.lab.rendering import measure as rendering
-from deformrf.core.lab.rendering import rule
 
 
 def rendering_choice(reports, judged):
@@ -65,7 +65,7 @@ def substeps_choice(judged):
                 worst.setdefault(row["count"], []).append(row["of_motion"])
     counts = sorted(count for count, errors in worst.items() if len(errors) == 2 * len(judged))
     errors = [max(worst[count]) for count in counts]
-    chosen = rule.cheapest([[count] for count in counts], errors, 100.0 * own_mesh.BOUND)
+    chosen = rule.cheapest([[count] for count in counts], errors, 100.0 * dynamics.BOUND)
     for number, count in enumerate(counts):
         mark = "   <- the rule" if number == chosen else ""
         print(f"{count:4} substeps: at most {errors[number]:.3g} % of the motion{mark}")

@@ -28,8 +28,8 @@ from newton_peer import NewtonPeer, newton, newton_model
 from xpbd_speed import WARM_UP, ball
 
 from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lowest_pins
-from deformrf.core.lab.dynamics import statics
 from deformrf.core.lab.dynamics.energy import material_energy
+from deformrf.core.lab.dynamics.references import equilibrium
 
 GRAVITY = (0.0, 0.0, -9.81)
 MATERIAL = Material(damping=30.0)  # so that the ball soon rests; where doesn't depend on it
@@ -77,7 +77,7 @@ class Scene:
     def equilibrium(self, energy, start):
         """The static pose of an energy, near one whose held vertices are in place.  [V, 3]"""
         if energy == "springs":
-            return statics.equilibrium(self.energy, start, self.held, GRAVITY).vertices
+            return equilibrium(self.energy, start, self.held, GRAVITY).vertices
         weights = self.energy.masses[:, None] * GRAVITY
         density = xpbd_statics.DENSITIES[energy]
         solids = xpbd_statics.Solids(self.rest, self.tets, density, *self.moduli[energy])

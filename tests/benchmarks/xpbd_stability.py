@@ -24,7 +24,7 @@ from rich.progress import track
 from deformrf.core.deform import Material, XpbdSolver
 from deformrf.core.geometry import TetMesh, a15_grid, extract
 from deformrf.core.geometry.lattice import bcc_grid, kuhn_grid
-from deformrf.core.lab.stability.measure import run_case
+from deformrf.core.lab.stability.measure import Solid, run_case
 from deformrf.core.lab.stability.stress import CASES, suits
 
 GRIDS = {"A15": (a15_grid, 46 / 64), "BCC": (bcc_grid, 12 / 8), "Kuhn": (kuhn_grid, 6)}  # tets/dx³
@@ -84,10 +84,9 @@ def execute(run: Run):
     """The run's line as a dictionary."""
     wp.config.log_level = wp.LOG_ERROR
     case = next(case for case in CASES if case.name == run.case)
-    rigid = run.young_modulus == RIGID
-    result = run_case(body(run), run.material, case, run.device, run.seed, rigid)
-    line = asdict(run) | asdict(result)
-    return {key: value for key, value in line.items() if key != "name"}
+    solid = Solid(run.lattice, run.material, rigid=run.young_modulus == RIGID)
+    line = asdict(run_case(body(run), solid, case, run.device, run.seed)) | asdict(run)
+    return {key: value for key, value in line.items() if key != "material"}
 
 
 def matrix(arguments):
@@ -139,11 +138,11 @@ def cell(lines):
         return f"**NaN** ({sum(not line['finite'] for line in lines)} of {len(lines)})"
     if failed:
         worst = max(failed, key=lambda line: line["error"])
-        error, inverted = 100 * worst["error"], worst["inverted"]
+        error, inverted = worst["error"], worst["inverted"]
         return f"**{len(failed)} of {len(lines)}**: {error:.1f} %, {inverted} inv."
     slowest = [line["recovery_seconds"] for line in lines]
     if None in slowest:
-        return f"finite, {100 * max(line['error'] for line in lines):.0f} %"
+        return f"finite, {max(line['error'] for line in lines):.0f} %"
     rescued = sum(line["rescues"] > 0 for line in lines)
     return f"{max(slowest):.1f} s" + (f" ({rescued} r)" if rescued else "")
 

@@ -1,4 +1,4 @@
-"""The elastic energy that the constraints stand for, its gradient and its exact Hessian.
+"""The elastic energy that the solver's constraints stand for, with gradient and exact Hessian.
 
     edge:   ½ k (|x_i − x_j| − L)²        k = 1/α [N/m]
     volume: ½ κ C²,  C = 6 (V − V0)       κ = 1/α [N/m⁵]
@@ -6,10 +6,10 @@
     ∂²/∂x_i∂x_j of an edge = −k (n nᵀ + (1 − L/l) (I − n nᵀ)),   n = (x_i − x_j)/l
     Hessian of a volume    = κ g gᵀ + κ C ∂²(6V)
 
-All in float64.  This is what the solver would reach with endless substeps, so statics.py
-and dynamics.py measure it against this.
+All in float64.  The solver would reach this energy's motion with endless substeps, so
+references.py computes from it what the solver is compared with.
 
-Shapes: V vertices, E edges, T tets, B 3x3 blocks of the Hessian (V + 2E).
+Shapes: V vertices, E edges, T tets.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Energy:
         edges: Ends of each spring.  [E, 2]
         lengths: At rest.  [E] m
         stiffnesses: k.  [E] N/m
-        tets: [T, 4]; T may be 0.  Each one's edges must be among the edges.
+        tets: [T, 4]; T may be 0.
         volumes: 6 V0.  [T] m³
         volume_stiffnesses: κ.  [T] N/m⁵
     """
@@ -46,20 +46,15 @@ class Energy:
 
     def value(self, x):
         """Elastic energy at positions x [V, 3], in J."""
-        energy = 0.5 * (self.stiffnesses * self._stretches(x)[2] ** 2).sum()
-        if len(self.tets):
-            growth = 6.0 * signed_volumes(x, self.tets) - self.volumes
-            energy += 0.5 * (self.volume_stiffnesses * growth**2).sum()
-        return float(energy)
+        springs = (self.stiffnesses * self._stretches(x)[2] ** 2).sum()
+        return 0.5 * float(springs + (self.volume_stiffnesses * self._growth(x) ** 2).sum())
 
     def gradient(self, x):
         """∂ energy / ∂x, minus the force [N].  [V, 3]"""
         directions, _, stretches = self._stretches(x)
-        pulls = (self.stiffnesses * stretches)[:, None] * directions
-        result = self._edge_sums @ pulls
+        result = self._edge_sums @ ((self.stiffnesses * stretches)[:, None] * directions)
         if len(self.tets):
-            growth = 6.0 * signed_volumes(x, self.tets) - self.volumes
-            pushes = (self.volume_stiffnesses * growth)[:, None, None]
+            pushes = (self.volume_stiffnesses * self._growth(x))[:, None, None]
             result += self._tet_sums @ (pushes * volume_gradients(x, self.tets)).reshape(-1, 3)
         return result
 
@@ -68,15 +63,19 @@ class Energy:
         directions, lengths, stretches = self._stretches(x)
         outer = directions[:, :, None] * directions[:, None, :]
         across = (stretches / lengths)[:, None, None] * (np.eye(3) - outer)
-        blocks = self.stiffnesses[:, None, None] * (outer + across)
-        pairs = np.concatenate([blocks, blocks, -blocks, -blocks])
-        data = self._pair_sums @ pairs.reshape(-1, 9)
-        if len(self.tets):
-            data += self._tet_pair_sums @ self._tet_blocks(x).reshape(-1, 9)
-        vertex_count = len(self.masses)
-        return sparse.bsr_matrix(
-            (data.reshape(-1, 3, 3), *self._pattern), shape=(3 * vertex_count, 3 * vertex_count)
-        ).tocsr()
+        springs = self.stiffnesses[:, None, None] * (outer + across)
+        signs = np.array([[1.0, -1.0], [-1.0, 1.0]])[:, :, None, None]
+        hessian = self._assembled(self.edges, signs * springs[:, None, None])
+        return hessian + self._assembled(self.tets, self._tet_blocks(x))
+
+    def _assembled(self, corners, blocks):
+        """The sum of 3 x 3 blocks [N, K, K, 3, 3] between corners [N, K].  [3V, 3V] CSR"""
+        dofs = 3 * corners[:, :, None] + np.arange(3)
+        rows = np.broadcast_to(dofs[:, :, None, :, None], blocks.shape)
+        columns = np.broadcast_to(dofs[:, None, :, None, :], blocks.shape)
+        size = 3 * len(self.masses)
+        entries = blocks.ravel(), (rows.ravel(), columns.ravel())
+        return sparse.coo_array(entries, shape=(size, size)).tocsr()
 
     def _stretches(self, x):
         """Unit vectors [E, 3], lengths [E] and lengths less those at rest [E]."""
@@ -84,10 +83,13 @@ class Energy:
         lengths = np.linalg.norm(along, axis=1)
         return along / lengths[:, None], lengths, lengths - self.lengths
 
+    def _growth(self, x):
+        """C of each volume.  [T]"""
+        return 6.0 * signed_volumes(x, self.tets) - self.volumes
+
     def _tet_blocks(self, x):
         """Hessian of each volume's energy.  [T, 4, 4, 3, 3]"""
         gradients = volume_gradients(x, self.tets)
-        growth = 6.0 * signed_volumes(x, self.tets) - self.volumes
         origin, *others = (x[self.tets[:, i]] for i in range(4))
         e1, e2, e3 = (_cross_matrices(corner - origin) for corner in others)
         second = np.zeros((len(self.tets), 4, 4, 3, 3))  # of 6 V = e1 · (e2 × e3)
@@ -97,64 +99,34 @@ class Energy:
         second[:, :, 0] = -second[:, :, 1:].sum(axis=2)
         outer = gradients[:, :, None, :, None] * gradients[:, None, :, None, :]
         scale = self.volume_stiffnesses[:, None, None, None, None]
-        return scale * (outer + growth[:, None, None, None, None] * second)
+        return scale * (outer + self._growth(x)[:, None, None, None, None] * second)
 
     @cached_property
     def _edge_sums(self):
         """+1 at an edge's first end and −1 at its second.  [V, E] sparse"""
         count = len(self.edges)
-        return sparse.csr_matrix(
-            (np.tile([1.0, -1.0], count), (self.edges.ravel(), np.repeat(np.arange(count), 2))),
-            shape=(len(self.masses), count),
-        )
+        signs = np.tile([1.0, -1.0], count)
+        places = self.edges.ravel(), np.repeat(np.arange(count), 2)
+        return sparse.csr_array((signs, places), shape=(len(self.masses), count))
 
     @cached_property
     def _tet_sums(self):
         """1 at each corner of each tet.  [V, 4T] sparse"""
         count = self.tets.size
-        return sparse.csr_matrix(
-            (np.ones(count), (self.tets.ravel(), np.arange(count))),
-            shape=(len(self.masses), count),
-        )
+        places = self.tets.ravel(), np.arange(count)
+        return sparse.csr_array((np.ones(count), places), shape=(len(self.masses), count))
 
-    @cached_property
-    def _block_keys(self):
-        """Row · V + column of each block that isn't zero, sorted.  [B]"""
-        first, second = self.edges.astype(np.int64).T
-        count = len(self.masses)
-        keys = [np.arange(count) * (count + 1), first * count + second, second * count + first]
-        return np.unique(np.concatenate(keys))
 
-    @cached_property
-    def _pattern(self):
-        """BSR's column of each block [B] and first block of each row [V + 1]."""
-        rows, columns = np.divmod(self._block_keys, len(self.masses))
-        return columns, np.searchsorted(rows, np.arange(len(self.masses) + 1))
-
-    @cached_property
-    def _pair_sums(self):
-        """Which block each edge's ii, jj, ij and ji go to.  [B, 4E] sparse"""
-        first, second = self.edges.astype(np.int64).T
-        rows = np.concatenate([first, second, first, second])
-        columns = np.concatenate([first, second, second, first])
-        return self._block_sums(rows, columns)
-
-    @cached_property
-    def _tet_pair_sums(self):
-        """The same for each tet's 16 pairs of corners.  [B, 16T] sparse"""
-        tets = self.tets.astype(np.int64)
-        return self._block_sums(np.repeat(tets, 4, axis=1).ravel(), np.tile(tets, 4).ravel())
-
-    def _block_sums(self, rows, columns):
-        blocks = np.searchsorted(self._block_keys, rows * len(self.masses) + columns)
-        count = len(rows)
-        return sparse.csr_matrix(
-            (np.ones(count), (blocks, np.arange(count))), shape=(len(self._block_keys), count)
-        )
+def _cross_matrices(vectors):
+    """[v]× for each v, so that [v]× u = v × u.  [N, 3, 3]"""
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def material_energy(rest_vertices, tets, material) -> Energy:
-    """What the solver's constraints of a material amount to."""
+    """The energy of the solver's constraints for a material."""
     edges = edge_constraints(rest_vertices, tets)
     volumes = volume_constraints(rest_vertices, tets)
     bulk = material.bulk_modulus
@@ -183,11 +155,3 @@ def uniform_energy(rest_vertices, tets, density, compliance) -> Energy:
         volumes=np.empty(0),
         volume_stiffnesses=np.empty(0),
     )
-
-
-def _cross_matrices(vectors):
-    """[v]× for each v, so that [v]× u = v × u.  [N, 3, 3]"""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.moveaxis(np.array(rows), 2, 0)

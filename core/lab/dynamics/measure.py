@@ -1,42 +1,173 @@
-"""The solver's error on a model's own mesh, held at its foot and pushed sideways.
+"""Error of the solver against its run time, on a body that is held at its foot and pushed.
+
+    static    it gives way until it is still;                  reference: Newton's method
+    dynamic   it moves for 0.2 s from rest, undamped;          reference: Verlet
+              (all 12 frames count: at one moment the phase of a stiff body's ringing decides)
 
 The push is a sideways gravity g under which the body would, if it stayed linear, move by
-PUSH of its size at most:
+PUSH of its size at most.  (Downwards a standing object buckles, and chance decides which way.)
 
-    K u = M e_x,   g = PUSH size / max |u_i|
+    K u = M e_x,   g = PUSH size / max |u_i|,   K the energy's Hessian at rest
 
-with K the energy's Hessian at rest.  Error of motion is then that of the stiffness: what
-gives way by a tenth too much is held as if E were a tenth lower.  (Downwards a standing
-object buckles, and where to is a matter of chance.)
+The material is the solver's, or every edge has the same compliance and there are no volume
+constraints.  At compliance 0 the reference is the rest pose: a body that is infinitely
+stiff does not move, so what is left is the compliance of one iteration and of its floor.
 
-Shapes: V vertices.
+Error is the RMS over vertices (and frames) of |x − reference|, over the reference's RMS
+motion and over the object's size.  An error of a tenth of the motion means that the solver
+holds the body as if E were a tenth lower.
+
+Shapes: V vertices, F frames.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, NamedTuple
 
 import numpy as np
-from scipy.sparse.linalg import splu
 
-from ...deform import lowest_pins
+from ...deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lowest_pins
 from ...geometry import TetMesh
-from .bodies import Held
-from .energy import Energy
-from .error import DEFAULT_MATERIAL, SCENES, Case
+from ..stopwatch import Timing, milliseconds, timing_of
+from .energy import Energy, material_energy, uniform_energy
+from .references import equilibrium, factorize, free_dofs, motion
 
+SCENES = ("static", "dynamic")
 PUSH = 0.05  # of the size
 BOUND = 0.1  # of the motion, under load: then E is held within about a tenth
 SOFTEST = 1e-12  # of the stiffest pivot: what rounding leaves of no stiffness
 ASIDE = np.array([1.0, 0.0, 0.0])
+MOTION_FRAMES = 12  # 0.2 s
+SETTLING_DAMPING = 10.0  # 1/s, near critical for the softest case
+SETTLING_FRAMES = 1800  # at most
+STILL = 1e-6  # of the size in half a second
+WARM_UP, TIMED_FRAMES = 3, 30
+DEFAULT_COUNT = XpbdOptions().substep_count
+DEFAULT_MATERIAL = Material()
 
 
-def body_of(mesh: TetMesh) -> Held:
+class Body(NamedTuple):
+    """A mesh, its rest vertices rounded to float32 as the solver's are, and what holds it.
+
+    Attributes:
+        held: [V] bool
+    """
+
+    mesh: TetMesh
+    held: np.ndarray
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """A body, what it is made of, and the gravity that moves it.
+
+    Attributes:
+        compliance: Of every edge [m/N]; None for the material's constraints.
+        scene: One of SCENES.
+        gravity: [m/s²]
+        solid: The material; its damping is replaced by that of the scene.
+    """
+
+    body: Body
+    scene: str
+    gravity: tuple[float, float, float]
+    compliance: float | None = None
+    solid: Material = DEFAULT_MATERIAL
+
+    @property
+    def material(self) -> Material:
+        """The material, with the damping of the scene."""
+        return replace(self.solid, damping=SETTLING_DAMPING if self.scene == "static" else 0.0)
+
+    @property
+    def energy(self) -> Energy:
+        """What the solver minimizes."""
+        rest, tets = self.body.mesh.rest_vertices, self.body.mesh.tets
+        if self.compliance is None:
+            return material_energy(rest, tets, self.material)
+        return uniform_energy(rest, tets, self.material.density, self.compliance)
+
+    @property
+    def reference(self):
+        """Where the vertices would be without error: at rest, or frame by frame.  [F, V, 3]
+
+        Raises:
+            NoEquilibrium: Newton's method finds no rest.
+        """
+        return self._solved[0]
+
+    @property
+    def reference_error(self) -> float:
+        """The reference's own error.
+
+        Static: the forces that are left, over the loads.  Dynamic: a third of the difference
+        to the run with twice the step, over the motion.
+        """
+        return self._solved[1]
+
+    @cached_property
+    def _solved(self):
+        rest, held = self.body.mesh.rest_vertices, self.body.held
+        if self.compliance == 0.0:
+            return rest[None], 0.0
+        if self.scene == "static":
+            found = equilibrium(self.energy, rest, held, self.gravity)
+            return found.vertices[None], found.residual
+        duration = MOTION_FRAMES * TIME_STEP
+        moved = motion(self.energy, rest, held, duration, self.gravity, samples=MOTION_FRAMES)
+        return moved.path, moved.self_difference / 3.0 / _rms(moved.path - rest)
+
+    def options(self, substep_count) -> XpbdOptions:
+        """Of a solver that never sleeps and never begins a rescue."""
+        return XpbdOptions(
+            substep_count=substep_count, gravity=self.gravity, sleep_motion=0.0, rescue=False
+        )
+
+    def solver(self, substep_count, device) -> XpbdSolver:
+        """The program's solver, ready to step."""
+        (mesh, held), options = self.body, self.options(substep_count)
+        solver = XpbdSolver(
+            mesh.rest_vertices, mesh.tets, self.material, held, options, device=device
+        )
+        if self.compliance is not None:
+            solver.set_compliances(self.compliance, None)
+        return solver
+
+
+@dataclass(frozen=True)
+class DynamicsRow:
+    """The solver on one load case; errors in percent.
+
+    Attributes:
+        scheme: "substeps" is the program's solver.
+        of_motion: None where nothing moves, at compliance 0.
+        frames: How many were run.
+        default: Whether it is the program's default.
+        chosen: Whether it is the rule's.
+    """
+
+    scene: Annotated[str, "scene"]
+    scheme: str
+    compliance: Annotated[str, "compliance [m/N]"]
+    count: Annotated[int, "substeps"]
+    of_motion: Annotated[float | None, "of the motion [%]"]
+    of_size: Annotated[float, "of the size [%]"]
+    largest: Annotated[float, "largest, of the size [%]"]
+    reference_error: Annotated[float, "reference's own [% of the motion]"]
+    frame: Annotated[Timing, "ms a frame"]
+    frames: int
+    default: bool
+    chosen: Annotated[bool, "the rule's"]
+
+
+def standing(mesh: TetMesh) -> Body:
     """A mesh that stands on its foot, as the solver's float32 has it."""
     rest = mesh.rest_vertices.astype(np.float32).astype(np.float64)
-    return Held(replace(mesh, rest_vertices=rest), lowest_pins(rest, mesh.tets))
+    return Body(replace(mesh, rest_vertices=rest), lowest_pins(rest, mesh.tets))
 
 
 def response(energy: Energy, rest, held, direction):
-    """Where a body that stays linear moves, for each m/s² in that direction.  [V, 3] s²
+    """How far a linear body moves for each m/s² of gravity in a direction.  [V, 3] s²
 
     Args:
         rest: [V, 3] m
@@ -47,30 +178,80 @@ def response(energy: Energy, rest, held, direction):
     """
     if held.all():
         raise RuntimeError("all of the body is held")
-    dofs = (3 * np.flatnonzero(~held)[:, None] + np.arange(3)).ravel()
-    load = (energy.masses[:, None] * direction).ravel()[dofs]
-    loose = "some of the body moves without resistance"
-    try:
-        factors = splu(energy.hessian(rest)[dofs][:, dofs].tocsc())
-    except RuntimeError:  # a pivot of exactly 0
-        raise RuntimeError(loose) from None
-    pivots = np.abs(factors.U.diagonal())
+    dofs = free_dofs(held)
+    factors = factorize(energy.hessian(rest)[dofs][:, dofs])
+    pivots = np.zeros(1) if factors is None else factors.U.diagonal()
     if pivots.min() <= SOFTEST * pivots.max():
-        raise RuntimeError(loose)
+        raise RuntimeError("some of the body moves without resistance")
     moved = np.zeros(rest.size)
-    moved[dofs] = factors.solve(load)
+    moved[dofs] = factors.solve((energy.masses[:, None] * direction).ravel()[dofs])
     return moved.reshape(-1, 3)
 
 
-def cases(name: str, body: Held, material=DEFAULT_MATERIAL) -> list[Case]:
-    """The static and the dynamic scene of a body, pushed.
+def load_cases(body: Body, material=DEFAULT_MATERIAL) -> list[LoadCase]:
+    """The static and the dynamic scene of a body, pushed sideways.
 
     Raises:
         RuntimeError: Some of the body can move without resistance.
     """
     rest = body.mesh.rest_vertices
-    still = Case(name, body, None, "static", solid=material)
-    most = np.linalg.norm(response(still.energy, rest, body.clamped, ASIDE), axis=1).max()
+    energy = material_energy(rest, body.mesh.tets, material)
+    most = np.linalg.norm(response(energy, rest, body.held, ASIDE), axis=1).max()
     strength = PUSH * float(np.ptp(rest, axis=0).max()) / float(most)
     gravity = tuple((strength * ASIDE).tolist())
-    return [Case(name, body, None, scene, gravity, material) for scene in SCENES]
+    return [LoadCase(body, scene, gravity, solid=material) for scene in SCENES]
+
+
+def measure(
+    case: LoadCase, substep_count, device, settling_frames=SETTLING_FRAMES, solver=None
+) -> DynamicsRow:
+    """The solver's error on a load case, and its time a frame.
+
+    Args:
+        settling_frames: At most, until a static case is still.
+        solver: Another solver instead, with `vertices` and `step`.
+
+    Raises:
+        NoEquilibrium: There is no reference.
+    """
+    rest, reference = case.body.mesh.rest_vertices, case.reference
+    solver = solver or case.solver(substep_count, device)
+    size = float(np.ptp(rest, axis=0).max())
+    times, path = [], []
+
+    def step(count):
+        times.extend(milliseconds(lambda: solver.step(TIME_STEP), device) for _ in range(count))
+        return solver.vertices.numpy().astype(np.float64)
+
+    if case.scene == "dynamic":
+        path = [step(1) for _ in range(MOTION_FRAMES)]
+    else:
+        before, now = rest + size, rest
+        while len(times) < settling_frames and np.abs(now - before).max() >= STILL * size:
+            before, now = now, step(30)
+        path = [now]
+    frames = len(times)
+    if frames < WARM_UP + TIMED_FRAMES:  # the motion alone is too short for a median
+        step(WARM_UP + TIMED_FRAMES - frames)
+    away = np.array(path) - reference
+    error, moved = _rms(away), _rms(reference - rest)
+    own = case.compliance is None
+    return DynamicsRow(
+        scene=case.scene,
+        scheme="substeps",
+        compliance="material" if own else f"{case.compliance:g}",
+        count=substep_count,
+        of_motion=100.0 * error / moved if moved > 0.0 else None,
+        of_size=100.0 * error / size,
+        largest=100.0 * float(np.linalg.norm(away, axis=-1).max()) / size,
+        reference_error=100.0 * case.reference_error,
+        frame=timing_of(times[WARM_UP:]),
+        frames=frames,
+        default=own and substep_count == DEFAULT_COUNT,
+        chosen=False,
+    )
+
+
+def _rms(vectors):
+    """The root of the mean square length.  [..., 3]"""
+    return float(np.sqrt((vectors**2).sum(axis=-1).mean()))

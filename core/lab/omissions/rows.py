@@ -1,17 +1,19 @@
 """What the program leaves out, measured by switching it on: a row of the report, and its words.
 
 Both ways take turns, and the saving is the difference from turn to turn (stopwatch.compared).
-Where it reaches across 0 it is nothing that can be measured; nor is it after few turns, if one
-way's range meets the other's.  What the absence changes is what the results differ by; "none,
-bit by bit" means that they were compared, and are the same.
+A saving whose spread reaches across 0 is nothing measurable; nor is it after few turns, if
+one way's range meets the other's.  The change is what the results differ by; "none, bit by
+bit" means that they were compared, and are the same.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ..rendering import image_error
-from ..stopwatch import Timing, timing_of
+from ..stopwatch import Timing, compared, timing_of
 
 RENDERING, DYNAMICS, FILE, START = GROUPS = ("rendering", "dynamics", "file", "start")
 SAVES, NOTHING, COSTS, NOT_MEASURED = "saves", "nothing measurable", "costs", "not measured"
@@ -26,28 +28,25 @@ class Omission:
     """Something that is left out, or could be.
 
     Attributes:
-        name: Of what is left out.
         group: One of GROUPS.
         left_out: Whether it is, for this scene; if not, the row says what that would save.
             None where measuring it failed.
         unit: "ms" a frame, "MB", or "s".
-        with_it, without: What both ways take; None where neither could be measured.
+        with_it, without: None where neither could be measured.
         saving: With it less without it, from turn to turn.
-        change: What its absence changes in the result.
         verdict: SAVES, NOTHING, COSTS or NOT_MEASURED.
-        why: Why it is left out, or isn't.
     """
 
-    name: str
+    name: Annotated[str, "what"]
     group: str
-    left_out: bool | None
-    unit: str
-    with_it: Timing | None
-    without: Timing | None
-    saving: Timing | None
-    change: str
-    verdict: str
-    why: str
+    left_out: Annotated[bool | None, "left out"]
+    unit: Annotated[str, "unit"]
+    with_it: Annotated[Timing | None, "with it"]
+    without: Annotated[Timing | None, "without it"]
+    saving: Annotated[Timing | None, "saving"]
+    change: Annotated[str, "what its absence changes"]
+    verdict: Annotated[str, "leaving it out"]
+    why: Annotated[str, "why"]
 
     @property
     def percent(self) -> Timing:
@@ -57,18 +56,38 @@ class Omission:
         return Timing(saving.median / whole, saving.low / whole, saving.high / whole, saving.count)
 
 
-def omission(
-    name, group, compared: Compared, change, why, otherwise, left_out=True, unit="ms"
-) -> Omission:
-    """A row of what was measured.
+@dataclass(frozen=True)
+class Switch:
+    """A row of the table of what is left out: how to do it with it and without it.
 
-    Args:
-        why: The reason, where it saves something.
-        otherwise: The reason, where it saves nothing.
+    Attributes:
+        with_it, without: Make an object whose method `turn` is timed.
+        why: Why it is left out, or isn't.
+        change: Says what the results of both objects differ by; None for the bench's way.
+        missing: Why it can't be measured here, if so.
     """
-    found = verdict(*compared)
-    why = why if found == SAVES else otherwise
-    return Omission(name, group, left_out, unit, *compared, change, found, why)
+
+    name: str
+    with_it: Callable
+    without: Callable
+    why: str
+    left_out: bool = True
+    change: Callable | None = None
+    missing: str = ""
+
+    def measured(self, bench) -> Omission:
+        """A row, measured on a bench: `group`, `device`, `repeats` and `change`."""
+        if self.missing:
+            return not_measured(self.name, bench.group, self.missing, left_out=False)
+        with_it, without = self.with_it(), self.without()
+        times = compared(with_it.turn, without.turn, bench.device, bench.repeats)
+        change = (self.change or bench.change)(with_it, without)
+        return omission(self.name, bench.group, times, change, self.why, self.left_out)
+
+
+def omission(name, group, compared: Compared, change, why, left_out=True, unit="ms") -> Omission:
+    """A row of what was measured."""
+    return Omission(name, group, left_out, unit, *compared, change, verdict(*compared), why)
 
 
 def not_measured(name, group, why, left_out=True, unit="ms") -> Omission:
@@ -87,11 +106,6 @@ def verdict(with_it: Timing, without: Timing, saving: Timing) -> str:
     if saving.high < 0.0:
         return NOTHING if few and without.low <= with_it.high else COSTS
     return NOTHING
-
-
-def compared_once(with_it, without) -> Compared:
-    """Numbers that are the same at each repeat."""
-    return tuple(timing_of([number]) for number in (with_it, without, with_it - without))
 
 
 def compared_in_turns(with_it, without) -> Compared:

@@ -1,42 +1,48 @@
-"""What was left out for a model on a device and what that saves.
+"""The section on what is left out for a model on a device, and what that saves.
 
 Where it saves nothing, or costs something, the text asks why it is left out, and answers.
 """
 
+from collections.abc import Callable
+
 from ...deform import XpbdOptions
+from ...field import TetField
+from ..effort import Effort
 from ..report import INK, Figure, Section, Table, new_figure, png
-from .measure import Effort
+from .measure import parts
 from .rows import COSTS, ENOUGH_TURNS, NONE, NOT_MEASURED, NOTHING, SAVES, Omission
 
 COLORS = {SAVES: "#4477aa", NOTHING: "#999999", COSTS: "#cc3311"}
 ALL_OF_IT = 0.05  # without it, less than this is left of what it is a part of: it isn't done
 LEAST_PERCENT = -100.0  # a bar of a larger loss is cut off
-HEADINGS = {
-    "name": "what",
-    "left_out": "left out",
-    "unit": "unit",
-    "with_it": "with it",
-    "without": "without it",
-    "saving": "saving",
-    "change": "what its absence changes",
-    "verdict": "leaving it out",
-    "why": "why",
-}
 
 
-def section(rows: list[Omission], effort: Effort) -> Section:
-    """The report's section of these rows, in their order.
+def section(
+    field: TetField,
+    model_path,
+    device: str,
+    effort: Effort,
+    step: Callable[[float], None] = lambda share: None,
+) -> Section:
+    """Measure and tell; `step` is called with the share that is done."""
+    planned, rows, done = parts(field, model_path, device, effort), [], 0.0
+    whole = sum(part.seconds for part in planned)
+    for part in planned:
+        rows += part.run()
+        done += part.seconds
+        step(done / whole)
+    return section_of(rows, effort)
 
-    Args:
-        effort: With which they were measured.
-    """
+
+def section_of(rows: list[Omission], effort: Effort) -> Section:
+    """The report's section of these rows, in their order."""
     measured = [row for row in rows if row.verdict != NOT_MEASURED]
     figures = []
     if measured:
         caption = (
-            "What leaving out each part saves, of what it is a part of (a frame, a step of the"
-            " solver, the file, a start), with the tenth and ninetieth percentile of the turns."
-            " Hollow bars: what is kept, though it could be left out."
+            "What leaving out each part saves, in percent of the frame, the solver's step, the file"
+            " or the start that it is a part of, with the tenth and ninetieth percentile of the"
+            " turns. Hollow bars: what is kept, though it could be left out."
         )
         figures.append(Figure("left_out", caption, _bars(measured)))
     caption = (
@@ -48,7 +54,7 @@ def section(rows: list[Omission], effort: Effort) -> Section:
         title="Left out",
         findings=[_summary(measured), *filter(None, map(_finding, rows))],
         method=_method(effort),
-        tables=[Table("left_out", caption, HEADINGS, rows)],
+        tables=[Table("left_out", caption, rows)],
         figures=figures,
     )
 
@@ -118,22 +124,22 @@ def _amount(row) -> str:
 
 def _method(effort) -> list[str]:
     return [
-        "Each row switches one thing on and nothing else. With it and without it take turns, so"
-        " that whatever else the machine does happens to both; the saving is the median difference"
-        " from turn to turn. It is nothing measurable where the tenth and ninetieth percentile of"
-        f" the differences lie on both sides of 0, nor, with fewer than {ENOUGH_TURNS} turns, where"
-        " those with it and without it overlap. A loss is printed as such.",
-        f"Rendering: {effort.image_turns} turns at {effort.image_size}×{effort.image_size} pixels,"
+        "Each row switches one thing on and nothing else. Both ways take turns, so that other work"
+        " of the machine happens to both. The saving is the median difference from turn to turn."
+        " It is nothing measurable where the tenth and ninetieth percentile of the differences lie"
+        f" on both sides of 0, or where, with fewer than {ENOUGH_TURNS} turns, the times with it"
+        " and without it overlap. A loss is printed as such.",
+        f"Rendering: {effort.frame_turns} turns at {effort.frame_size}×{effort.frame_size} pixels,"
         f" {effort.view_count} views in turn, the object at rest, over white. Images are compared"
         " in bytes; dB is the peak signal-to-noise ratio against the other image.",
         f"Dynamics: {effort.step_turns} turns, each a step of 1/60 s with"
         f" {XpbdOptions().substep_count} substeps, the default material, the lowest part pinned,"
-        " the highest vertices dragged from side to side. Poses are compared after as many steps,"
-        " in object sizes.",
+        " the highest vertices dragged from side to side. Poses are compared after equally many"
+        " steps, in object sizes.",
         f"Start: {effort.start_turns} turns of fresh interpreters that load the model and render"
         " one small image, after a turn that doesn't count; memory is the peak of a process."
         f" Kernels: compiled into an empty folder, repeats: {effort.compilations}. Files are"
-        " written and their size is that on the disk.",
+        " written, and their size is that on the disk.",
     ]
 
 

@@ -5,8 +5,14 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "measure": ["BOUND", "LARGEST", "RenderingStudy", "differences"],
-        "photographs": ["photographs"],
-        "pictures": ["image_error", "views"],
+        "measure": ["BOUND", "LARGEST"],
+        "pictures": [
+            "differences",
+            "image_error",
+            "photographs",
+            "picture_error",
+            "picture_of",
+            "views",
+        ],
     },
 )

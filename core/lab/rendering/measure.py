@@ -2,31 +2,34 @@
 
 Settings differ from default mode in one thing or two: the step, the levels that are
 encoded, the transmittance at which a ray ends, the networks' precision, the mask of empty
-sub-tets, the number of pixels.  Each is rendered in every turn, from all sides; the error is
-that of some pixels against the float64 reference at the model's own step, which is what the
-image of a field means.  PSNR is that of random pixels.  These miss single ones that sparkle,
-so all pixels are compared with conformance mode, and those that differ most are suspects:
-they are compared with the reference, too.
+sub-tets, the number of pixels.  Each is rendered in every turn, from all sides.
+
+PSNR is that of random pixels against the float64 reference at the model's own step, which
+defines the image of a field.  Random pixels miss single ones that sparkle, so all pixels
+are compared with conformance mode.  Those that differ most are suspects: they are compared
+with the reference, too.
 
 Default mode may end rays early, use half precision and leave levels out, as long as every
 view has at least BOUND dB and no channel of any pixel is more than LARGEST off, from
-conformance mode or, of random pixels and suspects, from the reference: PSNR alone would allow
-single pixels that sparkle when the object moves (docs/design/005-rendering.md).
+conformance mode or, of random pixels and suspects, from the reference.  (PSNR alone would
+allow single pixels that sparkle when the object moves: docs/design/005-rendering.md.)
 
 Shapes: S settings, R turns.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from PIL import Image
 
 from ...field import TetField
 from ...render import Renderer, RenderOptions
+from .. import rule
 from ..stopwatch import WARM_UP, Share, Timing, held_back, milliseconds, share_of, timing_of
-from . import pictures, rule
-from .photographs import Photographs
+from . import pictures
+from .pictures import Photographs, differences
 
 BOUND = 45.0  # dB, of default mode
 LARGEST = 8.0  # 1/255
@@ -45,9 +48,7 @@ class Setting:
     """A way to render.
 
     Attributes:
-        name: In tables and plots.
         family: What differs from default mode.
-        options: RenderOptions.
         scale: Of the image's sides: 2 is a quarter of the pixels, enlarged again.
         masked: Whether empty sub-tets are left out.
         candidate: Whether default mode may do so; see the module's text.
@@ -65,40 +66,34 @@ CONFORMANCE = Setting("conformance", "conformance", RenderOptions(conformance=Tr
 
 
 @dataclass(frozen=True)
-class Row:
+class RenderingRow:
     """What a setting costs and how wrong it is.
 
     Attributes:
-        setting, family: See Setting.
-        psnr: Of all views together, random pixels against the reference [dB].
-        worst_psnr: Of the worst view [dB].
-        largest: Difference of a channel, of these and of suspects [1/255].
-        largest_anywhere: The same, of all pixels against conformance mode [1/255]; None where
-            there is none, in conformance mode itself.
-        photo_psnr: Against photographs [dB], if there are any.
-        frame: Of one view [ms].
-        relative: That, of the default's in the same turn [%].
-        samples: A pixel.
+        psnr: Of all views together, random pixels against the reference.
+        largest: Difference of a channel, of these and of suspects.
+        largest_anywhere: The same, of all pixels; None for conformance mode itself.
+        frame, relative: Of one view, and over the default's in the same turn.
         front: Whether nothing else is both quicker and closer.
         candidate: Whether default mode may do so.
         default: Whether it is what default mode does.
         chosen: Whether it is what the rule picks.
     """
 
-    setting: str
+    setting: Annotated[str, "setting"]
     family: str
-    psnr: float
-    worst_psnr: float
-    largest: float
-    largest_anywhere: float | None
-    photo_psnr: float | None
-    frame: Timing
-    relative: Share
-    samples: float
-    front: bool
+    psnr: Annotated[float, "PSNR [dB]"]
+    worst_psnr: Annotated[float, "worst view [dB]"]
+    largest: Annotated[float, "largest [1/255]"]
+    largest_anywhere: Annotated[float | None, "all pixels, from conformance [1/255]"]
+    photo_psnr: Annotated[float | None, "photographs [dB]"]
+    frame: Annotated[Timing, "ms a view"]
+    relative: Annotated[Share, "of the default's [%]"]
+    samples: Annotated[float, "samples a pixel"]
+    front: Annotated[bool, "on the front"]
     candidate: bool
     default: bool
-    chosen: bool
+    chosen: Annotated[bool, "the rule's"]
 
 
 def settings(level_count: int, half: bool) -> list[Setting]:
@@ -109,38 +104,36 @@ def settings(level_count: int, half: bool) -> list[Setting]:
         half: Whether default mode evaluates networks in half precision.
     """
     found = [Setting("default", "default", candidate=True)]
+
+    def add(name, family, candidate=False, **options):
+        found.append(Setting(name, family, RenderOptions(**options), candidate=candidate))
+
     for stop in TERMINATIONS:
         if stop != DEFAULT.stop:
-            options = RenderOptions(termination=stop)
-            found.append(Setting(f"stop {stop:g}", "termination", options, candidate=True))
+            add(f"stop {stop:g}", "termination", True, termination=stop)
     for spared in SPARED_LEVELS:
         if (count := level_count - spared) > 0:
-            options = RenderOptions(level_count=count)
-            name = less(spared)
-            found.append(Setting(name, "levels", options, candidate=True))
-    for stop in (0.05, 0.1):
-        options = RenderOptions(termination=stop, level_count=level_count - 1)
-        name = f"{less(1)}, stop {stop:g}"
-        if level_count > 1:
-            found.append(Setting(name, "levels and termination", options, candidate=True))
+            add(_less(spared), "levels", True, level_count=count)
+    if level_count > 1:
+        for stop in (0.05, 0.1):
+            name, count = f"{_less(1)}, stop {stop:g}", level_count - 1
+            add(name, "levels and termination", True, termination=stop, level_count=count)
     if half:
-        options = RenderOptions(single_precision=True)
-        found.append(Setting("float32", "precision", options, candidate=True))
-        found.append(Setting("half, waited for", "precision", RenderOptions(path="host")))
+        add("float32", "precision", True, single_precision=True)
+        add("half, waited for", "precision", path="host")
     for factor in STEP_FACTORS:
-        found.append(Setting(f"step × {factor:g}", "step", RenderOptions(step_factor=factor)))
+        add(f"step × {factor:g}", "step", step_factor=factor)
     found.append(CONFORMANCE)
     found.append(Setting("no mask", "mask", masked=False))
     for scale in SCALES:
         found.append(Setting(f"1/{scale} of the pixels a side", "resolution", scale=scale))
     if level_count > 1:  # about what the viewer does on a CPU while something moves
         fast = RenderOptions(step_factor=2.0, level_count=level_count - 1)
-        found.append(Setting(f"1/2, step × 2, {less(1)}", "several", fast, scale=2))
+        found.append(Setting(f"1/2, step × 2, {_less(1)}", "several", fast, scale=2))
     return found
 
 
-def less(count: int) -> str:
-    """The name of the setting that leaves out so many of the finest levels."""
+def _less(count):
     return f"{count} {'level' if count == 1 else 'levels'} less"
 
 
@@ -157,7 +150,7 @@ class RenderingStudy:
         """Compute the references.
 
         Args:
-            size: Of the images, both sides.
+            size: Of the images, both sides [pixels].
             pixel_count: How many pixels of each view are compared.
         """
         self.field, rest = field, field.mesh.rest_vertices
@@ -193,7 +186,7 @@ class RenderingStudy:
         turns: int,
         photos: Photographs | None = None,
         step: Callable[[float], None] = lambda share: None,
-    ) -> list[Row]:
+    ) -> list[RenderingRow]:
         """A row for each setting, the first of which is the default.
 
         Args:
@@ -207,15 +200,15 @@ class RenderingStudy:
         for number, setting in enumerate(compared):  # compiles and allocates, too
             found.append(self._images(setting))
             step(0.5 * (number + 1) / len(compared))
-        suspected = self._suspects(compared, [images for images, _ in found], exact)
+        suspects = self._suspects(compared, [images for images, _ in found], exact)
         times = self._times(compared, turns, lambda share: step(0.5 + 0.5 * share))
         self.times = {s.name: t.tolist() for s, t in zip(compared, times, strict=True)}
         shares = rule.shares(times)
         rows = [
-            Row(
+            RenderingRow(
                 setting=setting.name,
                 family=setting.family,
-                **self._errors(images, suspected),
+                **self._errors(images, suspects),
                 largest_anywhere=None
                 if setting.options.conformance
                 else float(max(map(np.max, differences(images, exact)))),
@@ -235,12 +228,27 @@ class RenderingStudy:
         best = rule.front([row.relative.median for row in rows], [-row.psnr for row in rows])
         return [replace(row, front=bool(best[i]), chosen=i == chosen) for i, row in enumerate(rows)]
 
-    def _errors(self, images, suspected):
-        """Of a Row: against the reference."""
+    def stages(self, repeats: int) -> dict[str, Timing]:
+        """Milliseconds of each stage of a view in default mode, and of all "together"."""
+        renderer, rest, found = self._renderer, self.field.mesh.rest_vertices, {}
+        for repeat in range(-WARM_UP, repeats):
+            seconds = renderer.stage_seconds = {}
+            for picture in self.pictures:
+                renderer.set_vertices(rest)
+                with held_back(self.device):
+                    renderer.render(picture.camera, DEFAULT)
+            if repeat >= 0:
+                for name, total in (*seconds.items(), ("together", sum(seconds.values()))):
+                    found.setdefault(name, []).append(1e3 * total / len(self.pictures))
+        renderer.stage_seconds = None
+        return {name: timing_of(times) for name, times in found.items()}
+
+    def _errors(self, images, suspects):
+        """Of a row: against the reference."""
         pairs = zip(images, self.pictures, strict=True)
         single = [pictures.picture_error([image], [picture]) for image, picture in pairs]
         together = pictures.picture_error(images, self.pictures)
-        largest = max(together.largest, pictures.picture_error(images, suspected).largest)
+        largest = max(together.largest, pictures.picture_error(images, suspects).largest)
         worst = min(error.psnr for error in single)
         return {"psnr": together.psnr, "worst_psnr": worst, "largest": largest}
 
@@ -271,24 +279,8 @@ class RenderingStudy:
             step((turn + 1) / turns)
         return times
 
-    def stages(self, repeats: int) -> dict[str, Timing]:
-        """Of a view in default mode, pose included, and of all "together"; see StageTimer."""
-        renderer, rest = self._renderer, self.field.mesh.rest_vertices
-        default, found = Setting("default", "default"), {}
-        for repeat in range(-WARM_UP, repeats):
-            seconds = renderer.stage_seconds = {}
-            for picture in self.pictures:
-                renderer.set_vertices(rest)
-                with held_back(self.device):
-                    renderer.render(picture.camera, default.options)
-            if repeat >= 0:
-                for name, total in (*seconds.items(), ("together", sum(seconds.values()))):
-                    found.setdefault(name, []).append(1e3 * total / len(self.pictures))
-        renderer.stage_seconds = None
-        return {name: timing_of(times) for name, times in found.items()}
-
     def _rendered(self, setting, count=None):
-        """An Image of the first views, all by default; what enlarges it is OpenGL."""
+        """Images of the first views, of all by default, before they are enlarged."""
         renderer, scale = self._renderer_for(setting), setting.scale
         cameras = [picture.camera for picture in self.pictures[:count]]
         return [
@@ -324,13 +316,7 @@ class RenderingStudy:
         return photos.psnr(self._renderer_for(setting), setting.options)
 
 
-def differences(images, others):
-    """Of bytes [H, W, 3]: how far each pixel's worst channel is off [1/255].  [H, W] each"""
-    pairs = zip(images, others, strict=True)
-    return [np.abs(a.astype(int) - b).max(axis=-1) for a, b in pairs]
-
-
-def within(row: Row) -> bool:
+def within(row: RenderingRow) -> bool:
     """Whether a row's error is what default mode may have."""
     return row.worst_psnr >= BOUND and max(row.largest, row.largest_anywhere or 0.0) <= LARGEST
 

@@ -1,9 +1,9 @@
-"""Views of an object, and how far a rendered image is from what it should be.
+"""Views of an object, photographs, and how far a rendered image is from what it should be.
 
-The truth is the float64 reference (../render/reference.py) along some of an image's pixels,
-drawn at random: it tries every ray against every tet, so a whole image would take minutes.
-What the reference is itself away from the integral that its sum stands for, it says by
-itself: `discretization`, against a quarter of its step.
+The truth is the float64 reference (render/reference.py) along some of an image's pixels, drawn
+at random: it tries every ray against every tet, so a whole image would take minutes.  The
+reference's own distance to the integral that its sum stands for is measured against a
+quarter of its step (`discretization`).
 
 Shapes: V vertices, N pixels.
 """
@@ -13,7 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...field import TetField
-from ...render import Camera, RenderOptions, camera_rays, from_field_of_view, look_at, reference
+from ...render import (
+    Camera,
+    Renderer,
+    RenderOptions,
+    camera_rays,
+    from_field_of_view,
+    in_space,
+    look_at,
+    reference,
+)
+from ...training import Dataset, white_composite
 
 FIELD_OF_VIEW = 0.69  # rad, as in NeRF-synthetic
 FILLED = 0.95  # of the image's half width, or height: how far the object reaches
@@ -24,7 +34,7 @@ PEAK_DB = 100.0  # equal images; bytes can't tell more than some 60 dB apart any
 
 @dataclass(frozen=True)
 class Picture:
-    """A view of a pose, and what some of its pixels are.
+    """A view of a pose, and the right colors of some of its pixels.
 
     Attributes:
         camera: In model space.
@@ -44,7 +54,7 @@ class ImageError:
     """How far images are from what they should be.
 
     Attributes:
-        psnr: Of all pixels looked at [dB], at most PEAK_DB.
+        psnr: Of all compared pixels [dB], at most PEAK_DB.
         largest: Difference of a channel [1/255].
     """
 
@@ -53,7 +63,7 @@ class ImageError:
 
 
 def view(field: TetField, yaw: float, width: int, height: int | None = None) -> Camera:
-    """The object at rest, what can be seen of it, as large as the image from one side."""
+    """A camera that sees all visible tets of the object at rest, as large as the image."""
     mesh = field.mesh
     seen = field.occupancy != 0
     points = np.unique(mesh.tets[seen if seen.any() else slice(None)])
@@ -64,7 +74,8 @@ def view(field: TetField, yaw: float, width: int, height: int | None = None) -> 
     height = height or width
     pose = look_at(center + toward, center)
     right, up = pose[:3, 0], pose[:3, 1]
-    # A point is in sight from where on: its way aside over its tangent, and towards the eye.
+    # A point is in sight from this distance on: its way aside over its tangent, plus its own
+    # way towards the eye.
     tangents = FILLED * np.tan(0.5 * FIELD_OF_VIEW) * np.array([1.0, height / width])
     aside = np.abs((points - center) @ np.stack([right, up], axis=1)) / tangents
     distance = (aside.max(axis=1) + (points - center) @ toward).max()
@@ -79,7 +90,7 @@ def views(field: TetField, count: int, size: int) -> list[Camera]:
 
 
 def picture(field: TetField, vertices, camera: Camera, pixel_count: int, seed=0) -> Picture:
-    """What random pixels of a view should look like."""
+    """A view with the right colors of random pixels."""
     all_pixels = camera.width * camera.height
     rng = np.random.default_rng(seed)
     pixels = rng.choice(all_pixels, min(pixel_count, all_pixels), replace=False)
@@ -87,7 +98,7 @@ def picture(field: TetField, vertices, camera: Camera, pixel_count: int, seed=0)
 
 
 def picture_of(field: TetField, vertices, camera: Camera, pixels) -> Picture:
-    """What these pixels of a view [N] should look like."""
+    """A view with the right colors of these pixels [N]."""
     vertices = np.asarray(vertices, np.float32)
     return Picture(camera, vertices, pixels, _expected(field, vertices, camera, pixels))
 
@@ -122,9 +133,57 @@ def image_error(images, expected) -> ImageError:
     return ImageError(float(psnr), float(255.0 * np.abs(off).max()))
 
 
+def differences(images, others):
+    """How far the worst channel of each pixel is off [1/255], of bytes [H, W, 3].  [H, W] each"""
+    pairs = zip(images, others, strict=True)
+    return [np.abs(a.astype(int) - b).max(axis=-1) for a, b in pairs]
+
+
 def _expected(field, vertices, camera, pixels):
     origins, directions = camera_rays(camera)
     color, _, _ = reference.render_rays(
         field, vertices, origins[pixels], directions[pixels], RenderOptions().background
     )
     return np.clip(color, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Photographs:
+    """Random pixels of photographs, over white.
+
+    Attributes:
+        views: Which view each is of.  [N] int
+        origins, directions: Rays in model space.  [N, 3]
+        colors: [N, 3], 0..1
+    """
+
+    views: np.ndarray
+    origins: np.ndarray
+    directions: np.ndarray
+    colors: np.ndarray
+
+    @property
+    def view_count(self) -> int:
+        """Of how many views there are pixels."""
+        return len(np.unique(self.views))
+
+    def psnr(self, renderer: Renderer, options: RenderOptions) -> float:
+        """Of the model at rest: the mean over the views, as in deformrf-eval [dB]."""
+        renderer.set_vertices(renderer.field.mesh.rest_vertices)
+        color, _, _ = renderer.render_rays(self.origins, self.directions, options)
+        color = np.clip(color, 0.0, 1.0)
+        of_views = [self.views == view for view in np.unique(self.views)]
+        return float(np.mean([image_error([color[v]], [self.colors[v]]).psnr for v in of_views]))
+
+
+def photographs(field: TetField, dataset: Dataset, pixel_count: int, seed=0) -> Photographs:
+    """Draw so many pixels of every view of a data set."""
+    rng = np.random.default_rng(seed)
+    poses = in_space(dataset.poses, field.world_to_model)
+    parts = []
+    for view, (pose, lens) in enumerate(zip(poses, dataset.lenses, strict=True)):
+        origins, directions = camera_rays(Camera(pose, lens))
+        some = rng.choice(len(origins), min(pixel_count, len(origins)), replace=False)
+        colors = white_composite(dataset.image(view)).reshape(-1, 3)
+        parts.append((np.full(len(some), view), origins[some], directions[some], colors[some]))
+    return Photographs(*(np.concatenate(column) for column in zip(*parts, strict=True)))

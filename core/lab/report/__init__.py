@@ -4,9 +4,10 @@ import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
+    submodules=["machine"],
     submod_attrs={
         "parts": ["Figure", "Section", "Table"],
-        "plots": ["INK", "label_points", "log_scale", "new_figure", "png"],
+        "plots": ["INK", "log_scale", "new_figure", "png"],
         "writing": ["Report", "is_complete", "write"],
     },
 )

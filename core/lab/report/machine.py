@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from typing import Annotated
 
 import warp as wp
 
@@ -30,8 +31,8 @@ GIB = 2**30
 class Fact:
     """Something about the machine, and its value in words."""
 
-    what: str
-    value: str
+    what: Annotated[str, "what"]
+    value: Annotated[str, "value"]
 
 
 def section(device, seeds: dict, command: str, model: Path | None = None) -> Section:
@@ -54,17 +55,12 @@ def section(device, seeds: dict, command: str, model: Path | None = None) -> Sec
     where = f"{facts['CPU']} with {cores} usable {'core' if cores == '1' else 'cores'}"
     if device.is_cuda:
         where = f"{device.name} beside {where}"
-    table = Table(
-        "machine",
-        "What this report was measured on and with.",
-        {"what": "what", "value": "value"},
-        [Fact(what, value) for what, value in facts.items()],
-    )
+    rows = [Fact(what, value) for what, value in facts.items()]
     return Section(
         key="machine",
         title="Machine",
         findings=[f"{where}; deformrf {facts['deformrf']} with Warp {facts['warp-lang']}."],
-        tables=[table],
+        tables=[Table("machine", "What this report was measured on and with.", rows)],
         values={"device": device.alias, "seeds": seeds},
     )
 
@@ -84,18 +80,12 @@ def digest(files) -> str:
 
 def without_folders(command: str) -> str:
     """A command, as shlex.join writes it, with paths cut to their names."""
-    return shlex.join(map(_named, shlex.split(command)))
-
-
-def _named(word: str) -> str:
-    if word.startswith("-"):  # an option; any other "=" belongs to a path
-        option, equals, value = word.partition("=")
-        return f"{_name(option)}{equals}{_name(value)}"
-    return _name(word)
-
-
-def _name(path: str) -> str:
-    return Path(path).name or path  # "." has none
+    words = []
+    for word in shlex.split(command):
+        # In an option "=" precedes a value; any other one belongs to a path.
+        option, equals, value = word.partition("=") if word.startswith("-") else ("", "", word)
+        words.append(f"{option}{equals}{Path(value).name or value}")  # "." has no name
+    return shlex.join(words)
 
 
 def _cpu() -> dict[str, str]:
@@ -130,18 +120,12 @@ def _gpu(device) -> dict[str, str]:
 
 
 def _software() -> dict[str, str]:
+    system = f"{platform.system()} {'.'.join(platform.release().split('.')[:2])}"
+    with suppress(OSError, KeyError):  # only Linux has that file
+        system = f"{platform.freedesktop_os_release()['PRETTY_NAME']}, {system}"
     return {
-        "system": _system(),
+        "system": f"{system}, {platform.machine()}",
         "Python": platform.python_version(),
         "deformrf": program_version(),
         **{name: metadata.version(name) for name in PACKAGES},
     }
-
-
-def _system() -> str:
-    kernel = f"{platform.system()} {'.'.join(platform.release().split('.')[:2])}"
-    try:
-        name = platform.freedesktop_os_release()["PRETTY_NAME"]
-    except (OSError, KeyError):  # only Linux has that file
-        return f"{kernel}, {platform.machine()}"
-    return f"{name}, {kernel}, {platform.machine()}"

@@ -12,20 +12,28 @@ class Table:
     Attributes:
         name: Of its CSV file, without ".csv"; unique in a report.
         caption: What a row is, in a sentence.
-        headings: What to print of a row, and above it: attribute -> heading with its unit.
-            Attributes that aren't named here stand in the CSV and JSON alone.
-        rows: Instances of one frozen dataclass, whose values are numbers, text, bool, None
-            or Timing (ms, or what the row's `unit` says; a Share is in percent).  None prints
-            as a dash; a bool as yes and no, but one named `passed` as pass and FAIL; `default`
-            marks a row in bold.
+        rows: Instances of one frozen dataclass.  What is printed is Annotated[type, heading],
+            the heading with its unit; other fields stand in CSV and JSON alone.  Values are
+            numbers, text, bool, None or Timing (ms, or what the row's `unit` says; a Share is
+            in percent).  None prints as a dash; a bool as yes and no, but one named `passed`
+            as pass and FAIL; `default` marks a row in bold.
         first: Print so many rows, all by default; the CSV has all of them.
     """
 
     name: str
     caption: str
-    headings: dict[str, str]
     rows: list
     first: int | None = None
+
+    @property
+    def headings(self) -> dict[str, str]:
+        """Attribute -> heading, for all printed columns in which any row has a value."""
+        return {
+            part.name: heading
+            for part in (fields(self.rows[0]) if self.rows else ())
+            for heading in getattr(part.type, "__metadata__", ())
+            if any(getattr(row, part.name) is not None for row in self.rows)
+        }
 
 
 @dataclass(frozen=True)
@@ -81,8 +89,9 @@ def record(row) -> dict:
     suffix = "" if hasattr(row, "unit") else "_ms"
     for part in fields(row):
         name, value = part.name, getattr(row, part.name)
-        if part.type in (Timing, Timing | None, Share):  # None leaves no column out
-            median = f"{name}{suffix if part.type is not Share else '_percent'}"
+        kind = getattr(part.type, "__origin__", part.type)  # of Annotated
+        if kind in (Timing, Timing | None, Share):  # None leaves no column out
+            median = f"{name}{suffix if kind is not Share else '_percent'}"
             names = median, f"{median}_low", f"{median}_high", f"{name}_repeats"
             plain |= dict(zip(names, (None,) * 4 if value is None else astuple(value), strict=True))
         else:

@@ -126,7 +126,7 @@ def table_as_csv(table: Table) -> str:
     records = [record(row) for row in table.rows]
     names = dict.fromkeys(name for values in records for name in values)
     # Where a timing is missing in some rows, its columns are those of the others.
-    header = [name for name in names if f"{name}_ms" not in names] or list(table.headings)
+    header = [name for name in names if f"{name}_ms" not in names]
     stream = io.StringIO()
     writer = csv.DictWriter(stream, header, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()

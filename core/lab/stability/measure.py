@@ -1,7 +1,7 @@
-"""Can a body be broken?  How far and how soon the solver comes back from a stress case.
+"""Whether a body can be broken: how far and how soon the solver comes back from a stress case.
 
     error      max_i |R (x_i − x̄) − (X_i − X̄)| / size,   R the best proper rotation of each
-               component: what nothing joins and nothing holds has no place beside the rest
+               component, as free components have no place beside each other
     recovered  error < 1 % and every tet's V has its sign at rest, and both stay so
     limit      10 s of simulated time for E ≥ 1e4 Pa, 40 s below
 
@@ -12,54 +12,65 @@ X rest, x current vertices [m].  Shapes: V vertices, T tets, E edges.
 """
 
 import time
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from ...deform import Material, XpbdSolver, lowest_pins, lumped_masses
 from ...geometry import components, edges, signed_volumes
-from .stress import Case, uneven_masses, with_broken_tets
+from .stress import StressCase, uneven_masses, with_broken_tets
 
 TOLERANCE = 0.01  # of the size
 STAYS = 2.0  # s for which a body must have recovered
 CHECK = 0.1  # s between measurements
 SOFT = 1e4  # Pa
 FLAT = 1e-6  # of the mean volume; a flatter rest tet has no sign
+UNKNOWN = float("nan")
+
+
+class Solid(NamedTuple):
+    """A material and its name; `rigid` sets all compliances to exactly 0."""
+
+    name: str
+    material: Material
+    rigid: bool = False
 
 
 @dataclass(frozen=True)
-class CaseResult:
-    """What a case ended in; what isn't said to be otherwise is as it was at the end.
+class StressResult:
+    """How a case ended: values at the end, unless the heading says otherwise.
 
     Attributes:
-        name: The case's.
         passed: Finite, and recovered in time unless the case asks for less.
-        finite: No position and no velocity was ever infinite or not a number.
+        finite: All positions and velocities were finite all the time.
         recovery_seconds: Simulated time from letting go to recovery; None if it didn't.
-        nan_count: Coordinates that aren't finite.
-        error: Of the size; nan if not finite, as the next three.
+        limit: Of that time.
+        peak_strain, most_inverted: Over all measurements from letting go on.
+        error: nan if not finite, as smallest_volume and largest_strain.
         inverted: Tets whose volume hasn't the sign that it has at rest.
         smallest_volume: The least V/V0.
         largest_strain: The largest |length/rest length − 1| of an edge.
-        peak_strain: The same, of all measurements from letting go on.
-        most_inverted: Of all these measurements.
+        nan_count: Coordinates that aren't finite.
         rescues: How often the solver began one.
         wall_seconds: Without the solver's construction.
     """
 
-    name: str
-    passed: bool
+    material: Annotated[str, "material"]
+    case: Annotated[str, "case"]
+    passed: Annotated[bool, "result"]
     finite: bool
-    recovery_seconds: float | None
-    nan_count: int
-    error: float
-    inverted: int
-    smallest_volume: float
-    largest_strain: float
-    peak_strain: float
-    most_inverted: int
-    rescues: int
+    recovery_seconds: Annotated[float | None, "back after [s]"]
+    limit: float
+    peak_strain: Annotated[float, "peak strain [%]"]
+    most_inverted: Annotated[int, "most inverted"]
+    error: Annotated[float, "error at the end [% of size]"]
+    inverted: Annotated[int, "inverted at the end"]
+    smallest_volume: Annotated[float, "least V/V₀ at the end"]
+    largest_strain: Annotated[float, "strain at the end [%]"]
+    nan_count: Annotated[int, "NaN"]
+    rescues: Annotated[int, "rescues"]
+    seed: int
     wall_seconds: float
 
 
@@ -79,6 +90,18 @@ def aligned_error(vertices, rest):
     u, _, wt = np.linalg.svd(goal.T @ x)
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ wt))]) @ wt
     return float(np.linalg.norm(x @ turn.T - goal, axis=1).max())
+
+
+class Measures(NamedTuple):
+    """Error [% of the size], inverted tets, least V/V0, largest strain [%]."""
+
+    error: float = UNKNOWN
+    inverted: int = 0
+    smallest_volume: float = UNKNOWN
+    largest_strain: float = UNKNOWN
+
+
+NOT_FINITE = Measures()
 
 
 @dataclass(frozen=True)
@@ -103,12 +126,17 @@ class Shape:
     lengths: np.ndarray
     parts: list[np.ndarray]
 
-    def measure(self, vertices):
-        """Error of the size, V/V0 [T], and strains [E]."""
+    def measure(self, vertices) -> Measures:
+        """Of vertices [V, 3] that are finite."""
         ratios = signed_volumes(vertices, self.tets) / self.volumes
         strains = _lengths(vertices, self.edges) / self.lengths - 1.0
         error = max(aligned_error(vertices[part], self.rest[part]) for part in self.parts)
-        return error / self.size, ratios, strains
+        return Measures(
+            error=100.0 * error / self.size,
+            inverted=int((ratios <= 0).sum()),
+            smallest_volume=float(ratios.min()),
+            largest_strain=100.0 * float(np.abs(strains).max()),
+        )
 
 
 def shape_of(rest, tets) -> Shape:
@@ -128,23 +156,22 @@ def _lengths(vertices, pairs):
 
 
 def run_case(
-    mesh, material: Material, case: Case, device="cpu", seed=0, rigid=False, make_solver=XpbdSolver
-) -> CaseResult:
+    mesh, solid: Solid, case: StressCase, device="cpu", seed=0, make_solver=XpbdSolver
+) -> StressResult:
     """Put a body through a case and see whether it comes back.
 
     Args:
         mesh: Anything with rest_vertices [V, 3] and tets [T, 4].
-        rigid: Compliance exactly 0 of edges and volumes, in place of the material's.
         make_solver: Called as XpbdSolver is.
     """
-    rng = np.random.default_rng(seed)
+    rng, material = np.random.default_rng(seed), solid.material
     rest, tets = mesh.rest_vertices, mesh.tets
     if case.broken_tets:
         rest, tets = with_broken_tets(rest, tets, rng)
     rest = np.array(rest, np.float32).astype(np.float64)  # as in the solver
     pins = lowest_pins(rest, tets) if case.drive else np.zeros(len(rest), bool)
     solver = make_solver(rest, tets, material, pins, device=device)
-    if rigid:
+    if solid.rigid:
         solver.set_compliances(0.0, 0.0)
     if case.uneven:
         solver.set_masses(uneven_masses(lumped_masses(rest, tets, material.density), rng))
@@ -155,58 +182,56 @@ def run_case(
         for _ in case.drive(solver, case.dt, rng):
             solver.step(case.dt)
         solver.release()
-    seen = _watch(solver, shape_of(rest, tets), case.dt, recovery_limit(material.young_modulus))
-    finite, recovery_seconds = seen.last is not None, seen.recovery_seconds
-    nothing = np.nan, np.array([np.nan]), np.array([np.nan])
-    error, ratios, strains = seen.last if finite else nothing
-    return CaseResult(
-        name=case.name,
-        passed=finite and (case.uneven or recovery_seconds is not None),
-        finite=finite,
-        recovery_seconds=recovery_seconds,
+    limit = recovery_limit(material.young_modulus)
+    seen = _watch(solver, shape_of(rest, tets), case.dt, limit)
+    return StressResult(
+        material=solid.name,
+        case=case.name,
+        passed=seen.finite and (case.uneven or seen.recovery_seconds is not None),
+        limit=limit,
         nan_count=int((~np.isfinite(solver.vertices.numpy())).sum()),
-        error=error,
-        inverted=int((ratios <= 0).sum()),
-        smallest_volume=float(ratios.min()),
-        largest_strain=float(np.abs(strains).max()),
-        peak_strain=seen.peak_strain,
-        most_inverted=seen.most_inverted,
-        rescues=seen.rescues,
+        seed=seed,
         wall_seconds=time.perf_counter() - begin,
+        **seen.last._asdict(),
+        **{k: v for k, v in vars(seen).items() if k != "last"},
     )
 
 
-class _Seen(NamedTuple):
-    """The last measurement, None if something wasn't finite; seconds to recovery, or None."""
+@dataclass(frozen=True)
+class _Seen:
+    """What was measured from letting go on; see StressResult."""
 
-    last: tuple | None
-    recovery_seconds: float | None
-    peak_strain: float
-    most_inverted: int
-    rescues: int
+    last: Measures = NOT_FINITE
+    finite: bool = True
+    recovery_seconds: float | None = None
+    peak_strain: float = 0.0
+    most_inverted: int = 0
+    rescues: int = 0
 
 
 def _watch(solver, shape, dt, limit) -> _Seen:
     """Step until the body has recovered and stayed so, or its time is over."""
     frames_between = max(1, round(CHECK / dt))
-    frame, good_frames, rescues, was_rescuing = 0, 0, 0, False
-    peak, most = 0.0, 0
+    frame, good_frames, was_rescuing, seen = 0, 0, False, _Seen()
     while True:
         x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
         if not (np.isfinite(x).all() and np.isfinite(v).all()):
-            return _Seen(None, None, peak, most, rescues)
-        error, ratios, strains = shape.measure(x)
-        peak = max(peak, float(np.abs(strains).max()))
-        most = max(most, int((ratios <= 0).sum()))
-        good = error < TOLERANCE and (ratios > 0).all()
+            return replace(seen, last=NOT_FINITE, finite=False)
+        now = shape.measure(x)
+        seen = replace(
+            seen,
+            last=now,
+            peak_strain=max(seen.peak_strain, now.largest_strain),
+            most_inverted=max(seen.most_inverted, now.inverted),
+        )
+        good = now.error < 100.0 * TOLERANCE and now.inverted == 0
         good_frames = good_frames + frames_between if good else 0
         if good_frames * dt >= STAYS or frame * dt >= limit + STAYS:
             recovered = (frame - good_frames + frames_between) * dt
             in_time = good_frames > 0 and recovered <= limit
-            last = error, ratios, strains
-            return _Seen(last, recovered if in_time else None, peak, most, rescues)
+            return replace(seen, recovery_seconds=recovered if in_time else None)
         for _ in range(frames_between):
             solver.step(dt)
-            rescues += solver.rescuing and not was_rescuing
-            was_rescuing = solver.rescuing
+            began = solver.rescuing and not was_rescuing
+            seen, was_rescuing = replace(seen, rescues=seen.rescues + began), solver.rescuing
         frame += frames_between

@@ -1,15 +1,16 @@
 """Extreme poses of a model's own mesh, and whether the renderer shows in them what it should.
 
-The starts of the stress cases (stress.py), and what a drag over 100 sizes and shaken handles
-make of the body.  The image is that of default mode; all of its pixels are compared with
-conformance mode, some of them, and the one that differs most, with the float64 reference: in a
-random pose a ray crosses a thousand tets at once.
+The poses are the starts of the stress cases (stress.py), a drag over 100 sizes, and shaken
+handles.  The image is that of default mode.  All of its pixels are compared with
+conformance mode; some of them, and the one that differs most, with the float64 reference (in
+a random pose a ray crosses a thousand tets at once).
 
 Shapes: V vertices.
 """
 
 from dataclasses import dataclass
 from itertools import islice
+from typing import Annotated
 
 import numpy as np
 
@@ -17,9 +18,9 @@ from ...deform import TIME_STEP, Material, XpbdSolver, lowest_pins
 from ...field import TetField
 from ...geometry import signed_volumes
 from ...render import Renderer, RenderOptions
-from ..rendering import BOUND, LARGEST, differences, pictures
+from ..rendering import BOUND, LARGEST, differences, picture_error, picture_of, views
 from ..stopwatch import Timing, timed
-from .stress import CASES, Case, suits
+from .stress import CASES, StressCase, suits
 
 SIZE = 32  # pixels: each may have thousands of samples
 SHAKES = 5  # frames
@@ -28,27 +29,24 @@ WHITE = 254.5  # of 255: what is whiter shows nothing
 
 @dataclass(frozen=True)
 class PoseRow:
-    """The renderer in one pose.
+    """The renderer in one pose, in an image of SIZE x SIZE pixels.
 
     Attributes:
-        pose: Its name.
         inverted: How many tets are inside out.
         shown: How many of the compared pixels show something, by the reference.
-        psnr: Of the compared pixels [dB].
-        largest: Difference of a channel of them, and of the worst suspect [1/255].
-        largest_anywhere: Of all pixels against conformance mode [1/255].
-        frame: Of an image of SIZE x SIZE pixels [ms].
+        psnr: Of the compared pixels.
+        largest: Difference of a channel of them, and of the worst suspect.
         passed: At least BOUND dB, and nothing more than LARGEST off.
     """
 
-    pose: str
-    inverted: int
-    shown: int
-    psnr: float
-    largest: float
-    largest_anywhere: float
-    frame: Timing
-    passed: bool
+    pose: Annotated[str, "pose"]
+    passed: Annotated[bool, "result"]
+    inverted: Annotated[int, "inverted tets"]
+    shown: Annotated[int, "pixels that show it"]
+    psnr: Annotated[float, "PSNR [dB]"]
+    largest: Annotated[float, "largest [1/255]"]
+    largest_anywhere: Annotated[float, "all pixels, from conformance [1/255]"]
+    frame: Annotated[Timing, "ms an image"]
 
 
 def poses(field: TetField, device, seed=0) -> dict[str, np.ndarray]:
@@ -66,8 +64,8 @@ def poses(field: TetField, device, seed=0) -> dict[str, np.ndarray]:
     return found
 
 
-def _driven(field, case: Case, device, rng):
-    """What a case's first frames make of the body."""
+def _driven(field, case: StressCase, device, rng):
+    """The body after a case's first frames."""
     mesh = field.mesh
     pins = lowest_pins(mesh.rest_vertices, mesh.tets)
     solver = XpbdSolver(mesh.rest_vertices, mesh.tets, Material(), pins, device=device)
@@ -77,9 +75,9 @@ def _driven(field, case: Case, device, rng):
 
 
 def measure(renderer: Renderer, name: str, vertices, pixel_count: int, repeats: int) -> PoseRow:
-    """Render a pose and compare, half of the pixels where the image shows something."""
+    """Render a pose and compare; half of the pixels are where the image shows something."""
     field, vertices = renderer.field, np.asarray(vertices, np.float32)
-    camera = pictures.views(field, 1, SIZE)[0]
+    camera = views(field, 1, SIZE)[0]
 
     def render():
         renderer.set_vertices(vertices)
@@ -88,24 +86,21 @@ def measure(renderer: Renderer, name: str, vertices, pixel_count: int, repeats: 
     image = render().color_array()[..., :3]
     exact = renderer.render(camera, RenderOptions(conformance=True)).color_array()[..., :3]
     [off] = differences([image], [exact])
-    rng = np.random.default_rng(0)
-    order = rng.permutation(SIZE * SIZE)
-    shown = (image.reshape(-1, 3)[order] < WHITE).any(axis=1)
-    pixels = np.unique(
-        np.concatenate([order[shown][: pixel_count // 2], order[: pixel_count // 2]])
-    )
-    picture = pictures.picture_of(field, vertices, camera, pixels)
-    error = pictures.picture_error([image], [picture])
-    suspect = pictures.picture_of(field, vertices, camera, np.array([off.argmax()]))
-    largest = max(error.largest, pictures.picture_error([image], [suspect]).largest)
-    volumes = signed_volumes(vertices, field.mesh.tets)
+    order = np.random.default_rng(0).permutation(SIZE * SIZE)
+    shown = order[(image.reshape(-1, 3)[order] < WHITE).any(axis=1)]
+    half = pixel_count // 2
+    pixels = np.unique(np.concatenate([shown[:half], order[:half]]))
+    picture = picture_of(field, vertices, camera, pixels)
+    error = picture_error([image], [picture])
+    suspect = picture_of(field, vertices, camera, np.array([off.argmax()]))
+    largest = max(error.largest, picture_error([image], [suspect]).largest)
     return PoseRow(
         pose=name,
-        inverted=int((volumes < 0).sum()),
+        passed=error.psnr >= BOUND and max(largest, off.max()) <= LARGEST,
+        inverted=int((signed_volumes(vertices, field.mesh.tets) < 0).sum()),
         shown=int((picture.expected < WHITE / 255.0).any(axis=1).sum()),
         psnr=error.psnr,
         largest=largest,
         largest_anywhere=float(off.max()),
         frame=timed(render, renderer.device, repeats, warm_up=0),
-        passed=error.psnr >= BOUND and max(largest, off.max()) <= LARGEST,
     )

@@ -117,14 +117,14 @@ def uneven_masses(masses, rng):
 
 
 @dataclass(frozen=True)
-class Case:
+class StressCase:
     """One way to break a body.
 
     Attributes:
         name: As tables print it.
         start: Where its vertices are at first: (rest [V, 3], generator) -> [V, 3].
-        drive: What is then done to it, its foot pinned: (solver, dt, generator), yields
-            before each step.  Without it the body is free.
+        drive: Moves handles of the body, whose foot is then pinned: (solver, dt, generator),
+            yields before each step.  Without it the body is free.
         dt: Length of a frame [s].
         broken_tets: Put degenerate and inverted rest tets into the mesh.
         uneven: Masses differ by 1e6; then it is enough that the body stays finite.
@@ -143,21 +143,21 @@ class Case:
         return self.start is random or bool(self.drive or self.broken_tets or self.uneven)
 
 
-def suits(case: Case, tets) -> bool:
+def suits(case: StressCase, tets) -> bool:
     """Whether a body has enough tets for a case: to hold some and drag others, or break some."""
     return len(tets) >= LEAST_TETS or not (case.drive or case.broken_tets or case.uneven)
 
 
 CASES = (
-    Case("plane", plane),
-    Case("line", line),
-    Case("point", point),
-    Case("mirrored", mirrored),
-    Case("random", random),
-    Case("drag 100x", drive=drag_far),
-    Case("shake 30 Hz", drive=shake),
-    Case("dt 1/5 s", random, dt=0.2),
-    Case("dt 1 s", random, dt=1.0),
-    Case("broken tets", random, broken_tets=True),
-    Case("mass ratio 1e6", squashed, uneven=True),
+    StressCase("plane", plane),
+    StressCase("line", line),
+    StressCase("point", point),
+    StressCase("mirrored", mirrored),
+    StressCase("random", random),
+    StressCase("drag 100x", drive=drag_far),
+    StressCase("shake 30 Hz", drive=shake),
+    StressCase("dt 1/5 s", random, dt=0.2),
+    StressCase("dt 1 s", random, dt=1.0),
+    StressCase("broken tets", random, broken_tets=True),
+    StressCase("mass ratio 1e6", squashed, uneven=True),
 )

@@ -1,36 +1,28 @@
-"""How the error fell with training time, from the history that the model keeps.
+"""The section on training: how the error fell with time, from the history in the model file.
 
-A history's rows (../training/history.py) say after how many seconds and steps the training
-rays had which PSNR.  Models that were made before there was one keep figures of the end
+A history's rows (training/run/history.py) give the PSNR of the training rays after so many
+seconds and steps.  Models that were made before there was a history keep figures of the end
 alone, and fields that were never trained keep nothing: any key may be missing.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from ...field import TetField
 from ..report import INK, Figure, Section, Table, new_figure, png
 
 COLORS = {1: "#e07a1f", 2: "#2a6f97"}  # of the stages
 TEST_COLOR = "#7b2d8b"
-PRINTED = 10  # rows, about
 TOLD = (10, 50, 100)  # % of the time, in the findings
 TITLE = "Training error against time"
-HEADINGS = {
-    "seconds": "time [s]",
-    "share": "of all [%]",
-    "stage": "stage",
-    "step": "step",
-    "psnr": "PSNR of the training rays [dB]",
-}
 METHOD = [
     "Every 16 steps training looks at the mean squared error of the rays that it draws; a row is "
-    "the mean since the row before. These are the weights as they are then, on the backgrounds "
-    "that are trained on: for images with alpha random ones in the first half of a stage and "
-    "white in the second, so that the curve may jump between them.",
+    "the mean since the row before, of the weights as they are then. For images with alpha the "
+    "background is random in the first half of a stage and white in the second, so that the curve "
+    "may jump between them.",
     "The test PSNR is the mean over views held aside, of the finished model, whose weights are "
     "averaged over the last steps. Seconds are those of the run, with the compilation of kernels "
-    "and the search for tets that no ray sees after each stage's last step, without the test "
-    "views.",
+    "and the search for tets that no ray sees, without the test views.",
 ]
 
 
@@ -40,28 +32,19 @@ class Moment:
 
     Attributes:
         seconds: Of the run so far.
-        share: The same, of all of the run's.  [%]
-        stage: 1 or 2.
-        step: Of the stage.
-        psnr: Of the training rays, since the row before.  [dB]
+        psnr: Of the training rays, since the row before.
     """
 
-    seconds: float
-    share: float
-    stage: int
-    step: int
-    psnr: float
+    seconds: Annotated[float, "time [s]"]
+    share: Annotated[float, "of all [%]"]
+    stage: Annotated[int, "stage"]
+    step: Annotated[int, "step"]
+    psnr: Annotated[float, "PSNR of the training rays [dB]"]
 
 
 @dataclass(frozen=True)
 class StageTime:
-    """A stage of the run.
-
-    Attributes:
-        stage: 1 or 2.
-        seconds: That it took; what comes before the first step is the first one's.
-        steps: That it made.
-    """
+    """Seconds and steps of a stage; the time before the first step is the first stage's."""
 
     stage: int
     seconds: float
@@ -94,8 +77,8 @@ def section(field: TetField) -> Section:
         _findings(meta, stages, told, gain),
         METHOD,
         tables=[
-            Table("training_tenths", caption, HEADINGS, tenths(moments)),
-            Table("training", "All rows of the history.", HEADINGS, moments, first=3),
+            Table("training_tenths", caption, tenths(moments)),
+            Table("training", "All rows of the history.", moments, first=3),
         ],
         figures=[Figure("training", _caption(meta), picture(meta, moments))],
         values=values,
@@ -106,9 +89,7 @@ def history(meta: dict) -> list[Moment]:
     """The rows of a model's history, none where there is none."""
     names = ("seconds", "stage", "step", "psnr")
     rows = [row for row in meta.get("history") or () if all(name in row for name in names)]
-    if not rows:
-        return []
-    total = meta.get("seconds") or rows[-1]["seconds"]
+    total = rows and (meta.get("seconds") or rows[-1]["seconds"])
     return [
         Moment(row["seconds"], 100.0 * row["seconds"] / total, *(row[name] for name in names[1:]))
         for row in rows
@@ -117,7 +98,7 @@ def history(meta: dict) -> list[Moment]:
 
 def tenths(moments: list[Moment]) -> list[Moment]:
     """The last row of each tenth of the time that has one, and the very last."""
-    shown = [_by(moments, 100.0 * (i + 1) / PRINTED) for i in range(PRINTED)]
+    shown = [_by(moments, 10.0 * (i + 1)) for i in range(10)]
     return list(dict.fromkeys(moment for moment in shown if moment))
 
 
@@ -207,9 +188,9 @@ def _sentence(parts: list[str]) -> str:
 
 
 def _caption(meta) -> str:
-    of = f" on {meta['data']}" if meta.get("data") else ""
-    device = f", {meta['device']}" if meta.get("device") else ""
-    caption = f"PSNR of the training rays over the seconds of training{of}{device}."
-    if held_aside_psnr(meta) is not None:
-        caption += " The diamond and the dashed line are the test views' mean at the end."
-    return caption
+    known = [f"on {meta['data']}"] if meta.get("data") else []
+    known += [meta["device"]] if meta.get("device") else []
+    caption = f"PSNR of the training rays over the seconds of training {', '.join(known)}".strip()
+    if held_aside_psnr(meta) is None:
+        return f"{caption}."
+    return f"{caption}. Diamond and dashed line: the test views' mean at the end."

@@ -1,11 +1,11 @@
 """Positions kept as plain float32: right with few substeps, lost in rounding with many."""
 
 import numpy as np
+from beams import beam
+from plain_solver import PlainSolver
 
 from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lumped_masses
 from deformrf.core.geometry import A15
-from deformrf.core.lab.dynamics.bodies import beam
-from deformrf.core.lab.dynamics.plain import PlainSolver
 
 
 def test_few_substeps_are_the_solver_s():

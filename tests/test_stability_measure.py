@@ -8,8 +8,14 @@ import pytest
 from deformrf.core.deform import Material, XpbdSolver
 from deformrf.core.geometry import TetMesh, a15_grid, extract
 from deformrf.core.geometry.lattice import bcc_grid, kuhn_grid
-from deformrf.core.lab.stability.measure import aligned_error, recovery_limit, run_case, shape_of
-from deformrf.core.lab.stability.stress import CASES, Case, at_rest, random
+from deformrf.core.lab.stability.measure import (
+    Solid,
+    aligned_error,
+    recovery_limit,
+    run_case,
+    shape_of,
+)
+from deformrf.core.lab.stability.stress import CASES, StressCase, at_rest, random
 
 CASE = {case.name: case for case in CASES}
 ONE_TET = TetMesh(
@@ -18,6 +24,7 @@ ONE_TET = TetMesh(
     tets=np.array([[0, 1, 2, 3]], np.int32),
 )
 RIGID = 0.0  # stands for compliance 0
+DEFAULT = Solid("default", Material())
 
 
 def dome(grid, spacing):
@@ -41,8 +48,8 @@ def outcome(body, case, device, young_modulus=5e5, poisson_ratio=0.35, **argumen
         warnings.simplefilter("ignore")  # ratios below 1/4 are part of the tests
         material = Material(young_modulus=young_modulus or 5e5, poisson_ratio=poisson_ratio)
     seed = int(np.random.default_rng().integers(2**32))
-    rigid = young_modulus == RIGID
-    return run_case(BODIES[body], material, CASE[case], device, seed, rigid, **arguments), seed
+    solid = Solid("a solid", material, rigid=young_modulus == RIGID)
+    return run_case(BODIES[body], solid, CASE[case], device, seed, **arguments), seed
 
 
 def assert_comes_back(*arguments, **keywords):
@@ -136,11 +143,11 @@ def test_a_shape_leaves_out_what_is_flat_and_knows_its_signs():
     shape = shape_of(rest, tets)
     np.testing.assert_array_equal(shape.tets, tets[:2])
     assert len(shape.edges) == 6 + 2  # all but the one between the two in one place
-    error, ratios, strains = shape.measure(2.0 * rest)
-    assert error > 0.1
-    np.testing.assert_allclose(ratios, 8.0)
-    np.testing.assert_allclose(strains, 1.0)
-    assert (shape.measure(rest * [1, -1, 1])[1] < 0).all()
+    larger = shape.measure(2.0 * rest)
+    assert larger.error > 10.0 and larger.inverted == 0
+    assert larger.smallest_volume == pytest.approx(8.0)
+    assert larger.largest_strain == pytest.approx(100.0)
+    assert shape.measure(rest * [1, -1, 1]).inverted == 2
 
 
 def test_the_limit_is_longer_for_soft_bodies():
@@ -174,7 +181,7 @@ class Exploding(XpbdSolver):
 def test_a_broken_solver_is_found_out():
     result, _ = outcome("A15", "plane", "cpu", make_solver=Frozen)
     assert not result.passed and result.finite and result.recovery_seconds is None
-    assert result.inverted == BODIES["A15"].tet_count and result.error > 0.1
+    assert result.inverted == BODIES["A15"].tet_count and result.error > 10.0
     result, _ = outcome("A15", "plane", "cpu", make_solver=Exploding)
     assert not result.passed and not result.finite and result.nan_count > 0
     assert np.isnan(result.error)
@@ -189,14 +196,14 @@ def test_to_have_been_there_is_not_enough():
 
 
 def test_nothing_is_wrong_at_rest():
-    result = run_case(BODIES["A15"], Material(), Case("rest", at_rest))
+    result = run_case(BODIES["A15"], DEFAULT, StressCase("rest", at_rest))
     assert result.passed and result.recovery_seconds == 0.0
-    assert result.error < 1e-6 and result.smallest_volume == pytest.approx(1.0, abs=1e-5)
-    assert result.largest_strain < 1e-5 and result.rescues == result.inverted == 0
+    assert result.error < 1e-4 and result.smallest_volume == pytest.approx(1.0, abs=1e-5)
+    assert result.largest_strain < 1e-3 and result.rescues == result.inverted == 0
 
 
 def test_a_seed_gives_the_same_again():
-    results = [run_case(BODIES["Kuhn"], Material(), CASE["random"], seed=7) for _ in range(2)]
+    results = [run_case(BODIES["Kuhn"], DEFAULT, CASE["random"], seed=7) for _ in range(2)]
     assert results[0].error == results[1].error
     assert results[0].recovery_seconds == results[1].recovery_seconds
 
@@ -211,6 +218,6 @@ def test_parts_that_nothing_joins_recover_each_by_itself():
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     apart = rest.copy()
     apart[count:] = apart[count:] @ turn.T + [0.0, 0.3, 0.0]
-    assert shape.measure(apart)[0] < 1e-9
+    assert shape.measure(apart).error < 1e-7
     apart[0] += 0.3
-    assert shape.measure(apart)[0] > 0.05
+    assert shape.measure(apart).error > 5.0

@@ -1,26 +1,29 @@
-"""The jobs of a report: nothing is done before they run, and together they are all rows."""
+"""The parts of the section on omissions: together they are all rows."""
 
 import subprocess
 import tempfile
 
 import pytest
 
-from deformrf.core.lab.omissions.measure import Effort, Job, effort, omissions
+from deformrf.core.lab.effort import EFFORTS
+from deformrf.core.lab.omissions.measure import Part, parts
 from deformrf.core.lab.omissions.rows import FILE, GROUPS, NOT_MEASURED, START
 
-BRIEF = Effort(16, 1, 3, 3, 1, 1, (1.0, 1.0, 1.0, 1.0, 1.0))
+BRIEF = EFFORTS[True, True]._replace(
+    frame_size=16, view_count=1, frame_turns=3, step_turns=3, start_turns=1
+)
 FAILED = "Measuring it failed: "
 
 
-def test_jobs_have_titles_and_take_time(ball, tmp_path, device):
-    jobs = omissions(ball, tmp_path / "no such file.npz", device, BRIEF)
-    assert all(job.title and job.seconds > 0.0 for job in jobs)
-    assert len({job.title for job in jobs}) == len(jobs)
+def test_parts_have_titles_and_take_time(ball, tmp_path, device):
+    planned = parts(ball, tmp_path / "no such file.npz", device, BRIEF)
+    assert all(part.title and part.seconds > 0.0 for part in planned)
+    assert len({part.title for part in planned}) == len(planned)
 
 
 def test_together_they_are_all_rows(ball, ball_file, device):
-    jobs = omissions(ball, ball_file, device, BRIEF)[:-1]  # compiling takes seconds
-    rows = [row for job in jobs for row in job.run()]
+    planned = parts(ball, ball_file, device, BRIEF)[:-1]  # compiling takes seconds
+    rows = [row for part in planned for row in part.run()]
     assert {row.group for row in rows} == set(GROUPS)
     assert len({(row.name, row.unit) for row in rows}) == len(rows) > 15
     for row in rows:
@@ -30,20 +33,20 @@ def test_together_they_are_all_rows(ball, ball_file, device):
 
 
 def test_what_fails_is_a_row_and_the_others_are_measured(ball, ball_file, tmp_path, monkeypatch):
-    jobs = {job.title: job for job in omissions(ball, tmp_path / "none.npz", "cpu", BRIEF)}
-    (no_start,) = jobs["starts with what others import"].run()
-    (no_file,) = jobs["the model file"].run()
+    planned = {part.title: part for part in parts(ball, tmp_path / "none.npz", "cpu", BRIEF)}
+    (no_start,) = planned["starts with what others import"].run()
+    (no_file,) = planned["the model file"].run()
     assert (no_start.group, no_start.unit) == (START, "s")
     assert (no_file.group, no_file.unit) == (FILE, "MB")
     for row in (no_start, no_file):
         assert row.verdict == NOT_MEASURED and row.left_out is None
         assert row.why.startswith(FAILED) and "none.npz" in row.why
         assert str(tmp_path) not in row.why and "Traceback" not in row.why
-    jobs = {job.title: job for job in omissions(ball, ball_file, "cpu", BRIEF)}
+    planned = {part.title: part for part in parts(ball, ball_file, "cpu", BRIEF)}
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "no such folder"))
-    (full,) = jobs["the model file"].run()
+    (full,) = planned["the model file"].run()
     assert full.why.startswith(FAILED) and str(tmp_path) not in full.why
-    (drag,) = jobs["dynamics: gravity"].run()
+    (drag,) = planned["dynamics: gravity and a ground"].run()
     assert drag.verdict != NOT_MEASURED
 
 
@@ -60,19 +63,19 @@ def test_a_failure_is_said_in_a_line_without_folders(error, reason):
     def fail():
         raise error
 
-    (row,) = Job("a thing", FILE, 1.0, fail).run()
+    (row,) = Part("a thing", FILE, 1.0, fail).run()
     assert row.why.startswith(FAILED) and row.why.endswith(reason)
     assert "\n" not in row.why and "/tmp" not in row.why
 
 
 def test_a_mistake_of_the_program_is_no_failure_of_the_machine():
     with pytest.raises(ZeroDivisionError):
-        Job("a thing", FILE, 1.0, lambda: 1 // 0).run()
+        Part("a thing", FILE, 1.0, lambda: 1 // 0).run()
 
 
 def test_a_quick_look_is_smaller():
-    for name in ("cpu", "cuda:0"):
-        quick, full = effort(name, True), effort(name, False)
-        assert quick.image_size < full.image_size and quick.start_turns < full.start_turns
+    for on_cpu in (True, False):
+        quick, full = EFFORTS[on_cpu, True], EFFORTS[on_cpu, False]
+        assert quick.frame_size < full.frame_size and quick.start_turns < full.start_turns
         assert quick.compilations == 1 and full.compilations > 2
-        assert sum(quick.job_seconds) < sum(full.job_seconds)
+        assert all(few <= many for few, many in zip(quick, full, strict=True))

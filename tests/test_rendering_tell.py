@@ -8,8 +8,14 @@ import pytest
 from PIL import Image
 
 from deformrf.core.lab.rendering import tell as rendering
-from deformrf.core.lab.rendering.measure import BOUND, LARGEST, RenderingStudy, Row, settings
-from deformrf.core.lab.rendering.photographs import Photographs
+from deformrf.core.lab.rendering.measure import (
+    BOUND,
+    LARGEST,
+    RenderingRow,
+    RenderingStudy,
+    settings,
+)
+from deformrf.core.lab.rendering.pictures import Photographs
 from deformrf.core.lab.report.parts import record
 from deformrf.core.lab.stopwatch import Share, Timing
 from deformrf.core.render import Renderer, camera_rays
@@ -24,7 +30,7 @@ def study(ball):
 
 @pytest.fixture(scope="module")
 def section(study):
-    return rendering.section(study, TURNS)
+    return rendering.section_of(study, TURNS)
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +116,7 @@ def test_beyond_either_bound_it_does_not(ball, pixels, amount):
     expected = shown[picture.pixels] / 255.0
     expected[:pixels] += np.where(expected[:pixels] < 0.5, amount, -amount) / 255.0
     study.pictures = [replace(picture, expected=expected)]
-    wrong = rendering.section(study, 1)
+    wrong = rendering.section_of(study, 1)
     default = rows_of(wrong)[0]
     assert (default.worst_psnr < BOUND) != (default.largest > LARGEST)
     assert wrong.passed is False
@@ -119,14 +125,14 @@ def test_beyond_either_bound_it_does_not(ball, pixels, amount):
 def test_where_nothing_is_good_enough_it_says_so(ball):
     study = RenderingStudy(ball, "cpu", 12, 1, 60)
     study.pictures = [replace(p, expected=1.0 - p.expected) for p in study.pictures]
-    wrong = rendering.section(study, 1)
+    wrong = rendering.section_of(study, 1)
     assert wrong.passed is False and "gives nothing here" in wrong.findings[1]
     assert opened(wrong.figures[0].png).std() > 10.0
 
 
 def test_photographs_have_a_finding_and_a_column(study, photos):
     shares = []
-    section = rendering.section(study, 1, photos, shares.append)
+    section = rendering.section_of(study, 1, photos, shares.append)
     assert section.tables[0].headings["photo_psnr"] == "photographs [dB]"
     known = [row for row in rows_of(section) if row.photo_psnr is not None]
     best = max(known, key=lambda row: row.photo_psnr)
@@ -163,7 +169,9 @@ def row(setting, family, milliseconds, psnr, **kind):
     kind = {"front": False, "candidate": True, "default": False, "chosen": False, **kind}
     share = 20.0 * milliseconds
     relative = Share(share, 0.9 * share, 1.2 * share, 3)
-    return Row(setting, family, psnr, psnr - 1.0, 3.0, 4.0, None, frame, relative, 5.0, **kind)
+    return RenderingRow(
+        setting, family, psnr, psnr - 1.0, 3.0, 4.0, None, frame, relative, 5.0, **kind
+    )
 
 
 def test_the_default_is_a_star_and_the_choice_a_ring():

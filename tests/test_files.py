@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from deformrf.core.field import modelfile
-from deformrf.core.lab.omissions.of_files import file_rows
-from deformrf.core.lab.omissions.of_rendering import Frames
+from deformrf.core.lab.omissions.files import file_rows
+from deformrf.core.lab.omissions.frames import Frames
 from deformrf.core.lab.omissions.rows import NONE, NOT_MEASURED, SAVES
 
 

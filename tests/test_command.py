@@ -14,6 +14,7 @@ from deformrf.core.deform import XpbdSolver
 from deformrf.core.field import BASIS_COUNT, FieldOptions, modelfile, random_field
 from deformrf.core.geometry import TetMesh, tet_neighbours
 from deformrf.core.lab import command
+from deformrf.core.lab.effort import EFFORTS
 from deformrf.core.lab.rendering.measure import BOUND, LARGEST
 from deformrf.core.lab.rendering.pictures import PEAK_DB
 from deformrf.core.lab.stability import tell as stability
@@ -274,11 +275,7 @@ def test_photographs_are_compared(ball, ball_file, write_dataset, tmp_path):
     from PIL import Image
 
     data = write_dataset(tmp_path, [Image.new("RGBA", (16, 12), (255, 255, 255, 255))] * 3)
-    effort = small_effort()
+    effort = EFFORTS[True, True]._replace(photo_count=2, photo_pixels=50)
     photos = command.photographs_for(ball, data, effort)
     assert photos.view_count == 2 and photos.colors.min() == 1.0
     assert command.photographs_for(ball, None, effort) is None
-
-
-def small_effort():
-    return command.EFFORTS[True, True]._replace(photo_count=2, photo_pixels=50)

@@ -5,22 +5,19 @@ import io
 import pytest
 from PIL import Image
 
+from deformrf.core.lab.effort import EFFORTS
 from deformrf.core.lab.omissions import rows as omitted
-from deformrf.core.lab.omissions.measure import effort
-from deformrf.core.lab.omissions.of_dynamics import Drag
-from deformrf.core.lab.omissions.tell import section
+from deformrf.core.lab.omissions.steps import Drag
+from deformrf.core.lab.omissions.tell import section_of
 from deformrf.core.lab.report.parts import record
 
-EFFORT = effort("cpu", True)
+EFFORT = EFFORTS[True, True]
 
 
 def row(name, with_it, without, **kind):
     times = omitted.compared_in_turns(with_it, without)
-    return omitted.omission(
-        *(name, omitted.RENDERING, times, kind.pop("change", omitted.NONE)),
-        *("Because it is idle.", "Because it is simple."),
-        **kind,
-    )
+    change = kind.pop("change", omitted.NONE)
+    return omitted.omission(name, omitted.RENDERING, times, change, "Because it is idle.", **kind)
 
 
 @pytest.fixture
@@ -38,26 +35,26 @@ def rows():
 
 
 def test_savings_are_counted_and_the_largest_named(rows):
-    first = section(rows, EFFORT).findings[0]
+    first = section_of(rows, EFFORT).findings[0]
     assert "2 save" in first and "3 nothing" in first and "1 cost" in first
     assert "a large part" in first and "79 %" in first
 
 
 def test_what_saves_nothing_is_asked_why(rows):
-    findings = section(rows, EFFORT).findings[1:]
+    findings = section_of(rows, EFFORT).findings[1:]
     assert not any("part" in finding for finding in findings if "no part" not in finding)
     assert "Leaving out no part saves nothing that can be measured" in findings[0]
     assert "(2 turns: with it 10.2 to 11.8 ms, without 9.2 to 10.8 ms)" in findings[1]
     assert "(0 MB)" in findings[2]
     assert "Leaving out a loss costs 8.25 ms" in findings[3]
     for finding in findings[:4]:
-        assert finding.endswith("Why is it left out? Because it is simple.")
+        assert finding.endswith("Why is it left out? Because it is idle.")
     assert "Not left out: a habit" in findings[4] and "30.0 dB" in findings[4]
     assert findings[5] == "Not measured: a mystery. Nobody tells."
 
 
 def test_the_method_has_the_numbers_of_what_was_done(rows, ball):
-    method = " ".join(section(rows, EFFORT).method)
+    method = " ".join(section_of(rows, EFFORT).method)
     assert f" {Drag(ball, 'cpu').solver.options.substep_count} substeps" in method
     assert f"Dynamics: {EFFORT.step_turns} turns" in method
     assert f"Start: {EFFORT.start_turns} turns" in method
@@ -65,17 +62,17 @@ def test_the_method_has_the_numbers_of_what_was_done(rows, ball):
 
 
 def test_the_table_has_all_rows_and_the_picture_what_was_measured(rows):
-    found = section(rows, EFFORT)
+    found = section_of(rows, EFFORT)
     (table,), (figure,) = found.tables, found.figures
     assert (found.key, table.name, figure.name) == ("left_out",) * 3
     assert table.rows == rows and found.passed is None
     assert set(table.headings) <= set(record(rows[0]))
-    few = Image.open(io.BytesIO(section(rows[:2], EFFORT).figures[0].png))
+    few = Image.open(io.BytesIO(section_of(rows[:2], EFFORT).figures[0].png))
     all_ = Image.open(io.BytesIO(figure.png))
     assert all_.height > few.height and all_.convert("L").getextrema()[0] < 128
 
 
 def test_where_nothing_was_measured_there_is_no_picture(rows):
-    found = section(rows[-1:], EFFORT)
+    found = section_of(rows[-1:], EFFORT)
     assert not found.figures and len(found.tables[0].rows) == 1
     assert found.findings[0].startswith("Of 0 rows")

@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from ...geometry import (
+from deformrf.core.geometry import (
     Lattice,
     TetMesh,
     cell_tets,
@@ -23,18 +23,6 @@ from ...geometry import (
     signed_volumes,
     tet_neighbours,
 )
-
-
-@dataclass(frozen=True)
-class Held:
-    """Any body, some of whose vertices are held.
-
-    Attributes:
-        clamped: [V] bool
-    """
-
-    mesh: TetMesh
-    clamped: np.ndarray
 
 
 @dataclass(frozen=True)

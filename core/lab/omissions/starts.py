@@ -1,10 +1,10 @@
 """What a start leaves out, measured by interpreters that import it first.
 
 Each turn starts fresh interpreters that do what viewing needs: import, load the model, render
-one small image.  A first one of each way doesn't count: it reads from a cold disk.  Times are
-theirs, from their first line on; memory is the peak of the process, which Linux tells
+one small image.  The first turn does not count: it reads from a cold disk.  Seconds run from
+the interpreter's first line; memory is the peak of the process, which Linux tells
 (/proc/self/status: getrusage would count the peak of the process that started it).  Kernels
-are in Warp's cache, but for the row of those that are compiled.
+are in Warp's cache, except for the row of those that are compiled.
 """
 
 import json
@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 
-from ..stopwatch import timing_of
 from .rows import NONE, START, Omission, compared_in_turns, not_measured, omission
 
 VIEW_SIZE = 64  # pixels
@@ -31,7 +30,7 @@ for name in first:
 from {PACKAGE}.core.device import start_warp
 start_warp()
 from {PACKAGE}.core.field import modelfile
-from {PACKAGE}.core.render.render import Renderer
+from {PACKAGE}.core.render import Renderer
 from {PACKAGE}.core.lab.rendering.pictures import view
 field = modelfile.load(path)
 renderer = Renderer(field, device)
@@ -62,8 +61,22 @@ print(json.dumps(time.perf_counter() - start))
 """
 
 
+MODULES = {  # name: modules, why they are left out where they are, and why not where they aren't
+    "torch": (
+        TORCH,
+        "Networks run in NumPy on the CPU and in a Warp kernel on CUDA; torch is for training.",
+        "It is imported anyway: networks of this shape are torch's on this device.",
+    ),
+    "matplotlib and scipy": (
+        REPORTS,
+        "Only reports draw curves and solve for references, and import them late.",
+        "They are imported anyway.",
+    ),
+}
+
+
 def import_rows(path, device, turns: int) -> list[Omission]:
-    """torch, and what only reports need: where viewing imports it without need."""
+    """Seconds and memory of torch, and of what only reports need."""
     ways = ((), TORCH, REPORTS)
     runs = {way: [] for way in ways}
     for turn in range(-WARM_UP, turns):
@@ -71,54 +84,19 @@ def import_rows(path, device, turns: int) -> list[Omission]:
             run = _run(VIEWING, str(path), device, *way)
             if turn >= 0:
                 runs[way].append(run)
-    return [
-        *_rows_of(
-            "torch",
-            TORCH,
-            runs,
-            "Networks run in NumPy on the CPU and in a Warp kernel on CUDA; torch is for training.",
-            "It is imported anyway: networks of this shape are torch's on this device.",
-        ),
-        *_rows_of(
-            "matplotlib and scipy",
-            REPORTS,
-            runs,
-            "Only reports draw curves and solve for references, and import them late.",
-            "They are imported anyway.",
-        ),
-    ]
+    return [row for name in MODULES for row in rows_of(name, runs)]
 
 
-def kernel_row(device, turns: int) -> Omission:
-    """Kernels that only another device runs, compiled at the first start."""
-    module = f"{PACKAGE}.{OF_CUDA if device == 'cpu' else OF_CPU}"
-    seconds = []
-    for _ in range(turns):
-        with tempfile.TemporaryDirectory() as folder:
-            seconds.append(_run(COMPILING, module, device, folder))
-    other = "CUDA" if device == "cpu" else "the CPU"
-    nothing = timing_of([0.0] * turns)
-    return omission(
-        f"kernels of {other} ({module.rpartition('.')[2]}), at the first start",
-        START,
-        (timing_of(seconds), nothing, timing_of(seconds)),
-        "nothing that is shown: no image is made with them",
-        f"Only {other} runs them; whoever has this device need not wait for the compiler.",
-        "They compile at once.",
-        unit="s",
-    )
-
-
-def _rows_of(name, modules, runs, why, anyway) -> list[Omission]:
-    """Seconds and memory of starts with and without these modules.
+def rows_of(name, runs) -> list[Omission]:
+    """Seconds and memory of starts with and without some modules.
 
     Args:
-        why: They are left out, where they are.
-        anyway: Why they aren't, where that is so.
+        name: A key of MODULES.
+        runs: For each tuple of modules imported first, what VIEWING printed in each turn.
     """
+    modules, why, anyway = MODULES[name]
     asked, plain = runs[modules], runs[()]
     left_out = not set(modules) & set(plain[0][2])
-    reason = why if left_out else anyway
     images = {run[3] for run in (*asked, *plain)}
     change = NONE if len(images) == 1 else "the image, which differs from start to start"
     rows = []
@@ -129,9 +107,27 @@ def _rows_of(name, modules, runs, why, anyway) -> list[Omission]:
             unknown = "This system doesn't say how much memory a process had at most."
             rows.append(not_measured(title, START, unknown, left_out, unit))
             continue
-        turned = compared_in_turns(with_it, without)
-        rows.append(omission(title, START, turned, change, reason, reason, left_out, unit))
+        turns, reason = compared_in_turns(with_it, without), why if left_out else anyway
+        rows.append(omission(title, START, turns, change, reason, left_out, unit))
     return rows
+
+
+def kernel_row(device, turns: int) -> Omission:
+    """Kernels that only another device runs, compiled at the first start."""
+    module = f"{PACKAGE}.{OF_CUDA if device == 'cpu' else OF_CPU}"
+    seconds = []
+    for _ in range(turns):
+        with tempfile.TemporaryDirectory() as folder:
+            seconds.append(_run(COMPILING, module, device, folder))
+    other = "CUDA" if device == "cpu" else "the CPU"
+    return omission(
+        f"kernels of {other} ({module.rpartition('.')[2]}), at the first start",
+        START,
+        compared_in_turns(seconds, [0.0] * turns),
+        "nothing that is shown: no image is made with them",
+        f"Only {other} runs them; whoever has this device need not wait for the compiler.",
+        unit="s",
+    )
 
 
 def _run(program, *arguments):

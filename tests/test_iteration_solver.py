@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from beams import beam
+from iteration_solver import IterationSolver
 
 from deformrf.core.deform import COMPLIANCE_FLOOR, Material, XpbdOptions, XpbdSolver
 from deformrf.core.geometry import A15, BCC
-from deformrf.core.lab.dynamics.bodies import beam
 from deformrf.core.lab.dynamics.energy import material_energy
-from deformrf.core.lab.dynamics.iterations import IterationSolver
 
 DT = 1.0 / 60.0
 OPTIONS = XpbdOptions(substep_count=1, gravity=(0.0, 1.0, -9.81), sleep_motion=0.0, rescue=False)

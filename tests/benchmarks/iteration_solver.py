@@ -19,7 +19,13 @@ import math
 import numpy as np
 import warp as wp
 
-from ...deform import STEP_LIMIT, edge_constraints, lumped_masses, upload, volume_constraints
+from deformrf.core.deform import (
+    STEP_LIMIT,
+    edge_constraints,
+    lumped_masses,
+    upload,
+    volume_constraints,
+)
 
 wp.set_module_options({"enable_backward": False})
 

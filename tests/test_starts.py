@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from deformrf.core.lab.omissions import of_start as omitted_start
+from deformrf.core.lab.omissions import starts
 from deformrf.core.lab.omissions.rows import NONE, NOT_MEASURED, NOTHING, SAVES
 
 BALLAST = 600_000_000  # bytes
@@ -13,7 +13,7 @@ BALLAST = 600_000_000  # bytes
 @pytest.fixture(scope="module")
 def rows(ball_file):
     ballast = bytearray(b"x" * BALLAST)  # of the process that starts others
-    found = omitted_start.import_rows(ball_file, "cpu", turns=1)
+    found = starts.import_rows(ball_file, "cpu", turns=1)
     del ballast
     return {(row.name, row.unit): row for row in found}
 
@@ -30,8 +30,8 @@ def test_the_first_start_of_each_way_does_not_count(monkeypatch):
         seconds = 100.0 if runs.count(arguments[2:]) == 1 else 2.0 + len(arguments)
         return [seconds, 1.0, [], "an image"]
 
-    monkeypatch.setattr(omitted_start, "_run", run)
-    seconds, *_ = omitted_start.import_rows("model.npz", "cpu", turns=2)
+    monkeypatch.setattr(starts, "_run", run)
+    seconds, *_ = starts.import_rows("model.npz", "cpu", turns=2)
     assert len(runs) == 3 * 3 and seconds.with_it.count == 2
     assert (seconds.with_it.high, seconds.without.high) == (5.0, 4.0)
 
@@ -52,25 +52,25 @@ def test_memory_is_that_of_the_fresh_process(rows):
 def test_what_is_imported_anyway_is_not_left_out():
     runs = {
         way: [[1.0, 100.0, ["torch"], "an image"], [1.1, 100.0, ["torch"], "an image"]]
-        for way in (omitted_start.TORCH, ())
+        for way in (starts.TORCH, ())
     }
-    seconds, memory = omitted_start._rows_of("torch", omitted_start.TORCH, runs, "yes", "anyway")
+    seconds, memory = starts.rows_of("torch", runs)
     assert not seconds.left_out and not memory.left_out
-    assert memory.verdict == NOTHING and memory.why == "anyway"
+    assert memory.verdict == NOTHING and memory.why.startswith("It is imported anyway")
 
 
 def test_where_nobody_tells_the_memory_the_row_says_so():
     run = [1.0, None, [], "an image"]
-    runs = {way: [run] for way in (omitted_start.TORCH, ())}
-    _, memory = omitted_start._rows_of("torch", omitted_start.TORCH, runs, "yes", "anyway")
+    runs = {way: [run] for way in (starts.TORCH, ())}
+    _, memory = starts.rows_of("torch", runs)
     assert memory.verdict == NOT_MEASURED and memory.saving is None and memory.unit == "MB"
 
 
 def test_kernels_of_another_device_take_time_to_compile():
-    row = omitted_start.kernel_row("cpu", 1)
+    row = starts.kernel_row("cpu", 1)
     assert row.verdict == SAVES and row.saving.median > 0.05 and "CUDA" in row.name
 
 
 def test_a_start_that_fails_says_why():
     with pytest.raises(RuntimeError, match="no model file"):
-        omitted_start.import_rows("nowhere.npz", "cpu", 1)
+        starts.import_rows("nowhere.npz", "cpu", 1)

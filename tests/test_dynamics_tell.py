@@ -2,18 +2,23 @@
 
 import io
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
+from beams import ball
 from PIL import Image
 
 from deformrf.core.deform import PRESETS, Material
 from deformrf.core.geometry import BCC, TetMesh
-from deformrf.core.lab.dynamics import error
-from deformrf.core.lab.dynamics import measure as own_mesh
 from deformrf.core.lab.dynamics import tell as dynamics
-from deformrf.core.lab.dynamics.bodies import ball
+from deformrf.core.lab.dynamics.measure import (
+    BOUND,
+    SCENES,
+    DynamicsRow,
+    load_cases,
+    measure,
+    standing,
+)
 from deformrf.core.lab.report.parts import record
 from deformrf.core.lab.stopwatch import Timing
 
@@ -33,13 +38,13 @@ def shares():
 
 @pytest.fixture(scope="module")
 def section(shares):
-    return dynamics.section("ball", MESH, "cpu", quick=True, step=shares.append)
+    return dynamics.section(MESH, "cpu", quick=True, step=shares.append)
 
 
-def row(scene, count, of_motion, scheme="substeps", compliance="material"):
-    return dynamics.DynamicsRow(
+def row(scene, count, of_motion, compliance="material"):
+    return DynamicsRow(
         scene=scene,
-        scheme=scheme,
+        scheme="substeps",
         compliance=compliance,
         count=count,
         of_motion=None if of_motion is None else 100.0 * of_motion,
@@ -72,7 +77,6 @@ def rows_with(static, dynamic, counts=(5, 10, 20, 40)):
 def test_the_least_count_that_holds_both_scenes_is_chosen(static, dynamic, count):
     rows = rows_with(static, dynamic)
     others = [
-        row("static", 1, 0.0, scheme="iterations"),
         row("dynamic", 2, 0.0, compliance="0.0001"),
         row("static", 3, None, compliance="0"),
     ]
@@ -83,45 +87,40 @@ def test_the_least_count_that_holds_both_scenes_is_chosen(static, dynamic, count
 def test_findings_are_those_of_the_rows(section):
     static, dynamic = (r for r in section.tables[0].rows if r.default)
     assert (static.scene, dynamic.scene) == ("static", "dynamic")
-    first, second, *schemes = section.findings
+    first, second = section.findings
     assert f"{COUNT} substeps" in first and f"{static.frame.median:.3g} ms" in first
     assert f"{static.of_motion:.2g} % of its motion" in first
     assert f"in motion by {dynamic.of_motion:.2g} %" in first
     chosen = [r for r in section.tables[0].rows if r.chosen]
     assert {r.count for r in chosen} == {section.values["recommended_substeps"]}
-    assert max(r.of_motion for r in chosen) <= 100.0 * own_mesh.BOUND
+    assert max(r.of_motion for r in chosen) <= 100.0 * BOUND
     assert f"needs {chosen[0].count} substeps" in second
     assert f"{chosen[0].frame.median:.3g} ms" in second
-    iterations = {r.scene: r for r in section.tables[0].rows if r.scheme == "iterations"}
-    assert f"{iterations['static'].of_motion:.3g} % under load" in schemes[0]
-    assert "plain float32" in schemes[1]
 
 
 def test_the_table_has_every_run(section):
     [table], [figure] = section.tables, section.figures
     assert (section.key, table.name, figure.name) == ("dynamics",) * 3
     assert set(table.headings) <= set(vars(table.rows[0])) and section.passed is None
-    assert {(r.scene, r.scheme) for r in table.rows} == set(
-        product(error.SCENES, ("substeps", "iterations"))
-    ) | {("dynamic", "plain float32")}
+    assert {r.scene for r in table.rows} == set(SCENES)
     for found in table.rows:
         assert (found.of_motion is None) == (found.compliance == "0")
-        assert (found.frame is None) == (found.scheme == "plain float32")
         assert np.isfinite([found.of_size, found.largest]).all()
         assert found.of_size <= found.largest
     assert set(record(table.rows[0])) == set(record(table.rows[-1]))
 
 
 def test_errors_are_in_percent(section):
-    case = own_mesh.cases("ball", own_mesh.body_of(MESH))[1]
-    found = error.measure(case, "substeps", COUNT, "cpu")
+    case = load_cases(standing(MESH))[1]
+    found = measure(case, COUNT, "cpu")
     [row] = [r for r in section.tables[0].rows if r.default and r.scene == "dynamic"]
-    measured = 100.0 * np.array([found.of_motion, found.rms, found.largest])
-    np.testing.assert_allclose([row.of_motion, row.of_size, row.largest], measured)
+    names = ("of_motion", "of_size", "largest")
+    measured = [getattr(found, name) for name in names]
+    np.testing.assert_allclose([getattr(row, name) for name in names], measured)
 
 
 def test_the_method_says_how_exact_the_references_are(section):
-    cases = own_mesh.cases("ball", own_mesh.body_of(MESH))
+    cases = load_cases(standing(MESH))
     assert "48 tets" in section.method[0]
     assert f"{cases[0].gravity[0]:.2g} m/s²" in section.method[0]
     assert f"{cases[0].reference_error:.0e} of the load" in section.method[0]
@@ -140,18 +139,14 @@ def test_the_share_that_is_done_grows(section, shares):
 
 
 def test_the_default_is_in_every_plan():
-    """Whatever is compared with it at the same count is, too."""
-    cases = own_mesh.cases("ball", own_mesh.body_of(MESH))
+    cases = load_cases(standing(MESH))
     for quick in (True, False):
-        own = {(c.scene, scheme, n) for c, scheme, n in dynamics.plan(cases, quick)}
-        for scene in error.SCENES:
-            assert {(scene, "substeps", COUNT), (scene, "iterations", COUNT)} <= own
-        plain = {n for _, scheme, n in own if scheme == "plain float32"}
-        assert plain and all(("dynamic", "substeps", n) in own for n in plain)
+        own = {(c.scene, n) for c, n in dynamics.plan(cases, quick) if c.compliance is None}
+        assert {(scene, COUNT) for scene in SCENES} <= own
 
 
 def test_in_full_there_are_materials_too():
-    section = dynamics.section("tet", ONE_TET, "cpu")
+    section = dynamics.section(ONE_TET, "cpu")
     table, materials = section.tables
     assert materials.name == "materials" and len(section.figures) == 1
     assert [r.material for r in materials.rows] == ["default", *PRESETS]
@@ -163,15 +158,12 @@ def test_in_full_there_are_materials_too():
 @pytest.fixture(scope="module")
 def materials():
     """Of the ball, which the default material's rule gives few substeps."""
-    body = own_mesh.body_of(MESH)
+    body = standing(MESH)
     for chosen in range(1, 20):
-        measured = [error.measure(c, "substeps", chosen, "cpu") for c in own_mesh.cases("b", body)]
-        if max(row.of_motion for row in measured) <= own_mesh.BOUND:
+        measured = [measure(c, chosen, "cpu") for c in load_cases(body)]
+        if max(row.of_motion for row in measured) <= 100.0 * BOUND:
             break
-    rows = [
-        row(scene, chosen, r.of_motion) for scene, r in zip(error.SCENES, measured, strict=True)
-    ]
-    found = dynamics.held_materials("ball", body, "cpu", rows, chosen)
+    found = dynamics.held_materials(body, "cpu", measured, chosen)
     return {row.material: row for row in found}
 
 
@@ -182,17 +174,14 @@ def test_each_material_is_held_with_as_many_substeps_as_it_is_said_to_take(mater
         assert found.measured == (found.substeps <= dynamics.MOST_SUBSTEPS)
         assert found.measured == (found.of_motion is not None) == (found.frame is not None)
         if found.measured:
-            assert max(found.of_motion, found.in_motion) <= 100.0 * own_mesh.BOUND, found
+            assert max(found.of_motion, found.in_motion) <= 100.0 * BOUND, found
     assert materials["default"].measured and materials["jelly"].measured
 
 
 def test_what_was_measured_is_another_measure_s(materials):
-    body, found = own_mesh.body_of(MESH), materials["rubber"]
-    static, dynamic = own_mesh.cases("ball", body, PRESETS["rubber"])
-    errors = [
-        100.0 * error.measure(case, "substeps", found.substeps, "cpu").of_motion
-        for case in (static, dynamic)
-    ]
+    body, found = standing(MESH), materials["rubber"]
+    static, dynamic = load_cases(body, PRESETS["rubber"])
+    errors = [measure(case, found.substeps, "cpu").of_motion for case in (static, dynamic)]
     np.testing.assert_allclose([found.of_motion, found.in_motion], errors, rtol=1e-3)
 
 
@@ -214,6 +203,6 @@ def test_without_resistance_there_is_no_equilibrium():
         rest_vertices=np.concatenate([MESH.rest_vertices, [[0.0, 0.0, 0.9]]]),
         addresses=np.concatenate([MESH.addresses, [[99, 99, 99]]]),
     )
-    section = dynamics.section("loose", loose, "cpu", quick=True)
+    section = dynamics.section(loose, "cpu", quick=True)
     assert "moves without resistance" in section.findings[0]
     assert not section.tables and not section.figures and section.passed is None

@@ -14,8 +14,8 @@ Shapes: V vertices.
 import numpy as np
 import warp as wp
 
-from ...deform import TIME_STEP, edge_constraints, lumped_masses, volume_constraints
-from ...deform.frame import reference
+from deformrf.core.deform import TIME_STEP, edge_constraints, lumped_masses, volume_constraints
+from deformrf.core.deform.frame import reference
 
 
 class PlainSolver:

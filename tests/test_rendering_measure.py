@@ -6,8 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from deformrf.core.lab import rule
 from deformrf.core.lab.rendering import measure as rendering
-from deformrf.core.lab.rendering import pictures, rule
+from deformrf.core.lab.rendering import pictures
 from deformrf.core.lab.rendering.measure import (
     BOUND,
     LARGEST,
@@ -15,7 +16,7 @@ from deformrf.core.lab.rendering.measure import (
     RenderingStudy,
     Setting,
 )
-from deformrf.core.lab.rendering.photographs import Photographs
+from deformrf.core.lab.rendering.pictures import Photographs
 from deformrf.core.render import Renderer, RenderOptions, camera_rays
 from deformrf.core.render.render_options import checked
 

@@ -1,0 +1,197 @@
+"""Float64 references for the solver: where an elastic body rests, and how it moves.
+
+Rest: Newton's method minimizes Π(x) = energy(x) − f · x over the free vertices.  A step is
+(∂²Π + s I)⁻¹ (−∂Π), with the least shift s ≥ 0 tried that makes the matrix positive definite; a
+line search keeps Π falling (Armijo).  A factorization serves until a step leaves more than
+a tenth of the residual.
+
+Motion: velocity Verlet, second order in h and symplectic; held vertices stay.
+
+    v ← v + h/2 a(x),   x ← x + h v,   v ← v + h/2 a(x),   a = g − ∂energy/∂x / m
+
+A second run with 2h says how exact the first one is: its error is a third of their difference.
+
+Shapes: V vertices.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from .energy import Energy
+
+ENOUGH_PROGRESS = 0.1  # of the residual may be left by a step with old factors
+ARMIJO = 1e-4
+COURANT = 0.2  # of the longest stable step, 2/ω_max
+POWER_ITERATIONS = 60
+
+
+class NoEquilibrium(RuntimeError):
+    """Newton's method does not converge."""
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A body at rest.
+
+    Attributes:
+        vertices: [V, 3] m
+        residual: Norm of the forces on free vertices over that of the loads and reactions.
+        steps: How many Newton steps it took.
+    """
+
+    vertices: np.ndarray
+    residual: float
+    steps: int
+
+
+def equilibrium(
+    energy: Energy, start, held, gravity=(0.0, 0.0, 0.0), tolerance=1e-10, most_steps=100
+) -> Equilibrium:
+    """Where a body rests under gravity, some vertices held where `start` has them.
+
+    Args:
+        start: [V, 3] m; handles at their targets.
+        held: [V] bool
+        gravity: [3] m/s²
+        tolerance: Of the residual; what float64 rounds counts if it is more.
+
+    Raises:
+        NoEquilibrium: Newton's method does not converge.
+    """
+    x = np.array(start, np.float64)
+    dofs = free_dofs(held)
+    loads = energy.masses[:, None] * np.array(gravity)
+
+    def potential(x):
+        return energy.value(x) - float((loads * x).sum())
+
+    factors, before = None, 0.0
+    for count in range(most_steps + 1):
+        forces = (loads - energy.gradient(x)).ravel()
+        scale = max(np.linalg.norm(forces), np.linalg.norm(loads))
+        residual = np.linalg.norm(forces[dofs])
+        if residual <= max(tolerance * scale, _rounding(energy, x)):
+            return Equilibrium(x, float(residual / scale) if scale > 0 else 0.0, count)
+        if residual > ENOUGH_PROGRESS * before:
+            factors = _positive_factors(energy.hessian(x)[dofs][:, dofs])
+        step = np.zeros(x.size)
+        step[dofs] = factors.solve(forces[dofs])
+        x = _line_search(potential, x, step.reshape(-1, 3), forces @ step)
+        before = residual
+    raise NoEquilibrium(
+        f"no equilibrium after {most_steps} Newton steps: a residual of {residual / scale:.1e}"
+    )
+
+
+def free_dofs(held):
+    """Rows of the Hessian that belong to free vertices.  [3F]"""
+    return (3 * np.flatnonzero(~np.asarray(held))[:, None] + np.arange(3)).ravel()
+
+
+def factorize(matrix):
+    """LU without pivoting, which is LDLᵀ; None unless every pivot is positive."""
+    try:
+        factors = splu(
+            matrix.tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:  # a pivot of exactly 0
+        return None
+    return factors if factors.U.diagonal().min() > 0 else None
+
+
+def _positive_factors(hessian):
+    """Factors of hessian + s I, for the least s ≥ 0 tried that makes it positive definite."""
+    shift = 0.0
+    while (factors := factorize(hessian + shift * sparse.eye_array(hessian.shape[0]))) is None:
+        shift = max(10.0 * shift, 1e-4 * abs(hessian).max())
+    return factors
+
+
+def _line_search(potential, x, step, slope):
+    """x + t·step with the first t = 1, ½, ¼, … that lowers the potential enough."""
+    before = potential(x)
+    slack = 1e-12 * abs(before)
+    for t in 0.5 ** np.arange(40):
+        if potential(x + t * step) <= before - ARMIJO * t * slope + slack:
+            break
+    return x + t * step
+
+
+def _rounding(energy, x):
+    """About how much force float64 positions can't resolve, as a norm over vertices [N]."""
+    reach = np.abs(x).max() * np.finfo(float).eps
+    return float(np.linalg.norm(energy.stiffnesses) * reach)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A body in motion.
+
+    Attributes:
+        path: Positions at the end of each of some equal parts of the duration.  [S, V, 3] m
+        velocities: At the end.  [V, 3] m/s
+        step: h [s].
+        self_difference: RMS difference to the run with 2h, over the path [m].
+    """
+
+    path: np.ndarray
+    velocities: np.ndarray
+    step: float
+    self_difference: float
+
+
+def motion(
+    energy: Energy, start, held, duration, gravity=(0.0, 0.0, 0.0), step=None, samples=1
+) -> Motion:
+    """How a body moves from rest at `start`, undamped, for a duration [s].
+
+    Args:
+        start: [V, 3] m
+        held: Which vertices stay.  [V] bool
+        gravity: [3] m/s²
+        step: h [s] at most; None takes a fifth of the longest stable one.
+        samples: How many positions on the way are kept.
+    """
+    start = np.asarray(start, np.float64)
+    step = step or COURANT * longest_step(energy, start, held)
+    count = 2 * samples * math.ceil(duration / step / (2 * samples))
+    coarse, _ = verlet(energy, start, held, duration, gravity, count // 2, samples)
+    path, velocities = verlet(energy, start, held, duration, gravity, count, samples)
+    difference = float(np.sqrt(((path - coarse) ** 2).sum(axis=2).mean()))
+    return Motion(path, velocities, duration / count, difference)
+
+
+def verlet(energy: Energy, start, held, duration, gravity, count, samples):
+    """`count` steps: positions on the way [samples, V, 3], velocities at the end [V, 3]."""
+    h = duration / count
+    mobility = (~np.asarray(held) / energy.masses)[:, None]
+    push = np.where(mobility > 0.0, gravity, 0.0)
+    x, v, path = np.array(start, np.float64), np.zeros_like(start, np.float64), []
+    kick = 0.5 * h * (push - mobility * energy.gradient(x))
+    for step in range(1, count + 1):
+        v = v + kick
+        x = x + h * v
+        kick = 0.5 * h * (push - mobility * energy.gradient(x))
+        v = v + kick
+        if step % (count // samples) == 0:
+            path.append(x)
+    return np.array(path), v
+
+
+def longest_step(energy: Energy, x, held):
+    """The longest stable step 2/ω_max [s] about x, by power iteration (a little too long)."""
+    scale = np.repeat(np.where(held, 0.0, 1.0 / np.sqrt(energy.masses)), 3)
+    hessian = energy.hessian(np.asarray(x, np.float64))
+    mode = np.random.default_rng(0).normal(size=len(scale))
+    for _ in range(POWER_ITERATIONS):
+        mode = scale * (hessian @ (scale * mode))
+        squared = np.linalg.norm(mode)
+        mode /= squared
+    return 2.0 / math.sqrt(squared)

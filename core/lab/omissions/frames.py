@@ -1,0 +1,184 @@
+"""What rendering leaves out at rest, measured by rendering with it.
+
+A turn is one image with it and one without it of the same view; views go round.  Each way has
+a renderer of its own: on CUDA a renderer expects as many rounds as its last image took, which
+another way's image would mislead.  Images are compared over all views, over white.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from itertools import cycle
+from typing import NamedTuple
+
+import numpy as np
+
+from ...field import TetField, below_pixel, level_edges, narrowest_pixel, occupied_share
+from ...render import Renderer, RenderOptions, visible_part
+from ..rendering import views
+from .rows import RENDERING, Switch, image_change
+
+ALL_SUBTETS = 2**64 - 1  # the mask of a full tet
+
+
+class Way(NamedTuple):
+    """One way of rendering.
+
+    Attributes:
+        renderer: None if nothing is rendered.
+        turn: Renders the next view.
+        images: Of all views: [H, W, 4] uint8 each.
+    """
+
+    renderer: Renderer | None
+    turn: Callable[[], object]
+    images: Callable[[], list]
+
+
+class Frames:
+    """A bench for ways of rendering a field at rest."""
+
+    group = RENDERING
+
+    def __init__(self, field: TetField, device, size: int, view_count: int, repeats: int):
+        self.field, self.device, self.repeats = field, device, repeats
+        self.cameras = views(field, view_count, size)
+
+    @cached_property
+    def usual(self) -> Way:
+        """The field as it is, in default mode."""
+        return self.way()
+
+    def way(self, field: TetField | None = None, part_of=visible_part, **options) -> Way:
+        """Another field of the same mesh, other parts of it, or other RenderOptions."""
+        renderer = Renderer(field or self.field, self.device, part_of)
+        renderer.set_vertices(self.field.mesh.rest_vertices)
+        options, following = RenderOptions(**options), cycle(self.cameras)
+        return Way(
+            renderer,
+            lambda: renderer.render(next(following), options),
+            lambda: [renderer.render(c, options).color_array() for c in self.cameras],
+        )
+
+    def change(self, with_it: Way, without: Way) -> str:
+        """What their images differ by."""
+        return image_change(with_it.images(), without.images())
+
+    def change_of_layers(self, layers: Way, usual: Way) -> str:
+        """The path for overlap has no early end, so it is compared with rays without one, too."""
+        endless = self.change(layers, self.way(termination=0.0))
+        return f"{self.change(layers, usual)}; compared with rays that never end: {endless}"
+
+    def again(self) -> list:
+        """The first view, once more."""
+        return [self.usual.renderer.render(self.cameras[0]).color_array()]
+
+
+def frame_switches(frames: Frames) -> list[Switch]:
+    """What there is to measure on the device of the frames."""
+    field, way = frames.field, frames.way
+
+    def usual():
+        return frames.usual
+
+    def waiting():  # float32 runs in rounds that the host waits for
+        return way(path="host")
+
+    filled = np.where(field.occupancy == 0, field.occupancy, np.uint64(ALL_SUBTETS))
+    empty_subtets = 100.0 * (1.0 - occupied_share(visible_part(field)[0].occupancy))
+    empty_tets = 100.0 * (field.occupancy == 0).mean()
+    switches = [
+        Switch(
+            "samples in empty sub-tets",
+            lambda: way(replace(field, occupancy=filled)),
+            usual,
+            f"{empty_subtets:.0f} % of the sub-tets of the tets that rays cross are empty. The"
+            " density there was never trained: it would be seen, and it would end rays early.",
+        ),
+        Switch(
+            "tets without density on a ray's way",
+            lambda: way(part_of=every_tet),
+            usual,
+            f"{empty_tets:.0f} % of the tets serve the dynamics alone; they are removed once, when"
+            " a model is loaded.",
+        ),
+        Switch(
+            "samples behind what is opaque",
+            lambda: way(termination=0.0),
+            usual,
+            f"A ray ends once {100.0 * (1.0 - RenderOptions().stop):.0f} % of it is spent; what is"
+            " behind is taken to look like what is before. The test is one comparison a sample.",
+        ),
+        Switch(
+            "the path for overlap, at rest",
+            lambda: way(path="merge"),
+            usual,
+            "Nothing overlaps at rest, which is tested once a pose, so no ray has to sort media"
+            " or store its pieces.",
+            change=frames.change_of_layers,
+        ),
+        Switch(
+            "single precision of networks and tables",
+            lambda: way(single_precision=True),
+            waiting,
+            "Half precision uses tensor cores and half the bytes, and needs no torch; it counts"
+            " in large images.",
+        ),
+        Switch(
+            "rounds that the host waits for",
+            waiting,
+            usual,
+            "The device knows how many rays go on; each round is a CUDA graph.",
+        ),
+        Switch(
+            "rendering again what did not change",
+            lambda: Way(frames.usual.renderer, frames.again, frames.again),
+            lambda: Way(None, lambda: None, frames.again),
+            "Neither camera nor vertices changed, so the same image would come out.",
+        ),
+        _level_switch(frames),
+        _view_switch(frames),
+    ]
+    on_cuda = frames.device != "cpu"  # on the CPU all is single precision, and nothing waits
+    return switches if on_cuda else switches[:4] + switches[6:]
+
+
+def _level_switch(frames):
+    """The levels that are finer than a pixel; where none is, the finest one."""
+    field, count = frames.field, frames.field.layout.level_count
+    positions, focal = [c.position for c in frames.cameras], frames.cameras[0].focal
+    pixel = narrowest_pixel(positions, focal, field.mesh.rest_vertices)
+    edges = level_edges(field.mesh, count)
+    finer = int(below_pixel(edges, pixel).sum())
+    finest = edges[-1] / pixel
+    what = f"no level is finer than a pixel of this view (the finest has edges of {finest:.1f})"
+    if finer:
+        what = f"{finer} of {count} levels are finer than a pixel of this view"
+    return Switch(
+        "levels finer than a pixel" if finer else "the finest level",
+        lambda: frames.usual,
+        lambda: frames.way(level_count=max(1, count - max(finer, 1))),
+        f"It is kept: {what}, and networks trained with all levels are wrong without one.",
+        left_out=False,
+    )
+
+
+def _view_switch(frames):
+    """Spherical harmonics of a sample's direction; a model may have been trained without."""
+    field, has_it = frames.field, frames.field.options.view_dependence
+    other = replace(field, options=replace(field.options, view_dependence=not has_it))
+    return Switch(
+        "view dependence",
+        lambda: frames.usual if has_it else frames.way(other),
+        lambda: frames.way(other) if has_it else frames.usual,
+        "It is kept: the model was trained with it, and its colors are off without."
+        if has_it
+        else "The model was trained without it, and its colors depend on no direction.",
+        left_out=not has_it,
+    )
+
+
+def every_tet(field: TetField):
+    """As visible_part, in its order, but all tets."""
+    part, ids = visible_part(replace(field, occupancy=np.full_like(field.occupancy, ALL_SUBTETS)))
+    return replace(part, occupancy=field.occupancy[ids]), ids

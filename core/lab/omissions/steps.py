@@ -1,0 +1,182 @@
+"""What dynamics leave out, measured on two solvers of which one does without.
+
+Both take the same drag: the highest vertices of the largest part, held as the viewer holds
+them, swing from side to side, a step of 1/60 s a turn.  Where a pose at rest decides, they are
+then held still for two seconds.  Differences are in object sizes, the longest side at rest.
+
+Shapes: V vertices.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ...deform import (
+    LOWEST_POISSON_RATIO,
+    TIME_STEP,
+    Material,
+    XpbdOptions,
+    XpbdSolver,
+    lowest_pins,
+    vertices_within,
+)
+from ...field import TetField
+from ...geometry import components
+from .rows import DYNAMICS, Switch, pose_change
+
+GRAB_RADIUS = 0.08  # object sizes, the viewer's
+SWING = 0.1  # object sizes, to each side
+PERIOD = 90  # frames
+HELD_FRAMES = 120
+NEVER = 10**9  # frames
+NO_STIFFNESS = 1e20  # compliance of volume constraints that do nothing [m⁵/N]
+SPRINGS = 4.0  # stiffness of all springs of a soft grab together, in E times the size
+EARTH = 9.81  # m/s²
+
+
+class Drag:
+    """A solver whose object is dragged from side to side.
+
+    Attributes:
+        handles: Vertex ids [K]; none where everything is pinned.
+    """
+
+    def __init__(self, field: TetField, device, material=None, options=None, soft=False):
+        mesh, material, options = field.mesh, material or Material(), options or XpbdOptions()
+        pins = lowest_pins(mesh.rest_vertices, mesh.tets)
+        self.solver = XpbdSolver(mesh.rest_vertices, mesh.tets, material, pins, options, device)
+        size, rest = self.solver.object_size, self.solver.rest_vertices
+        parts = components(mesh.vertex_count, mesh.tets)
+        part = np.flatnonzero(parts == np.bincount(parts).argmax())
+        ids = vertices_within(rest, part[rest[part, 2].argmax()], GRAB_RADIUS * size)
+        self.handles = ids[(parts[ids] == parts[part[0]]) & ~pins[ids]]
+        stiffness = None
+        if soft:
+            held = self.solver.held_young_modulus()
+            stiffness = SPRINGS * held * size / max(len(self.handles), 1)
+        self.solver.grab(self.handles, stiffness)
+        self._frame = 0
+
+    def turn(self):
+        """Swing on for 1/60 s."""
+        self._frame += 1
+        self._step()
+
+    def hold(self):
+        """Stay where the swing is."""
+        for _ in range(HELD_FRAMES):
+            self._step()
+
+    @property
+    def vertices(self):
+        """The present pose.  [V, 3]"""
+        return self.solver.vertices.numpy()
+
+    def _step(self):
+        if len(self.handles):
+            away = SWING * self.solver.object_size * math.sin(2.0 * math.pi * self._frame / PERIOD)
+            self.solver.move(self.solver.rest_vertices[self.handles] + [away, 0.0, 0.0])
+        self.solver.step(TIME_STEP)
+
+
+class Steps:
+    """A bench for steps of two solvers on one field."""
+
+    group = DYNAMICS
+
+    def __init__(self, field: TetField, device, repeats: int):
+        self.field, self.device, self.repeats = field, device, repeats
+
+    def drag(self, **settings) -> Drag:
+        """A solver with other settings; see Drag."""
+        return Drag(self.field, self.device, **settings)
+
+    def change(self, with_it: Drag, without: Drag) -> str:
+        """What their poses differ by."""
+        return pose_change(with_it.vertices, without.vertices, with_it.solver.object_size)
+
+    def change_at_rest(self, with_it: Drag, without: Drag) -> str:
+        """What their poses differ by after the handles were held still."""
+        with_it.hold()
+        without.hold()
+        return self.change(with_it, without)
+
+
+def step_switches(steps: Steps) -> list[Switch]:
+    """What there is to measure."""
+    mesh, usual, quarter = (
+        steps.field.mesh,
+        Material(),
+        Material(poisson_ratio=LOWEST_POISSON_RATIO),
+    )
+    lowest = float(mesh.rest_vertices[:, 2].min())
+    around = XpbdOptions(gravity=(0.0, 0.0, -EARTH), ground=lowest)
+    parts = components(mesh.vertex_count, mesh.tets)
+    count, largest = int(parts.max()) + 1, np.bincount(parts).argmax()  # which the handles are in
+    aside = 100.0 * (parts[mesh.tets[:, 0]] != largest).mean()
+
+    def with_volumes(material, compliance):
+        drag = steps.drag(material=material)
+        edges = drag.solver.edges.compliances(material.shear_modulus)
+        drag.solver.set_compliances(edges, compliance)
+        return drag
+
+    def with_options(drag, **options):
+        drag.solver.set_options(replace(drag.solver.options, **options))
+        return drag
+
+    def resting():
+        drag = steps.drag()
+        drag.handles = drag.handles[:0]
+        drag.solver.release()
+        drag.solver.reset()
+        return drag
+
+    return [
+        Switch(
+            "volume constraints at a Poisson's ratio of 1/4",
+            lambda: with_volumes(quarter, NO_STIFFNESS),
+            lambda: steps.drag(material=quarter),
+            "Edges alone represent that ratio, so volumes have nothing to add.",
+        ),
+        Switch(
+            f"volume constraints at a Poisson's ratio of {usual.poisson_ratio}",
+            lambda: steps.drag(material=usual),
+            lambda: with_volumes(usual, None),
+            "They are kept: at the default ratio they are a part of the material, and without them"
+            " the object comes to rest in another pose.",
+            left_out=False,
+            change=steps.change_at_rest,
+        ),
+        Switch(
+            f"components without a handle ({count - 1} of {count})",
+            lambda: with_options(steps.drag()),  # any change of options wakes every part
+            steps.drag,
+            f"Nothing moves them. They have {aside:.1f} % of the tets; the solver looks for them"
+            " once a grab, not in a frame.",
+            missing="" if count > 1 else "The object is one component: there is none to leave out.",
+        ),
+        Switch(
+            "the solver while nothing moves",
+            lambda: with_options(resting(), sleep_frames=NEVER),
+            resting,
+            "At rest, and with nothing grabbed, a step ends where it began, to within rounding.",
+        ),
+        Switch(
+            "gravity and a ground",
+            lambda: steps.drag(options=around),
+            steps.drag,
+            "The object is photographed as it stands, and gravity would bend it once more. It is"
+            " off until the user asks for it.",
+            change=steps.change_at_rest,
+        ),
+        Switch(
+            "springs that pull the handles",
+            lambda: steps.drag(soft=True),
+            steps.drag,
+            "An exact grab is where the mouse is, and springs lag behind it. There are only as"
+            " many springs as handles; users may ask for them.",
+            change=steps.change_at_rest,
+        ),
+    ]

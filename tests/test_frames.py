@@ -1,0 +1,157 @@
+"""Rendering with what is left out: all is measured, and differs by what it should."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deformrf.core.field import occupied_share
+from deformrf.core.lab.omissions import frames as bench
+from deformrf.core.lab.omissions.rows import NONE, SAVES
+
+
+@pytest.fixture
+def frames():
+    def frames(field, device, size=24):
+        return bench.Frames(field, device, size, view_count=2, repeats=3)
+
+    return frames
+
+
+def decibels(change):
+    return float(change.split(" dB")[0])
+
+
+ROWS = (
+    "samples in empty",
+    "tets without",
+    "samples behind",
+    "the path for",
+    "rendering again",
+    "the finest level",
+    "view dependence",
+)
+CUDA_ROWS = ("single precision", "rounds that")
+
+
+def measured(frames, name):
+    """The row whose name begins like this."""
+    [switch] = [s for s in bench.frame_switches(frames) if s.name.startswith(name)]
+    return switch.measured(frames)
+
+
+def test_these_are_all_rows(ball, frames):
+    of_cpu = bench.frame_switches(frames(ball, "cpu"))
+    assert all(s.name.startswith(name) for s, name in zip(of_cpu, ROWS, strict=True))
+    of_cuda = frames(ball, "cpu")
+    of_cuda.device = "cuda:0"
+    names = {s.name for s in bench.frame_switches(of_cuda)} - {s.name for s in of_cpu}
+    assert all(any(name.startswith(begin) for name in names) for begin in CUDA_ROWS)
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_every_row_is_measured(make_ball_field, frames, device, name):
+    found = measured(frames(make_ball_field(3, occupied_share=0.3, level_count=3), device), name)
+    for timing in (found.with_it, found.without):
+        assert np.isfinite([timing.low, timing.high]).all() and timing.count == 3
+        assert 0.0 <= timing.low <= timing.median <= timing.high
+    least, most = (
+        found.with_it.low - found.without.high,
+        found.with_it.high - found.without.low,
+    )
+    assert least <= found.saving.median <= most
+    assert found.unit == "ms" and found.change and found.why
+
+
+def test_each_way_has_a_renderer_of_its_own(ball):
+    """A wavefront expects as many rounds as its last image took."""
+    frames = bench.Frames(ball, "cpu", 16, view_count=1, repeats=3)
+    frames.device = "cuda:0"  # for the names of all rows; the renderers are those of the CPU
+    switches = bench.frame_switches(frames)
+    frames.device = "cpu"
+    assert len(switches) == len(ROWS) + len(CUDA_ROWS)
+    for switch in switches:
+        assert switch.with_it().renderer is not switch.without().renderer, switch.name
+
+
+def test_a_full_mask_leaves_nothing_out(ball, frames, device):
+    ball = replace(ball, occupancy=np.full_like(ball.occupancy, bench.ALL_SUBTETS))
+    for name in ROWS[:2]:
+        assert measured(frames(ball, device), name).change == NONE
+
+
+def test_the_mask_changes_what_is_seen_and_empty_tets_do_not(make_ball_field, frames, device):
+    few = frames(make_ball_field(5, occupied_share=0.2), device, 32)
+    assert decibels(measured(few, "samples in empty").change) < 40.0
+    with_empty = few.way(part_of=bench.every_tet)
+    assert with_empty.renderer.part.mesh.tet_count == few.field.mesh.tet_count
+    assert few.usual.renderer.part.mesh.tet_count < few.field.mesh.tet_count
+    change = measured(few, "tets without").change
+    assert change == NONE or decibels(change) > 45.0
+
+
+def test_filling_the_mask_brings_no_empty_tet_back(make_ball_field, frames):
+    field = make_ball_field(5, occupied_share=0.2)
+    few = frames(field, "cpu", 16)
+    switch = bench.frame_switches(few)[0]
+    filled, usual = (make().renderer.part.occupancy for make in (switch.with_it, switch.without))
+    assert len(filled) == len(usual) == (field.occupancy != 0).sum() < field.mesh.tet_count
+    assert (filled == bench.ALL_SUBTETS).all() and (usual != bench.ALL_SUBTETS).any()
+    share = 100.0 * (1.0 - occupied_share(usual))
+    assert f"{share:.0f} % of the sub-tets" in switch.why and "never trained" in switch.why
+
+
+def test_rendering_again_is_left_out_without_any_change(ball, frames):
+    row = measured(frames(ball, "cpu"), "rendering again")
+    assert row.verdict == SAVES and row.change == NONE and row.left_out
+
+
+def test_levels_finer_than_a_pixel_are_named(make_ball_field, frames):
+    field = make_ball_field(1, level_count=4)
+    fine, coarse = (
+        next(s for s in bench.frame_switches(frames(field, "cpu", size)) if "level" in s.name)
+        for size in (4, 100)
+    )
+    assert fine.name == "levels finer than a pixel" and "of 4 levels" in fine.why
+    assert coarse.name == "the finest level" and "no level" in coarse.why
+    assert not fine.left_out and not coarse.left_out
+
+
+def test_view_dependence_is_left_out_where_the_model_has_none(make_ball_field, frames):
+    field = make_ball_field(12)
+    row = measured(frames(field, "cpu"), "view dependence")
+    assert not row.left_out and decibels(row.change) < 50.0
+    (weights, bias), *rest = field.color_layers
+    weights = weights.copy()
+    weights[17:] = 0.0  # 16 features and the constant harmonic stay
+    field = replace(
+        field,
+        color_layers=((weights, bias), *rest),
+        options=replace(field.options, view_dependence=False),
+    )
+    row = measured(frames(field, "cpu"), "view dependence")
+    assert row.left_out and (row.change == NONE or decibels(row.change) > 60.0)
+
+
+def test_views_take_turns(ball, frames, monkeypatch):
+    seen, both = [], frames(ball, "cpu")
+    way = both.way()
+    render = way.renderer.render
+
+    def watched(camera, options):
+        seen.append(camera)
+        return render(camera, options)
+
+    monkeypatch.setattr(way.renderer, "render", watched)
+    for _ in range(4):
+        way.turn()
+    assert [id(c) for c in seen] == 2 * [id(c) for c in both.cameras]
+    assert both.change(way, both.usual) == NONE
+
+
+@pytest.mark.gpu
+def test_half_precision_is_left_out_on_cuda(ball, frames):
+    row = measured(frames(ball, "cuda:0"), "single precision")
+    assert decibels(row.change) > 45.0
+    waiting = measured(frames(ball, "cuda:0"), "rounds that")
+    assert waiting.change == NONE or decibels(waiting.change) > 45.0
