@@ -50,21 +50,6 @@ def test_the_outermost_pixel_edges_span_the_field_of_view(tmp_path, write_datase
     assert not lens.is_distorted
 
 
-def test_cameras_are_poses_with_lenses(tmp_path, write_dataset):
-    dataset = load_dataset(write_dataset(tmp_path, [view_image(i) for i in range(2)]), "test")
-    camera = dataset.camera(1)
-    assert camera.lens == dataset.lenses[1]
-    np.testing.assert_allclose(camera.camera_to_world, view_poses(2)[1], atol=1e-12)
-
-
-def test_a_subset_has_those_views(tmp_path, write_dataset):
-    dataset = load_dataset(write_dataset(tmp_path, [view_image(i) for i in range(4)]), "test")
-    part = dataset.subset([3, 1])
-    assert part.names == ("r_3", "r_1")
-    np.testing.assert_array_equal(part.image(1), dataset.image(1))
-    np.testing.assert_array_equal(part.poses[0], dataset.poses[3])
-
-
 @pytest.mark.parametrize("name", ["r_0.png", "r_0.webp", "r_0.v2.png"])
 def test_the_ending_may_be_left_out(tmp_path, name, write_dataset):
     path = f"./test/{name.rsplit('.', 1)[0]}"

@@ -8,7 +8,7 @@ the host, without the first compilation of the kernels.
 import json
 import time
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,21 +24,10 @@ from .metrics import check_size, psnr, ssim
 
 REPORT = "report.json"
 REPORT_KEYS = {"model", "split", "mean", "views"}
+FIGURES = ("psnr", "ssim", "lpips", "alpha_error", "seconds")  # of a view
 SURROUNDINGS_RAYS = 1 << 14  # at once: 64 samples each
 WAITING_VIEWS = 32  # at most, rendered and not scored yet: images would fill the memory
 DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
-
-
-@dataclass(frozen=True)
-class ViewScore:
-    """One view: PSNR in dB, SSIM, LPIPS (None without weights), mean |Δα| (None without alpha)."""
-
-    name: str
-    psnr: float
-    ssim: float
-    lpips: float | None
-    alpha_error: float | None
-    seconds: float
 
 
 def evaluate(
@@ -98,7 +87,8 @@ def evaluate(
         if paths:
             picture = Image.fromarray(side_by_side(rendered, truth))
             write(paths[1 + index], lambda partial: picture.save(partial, "PNG"))
-        return score_view(dataset.names[index], rendered, truth, has_alpha, seconds, lpips)
+        scores = score_view(rendered, truth, has_alpha, lpips)
+        return {"name": dataset.names[index], **scores, "seconds": seconds}
 
     # On a GPU SSIM takes longer than a render.  On the CPU it would slow the render down.
     waiting = WAITING_VIEWS if wp.get_device(device).is_cuda else 1
@@ -115,16 +105,16 @@ def evaluate(
             wait(jobs)
         except KeyboardInterrupt:
             pass  # the report says that it is not complete
-    scores = [job.result() for job in jobs]
+    rows = [job.result() for job in jobs]
     report = {
         "model": model_facts(field, model_path),
         "split": dataset.split,
         "sizes": sorted({f"{lens.width}x{lens.height}" for lens in dataset.lenses}),
         "device": str(device),
         "step_factor": options.step_factor,
-        "complete": len(scores) == dataset.view_count,
-        "mean": mean_scores(scores),
-        "views": [plain(asdict(score)) for score in scores],
+        "complete": len(rows) == dataset.view_count,
+        "mean": {name: mean([row[name] for row in rows]) for name in FIGURES},
+        "views": rows,
     }
     if paths:
         write(paths[0], lambda partial: partial.write_text(as_json(report), encoding="utf-8"))
@@ -212,32 +202,29 @@ def lacks_surroundings(field, dataset) -> bool:
     return asked == "learnt" or not has_white_border(dataset)
 
 
-def score_view(name, rendered, truth, has_alpha, seconds, lpips=None) -> ViewScore:
-    """Score a render (color over white, α in the last channel) against straight-alpha RGBA."""
+def score_view(rendered, truth, has_alpha, lpips=None) -> dict:
+    """Compare a render (color over white, α in the last channel) with straight-alpha RGBA.
+
+    Returns:
+        "psnr" in dB (None for equal images: JSON has no infinity), "ssim", "lpips" (None
+        without that metric) and "alpha_error", the mean of |Δα| (None without alpha).
+    """
     a, b = rendered[..., :3] / 255.0, white_composite(truth).astype(np.float64)
-    alpha_error = None
+    decibels, alpha_error = psnr(a, b), None
     if has_alpha:
         difference = rendered[..., 3].astype(np.float64) - truth[..., 3]
         alpha_error = float(np.abs(difference).mean() / 255.0)
-    distance = lpips(a, b) if lpips else None
-    return ViewScore(name, psnr(a, b), ssim(a, b), distance, alpha_error, seconds)
-
-
-def mean_scores(scores) -> dict:
-    """The mean of each figure over the views; None where there is none."""
-    means = {}
-    for name in ("psnr", "ssim", "lpips", "alpha_error", "seconds"):
-        values = [getattr(score, name) for score in scores]
-        known = values and None not in values
-        means[name] = float(np.mean(values)) if known else None
-    return plain(means)
-
-
-def plain(values: dict) -> dict:
-    """JSON has no infinity: the PSNR of equal images becomes None."""
     return {
-        k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
+        "psnr": decibels if np.isfinite(decibels) else None,
+        "ssim": ssim(a, b),
+        "lpips": lpips(a, b) if lpips else None,
+        "alpha_error": alpha_error,
     }
+
+
+def mean(values) -> float | None:
+    """The mean; None without values, or if one of them is None."""
+    return float(np.mean(values)) if values and None not in values else None
 
 
 def model_facts(field, path=None) -> dict:
@@ -250,11 +237,8 @@ def model_facts(field, path=None) -> dict:
         "occupied_share": occupied_share(field.occupancy),
     }
     if path is not None:
-        facts |= {
-            "file": Path(path).name,
-            "bytes": Path(path).stat().st_size,
-            **parts_of_file(path),
-        }
+        path = Path(path)
+        facts |= {"file": path.name, "bytes": path.stat().st_size, **parts_of_file(path)}
     known = ("seconds", "stage_1_seconds", "peak_memory_bytes", "levels_below_pixel", "device")
     return facts | {f"training_{k}": field.meta[k] for k in known if k in field.meta}
 

@@ -4,8 +4,6 @@ The authors' package `lpips` computes it, version 0.1 with net="vgg" (Zhang, Iso
 Shechtman and Wang, The Unreasonable Effectiveness of Deep Features as a Perceptual Metric, 2018).
 The package has the metric's own weights and would download VGG-16's.  This program downloads
 nothing: the user names the file with VGG-16's weights.
-
-Shapes: images [H, W, 3], floats in [0, 1].
 """
 
 import re
@@ -42,23 +40,21 @@ class Lpips:
         except RuntimeError as error:  # torchvision's, beside a torch that it was not built for
             raise ValueError(f"the package lpips can't be imported: {error}") from error
         path = Path(path)
-        if path.is_dir():
-            state = read(path / BACKBONE_FILE)
-            if (path / LINEAR_FILE).is_file():
-                state |= read(path / LINEAR_FILE)
-        else:
-            state = read(path)
+        state = read(path / BACKBONE_FILE if path.is_dir() else path)
+        if (path / LINEAR_FILE).is_file():
+            state |= read(path / LINEAR_FILE)
         state = {package_key(key): tensor for key, tensor in state.items()}
-        with warnings.catch_warnings():  # torchvision's, of the way in which the package calls it
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):  # of how the package calls torchvision
             self.metric = lpips.LPIPS(net="vgg", pnet_rand=True, verbose=False)
-        check_tensors(path, state, self.metric)
-        self.metric.load_state_dict(state, strict=False)
+        self.metric.requires_grad_(False)
+        for key, needed in self.metric.state_dict().items():
+            if key in state or key.startswith("net."):  # the package has the others
+                needed.copy_(checked(state.get(key), needed.shape, f"{path}: LPIPS needs {key}"))
         self.metric.to(device)
         self.device = device
 
     def __call__(self, a, b) -> float:
-        """The distance of two images."""
+        """The distance of two images, floats in [0, 1].  [H, W, 3]"""
         import torch
 
         a, b = as_float64(a, b)
@@ -67,34 +63,24 @@ class Lpips:
         check_size(*a.shape[:2], "LPIPS", LPIPS_SIZE_MIN)
         a, b = (torch.from_numpy(x.transpose(2, 0, 1)[None]).float() for x in (a, b))
         # By default cuDNN rounds a convolution's inputs to 10 bits of mantissa (TF32).
-        with (
-            ONE_AT_A_TIME,
-            torch.inference_mode(),
-            torch.backends.cudnn.flags(enabled=True, allow_tf32=False),
-        ):
+        with ONE_AT_A_TIME, torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
             return self.metric(a.to(self.device), b.to(self.device), normalize=True).item()
 
 
 def package_key(key):
     """The package's name of a tensor: torchvision's features.10.bias is net.slice3.10.bias."""
-    match = re.fullmatch(r"features\.(\d+)\.(weight|bias)", key)
-    if match is None:
-        return key
-    layer = int(match[1])
-    return f"net.slice{sum(layer >= first for first in FIRST_LAYERS)}.{layer}.{match[2]}"
+    if match := re.fullmatch(r"features\.(\d+)\.(weight|bias)", key):
+        layer = int(match[1])
+        return f"net.slice{sum(layer >= first for first in FIRST_LAYERS)}.{layer}.{match[2]}"
+    return key
 
 
-def check_tensors(path, state, metric):
-    """Raise ValueError if VGG-16's weights are not all there, or any tensor is misshapen."""
-    for key, needed in metric.state_dict().items():
-        found = state.get(key)
-        if found is None and not key.startswith("net."):
-            continue  # the package has these
-        if getattr(found, "shape", None) != needed.shape:
-            found = "no such tensor" if found is None else f"one of shape {tuple(found.shape)}"
-            raise ValueError(
-                f"{path}: LPIPS needs {key} of shape {tuple(needed.shape)}, the file has {found}"
-            )
+def checked(tensor, shape, needs):
+    """A tensor; ValueError, whose sentence begins with `needs`, if it is not of that shape."""
+    found = "no such tensor" if tensor is None else f"one of shape {tuple(tensor.shape)}"
+    if tensor is None or tensor.shape != shape:
+        raise ValueError(f"{needs} of shape {tuple(shape)}, the file has {found}")
+    return tensor
 
 
 def read(path) -> dict:

@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 from PIL import Image
+from views import subset
 
 from deformrf.core.device import start_warp
 from deformrf.core.field import basis_of, basis_vector, modelfile
@@ -211,7 +212,7 @@ def main():
     }
     undeformed = load_dataset(arguments.data_root / "helmet", "test", arguments.size)
     names = deformed["helmet_twist"].names
-    undeformed = undeformed.subset([undeformed.names.index(name) for name in names])
+    undeformed = subset(undeformed, [undeformed.names.index(name) for name in names])
 
     print(f"{'':32}" + "".join(f"{heading:>10}" for heading in HEADINGS))
     scores = measure(renderer, undeformed)

@@ -14,6 +14,7 @@ from unittest import mock
 
 import numpy as np
 import torch
+from views import subset
 
 from deformrf.core.device import start_warp
 from deformrf.core.training import evaluation as evaluate
@@ -85,7 +86,7 @@ def chosen(names, preset_name):
 def split(dataset):
     """Training views and every fifth one, held aside."""
     aside = np.arange(dataset.view_count) % 5 == 2
-    return dataset.subset(np.flatnonzero(~aside)), dataset.subset(np.flatnonzero(aside))
+    return subset(dataset, np.flatnonzero(~aside)), subset(dataset, np.flatnonzero(aside))
 
 
 def main():

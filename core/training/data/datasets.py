@@ -20,7 +20,7 @@ from rich import progress
 from rich.console import Console
 
 from ...device import thread_count
-from ...render import Camera, Lens
+from ...render import Lens
 from . import colmap, nsvf, transforms
 from .posed_images import DatasetError, ImageList, NoSplitError
 
@@ -75,22 +75,6 @@ class Dataset:
         first, last = self.first_pixels[view : view + 2]
         lens = self.lenses[view]
         return self.pixels[first:last].reshape(lens.height, lens.width, 4)
-
-    def camera(self, view: int) -> Camera:
-        """The camera of one view, in world space."""
-        return Camera(self.poses[view], self.lenses[view])
-
-    def subset(self, views) -> "Dataset":
-        """Some of the views, by their numbers."""
-        return from_images(
-            [self.image(v) for v in views],
-            self.poses[list(views)],
-            [self.lenses[v] for v in views],
-            [self.names[v] for v in views],
-            self.split,
-            self.missing,
-            self.bounds,
-        )
 
 
 def from_images(images, poses, lenses, names, split, missing=(), bounds=None) -> Dataset:
