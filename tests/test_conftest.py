@@ -1,35 +1,46 @@
-"""Tests that need a window are skipped without one, and fail where somebody relies on them."""
+"""What conftest.py decides for all tests: who needs a window, and which numbers are random."""
 
 import os
-import subprocess
-import sys
+import zlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-WINDOW_TEST = "tests/test_window.py::test_the_window_closes_as_the_window_manager_asks"
-CONTEXT_TEST = "tests/test_gui.py::test_a_click_on_a_button_is_not_the_views"
 
 
-def outcome(test, required, **environment):
-    """What the last line of pytest's report says of one test."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
-    environment = {**os.environ, **environment, "DEFORMRF_REQUIRE_WINDOW": required}
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
-    return done.stdout.splitlines()[-1]
+@pytest.mark.parametrize("required, outcome", [("", pytest.skip), ("1", pytest.fail)])
+def test_a_test_without_a_window_is_skipped_unless_windows_are_required(
+    required, outcome, give_up_window, monkeypatch
+):
+    monkeypatch.setenv("DEFORMRF_REQUIRE_WINDOW", required)
+    with pytest.raises(outcome.Exception, match="no screen"):
+        give_up_window("no screen")
 
 
-@pytest.mark.parametrize("required, word", [("", "1 skipped"), ("1", "1 error")])
-def test_without_a_screen_the_window_is_skipped_unless_it_is_required(tmp_path, required, word):
-    assert word in outcome(WINDOW_TEST, required, PATH=str(tmp_path))
+@pytest.mark.parametrize("required, outcome", [("", pytest.skip), ("1", pytest.fail)])
+def test_so_is_a_test_without_opengl(required, outcome, request, monkeypatch):
+    from deformrf.viewer import window
 
+    def open_window(*_, **__):
+        raise window.WindowError("no OpenGL")
 
-@pytest.mark.parametrize("required, word", [("", "1 skipped"), ("1", "1 error")])
-def test_without_opengl_so_are_contexts(required, word):
-    lacking = {"__EGL_VENDOR_LIBRARY_FILENAMES": os.devnull}
-    assert word in outcome(CONTEXT_TEST, required, **lacking)
+    monkeypatch.setattr(window, "open_window", open_window)
+    monkeypatch.setenv("DEFORMRF_REQUIRE_WINDOW", required)
+    with pytest.raises(outcome.Exception, match="no OpenGL"):
+        request.getfixturevalue("window")
 
 
 def test_ci_requires_the_window():
     assert "\nexport DEFORMRF_REQUIRE_WINDOW=1" in (ROOT / ".ci" / "run").read_text()
+
+
+def test_random_numbers_depend_on_the_seed_and_the_name_of_the_test():
+    """They are the same in every session, unless DEFORMRF_TEST_SEED is set."""
+    seed = int(os.environ.get("DEFORMRF_TEST_SEED", 0))
+    name = b"test_random_numbers_depend_on_the_seed_and_the_name_of_the_test"
+    first, second = np.random.SeedSequence([seed, zlib.crc32(name)]).spawn(2)
+    for expected in (first, second):
+        drawn = np.random.default_rng().integers(2**60)
+        assert drawn == np.random.default_rng(expected).integers(2**60)
