@@ -20,64 +20,41 @@ CUDA_GROUP = 32  # threads of a warp
 
 @wp.struct
 class VertexArrays:
-    """One entry per vertex.  [V]
+    """One entry per vertex.  [V]"""
 
-    Attributes:
-        vertices: Positions at the frame's start.
-        deltas: Displacements since then; between frames, what float32 rounded away.
-        velocities: [m/s]
-        inverse_masses: 0 = kinematic.
-        anchors: Targets at the frame's start, which springs need.
-        targets: Where kinematic vertices and the ends of springs are at the frame's end.
-        springs: a = 1/(k h²) or NO_SPRING, and the longest move w F h².
-    """
-
-    vertices: wp.array(dtype=wp.vec3)
-    deltas: wp.array(dtype=wp.vec3)
-    velocities: wp.array(dtype=wp.vec3)
-    inverse_masses: wp.array(dtype=float)
-    anchors: wp.array(dtype=wp.vec3)
-    targets: wp.array(dtype=wp.vec3)
-    springs: wp.array(dtype=wp.vec2)
+    vertices: wp.array(dtype=wp.vec3)  # positions at the frame's start
+    deltas: wp.array(dtype=wp.vec3)  # displacements since then; between frames, rounding errors
+    velocities: wp.array(dtype=wp.vec3)  # m/s
+    inverse_masses: wp.array(dtype=float)  # 0 = kinematic
+    anchors: wp.array(dtype=wp.vec3)  # targets at the frame's start, for springs
+    targets: wp.array(dtype=wp.vec3)  # of kinematic vertices and springs at the frame's end
+    springs: wp.array(dtype=wp.vec2)  # a = 1/(k h²) or NO_SPRING, and the longest move w F h²
 
 
 @wp.struct
 class ConstraintArrays:
     """One entry per constraint in use, sorted by color.
 
-    A color begins at a multiple of a group (CPU_GROUP, CUDA_GROUP) and fills whole groups;
-    the vertices of unused entries are V, one more than the last vertex.
-
-    Attributes:
-        vertices: [C, n]
-        ids: Index of each in the list of all constraints.  [C]
-        rest_values: L or 6 V0.  [C]
-        regularization: a.  [C]
-        offsets: Color c is offsets[c]:offsets[c + 1]; it may be empty.  [color_count + 1]
+    A color begins at a multiple of a group (CPU_GROUP, CUDA_GROUP) and fills whole groups.
+    The vertices of unused entries are V, one more than the last vertex.
     """
 
-    vertices: wp.array2d(dtype=int)
-    ids: wp.array(dtype=int)
-    rest_values: wp.array(dtype=float)
-    regularization: wp.array(dtype=float)
-    offsets: wp.array(dtype=int)
+    vertices: wp.array2d(dtype=int)  # [C, n]
+    ids: wp.array(dtype=int)  # [C] index in the list of all constraints
+    rest_values: wp.array(dtype=float)  # [C] L or 6 V0
+    regularization: wp.array(dtype=float)  # [C] a
+    offsets: wp.array(dtype=int)  # [color_count + 1] color c is offsets[c]:offsets[c + 1]
 
 
 @wp.struct
 class FrameArrays:
-    """Everything that a frame reads and writes.
-
-    Attributes:
-        timing: The numbers of a Timing.
-        motion: The farthest that a vertex moved in this frame [m], one number for each thread
-            of a CPU; a GPU writes the first.  [MOST_THREADS]
-    """
+    """Everything that a frame reads and writes."""
 
     state: VertexArrays
     edges: ConstraintArrays
     volumes: ConstraintArrays
-    timing: wp.array(dtype=float)
-    motion: wp.array(dtype=float)
+    timing: wp.array(dtype=float)  # the numbers of a Timing
+    motion: wp.array(dtype=float)  # [MOST_THREADS] the farthest move of a vertex, by thread [m]
 
 
 def frame_arrays(vertex_count, edges: ConstraintArrays, volumes: ConstraintArrays, device):

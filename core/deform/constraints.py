@@ -38,23 +38,14 @@ UNLIMITED = 3e38  # a longest move that no spring reaches
 
 @dataclass(frozen=True)
 class EdgeConstraints:
-    """Every edge and every brace once.
+    """Every edge and every brace once."""
 
-    Attributes:
-        vertices: Ends of each edge.  [E, 2] int32
-        rest_lengths: L.  [E]
-        volumes: V_e, a sixth of the volume of the tets around the edge.  [E]
-        factors: f.  [E]
-        offsets: Color c is offsets[c]:offsets[c + 1].
-        classes: Translates in a lattice have the same one (coloring.py).  [E]
-    """
-
-    vertices: np.ndarray
-    rest_lengths: np.ndarray
-    volumes: np.ndarray
-    factors: np.ndarray
-    offsets: np.ndarray
-    classes: np.ndarray
+    vertices: np.ndarray  # [E, 2] int32, the ends
+    rest_lengths: np.ndarray  # [E] L
+    volumes: np.ndarray  # [E] V_e, a sixth of the volume of the tets around the edge
+    factors: np.ndarray  # [E] f
+    offsets: np.ndarray  # color c is offsets[c]:offsets[c + 1]
+    classes: np.ndarray  # [E] the same for translates in a lattice (coloring.py)
 
     def compliances(self, shear_modulus):
         """α = L² / (15 μ f V_e) [m/N].  [E]"""
@@ -68,21 +59,13 @@ class EdgeConstraints:
 
 @dataclass(frozen=True)
 class VolumeConstraints:
-    """Every tet that has a volume.
+    """Every tet that has a volume."""
 
-    Attributes:
-        vertices: Corners, in positive order.  [T, 4] int32
-        rest_volumes: 6 V0.  [T]
-        rest_gradients_squared: |g_i|² at rest, m⁴.  [T, 4]
-        offsets: Color c is offsets[c]:offsets[c + 1].
-        classes: Translates in a lattice have the same one (coloring.py).  [T]
-    """
-
-    vertices: np.ndarray
-    rest_volumes: np.ndarray
-    rest_gradients_squared: np.ndarray
-    offsets: np.ndarray
-    classes: np.ndarray
+    vertices: np.ndarray  # [T, 4] int32, the corners in positive order
+    rest_volumes: np.ndarray  # [T] 6 V0
+    rest_gradients_squared: np.ndarray  # [T, 4] |g_i|² at rest, m⁴
+    offsets: np.ndarray  # color c is offsets[c]:offsets[c + 1]
+    classes: np.ndarray  # [T] the same for translates in a lattice (coloring.py)
 
     def compliances(self, bulk_modulus):
         """α = 36 V0 / K [m⁵/N].  [T]"""

@@ -38,21 +38,13 @@ STRETCH = 2.0
 
 
 class Fans(NamedTuple):
-    """The tets around each edge.
+    """The tets around each edge."""
 
-    Attributes:
-        ends: [E, 2] int32
-        offsets: Edge e has the pairs offsets[e]:offsets[e + 1].  [E + 1] int32
-        others: The corners of these tets that aren't ends.  [F, 2] int32
-        limits: The largest θ that is no tangle.  [E]
-        lengths: At rest.  [E]
-    """
-
-    ends: np.ndarray
-    offsets: np.ndarray
-    others: np.ndarray
-    limits: np.ndarray
-    lengths: np.ndarray
+    ends: np.ndarray  # [E, 2] int32
+    offsets: np.ndarray  # [E + 1] int32; edge e has the pairs offsets[e]:offsets[e + 1]
+    others: np.ndarray  # [F, 2] int32, the corners of these tets that aren't ends
+    limits: np.ndarray  # [E] the largest θ that is no tangle
+    lengths: np.ndarray  # [E] at rest
 
 
 def fans(rest_vertices, tets) -> Fans:

@@ -14,25 +14,16 @@ NO_GROUND = -3e38  # below every vertex; finite: fast arithmetic may ignore infi
 
 
 class Timing(NamedTuple):
-    """The numbers that all vertices share, in the order of the kernels' array `timing`.
+    """The numbers that all vertices share, in the order of the kernels' array `timing`."""
 
-    Attributes:
-        substep: h [s].
-        decay: exp(-δ h), δ the damping.
-        speed_limit: v_max [m/s].
-        gravity_x, gravity_y, gravity_z: g [m/s²].
-        ground: Height z of the ground [m]; NO_GROUND if there is none.
-        friction: Coulomb's coefficient on the ground.
-    """
-
-    substep: float
-    decay: float
-    speed_limit: float
-    gravity_x: float
+    substep: float  # h [s]
+    decay: float  # exp(-δ h), δ the damping
+    speed_limit: float  # v_max [m/s]
+    gravity_x: float  # g [m/s²]
     gravity_y: float
     gravity_z: float
-    ground: float = NO_GROUND
-    friction: float = 0.0
+    ground: float = NO_GROUND  # its height z [m]
+    friction: float = 0.0  # Coulomb's coefficient on the ground
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,7 @@ import warp as wp
 
 from ..arrays import FrameArrays
 from ..pace import MOST_THREADS, Pace, thread_limit
-from .native import native_source
-
-wp.set_module_options({"enable_backward": False})
+from .native import native_kernel, native_source
 
 LINE = 16  # ints of a cache line, or half of one
 EVERYONE = 2**30  # more arrivals than any barrier waits for
@@ -29,59 +27,18 @@ EVERYONE = 2**30  # more arrivals than any barrier waits for
 
 @wp.struct
 class CpuScratch:
-    """What a frame needs besides FrameArrays.
+    """What a frame needs besides FrameArrays; E and T are the rooms for edges and tets."""
 
-    Attributes:
-        bodies: Deltas and inverse masses.  [V + 1]
-        previous: The same at the substep's start.  [V]
-        spans: Differences of vertices at the frame's start, by component.
-            [3 rooms of edges + 9 rooms of volumes]
-        lanes: Vertices of constraints, eight by eight.  [2 rooms of edges + 4 rooms of volumes]
-        arrivals: How many barriers each thread has reached; 0 before a frame.
-            [LINE · MOST_THREADS]
-    """
-
-    bodies: wp.array(dtype=wp.vec4)
-    previous: wp.array(dtype=wp.vec4)
-    spans: wp.array(dtype=float)
-    lanes: wp.array(dtype=int)
-    arrivals: wp.array(dtype=int)
+    bodies: wp.array(dtype=wp.vec4)  # [V + 1] deltas and inverse masses
+    previous: wp.array(dtype=wp.vec4)  # [V] the same at the substep's start
+    spans: wp.array(dtype=float)  # [3 E + 9 T] differences of vertices, by component
+    lanes: wp.array(dtype=int)  # [2 E + 4 T] vertices of constraints, eight by eight
+    arrivals: wp.array(dtype=int)  # [LINE · MOST_THREADS] barriers that each thread has reached
 
 
-@wp.func_native(native_source("cpu.cpp", LINE=LINE))
-def frame_native(
-    frame: FrameArrays,
-    scratch: CpuScratch,
-    substep_count: int,
-    has_volumes: int,
-    has_springs: int,
-    has_ground: int,
-    thread: int,
-    thread_count: int,
-): ...
-
-
-@wp.kernel(grid_stride=False)
-def frame_kernel(
-    frame: FrameArrays,
-    scratch: CpuScratch,
-    substep_count: int,
-    has_volumes: int,
-    has_springs: int,
-    has_ground: int,
-    thread: int,
-    thread_count: int,
-):
-    frame_native(
-        frame,
-        scratch,
-        substep_count,
-        has_volumes,
-        has_springs,
-        has_ground,
-        thread,
-        thread_count,
-    )
+frame_kernel = native_kernel(
+    native_source("cpu.cpp", LINE=LINE), CpuScratch, module=wp.get_module(__name__)
+)
 
 
 class CpuFrame:

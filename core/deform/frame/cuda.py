@@ -14,7 +14,7 @@ Shared memory has eight banks of 16 bytes, and eight threads that access the sam
 for each other.  Translates of one constraint are neighbors in the order (coloring.py), so a
 vertex's bank is the parity of its lattice cell: then most groups of eight use eight banks.
 
-reference.py defines the substep.  Shapes: V vertices, E and T rooms for edges and volumes.
+reference.py defines the substep.  Shapes: V vertices; E and T rooms for edges and tets.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ import warp as wp
 
 from ...geometry import lattice_addresses
 from ..arrays import FrameArrays
-from .native import native_source
+from .native import native_kernel, native_source
 
 wp.set_module_options({"enable_backward": False})
 
@@ -35,27 +35,16 @@ BANKS = 8
 
 @wp.struct
 class CudaScratch:
-    """What a frame needs besides FrameArrays.
+    """What a frame needs besides FrameArrays; unused entries have slots -1."""
 
-    Attributes:
-        slots: Where a block keeps each vertex in shared memory.  [V]
-        bodies: Deltas and inverse masses, of a grid.  [V]
-        previous: Deltas at the substep's start.  [V]
-        edge_slots: Slots of the ends; -1 in unused entries.  [E]
-        edge_spans: Differences of the ends at the frame's start, and L.  [E]
-        tet_slots: Slots of the corners; -1 in unused entries.  [T]
-        tet_spans: Corners minus the first one at the frame's start, and 6 V0, a, 0.  [3 T]
-        arrivals: How many blocks have reached the barriers so far.  [1]
-    """
-
-    slots: wp.array(dtype=int)
-    bodies: wp.array(dtype=wp.vec4)
-    previous: wp.array(dtype=wp.vec3)
-    edge_slots: wp.array(dtype=wp.vec2i)
-    edge_spans: wp.array(dtype=wp.vec4)
-    tet_slots: wp.array(dtype=wp.vec4i)
-    tet_spans: wp.array(dtype=wp.vec4)
-    arrivals: wp.array(dtype=int)
+    slots: wp.array(dtype=int)  # [V] where a block keeps each vertex in shared memory
+    bodies: wp.array(dtype=wp.vec4)  # [V] deltas and inverse masses, of a grid
+    previous: wp.array(dtype=wp.vec3)  # [V] deltas at the substep's start
+    edge_slots: wp.array(dtype=wp.vec2i)  # [E] of the ends
+    edge_spans: wp.array(dtype=wp.vec4)  # [E] difference of the ends at the frame's start; L
+    tet_slots: wp.array(dtype=wp.vec4i)  # [T] of the corners
+    tet_spans: wp.array(dtype=wp.vec4)  # [3 T] corners minus the first; 6 V0, a, 0
+    arrivals: wp.array(dtype=int)  # [1] how many blocks have reached the barriers
 
 
 def _kernel(grid, threads):
@@ -67,29 +56,7 @@ def _kernel(grid, threads):
         SHARED_VERTICES=SHARED_VERTICES,
         MOST_COLORS=MOST_COLORS,
     )
-
-    @wp.func_native(source)
-    def frame_native(
-        frame: FrameArrays,
-        scratch: CudaScratch,
-        substep_count: int,
-        has_volumes: int,
-        has_springs: int,
-        has_ground: int,
-    ): ...
-
-    @wp.kernel(module="unique", grid_stride=False, enable_backward=False, launch_bounds=threads)
-    def frame_kernel(
-        frame: FrameArrays,
-        scratch: CudaScratch,
-        substep_count: int,
-        has_volumes: int,
-        has_springs: int,
-        has_ground: int,
-    ):
-        frame_native(frame, scratch, substep_count, has_volumes, has_springs, has_ground)
-
-    return frame_kernel
+    return native_kernel(source, CudaScratch, module="unique", launch_bounds=threads)
 
 
 @wp.kernel(grid_stride=False)
@@ -178,7 +145,7 @@ class CudaFrame:
                 wp.launch(
                     block_kernel if self._in_block else grid_kernel,
                     blocks * threads,
-                    [self._frame, self._scratch, *map(int, key)],
+                    [self._frame, self._scratch, *map(int, key), 0, 1],
                     device=self._device,
                     block_dim=threads,
                     record_cmd=True,

@@ -40,31 +40,18 @@ TINY = 1e-200  # in place of a length of 0
 
 @dataclass(frozen=True)
 class Frame:
-    """The input of a frame besides positions and velocities.
-
-    Attributes:
-        timing: h and the other numbers that all vertices share.
-        substep_count: n.
-        inverse_masses: w, 0 = kinematic.  [V]
-        anchors: Targets at the frame's start.  [V, 3]
-        targets: Where kinematic vertices and the ends of springs are at its end.  [V, 3]
-        edges: Those in use.
-        edge_regularization: a.  [E]
-        volumes: Those in use; None leaves them out.
-        volume_regularization: a.  [T]
-        springs: a, negative where there is none, and the longest move.  [V, 2]
-    """
+    """The input of a frame besides positions and velocities."""
 
     timing: Timing
-    substep_count: int
-    inverse_masses: np.ndarray
-    anchors: np.ndarray
-    targets: np.ndarray
-    edges: EdgeConstraints
-    edge_regularization: np.ndarray
-    volumes: VolumeConstraints | None = None
-    volume_regularization: np.ndarray | None = None
-    springs: np.ndarray | None = None
+    substep_count: int  # n
+    inverse_masses: np.ndarray  # [V] w, 0 = kinematic
+    anchors: np.ndarray  # [V, 3] targets at the frame's start
+    targets: np.ndarray  # [V, 3] of kinematic vertices and springs at its end
+    edges: EdgeConstraints  # those in use
+    edge_regularization: np.ndarray  # [E] a
+    volumes: VolumeConstraints | None = None  # None leaves them out
+    volume_regularization: np.ndarray | None = None  # [T] a
+    springs: np.ndarray | None = None  # [V, 2] a, negative without a spring; the longest move
 
 
 def step(frame: Frame, vertices, velocities):
