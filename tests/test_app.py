@@ -226,7 +226,7 @@ def test_a_live_clip_lasts_as_long_as_it_was_recorded(bare, tmp_path):
 
 def screenshot(app):
     """What the next frame writes.  [H, W, 3] int"""
-    app.actions.screenshot()
+    app.recorder.screenshot()
     frames(app, 1)
     return np.asarray(Image.open(app.recorder.written[-1])).astype(int)
 

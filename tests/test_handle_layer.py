@@ -31,14 +31,14 @@ def draw(scene, context, objects=True):
     """The picture with or without the field behind the spheres; and the depth image."""
     camera = orbits.camera(scene.orbit, *SIZE)
     clip_range = orbits.clip_range(scene.orbit)
-    layer = RadianceLayer(context, Renderer(scene.field), "cpu", "copy")
-    layer.update(scene, camera, FrameTimes(), whole=True)
+    layer = RadianceLayer(context, scene, Renderer(scene.field), "copy")
+    layer.update(camera, FrameTimes(), whole=True)
     canvas = Canvas(context)
     canvas.use(SIZE)
     context.clear(0, 0, 0, 1, depth=1.0)
     if objects:
         layer.draw(camera, clip_range)
-    HandleLayer(context, scene).draw(scene, camera, clip_range)
+    HandleLayer(context, scene).draw(camera, clip_range)
     return canvas.read(), layer.depth_image(), camera
 
 

@@ -68,7 +68,7 @@ class Panel:
 
         self.gui.begin()
         imgui.begin("panel")
-        deform_panel(SimpleNamespace(scene=self.scene, actions=None))
+        deform_panel(SimpleNamespace(scene=self.scene))
         imgui.end()
         self.gui.end()
 

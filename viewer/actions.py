@@ -1,4 +1,4 @@
-"""What a user can do: the table of gestures and keys, and the methods that the keys call.
+"""What a user can do: the table of gestures and keys, and the functions that the keys call.
 
 INPUTS is the only list: key bindings, tooltips, hints, the help overlay and README follow it.
 """
@@ -17,7 +17,7 @@ class Input:
         help: What it does.
         key: pyglet's name of the key, with CTRL+ before it if that is held; empty for
             gestures of the mouse.
-        action: The method of Actions that the key calls.
+        action: What the key calls, one of ACTIONS.
     """
 
     label: str
@@ -48,71 +48,65 @@ INPUTS = (
     Input("Esc", "let go of the vertex, back to where it was", "ESCAPE", "cancel"),
     Input("Ctrl+Q", "quit", "CTRL+Q", "quit"),
 )
-_ACTIONS = {entry.key: entry.action for entry in INPUTS if entry.key}
+
+
+def _toggle(name):
+    """A function that switches one of the Settings."""
+
+    def toggle(app):
+        settings = app.scene.settings
+        setattr(settings, name, not getattr(settings, name))
+
+    return toggle
+
+
+def _toggle_handles(app):
+    _toggle("show_handles")(app)
+    app.scene.hover = None
+
+
+def _reset(app):
+    app.controls.cancel()
+    app.scene.reset()
+
+
+def _pause(app):
+    app.scene.paused = not app.scene.paused
+
+
+def _next_mode(app):
+    settings = app.scene.settings
+    settings.mode = MODES[(MODES.index(settings.mode) + 1) % len(MODES)]
+
+
+def _quit(app):
+    app.window.has_exit = True
+
+
+ACTIONS = {  # functions of the App
+    "focus": lambda app: app.scene.focus(),
+    "home": lambda app: app.scene.home(),
+    "reset": _reset,
+    "pause": _pause,
+    "single_step": lambda app: app.scene.single_step(),
+    "next_mode": _next_mode,
+    "toggle_handles": _toggle_handles,
+    "toggle_wireframe": _toggle("show_wireframe"),
+    "toggle_panel": _toggle("show_panel"),
+    "toggle_help": _toggle("show_help"),
+    "screenshot": lambda app: app.recorder.screenshot(),
+    "record": lambda app: app.recorder.start_or_stop(),
+    "cancel": lambda app: app.controls.cancel(),
+    "quit": _quit,
+}
+_ACTION_OF = {entry.key: entry.action for entry in INPUTS if entry.key}
 
 
 def action_of(key: str, ctrl: bool) -> str | None:
     """The action of a key, by pyglet's name of it."""
-    return _ACTIONS.get(f"CTRL+{key}" if ctrl else key)
+    return _ACTION_OF.get(f"CTRL+{key}" if ctrl else key)
 
 
 def label_of(action: str) -> str:
     """The key that calls an action, as shown to the user."""
     return next(entry.label for entry in INPUTS if entry.action == action)
-
-
-class Actions:
-    """The commands to one App, a method for each action in INPUTS; buttons call them too."""
-
-    def __init__(self, app):
-        self._app = app
-
-    def focus(self):
-        self._app.scene.focus()
-
-    def home(self):
-        self._app.scene.home()
-
-    def reset(self):
-        self._app.controls.cancel()
-        self._app.scene.reset()
-
-    def pause(self):
-        self._toggle(self._app.scene, "paused")
-
-    def single_step(self):
-        self._app.scene.single_step()
-
-    def next_mode(self):
-        settings = self._app.scene.settings
-        settings.mode = MODES[(MODES.index(settings.mode) + 1) % len(MODES)]
-
-    def toggle_handles(self):
-        self._toggle(self._app.scene.settings, "show_handles")
-        self._app.scene.hover = None
-
-    def toggle_wireframe(self):
-        self._toggle(self._app.scene.settings, "show_wireframe")
-
-    def toggle_panel(self):
-        self._toggle(self._app.scene.settings, "show_panel")
-
-    def toggle_help(self):
-        self._toggle(self._app.scene.settings, "show_help")
-
-    def screenshot(self):
-        self._app.recorder.screenshot()
-
-    def record(self):
-        """Start a clip, or finish the one that is being recorded."""
-        recorder = self._app.recorder
-        recorder.start() if recorder.video is None else recorder.stop()
-
-    def cancel(self):
-        self._app.controls.cancel()
-
-    def quit(self):
-        self._app.window.has_exit = True
-
-    def _toggle(self, owner, name):
-        setattr(owner, name, not getattr(owner, name))

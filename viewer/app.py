@@ -13,7 +13,7 @@ from pyglet.window import key
 
 from . import orbit as orbits
 from . import script
-from .actions import Actions, action_of
+from .actions import ACTIONS, action_of
 from .controls import Controls
 from .events import state_of
 from .gl import Canvas
@@ -35,7 +35,7 @@ class App:
     """A window onto one model.
 
     Attributes:
-        scene: Set by `load`, like `radiance`, `handles`, `controls` and `actions`.
+        scene: Set by `load`, like `radiance`, `handles` and `controls`.
         progress: How far `load` is.
         frame_count: Frames drawn so far.
         last_event: When the window last had an event, by time.perf_counter.
@@ -80,10 +80,9 @@ class App:
                 while not preparing.done():
                     self._show_progress(f"preparing {name}")
                 scene, renderer = preparing.result()
-        self.radiance = RadianceLayer(self.ctx, renderer, device, self.status.interop)
+        self.radiance = RadianceLayer(self.ctx, scene, renderer, self.status.interop)
         self.handles = HandleLayer(self.ctx, scene)
         self.controls = Controls(scene, self.radiance.depth_image, self.log)
-        self.actions = Actions(self)
         self.scene = scene
         # The handlers that are pushed last are asked first.
         self.window.push_handlers(self.controls)
@@ -111,7 +110,7 @@ class App:
         action = action_of(key.symbol_string(symbol), bool(modifiers & key.MOD_CTRL))
         if self.scene is not None and action is not None:
             self.log("key", action=action)
-            getattr(self.actions, action)()
+            ACTIONS[action](self)
         return True  # pyglet's own handler would close the window on Esc
 
     def on_resize(self, width, height):
@@ -148,7 +147,7 @@ class App:
         if self.radiance.settled:
             time.sleep(POLL_SECONDS)
         else:
-            self.radiance.update(self.scene, self.controls.camera, self.status.times)
+            self.radiance.update(self.controls.camera, self.status.times)
         self.status.times.rest()
         return self.radiance.sample_count != before
 
@@ -190,13 +189,13 @@ class App:
         with times.part("simulate"):
             scene.advance(seconds)
         camera, clip_range = controls.camera, orbits.clip_range(scene.orbit)
-        self.radiance.update(scene, camera, times, whole or self._wants_transparent)
+        self.radiance.update(camera, times, whole or self._wants_transparent)
         with times.part("draw"):
             self.canvas.use(size)
             self.radiance.draw(camera, clip_range)
             if not scene.settings.handles_in_clips:
                 self._record_view()
-            self.handles.draw(scene, camera, clip_range)
+            self.handles.draw(camera, clip_range)
             if scene.settings.handles_in_clips:
                 self._record_view()
         with times.part("panel"):

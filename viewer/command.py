@@ -150,7 +150,12 @@ def view(chosen: ViewArguments) -> int:
     """Show a model; returns the exit code."""
     try:
         check(chosen)
-        field, device, drag = _inputs(chosen)
+        from ..core.device import device_name
+        from ..core.field import load
+        from .script import parse_drag, resolved
+
+        drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
+        field, device = load(chosen.model), device_name(chosen.device)
         app = _open(chosen)
     except (ValueError, OSError, RuntimeError) as error:
         return _complain(error)
@@ -158,36 +163,19 @@ def view(chosen: ViewArguments) -> int:
         try:
             with _told_if_slow(app):
                 app.load(field, chosen.model.stem, device, chosen.interop)
-            app.scene.settings.mode = chosen.mode
-            app.scene.settings.transparent_screenshots = chosen.run.transparent
-            if drag is not None:
-                from .script import resolved
-
-                drag = resolved(drag, app.scene)
+            drag = None if drag is None else resolved(drag, app.scene)
         except ValueError as error:
             return _complain(error)
+        app.scene.settings.mode = chosen.mode
+        app.scene.settings.transparent_screenshots = chosen.run.transparent
         _run(app, chosen, drag)
     finally:
         app.close()
     return FAILED if app.recorder.failed else 0
 
 
-def _inputs(chosen):
-    """The field, the device and the drag; mistakes of the user are raised here."""
-    from ..core.device import device_name
-    from ..core.field import load
-    from .script import parse_drag
-
-    drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
-    return load(chosen.model), device_name(chosen.device), drag
-
-
 def _open(chosen):
-    """The App in its window, still empty.
-
-    Raises:
-        WindowError: There is no display, or no OpenGL on it.
-    """
+    """The App in its window, still empty; raises WindowError without a display or OpenGL."""
     from .window import open_window
 
     headless = chosen.run.headless
@@ -209,21 +197,18 @@ def _run(app, chosen, drag):
             app.recorder.screenshot(run.screenshot)
             app.frame(0.0, whole=True)
         return
+    from rich.console import Console
+    from rich.progress import track
+
     count = run.frames or HEADLESS_FRAMES
     app.canvas.use(frame_size(chosen))
     if run.record is not None:
         app.recorder.start(run.record, live=False)
-    for _ in _with_progress(app.run_offline(count, chosen.fps, drag, run.screenshot), count):
-        pass
-
-
-def _with_progress(frames, count):
-    """The frames, with a bar on the terminal that says how long the rest will take."""
-    from rich.console import Console
-    from rich.progress import track
-
+    frames = app.run_offline(count, chosen.fps, drag, run.screenshot)
     console = Console(stderr=True)
-    return track(frames, "rendering", total=count, console=console, disable=not console.is_terminal)
+    hidden = not console.is_terminal
+    for _ in track(frames, "rendering", total=count, console=console, disable=hidden):
+        pass
 
 
 @contextmanager

@@ -45,7 +45,8 @@ class Controls:
     # -- the window's events -------------------------------------------------------------
 
     def on_mouse_motion(self, x, y, dx, dy):
-        self.motion(self._pixel(x, y))
+        if not self.mode:
+            self.scene.hover = self.pick(self._pixel(x, y))
 
     def on_mouse_press(self, x, y, button, modifiers):
         from pyglet.window import key, mouse  # raises without a display, so not at the top
@@ -70,10 +71,6 @@ class Controls:
         return (x + 0.5) * self.ratio, self.size[1] - (y + 0.5) * self.ratio
 
     # -- the same in pixels --------------------------------------------------------------
-
-    def motion(self, pixel) -> None:
-        if not self.mode:
-            self.scene.hover = self.pick(pixel)
 
     def press(self, pixel, button: str, shift: bool = False) -> None:
         if self.mode:  # a second button does not interrupt what the first one does

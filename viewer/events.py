@@ -20,9 +20,9 @@ class EventLog:
 
 def state_of(app) -> dict:
     """Where things are, for the events "ready" and "state"."""
-    scene, controls, ids = app.scene, app.controls, app.scene.control_ids
+    scene, controls, radiance = app.scene, app.controls, app.radiance
+    ids, moved = scene.control_ids, scene.displacements()
     pixels, _ = picking.project(controls.camera, scene.positions[ids])
-    moved = scene.displacements()
     return {
         "size": [app.window.width, app.window.height],
         "framebuffer": controls.size,
@@ -35,12 +35,12 @@ def state_of(app) -> dict:
         "max_pin_displacement": moved[scene.solver.pinned].max(initial=0.0),
         "moving": scene.moving,
         "paused": scene.paused,
-        "refined": app.radiance.refined,
-        "samples": app.radiance.sample_count,
+        "refined": radiance.refined,
+        "samples": radiance.sample_count,
         "frames": app.frame_count,
         "frame_seconds": app.status.times.frame_seconds(),
         "stage_seconds": app.status.times.medians(),
-        "resolution": app.radiance.factor,
+        "resolution": radiance.factor,
         "yaw": scene.orbit.yaw,
         "pitch": scene.orbit.pitch,
         "distance": scene.orbit.distance,

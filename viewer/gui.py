@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import imgui_bundle
+import numpy as np
 from imgui_bundle import imgui
 from pyglet.window import key, mouse
 
@@ -138,25 +139,22 @@ class Gui:
     def on_mouse_press(self, x, y, button, modifiers):
         self._move(x, y)
         self._add_button(button, True)
-        if not self.mouse_on_panel:
-            return None
-        self._captured.add(button)
-        return True
+        if self.mouse_on_panel:
+            self._captured.add(button)
+        return self.mouse_on_panel or None
 
     def on_mouse_release(self, x, y, button, modifiers):
         self._move(x, y)
         self._add_button(button, False)
-        if button in self._captured:
-            self._captured.remove(button)
-            return True
-        return None  # a drag of the view that ends over a panel has to end
+        was_captured = button in self._captured
+        self._captured.discard(button)
+        return was_captured or None  # a drag of the view that ends over a panel has to end
 
     def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
-        if not self.covers(x, y):
-            return None
         self._move(x, y)
-        self._io.add_mouse_wheel_event(scroll_x, scroll_y)
-        return True
+        if self.mouse_on_panel:
+            self._io.add_mouse_wheel_event(scroll_x, scroll_y)
+        return self.mouse_on_panel or None
 
     def on_mouse_leave(self, x, y):
         self._io.add_mouse_pos_event(NOWHERE, NOWHERE)
@@ -197,13 +195,9 @@ class Gui:
 
     def begin(self) -> None:
         """Start a frame of panels."""
-        width, height = self.window.get_size()
-        pixels = self.window.get_framebuffer_size()
-        self._io.display_size = (width, height)
-        self._io.display_framebuffer_scale = (
-            pixels[0] / max(width, 1),
-            pixels[1] / max(height, 1),
-        )
+        points, pixels = self.window.get_size(), self.window.get_framebuffer_size()
+        self._io.display_size = points
+        self._io.display_framebuffer_scale = tuple(np.divide(pixels, np.maximum(points, 1)))
         now = time.perf_counter()
         self._io.delta_time = max(now - self._time, 1e-4)
         self._time = now

@@ -23,7 +23,7 @@ class HandleLayer:
     """Spheres and wires of one scene."""
 
     def __init__(self, ctx: moderngl.Context, scene):
-        self._ctx = ctx
+        self._ctx, self._scene = ctx, scene
         self._spheres = gl.program(ctx, "handles")
         self._sphere_buffer = None
         mesh = scene.field.mesh
@@ -38,8 +38,9 @@ class HandleLayer:
         )
         self._wire_revision = None
 
-    def draw(self, scene, camera, clip_range) -> None:
+    def draw(self, camera, clip_range) -> None:
         """Draw into the framebuffer in use what the settings ask for."""
+        settings = self._scene.settings
         view = np.linalg.inv(camera.camera_to_world)
         matrices = {
             "world_to_camera": view,
@@ -47,12 +48,13 @@ class HandleLayer:
         }
         self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
-        if scene.settings.show_wireframe:
-            self._draw_wire(scene, matrices)
-        if scene.settings.show_handles:
-            self._draw_spheres(scene, camera, clip_range, matrices)
+        if settings.show_wireframe:
+            self._draw_wire(matrices)
+        if settings.show_handles:
+            self._draw_spheres(camera, clip_range, matrices)
 
-    def _draw_wire(self, scene, matrices):
+    def _draw_wire(self, matrices):
+        scene = self._scene
         if self._wire_revision != scene.revision:
             self._wire_buffer.write(np.ascontiguousarray(scene.positions, np.float32))
             self._wire_revision = scene.revision
@@ -60,8 +62,8 @@ class HandleLayer:
         gl.set_uniforms(self._wire.program, tint=WIRE_TINT, bias=bias, **matrices)
         self._wire.render(moderngl.LINES)
 
-    def _draw_spheres(self, scene, camera, clip_range, matrices):
-        instances = sphere_instances(scene)
+    def _draw_spheres(self, camera, clip_range, matrices):
+        instances = sphere_instances(self._scene)
         if not len(instances):
             return
         size = 28 * CAPACITY_STEP * -(-len(instances) // CAPACITY_STEP)
@@ -73,7 +75,7 @@ class HandleLayer:
         gl.set_uniforms(
             self._spheres,
             depth_terms=gl.depth_terms(*clip_range),
-            bias=scene.handle_bias,
+            bias=self._scene.handle_bias,
             pixel_angle=1.0 / camera.focal,
             **matrices,
         )

@@ -7,7 +7,6 @@ The depth is that of the unshifted image: other things in the scene hide behind 
 """
 
 import time
-from dataclasses import replace
 from functools import partial
 
 import moderngl
@@ -28,19 +27,20 @@ AVERAGED_MODES = ("color", "accumulation")
 
 
 class RadianceLayer:
-    """Draws what a Renderer of core/render renders.
+    """Draws what a Renderer of core/render renders of a scene.
 
     Attributes:
-        render_count: Images rendered so far; strips, and so sub-pixel samples, not counted.
+        render_count: Images rendered so far; strips, and so shifted images, not counted.
     """
 
-    def __init__(self, ctx: moderngl.Context, renderer, device: str, path: str, clock=None):
-        """Take a renderer, Warp's name of its device, and how frames reach OpenGL."""
+    def __init__(self, ctx: moderngl.Context, scene, renderer, path: str, clock=None):
+        """Take a Scene, a renderer of its field, and how frames reach OpenGL (upload.py)."""
         self.render_count = 0
-        self._ctx, self._renderer, self._device, self._path = ctx, renderer, device, path
+        self._ctx, self._scene, self._renderer, self._path = ctx, scene, renderer, path
+        self._device = str(renderer.device)
         self._clock = clock or time.perf_counter
         self._triangle = gl.full_screen(ctx, "image")
-        self._moving = MovingResolution(0.1, CPU_LADDER if device == "cpu" else LADDER)
+        self._moving = MovingResolution(0.1, CPU_LADDER if self._device == "cpu" else LADDER)
         field = renderer.field
         self._level_edges = level_edges(field.mesh, field.layout.level_count)
         self._shown: Picture | None = None  # the last whole picture
@@ -49,8 +49,6 @@ class RadianceLayer:
         self._sampling: Sampling | None = None  # once shifted images are rendered
         self._host_depth = None
         self._seen = self._pose = None  # what was rendered last
-        self._options, self._mode, self._depth_range = RenderOptions(), "color", (0.0, 1.0)
-        self._checkerboard = self._accumulate = False
         self._changed_at = 0.0
 
     # -- how far it is -------------------------------------------------------------------
@@ -80,7 +78,9 @@ class RadianceLayer:
     @property
     def most_samples(self) -> int:
         """What `sample_count` will be at rest."""
-        return SAMPLE_COUNT if self._accumulate else 1
+        settings = self._scene.settings
+        # The mean of hashed colors or of a heat map is the color of something else.
+        return SAMPLE_COUNT if settings.accumulate and settings.mode in AVERAGED_MODES else 1
 
     @property
     def settled(self) -> bool:
@@ -107,7 +107,7 @@ class RadianceLayer:
 
     # -- rendering -----------------------------------------------------------------------
 
-    def update(self, scene, camera, times, whole=False) -> None:
+    def update(self, camera, times, whole=False) -> None:
         """Render what has changed since the last call.
 
         Args:
@@ -115,27 +115,25 @@ class RadianceLayer:
             times: FrameTimes.
             whole: Render all pixels at once, however long it takes, but each only once.
         """
-        settings = scene.settings
-        self._mode, self._depth_range = settings.mode, scene.depth_range
-        self._options = RenderOptions(background=tuple(settings.background))
-        self._checkerboard = settings.checkerboard
-        # The mean of hashed colors or of a heat map is the color of something else.
-        self._accumulate = settings.accumulate and settings.mode in AVERAGED_MODES
+        scene, settings = self._scene, self._scene.settings
         fixed = None if settings.automatic_resolution else settings.fixed_resolution
         seen = (
             camera.camera_to_world.tobytes(),
-            (camera.focal, camera.width, camera.height, self._options, self._mode),
-            (scene.revision, fixed, self._accumulate),
+            (camera.focal, camera.width, camera.height),
+            (scene.revision, settings.mode, settings.background, fixed, self.most_samples),
         )
         self._renderer.stage_seconds = {} if settings.time_rendering else None
         now = self._clock()
         if seen != self._seen:
             self._seen, self._changed_at = seen, now
-            self._set_pose(scene, times)
+            if scene.revision != self._pose:
+                with times.part("render"):
+                    self._renderer.set_vertices(scene.solver.vertices)
+                self._pose = scene.revision
             if whole or fixed is not None:
                 self._render_at(1.0 if whole else fixed, camera, times)
             else:
-                self._render_moving(camera, scene, times)
+                self._render_moving(camera, times)
         elif whole and self.refined < 1.0:
             self._render_at(1.0, camera, times)
         elif whole or now - self._changed_at < REST_SECONDS:
@@ -147,23 +145,15 @@ class RadianceLayer:
         if self._renderer.stage_seconds:
             times.rendering = self._renderer.stage_seconds
 
-    def _set_pose(self, scene, times):
-        if scene.revision != self._pose:
-            with times.part("render"):
-                self._renderer.set_vertices(scene.solver.vertices)
-            self._pose = scene.revision
-
-    def _render_moving(self, camera, scene, times):
+    def _render_moving(self, camera, times):
         """Render at once, as well as the target frame rate allows."""
-        moving, rung = self._moving, self._moving.rung
+        scene, moving, rung = self._scene, self._moving, self._moving.rung
         # On CUDA, flip is the wait for the screen, and costs rendering nothing.
-        flip = ("flip",) if self._device == "cpu" else ()
-        others = times.recent((*OTHER_PARTS, *flip))
-        moving.target_seconds = render_budget(scene.settings.target_fps, others)
+        others = (*OTHER_PARTS, "flip") if self._device == "cpu" else OTHER_PARTS
+        moving.target_seconds = render_budget(scene.settings.target_fps, times.recent(others))
         pixel = scene.orbit.distance / (camera.focal * rung.factor)
-        cheaper = savings(rung, self._level_edges, pixel)
         start = time.perf_counter()
-        self._render_at(rung.factor, camera, times, cheaper)
+        self._render_at(rung.factor, camera, times, savings(rung, self._level_edges, pixel))
         moving.measured(time.perf_counter() - start)
 
     def _render_at(self, factor, camera, times, cheaper=None):
@@ -210,11 +200,11 @@ class RadianceLayer:
         return rows[0], self._render(strips, rows, camera, times, {})
 
     def _render(self, strips, rows, camera, times, cheaper):
-        start = time.perf_counter()
-        options = replace(self._options, **cheaper)
+        scene, start = self._scene, time.perf_counter()
+        options = RenderOptions(background=tuple(scene.settings.background), **cheaper)
         with times.part("render"):
             image = render_mode(
-                self._renderer, camera, self._mode, options, rows, self._depth_range
+                self._renderer, camera, scene.settings.mode, options, rows, scene.depth_range
             )
             wp.synchronize_device(self._device)  # or CUDA's time would be measured elsewhere
         strips.rendered(rows, time.perf_counter() - start)
@@ -244,9 +234,9 @@ class RadianceLayer:
             fine_color=2,
             fine_depth=3,
             refined=self._progress,
-            background=self._options.background,
+            background=self._scene.settings.background,
             squares=np.array([camera.width, camera.height]) / CHECKER_SIZE,
-            checkerboard=self._checkerboard,
+            checkerboard=self._scene.settings.checkerboard,
             half_extent=(half_height * camera.width / camera.height, half_height),
             depth_terms=gl.depth_terms(*clip_range),
         )

@@ -42,6 +42,12 @@ class Recorder:
         self.video = VideoWriter(path, self._canvas.size, self._fps, clock)
         self._log("recording", path=path)
 
+    def start_or_stop(self) -> None:
+        if self.video is None:
+            self.start()
+        else:
+            self.stop()
+
     def stop(self) -> None:
         """Finish the video, if one is being recorded."""
         video, self.video = self.video, None

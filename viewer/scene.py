@@ -1,11 +1,11 @@
-"""What is shown now, as plain state without OpenGL: the object, its pose, the user's choices.
+"""The object that is shown, without OpenGL: its pose, what holds it, what the user drags.
 
-Time: the solver always steps by 1/60 s (another length would cost it its coefficients);
-a frame takes as many steps as fit in it.  Positions are model space, V vertices.
+The solver always steps by 1/60 s, since another length would make it compute its coefficients
+anew; a frame takes as many steps as fit in it.  Positions are model space, V vertices.
 """
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,30 +21,56 @@ from ..core.deform import (
 )
 from ..core.geometry import components
 from . import orbit as orbits
-from .settings import CPU_TARGET_FPS, Grab, Settings
+from .settings import CPU_TARGET_FPS, Settings
 from .surface import bounds, nearest_vertices
 
-MAX_STEPS = 6  # a frame; below 10 frames a second, time in the object runs slower than ours
+MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
 VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 CONTROL_COUNT = 40
 PINNED_PART = 0.05  # of the object's height
-SPECK = 0.02  # of the vertices: smaller components have no handles, as nobody means them
+SPECK = 0.02  # of the vertices: components smaller than that have no handles
 MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
 DEPTH_PART = 0.75  # of its size, that the object may reach from its center towards the eye
 EARTH = 9.81  # m/s²
-# A patch of radius R of an elastic body resists a pull like a spring of at most 2 E R, that
-# is 0.8 E times the size for the largest grab radius of the panel, and bends far more easily.
-# Springs that add up to 4 E times the size are therefore followed closely.  They pull no
-# harder than the patch would at an eighth of the size: with more, thin parts are torn long.
-# E is the one that the substeps hold.
+# A patch of radius R of an elastic body with Young's modulus E (the one that the substeps
+# hold) resists a pull like a spring of at most 2 E R: 0.8 E times the size for the largest
+# grab radius.  Springs of 4 E times the size together therefore follow the mouse closely.
+# Their force is limited to that of the patch at an eighth of the size, since thin parts
+# would be torn long by more.
 SOFT_STIFFNESS = 4.0  # of all springs of a drag together, in E times the object's size
 SOFT_FORCE = 0.25  # of all of them, in E R times the object's size
-LEAST_PULL = 1e-3  # of the core's; what gets less isn't grabbed
+LEAST_PULL = 1e-3  # of the strongest spring; weaker ones are left out
 FIRST_VIEW = orbits.Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
 
 
+@dataclass
+class Grab:
+    """A drag in progress: `vertex` and those around it are moved, or pulled, as one body.
+
+    Attributes:
+        ids: Vertices that move along, `vertex` among them.  [K]
+        offsets: Their positions relative to `vertex` when it was grabbed.  [K, 3]
+        target: Where `vertex` shall be.  [3]
+        reached: Where it has been sent by the steps so far.  [3]
+        before: Positions and velocities of all vertices when it was grabbed.
+    """
+
+    vertex: int
+    ids: np.ndarray
+    offsets: np.ndarray
+    target: np.ndarray
+    reached: np.ndarray
+    before: tuple[np.ndarray, np.ndarray]
+
+
 class Scene:
-    """An object that can be bent."""
+    """An object that can be bent.
+
+    Attributes:
+        pins: The vertices that hold it, also while `hold(False)` has freed them.  [V] bool
+        hover: Id of the vertex under the mouse.
+        revision: Counts the changes of the pose.
+    """
 
     def __init__(self, field, name: str, device: str, surface=None):
         """Take a field at rest.
@@ -54,34 +80,28 @@ class Scene:
         """
         self.field = field
         self.name = name
-        self.device = device
         self.settings = Settings()
         if device == "cpu":
             self.settings.target_fps = CPU_TARGET_FPS
         self.material = Material()
-        rest = field.mesh.rest_vertices
-        surface = rest if surface is None else surface
-        low, high = bounds(surface)
+        rest, tets = field.mesh.rest_vertices, field.mesh.tets
+        self._surface = rest if surface is None else surface
+        low, high = bounds(self._surface)
         self.center = 0.5 * (low + high)
         self.size = float((high - low).max())
-        # [V] bool, also while they hold nothing; specks below the object would hold only themselves
-        self.pins = lowest_pins(rest, field.mesh.tets)
+        # The lowest vertices may be specks below the object, which hold nothing else.
+        self.pins = lowest_pins(rest, tets)
         self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
-        mesh = field.mesh
-        self.solver = XpbdSolver(
-            mesh.rest_vertices, mesh.tets, self.material, self.pins, XpbdOptions(), device
-        )
-        self._surface = surface
-        self._nearest = nearest_vertices(surface, rest)  # [N], the vertex that a point goes with
+        self.solver = XpbdSolver(rest, tets, self.material, self.pins, XpbdOptions(), device)
+        self._nearest = nearest_vertices(self._surface, rest)  # [N], of each point
         near = np.unique(self._nearest)
-        near = near[_of_the_object(rest, mesh.tets)[near]]
-        controls = control_vertices(rest, near, CONTROL_COUNT)
+        self._near = near[_of_the_object(rest, tets)[near]]
+        controls = control_vertices(rest, self._near, CONTROL_COUNT)
         self._controls = controls[~self.pins[controls]]
-        self._near = near
-        self.hover: int | None = None  # a vertex id
+        self.hover: int | None = None
         self.grabbed: Grab | None = None
         self.paused = False
-        self.revision = 0  # counts the changes of the pose
+        self.revision = 0
         self._time = 0.0  # s that frames have lasted and no step has covered
         self._host = None  # the revision, and its positions
         self._stiffness = None  # what `stiffness` depends on, and its value
@@ -112,15 +132,15 @@ class Scene:
         self._step(count)
 
     def warm_up(self) -> None:
-        """Compile what steps need: done once before a window waits for it."""
+        """Take a step with and one without a handle, so that all that steps need is loaded."""
         self.solver.grab(self.control_ids[:1])
         self.solver.step(TIME_STEP)
         self.solver.release()
-        self.solver.step(TIME_STEP)  # now tangles are counted, too
+        self.solver.step(TIME_STEP)  # it also counts tangles
         self.solver.reset()
 
     def single_step(self) -> None:
-        """Stop time and let one step of it pass."""
+        """Pause, and take one step."""
         self.paused = True
         self._step(1)
 
@@ -128,14 +148,11 @@ class Scene:
         grab = self.grabbed
         way = None if grab is None else grab.target - grab.reached
         for remaining in range(count, 0, -1):
-            if grab is not None:  # the way is shared out between the steps of a frame
+            if grab is not None:  # each step takes its part of the way
                 grab.reached = grab.target - way * ((remaining - 1) / count)
                 self.solver.move(grab.reached + grab.offsets)
             self.solver.step(TIME_STEP)
-        self._notice()
-
-    def _notice(self):
-        """Count a change of the pose if it can be seen; what creeps adds up until it can."""
+        # The pose counts as changed when it differs visibly from the one that was last shown.
         now = self.solver.vertices.numpy()
         if abs(now - self.positions).max() > VISIBLE * self.size:
             self.revision += 1
@@ -150,7 +167,7 @@ class Scene:
     # -- handles -------------------------------------------------------------------------
 
     def grab(self, vertex: int) -> None:
-        """Take hold of a vertex and of what lies around it at rest."""
+        """Take hold of a vertex and of those around it at rest."""
         radius = self.settings.grab_radius * self.size
         ids = vertices_within(self.field.mesh.rest_vertices, vertex, radius)
         ids = ids[~self.solver.pinned[ids]]
@@ -168,10 +185,7 @@ class Scene:
         self.grabbed = Grab(vertex, ids, offsets, start, start, before)
 
     def drag_to(self, target) -> None:
-        """Send the grabbed vertex to a point [3].
-
-        It is there after the next frame, or, in a soft grab, on its way.
-        """
+        """Send the grabbed vertex to a point [3]; exact grabs reach it in the next frame."""
         self.grabbed.target = np.asarray(target, float)
 
     def release(self) -> None:
@@ -180,7 +194,7 @@ class Scene:
             self.grabbed = None
 
     def cancel_grab(self) -> None:
-        """Let go, and go back to how everything was before."""
+        """Let go, and restore the pose and velocities from before the grab."""
         before = self.grabbed.before
         self.release()
         self.solver.set_state(*before)
@@ -199,7 +213,7 @@ class Scene:
 
     @property
     def pin_ids(self):
-        """The pins that are worth drawing: those by the surface."""
+        """The pins that are drawn: those by the surface."""
         return self._near[self.solver.pinned[self._near]]
 
     @property
@@ -246,26 +260,25 @@ class Scene:
 
     @property
     def gravity(self) -> float:
-        """Downwards [m/s²]."""
+        """Downwards [m/s²]; 0 without gravity."""
         return -self.solver.options.gravity[2]
 
     def set_gravity(self, strength: float) -> None:
-        """Let things fall [m/s²], or float at 0."""
+        """Set gravity, downwards [m/s²]."""
         self._set_options(gravity=(0.0, 0.0, -strength))
         self._keep_in_sight()
 
     @property
     def on_ground(self) -> bool:
-        """Whether there is a ground."""
         return self.solver.options.ground is not None
 
     def set_ground(self, on: bool) -> None:
-        """Put a ground under what is seen of the object at rest, or take it away."""
+        """Put a ground under the visible object at rest, or take it away."""
         lowest = float(self._surface[:, 2].min())
         self._set_options(ground=lowest if on else None)
 
     def _keep_in_sight(self):
-        """What falls, and nothing holds, gets a ground, or it would be gone in a second."""
+        """Put a ground under an object that falls and is not held: it would leave the view."""
         if self.gravity > 0.0 and not self.held and not self.on_ground:
             self.set_ground(True)
 

@@ -30,15 +30,15 @@ def parse_drag(text: str) -> DragScript:
     """
     vertex, _, offset = text.partition(":")
     try:
-        vertex = TOP if vertex == TOP else int(vertex)
-        script = DragScript(vertex, tuple(float(part) for part in offset.split(",")))
+        x, y, z = map(float, offset.split(","))
+        script = DragScript(TOP if vertex == TOP else int(vertex), (x, y, z))
+        length = math.hypot(x, y, z)
     except ValueError:
-        script = None
-    if script is None or len(script.offset) != 3 or not np.isfinite(script.offset).all():
+        length = math.nan
+    if math.isnan(length):
         raise ValueError(
             f"--drag is '{text}'; write VERTEX:DX,DY,DZ, as in 12:0.1,0,0 or top:0.1,0,0"
         )
-    length = math.hypot(*script.offset)
     if length > LONGEST_OFFSET:
         raise ValueError(
             f"--drag goes {length:.3g} model units far; {LONGEST_OFFSET:g} are the most "

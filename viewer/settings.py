@@ -1,22 +1,20 @@
-"""The user's choices and the drag in progress: plain data, without methods."""
+"""What the user has chosen about picture, handles and files: plain data, without methods."""
 
 from dataclasses import dataclass
-
-import numpy as np
 
 TARGET_FPS, CPU_TARGET_FPS = 60.0, 10.0
 
 
 @dataclass
 class Settings:
-    """What the user has chosen about picture and handles.
+    """The choices that the panels show.
 
     Attributes:
-        grab_radius: What a drag takes along, in object sizes.
-        soft_grab: A drag pulls with springs, weaker towards the radius; otherwise what it
-            takes along moves exactly, as one body.
-        mode: What the picture shows, one of core/render/modes.MODES.
+        mode: What the picture shows, one of core/render's MODES.
         checkerboard: Shown behind the object instead of `background`.
+        grab_radius: What a drag takes along, in object sizes.
+        soft_grab: A drag pulls with springs, weaker towards the radius, instead of moving
+            what it takes along exactly, as one body.
         automatic_resolution: While things move, follow `target_fps`; otherwise
             `fixed_resolution` is the factor.
         accumulate: At rest, go on to the mean of images shifted by parts of a pixel.
@@ -41,23 +39,3 @@ class Settings:
     panel_in_screenshots: bool = False
     transparent_screenshots: bool = False
     time_rendering: bool = False
-
-
-@dataclass
-class Grab:
-    """A drag in progress: `vertex` and those around it are moved, or pulled, as one body.
-
-    Attributes:
-        ids: Vertices that move along, `vertex` among them.  [K]
-        offsets: Their positions relative to `vertex` when it was grabbed.  [K, 3]
-        target: Where `vertex` shall be.  [3]
-        reached: Where it has been sent by the steps so far.  [3]
-        before: Positions and velocities of all vertices when it was grabbed.
-    """
-
-    vertex: int
-    ids: np.ndarray
-    offsets: np.ndarray
-    target: np.ndarray
-    reached: np.ndarray
-    before: tuple[np.ndarray, np.ndarray]

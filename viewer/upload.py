@@ -103,18 +103,19 @@ class ImageTexture:
             self._color_path = SharedBuffer(ctx, device, wp.vec4ub, byte_count)
             self._depth_path = SharedBuffer(ctx, device, wp.float32, byte_count)
 
-    def write_color(self, color) -> None:
-        """Put a whole color image [H, W] vec4ub and leave the depth as it is."""
-        self._color_path.write(self.color, color, None)
+    def write_color(self, color, first_row: int = 0) -> None:
+        """Put colors [h, w] vec4ub at `first_row`, counted from the top."""
+        self._color_path.write(self.color, color, self._viewport(color, first_row))
 
     def write(self, image, first_row: int = 0) -> None:
-        """Put a strip (an Image of core/render) at `first_row`, counted from the top."""
-        height, width = image.color.shape
-        assert width == self.size[0], (width, self.size)
-        assert first_row + height <= self.size[1], (first_row, height, self.size)
-        viewport = (0, first_row, width, height)
-        self._color_path.write(self.color, image.color, viewport)
-        self._depth_path.write(self.depth, image.depth, viewport)
+        """Put an Image of core/render at `first_row`, counted from the top."""
+        self.write_color(image.color, first_row)
+        self._depth_path.write(self.depth, image.depth, self._viewport(image.depth, first_row))
+
+    def _viewport(self, pixels, first_row):
+        height, width = pixels.shape
+        assert width == self.size[0] and first_row + height <= self.size[1], pixels.shape
+        return 0, first_row, width, height
 
     def release(self) -> None:
         for part in (self._color_path, self._depth_path, self.color, self.depth):

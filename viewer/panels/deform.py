@@ -5,7 +5,7 @@ from imgui_bundle import imgui
 from ...core.deform import COMPLIANCE_FLOOR, LOWEST_POISSON_RATIO, PRESETS
 from ..actions import label_of
 from ..scene import EARTH
-from .widgets import LOGARITHMIC, checkbox, number_setting, setting, slider
+from .widgets import LOGARITHMIC, button, checkbox, number_setting, setting, slider
 
 YOUNG_MODULI = 1e3, 1e9  # Pa
 POISSON_RATIOS = 0.0, 0.49
@@ -20,7 +20,7 @@ below 1 more substeps make it stiffer, below {COMPLIANCE_FLOOR} it is softer tha
 
 def deform_panel(app):
     scene = app.scene
-    _time_buttons(scene, app.actions)
+    _time_buttons(app)
     _material(scene)
     _grab(scene.settings)
     _substeps(scene)
@@ -36,18 +36,14 @@ def vertex_line(scene) -> str:
     return "no vertex under the mouse" if scene.hover is None else f"vertex {scene.hover}"
 
 
-def _time_buttons(scene, actions):
-    buttons = (
-        ("Go on" if scene.paused else "Pause", "pause", label_of("pause")),
-        ("Step", "single_step", f"one 60th of a second ({label_of('single_step')})"),
-        ("Reset", "reset", f"back to the rest pose ({label_of('reset')})"),
-    )
-    for label, action, tooltip in buttons:
-        if imgui.button(label):
-            getattr(actions, action)()
-        imgui.set_item_tooltip(tooltip)
-        imgui.same_line()
-    imgui.text_disabled(state_line(scene))
+def _time_buttons(app):
+    button("Go on" if app.scene.paused else "Pause", app, "pause", label_of("pause"))
+    imgui.same_line()
+    button("Step", app, "single_step", f"one 60th of a second ({label_of('single_step')})")
+    imgui.same_line()
+    button("Reset", app, "reset", f"back to the rest pose ({label_of('reset')})")
+    imgui.same_line()
+    imgui.text_disabled(state_line(app.scene))
 
 
 def state_line(scene) -> str:

@@ -3,20 +3,16 @@
 from imgui_bundle import imgui
 
 from ..actions import label_of
-from .widgets import setting
+from .widgets import button, setting
 
 RECORDING_RED = (0.80, 0.10, 0.10, 1.0)
 
 
 def record_panel(app):
     settings, video = app.scene.settings, app.recorder.video
-    if imgui.button("Screenshot"):
-        app.actions.screenshot()
-    imgui.set_item_tooltip(label_of("screenshot"))
+    button("Screenshot", app, "screenshot", label_of("screenshot"))
     imgui.same_line()
-    if imgui.button("Stop recording" if video else "Record"):
-        app.actions.record()
-    imgui.set_item_tooltip(label_of("record"))
+    button("Stop recording" if video else "Record", app, "record", label_of("record"))
     if video:
         imgui.text_colored(RECORDING_RED, f"{video.seconds:.1f} s")
         imgui.same_line()

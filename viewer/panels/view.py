@@ -4,7 +4,7 @@ from imgui_bundle import imgui
 
 from ...core.render import MODES, caption
 from ..actions import label_of
-from .widgets import LOGARITHMIC, number_setting, setting
+from .widgets import LOGARITHMIC, button, number_setting, setting
 
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
 TARGETS = 2.0, 120.0  # frames a second
@@ -24,14 +24,11 @@ def view_panel(app):
     _mode(app.scene)
     _background(app.scene.settings)
     _resolution(app)
-    if imgui.button("Reset camera"):
-        app.actions.home()
+    button("Reset camera", app, "home")
     imgui.same_line()
-    if imgui.button("Focus"):
-        app.actions.focus()
+    button("Focus", app, "focus")
     imgui.same_line()
-    if imgui.button("Help"):
-        app.actions.toggle_help()
+    button("Help", app, "toggle_help")
 
 
 def _mode(scene):

@@ -1,10 +1,19 @@
-"""A slider and a box that change something when the user does."""
+"""Buttons, sliders and boxes that change something when the user does."""
 
 from functools import partial
 
 from imgui_bundle import imgui
 
+from ..actions import ACTIONS
+
 LOGARITHMIC = imgui.SliderFlags_.logarithmic.value
+
+
+def button(label, app, action, tooltip="") -> None:
+    """A button that calls one of ACTIONS."""
+    if imgui.button(label):
+        ACTIONS[action](app)
+    _tooltip(tooltip)
 
 
 def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
