@@ -23,9 +23,35 @@ def events():
     return []
 
 
+BUTTONS = {"left": c.LEFT, "middle": c.MIDDLE, "right": c.RIGHT}
+
+
+class Hand(c.Controls):
+    """Controls with a hand that points at pixels of the image; the window counts y upwards."""
+
+    @staticmethod
+    def place(pixel):
+        return pixel[0] - 0.5, SIZE[1] - 0.5 - pixel[1]
+
+    def motion(self, pixel):
+        self.on_mouse_motion(*self.place(pixel), 0, 0)
+
+    def press(self, pixel, button, shift=False):
+        self.on_mouse_press(*self.place(pixel), BUTTONS[button], c.SHIFT if shift else 0)
+
+    def drag(self, pixel, dx, dy):
+        self.on_mouse_drag(*self.place(pixel), dx, -dy, 0, 0)
+
+    def release(self, button):
+        self.on_mouse_release(0, 0, BUTTONS[button], 0)
+
+    def scroll(self, pixel, notches):
+        self.on_mouse_scroll(*self.place(pixel), 0, notches)
+
+
 @pytest.fixture
 def controls(scene, events):
-    made = c.Controls(scene, lambda: None, lambda name, **fields: events.append((name, fields)))
+    made = Hand(scene, lambda: None, lambda name, **fields: events.append((name, fields)))
     made.size = SIZE
     return made
 
@@ -33,12 +59,6 @@ def controls(scene, events):
 def pixel_of(controls, vertex):
     pixels, _ = picking.project(controls.camera, controls.scene.positions[vertex][None])
     return pixels[0]
-
-
-def hover(controls, pixel):
-    """Move the mouse to a pixel, as the window reports it."""
-    x, y = pixel
-    controls.on_mouse_motion(x - 0.5, SIZE[1] - 0.5 - y, 0, 0)
 
 
 def front_vertex(controls):
@@ -154,7 +174,7 @@ def test_a_second_button_changes_nothing(controls, scene):
 def test_the_wheel_keeps_the_point_under_the_mouse(controls, scene):
     depth = np.full((24, 32), 1.9, np.float32)
     controls._depth_image = lambda: depth
-    pixel = (200.0, 90.0)
+    pixel = np.array([200.0, 90.0])
     point = controls._surface_at(pixel)
     before = scene.orbit.distance
     controls.scroll(pixel, 2)
@@ -166,10 +186,10 @@ def test_the_wheel_keeps_the_point_under_the_mouse(controls, scene):
 def test_a_vertex_hidden_behind_the_object_is_not_picked(controls, scene):
     vertex = front_vertex(controls)
     pixel = pixel_of(controls, vertex)
-    hover(controls, pixel)
+    controls.motion(pixel)
     assert scene.hover == vertex
     controls._depth_image = lambda: np.full((24, 32), 0.5, np.float32)
-    hover(controls, pixel)
+    controls.motion(pixel)
     assert scene.hover is None
 
 
@@ -212,8 +232,11 @@ def test_every_key_has_an_action_and_every_action_a_key():
 
 
 @pytest.mark.gl
-def test_keys_are_named_as_pyglet_names_them(window):
-    from pyglet.window import key
+def test_keys_and_buttons_are_pyglets(window):
+    from pyglet.window import key, mouse
+
+    assert (c.LEFT, c.MIDDLE, c.RIGHT) == (mouse.LEFT, mouse.MIDDLE, mouse.RIGHT)
+    assert c.SHIFT == key.MOD_SHIFT
 
     for entry in a.INPUTS:
         assert not entry.key or hasattr(key, entry.key.removeprefix("CTRL+")), entry

@@ -7,13 +7,13 @@ import sys
 import pytest
 import warp as wp
 
+from deformrf.viewer import loading
 from deformrf.viewer.loading import STAGES, Progress, kernel_modules, load_kernels, prepare
 
 
 def prepared(ball, device):
-    modules = kernel_modules(device)
-    progress = Progress(len(modules))
-    return *prepare(ball, "ball", device, modules, progress), progress
+    progress = Progress(device)
+    return *prepare(ball, "ball", device, progress), progress
 
 
 def test_each_device_has_its_own_kernels():
@@ -52,8 +52,15 @@ def test_no_other_module_is_needed_in_the_end(ball, monkeypatch):
     assert needed == set(kernel_modules("cpu"))
 
 
-def test_stages_are_named_and_add_up():
-    progress = Progress(module_count=2)
+@pytest.fixture
+def two_modules(monkeypatch):
+    """A Progress that waits for the modules a and b."""
+    monkeypatch.setattr(loading, "kernel_modules", lambda device: ["a", "b"])
+    return Progress("cpu")
+
+
+def test_stages_are_named_and_add_up(two_modules):
+    progress = two_modules
     progress.begin_module("a", cached=True)
     assert progress.stage == "loading kernels, 0 of 2 modules done"
     progress.end_module("a")
@@ -67,14 +74,14 @@ def test_stages_are_named_and_add_up():
         assert (progress.stage, progress.fraction) == (name, pytest.approx(fraction))
 
 
-SMALLEST = ["deformrf.core.render.subpixel"]  # three small kernels
-LOAD = f"""
+LOAD = """
 from deformrf.core.device import start_warp
 start_warp()
-import deformrf.core.render.subpixel
-from deformrf.viewer.loading import Progress, load_kernels
-progress = Progress(1)
-load_kernels({SMALLEST}, "cpu", progress)
+import deformrf.core.render.subpixel  # two small kernels
+from deformrf.viewer import loading
+loading.kernel_modules = lambda device: ["deformrf.core.render.subpixel"]
+progress = loading.Progress("cpu")
+loading.load_kernels("cpu", progress)
 print(progress.compiled)
 """
 
@@ -94,17 +101,18 @@ def test_a_kernel_is_compiled_where_the_cache_is_empty_and_only_there(tmp_path):
     assert said == [["True"], ["False"]]
 
 
-def test_an_error_of_a_kernel_is_not_lost(monkeypatch):
+def test_an_error_of_a_kernel_is_not_lost(monkeypatch, two_modules):
     def broken(name, device):
         raise RuntimeError("no compiler")
 
     monkeypatch.setattr(wp, "load_module", broken)
+    monkeypatch.setattr(loading, "is_cached", lambda name, device: False)
     with pytest.raises(RuntimeError, match="no compiler"):
-        load_kernels(kernel_modules("cpu"), "cpu", Progress(1))
+        load_kernels("cpu", two_modules)
 
 
 @pytest.mark.gl
-def test_the_window_shows_the_stages_and_a_bar(window, monkeypatch):
+def test_the_window_shows_the_stages_and_a_bar(window, monkeypatch, two_modules):
     from imgui_bundle import imgui
 
     from deformrf.viewer.gui import Gui
@@ -115,21 +123,23 @@ def test_the_window_shows_the_stages_and_a_bar(window, monkeypatch):
     monkeypatch.setattr(imgui, "text", lines.append)
     monkeypatch.setattr(imgui, "text_disabled", notes.append)
     monkeypatch.setattr(imgui, "progress_bar", lambda fraction, size, text: bars.append(text))
-    progress = Progress(module_count=1)
-    for cached in (True, False):
-        progress.begin_module("marching", cached)
+
+    def shown():
         gui.begin()
-        loading_window("preparing ball", progress)
+        loading_window("preparing ball", two_modules)
         gui.end()
-    progress.end_module("marching")
-    progress.end_stage()
-    gui.begin()
-    loading_window("preparing ball", progress)
-    gui.end()
+        return lines[-1]
+
+    two_modules.begin_module("a", cached=True)
+    assert shown() == "loading kernels, 0 of 2 modules done, 0 s"
+    two_modules.end_module("a")
+    two_modules.begin_module("b", cached=False)
+    assert shown() == "compiling kernels, 1 of 2 modules done, 0 s"
+    two_modules.end_module("b")
+    two_modules.end_stage()
+    assert shown() == f"{STAGES[1]}, 0 s"
     gui.close()
-    assert lines[:2] == ["preparing ball", "loading kernels, 0 of 1 modules done, 0 s"]
-    assert lines[3] == "compiling kernels, 0 of 1 modules done, 0 s"
-    assert lines[5].startswith(STAGES[1])
-    assert bars == ["0%", "0%", "25%"]
+    assert lines[0] == "preparing ball"
+    assert bars == ["0%", "20%", "40%"]
     assert notes[: len(STAGES)] == [*STAGES[1:], STAGES[1]]
     assert notes.count("kernels are compiled on the first start only") == 2

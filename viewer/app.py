@@ -18,7 +18,7 @@ from .controls import Controls
 from .events import state_of
 from .gl import Canvas
 from .handle_layer import HandleLayer
-from .loading import Progress, kernel_modules, prepare
+from .loading import Progress, prepare
 from .radiance_layer import RadianceLayer
 from .recorder import Recorder, without_background
 from .status import Status
@@ -69,9 +69,8 @@ class App:
 
         self.status.device = wp.get_device(device).name
         self.status.interop = choose_path(self.ctx, device, interop)
-        modules = kernel_modules(device)
-        self.progress = Progress(len(modules))
-        arguments = field, name, device, modules, self.progress
+        self.progress = Progress(device)
+        arguments = field, name, device, self.progress
         if self.gui is None:
             scene, renderer = prepare(*arguments)
         else:

@@ -1,7 +1,7 @@
 """The mouse: from the window's events to camera moves and drags of control vertices.
 
-Pixels are the image's: x to the right, y down.  The methods on_* are called by the window,
-with pyglet's positions (points, y up); the others know no window.
+The window calls the methods on_* with pyglet's positions (points, y up).  Pixels are the
+image's: x to the right, y down.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,9 @@ import numpy as np
 from . import orbit as orbits
 from . import picking
 
-BUTTONS = ("left", "middle", "right")
+# pyglet's numbers; the modules that name them can't be imported without a display.
+LEFT, MIDDLE, RIGHT = 1, 2, 4
+SHIFT = 1
 ZOOM_PER_NOTCH = 0.88
 CLICK_SLACK = 3.0  # points that the mouse may move during a click
 PICK_SLACK = 5.0  # points around a sphere that still count as on it
@@ -34,13 +36,17 @@ class Controls:
         self.ratio = 1.0
         self._depth_image = depth_image
         self._log = log
-        self._button = ""
+        self._button = 0
         self._miss = np.zeros(2)  # from the center of the grabbed vertex to the press
         self._pin = None  # that a click would free, and where it was pressed
 
     @property
     def camera(self):
         return orbits.camera(self.scene.orbit, *self.size)
+
+    def _pixel(self, x, y):
+        """From a position in the window to the middle of the image's pixel.  [2]"""
+        return np.array([(x + 0.5) * self.ratio, self.size[1] - (y + 0.5) * self.ratio])
 
     # -- the window's events -------------------------------------------------------------
 
@@ -49,78 +55,53 @@ class Controls:
             self.scene.hover = self.pick(self._pixel(x, y))
 
     def on_mouse_press(self, x, y, button, modifiers):
-        from pyglet.window import key, mouse  # raises without a display, so not at the top
-
-        name = mouse.buttons_string(button).lower()
-        if name in BUTTONS:
-            self.press(self._pixel(x, y), name, bool(modifiers & key.MOD_SHIFT))
-
-    def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
-        self.drag(self._pixel(x, y), dx * self.ratio, -dy * self.ratio)
-
-    def on_mouse_release(self, x, y, button, modifiers):
-        from pyglet.window import mouse
-
-        self.release(mouse.buttons_string(button).lower())
-
-    def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
-        self.scroll(self._pixel(x, y), scroll_y)
-
-    def _pixel(self, x, y):
-        """From a position in the window to the middle of the image's pixel."""
-        return (x + 0.5) * self.ratio, self.size[1] - (y + 0.5) * self.ratio
-
-    # -- the same in pixels --------------------------------------------------------------
-
-    def press(self, pixel, button: str, shift: bool = False) -> None:
-        if self.mode:  # a second button does not interrupt what the first one does
-            return
+        if self.mode or button not in (LEFT, MIDDLE, RIGHT):
+            return  # a second button does not interrupt what the first one does
         self._button = button
-        vertex = self.pick(pixel) if button == "left" else None
-        if vertex is not None and shift:
+        pixel = self._pixel(x, y)
+        vertex = self.pick(pixel) if button == LEFT else None
+        if vertex is not None and modifiers & SHIFT:
             self._set_pin(vertex, True)
         elif vertex is not None:
             self._grab(vertex, pixel)
         else:
-            self.mode = "orbit" if button == "left" else "pan"
-            pin = self.pick(pixel, self.scene.pin_ids) if button == "left" else None
-            self._pin = None if pin is None else (pin, np.asarray(pixel, float))
+            self.mode = "orbit" if button == LEFT else "pan"
+            pin = self.pick(pixel, self.scene.pin_ids) if button == LEFT else None
+            self._pin = None if pin is None else (pin, pixel)
 
-    def drag(self, pixel, dx: float, dy: float) -> None:
-        scene, height = self.scene, self.size[1]
+    def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
+        scene, pixel = self.scene, self._pixel(x, y)
         if self._pin is not None:
             if np.linalg.norm(pixel - self._pin[1]) <= CLICK_SLACK * self.ratio:
                 return
             self._pin = None
         if self.mode == "grab":
             if scene.grabbed is not None:  # a reset lets go while the button is still down
-                at = np.asarray(pixel, float) - self._miss
-                scene.drag_to(picking.onto_view_plane(self.camera, at, scene.grabbed.target))
-        elif self.mode == "orbit":
-            scene.orbit = orbits.turned(scene.orbit, dx, dy, height)
-        elif self.mode == "pan":
-            scene.orbit = orbits.panned(scene.orbit, dx, dy, height)
+                plane = scene.grabbed.target
+                scene.drag_to(picking.onto_view_plane(self.camera, pixel - self._miss, plane))
+        elif self.mode:
+            move = orbits.turned if self.mode == "orbit" else orbits.panned
+            scene.orbit = move(scene.orbit, dx * self.ratio, -dy * self.ratio, self.size[1])
 
-    def release(self, button: str) -> None:
+    def on_mouse_release(self, x, y, button, modifiers):
         if button != self._button:
             return
+        scene = self.scene
         if self.mode == "grab":
-            if self.scene.grabbed is not None:
-                vertex = self.scene.grabbed.vertex
-                self.scene.release()
-                self._log("release", vertex=vertex, position=self.scene.positions[vertex])
+            if scene.grabbed is not None:
+                vertex = scene.grabbed.vertex
+                scene.release()
+                self._log("release", vertex=vertex, position=scene.positions[vertex])
         elif self._pin is not None:
             self._set_pin(self._pin[0], False)
         elif self.mode:
-            orbit = self.scene.orbit
+            orbit = scene.orbit
             self._log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
-        self.mode, self._button, self._pin = "", "", None
+        self.mode, self._button, self._pin = "", 0, None
 
-    def scroll(self, pixel, notches: float) -> None:
-        scene = self.scene
-        scene.orbit = orbits.zoomed(
-            scene.orbit, ZOOM_PER_NOTCH**notches, anchor=self._surface_at(pixel)
-        )
+    def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
+        scene, anchor = self.scene, self._surface_at(self._pixel(x, y))
+        scene.orbit = orbits.zoomed(scene.orbit, ZOOM_PER_NOTCH**scroll_y, anchor)
         self._log("zoom", distance=scene.orbit.distance)
 
     def cancel(self) -> None:
@@ -131,16 +112,12 @@ class Controls:
             vertex = self.scene.grabbed.vertex
             self.scene.cancel_grab()
             self._log("cancel", vertex=vertex)
-        self.mode = self._button = ""
+        self.mode, self._button = "", 0
 
     # -- what is under the mouse ---------------------------------------------------------
 
     def pick(self, pixel, ids=None) -> int | None:
-        """The vertex whose sphere is under a pixel.
-
-        Args:
-            ids: Vertices to choose from, the control vertices by default.
-        """
+        """Which of these vertices, by default the control vertices, has a sphere there."""
         scene, slack = self.scene, PICK_SLACK * self.ratio
         ids = scene.control_ids if ids is None else ids
         shown = self.shown(ids)
@@ -159,19 +136,17 @@ class Controls:
 
     def _surface_at(self, pixel):
         """The object's point under a pixel; beside the object, one as far away as its target."""
-        camera = self.camera
-        depth = self._depth_image()
-        at = np.asarray(pixel, float)
+        camera, depth = self.camera, self._depth_image()
         if depth is not None:
-            t = picking.depth_at(depth, camera, at[None])[0]
+            t = picking.depth_at(depth, camera, pixel[None])[0]
             if np.isfinite(t):
-                return camera.position + t * picking.ray_direction(camera, at)
-        return picking.onto_view_plane(camera, at, self.scene.orbit.target)
+                return camera.position + t * picking.ray_direction(camera, pixel)
+        return picking.onto_view_plane(camera, pixel, self.scene.orbit.target)
 
     def _grab(self, vertex, pixel):
         scene = self.scene
         (center,), _ = picking.project(self.camera, scene.positions[vertex][None])
-        self._miss = np.asarray(pixel, float) - center
+        self._miss = pixel - center
         scene.grab(vertex)
         scene.hover = vertex
         self.mode = "grab"

@@ -16,7 +16,7 @@ RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
 PIN_BLUE = (0.42, 0.50, 0.62)
 HOVER_SCALE, PIN_SCALE = 1.35, 0.6
 WIRE_TINT = (0.10, 0.12, 0.16, 0.45)
-CAPACITY_STEP = 256  # spheres
+SPHERE_FLOATS = 7  # center, radius, tint
 
 
 class HandleLayer:
@@ -24,33 +24,29 @@ class HandleLayer:
 
     def __init__(self, ctx: moderngl.Context, scene):
         self._ctx, self._scene = ctx, scene
-        self._spheres = gl.program(ctx, "handles")
-        self._sphere_buffer = None
         mesh = scene.field.mesh
+        size = 4 * SPHERE_FLOATS * mesh.vertex_count
+        self._sphere_buffer = ctx.buffer(reserve=size, dynamic=True)
+        layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
+        self._spheres = ctx.vertex_array(gl.program(ctx, "handles"), [layout])
         faces, _ = boundary_faces(mesh.tets, scene.field.neighbours)
-        sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        sides = np.unique(np.sort(sides, axis=1), axis=0).astype(np.int32)
+        sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        sides = ctx.buffer(np.unique(sides, axis=0).astype(np.int32))
         self._wire_buffer = ctx.buffer(reserve=12 * mesh.vertex_count, dynamic=True)
-        self._wire = ctx.vertex_array(
-            gl.program(ctx, "wire"),
-            [(self._wire_buffer, "3f", "position")],
-            ctx.buffer(sides),
-        )
+        layout = (self._wire_buffer, "3f", "position")
+        self._wire = ctx.vertex_array(gl.program(ctx, "wire"), [layout], sides)
         self._wire_revision = None
 
     def draw(self, camera, clip_range) -> None:
         """Draw into the framebuffer in use what the settings ask for."""
-        settings = self._scene.settings
         view = np.linalg.inv(camera.camera_to_world)
-        matrices = {
-            "world_to_camera": view,
-            "projection": view_projection(camera, *clip_range) @ camera.camera_to_world,
-        }
+        projection = view_projection(camera, *clip_range) @ camera.camera_to_world
+        matrices = {"world_to_camera": view, "projection": projection}
         self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
-        if settings.show_wireframe:
+        if self._scene.settings.show_wireframe:
             self._draw_wire(matrices)
-        if settings.show_handles:
+        if self._scene.settings.show_handles:
             self._draw_spheres(camera, clip_range, matrices)
 
     def _draw_wire(self, matrices):
@@ -66,20 +62,15 @@ class HandleLayer:
         instances = sphere_instances(self._scene)
         if not len(instances):
             return
-        size = 28 * CAPACITY_STEP * -(-len(instances) // CAPACITY_STEP)
-        if self._sphere_buffer is None or self._sphere_buffer.size < size:
-            self._sphere_buffer = self._ctx.buffer(reserve=size, dynamic=True)
-            layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
-            self._sphere_array = self._ctx.vertex_array(self._spheres, [layout])
         self._sphere_buffer.write(instances)
         gl.set_uniforms(
-            self._spheres,
+            self._spheres.program,
             depth_terms=gl.depth_terms(*clip_range),
             bias=self._scene.handle_bias,
             pixel_angle=1.0 / camera.focal,
             **matrices,
         )
-        self._sphere_array.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(instances))
+        self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(instances))
 
 
 def sphere_instances(scene):
@@ -89,7 +80,7 @@ def sphere_instances(scene):
     """
     pin_ids = scene.pin_ids
     ids = np.concatenate([pin_ids, scene.control_ids])
-    instances = np.empty((len(ids), 7), np.float32)
+    instances = np.empty((len(ids), SPHERE_FLOATS), np.float32)
     instances[:, :3] = scene.positions[ids]
     instances[:, 3] = scene.handle_radius
     instances[:, 4:] = RED

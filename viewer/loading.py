@@ -23,26 +23,22 @@ class Progress:
 
     Attributes:
         seconds: Of the stages that are done, in the order of STAGES.
-        compiling: Whether a kernel is being compiled now.
-        compiled: Whether any kernel was.
+        compiling: Modules of kernels that are being compiled now.
+        compiled: Whether any kernel was compiled.
     """
 
-    def __init__(self, module_count: int):
+    def __init__(self, device: str):
         self.seconds: list[float] = []
+        self.compiling: set[str] = set()
         self.compiled = False
-        self._module_count = module_count
-        self._loaded_count = 0
-        self._compiling: set = set()
+        self.modules = kernel_modules(device)
+        self._loaded: list[str] = []
         self._since = time.perf_counter()
 
     @property
-    def compiling(self) -> bool:
-        return bool(self._compiling)
-
-    @property
     def fraction(self) -> float:
-        done = self._loaded_count + max(len(self.seconds) - 1, 0)
-        return done / (self._module_count + len(STAGES) - 1)
+        done = len(self._loaded) + max(len(self.seconds) - 1, 0)
+        return done / (len(self.modules) + len(STAGES) - 1)
 
     @property
     def stage(self) -> str:
@@ -50,7 +46,7 @@ class Progress:
         if self.seconds:
             return STAGES[min(len(self.seconds), len(STAGES) - 1)]
         verb = "compiling" if self.compiling else "loading"
-        return f"{verb} kernels, {self._loaded_count} of {self._module_count} modules done"
+        return f"{verb} kernels, {len(self._loaded)} of {len(self.modules)} modules done"
 
     @property
     def stage_seconds(self) -> float:
@@ -59,17 +55,16 @@ class Progress:
 
     def begin_module(self, name: str, cached: bool) -> None:
         if not cached:
-            self._compiling.add(name)
+            self.compiling.add(name)
             self.compiled = True
 
     def end_module(self, name: str) -> None:
-        self._compiling.discard(name)
-        self._loaded_count += 1
+        self.compiling.discard(name)
+        self._loaded.append(name)
 
     def end_stage(self) -> None:
-        now = time.perf_counter()
-        self.seconds.append(now - self._since)
-        self._since = now
+        self.seconds.append(self.stage_seconds)
+        self._since = time.perf_counter()
 
 
 def kernel_modules(device: str) -> list[str]:
@@ -86,8 +81,8 @@ def is_cached(name: str, device: str) -> bool:
     return any(folder.glob("*.meta")) and any(folder.glob(binary))
 
 
-def load_kernels(modules: list[str], device: str, progress: Progress) -> None:
-    """Load modules of kernels, and compile those that Warp's cache lacks."""
+def load_kernels(device: str, progress: Progress) -> None:
+    """Load the modules of kernels, and compile those that Warp's cache lacks."""
 
     def load(name):
         progress.begin_module(name, is_cached(name, device))
@@ -96,13 +91,13 @@ def load_kernels(modules: list[str], device: str, progress: Progress) -> None:
 
     # Side by side, Warp's compiler for the CPU takes longer than one after another.
     with ThreadPoolExecutor(1 if device == "cpu" else thread_count()) as pool:
-        list(pool.map(load, modules))  # the list raises what a thread raised
-
-
-def prepare(field, name: str, device: str, modules: list[str], progress: Progress):
-    """Scene and renderer of a model, with every kernel that they launch."""
-    load_kernels(modules, device, progress)
+        list(pool.map(load, progress.modules))  # the list raises what a thread raised
     progress.end_stage()
+
+
+def prepare(field, name: str, device: str, progress: Progress):
+    """Scene and renderer of a model, with every kernel that they launch."""
+    load_kernels(device, progress)
     rest = field.mesh.rest_vertices
     renderer = render.Renderer(field, device)
     renderer.set_vertices(rest)
