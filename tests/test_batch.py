@@ -8,8 +8,8 @@ import warp as wp
 from deformrf.core.field.networks.reference import spherical_harmonics
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.render import Pose
-from deformrf.core.training.options import PRESETS
 from deformrf.core.training.run.batch import MAX_RAY_SAMPLES, Batch
+from deformrf.core.training.train_options import PRESETS
 
 RAYS = 300
 

@@ -6,8 +6,13 @@ import torch
 
 from deformrf.core.geometry import a15_grid
 from deformrf.core.training import preset
-from deformrf.core.training.run import checkpoint
-from deformrf.core.training.run.checkpoint import Checkpoint, CheckpointError
+from deformrf.core.training.run.checkpoint import (
+    FORMAT,
+    Checkpoint,
+    CheckpointError,
+    load_checkpoint,
+    save_checkpoint,
+)
 
 
 def some(**options):
@@ -17,8 +22,8 @@ def some(**options):
 
 def test_what_is_saved_is_loaded(tmp_path):
     saved = some(aabb=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0))
-    checkpoint.save_checkpoint(saved, tmp_path / "a.checkpoint")
-    loaded = checkpoint.load_checkpoint(tmp_path / "a.checkpoint")
+    save_checkpoint(saved, tmp_path / "a.checkpoint")
+    loaded = load_checkpoint(tmp_path / "a.checkpoint")
     assert (loaded.options, loaded.stage, loaded.report) == (saved.options, 2, saved.report)
     np.testing.assert_array_equal(loaded.mesh.tets, saved.mesh.tets)
     np.testing.assert_array_equal(loaded.mesh.rest_vertices, saved.mesh.rest_vertices)
@@ -38,13 +43,13 @@ def truncate(path):
         (truncate, "can't be read as a checkpoint"),
         (lambda path: torch.save({"format": "other"}, path), "another version"),
         (lambda path: torch.save([1], path), "no checkpoint of this version"),
-        (lambda path: torch.save({"format": checkpoint.FORMAT}, path), "no checkpoint of this"),
+        (lambda path: torch.save({"format": FORMAT}, path), "no checkpoint of this"),
     ],
 )
 def test_what_can_not_be_used_is_one_sentence(tmp_path, spoil, sentence):
     path = tmp_path / "a.checkpoint"
-    checkpoint.save_checkpoint(some(), path)
+    save_checkpoint(some(), path)
     spoil(path)
     with pytest.raises(CheckpointError, match=sentence) as caught:
-        checkpoint.load_checkpoint(path)
+        load_checkpoint(path)
     assert "\n" not in str(caught.value)

@@ -16,7 +16,7 @@ from deformrf.core.field import modelfile
 from deformrf.core.render import look_at
 from deformrf.core.training import DatasetError, preset
 from deformrf.core.training.data import datasets
-from deformrf.core.training.options import LEAVE_OUT, PRESETS
+from deformrf.core.training.train_options import LEAVE_OUT, PRESETS
 
 
 def test_training_gets_data_options_and_device(call, trainer, data, tmp_path):

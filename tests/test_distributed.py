@@ -19,6 +19,7 @@ from deformrf.core.field import FieldOptions, modelfile
 from deformrf.core.geometry import a15_grid
 from deformrf.core.render import look_at
 from deformrf.core.training import (
+    TrainOptions,
     load_checkpoint,
     load_dataset,
     preset,
@@ -26,11 +27,17 @@ from deformrf.core.training import (
     world_to_unit_cube,
 )
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run.differentiable import on_warp_stream
-from deformrf.core.training.run.distributed import ALONE, Workers, torchrun_workers
-from deformrf.core.training.run.stage import Stage
-from deformrf.core.training.run.step import LOSS_SCALE, Step
-from deformrf.core.training.run.surroundings import LearntSurroundings, random_surroundings
+from deformrf.core.training.run import (
+    ALONE,
+    LearntSurroundings,
+    Optimization,
+    TrainingField,
+    Workers,
+    on_warp_stream,
+    random_surroundings,
+    torchrun_workers,
+)
+from deformrf.core.training.run.optimization import LOSS_SCALE
 
 SIZE = 24
 RAYS = 301  # two shares of it differ
@@ -40,44 +47,50 @@ OPTIONS = preset("tiny", coarse_steps=40, fine_steps=40, samples_per_step=2**11,
 INTERRUPTED_AFTER = 20  # steps
 
 
-def make_step(dataset, device, workers, around=False):
+def make_run(dataset, device, workers, around=False):
     options = FieldOptions(level_count=3, table_size=2**10, march_step=0.02)
     surroundings = None
     if around:
         box = np.array([[0.2] * 3, [0.8] * 3])
         surroundings = LearntSurroundings(random_surroundings(box), device)
-    stage = Stage(a15_grid(0.2), options, device, 0, surroundings, workers=workers)
+    field = TrainingField(a15_grid(0.2), options, device, 0, surroundings, workers=workers)
     bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), device)
-    step = Step(stage, bank, 1e-2, 2**15)
-    step.set_ray_count(RAYS)
-    return step
+    options = TrainOptions(samples_per_step=2**15)
+    run = Optimization(field, bank, options, dataset.has_alpha, STEPS)
+    run.set_ray_count(RAYS)
+    return run
 
 
-def gradients(step):
+def gradients(run):
     """Of the first step's rays: this worker's own, and what it updates with."""
-    batch = step.batch
-    step._seed_batch(batch, 0)
-    step._march(batch)
-    step._go_back(batch)
+    batch = run.batch
+    run._seed(batch, 0)
+    run._march(batch)
+    run._go_back(batch)
     found = {"rays": batch.directions, "background": batch.background}
-    found |= {"samples": step.sample_count(), "own": step.stage.table.grad / LOSS_SCALE}
-    if step._shared:
-        found["own"] = found["own"] / batch.fits.sum()
-        step._shared.exchange()
-        step._shared.spread()
-    found["all"] = [p.grad / LOSS_SCALE for p in step.stage.parameters()]
+    found["samples"] = run.sample_count()
+    exchange, count = run._exchange, len(run.field.table)
+    if exchange is None:
+        found["all"] = [p.grad / LOSS_SCALE for p in run.field.parameters()]
+        found["own"] = found["all"][0]
+        return found
+    found["own"] = exchange._table_gradient[:count].float() / batch.fits.sum() / LOSS_SCALE
+    exchange.reduce()
+    exchange.spread()
+    part, *others = (p.grad for p in exchange.parameters)
+    found["all"] = [g / LOSS_SCALE for g in (exchange.whole(part), *others)]
     return found
 
 
 def learn(dataset, device, workers):
     """Some steps: the errors, and the weights after the first ones and after all."""
-    step = make_step(dataset, device, workers)
+    run = make_run(dataset, device, workers)
     errors, weights = [], []
     for _ in range(STEPS):
-        step.run(1e-2, white=False)
-        errors.append(float(step.error))
-        if step.number in (FIRST_STEPS, STEPS):
-            weights.append([p.detach().clone() for p in step.stage.parameters()])
+        run.step(1e-2, white=False)
+        errors.append(float(run.error))
+        if run.number in (FIRST_STEPS, STEPS):
+            weights.append([p.detach().clone() for p in run.field.parameters()])
     return {"errors": errors, "first": weights[0], "last": weights[1]}
 
 
@@ -97,8 +110,8 @@ def all_of_it(folder, device, workers):
     dataset = load_dataset(folder / "data", "train")
     with on_warp_stream(device):
         result = {
-            "gradients": gradients(make_step(dataset, device, workers)),
-            "around": gradients(make_step(dataset, device, workers, around=True)),
+            "gradients": gradients(make_run(dataset, device, workers)),
+            "around": gradients(make_run(dataset, device, workers, around=True)),
             "learnt": learn(dataset, device, workers),
         }
     result["trained"] = train(dataset, device, workers)
@@ -107,14 +120,14 @@ def all_of_it(folder, device, workers):
 
 def interrupted(folder, device, workers):
     """Ctrl-C reaches the second worker alone, between two pauses."""
-    run = Step.run
+    step = Optimization.step
 
-    def interrupting(step, *arguments):
-        if workers.rank == 1 and step.number == INTERRUPTED_AFTER:
+    def interrupting(run, *arguments):
+        if workers.rank == 1 and run.number == INTERRUPTED_AFTER:
             os.kill(os.getpid(), signal.SIGINT)
-        run(step, *arguments)
+        step(run, *arguments)
 
-    Step.run = interrupting
+    Optimization.step = interrupting
     dataset = load_dataset(folder / "data", "train")
     return train(dataset, device, workers, folder / f"{workers.rank}.checkpoint")
 

@@ -15,7 +15,7 @@ from deformrf.core.render import Renderer, from_field_of_view, look_at, pinhole
 from deformrf.core.training import evaluation
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.evaluation import evaluate
-from deformrf.core.training.run.surroundings import LearntSurroundings, random_surroundings
+from deformrf.core.training.run import LearntSurroundings, random_surroundings
 
 SIZE = 16
 VIEWS = 3

@@ -14,10 +14,14 @@ from deformrf.core.render import look_at, pinhole
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run import checkpoint, fit, history
-from deformrf.core.training.run.history import History
-from deformrf.core.training.run.stage import Stage
-from deformrf.core.training.run.step import Step
+from deformrf.core.training.run import (
+    History,
+    Optimization,
+    TrainingField,
+    history,
+    load_checkpoint,
+    optimization,
+)
 
 SIZE = 24
 OPTIONS = preset(
@@ -36,7 +40,7 @@ LOOKS = [(1, 16), (1, 32), (1, 40), (2, 16), (2, 32), (2, 48), (2, 60)]
 def few_rays():
     """So that the first steps take no longer than the others."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fit, "RAYS_AT_START", fit.FEWEST_RAYS)
+        patch.setattr(optimization, "RAYS_AT_START", optimization.FEWEST_RAYS)
         yield
 
 
@@ -140,7 +144,7 @@ class Interrupting:
     "owner, name, after, known",
     [
         (RayBank, "draw", 32, 2),  # just after the error was seen
-        (Stage, "hide_unseen", 0, 3),  # all steps of stage 1 are done
+        (TrainingField, "hide_unseen", 0, 3),  # all steps of stage 1 are done
         (RayBank, "draw", OPTIONS.coarse_steps + 21, 4),
     ],
 )
@@ -153,7 +157,7 @@ def test_a_resumed_run_goes_on_with_it(
         Interrupting(patch, owner, name, after)
         first = trainer.train(views, OPTIONS, "cpu", "ball", path)
     assert first.interrupted
-    resumed = checkpoint.load_checkpoint(path)
+    resumed = load_checkpoint(path)
     begun = first.report["history"]
     assert resumed.report["history"] == begun
     assert places(begun)[-1] == LOOKS[known - 1]
@@ -179,15 +183,15 @@ def test_a_row_that_was_begun_is_gone_on_with():
 
 
 def test_a_lost_run_keeps_what_it_knew(views, monkeypatch):
-    run = Step.run
+    step = Optimization.step
 
-    def spoiled(step, *arguments):
-        run(step, *arguments)
-        if step.number == 35:
+    def spoiled(run, *arguments):
+        step(run, *arguments)
+        if run.number == 35:
             with torch.no_grad():
-                step.stage.networks.color[0].weight[0, 0] = float("nan")
+                run.field.networks.color[0].weight[0, 0] = float("nan")
 
-    monkeypatch.setattr(Step, "run", spoiled)
+    monkeypatch.setattr(Optimization, "step", spoiled)
     lost = trainer.train(views, OPTIONS, "cpu", "ball")
     assert lost.diverged
     assert places(lost.report["history"]) == LOOKS[:2]

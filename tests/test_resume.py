@@ -10,13 +10,11 @@ from deformrf.core.training import preset
 
 def unfinished(path, options=None, view_count=3, image_size=(16, 12)):
     """A checkpoint of a run with those options, over such views."""
-    from deformrf.core.training.run import checkpoint
+    from deformrf.core.training.run import Checkpoint, save_checkpoint
 
     report = {"view_count": view_count, "image_size": list(image_size), "seconds": 9.0}
     options = options or preset("tiny", seed=5)
-    checkpoint.save_checkpoint(
-        checkpoint.Checkpoint(options, 1, a15_grid(0.25), {}, np.eye(4), report), path
-    )
+    save_checkpoint(Checkpoint(options, 1, a15_grid(0.25), {}, np.eye(4), report), path)
     return options
 
 

@@ -14,10 +14,9 @@ from deformrf.core.render import camera_rays, from_field_of_view, look_at
 from deformrf.core.training import DatasetError, load_dataset, preset, trainer
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.evaluation import evaluate
-from deformrf.core.training.options import PRESETS
-from deformrf.core.training.run import checkpoint, fit
-from deformrf.core.training.run.batch import Batch
-from deformrf.core.training.run.stage import Stage
+from deformrf.core.training.run import Batch, TrainingField, load_checkpoint
+from deformrf.core.training.run.optimization import PAUSE_INTERVAL
+from deformrf.core.training.train_options import PRESETS
 
 SIZE, ANGLE = 40, 0.7
 
@@ -107,7 +106,7 @@ def test_an_interrupt_leaves_the_field_as_it_is(ball_data, monkeypatch, after):
 
 def test_an_interrupt_in_the_last_look_leaves_the_field_as_it_is(ball_data, monkeypatch):
     looks = 0
-    hide_unseen = Stage.hide_unseen
+    hide_unseen = TrainingField.hide_unseen
 
     def interrupting(self, *arguments):
         nonlocal looks
@@ -116,7 +115,7 @@ def test_an_interrupt_in_the_last_look_leaves_the_field_as_it_is(ball_data, monk
             raise KeyboardInterrupt
         hide_unseen(self, *arguments)
 
-    monkeypatch.setattr(Stage, "hide_unseen", interrupting)
+    monkeypatch.setattr(TrainingField, "hide_unseen", interrupting)
     trained = trainer.train(ball_data[0], SMALL, "cpu", "ball")
     assert trained.interrupted
     assert trained.field.options.level_count == SMALL.level_count
@@ -151,7 +150,7 @@ def test_who_watches_a_run_neither_changes_it_nor_costs_it_time(ball_data, train
     begin = time.perf_counter()
     watched = trainer.train(ball_data[0], SMALL, "cpu", "ball", on_pause=look)
     elapsed = time.perf_counter() - begin
-    pauses = [(steps - 1) // fit.OCCUPANCY_INTERVAL for steps in (60, 80)]
+    pauses = [(steps - 1) // PAUSE_INTERVAL for steps in (60, 80)]
     assert [stage for stage, *_ in calls] == [1] * pauses[0] + [2] * pauses[1]
     seconds = [when for _, when, _ in calls]
     assert seconds == sorted(seconds)
@@ -169,7 +168,7 @@ def test_without_the_coarse_stage_the_whole_grid_learns(ball_data, monkeypatch, 
         Interrupting(patch, 40)
         assert trainer.train(ball_data[0], options, "cpu", "ball", path).interrupted
     trained = trainer.train(
-        ball_data[0], options, "cpu", "ball", path, resumed=checkpoint.load_checkpoint(path)
+        ball_data[0], options, "cpu", "ball", path, resumed=load_checkpoint(path)
     )
     assert trained.complete
     field = trained.field
@@ -190,7 +189,7 @@ def test_without_a_subtet_mask_tets_are_occupied_as_a_whole(ball_data, trained):
 
 def test_a_tet_is_occupied_whole_if_any_of_its_subtets_is():
     options = FieldOptions(level_count=2, table_size=2**8)
-    stage = Stage(a15_grid(0.25), options, "cpu", subtet_mask=False)
+    stage = TrainingField(a15_grid(0.25), options, "cpu", subtet_mask=False)
     with torch.no_grad():
         stage.networks.density[-1].bias[0] = 8.0
     stage.hidden[:] = True
@@ -249,7 +248,7 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(
         Interrupting(patch, after)
         first = trainer.train(ball_data[0], SMALL, "cpu", "ball", path)
     assert first.interrupted
-    resumed = checkpoint.load_checkpoint(path)
+    resumed = load_checkpoint(path)
     assert (resumed.stage, resumed.fit["step"]["number"]) == ((1, 37) if after < 60 else (2, 45))
     assert resumed.options == SMALL
     whole = trainer.train(ball_data[0], resumed.options, "cpu", "ball", path, resumed)
@@ -270,7 +269,7 @@ def test_a_resumed_run_keeps_the_corner_orders_of_its_checkpoint(ball_data, monk
         first = trainer.train(ball_data[0], SMALL, "cpu", "ball", path)
     with monkeypatch.context() as patch:
         Interrupting(patch, 2)
-        resumed = checkpoint.load_checkpoint(path)
+        resumed = load_checkpoint(path)
         second = trainer.train(ball_data[0], SMALL, "cpu", "ball", path, resumed)
     np.testing.assert_array_equal(second.field.mesh.tets, first.field.mesh.tets)
 
@@ -280,13 +279,13 @@ def test_a_long_run_is_saved_from_time_to_time(ball_data, monkeypatch, tmp_path)
     path = tmp_path / "ball.checkpoint"
     trained = trainer.train(ball_data[0], SMALL, "cpu", "ball", path)
     assert trained.complete
-    saved = checkpoint.load_checkpoint(path)
-    last = (SMALL.fine_steps - 1) // fit.OCCUPANCY_INTERVAL * fit.OCCUPANCY_INTERVAL
+    saved = load_checkpoint(path)
+    last = (SMALL.fine_steps - 1) // PAUSE_INTERVAL * PAUSE_INTERVAL
     assert (saved.stage, saved.fit["step"]["number"]) == (2, last)
 
 
 def test_nothing_occupied_is_said_so():
-    stage = Stage(a15_grid(0.25), FieldOptions(level_count=2, table_size=2**8), "cpu")
+    stage = TrainingField(a15_grid(0.25), FieldOptions(level_count=2, table_size=2**8), "cpu")
     stage.occupied[:] = False
     with pytest.raises(DatasetError, match="scene box"):
         trainer.kept_mesh(stage)
@@ -295,7 +294,7 @@ def test_nothing_occupied_is_said_so():
 @pytest.mark.parametrize("share, stays", [(0.8, False), (1.2, True)])
 def test_floaters_are_measured_by_what_is_seen_of_them(share, stays):
     """A speck has many neighbours for its size; a few of its tets, of so many limits."""
-    stage = Stage(a15_grid(0.05), FieldOptions(level_count=2, table_size=2**8), "cpu")
+    stage = TrainingField(a15_grid(0.05), FieldOptions(level_count=2, table_size=2**8), "cpu")
     middles = stage.mesh.rest_vertices[stage.mesh.tets].mean(axis=1)
     body, corner = middles[:, 0] < 0.5, [0.8, 0.5, 0.5]
     count = round(share * trainer.SMALLEST_COMPONENT * body.sum())
@@ -318,7 +317,7 @@ def test_an_unknown_preset_is_named_with_the_known_ones():
 
 def test_occupancy_follows_density():
     """Sub-tets of a field whose density has been switched off are forgotten."""
-    stage = Stage(a15_grid(0.2), FieldOptions(level_count=2, table_size=2**8), "cpu")
+    stage = TrainingField(a15_grid(0.2), FieldOptions(level_count=2, table_size=2**8), "cpu")
     with torch.no_grad():
         stage.networks.density[-1].bias[0] = 8.0
     stage.update_occupancy()
@@ -332,7 +331,7 @@ def test_occupancy_follows_density():
 
 def test_what_no_ray_sees_is_hidden():
     """An opaque field seen from one side: only its front remains."""
-    stage = Stage(a15_grid(0.2), FieldOptions(level_count=2, table_size=2**8), "cpu")
+    stage = TrainingField(a15_grid(0.2), FieldOptions(level_count=2, table_size=2**8), "cpu")
     with torch.no_grad():
         stage.networks.density[-1].bias[0] = 9.0
     rng = np.random.default_rng()

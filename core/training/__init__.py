@@ -23,7 +23,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "output_paths",
             "write_report",
         ],
-        "options": ["TrainOptions", "preset"],
+        "train_options": ["TrainOptions", "preset"],
         "trainer": ["train"],
         # for the commands
         "lpips": ["LPIPS_SIZE_MIN", "Lpips"],

@@ -19,7 +19,7 @@ from ..device import thread_count
 from ..field import TetField, occupied_share, parts_of_file
 from ..paths import whole_file
 from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space
-from .data import Dataset, has_white_border, track, white_composite
+from .data import Dataset, learns_surroundings, track, white_composite
 from .metrics import check_size, psnr, ssim
 
 REPORT = "report.json"
@@ -191,15 +191,12 @@ def render_view(renderer, around, camera, options):
 
 
 def lacks_surroundings(field, dataset) -> bool:
-    """Whether photographs show surroundings that training learnt and the model does not hold.
-
-    Decided as by trainer.learns_surroundings, for these images.
-    """
+    """Whether photographs show surroundings that training learnt and the model does not hold."""
     options = field.meta.get("options")
-    asked = options.get("surroundings") if isinstance(options, dict) else None
-    if field.surroundings is not None or asked == "white" or dataset.has_alpha:
+    choice = options.get("surroundings", "auto") if isinstance(options, dict) else "auto"
+    if field.surroundings is not None or dataset.has_alpha:
         return False
-    return asked == "learnt" or not has_white_border(dataset)
+    return learns_surroundings(choice, dataset)
 
 
 def score_view(rendered, truth, has_alpha, lpips=None) -> dict:

@@ -2,14 +2,9 @@
 
 Stage 1 trains few levels on the A15 grid of the whole scene box and learns where density
 is; the occupied tets, what they enclose and their neighbours are kept.  Stage 2 trains all
-levels on the kept tets.  Both minimise
-
-    mean squared error of the composited color + distortion weight · distortion
-
-with Adam.  Images with alpha are composited on a random background per ray in the first half
-of a stage, then on white: so that empty space learns to be empty, and the result is at its
-best on the background it is scored on.  Where the surroundings are learnt too, rays cost
-something else besides their error; see surroundings.surrounded_cost.
+levels on the kept tets.  Both minimise the loss of run/loss.py with Adam.  In the first half
+of a stage, images with alpha have a random background per ray, then a white one: so empty
+space learns to be empty, and the result is best on the background that it is scored on.
 
 A run that leaves stage 1 out is stage 2 on the whole grid in the scene box; its model holds
 all of those tets, the empty ones too.
@@ -27,27 +22,36 @@ import warp as wp
 from ..field import FieldOptions, TetField, below_pixel, fill_enclosed, level_edges, narrowest_pixel
 from ..geometry import TetMesh, a15_grid, extract, face_components, tet_neighbours
 from ..render import in_space
-from .data import Dataset, DatasetError, RayBank, has_white_border, object_box, world_to_unit_cube
-from .options import TrainOptions
+from .data import (
+    Dataset,
+    DatasetError,
+    RayBank,
+    learns_surroundings,
+    object_box,
+    world_to_unit_cube,
+)
 from .run import (
+    ADVICE,
     ALONE,
-    Batch,
     Checkpoint,
     Diverged,
-    Fit,
     History,
     LearntSurroundings,
-    Stage,
+    Optimization,
+    TrainingField,
     TrainingProgress,
     Workers,
+    lacks_memory,
+    looks,
     on_warp_stream,
     random_surroundings,
     save_checkpoint,
 )
+from .train_options import TrainOptions
 
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
-UNSEEN_WEIGHT = 1e-3  # a sub-tet that never contributes as much is hidden
+UNSEEN_WEIGHT = 1e-3  # a sub-tet in which no sample weighs as much is hidden
 COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
 COARSE_LOOK, FINE_LOOK = 4, 16  # rays that look for it, over the samples of a step
 SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters
@@ -87,6 +91,9 @@ def train(
 ) -> Trained:
     """Train a field.
 
+    A KeyboardInterrupt or a diverged loss ends the run early; the field is then what there
+    is.  Several workers stop together, within a few steps.
+
     Args:
         dataset: The training views.
         device: A Warp device.
@@ -94,36 +101,63 @@ def train(
         checkpoint_path: Where the run is written every minute and when it is interrupted.
         resumed: Go on from there; `options` have to be its own.
         on_pause: Called every few steps with the stage's number, the seconds so far and a
-            function that exports the field as it stands, for use within the call.  Its own
-            time isn't counted; the memory it takes is.
+            function that exports the field as it stands, for use within the call.  The run's
+            clock stops meanwhile; memory that the call takes is counted.
         workers: Who trains together; all make the same call, each with its own device.  All
             get the field, the first writes checkpoints and calls `on_pause`.
 
-    A KeyboardInterrupt or a loss that is lost ends the run early; the field is then what
-    there is.  Several workers stop together, within a few steps.
+    Raises:
+        DatasetError: Stage 1 found nothing in the scene box.
+        MemoryError: The GPU's memory is too small, in a sentence.
     """
     wp.init()
     if not workers.is_first:
         checkpoint_path = on_pause = None
-    run = _Run(dataset, options, device, name, checkpoint_path, resumed, on_pause, workers)
-    with (
-        on_warp_stream(device),
-        workers.stopping_together(),
-        TrainingProgress(workers.is_first) as progress,
-    ):
-        return run.train(progress)
+    try:
+        with (
+            on_warp_stream(device),
+            workers.stopping_together(),
+            TrainingProgress(workers.is_first) as progress,
+        ):
+            run = _Run(
+                dataset,
+                options,
+                device,
+                name,
+                checkpoint_path,
+                resumed,
+                on_pause,
+                workers,
+                progress,
+            )
+            return run.train()
+    except RuntimeError as error:
+        if not lacks_memory(error):
+            raise
+        raise MemoryError(f"the GPU's memory is too small: {ADVICE} ({error})") from error
 
 
 class _Run:
-    """The two stages, and where between them a run is."""
+    """A run: its stages one after another, its clock, its report, and its checkpoints."""
 
-    def __init__(self, dataset, options, device, name, checkpoint_path, resumed, on_pause, workers):
+    def __init__(
+        self,
+        dataset,
+        options,
+        device,
+        name,
+        checkpoint_path,
+        resumed,
+        on_pause,
+        workers,
+        progress,
+    ):
         self.dataset, self.options, self.device = dataset, options, device
         self.checkpoint_path, self.resumed = checkpoint_path, resumed
-        self.on_pause, self.workers = on_pause, workers
+        self.on_pause, self.workers, self.progress = on_pause, workers, progress
         self.start = self.saved = time.perf_counter()
-        self.stage = self.fit = None
-        self.surroundings = None
+        self.stage = 0  # 1 or 2 once there is a field
+        self.field = self.optimization = self.surroundings = None
         self.memory = [0, 0]  # bytes at most, of each stage
         if resumed:
             self.world_to_model, self.report = resumed.world_to_model, dict(resumed.report)
@@ -143,64 +177,71 @@ class _Run:
         self.report["workers"] = workers.count
         self.box = object_box(self.world_to_model, options.aabb)
 
-    def train(self, progress) -> Trained:
-        if learns_surroundings(self.dataset, self.options):
+    def train(self) -> Trained:
+        if learns_surroundings(self.options.surroundings, self.dataset):
             start = random_surroundings(self.box, self.options.seed)
             self.surroundings = LearntSurroundings(start, self.device)
         interrupted, diverged = False, None
         try:
-            bank = RayBank(self.dataset, self.world_to_model, self.device)
+            self.bank = RayBank(self.dataset, self.world_to_model, self.device)
             if self.resumed:  # another version's grid may order corners otherwise
                 mesh = self.resumed.mesh
             else:
                 mesh = boxed(a15_grid(self.options.spacing), self.box, self.options.spacing)
             if self.resumed is None or self.resumed.stage == 1:
                 if "coarse-stage" not in self.options.leave_out:
-                    self._coarse(mesh, bank, progress)
-                    mesh = kept_mesh(self.stage)
-                    self.report["stage_1_tet_count"] = self.stage.mesh.tet_count
+                    mesh = self._train_coarse(mesh)
                 self.report["tet_count"] = mesh.tet_count
-            self._fine(mesh, bank, progress)
+            self._train_fine(mesh)
         except KeyboardInterrupt:
             interrupted = True
-            if self.stage is None:
+            if self.field is None:
                 raise  # there is nothing yet to keep
             self._save()
         except Diverged as error:
             diverged = str(error)
         return self._result(interrupted, diverged)
 
-    def _coarse(self, mesh, bank, progress):
-        self._fit(1, mesh, coarse_options(self.options), self.options.coarse_steps, bank, progress)
-        self.stage.update_occupancy()
-        looks = _looking_batches(bank, self.device, COARSE_LOOK * self.options.samples_per_step)
-        self.stage.hide_unseen(looks, COARSE_UNSEEN_WEIGHT)
-        self._note_memory()
+    def _train_coarse(self, mesh) -> TetMesh:
+        """Stage 1; the tets that it keeps."""
+        self._train_stage(1, mesh, coarse_options(self.options), self.options.coarse_steps)
+        self.field.update_occupancy()
+        self._hide_unseen(COARSE_LOOK, COARSE_UNSEEN_WEIGHT)
         self.report["stage_1_seconds"] = self._seconds()
+        self.report["stage_1_tet_count"] = mesh.tet_count
+        return kept_mesh(self.field)
 
-    def _fine(self, mesh, bank, progress):
-        self._fit(2, mesh, field_options(self.options), self.options.fine_steps, bank, progress)
-        looks = _looking_batches(bank, self.device, FINE_LOOK * self.options.samples_per_step)
-        self.stage.hide_unseen(looks, UNSEEN_WEIGHT)
+    def _train_fine(self, mesh):
+        """Stage 2."""
+        self._train_stage(2, mesh, field_options(self.options), self.options.fine_steps)
+        self._hide_unseen(FINE_LOOK, UNSEEN_WEIGHT)
+
+    def _train_stage(self, stage, mesh, options: FieldOptions, step_count):
+        self.optimization = None  # the stage before gives its memory back
+        field = TrainingField(
+            mesh,
+            options,
+            self.device,
+            self.options.seed,
+            self.surroundings,
+            "subtet-mask" not in self.options.leave_out,
+            self.workers,
+        )
+        if field.device.is_cuda:
+            torch.cuda.reset_peak_memory_stats()
+        has_alpha = self.dataset.has_alpha
+        optimization = Optimization(field, self.bank, self.options, has_alpha, step_count)
+        if self.resumed and self.resumed.stage == stage:
+            optimization.load_state(self.resumed.fit)
+        # Not before: an interrupt keeps the stage before, or the checkpoint as it was.
+        self.stage, self.field, self.optimization = stage, field, optimization
+        history = History(self.report["history"], stage, step_count, self._seconds)
+        optimization.run(self.progress, f"stage {stage}", self._pause, history.note)
         self._note_memory()
 
-    def _fit(self, number, mesh, field_options_, step_count, bank, progress):
-        self.fit = None  # the stage before gives its memory back
-        seed = self.options.seed
-        subtet_mask = "subtet-mask" not in self.options.leave_out
-        stage = Stage(
-            *(mesh, field_options_, self.device, seed, self.surroundings, subtet_mask),
-            workers=self.workers,
-        )
-        if stage.device.is_cuda:
-            torch.cuda.reset_peak_memory_stats()
-        fit = Fit(stage, bank, self.options, self.dataset.has_alpha, step_count)
-        if self.resumed and self.resumed.stage == number:
-            fit.load_state(self.resumed.fit)
-        # Not before: who interrupts has the stage before it, or the checkpoint as it was.
-        self.stage, self.stage_number, self.fit = stage, number, fit
-        history = History(self.report["history"], number, step_count, self._seconds)
-        fit.run(progress, f"stage {number}", self._pause, history.note)
+    def _hide_unseen(self, look, smallest_weight):
+        most = look * self.options.samples_per_step
+        self.field.hide_unseen(looks(self.bank, self.field.device, most), smallest_weight)
         self._note_memory()
 
     def _seconds(self) -> float:
@@ -208,29 +249,32 @@ class _Run:
         return time.perf_counter() - self.start
 
     def _note_memory(self):
-        """torch's highest so far in this stage, and what Warp holds: it holds it throughout."""
-        if self.stage.device.is_cuda:
+        """torch's highest so far in this stage, and what Warp holds throughout."""
+        if self.field.device.is_cuda:
             used = torch.cuda.max_memory_allocated()
-            used += wp.get_mempool_used_mem_current(self.stage.device)
-            number = self.stage_number - 1
-            self.memory[number] = max(self.memory[number], used)
+            used += wp.get_mempool_used_mem_current(self.field.device)
+            self.memory[self.stage - 1] = max(self.memory[self.stage - 1], used)
 
     def _pause(self):
         self._note_memory()
-        if time.perf_counter() - self.saved > CHECKPOINT_SECONDS:
+        due = time.perf_counter() - self.saved > CHECKPOINT_SECONDS
+        if self.workers.any(due and self.checkpoint_path is not None):
             self._save()
         if self.on_pause:
-            wp.synchronize_device(self.stage.device)  # what is under way is training
+            wp.synchronize_device(self.field.device)  # what is under way is training
             begin = time.perf_counter()
-            self.on_pause(self.stage_number, begin - self.start, self._export)
+            self.on_pause(self.stage, begin - self.start, self._export)
             self.start += time.perf_counter() - begin
 
     def _export(self) -> TetField:
-        with self.fit.averaged() if self.fit else nullcontext():
-            return self.stage.export(self.world_to_model, self.report)
+        with self.optimization.averaged() if self.optimization else nullcontext():
+            return self.field.export(self.world_to_model, self.report)
 
     def _save(self):
-        if self.checkpoint_path is None or self.fit is None:
+        if self.optimization is None:
+            return
+        state = self.optimization.state()  # every worker has a part of it
+        if self.checkpoint_path is None:
             return
         report = {
             **self.report,
@@ -239,41 +283,38 @@ class _Run:
         }
         save_checkpoint(
             Checkpoint(
-                *(self.options, self.stage_number, self.stage.mesh, self.fit.state()),
-                *(self.world_to_model, report),
+                self.options,
+                self.stage,
+                self.field.mesh,
+                state,
+                self.world_to_model,
+                report,
             ),
             self.checkpoint_path,
         )
         self.saved = time.perf_counter()
 
-    def _levels_below_pixel(self) -> list[int]:
-        """Levels that are finer than a pixel of every training image."""
-        positions = in_space(self.dataset.poses, self.world_to_model)[:, :3, 3]
-        focals = np.array([max(lens.focal) for lens in self.dataset.lenses])
-        mesh = self.stage.mesh
-        pixel = narrowest_pixel(positions, focals, mesh.rest_vertices)
-        edges = level_edges(mesh, self.stage.options.level_count)
-        return np.flatnonzero(below_pixel(edges, pixel)).tolist()
-
     def _result(self, interrupted, diverged) -> Trained:
-        stage, report = self.stage, self.report
+        field, report = self.field, self.report
         report["seconds"] = self._seconds()
         report["interrupted"] = interrupted
         if diverged:
             report["diverged"] = diverged
-        report["occupied_share"] = stage.occupied_share()
-        if stage.device.is_cuda:
+        report["occupied_share"] = field.occupied_share()
+        if field.device.is_cuda:
             report["peak_memory_bytes"] = self.memory
-        report["device"] = stage.device.name
+        report["device"] = field.device.name
         report["levels_below_pixel"] = self._levels_below_pixel()
         return Trained(self._export(), report, interrupted, diverged)
 
-
-def learns_surroundings(dataset: Dataset, options: TrainOptions) -> bool:
-    """Whether what is around the object is learnt; see TrainOptions.surroundings."""
-    if options.surroundings == "auto":
-        return not dataset.has_alpha and not has_white_border(dataset)
-    return options.surroundings == "learnt"
+    def _levels_below_pixel(self) -> list[int]:
+        """Levels that no training image could tell apart."""
+        positions = in_space(self.dataset.poses, self.world_to_model)[:, :3, 3]
+        focals = np.array([max(lens.focal) for lens in self.dataset.lenses])
+        mesh = self.field.mesh
+        pixel = narrowest_pixel(positions, focals, mesh.rest_vertices)
+        edges = level_edges(mesh, self.field.options.level_count)
+        return np.flatnonzero(below_pixel(edges, pixel)).tolist()
 
 
 def boxed(mesh: TetMesh, box, spacing) -> TetMesh:
@@ -287,7 +328,6 @@ def field_options(options: TrainOptions) -> FieldOptions:
     return FieldOptions(
         level_count=options.level_count,
         table_size=2**options.table_size_log2,
-        density_hidden=(64,) * options.density_layers,
         march_step=options.march_step,
         view_dependence=options.view_dependence,
         dense_levels="dense-levels" not in options.leave_out,
@@ -304,14 +344,14 @@ def coarse_options(options: TrainOptions) -> FieldOptions:
     )
 
 
-def kept_mesh(stage: Stage) -> TetMesh:
+def kept_mesh(field: TrainingField) -> TetMesh:
     """The tets that stage 2 is about: occupied, their neighbours, enclosed; no floaters.
 
     Raises:
         DatasetError: Nothing is occupied.
     """
-    mesh, neighbours = stage.mesh, tet_neighbours(stage.mesh.tets)
-    occupied = stage.occupied.any(dim=1).cpu().numpy()
+    mesh, neighbours = field.mesh, tet_neighbours(field.mesh.tets)
+    occupied = field.occupied.any(dim=1).cpu().numpy()
     if not occupied.any():
         raise DatasetError(
             "stage 1 found nothing: it had too few --steps, or the object doesn't lie in the "
@@ -324,21 +364,3 @@ def kept_mesh(stage: Stage) -> TetMesh:
     sizes = np.bincount(labels[occupied])  # neighbours would make six times as much of a speck
     keep[keep] = sizes[labels[keep]] >= SMALLEST_COMPONENT * occupied.sum()
     return extract(mesh, keep)[0]
-
-
-def _looking_batches(bank: RayBank, device, most: int, size=1 << 14):
-    """Batches of rays through all training pixels, or through `most` random ones."""
-    if bank.pixel_count > most:
-        seed = wp.zeros(1, dtype=int, device=device)
-        for number in range(-(-most // size)):
-            batch = Batch(size, None, device)
-            seed.fill_(number)
-            bank.draw(seed, batch.drawn)
-            yield batch
-    else:
-        everything = np.arange(bank.pixel_count, dtype=np.int32)
-        for first in range(0, bank.pixel_count, size):
-            chosen = wp.array(everything[first : first + size], dtype=int, device=device)
-            batch = Batch(len(chosen), None, device)
-            bank.look_up(chosen, batch.drawn)
-            yield batch

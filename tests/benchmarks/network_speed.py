@@ -21,7 +21,7 @@ from rich.table import Table
 from deformrf.core.field import FieldOptions, TorchNetworks
 from deformrf.core.field.field import layer_widths
 from deformrf.core.field.networks import triton as fused
-from deformrf.core.training.run.step import LOSS_SCALE
+from deformrf.core.training.run.optimization import LOSS_SCALE
 
 RUNS, WARM_UP_RUNS = 30, 5
 CHECKED = 1 << 18  # samples of which errors are measured

@@ -26,7 +26,7 @@ from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
 from deformrf.core.training import load_dataset, preset, trainer, white_composite
 from deformrf.core.training.evaluation import render_view
 from deformrf.core.training.metrics import psnr
-from deformrf.core.training.run.surroundings import LearntSurroundings
+from deformrf.core.training.run import LearntSurroundings
 
 INTERVAL, SHARE = 0.5, 0.05  # seconds from score to score, and at least that share of all so far
 

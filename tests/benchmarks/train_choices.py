@@ -9,7 +9,7 @@ every fifth training view, which is held aside, never on test views.
 import argparse
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from importlib import import_module
+from pkgutil import resolve_name
 from unittest import mock
 
 import numpy as np
@@ -19,22 +19,22 @@ from views import subset
 from deformrf.core.device import start_warp
 from deformrf.core.training import evaluation as evaluate
 from deformrf.core.training import load_dataset, preset, trainer
-from deformrf.core.training.run.stage import Stage
+from deformrf.core.training.run import TrainingField
 
-encode = Stage.encode
+encode = TrainingField.encode
 
 
-def two_features(stage, sample_tet, sample_bary):
+def two_features(field, sample_tet, sample_bary):
     """What F = 2 would learn: the other two features of each entry count for nothing."""
-    features = encode(stage, sample_tet, sample_bary)
+    features = encode(field, sample_tet, sample_bary)
     used = torch.tensor([1.0, 1.0, 0.0, 0.0], device=features.device, dtype=features.dtype)
-    return features * used.repeat(stage.layout.level_count)
+    return features * used.repeat(field.layout.level_count)
 
 
-# Options, or what a module of core.training has ("fit.FINAL_RATE").
+# Options, or what a module of core.training has ("run.optimization.FINAL_RATE").
 CHOICES = {
     "default": {},
-    "2 features an entry": {"stage.Stage.encode": two_features},
+    "2 features an entry": {"run.training_field.TrainingField.encode": two_features},
     "T = 2^17": {"table_size_log2": 17},
     "T = 2^18": {"table_size_log2": 18},
     "T = 2^19": {"table_size_log2": 19},
@@ -54,14 +54,14 @@ CHOICES = {
     "distortion 1e-3": {"distortion": 1e-3},
     "rate 2e-2": {"learning_rate": 2e-2},
     "rate 5e-3": {"learning_rate": 5e-3},
-    "final rate 0.01": {"fit.FINAL_RATE": 0.01},
-    "final rate 0.03": {"fit.FINAL_RATE": 0.03},
-    "last weights": {"fit.AVERAGED_SHARE": 0.0},
-    "longer average": {"fit.AVERAGED_SHARE": 0.05},
-    "white for a fifth": {"fit.WHITE_SHARE": 0.2},
-    "always white": {"fit.WHITE_SHARE": 1.0},
-    "beta2 0.999": {"step.BETAS": (0.9, 0.999)},
-    "thinner occupied": {"stage.OCCUPIED_THICKNESS": 1e-3},
+    "final rate 0.01": {"run.optimization.FINAL_RATE": 0.01},
+    "final rate 0.03": {"run.optimization.FINAL_RATE": 0.03},
+    "last weights": {"run.optimization.AVERAGED_SHARE": 0.0},
+    "longer average": {"run.optimization.AVERAGED_SHARE": 0.05},
+    "white for a fifth": {"run.optimization.WHITE_SHARE": 0.2},
+    "always white": {"run.optimization.WHITE_SHARE": 1.0},
+    "beta2 0.999": {"run.optimization.BETAS": (0.9, 0.999)},
+    "thinner occupied": {"run.training_field.OCCUPIED_THICKNESS": 1e-3},
     "hide less": {"trainer.UNSEEN_WEIGHT": 1e-4, "trainer.COARSE_UNSEEN_WEIGHT": 5e-3},
 }
 
@@ -75,10 +75,8 @@ def chosen(names, preset_name):
     constants = {key: value for key, value in changes.items() if "." in key}
     with ExitStack() as stack:
         for key, value in constants.items():
-            module, *path, name = key.split(".")
-            owner = import_module(f"deformrf.core.training.{module}")
-            for step in path:
-                owner = getattr(owner, step)
+            path, _, name = key.rpartition(".")
+            owner = resolve_name(f"deformrf.core.training.{path}")
             stack.enter_context(mock.patch.object(owner, name, value))
         yield preset(preset_name, **{k: v for k, v in changes.items() if k not in constants})
 

@@ -48,6 +48,17 @@ def object_box(world_to_model, aabb=None):
     return corners * np.diag(world_to_model)[:3] + world_to_model[:3, 3]
 
 
+def learns_surroundings(choice: str, dataset: Dataset) -> bool:
+    """Whether what is around the object is learnt from these images.
+
+    Args:
+        choice: TrainOptions.surroundings.
+    """
+    if choice == "auto":
+        return not dataset.has_alpha and not has_white_border(dataset)
+    return choice == "learnt"
+
+
 def has_white_border(dataset: Dataset) -> bool:
     """Whether the images' outermost pixels are white, as where an object is cut out on white."""
     white = total = 0

@@ -1,18 +1,24 @@
-"""A training run: its stages, steps, batches and checkpoints."""
+"""A training run: the field that learns, its optimization, workers and checkpoints."""
 
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "batch": ["Batch"],
+        "batch": ["Batch", "looks"],
         "checkpoint": ["Checkpoint", "load_checkpoint", "save_checkpoint"],
         "differentiable": ["on_warp_stream"],
         "distributed": ["ALONE", "Workers", "torchrun_workers"],
-        "fit": ["Diverged", "Fit"],
         "history": ["History"],
+        "loss_watch": ["Diverged"],
+        "memory": ["ADVICE", "lacks_memory"],
+        "optimization": ["Optimization"],
         "progress": ["TrainingProgress"],
-        "stage": ["Stage"],
-        "surroundings": ["LearntSurroundings", "over", "random_surroundings"],
+        "surroundings": [
+            "LearntSurroundings",
+            "over",
+            "random_surroundings",
+        ],
+        "training_field": ["TrainingField"],
     },
 )

@@ -7,12 +7,13 @@ don't fit are left out of the step (`fits`), and what is unused is marked by tet
 Shapes: R rays, N samples or places for them.
 """
 
+import numpy as np
 import torch
 import warp as wp
 
 from ...field import CONSTANT_BASIS, basis_vector
 from ...render import COUNT, WRITE, Pose, basis_kernel, empty_rays, empty_samples, march_kernel
-from ..data import Drawn
+from ..data import Drawn, RayBank
 
 MAX_RAY_SAMPLES = 2048  # beyond, a ray is cut off; √3/Δ and one for each tet are far fewer
 
@@ -144,3 +145,21 @@ class Batch:
 
     def _launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+
+
+def looks(bank: RayBank, device, most: int, size: int = 1 << 14):
+    """Batches of rays through all training pixels, or through `most` random ones."""
+    if bank.pixel_count > most:
+        seed = wp.zeros(1, dtype=int, device=device)
+        for number in range(-(-most // size)):
+            batch = Batch(size, None, device)
+            seed.fill_(number)
+            bank.draw(seed, batch.drawn)
+            yield batch
+    else:
+        everything = np.arange(bank.pixel_count, dtype=np.int32)
+        for first in range(0, bank.pixel_count, size):
+            chosen = wp.array(everything[first : first + size], dtype=int, device=device)
+            batch = Batch(len(chosen), None, device)
+            bank.look_up(chosen, batch.drawn)
+            yield batch

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from ...geometry import TetMesh
-from ..options import TrainOptions
+from ..train_options import TrainOptions
 
 FORMAT = "deformrf-checkpoint-1"
 UNREADABLE = (OSError, EOFError, RuntimeError, pickle.UnpicklingError, zipfile.BadZipFile)
@@ -32,7 +32,7 @@ class Checkpoint:
         options: Of the run.
         stage: 1 or 2.
         mesh: The stage's mesh.
-        fit: `Fit.state()`: steps done, weights, optimiser, occupancy.
+        fit: `Optimization.state()`: steps done, weights, optimizer, occupancy.
         world_to_model: [4, 4]
         report: What was known of the run.
     """

@@ -24,18 +24,18 @@ def on_warp_stream(device):
 class Encode(torch.autograd.Function):
     """features [N, L·F] = encode(table [entries, F]); differentiable in the table only.
 
-    With `half` the kernels read a float16 copy of the table and write float16 features, whose
-    gradients are float16 too; the table, the sums and the table's gradient stay float32.
+    The kernels read `entries`, the table itself or a float16 copy of it.  With a copy the
+    features and their gradients are float16; the sums and the table's gradient stay float32.
     """
 
     @staticmethod
-    def forward(ctx, table, tables: Tables, level_count, sample_tet, sample_bary, half=False):
-        count, dtype = len(sample_tet), torch.float16 if half else torch.float32
-        features = torch.empty(count, level_count * FEATURES, device=table.device, dtype=dtype)
+    def forward(ctx, table, entries, tables: Tables, level_count, sample_tet, sample_bary):
+        count = len(sample_tet)
+        features = entries.new_empty(count, level_count * FEATURES)
         wp.launch(
             encode_kernel,
             dim=count,
-            inputs=[tables, _vec4(table.to(dtype)), sample_tet, sample_bary, level_count],
+            inputs=[tables, _vec4(entries), sample_tet, sample_bary, level_count],
             outputs=[_levels(features, level_count)],
             device=wp.device_from_torch(table.device),
         )

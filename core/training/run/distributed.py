@@ -1,8 +1,8 @@
 """Several processes that learn one field, each with a GPU of its own.
 
-torchrun starts them.  Each draws its share of a step's rays, their gradients are averaged in
-one all-reduce, and all make the same update: so the weights stay the same everywhere.  What
-decides how a run goes on has to be the same too; it is summed, or taken from the first worker.
+torchrun starts them.  Each draws its share of a step's rays; the weights are the same on all
+of them after each step (exchange.py).  So is what decides how a run goes on: it is summed, or
+taken from the first worker.
 
 A process by itself is a worker as well, ALONE, and exchanges nothing.
 """
@@ -16,6 +16,8 @@ import torch
 import torch.distributed as dist
 import warp as wp
 
+# Its name changed in PyTorch 2.13.
+all_gather = getattr(dist, "all_gather_single", dist.all_gather_into_tensor)
 PATIENCE = timedelta(minutes=30)  # with a worker that does something by itself
 
 
@@ -51,6 +53,23 @@ class Workers:
         if self.count > 1:
             dist.all_reduce(tensor, dist.ReduceOp.MAX)
 
+    def padded(self, count: int) -> int:
+        """The next number of rows that can be cut into equal parts, one for each worker."""
+        return -(-count // self.count) * self.count
+
+    def part_of(self, rows):
+        """This worker's part of that many rows: a view."""
+        size = len(rows) // self.count
+        return rows[self.rank * size : (self.rank + 1) * size]
+
+    def sum_parts_(self, rows):
+        """Sum over the workers, in place, each its own part; the other parts are undefined."""
+        dist.reduce_scatter_tensor(self.part_of(rows), rows)
+
+    def gather_parts_(self, rows):
+        """Fill in the other workers' parts, in place."""
+        all_gather(rows, self.part_of(rows))
+
     def broadcast_(self, tensor):
         """Make it the first worker's, in place."""
         if self.count > 1:
@@ -75,6 +94,10 @@ class Workers:
         self.sum_(numbers)
         return int(numbers)
 
+    def any(self, mine: bool) -> bool:
+        """Whether it is true for any worker; waits for them."""
+        return self.total(int(mine)) > 0
+
     @contextmanager
     def stopping_together(self):
         """Context in which Ctrl-C waits for `stop_if_interrupted`, if there are several workers.
@@ -96,7 +119,7 @@ class Workers:
 
     def stop_if_interrupted(self):
         """Raise KeyboardInterrupt in all workers if any was interrupted."""
-        if self.count > 1 and self.total(int(self._interrupted)):
+        if self.count > 1 and self.any(self._interrupted):
             raise KeyboardInterrupt
 
 
@@ -123,43 +146,3 @@ def torchrun_workers(device):
         dist.init_process_group("gloo", timeout=PATIENCE)
     yield Workers(dist.get_rank(), count, device)
     dist.destroy_process_group()  # not after an error, when nobody may answer
-
-
-class SharedGradients:
-    """Gradients of all workers' rays, and their error: weighted means, in one buffer.
-
-    `collect`, `exchange`, `spread`: the first and the last can be recorded in CUDA graphs,
-    because the buffer stays where it is.
-
-    Args:
-        parameters: Their gradients become views of the buffer.
-        error: torch []
-    """
-
-    def __init__(self, workers: Workers, parameters, error):
-        self.workers, self.parameters, self.error = workers, parameters, error
-        sizes = [parameter.numel() for parameter in parameters]
-        self.buffer = torch.zeros(sum(sizes) + 2, device=error.device)
-        *parts, self._error, self._weight = self.buffer.split([*sizes, 1, 1])
-        self._gradients = [
-            part.view_as(parameter) for part, parameter in zip(parts, parameters, strict=True)
-        ]
-
-    @torch.no_grad()
-    def collect(self, weight):
-        """Take this worker's gradients and error, means over `weight` rays.  torch []"""
-        for parameter, shared in zip(self.parameters, self._gradients, strict=True):
-            torch.mul(parameter.grad, weight, out=shared)
-            parameter.grad = shared
-        self._error.copy_(self.error * weight)
-        self._weight.copy_(weight)
-
-    def exchange(self):
-        """Sum over the workers."""
-        self.workers.sum_(self.buffer)
-
-    @torch.no_grad()
-    def spread(self):
-        """Make all gradients, and the error, the means over all workers' rays."""
-        self.buffer[:-1] /= self._weight.clamp(min=1.0)
-        self.error.copy_(self._error[0])

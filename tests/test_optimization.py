@@ -12,12 +12,15 @@ from deformrf.core.render import look_at, pinhole
 from deformrf.core.training import preset, world_to_unit_cube
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run import fit
-from deformrf.core.training.run.distributed import Workers
-from deformrf.core.training.run.fit import Diverged, Fit
-from deformrf.core.training.run.progress import TrainingProgress
-from deformrf.core.training.run.stage import Stage
-from deformrf.core.training.run.step import Step
+from deformrf.core.training.run import (
+    Diverged,
+    Optimization,
+    TrainingField,
+    TrainingProgress,
+    Workers,
+    loss_watch,
+    optimization,
+)
 
 OPTIONS = preset("tiny", samples_per_step=2**15, coarse_steps=50, fine_steps=50)
 
@@ -30,8 +33,8 @@ def run():
     poses = [look_at(4 * eye / np.linalg.norm(eye), (0, 0, 0)) for eye in eyes]
     dataset = from_images([image] * 4, poses, [pinhole(12.0, 8, 8)] * 4, "abcd", "train")
     bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), "cpu")
-    stage = Stage(a15_grid(0.25), FieldOptions(2, 2**8, march_step=0.05), "cpu")
-    return Fit(stage, bank, OPTIONS, dataset.has_alpha, 50)
+    field = TrainingField(a15_grid(0.25), FieldOptions(2, 2**8, march_step=0.05), "cpu")
+    return Optimization(field, bank, OPTIONS, dataset.has_alpha, 50)
 
 
 def go(run):
@@ -41,26 +44,26 @@ def go(run):
 
 def test_the_distortion_loss_can_be_left_out(run):
     without = replace(OPTIONS, leave_out=("distortion",))
-    assert run.step.distortion == OPTIONS.distortion > 0.0
-    assert Fit(run.stage, run.step.bank, without, run.has_alpha, 1).step.distortion == 0.0
+    assert run.distortion == OPTIONS.distortion > 0.0
+    assert Optimization(run.field, run.bank, without, run.has_alpha, 1).distortion == 0.0
 
 
 def test_the_learning_rate_warms_up_and_falls_along_a_cosine():
-    rates = [fit.learning_rate(step, 10_000, 1.0) for step in range(10_001)]
+    rates = [optimization.learning_rate(step, 10_000, 1.0) for step in range(10_001)]
     assert rates[0] == pytest.approx(0.01)
     assert max(rates) == pytest.approx(1.0, abs=1e-3)
-    assert rates[5000] == pytest.approx(0.5 + 0.5 * fit.FINAL_RATE, abs=1e-3)
-    assert rates[-1] == pytest.approx(fit.FINAL_RATE)
+    assert rates[5000] == pytest.approx(0.5 + 0.5 * optimization.FINAL_RATE, abs=1e-3)
+    assert rates[-1] == pytest.approx(optimization.FINAL_RATE)
 
 
 def test_the_ray_count_fills_the_room_and_then_stays():
     count = 1024
     for _ in range(20):
-        count = fit.next_ray_count(count, 13 * count, 2**18)
+        count = optimization.next_ray_count(count, 13 * count, 2**18)
     assert 0.8 * 2**18 <= 13 * count <= 2**18
-    assert fit.next_ray_count(count, 13 * count, 2**18) == count
-    assert fit.next_ray_count(256, 10**9, 2**18) == fit.FEWEST_RAYS
-    assert fit.next_ray_count(2**16, 0, 2**18) == fit.MOST_RAYS
+    assert optimization.next_ray_count(count, 13 * count, 2**18) == count
+    assert optimization.next_ray_count(256, 10**9, 2**18) == optimization.FEWEST_RAYS
+    assert optimization.next_ray_count(2**16, 0, 2**18) == optimization.MOST_RAYS
 
 
 def test_all_steps_are_done(run):
@@ -76,99 +79,101 @@ def test_pauses_come_every_few_steps(run):
 
 
 def test_a_loss_that_is_no_number_ends_the_run_with_good_weights(run, monkeypatch):
-    step_run = Step.run
+    step = Optimization.step
 
     def spoiled(self, rate, white):
-        step_run(self, rate, white)
+        step(self, rate, white)
         if run.number == 40:
             with torch.no_grad():
-                self.stage.networks.color[0].weight[0, 0] = float("nan")
+                self.field.networks.color[0].weight[0, 0] = float("nan")
 
-    monkeypatch.setattr(Step, "run", spoiled)
+    monkeypatch.setattr(Optimization, "step", spoiled)
     with pytest.raises(Diverged, match=r"the loss became nan at step 48 of 50.* of step 32"):
         go(run)
-    assert all(bool(p.isfinite().all()) for p in run.stage.parameters())
+    assert all(bool(p.isfinite().all()) for p in run.field.parameters())
 
 
 def test_a_loss_that_is_lost_at_once_leaves_what_the_run_began_with(run, monkeypatch):
-    before = [p.detach().clone() for p in run.stage.parameters()]
-    step_run = Step.run
+    before = [p.detach().clone() for p in run.field.parameters()]
+    step = Optimization.step
 
     def spoiled(self, rate, white):
-        step_run(self, rate, white)
+        step(self, rate, white)
         with torch.no_grad():
-            self.stage.networks.color[0].weight[0, 0] = float("nan")
+            self.field.networks.color[0].weight[0, 0] = float("nan")
 
-    monkeypatch.setattr(Step, "run", spoiled)
+    monkeypatch.setattr(Optimization, "step", spoiled)
     with pytest.raises(Diverged, match="of step 0"):
         go(run)
-    for mine, first in zip(run.stage.parameters(), before, strict=True):
+    for mine, first in zip(run.field.parameters(), before, strict=True):
         assert torch.equal(mine, first)
 
 
 def test_a_run_ends_with_averaged_weights_and_lends_them_before(run, monkeypatch):
     """A parameter that follows the step's number ends at the mean of the last pauses."""
-    monkeypatch.setattr(fit, "AVERAGED_SHARE", 0.64)  # 2 pauses: each time half of what is new
-    step_run, lent = Step.run, []
+    monkeypatch.setattr(
+        optimization, "AVERAGED_SHARE", 0.64
+    )  # 2 pauses: each time half of what is new
+    step, lent = Optimization.step, []
 
     def counting(self, rate, white):
-        step_run(self, rate, white)
-        self.stage.table.data[0] = self.number
+        step(self, rate, white)
+        self.field.table.data[0] = self.number
 
     def look():
-        raw = run.stage.table[0, 0].item()
+        raw = run.field.table[0, 0].item()
         with run.averaged():
-            lent.append(run.stage.table[0, 0].item())
-        assert run.stage.table[0, 0].item() == raw == run.number
+            lent.append(run.field.table[0, 0].item())
+        assert run.field.table[0, 0].item() == raw == run.number
 
-    monkeypatch.setattr(Step, "run", counting)
+    monkeypatch.setattr(Optimization, "step", counting)
     with TrainingProgress() as progress:
         run.run(progress, "stage", look)
     assert lent == [16, 24, 36]
-    assert run.stage.table[0, 0].item() == 43
+    assert run.field.table[0, 0].item() == 43
 
 
 def test_a_weight_that_no_ray_meets_is_watched_too(run, monkeypatch):
-    monkeypatch.setattr(fit, "SNAPSHOT_INTERVAL", 16)
-    step_run = Step.run
+    monkeypatch.setattr(loss_watch, "SNAPSHOT_INTERVAL", 16)
+    step = Optimization.step
 
     def spoiled(self, rate, white):
-        step_run(self, rate, white)
+        step(self, rate, white)
         if run.number == 20:
-            self.stage.table.data[-1] = float("inf")
+            self.field.table.data[-1] = float("inf")
             self.error.fill_(0.01)
 
-    monkeypatch.setattr(Step, "run", spoiled)
+    monkeypatch.setattr(Optimization, "step", spoiled)
     with pytest.raises(Diverged):
         go(run)
-    assert bool(run.stage.table.isfinite().all())
+    assert bool(run.field.table.isfinite().all())
 
 
 def test_a_loss_that_rises_far_ends_the_run(run, monkeypatch):
-    step_run = Step.run
+    step = Optimization.step
 
     def rising(self, rate, white):
-        step_run(self, rate, white)
+        step(self, rate, white)
         self.error.fill_(1e-3 if run.number < 20 else 1.0)
 
-    monkeypatch.setattr(Step, "run", rising)
+    monkeypatch.setattr(Optimization, "step", rising)
     with pytest.raises(Diverged, match=r"the loss rose from 0\.001 to 0\.2 at step 32"):
         go(run)
 
 
 @pytest.mark.parametrize("error", [torch.OutOfMemoryError(), RuntimeError("Failed to allocate 9")])
 def test_too_little_memory_halves_the_batch_aloud(run, monkeypatch, capsys, error):
-    step_run = Step.run
+    step = Optimization.step
 
     def greedy(self, rate, white):
         if self.samples_per_step > 2**13:
             raise error
-        step_run(self, rate, white)
+        step(self, rate, white)
 
-    monkeypatch.setattr(Step, "run", greedy)
+    monkeypatch.setattr(Optimization, "step", greedy)
     go(run)
     assert run.number == 50
-    assert run.step.samples_per_step == 2**13
+    assert run.samples_per_step == 2**13
     assert "going on with 8192 samples a step" in capsys.readouterr().out
 
 
@@ -176,7 +181,7 @@ def test_no_memory_at_all_is_said(run, monkeypatch):
     def greedy(self, rate, white):
         raise torch.OutOfMemoryError
 
-    monkeypatch.setattr(Step, "run", greedy)
+    monkeypatch.setattr(Optimization, "step", greedy)
     with pytest.raises(MemoryError, match="--image-size"):
         go(run)
 
@@ -187,8 +192,8 @@ def test_several_workers_without_memory_say_whose_it_is(run, monkeypatch):
     def greedy(self, rate, white):
         raise torch.OutOfMemoryError
 
-    monkeypatch.setattr(Step, "run", greedy)
-    run.stage.workers = Workers(3, 4)
+    monkeypatch.setattr(Optimization, "step", greedy)
+    run.workers = Workers(3, 4)
     with pytest.raises(MemoryError, match=r"worker 3 .* more GPUs"):
         go(run)
 
@@ -197,6 +202,6 @@ def test_other_errors_pass(run, monkeypatch):
     def broken(self, rate, white):
         raise RuntimeError("an illegal memory access was encountered")
 
-    monkeypatch.setattr(Step, "run", broken)
+    monkeypatch.setattr(Optimization, "step", broken)
     with pytest.raises(RuntimeError, match="illegal"):
         go(run)

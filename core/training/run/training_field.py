@@ -1,8 +1,7 @@
-"""One stage of training: a field on a fixed mesh that learns.
+"""A field on a fixed mesh while it learns: tables, networks, surroundings, occupancy.
 
-Holds what changes from step to step: tables, networks, occupancy.  `trace` renders rays
-with gradients; `update_occupancy` and `hide_unseen` decide which sub-tets can hold
-density (../field/occupancy.py).
+`march` and `composite` render rays with gradients; `update_occupancy` and `hide_unseen`
+decide which sub-tets can hold density (see field/occupancy.py).
 
 Shapes: R rays, N packed samples, T tets with 64 sub-tets each.
 """
@@ -15,6 +14,7 @@ import torch
 import warp as wp
 
 from ...field import (
+    FEATURES,
     GEOMETRY_FEATURES,
     LEVELS,
     SUBTET_COUNT,
@@ -53,10 +53,12 @@ def mark_seen_kernel(
     )
 
 
-class Stage:
-    """A learning field; see the module's text.
+class TrainingField:
+    """What learns.
 
-    Without `subtet_mask` a tet is occupied as a whole, if any of its sub-tets is.
+    Args:
+        surroundings: LearntSurroundings that learn beside it, or None.
+        subtet_mask: If false, a tet is occupied as a whole, if any of its sub-tets is.
     """
 
     def __init__(
@@ -72,7 +74,7 @@ class Stage:
         self.device = wp.get_device(device)
         self.torch_device = torch.device(wp.device_to_torch(self.device))
         self.options = options
-        self.surroundings = surroundings  # LearntSurroundings, or None
+        self.surroundings = surroundings
         self.subtet_mask = subtet_mask
         self.workers = workers
         neighbours = tet_neighbours(mesh.tets)
@@ -80,7 +82,14 @@ class Stage:
         self.layout = self._start.layout
         self.tables = make_tables(mesh, self.layout, self.device)
         self.pose = Pose(mesh, neighbours, self.device)
-        self.table = torch.nn.Parameter(torch.from_numpy(self._start.table).to(self.torch_device))
+        table = torch.from_numpy(self._start.table)
+        rows = self.workers.padded(len(table))
+        self.rows = torch.zeros(rows, FEATURES, device=self.torch_device)
+        self.rows[: len(table)] = table
+        self.table = torch.nn.Parameter(self.rows[: len(table)])  # the same memory
+        # Several workers exchange what the encoder reads on CUDA, see exchange.py.
+        exchanges_half = workers.count > 1 and self.device.is_cuda
+        self.half_rows = self.rows.half() if exchanges_half else None
         networks = TorchNetworks(self._start.density_layers, self._start.color_layers)
         self.networks = networks.to(self.torch_device)
         shape = (mesh.tet_count, SUBTET_COUNT)
@@ -98,11 +107,6 @@ class Stage:
     @property
     def mesh(self) -> TetMesh:
         return self._start.mesh
-
-    def trace(self, batch: Batch):
-        """March the batch's rays and composite them; see there."""
-        self.march(batch)
-        return self.composite(batch)
 
     def march(self, batch: Batch):
         """Find the samples of the batch's rays in what is occupied."""
@@ -123,9 +127,14 @@ class Stage:
         return Composite.apply(sigma, rgb, samples.length, samples.t, batch.counts, batch.ends)
 
     def encode(self, sample_tet, sample_bary):
+        """Features of samples, differentiable in the table.  [N, L·F]"""
+        entries = self.table.detach()
+        if self.half_rows is not None:
+            entries = self.half_rows[: len(entries)]
+        elif self.device.is_cuda:
+            entries = entries.half()  # halves what the gathers move
         return Encode.apply(
-            *(self.table, self.tables, self.layout.level_count, sample_tet, sample_bary),
-            self.device.is_cuda,  # there half precision halves what the gathers move
+            self.table, entries, self.tables, self.layout.level_count, sample_tet, sample_bary
         )
 
     @torch.no_grad()
@@ -173,7 +182,8 @@ class Stage:
         looks = enumerate(batches, start=1)
         for seed, batch in islice(looks, self.workers.rank, None, self.workers.count):
             batch.seed.fill_(seed)
-            weights = self.trace(batch)[3]
+            self.march(batch)
+            weights = self.composite(batch)[3]
             wp.launch(
                 mark_seen_kernel,
                 dim=len(weights),
@@ -197,9 +207,17 @@ class Stage:
         return float(self.occupied.float().mean())
 
     def parameters(self) -> list:
-        """What is trained: the table, then the networks' weights."""
+        """What is trained: the table, the networks' weights, the surroundings."""
         around = self.surroundings.parameters() if self.surroundings else ()
         return [self.table, *self.networks.parameters(), *around]
+
+    @torch.no_grad()
+    def set_weights(self, weights):
+        """Copy these into the parameters; None leaves them as they are."""
+        for mine, given in zip(self.parameters(), weights or (), strict=weights is not None):
+            mine.copy_(given)
+        if self.half_rows is not None:
+            self.half_rows.copy_(self.rows)
 
     def state(self) -> dict:
         """Everything that learning changes, as tensors."""
@@ -214,9 +232,8 @@ class Stage:
 
     @torch.no_grad()
     def load_state(self, state: dict):
-        """Go on from `state`, which has to be that of a stage with this mesh and options."""
-        for mine, saved in zip(self.parameters(), state["parameters"], strict=True):
-            mine.copy_(saved)
+        """Go on from `state`, which has to be that of a field with this mesh and options."""
+        self.set_weights(state["parameters"])
         for name in ("thickness", "occupied", "hidden"):
             getattr(self, name).copy_(state[name])
         self._part = state["part"]
@@ -224,7 +241,7 @@ class Stage:
         self.refresh_mask()
 
     def export(self, world_to_model, meta) -> TetField:
-        """The field as it stands."""
+        """A copy of the field as it stands."""
         density, color = self.networks.layers()
         if not self.options.view_dependence:
             color[0][0][GEOMETRY_FEATURES + 1 :] = 0.0  # nothing has trained them

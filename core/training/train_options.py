@@ -17,8 +17,6 @@ class TrainOptions:
         fine_steps: Optimiser steps of stage 2, on the kept tets with all levels.
         level_count: Nested levels of the model.
         table_size_log2: Entries of a hashed level.
-        density_layers: Hidden layers, 64 wide, of the density network.
-        density_activation: "relu", or "sigmoid" as in the paper.
         march_step: Δ, rest length of a quadrature piece.
         samples_per_step: Samples that an optimiser step aims at, on all GPUs together; the ray
             count follows.
@@ -41,8 +39,6 @@ class TrainOptions:
     fine_steps: int = 30000
     level_count: int = 7
     table_size_log2: int = 20
-    density_layers: int = 1
-    density_activation: str = "relu"
     march_step: float = 0.0013
     samples_per_step: int = 2**19
     learning_rate: float = 1e-2

@@ -1,0 +1,359 @@
+"""The optimization of a field: Adam steps on random rays, as many as a stage of training has.
+
+A step draws rays, marches them, composites their samples, compares the colors with the
+photographs' and updates the weights.  On the CPU it does so with exactly as many samples as
+there are; on CUDA the steps are recorded (recorded_steps.py).  Several workers each take a
+share of the rays and of the room for samples, and exchange gradients (exchange.py).
+
+Every few steps the occupancy is renewed, the number of rays adapted to the room for samples,
+and the loss examined (loss_watch.py).  Where the GPU's memory is too small, the room is halved.
+
+Ownership: the TrainingField owns weights and occupancy; the Optimization owns the optimizer,
+the batches and their graphs, the average of the weights, and the watch over the loss.
+"""
+
+from collections.abc import Callable
+from contextlib import contextmanager
+from math import cos, pi
+
+import numpy as np
+import torch
+import warp as wp
+
+from ..data import RayBank
+from ..train_options import TrainOptions
+from . import recorded_steps
+from .batch import Batch
+from .exchange import Exchange
+from .loss import training_loss
+from .loss_watch import Diverged, LossWatch
+from .memory import give_memory_back, halved
+from .progress import TrainingProgress
+from .recorded_steps import RecordedSteps
+from .training_field import TrainingField
+
+WARM_UP_STEPS = 100  # in which the learning rate rises
+FINAL_RATE = 0.1  # of the highest learning rate, at the cosine's end
+BETAS, EPSILON = (0.9, 0.99), 1e-15  # of Adam; the paper has 0.999
+LOSS_SCALE = 1024.0  # against vanishing fp16 gradients (0.2 % of their sum); Adam cancels it
+WHITE_SHARE = 0.5  # of the steps, at the end, on a white background
+PAUSE_INTERVAL = 16  # steps from one look at loss, occupancy and ray count to the next
+OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
+OCCUPANCY_PARTS = 4  # later it looks at every fourth
+AVERAGED_SHARE = 0.02  # of the steps, over which the weights that are kept are averaged
+RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
+FILLED = 0.9  # share of a step's room for samples that the number of rays aims at
+SMALLEST_ROOM = 1 << 13  # samples; with less, training takes for ever
+SEED_STRIDE = 15_485_863  # a prime: runs of a million steps stay apart
+RECORDING_SEED = 1 << 28  # the runs before a recording see rays of their own
+RECORDING_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
+
+
+def learning_rate(step: int, step_count: int, highest: float) -> float:
+    """Of Adam in a step: a linear warm-up, then a cosine down to FINAL_RATE."""
+    warm_up = min(1.0, (step + 1) / WARM_UP_STEPS)
+    fall = 0.5 * (1.0 + cos(pi * step / step_count))
+    return highest * warm_up * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
+
+
+class Optimization:
+    """The steps of one stage; `run` does those that are left.
+
+    Attributes:
+        number: Steps done.
+        error: Mean squared error of the last step.  torch [] on the device
+        ray_count: Rays of a step, of all workers together.
+        samples_per_step: Room for their samples, of all workers together.
+
+    Args:
+        has_alpha: Whether the images have alpha, and so a background of the step's choice.
+        step_count: Steps of the whole stage.
+    """
+
+    def __init__(
+        self,
+        field: TrainingField,
+        bank: RayBank,
+        options: TrainOptions,
+        has_alpha: bool,
+        step_count: int,
+    ):
+        self.field, self.bank, self.options = field, bank, options
+        self.has_alpha, self.step_count = has_alpha, step_count
+        self.workers = field.workers
+        self.distortion = 0.0 if "distortion" in options.leave_out else options.distortion
+        self.samples_per_step = options.samples_per_step
+        self.number = 0
+        # Draws and jitter follow the step's number, and are apart for each seed.
+        self._first_seed = (options.seed * SEED_STRIDE) % 2**30
+        device = field.torch_device
+        self._white = torch.zeros(1, device=device)
+        self._rate = torch.zeros((), device=device)
+        self.error = torch.zeros((), device=device)
+        several = self.workers.count > 1
+        self._exchange = Exchange(field, self.error) if several else None
+        self.optimizer = torch.optim.Adam(
+            self._exchange.parameters if several else field.parameters(),
+            lr=self._rate if device.type == "cuda" else 0.0,
+            betas=BETAS,
+            eps=EPSILON,
+            fused=True,
+            capturable=device.type == "cuda",
+        )
+        self._watch = LossWatch(field)
+        self._average = None  # of the parameters, exponentially weighted
+        self._batches, self._recorded, self._has_recorded = [], None, False
+        self.set_ray_count(RAYS_AT_START)
+
+    def run(
+        self,
+        progress: TrainingProgress,
+        title: str,
+        after_pause: Callable[[], None] = lambda: None,
+        note: Callable[[int, float], None] = lambda step, mse: None,
+    ):
+        """All the steps that are left; then the field has the averaged weights.
+
+        Args:
+            after_pause: Called every few steps.
+            note: Called with the number of steps and the last one's error, whenever it is
+                looked at, even if it isn't finite.
+
+        Raises:
+            Diverged: See there.
+            MemoryError: Even a small batch doesn't fit into the GPU's memory.
+            KeyboardInterrupt: Of several workers all raise it, if one was interrupted.
+        """
+        self._watch.keep_good(self.number)
+        task = progress.begin(title, self.step_count, self.number)
+        self._shown = self.number
+        while self.number < self.step_count:
+            if self.number % PAUSE_INTERVAL == 0 and self.number > self._shown:
+                sample_count = self._look(progress, task, note)
+                self.field.update_occupancy(
+                    1 if self.number < OCCUPANCY_WARM_UP else OCCUPANCY_PARTS
+                )
+                self._adapt_ray_count(sample_count)
+                self._average_weights()
+                after_pause()
+                self.workers.stop_if_interrupted()
+            rate = learning_rate(self.number, self.step_count, self.options.learning_rate)
+            white = not self.has_alpha or self.number >= (1.0 - WHITE_SHARE) * self.step_count
+            try:
+                self.step(rate, white)
+            except RuntimeError as error:
+                self._halve_room(progress, error)
+        self._look(progress, task, note)
+        self._average_weights()
+        self.field.set_weights(self._average)
+
+    def step(self, rate: float, white: bool):
+        """One step with that learning rate, on white or on random backgrounds."""
+        self._white.fill_(float(white))
+        if self.field.device.is_cuda:
+            self._rate.fill_(rate)
+            if self._recorded is None:
+                self._record()
+            self._recorded.run(self.number)
+        else:
+            for group in self.optimizer.param_groups:
+                group["lr"] = rate
+            self._draw_and_learn(self._batches[0], self.number)
+        self.number += 1
+
+    @property
+    def batch(self) -> Batch:
+        """The last step's samples; before the first, the next step's."""
+        return self._batches[max(self.number - 1, 0) % len(self._batches)]
+
+    def sample_count(self) -> int:
+        """Samples that the last step's rays had, those left out included.
+
+        It waits for the device, and for the other workers.
+        """
+        ends = self.batch.ends
+        return self.workers.total(int(ends[len(ends) - 1 :].numpy()[0]))
+
+    def set_ray_count(self, ray_count: int):
+        """Make room for that many rays; on CUDA the next step records new graphs."""
+        device = self.field.device
+        self._forget_batches()
+        room, copies = None, 1  # the CPU makes room for what each march finds
+        if device.is_cuda:
+            room = -(-self.samples_per_step // self.workers.count)
+            copies = recorded_steps.AHEAD + 1
+        rays = self.workers.share(ray_count)
+        self._batches = [Batch(len(rays), room, device, rays.start) for _ in range(copies)]
+        self.ray_count = ray_count
+
+    def _forget_batches(self):
+        """Give the memory of batches and graphs back."""
+        if self._recorded:
+            torch.cuda.synchronize(self.field.torch_device)
+        self._batches, self._recorded = [], None
+
+    def _seed(self, batch, number):
+        """Randomness for step `number`; never 0, which means no jitter."""
+        wp.to_torch(batch.seed).fill_(self._first_seed + number + 1)
+
+    def _march(self, batch):
+        self.bank.draw(batch.seed, batch.drawn)
+        self.field.march(batch)
+
+    def _go_back(self, batch):
+        """Gradients and error, of this worker's rays."""
+        loss, error = training_loss(self.field, batch, self._white, self.distortion)
+        parameters = self.field.parameters()
+        gradients = torch.autograd.grad(loss * LOSS_SCALE, parameters)
+        self.error.copy_(error.detach())
+        if self._exchange:
+            self._exchange.collect(gradients, batch.fits.sum())
+            return
+        for parameter, gradient in zip(parameters, gradients, strict=True):
+            parameter.grad = gradient
+
+    def _learn(self, batch):
+        """Of a single worker: gradients and update."""
+        self.optimizer.zero_grad(set_to_none=True)  # before more memory is taken
+        self._go_back(batch)
+        self.optimizer.step()
+
+    def _update(self, _batch):
+        """Of several workers, after they have summed their gradients."""
+        self._exchange.spread()
+        self.optimizer.step()
+        self._exchange.publish()
+
+    def _parts(self):
+        """Of learning from a batch: name -> (function, whether a graph can hold it)."""
+        if self._exchange is None:
+            return {"learn": (self._learn, True)}
+        return {
+            "learn": (self._go_back, True),
+            "reduce": (lambda _batch: self._exchange.reduce(), False),
+            "update": (self._update, True),
+            "gather": (lambda _batch: self._exchange.gather(), False),
+        }
+
+    def _draw_and_learn(self, batch, number):
+        self._seed(batch, number)
+        self._march(batch)
+        for part, _ in self._parts().values():
+            part(batch)
+
+    def _record(self):
+        """Record the step; the runs before the first recording are steps too."""
+        if not self._has_recorded:
+            for run in range(RECORDING_RUNS):
+                batch = self._batches[run % len(self._batches)]
+                self._draw_and_learn(batch, RECORDING_SEED + run)
+            self._has_recorded = True
+        self._recorded = RecordedSteps(
+            self.field.device, self._batches, self._seed, self._march, self._parts()
+        )
+
+    def _look(self, progress, task, note) -> int:
+        """Show, note and examine the last step's error; the number of its samples."""
+        if self._recorded:
+            self._recorded.wait()  # what follows may change what marches read
+        if self._exchange:
+            self._exchange.make_whole()
+        error, sample_count = float(self.error), self.sample_count()
+        progress.advance(task, self.number - self._shown, error, sample_count)
+        note(self.number, error)
+        self._shown = self.number
+        try:
+            self._watch.examine(error, self.number, self.step_count)
+        except Diverged:
+            self._average = None  # it may hold what was lost
+            raise
+        return sample_count
+
+    def _adapt_ray_count(self, sample_count):
+        ray_count = next_ray_count(self.ray_count, sample_count, self.samples_per_step)
+        if ray_count != self.ray_count:
+            self.set_ray_count(ray_count)
+
+    @torch.no_grad()
+    def _average_weights(self):
+        parameters = self.field.parameters()
+        if self._average is None:
+            self._average = [p.clone() for p in parameters]
+        span = AVERAGED_SHARE * self.step_count / PAUSE_INTERVAL
+        torch._foreach_lerp_(self._average, parameters, 1.0 / max(span, 1.0))
+
+    @contextmanager
+    def averaged(self):
+        """Context in which the field has its averaged weights, as at the end of a run."""
+        raw = [p.detach().clone() for p in self.field.parameters()]
+        self.field.set_weights(self._average)
+        try:
+            yield
+        finally:
+            self.field.set_weights(raw)
+
+    def _halve_room(self, progress, error):
+        """Go on with half the samples a step, if `error` is a lack of memory."""
+        room = halved(
+            *(error, self.samples_per_step, SMALLEST_ROOM, "samples a step", self.workers)
+        )
+        self.samples_per_step = room
+        ray_count = max(FEWEST_RAYS, self.ray_count // 2)
+        self._forget_batches()
+        give_memory_back(self.field.device)
+        self.set_ray_count(ray_count)
+        progress.say(f"The GPU's memory is too small; going on with {room} samples a step.")
+
+    def state(self) -> dict:
+        """What a later run needs to go on, with any number of workers; waits for all of them."""
+        state = self.optimizer.state_dict()["state"]
+        if self._exchange and state:
+            state = {**state, 0: self._map_moments(state[0], self._exchange.whole)}
+        return {
+            "step": {
+                "optimizer": state,
+                "number": self.number,
+                "ray_count": self.ray_count,
+                "samples_per_step": self.samples_per_step,
+            },
+            "stage": self.field.state(),
+            "average": self._average,
+        }
+
+    @staticmethod
+    def _map_moments(state, function):
+        """Adam's state of the table, with the function applied to what has its rows."""
+        return {
+            name: function(value) if name.startswith("exp_avg") else value
+            for name, value in state.items()
+        }
+
+    def load_state(self, state: dict):
+        """Go on from `state`, whose field has the mesh and the options of this one."""
+        self.field.load_state(state["stage"])
+        step, whole = state["step"], self.optimizer.state_dict()
+        rates = [group["lr"] for group in self.optimizer.param_groups]
+        state = step["optimizer"]
+        if self._exchange and state:
+            state = {**state, 0: self._map_moments(state[0], self._exchange.part)}
+        self.optimizer.load_state_dict({**whole, "state": state})
+        for group, rate in zip(self.optimizer.param_groups, rates, strict=True):
+            group["lr"] = rate  # the very tensor that a graph reads
+        self.number = step["number"]
+        self.samples_per_step = step["samples_per_step"]
+        self.set_ray_count(step["ray_count"])
+        if state["average"] is not None:
+            device = self.field.torch_device
+            self._average = [weights.to(device) for weights in state["average"]]
+
+
+def next_ray_count(ray_count, sample_count, room):
+    """As many rays as fill the room for samples without overflowing it.
+
+    It stays as it is while that is nearly so: a new number costs new CUDA graphs.
+    """
+    filled = sample_count / room
+    if 0.8 <= filled <= 1.0:
+        return ray_count
+    wanted = ray_count * np.clip(FILLED / max(filled, 1e-6), 0.25, 4.0)
+    return int(np.clip(wanted, FEWEST_RAYS, MOST_RAYS))

@@ -1,0 +1,107 @@
+"""Training steps on CUDA, recorded as graphs, with the next batches marched ahead.
+
+A march is a long chain of small loads that leaves the GPU nearly idle.  So while one batch is
+learnt from, the next ones are marched side by side, each on a stream of its own.  A batch that
+was marched ahead misses at most one occupancy update, by AHEAD steps.
+
+Within a recorded step nothing waits for the host: it has a fixed number of rays and a fixed
+room for samples; learning rate, background and seed are values on the device.
+"""
+
+from collections.abc import Callable
+
+import torch
+import warp as wp
+
+from .batch import Batch
+
+AHEAD = 3  # batches that are being marched while one is learnt from
+
+
+class RecordedSteps:
+    """Replays the steps of a ring of batches.
+
+    Attributes:
+        learn: For each batch, the parts of learning from it: name -> function to call.
+
+    Args:
+        device: A CUDA Warp device, whose current stream is torch's too.
+        batches: AHEAD + 1 of them; step n has batch n % (AHEAD + 1).
+        seed: Called with a batch and a step's number, before the batch is marched.
+        march: Called with a batch, recorded.
+        parts: Of learning, in order: name -> (function of a batch, whether to record it).
+    """
+
+    def __init__(
+        self,
+        device,
+        batches: list[Batch],
+        seed: Callable[[Batch, int], None],
+        march: Callable[[Batch], None],
+        parts: dict[str, tuple[Callable[[Batch], None], bool]],
+    ):
+        self._batches, self._seed = batches, seed
+        self._main = wp.stream_to_torch(wp.get_stream(device))
+        self._streams = [torch.cuda.Stream(self._main.device) for _ in batches[1:]]
+        self._next = None  # the step whose batch was marched ahead
+        self._march, self.learn, pool = [], [], None
+        for batch in batches:
+            graph = recorded(device, march, batch)
+            self._march.append(graph)
+            learn = {}
+            for name, (function, records) in parts.items():
+                if records:
+                    # Graphs of learning share one pool: no two of them run at the same time.
+                    graph = recorded(device, function, batch, pool)
+                    pool = graph.pool()
+                    learn[name] = graph.replay
+                else:
+                    learn[name] = lambda function=function, batch=batch: function(batch)
+            self.learn.append(learn)
+
+    def run(self, number: int):
+        """Step `number`; one that doesn't follow the last step marches its batches anew."""
+        ahead = len(self._streams)
+        if self._next != number:
+            self.wait()
+            for coming in range(number, number + ahead):
+                self._march_ahead(coming)
+        self._main.wait_stream(self._streams[number % ahead])
+        self._march_ahead(number + ahead)
+        for part in self.learn[number % len(self._batches)].values():
+            part()
+        self._next = number + 1
+
+    def _march_ahead(self, number):
+        stream, place = self._streams[number % len(self._streams)], number % len(self._batches)
+        stream.wait_stream(self._main)  # the batch's last step has to be over
+        with torch.cuda.stream(stream):
+            self._seed(self._batches[place], number)
+            self._march[place].replay()
+
+    def wait(self):
+        """Make what follows on the main stream wait for the marches that are under way."""
+        for stream in self._streams:
+            self._main.wait_stream(stream)
+
+
+def recorded(device, function: Callable[[Batch], None], batch: Batch, pool=None):
+    """What `function(batch)` launches through torch and Warp, as a torch.cuda.CUDAGraph.
+
+    Args:
+        device: A Warp device, whose current stream is torch's too.
+        pool: Memory of a graph that never runs at the same time, to be used again.
+    """
+    graph, stream = torch.cuda.CUDAGraph(), wp.get_stream(device)
+    with torch.cuda.graph(
+        graph,
+        pool=pool,
+        stream=wp.stream_to_torch(stream),
+        capture_error_mode="thread_local",
+    ):
+        wp.capture_begin(device, stream=stream, external=True)
+        try:
+            function(batch)
+        finally:
+            wp.capture_end(device, stream=stream)
+    return graph
