@@ -149,7 +149,7 @@ def bad(id, prepare, sentence):
         bad(
             "no object",
             lambda f, write: (write(f, []) / "transforms_test.json").write_text("[]"),
-            r"has to be a JSON object",
+            r"lists no frames",
         ),
         bad(
             "all images missing",

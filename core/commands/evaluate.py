@@ -11,8 +11,7 @@ from rich.table import Table
 
 from ..arguments import Count, File, writable_file
 from ..device import Choice, device_name
-from .running import INPUT_ERROR, INTERRUPTED, require, run
-from .train import warn_of_missing
+from .running import INPUT_ERROR, INTERRUPTED, require, run, warn_of_missing
 
 PROGRAM = "deformrf-eval"
 SPLITS = ("train", "val", "test")

@@ -71,6 +71,17 @@ def require(*packages: str):
             raise ModuleNotFoundError(f"No module named '{name}'", name=name)
 
 
+def warn_of_missing(dataset):
+    """Say how many images were skipped."""
+    if dataset.missing and is_first():
+        total = len(dataset.missing) + dataset.view_count
+        print(
+            f"{len(dataset.missing)} of {total} {dataset.split} images are missing and were "
+            f"skipped, first {dataset.missing[0]}",
+            file=sys.stderr,
+        )
+
+
 def is_first() -> bool:
     """Whether this process prints for all processes that torchrun started."""
     return os.environ.get("RANK", "0") == "0"

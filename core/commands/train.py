@@ -9,7 +9,15 @@ import tyro
 
 from ..arguments import Count, at_least, writable_file
 from ..device import Choice, device_name
-from .running import DIVERGED, INPUT_ERROR, INTERRUPTED, is_first, require, run
+from .running import (
+    DIVERGED,
+    INPUT_ERROR,
+    INTERRUPTED,
+    is_first,
+    require,
+    run,
+    warn_of_missing,
+)
 
 PROGRAM = "deformrf-train"
 SAME_NAMED = ("seed", "aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")
@@ -108,7 +116,8 @@ def prepare(arguments: TrainArguments):
         try:
             scores = save(trained, path, arguments, test_views, device)
         except OSError as error:
-            return report_unwritten(error, path, checkpoint_path)
+            print(f"{PROGRAM}: {lost(error, path, checkpoint_path)}", file=sys.stderr)
+            return INPUT_ERROR
         print(summary(trained, path, scores))
         if "coarse-stage" in options.leave_out:
             print("Without the coarse stage the model holds the whole grid, empty tets too.")
@@ -119,6 +128,9 @@ def prepare(arguments: TrainArguments):
             print("Continue with the same command and --resume.")
         if trained.complete:
             checkpoint_path.unlink(missing_ok=True)
+        if scores and "not_written" in scores:
+            print(f"{PROGRAM}: can't add the scores to {scores['not_written']}", file=sys.stderr)
+            return INPUT_ERROR
         all_done = trained.complete and (scores is None or scores["complete"])
         return 0 if all_done else INTERRUPTED
 
@@ -162,6 +174,9 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
 
     Returns:
         The report of the evaluation, None without one.
+
+    Raises:
+        OSError: The model can't be written.
     """
     from .. import field as fields
     from ..training import evaluate
@@ -176,19 +191,19 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
     scored = replace(fields.load(path), surroundings=trained.field.surroundings)
     report = evaluate(scored, test_views, None, device, model_path=path)
     scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
-    fields.save(kept, path, scores, arguments.entry_bits)
+    try:
+        fields.save(kept, path, scores, arguments.entry_bits)
+    except OSError as error:
+        report["not_written"] = f"{path}: {error.strerror or error}"
     return report
 
 
-def report_unwritten(error: OSError, path: Path, checkpoint_path: Path) -> int:
-    """Say that the model could not be written, and what is left of the run."""
-    sentence = f"{PROGRAM}: can't write {path}: {error.strerror or error}"
+def lost(error: OSError, path: Path, checkpoint_path: Path) -> str:
+    """Why the model could not be written, and what is left of the run."""
+    rest = "the run had no checkpoint yet, which it writes every minute"
     if checkpoint_path.exists():
-        sentence += f"; the run is kept in {checkpoint_path}: make room, then add --resume"
-    elif path.exists():
-        sentence += "; the file holds the model without its scores"
-    print(sentence, file=sys.stderr)
-    return INPUT_ERROR
+        rest = f"the run is kept in {checkpoint_path}: make room, then add --resume"
+    return f"can't write {path}: {error.strerror or error}; {rest}"
 
 
 def train_options(arguments: TrainArguments):
@@ -253,28 +268,12 @@ def contradiction(arguments: TrainArguments, options) -> str | None:
 
 def check_resumed_views(report: dict, views):
     """Raise ValueError if these are not the images of the interrupted run."""
-    if report["view_count"] != views.view_count:
+    before = (report["view_count"], *report["image_size"])
+    largest = max((lens.width, lens.height) for lens in views.lenses)  # as the report has it
+    if before != (now := (views.view_count, *largest)):
         raise ValueError(
-            f"the interrupted run had {report['view_count']} views, these are "
-            f"{views.view_count}: --resume needs the same images"
-        )
-    before = tuple(report["image_size"])
-    now = max((lens.width, lens.height) for lens in views.lenses)  # as the report has it
-    if before != now:
-        raise ValueError(
-            "the interrupted run's images had {}x{} pixels, these have {}x{}: --resume needs the "
-            "same --image-size".format(*before, *now)
-        )
-
-
-def warn_of_missing(dataset):
-    """Say how many images were skipped."""
-    if dataset.missing and is_first():
-        total = len(dataset.missing) + dataset.view_count
-        print(
-            f"{len(dataset.missing)} of {total} {dataset.split} images are missing and were "
-            f"skipped, first {dataset.missing[0]}",
-            file=sys.stderr,
+            "--resume needs the same images and --image-size: the interrupted run had {} views, "
+            "up to {}x{} pixels, these are {}, up to {}x{}".format(*before, *now)
         )
 
 

@@ -49,19 +49,12 @@ def check_size(height, width, metric="SSIM", smallest=WINDOW_SIZE):
         )
 
 
-def window():
-    """The Gaussian's weights along one axis.  [WINDOW_SIZE], sum 1"""
-    offset = np.arange(WINDOW_SIZE) - WINDOW_SIZE // 2
-    weights = np.exp(-0.5 * (offset / WINDOW_SIGMA) ** 2)
-    return weights / weights.sum()
-
-
 def blur(image):
     """Mean of every whole window; the Gaussian is separable.  [H − 10, W − 10, ...]"""
-    weights = window()
-    rows = len(image) - WINDOW_SIZE + 1
+    weights = np.exp(-0.5 * ((np.arange(WINDOW_SIZE) - WINDOW_SIZE // 2) / WINDOW_SIGMA) ** 2)
+    weights /= weights.sum()
+    rows, columns = (size - WINDOW_SIZE + 1 for size in image.shape[:2])
     image = sum(w * image[i : i + rows] for i, w in enumerate(weights))
-    columns = image.shape[1] - WINDOW_SIZE + 1
     return sum(w * image[:, i : i + columns] for i, w in enumerate(weights))
 
 

@@ -3,7 +3,6 @@
 One reader for each layout (transforms.py, nsvf.py, colmap.py) makes an `ImageList`.
 """
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,7 +64,7 @@ class ImageList:
 
     def __post_init__(self):
         if not self.images and not self.missing:
-            raise NoSplitError(f"the data set has no {self.split} images")
+            raise NoSplitError(f"the data set names no {self.split} images")
         if not self.images:
             raise NoImagesError(
                 f"none of the {len(self.missing)} {self.split} images is there: "
@@ -80,16 +79,6 @@ def is_of_split(index: int, count: int, split: str) -> bool:
     """
     is_test = count > 1 and index % EVERY_TEST_VIEW == 0
     return is_test == (split != "train")
-
-
-def read_json(path) -> dict:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise DatasetError(f"{path} is not JSON: {error}") from None
-    if not isinstance(content, dict):
-        raise DatasetError(f"{path} has to be a JSON object")
-    return content
 
 
 def rigid_pose(values, name):

@@ -9,6 +9,7 @@ Without a split of its own, every eighth image of a transforms.json is a test im
 nerfstudio's lists train_filenames, val_filenames and test_filenames take precedence.
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +19,9 @@ from .posed_images import (
     IMAGE_ENDINGS,
     DatasetError,
     ImageList,
-    NoSplitError,
     PosedImage,
     checked_lens,
     is_of_split,
-    read_json,
     rigid_pose,
 )
 
@@ -44,9 +43,20 @@ def read(folder, split) -> ImageList:
     Raises:
         DatasetError: The file is not as it has to be, or no image is there.
     """
-    path, scene, frames = listed(folder, split)
-    if not frames:
-        raise NoSplitError(f"{path} has no {split} views")
+    path = transforms_path(folder, split)
+    try:
+        scene = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{path} is not JSON: {error}") from None
+    frames = scene.get("frames") if isinstance(scene, dict) else None
+    if not isinstance(frames, list) or not frames:
+        raise DatasetError(f"{path} lists no frames: there is nothing to load")
+    for frame in frames:
+        name = frame.get("file_path") if isinstance(frame, dict) else None
+        if not isinstance(name, str) or not name:
+            raise DatasetError(f"a frame of {path} has no file_path")
+    if path.name == "transforms.json":
+        frames = frames_of(scene, frames, split)
     found, missing = [], []
     for frame in frames:
         name = frame["file_path"]
@@ -56,26 +66,6 @@ def read(folder, split) -> ImageList:
         else:
             missing.append(name)
     return ImageList(split, tuple(found), tuple(missing))
-
-
-def listed(folder, split):
-    """A split's file, its content, and the frames of the split.
-
-    Raises:
-        DatasetError: The file is not as it has to be.
-    """
-    path = transforms_path(folder, split)
-    scene = read_json(path)
-    frames = scene.get("frames")
-    if not isinstance(frames, list) or not frames:
-        raise DatasetError(f"{path} lists no frames: there is nothing to load")
-    for frame in frames:
-        name = frame.get("file_path") if isinstance(frame, dict) else None
-        if not isinstance(name, str) or not name:
-            raise DatasetError(f"a frame of {path} has no file_path")
-    if path.name == "transforms.json":
-        frames = frames_of(scene, frames, split)
-    return path, scene, frames
 
 
 def frames_of(scene, frames, split):
