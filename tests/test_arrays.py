@@ -1,4 +1,4 @@
-"""Which constraints are in use: chosen by color, at fixed capacity."""
+"""Lists of the constraints in use: sorted by color, in arrays of fixed size."""
 
 from itertools import pairwise
 
@@ -12,7 +12,7 @@ from deformrf.core.geometry import a15_grid
 MESH = a15_grid(0.2)
 
 
-def test_a_selection_keeps_the_colors_apart(device):
+def test_a_selection_keeps_colors_separate(device):
     edges = constraints.edge_constraints(MESH.rest_vertices, MESH.tets)
     chosen = ConstraintList(edges, edges.rest_lengths, MESH.vertex_count, wp.get_device(device))
     room = len(chosen.arrays.vertices)
@@ -42,7 +42,7 @@ def test_a_selection_keeps_the_colors_apart(device):
         np.testing.assert_array_equal(here, of_color[movable[of_color].any(axis=1)])
 
 
-def test_nothing_may_be_in_use_and_everything_again(device):
+def test_selecting_nothing_and_then_everything_restores_the_list(device):
     tets = constraints.volume_constraints(MESH.rest_vertices, MESH.tets)
     chosen = ConstraintList(tets, tets.rest_volumes, MESH.vertex_count, wp.get_device(device))
     names = "vertices", "ids", "rest_values", "regularization", "offsets"

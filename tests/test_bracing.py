@@ -1,4 +1,4 @@
-"""Bracing: parts that hang on an edge or a vertex are joined, others left alone."""
+"""Braces: hinges at an edge or a vertex get them, other meshes don't."""
 
 import numpy as np
 
@@ -12,11 +12,11 @@ def test_a_grid_needs_no_braces():
     assert len(hinge_braces(tets)) == 0
 
 
-def test_tets_that_share_a_face_need_none():
+def test_tets_that_share_a_face_need_no_braces():
     assert len(hinge_braces(np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))) == 0
 
 
-def test_tets_apart_are_left_apart():
+def test_separate_tets_are_not_braced():
     tets = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
     assert len(np.unique(face_components(tet_neighbours(tets)))) == 2
     assert len(hinge_braces(tets)) == 0

@@ -67,7 +67,7 @@ def test_a_dilation_stores_the_energy_of_a_solid():
     assert energy == pytest.approx(0.5 * bulk * (3 * strain) ** 2 * total)
 
 
-def test_inverted_and_flat_tets_are_put_right_or_left_out():
+def test_inverted_tets_are_reoriented_and_flat_ones_left_out():
     vertices = np.concatenate([UNIT_TET, [[1, 1, 0.0]]])
     tets = np.array([[0, 2, 1, 3], [0, 1, 4, 2]])  # inverted; flat
     volumes = constraints.volume_constraints(vertices, tets)
@@ -89,7 +89,7 @@ def test_volume_gradients_are_differences_of_volume():
             assert gradients[corner, axis] == pytest.approx(6 * change[0], abs=1e-12)
 
 
-def test_fallback_directions_are_unit_vectors_without_a_preference():
+def test_fallback_directions_are_uniform_unit_vectors():
     directions = reference.fallback_directions(np.arange(20_000))
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
     np.testing.assert_allclose(directions.mean(axis=0), 0.0, atol=0.02)

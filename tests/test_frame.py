@@ -1,4 +1,4 @@
-"""Native frames where they have it hardest: tangled and collapsed meshes, threads, blocks."""
+"""Native frames in hard cases: tangled and collapsed meshes, threads, blocks, many colors."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -33,7 +33,7 @@ def make_solver(mesh, device, material=None, options=OPTIONS):
 
 
 def reference_step(solver, start):
-    """Where the reference is after one frame."""
+    """Positions of the reference after one frame.  [V, 3]"""
     material, options = solver.material, solver.options
     w = 1.0 / constraints.lumped_masses(solver.rest_vertices, solver.tets, material.density)
     h = DT / options.substeps(DT)
@@ -53,8 +53,8 @@ def reference_step(solver, start):
 
 
 @pytest.mark.parametrize("trial", range(3))
-def test_a_tangle_is_projected_as_the_reference_does(device, trial):
-    """Random positions: half of the tets are inverted, and most projections are cut short."""
+def test_a_tangled_mesh_steps_like_the_reference(device, trial):
+    """Random positions: half of the tets are inverted, and most projections are clamped."""
     solver = make_solver(BALL, device)
     start = np.random.default_rng().uniform(0, 1, (BALL.vertex_count, 3))
     start = start.astype(np.float32).astype(np.float64)
@@ -66,8 +66,8 @@ def test_a_tangle_is_projected_as_the_reference_does(device, trial):
     assert np.isfinite(difference).all()
 
 
-def test_a_point_opens_as_the_reference_does(device):
-    """All edges have no length: only the fixed directions say where vertices go."""
+def test_a_collapsed_mesh_opens_like_the_reference(device):
+    """All edges have length 0, so the fixed directions alone decide where vertices go."""
     solver = make_solver(BALL, device)
     start = np.full((BALL.vertex_count, 3), 0.5)
     solver.set_state(start)
@@ -77,7 +77,7 @@ def test_a_point_opens_as_the_reference_does(device):
     np.testing.assert_allclose(moved, reference_step(solver, start), atol=1e-5)
 
 
-def test_edges_of_no_length_open_in_their_directions(device):
+def test_edges_of_length_zero_open_in_their_fixed_directions(device):
     """Edges that share no vertex, in a mesh of loose tets that are points."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]) * 0.1
     count = 40
@@ -101,7 +101,7 @@ def reference_step_without_volumes(solver, start):
     return reference.step(frame, start, np.zeros_like(start))[0]
 
 
-def test_edges_between_handles_of_no_compliance_do_no_harm(device):
+def test_edges_of_zero_compliance_between_handles_stay_finite(device):
     solver = make_solver(BALL, device, options=XpbdOptions(rescue=False))
     solver.set_compliances(0.0, 0.0)
     held = np.flatnonzero(BALL.rest_vertices[:, 2] > 0.5)
@@ -117,7 +117,7 @@ def shaken(mesh):
     return mesh.rest_vertices + np.random.default_rng().normal(scale=0.003, size=size)
 
 
-def test_the_number_of_threads_changes_no_bit():
+def test_results_are_bitwise_equal_for_any_number_of_threads():
     mesh, results = ball(0.04), []
     start = shaken(mesh)
     for thread_count in (1, 2, 3):
@@ -132,7 +132,7 @@ def test_the_number_of_threads_changes_no_bit():
     np.testing.assert_array_equal(results[0], results[2])
 
 
-def test_a_thread_that_is_stopped_leaves_no_other_waiting(monkeypatch):
+def test_an_interrupt_of_the_calling_thread_ends_the_helpers(monkeypatch):
     """Ctrl-C before the calling thread's part: the helpers end by themselves."""
     solver = make_solver(ball(0.04), "cpu", options=XpbdOptions())
     solver._frame._pace.thread_count = 2
@@ -155,7 +155,7 @@ def test_a_thread_that_is_stopped_leaves_no_other_waiting(monkeypatch):
     assert np.isfinite(solver.vertices.numpy()).all()
 
 
-def test_a_helper_that_cannot_be_asked_leaves_no_other_waiting(monkeypatch):
+def test_an_interrupt_while_helpers_start_ends_those_that_run(monkeypatch):
     """Ctrl-C between the helpers: those that run already end by themselves."""
     mesh = ball(0.04)
     solver = make_solver(mesh, "cpu", options=XpbdOptions())
@@ -207,7 +207,7 @@ def test_the_gpu_source_compiles_without_a_gpu(kernel, tmp_path):
 
 
 @pytest.mark.gpu
-def test_a_vertex_of_many_constraints_is_solved_or_named():
+def test_too_many_colors_are_refused_and_many_are_solved():
     """A fan of tets around one edge has as many colors as tets."""
     for count, fits in ((frame_cuda.MOST_COLORS // 2 - 10, True), (400, False)):
         angles = np.arange(count + 1) * 0.4 / count
@@ -227,7 +227,7 @@ def test_a_vertex_of_many_constraints_is_solved_or_named():
 
 
 @pytest.mark.gpu
-def test_a_block_and_a_grid_do_the_same(monkeypatch):
+def test_a_block_and_a_grid_agree(monkeypatch):
     mesh, results = ball(0.03), []
     start = shaken(mesh)
     assert frame_cuda.runs_in_block(mesh.vertex_count)
@@ -242,7 +242,7 @@ def test_a_block_and_a_grid_do_the_same(monkeypatch):
 
 
 @pytest.mark.gpu
-def test_a_large_mesh_takes_the_grid_and_agrees_with_a_cpu():
+def test_a_large_mesh_runs_on_the_grid_and_agrees_with_a_cpu():
     mesh = ball(0.017)
     assert mesh.vertex_count > frame_cuda.SHARED_VERTICES
     start, results = shaken(mesh), []
@@ -254,7 +254,7 @@ def test_a_large_mesh_takes_the_grid_and_agrees_with_a_cpu():
     np.testing.assert_allclose(*results, atol=2e-6)
 
 
-def test_translates_are_in_different_banks():
+def test_translates_have_different_banks():
     """Eight neighboring cells keep a vertex of the same kind in eight banks."""
     mesh = a15_grid(0.1)
     slots = frame_cuda.bank_slots(mesh.rest_vertices)
@@ -265,6 +265,6 @@ def test_translates_are_in_different_banks():
         assert {bank[tuple(cell + site)] for cell in cells} == set(range(8))
 
 
-def test_meshes_of_no_lattice_have_slots_too():
+def test_meshes_of_no_lattice_get_slots():
     points = np.random.default_rng().uniform(size=(50, 3))
     assert frame_cuda.bank_slots(points).tolist() == list(range(50))

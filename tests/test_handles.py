@@ -42,7 +42,7 @@ def test_an_object_that_stands_on_a_tip_gets_a_wider_foot():
     assert (np.ptp(cone[pins], axis=0)[:2] > 0.04 * height.max()).all()
 
 
-def test_a_lone_tet_is_pinned_without_end():
+def test_pins_of_a_single_tet_are_found():
     tet = np.array([[0, 0, 0], [1, 0, 1], [0, 1, 1], [1, 1, 1.0]])
     assert lowest_pins(tet, np.array([[0, 1, 2, 3]])).any()
 
@@ -58,7 +58,7 @@ def test_control_vertices_are_spread_evenly():
     assert away.max() <= apart.min() + 1e-12
 
 
-def test_more_control_vertices_than_vertices_are_all_vertices():
+def test_asking_for_too_many_control_vertices_gives_all():
     tet = np.eye(4, 3)
     assert sorted(control_vertices(tet, np.array([[0, 1, 2, 3]]), count=9)) == [0, 1, 2, 3]
 
@@ -70,7 +70,7 @@ def test_vertices_without_a_tet_are_neither_pins_nor_controls():
     assert 0 not in control_vertices(vertices, tets)
 
 
-def test_a_region_holds_its_center_and_nothing_beyond_the_radius():
+def test_vertices_within_a_radius_include_the_center():
     vertices = np.array([[0, 0, 0], [0.1, 0, 0], [0.3, 0, 0]])
     assert vertices_within(vertices, 0, 0.0).tolist() == [0]
     assert vertices_within(vertices, 0, 0.1).tolist() == [0, 1]

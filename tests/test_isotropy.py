@@ -58,7 +58,7 @@ def zener(stiffness):
 @pytest.mark.parametrize(
     ("lattice", "ratio"), [(A15, 0.777), (BCC, 4 / 3), (KUHN, 0.476)], ids=["a15", "bcc", "kuhn"]
 )
-def test_without_factors_a_lattice_has_directions(lattice, ratio):
+def test_without_factors_a_lattice_is_anisotropic(lattice, ratio):
     plain = homogenized(lattice, np.ones(len(lattice.squared_lengths)))
     assert zener(plain) == pytest.approx(ratio, abs=5e-4)
 
@@ -69,7 +69,7 @@ def test_with_factors_it_is_an_isotropic_solid(lattice):
     np.testing.assert_allclose(stiffness, solid(1.0, 1.0), atol=1e-9)
 
 
-def test_the_factors_are_those_that_the_text_names():
+def test_the_factors_are_those_of_the_docstring():
     np.testing.assert_allclose(isotropy.lattice_factors(A15), [4 / 25, 8 / 7, 192 / 175])
     np.testing.assert_allclose(isotropy.lattice_factors(BCC), [9 / 10, 6 / 5])
 
@@ -110,7 +110,7 @@ def test_edges_of_no_lattice_have_no_factors():
     assert len(isotropy.edge_factors(np.empty(0))) == 0
 
 
-def test_factors_leave_an_oddly_shaped_tet_alone():
+def test_an_irregular_tet_gets_no_factors():
     tet = TetMesh(
         np.random.default_rng().normal(size=(4, 3)), np.zeros((4, 3), int), np.arange(4)[None]
     )

@@ -1,4 +1,4 @@
-"""How many threads: what is faster is kept, and tried anew now and then."""
+"""The number of threads: the faster one is kept, and the other one tried now and then."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ def test_threads_that_help_are_kept():
     assert (counts == 1).sum() >= pace.TRIAL
 
 
-def test_threads_that_hinder_are_dropped_and_tried_less_and_less():
+def test_slower_threads_are_dropped_and_tried_less_often():
     counts = run(Pace(4), {1: 1.0, 4: 50.0}, 4000)
     assert (counts == 4).sum() <= 8 * pace.TRIAL
     assert counts[-100:].max() == 1

@@ -1,4 +1,4 @@
-"""The reference's own facts, and a frame of the solver beside it, with everything it can do."""
+"""Frames of the solver against the float64 reference, and the reference against a closed form."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ HEAD = np.flatnonzero(MESH.rest_vertices[:, 2] > 0.7)
 
 
 def frame_of(options, material, springs=None, targets=None, anchors=None, exact=()):
-    """The reference's frame, from the API's own terms."""
+    """The reference's input for the same options and material."""
     rest = MESH.rest_vertices.astype(np.float32).astype(np.float64)
     w = 1.0 / constraints.lumped_masses(rest, MESH.tets, material.density)
     w[FOOT] = 0.0
@@ -53,7 +53,7 @@ def frame_of(options, material, springs=None, targets=None, anchors=None, exact=
 
 
 def random_case():
-    """A solver's options and material, a state, and where the head shall go."""
+    """Random options, material and state, and the head's way in two frames."""
     random = np.random.default_rng()
     options = XpbdOptions(
         substep_count=int(random.integers(1, 12)),
@@ -75,7 +75,7 @@ def random_case():
 
 
 def assert_agrees(solver, frame, x, v):
-    """Where the solver is after its frame, against the reference's."""
+    """Compare the solver after its frame with the reference."""
     x, v = reference.step(frame, x, v)
     np.testing.assert_allclose(solver.vertices.numpy(), x, atol=2e-6)
     moving = frame.inverse_masses > 0
@@ -88,7 +88,7 @@ def make_solver(options, material, device):
 
 
 @pytest.mark.parametrize("trial", range(4))
-def test_a_frame_with_exact_handles_is_the_references(device, trial):
+def test_a_frame_with_exact_handles_agrees_with_the_reference(device, trial):
     options, material, start, velocities, way = random_case()
     solver = make_solver(options, material, device)
     solver.set_state(start, velocities)
@@ -102,7 +102,7 @@ def test_a_frame_with_exact_handles_is_the_references(device, trial):
 
 
 @pytest.mark.parametrize("trial", range(4))
-def test_two_frames_with_springs_are_the_references(device, trial):
+def test_two_frames_with_springs_agree_with_the_reference(device, trial):
     """The second frame's anchors are the first one's targets."""
     options, material, start, velocities, way = random_case()
     random = np.random.default_rng()

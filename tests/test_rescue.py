@@ -1,4 +1,4 @@
-"""When a tangled body is taken back to its shape, and that it comes back, whatever happened."""
+"""The rescue: when it begins and ends, and that every tangled body returns to its rest shape."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ FRAMES = pytest.mark.parametrize("dt", [1 / 144, 1 / 60, 1 / 5, 1.0])
 
 
 def run_until(body, attribute, dt=DT):
-    """Frames until a try of one kind is under way; how long that took."""
+    """Run until a try of one kind is under way; the seconds that took."""
     before = len(body.progress)
     while getattr(body.rescue, attribute) is None:
         body.run(dt, dt)
@@ -64,7 +64,7 @@ def test_after_a_second_of_tangles_it_is_softened(dt):
 
 
 @FRAMES
-def test_what_stays_tangled_then_goes_all_the_way_once(dt):
+def test_parts_that_stay_tangled_are_taken_back_once(dt):
     body = Body(0, 3)
     run_until(body, "ratio", dt)
     assert run_until(body, "parts", dt) <= SOFTENING + PATIENCE + 6 * dt
@@ -87,7 +87,7 @@ def test_a_sound_mesh_is_left_alone_and_may_sleep():
     assert body.rescue.may_sleep
 
 
-def test_tangles_that_go_by_themselves_start_nothing():
+def test_tangles_that_resolve_themselves_start_no_rescue():
     body = Body(5)
     for _ in range(5):
         body.counts[:] = 5
@@ -97,7 +97,7 @@ def test_tangles_that_go_by_themselves_start_nothing():
     assert not any(body.progress)
 
 
-def test_tries_end_until_the_user_does_something():
+def test_after_all_tries_nothing_happens_until_the_user_acts():
     body = Body(3)
     body.run(60.0)
     assert body.progress.count(1.0) == TRIES - 1  # the first one was softened
@@ -108,7 +108,7 @@ def test_tries_end_until_the_user_does_something():
     run_until(body, "ratio")
 
 
-def test_a_body_that_its_weight_tangles_is_not_taken_back_for_ever():
+def test_a_body_that_tangles_by_its_weight_is_given_up():
     body = Body(3)
     for _ in range(2 * TRIES):  # it is untangled by the rescue, and gives way again
         body.counts[:] = 3
@@ -124,13 +124,13 @@ def test_a_body_that_its_weight_tangles_is_not_taken_back_for_ever():
 
 
 def turned(vertices):
-    """A random turn and shift of them."""
+    """Vertices after a random rotation and translation."""
     random = np.random.default_rng()
     turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
     return vertices @ (turn * np.sign(np.linalg.det(turn))) + random.normal(size=3)
 
 
-def test_the_goal_is_the_rest_shape_as_it_is_turned():
+def test_the_goal_is_the_rest_shape_in_the_current_rotation():
     rest = np.random.default_rng().uniform(size=(20, 3))
     nobody, x = np.zeros(20, bool), turned(rest)
     np.testing.assert_allclose(goals(rest, x, nobody), x, atol=1e-12)
@@ -141,7 +141,7 @@ def test_the_goal_is_the_rest_shape_as_it_is_turned():
 
 
 @pytest.mark.parametrize("scale", [(-1, 1, 1), (1, 1, 0), (1, 0, 0), (0, 0, 0)])
-def test_the_goal_of_what_is_mirrored_or_collapsed_is_not(scale):
+def test_the_goal_of_a_mirrored_or_collapsed_body_is_neither(scale):
     rest = np.random.default_rng().uniform(size=(20, 3))
     goal = goals(rest, turned(rest * scale), np.zeros(20, bool))
     lengths, expected = (np.linalg.norm(a[:, None] - a[None], axis=2) for a in (goal, rest))
@@ -150,7 +150,7 @@ def test_the_goal_of_what_is_mirrored_or_collapsed_is_not(scale):
     np.testing.assert_allclose(signed_volumes(goal, corners), signed_volumes(rest, corners))
 
 
-def test_what_is_held_decides_where_the_goal_is():
+def test_held_vertices_decide_where_the_goal_is():
     random = np.random.default_rng()
     rest = random.uniform(size=(20, 3))
     held = np.arange(20) < 4
@@ -159,7 +159,7 @@ def test_what_is_held_decides_where_the_goal_is():
     np.testing.assert_allclose(goals(rest, torn, held), x, atol=1e-3)
 
 
-def test_what_moved_as_one_is_not_distorted():
+def test_a_rigid_motion_is_no_distortion():
     rest = np.random.default_rng().uniform(size=(20, 3))
     assert distortion(rest, turned(rest)) < 1e-9
     assert distortion(rest[:0], rest[:0]) == 0.0
@@ -203,7 +203,7 @@ def from_rest(positions, pinned):
 
 
 def start_of(name):
-    """The rest pose, spoiled; [V, 3]."""
+    """The rest pose, mirrored, collapsed or random.  [V, 3]"""
     center = REST.mean(axis=0)
     if name == "random":
         return np.random.default_rng().uniform(0.2, 0.8, REST.shape)
@@ -281,7 +281,7 @@ def test_pins_that_stretch_a_body_are_no_tangle(device):
     assert (stretched > 2.0).sum() > 5
 
 
-def test_it_says_that_it_rescues_and_does_not_sleep_meanwhile(device):
+def test_a_rescue_is_reported_and_the_solver_stays_awake(device):
     x = make_solver(device, Material(poisson_ratio=0.25), FREE)
     x.set_state(start_of("mirrored"))  # without volumes that is an equilibrium
     rescued = 0
@@ -316,7 +316,7 @@ def test_only_tangled_parts_are_taken_back(device):
     assert from_rest(x.vertices.numpy()[: len(REST)], FREE) < 0.01
 
 
-def test_not_even_nan_stays(device):
+def test_a_vertex_at_nan_is_recovered(device):
     x = make_solver(device, Material(), FREE)
     x.set_state(REST)
     spoiled = x.vertices.numpy().copy()
@@ -327,7 +327,7 @@ def test_not_even_nan_stays(device):
     assert from_rest(x.vertices.numpy().astype(np.float64), FREE) < 1e-5
 
 
-def test_without_the_option_a_mirror_image_sleeps(device):
+def test_without_the_rescue_a_mirror_image_sleeps(device):
     x = make_solver(device, Material(poisson_ratio=0.25), FREE, rescue=False)
     x.set_state(start_of("mirrored"))
     for _ in range(60):
@@ -335,7 +335,7 @@ def test_without_the_option_a_mirror_image_sleeps(device):
     assert x.settled and not x.rescuing
 
 
-def test_who_holds_it_comes_first(device):
+def test_a_grab_stops_the_rescue(device):
     x = make_solver(device, Material(poisson_ratio=0.25), FREE)
     mirrored = start_of("mirrored")
     x.set_state(mirrored)
@@ -354,7 +354,7 @@ def test_who_holds_it_comes_first(device):
     assert (moving[1:] > 0).all()  # they have their masses again
 
 
-def test_it_counts_what_is_inverted(device):
+def test_inverted_tets_are_counted(device):
     x = make_solver(device, Material(), FREE)
     moved = REST.copy()
     moved[np.random.default_rng().integers(len(moved), size=5)] += 0.3

@@ -35,12 +35,12 @@ def test_two_sheets_have_positive_volumes_and_are_a_tangle(device):
     np.testing.assert_array_equal(counts(rest, x, tets, device), [[0], [1]])
 
 
-def test_what_is_wrapped_at_rest_is_no_tangle(device):
+def test_an_edge_wrapped_at_rest_is_no_tangle(device):
     _, x, tets = wheel(9, turns=2)
     np.testing.assert_array_equal(counts(x, x, tets, device), [[0], [0]])
 
 
-def test_angles_add_up_to_a_turn_inside_and_to_less_outside():
+def test_angles_add_up_to_2_pi_inside_and_to_less_outside():
     mesh = a15_grid(0.25)
     fans = tangles.fans(mesh.rest_vertices, mesh.tets)
     assert len(fans.others) == 6 * mesh.tet_count
@@ -50,7 +50,7 @@ def test_angles_add_up_to_a_turn_inside_and_to_less_outside():
     assert np.isclose(sums, 2 * np.pi).any()
 
 
-def test_every_pose_of_a_bent_body_is_no_tangle(device):
+def test_a_twisted_body_is_no_tangle(device):
     mesh = a15_grid(0.125)
     rest = mesh.rest_vertices
     angle = np.random.default_rng().uniform(0.5, 1.5) * (rest[:, 2:] - 0.5)
@@ -70,7 +70,7 @@ def test_overlong_edges_count_if_asked_for(device):
         np.testing.assert_array_equal(counter.counts.numpy(), [[0], [expected]])
 
 
-def test_what_is_inverted_flat_or_nowhere_counts_in_its_part(device):
+def test_inverted_flat_and_nan_tets_count_in_their_part(device):
     mesh = a15_grid(0.25)
     rest = np.concatenate([mesh.rest_vertices, mesh.rest_vertices + 2.0])
     tets = np.concatenate([mesh.tets, mesh.tets + mesh.vertex_count])
