@@ -144,7 +144,7 @@ def print_report(report):
 
 
 def model_line(facts) -> str:
-    """What the model weighs, and what it cost."""
+    """The size of the model and the cost of its training."""
     parts = []
     if "bytes" in facts:
         parts.append(f"{facts['bytes'] / 1e6:.2f} MB")
