@@ -104,7 +104,8 @@ def test_what_overlaps_is_mended(make_ball_field, device):
     renderer.set_vertices(vertices)
     mended = renderer.render(camera, RenderOptions(BACKGROUND))
     assert_alike(mended, renderer.render(camera, HOST_ROUNDS))
-    _, tangled = renderer.overlap.sort_rays(renderer._wavefront.rays, camera.width * camera.height)
+    rays = renderer._wavefront.buffers.rays
+    _, tangled = renderer.overlap.sort_rays(rays, camera.width * camera.height)
     assert 0 < len(tangled) < 0.5 * (mended.color_array()[..., 3] > 0).sum()
     np.testing.assert_array_equal(plain.color_array(), kept)  # earlier images stay what they are
 

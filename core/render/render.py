@@ -228,21 +228,14 @@ class Renderer:
         with self.stage("overlap"):
             self.overlap.search()
         sample_count = wavefront.render(device_camera(camera), rows, options, self.stage)
+        rays, pixels = wavefront.buffers.rays, wavefront.buffers.pixels
+        color, depth = wavefront.buffers.color[:count], wavefront.buffers.depth[:count]
         if self._find_overlap(options):  # the wavefront took tangled rays for plain ones
             with self.stage("merge"):
-                _, tangled = self.overlap.sort_rays(wavefront.rays, count)
-                sample_count += self.merger.render(
-                    wavefront.rays, tangled, wavefront.pixels, options
-                )
-                resolve(
-                    wavefront.pixels,
-                    options.background,
-                    wavefront.color,
-                    wavefront.depth,
-                    tangled,
-                )
-        color, depth = wp.clone(wavefront.color[:count]), wp.clone(wavefront.depth[:count])
-        return Image(color.reshape(shape), depth.reshape(shape), sample_count)
+                _, tangled = self.overlap.sort_rays(rays, count)
+                sample_count += self.merger.render(rays, tangled, pixels, options)
+                resolve(pixels, options.background, color, depth, tangled)
+        return Image(wp.clone(color).reshape(shape), wp.clone(depth).reshape(shape), sample_count)
 
     def _wavefront_for(self, count):
         """A wavefront with room for that many pixels: the last one, if it is large enough."""

@@ -6,9 +6,11 @@ their places.  Two lists of rays alternate: kernels read one and write the other
 Shapes: R rays, S slots, L levels, T tets.
 """
 
+import numpy as np
 import warp as wp
 
 from ...field import (
+    CONSTANT_BASIS,
     Tables,
     basis_of,
     dense_nodes,
@@ -28,15 +30,17 @@ from ..rays import (
     Rays,
     Samples,
     camera_ray,
+    empty_entries,
+    empty_rays,
+    empty_samples,
     find_entries,
     march_ray,
 )
-from .compositing import Pixels, to_byte
+from .compositing import Pixels, empty_pixels, to_byte
 
 TILE_WIDTH, TILE_HEIGHT = wp.constant(8), wp.constant(4)  # pixels of a warp
 LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
 ALIGNMENT = wp.constant(64)  # of the stride
-BACKGROUND_DEPTH = wp.constant(wp.inf)
 # Places in the state, integers on the device.
 PARITY = wp.constant(0)  # which list is read
 LISTED = wp.constant(1)  # rays in it
@@ -82,10 +86,61 @@ def claim(state: wp.array(dtype=int), place: int) -> int: ...
 def add_up(state: wp.array(dtype=int), place: int, value: int): ...
 
 
+@wp.struct
+class Buffers:
+    """An image in progress."""
+
+    rays: Rays  # [R]
+    entries: Entries  # [R]
+    pixels: Pixels  # [R]
+    state: wp.array(dtype=int)  # [STATE_SIZE]
+    lists: wp.array2d(dtype=int)  # [2, R]
+    slots: Samples  # [S]
+    counts: wp.array(dtype=int)  # [S / LEAST_SLOTS] samples of each listed ray
+    features: wp.array(dtype=vec4h)  # [S · L]
+    basis: wp.array(dtype=vec4h)  # [4 S] spherical harmonics
+    sigma: wp.array(dtype=float)  # [S]
+    rgb: wp.array(dtype=wp.vec3)  # [S]
+    background: wp.array(dtype=wp.vec3)  # [1]
+    color: wp.array(dtype=wp.vec4ub)  # [R] of finished rays
+    depth: wp.array(dtype=float)  # [R] of finished rays
+
+
+def empty_buffers(ray_count: int, slot_count: int, level_count: int, device) -> Buffers:
+    buffers = Buffers()
+    buffers.rays = empty_rays(ray_count, device)
+    buffers.entries = empty_entries(ray_count, device)
+    buffers.pixels = empty_pixels(ray_count, device)
+    buffers.slots = empty_samples(slot_count, device)
+    basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (slot_count, 1))
+    with wp.ScopedDevice(device):
+        buffers.state = wp.zeros(STATE_SIZE, dtype=int)
+        buffers.lists = wp.empty((2, ray_count), dtype=int)
+        buffers.counts = wp.empty(slot_count // LEAST_SLOTS, dtype=int)
+        buffers.features = wp.zeros(slot_count * level_count, dtype=vec4h)
+        buffers.basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
+        buffers.sigma = wp.empty(slot_count, dtype=float)
+        buffers.rgb = wp.empty(slot_count, dtype=wp.vec3)
+        buffers.background = wp.zeros(1, dtype=wp.vec3)
+        buffers.color = wp.empty(ray_count, dtype=wp.vec4ub)
+        buffers.depth = wp.empty(ray_count, dtype=float)
+    return buffers
+
+
 @wp.func
-def list_ray(state: wp.array(dtype=int), lists: wp.array2d(dtype=int), ray: int):
+def list_ray(buffers: Buffers, ray: int):
     """Put a ray into the list of the next round."""
-    lists[1 - state[PARITY], claim(state, NEXT_LISTED)] = ray
+    state = buffers.state
+    buffers.lists[1 - state[PARITY], claim(state, NEXT_LISTED)] = ray
+
+
+@wp.func
+def finish_ray(buffers: Buffers, ray: int, color: wp.vec3, opacity: float, depth: float):
+    """Write the pixel of a ray; its color is over the background."""
+    buffers.color[ray] = wp.vec4ub(
+        to_byte(color[0]), to_byte(color[1]), to_byte(color[2]), to_byte(opacity)
+    )
+    buffers.depth[ray] = wp.where(opacity < 0.5, wp.inf, depth)
 
 
 @wp.kernel
@@ -94,14 +149,7 @@ def begin_kernel(
     camera: DeviceCamera,
     first_row: int,
     row_count: int,
-    background: wp.vec3,
-    entries: Entries,
-    rays: Rays,
-    pixels: Pixels,
-    state: wp.array(dtype=int),
-    lists: wp.array2d(dtype=int),  # [2, R]
-    color: wp.array(dtype=wp.vec4ub),  # [R] out, of rays that miss the mesh
-    depth: wp.array(dtype=float),  # [R] out
+    buffers: Buffers,
 ):
     """Make the rays of the image, find their entries, and list those that meet the mesh.
 
@@ -118,22 +166,20 @@ def begin_kernel(
         return
     ray = row * width + column
     origin, direction = camera_ray(camera, column, first_row + row)
+    rays = buffers.rays
     rays.origins[ray] = origin
     rays.directions[ray] = direction
-    if find_entries(geometry, origin, direction, ray, entries) == 0:
-        color[ray] = wp.vec4ub(
-            to_byte(background[0]), to_byte(background[1]), to_byte(background[2]), wp.uint8(0)
-        )
-        depth[ray] = BACKGROUND_DEPTH
+    if find_entries(geometry, origin, direction, ray, buffers.entries) == 0:
+        finish_ray(buffers, ray, buffers.background[0], 0.0, 0.0)
         return
     rays.t[ray] = 0.0
     rays.tet[ray] = -1
     rays.entry_face[ray] = -1
     rays.piece[ray] = 0
-    pixels.color[ray] = wp.vec3()
-    pixels.depth[ray] = 0.0
-    pixels.transmittance[ray] = 1.0
-    list_ray(state, lists, ray)
+    buffers.pixels.color[ray] = wp.vec3()
+    buffers.pixels.depth[ray] = 0.0
+    buffers.pixels.transmittance[ray] = 1.0
+    list_ray(buffers, ray)
 
 
 @wp.kernel
@@ -158,36 +204,31 @@ def advance_kernel(slot_count: int, state: wp.array(dtype=int)):
 @wp.kernel
 def march_slots_kernel(
     geometry: Geometry,
-    entries: Entries,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
-    rays: Rays,
-    state: wp.array(dtype=int),
-    lists: wp.array2d(dtype=int),  # [2, R]
     step: float,  # Δ
-    slots: Samples,  # out [S]
-    counts: wp.array(dtype=int),  # [S / 4] out
+    buffers: Buffers,
 ):
     i = wp.tid()
+    state = buffers.state
     if i >= state[STRIDE]:
         return
     count = int(0)
     if i < state[TAKEN]:
-        ray = lists[state[PARITY], i]
         count = march_ray(
             geometry,
-            entries,
+            buffers.entries,
             occupancy,
-            rays,
-            ray,
+            buffers.rays,
+            buffers.lists[state[PARITY], i],
             step,
             MIDDLE,
             FILL_SLOTS,
             i,
             state[STRIDE],
             state[PER_RAY],
-            slots,
+            buffers.slots,
         )
-    counts[i] = count
+    buffers.counts[i] = count
 
 
 @wp.kernel
@@ -196,26 +237,21 @@ def encode_slots_kernel(
     table: wp.array(dtype=vec4h),  # [entries]
     nodes: wp.array(dtype=vec4h),  # node_table of the dense levels
     rotations: wp.array(dtype=wp.mat33),  # [T] Q
-    rays: Rays,
-    state: wp.array(dtype=int),
-    lists: wp.array2d(dtype=int),  # [2, R]
-    slots: Samples,  # [S]
-    counts: wp.array(dtype=int),
     level_count: int,
     used_level_count: int,  # the finer ones count as zero
     constant_direction: int,  # 1: the color does not depend on the direction
-    features: wp.array(dtype=vec4h),  # [S · L] out
-    basis: wp.array(dtype=vec4h),  # [4 S] out
+    buffers: Buffers,
 ):
     n = wp.tid()
+    state = buffers.state
     if n >= state[TOTAL]:
         return
     stride = state[STRIDE]
     i = n % stride
-    if n / stride >= counts[i]:
+    if n / stride >= buffers.counts[i]:
         return
-    tet = slots.tet[n]
-    x = lattice_point(load_wide(slots.bary, n))
+    tet = buffers.slots.tet[n]
+    x = lattice_point(load_wide(buffers.slots.bary, n))
     products = tables.products[tet]
     level = int(0)
     while level < used_level_count:
@@ -227,18 +263,18 @@ def encode_slots_kernel(
             f = mixed(nodes, dense_nodes(tables, level, tet, cell, first, last), weights)
         else:
             f = mixed(table, hashed_entries(tables, level, products, cell, first, last), weights)
-        store_wide_half(features, n * level_count + level, f)
+        store_wide_half(buffers.features, n * level_count + level, f)
         level += 1
     while level < level_count:
-        store_wide_half(features, n * level_count + level, wp.vec4())
+        store_wide_half(buffers.features, n * level_count + level, wp.vec4())
         level += 1
     if constant_direction == 0:
-        direction = rays.directions[lists[state[PARITY], i]]
+        direction = buffers.rays.directions[buffers.lists[state[PARITY], i]]
         b = basis_of(wp.transpose(rotations[tet]) * direction)
-        store_wide_half(basis, 4 * n, wp.vec4(b[0], b[1], b[2], b[3]))
-        store_wide_half(basis, 4 * n + 1, wp.vec4(b[4], b[5], b[6], b[7]))
-        store_wide_half(basis, 4 * n + 2, wp.vec4(b[8], b[9], b[10], b[11]))
-        store_wide_half(basis, 4 * n + 3, wp.vec4(b[12], b[13], b[14], b[15]))
+        store_wide_half(buffers.basis, 4 * n, wp.vec4(b[0], b[1], b[2], b[3]))
+        store_wide_half(buffers.basis, 4 * n + 1, wp.vec4(b[4], b[5], b[6], b[7]))
+        store_wide_half(buffers.basis, 4 * n + 2, wp.vec4(b[8], b[9], b[10], b[11]))
+        store_wide_half(buffers.basis, 4 * n + 3, wp.vec4(b[12], b[13], b[14], b[15]))
 
 
 @wp.func
@@ -252,53 +288,42 @@ def mixed(table: wp.array(dtype=vec4h), e: wp.vec4i, weights: wp.vec4):
 
 
 @wp.kernel
-def composite_slots_kernel(
-    state: wp.array(dtype=int),
-    lists: wp.array2d(dtype=int),  # [2, R]
-    slots: Samples,  # [S]
-    counts: wp.array(dtype=int),
-    sigma: wp.array(dtype=float),  # [S]
-    rgb: wp.array(dtype=wp.vec3),  # [S]
-    ray_tet: wp.array(dtype=int),  # [R] -2 where the ray has left the mesh for good
-    stop: float,
-    background: wp.array(dtype=wp.vec3),  # [1]
-    pixels: Pixels,
-    color: wp.array(dtype=wp.vec4ub),  # [R] out
-    depth: wp.array(dtype=float),  # [R] out
-):
+def composite_slots_kernel(stop: float, buffers: Buffers):
     """`accumulate_kernel` (with closing = 1) and `resolve_kernel`, on slots."""
     i = wp.tid()
+    state = buffers.state
     if i >= state[LISTED]:
         return
-    ray = lists[state[PARITY], i]
+    ray = buffers.lists[state[PARITY], i]
     if i >= state[TAKEN]:
-        list_ray(state, lists, ray)
+        list_ray(buffers, ray)
         return
     stride = state[STRIDE]
-    add_up(state, SAMPLES, counts[i])
+    add_up(state, SAMPLES, buffers.counts[i])
+    slots = buffers.slots
+    pixels = buffers.pixels
     transmittance = pixels.transmittance[ray]
     c = pixels.color[ray]
     total_t = pixels.depth[ray]
     n = int(i)
-    last = i + counts[i] * stride
+    last = i + buffers.counts[i] * stride
     while n < last and transmittance >= stop:
-        remaining = wp.exp(-sigma[n] * slots.length[n])
+        remaining = wp.exp(-buffers.sigma[n] * slots.length[n])
         w = transmittance * (1.0 - remaining)
-        c += w * rgb[n]
+        c += w * buffers.rgb[n]
         total_t += w * slots.t[n]
         transmittance *= remaining
         n += stride
-    if transmittance >= stop and ray_tet[ray] > -2:
+    if transmittance >= stop and buffers.rays.tet[ray] > -2:
         pixels.transmittance[ray] = transmittance
         pixels.color[ray] = c
         pixels.depth[ray] = total_t
-        list_ray(state, lists, ray)
+        list_ray(buffers, ray)
         return
     opacity = 1.0 - transmittance
     total_t /= wp.max(opacity, 1.0e-6)
     if transmittance < stop:
         c /= opacity
         opacity = 1.0
-    c += (1.0 - opacity) * background[0]
-    color[ray] = wp.vec4ub(to_byte(c[0]), to_byte(c[1]), to_byte(c[2]), to_byte(opacity))
-    depth[ray] = wp.where(opacity < 0.5, BACKGROUND_DEPTH, total_t)
+    c += (1.0 - opacity) * buffers.background[0]
+    finish_ray(buffers, ray, c, opacity, total_t)

@@ -19,14 +19,11 @@ pixels, and slot k of ray i is at k * stride + i.
 Shapes: R rays, S slots, L levels.
 """
 
-import numpy as np
 import warp as wp
 
-from ...field import CONSTANT_BASIS, vec4h
-from ..rays import DeviceCamera, Pose, empty_entries, empty_rays, empty_samples
+from ..rays import DeviceCamera, Pose
 from ..shading import Shading
 from . import slots
-from .compositing import empty_pixels
 
 SLOTS_PER_PIXEL = 1.2  # rays for which there is no room wait for the next round
 MOST_SLOTS_IN_ALL = 1 << 21  # 280 MB
@@ -35,7 +32,7 @@ BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest 
 
 
 class Wavefront:
-    """Renders images of up to `capacity` pixels in default mode.
+    """Renders images of up to `capacity` pixels in default mode into its `buffers`.
 
     `shading.evaluate_slots` fills arrays: evaluate(features [S · L] vec4h, basis [4 S] vec4h,
     total [1], sigma [S], rgb [S]), without waiting or allocating.
@@ -56,22 +53,7 @@ class Wavefront:
         self.device = device = pose.device
         slot_count = min(int(SLOTS_PER_PIXEL * capacity), MOST_SLOTS_IN_ALL)
         self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
-        self._entries = empty_entries(capacity, device)
-        self.rays = empty_rays(capacity, device)
-        self.pixels = empty_pixels(capacity, device)
-        self._slots = empty_samples(slot_count, device)
-        with wp.ScopedDevice(device):
-            self._state = wp.zeros(slots.STATE_SIZE, dtype=int)
-            self._lists = wp.empty((2, capacity), dtype=int)
-            self._counts = wp.empty(slot_count // slots.LEAST_SLOTS, dtype=int)
-            self._features = wp.zeros(slot_count * options.level_count, dtype=vec4h)
-            basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (slot_count, 1))
-            self._basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
-            self._sigma = wp.empty(slot_count, dtype=float)
-            self._rgb = wp.empty(slot_count, dtype=wp.vec3)
-            self._background = wp.zeros(1, dtype=wp.vec3)
-            self.color = wp.empty(capacity, dtype=wp.vec4ub)
-            self.depth = wp.empty(capacity, dtype=float)
+        self.buffers = slots.empty_buffers(capacity, slot_count, options.level_count, device)
         self._host_state = wp.zeros(
             slots.STATE_SIZE, dtype=int, device="cpu", pinned=device.is_cuda
         )
@@ -80,7 +62,7 @@ class Wavefront:
         self._likely_rounds = 4
 
     def render(self, camera: DeviceCamera, rows, options, stage) -> int:
-        """Fill `color` and `depth` with the rows first..last-1.
+        """Fill `color` and `depth` of the buffers with the rows first..last-1.
 
         Args:
             rows: (first, last)
@@ -95,7 +77,7 @@ class Wavefront:
         while True:
             for _ in range(rounds):
                 self._round(options, stage)
-            wp.copy(self._host_state, self._state)
+            wp.copy(self._host_state, self.buffers.state)
             if self.device.is_cuda:
                 wp.synchronize_stream(wp.get_stream(self.device))
             state = self._host_state.numpy()
@@ -108,29 +90,17 @@ class Wavefront:
     def _begin(self, camera, rows, options, stage):
         background = tuple(options.background)
         if background != self._last_background:
-            self._background.fill_(wp.vec3(*background))
+            self.buffers.background.fill_(wp.vec3(*background))
             self._last_background = background
         row_count = rows[1] - rows[0]
         tiles = -(-camera.lens.width // slots.TILE_WIDTH) * -(-row_count // slots.TILE_HEIGHT)
         with stage("begin"):
             self._pose.refresh_face_boxes()
-            self._state.zero_()
+            self.buffers.state.zero_()
             self._launch(
                 slots.begin_kernel,
                 tiles * slots.TILE_WIDTH * slots.TILE_HEIGHT,
-                [
-                    self._pose.geometry,
-                    camera,
-                    rows[0],
-                    row_count,
-                    wp.vec3(*background),
-                    self._entries,
-                    self.rays,
-                    self.pixels,
-                    self._state,
-                    self._lists,
-                ],
-                [self.color, self.depth],
+                [self._pose.geometry, camera, rows[0], row_count, self.buffers],
             )
 
     def _round(self, options, stage):
@@ -147,22 +117,14 @@ class Wavefront:
         wp.capture_launch(self._graphs[key])
 
     def _launch_round(self, options, stage):
-        geometry, level_count = self._pose.geometry, self._level_count
+        geometry, buffers, level_count = self._pose.geometry, self.buffers, self._level_count
+        step = self._march_step * options.step_factor
         with stage("march"):
-            self._launch(slots.advance_kernel, 1, [self._slot_count, self._state])
+            self._launch(slots.advance_kernel, 1, [self._slot_count, buffers.state])
             self._launch(
                 slots.march_slots_kernel,
-                len(self._counts),
-                [
-                    geometry,
-                    self._entries,
-                    self._occupancy,
-                    self.rays,
-                    self._state,
-                    self._lists,
-                    self._march_step * options.step_factor,
-                ],
-                [self._slots, self._counts],
+                len(buffers.counts),
+                [geometry, self._occupancy, step, buffers],
             )
         with stage("encode"):
             self._launch(
@@ -173,45 +135,18 @@ class Wavefront:
                     self._table,
                     self._nodes,
                     geometry.rotations,
-                    self.rays,
-                    self._state,
-                    self._lists,
-                    self._slots,
-                    self._counts,
                     level_count,
                     options.level_count or level_count,
                     int(not self._view_dependence),
+                    buffers,
                 ],
-                [self._features, self._basis],
             )
         with stage("networks"):
-            total = self._state[slots.TOTAL : slots.TOTAL + 1]
-            self._evaluate(self._features, self._basis, total, self._sigma, self._rgb)
+            total = buffers.state[slots.TOTAL : slots.TOTAL + 1]
+            self._evaluate(buffers.features, buffers.basis, total, buffers.sigma, buffers.rgb)
         with stage("composite"):
-            self._launch(
-                slots.composite_slots_kernel,
-                self.capacity,
-                [
-                    self._state,
-                    self._lists,
-                    self._slots,
-                    self._counts,
-                    self._sigma,
-                    self._rgb,
-                    self.rays.tet,
-                    options.stop,
-                    self._background,
-                    self.pixels,
-                ],
-                [self.color, self.depth],
-            )
+            inputs = [options.stop, buffers]
+            self._launch(slots.composite_slots_kernel, self.capacity, inputs)
 
-    def _launch(self, kernel, dim, inputs, outputs=()):
-        wp.launch(
-            kernel,
-            dim=dim,
-            inputs=inputs,
-            outputs=outputs,
-            device=self.device,
-            block_dim=BLOCK_SIZE,
-        )
+    def _launch(self, kernel, dim, inputs):
+        wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=BLOCK_SIZE)
