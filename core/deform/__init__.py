@@ -5,6 +5,11 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "handles": ["control_vertices", "falloff", "lowest_pins", "vertices_within"],
+        "material": ["LOWEST_POISSON_RATIO", "Material", "PRESETS"],
+        "xpbd": ["XpbdSolver", "kernel_modules"],
+        "xpbd_options": ["TIME_STEP", "XpbdOptions"],
+        # For solvers beside this one, which the lab compares with it.
         "arrays": ["upload"],
         "constraints": [
             "COMPLIANCE_FLOOR",
@@ -14,9 +19,5 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "volume_constraints",
             "volume_gradients",
         ],
-        "handles": ["control_vertices", "falloff", "lowest_pins", "vertices_within"],
-        "material": ["LOWEST_POISSON_RATIO", "Material", "PRESETS"],
-        "xpbd": ["XpbdSolver", "kernel_modules"],
-        "xpbd_options": ["TIME_STEP", "XpbdOptions"],
     },
 )

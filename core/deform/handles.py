@@ -1,4 +1,4 @@
-"""Which vertices hold an object, which ones a user can drag, and what a drag takes along.
+"""Vertices by role: pins that hold an object, handles to drag it by, and those near a handle.
 
 Shapes: V vertices, T tets.  Positions are rest positions in model space, z up.
 """
@@ -7,19 +7,19 @@ import numpy as np
 
 from ..geometry import components
 
-# The pins of a component must be at least this wide and deep, in component heights: an
-# object that stands on one vertex, or on a line, turns about it and never comes back.
+# Least width and depth of a component's pins, in component heights: an object that is held
+# at one vertex, or along a line, turns about it and never comes back.
 FOOT_SIZE = 0.05
 
 
 def lowest_pins(vertices, tets, fraction=0.05):
-    """The lowest part of each connected component, which holds it by default.  [V] bool
+    """The default pins: the lowest part of each connected component.  [V] bool
 
     Args:
         vertices: [V, 3]
         tets: [T, 4]
-        fraction: Of the component's height; raised where what lies below is a point or
-            a line.
+        fraction: Of the component's height; raised where its lowest vertices are a point
+            or a line.
     """
     labels = components(len(vertices), tets)
     used = np.zeros(len(vertices), bool)
@@ -32,7 +32,7 @@ def lowest_pins(vertices, tets, fraction=0.05):
 
 
 def _foot(vertices, fraction):
-    """The lowest vertices of one component, enough of them to stand on.  [V] bool"""
+    """The lowest vertices of one component, as many as FOOT_SIZE needs.  [V] bool"""
     height = vertices[:, 2] - vertices[:, 2].min()
     while True:
         foot = height <= fraction * height.max() + 1e-9
@@ -45,7 +45,7 @@ def _foot(vertices, fraction):
 
 
 def control_vertices(rest_vertices, tets, count=24):
-    """Vertices to drag the object by, spread evenly over it: farthest-point sampling.
+    """Vertices to drag the object by, spread over it by farthest-point sampling.
 
     Args:
         rest_vertices: [V, 3]
@@ -57,7 +57,7 @@ def control_vertices(rest_vertices, tets, count=24):
     """
     used = np.unique(tets)
     points = np.asarray(rest_vertices, np.float64)[used]
-    nearest = np.full(len(points), np.inf)  # squared distance to what was chosen
+    nearest = np.full(len(points), np.inf)  # squared distance to the chosen ones
     chosen = []
     candidate = int(((points - points.mean(axis=0)) ** 2).sum(axis=1).argmax())
     while len(chosen) < min(count, len(points)):
@@ -74,13 +74,13 @@ def vertices_within(rest_vertices, vertex, radius):
 
 
 def falloff(rest_vertices, vertex, ids, radius):
-    """How much of a pull at one vertex each of these gets: (1 − (d/radius)²)².  [K]
+    """The share of a pull at one vertex that each of these gets: (1 − (d/radius)²)².  [K]
 
-    It is 1 at the vertex, and goes to 0 at the radius without a kink, which would be seen.
+    It is 1 at the vertex and falls to 0 at the radius with slope 0; a kink would be visible.
 
     Args:
-        ids: No farther from it than the radius, at rest.  [K]
-        radius: At 0, only the vertex itself gets something.
+        ids: Vertices within the radius at rest.  [K]
+        radius: With 0, only the vertex itself gets a share.
     """
     squared = ((rest_vertices[ids] - rest_vertices[vertex]) ** 2).sum(axis=1)
     return (1.0 - np.minimum(squared / max(radius * radius, 1e-30), 1.0)) ** 2
