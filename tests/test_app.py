@@ -321,23 +321,23 @@ def test_a_pause_is_no_slow_frame(app):
     rest(app)
     start = time.monotonic()
     until(app, lambda: time.monotonic() - start > 1.2)
-    assert max(app.status.times.frames) < 1.0
+    assert max(app.times.frames) < 1.0
 
 
 def test_the_panel_says_what_the_picture_is(app):
     from deformrf.viewer.panels.view import shown_lines
 
-    pixels, state = shown_lines(app.radiance, app.status.times)
+    pixels, state = shown_lines(app.radiance, app.times)
     assert pixels.startswith("50%, pixels 2.0 wide, ")
     assert state == "0% refined"
     rest(app)
-    pixels, state = shown_lines(app.radiance, app.status.times)
+    pixels, state = shown_lines(app.radiance, app.times)
     assert pixels.startswith("100%, pixels 1.0 wide, ")
     assert state == "full + 16/16 samples"
     coarse = SimpleNamespace(
         factor=0.5, refined=0.4, cheaper={"step_factor": 2.0, "level_count": 4}
     )
-    assert shown_lines(coarse, app.status.times)[1] == "40% refined, steps × 2.0, 4 levels"
+    assert shown_lines(coarse, app.times)[1] == "40% refined, steps × 2.0, 4 levels"
 
 
 def test_m_goes_through_the_modes(bare):

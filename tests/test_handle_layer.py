@@ -10,7 +10,7 @@ from deformrf.viewer.gl import Canvas
 from deformrf.viewer.handle_layer import PIN_SCALE, HandleLayer, sphere_instances
 from deformrf.viewer.radiance_layer import RadianceLayer
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.status import FrameTimes
+from deformrf.viewer.times import FrameTimes
 
 SIZE = 400, 300
 

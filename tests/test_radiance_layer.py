@@ -10,7 +10,7 @@ from deformrf.viewer.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceL
 from deformrf.viewer.refinement import SAMPLE_COUNT
 from deformrf.viewer.resolution import CPU_LADDER
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.status import FrameTimes
+from deformrf.viewer.times import FrameTimes
 
 pytestmark = pytest.mark.gl
 SIZE = 160, 120

@@ -8,7 +8,6 @@ import pytest
 from PIL import Image
 
 from deformrf.viewer import recorder as r
-from deformrf.viewer.status import Status
 
 
 class Canvas:
@@ -24,7 +23,7 @@ class Canvas:
 @pytest.fixture
 def recorder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    return r.Recorder(Canvas(), Status(), lambda event, **fields: None, fps=30)
+    return r.Recorder(Canvas(), lambda event, **fields: None, fps=30)
 
 
 def test_a_screenshot_is_of_the_next_frame_and_only_that(recorder, tmp_path, capsys):

@@ -10,20 +10,12 @@ from ..core.render import MODES
 
 @dataclass(frozen=True)
 class Input:
-    """One thing that a user can do.
+    """One thing that a user can do."""
 
-    Attributes:
-        label: How the help names the key or gesture.
-        help: What it does.
-        key: pyglet's name of the key, with CTRL+ before it if that is held; empty for
-            gestures of the mouse.
-        action: What the key calls, one of ACTIONS.
-    """
-
-    label: str
-    help: str
-    key: str = ""
-    action: str = ""
+    label: str  # the key or gesture, as the help names it
+    help: str  # what it does
+    key: str = ""  # pyglet's name of the key, with CTRL+ before it if Ctrl is held
+    action: str = ""  # what the key calls, one of ACTIONS
 
 
 INPUTS = (

@@ -21,7 +21,7 @@ from .handle_layer import HandleLayer
 from .loading import Progress, prepare
 from .radiance_layer import RadianceLayer
 from .recorder import Recorder, without_background
-from .status import Status
+from .times import FrameTimes
 from .upload import choose_path
 
 FRAME_SECONDS = 1.0 / 60.0  # the shortest frame, where vsync sets none
@@ -32,23 +32,18 @@ STATE_SECONDS = 0.5  # between two "state" events in the log
 
 
 class App:
-    """A window onto one model.
-
-    Attributes:
-        scene: Set by `load`, like `radiance`, `handles` and `controls`.
-        progress: How far `load` is.
-        frame_count: Frames drawn so far.
-        last_event: When the window last had an event, by time.perf_counter.
-    """
+    """A window onto one model; `load` sets scene, radiance, handles and controls."""
 
     def __init__(self, window, ctx, log, gui: bool = True, fps: int = 30):
         """Take a window and its context, an EventLog, and the frame rate of videos."""
         self.window, self.ctx, self.log = window, ctx, log
-        self.scene = self.progress = None
-        self.status = Status(gl_renderer=ctx.info["GL_RENDERER"])
+        self.scene = None
+        self.progress = None  # of `load`
+        self.times = FrameTimes()
         self.canvas = Canvas(ctx)
-        self.recorder = Recorder(self.canvas, self.status, log, fps)
+        self.recorder = Recorder(self.canvas, log, fps)
         self.frame_count = 0
+        # When the window had an event, when its state was logged, when a frame was drawn.
         self.last_event = self._last_state = self._drawn_at = 0.0
         self.gui = None
         window.push_handlers(self)
@@ -65,10 +60,7 @@ class App:
         Raises:
             ValueError: interop is "buffer", and CUDA and OpenGL share no buffers.
         """
-        import warp as wp
-
-        self.status.device = wp.get_device(device).name
-        self.status.interop = choose_path(self.ctx, device, interop)
+        path = choose_path(self.ctx, device, interop)
         self.progress = Progress(device)
         arguments = field, name, device, self.progress
         if self.gui is None:
@@ -79,7 +71,7 @@ class App:
                 while not preparing.done():
                     self._show_progress(f"preparing {name}")
                 scene, renderer = preparing.result()
-        self.radiance = RadianceLayer(self.ctx, scene, renderer, self.status.interop)
+        self.radiance = RadianceLayer(self.ctx, scene, renderer, path)
         self.handles = HandleLayer(self.ctx, scene)
         self.controls = Controls(scene, self.radiance.depth_image, self.log)
         self.scene = scene
@@ -146,8 +138,8 @@ class App:
         if self.radiance.settled:
             time.sleep(POLL_SECONDS)
         else:
-            self.radiance.update(self.controls.camera, self.status.times)
-        self.status.times.rest()
+            self.radiance.update(self.controls.camera, self.times)
+        self.times.rest()
         return self.radiance.sample_count != before
 
     def _quiet(self, now) -> bool:
@@ -180,7 +172,7 @@ class App:
 
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
-        scene, controls, times = self.scene, self.controls, self.status.times
+        scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
         controls.ratio = size[0] / max(self.window.width, 1)
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:

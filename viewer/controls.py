@@ -20,20 +20,14 @@ PICK_SLACK = 5.0  # points around a sphere that still count as on it
 
 
 class Controls:
-    """What the mouse is doing, from one event to the next.
-
-    Attributes:
-        mode: "orbit", "pan", "grab", or "" while no button is held.
-        size: Width and height of the image.
-        ratio: Image pixels per point.
-    """
+    """What the mouse is doing, from one event to the next."""
 
     def __init__(self, scene, depth_image: Callable, log: Callable):
         """Take the scene, a function that returns the depth image or None, and the event log."""
         self.scene = scene
-        self.mode = ""
-        self.size = (1, 1)
-        self.ratio = 1.0
+        self.mode = ""  # "orbit", "pan" or "grab" while a button is held
+        self.size = (1, 1)  # of the image
+        self.ratio = 1.0  # image pixels per point
         self._depth_image = depth_image
         self._log = log
         self._button = 0

@@ -10,6 +10,7 @@ PACKAGES = ("warp-lang", "torch", "moderngl", "pyglet", "imgui-bundle", "av", "n
 
 def report(headless: bool) -> int:
     """Print what the program runs on; exit code 0 if it can draw."""
+    from ..core.device import device_name
     from ..core.paths import program_version
 
     _line("deformrf", program_version())
@@ -19,37 +20,27 @@ def report(headless: bool) -> int:
             _line(package, metadata.version(package))
         except metadata.PackageNotFoundError:
             _line(package, "missing")
-    _line("encoder", _encoder())
-    return _opengl(headless, _device())
-
-
-def _line(name, value):
-    print(f"{name:16}{value}", flush=True)
-
-
-def _encoder():
     try:
         import av
 
         from .video import CODEC
 
-        return av.Codec(CODEC, "w").long_name
+        _line("encoder", av.Codec(CODEC, "w").long_name)
     except Exception as error:  # whatever is wrong with it is to be reported
-        return f"none ({error})"
-
-
-def _device():
-    from ..core.device import start_warp
-
-    start_warp()
+        _line("encoder", f"none ({error})")
+    device = device_name("auto")
     import warp as wp
 
-    if not wp.is_cuda_available():
-        _line("CUDA", "no device")
-        return "cpu"
-    device = wp.get_device("cuda:0")
-    _line("CUDA", f"{device.name}, {device.total_memory / 2**30:.0f} GiB, sm_{device.arch}")
-    return "cuda:0"
+    cuda = "no device"
+    if device != "cpu":
+        gpu = wp.get_device(device)
+        cuda = f"{gpu.name}, {gpu.total_memory / 2**30:.0f} GiB, sm_{gpu.arch}"
+    _line("CUDA", cuda)
+    return _opengl(headless, device)
+
+
+def _line(name, value):
+    print(f"{name:16}{value}", flush=True)
 
 
 def _opengl(headless, device):

@@ -22,8 +22,8 @@ FONT_SIZE = 16.0
 ACCENT = (0.80, 0.16, 0.13)  # the red of the control vertices
 NOWHERE = -3.4e38  # ImGui's own "no mouse"
 BUTTONS = {mouse.LEFT: 0, mouse.RIGHT: 1, mouse.MIDDLE: 2}
-SAME_KEYS = ("tab", "escape", "delete", "insert", "space", "home", "end")
-SAME_KEYS += ("backspace", "minus", "period", "comma", *"acvxyz")  # letters to edit text
+# What edits text; modifiers come with every key, characters as text.
+SAME_KEYS = ("tab", "escape", "backspace", "delete", "insert", "space", "home", "end", *"acvxyz")
 OTHER_KEYS = {  # pyglet's names -> ImGui's
     "RETURN": "enter",
     "NUM_ENTER": "keypad_enter",
@@ -33,12 +33,6 @@ OTHER_KEYS = {  # pyglet's names -> ImGui's
     "DOWN": "down_arrow",
     "PAGEUP": "page_up",
     "PAGEDOWN": "page_down",
-    "LCTRL": "left_ctrl",
-    "RCTRL": "right_ctrl",
-    "LSHIFT": "left_shift",
-    "RSHIFT": "right_shift",
-    "LALT": "left_alt",
-    "RALT": "right_alt",
 }
 
 

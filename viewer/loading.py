@@ -19,18 +19,12 @@ STAGES = ("kernels", "networks and tables", "the surface, from eight sides", "th
 
 
 class Progress:
-    """How far `prepare` is: its threads write, the window's thread reads.
-
-    Attributes:
-        seconds: Of the stages that are done, in the order of STAGES.
-        compiling: Modules of kernels that are being compiled now.
-        compiled: Whether any kernel was compiled.
-    """
+    """How far `prepare` is: its threads write, the window's thread reads."""
 
     def __init__(self, device: str):
-        self.seconds: list[float] = []
-        self.compiling: set[str] = set()
-        self.compiled = False
+        self.seconds: list[float] = []  # of the stages that are done
+        self.compiling: set[str] = set()  # modules that are being compiled now
+        self.compiled = False  # whether any was
         self.modules = kernel_modules(device)
         self._loaded: list[str] = []
         self._since = time.perf_counter()

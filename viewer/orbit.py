@@ -18,20 +18,13 @@ TURN_PER_HEIGHT = np.pi  # a drag over the height of the image turns by half a t
 
 @dataclass(frozen=True)
 class Orbit:
-    """Where the camera is.
+    """Where the camera is."""
 
-    Attributes:
-        target: The point that it looks at and turns about, model space.  [3]
-        distance: From the eye to the target.
-        yaw, pitch: Angles about +z and above the horizon.
-        field_of_view: Vertical, of the whole image.
-    """
-
-    target: np.ndarray = field(default_factory=lambda: np.full(3, 0.5))
-    distance: float = 2.0
-    yaw: float = 0.0
-    pitch: float = 0.0
-    field_of_view: float = float(np.radians(35.0))
+    target: np.ndarray = field(default_factory=lambda: np.full(3, 0.5))  # looked at, turned about
+    distance: float = 2.0  # from the eye to the target
+    yaw: float = 0.0  # about +z
+    pitch: float = 0.0  # above the horizon
+    field_of_view: float = float(np.radians(35.0))  # vertical, of the whole image
 
 
 def framing(orbit: Orbit, center, radius: float, aspect: float = 1.0) -> Orbit:

@@ -27,20 +27,15 @@ AVERAGED_MODES = ("color", "accumulation")
 
 
 class RadianceLayer:
-    """Draws what a Renderer of core/render renders of a scene.
+    """Draws what a Renderer of core/render renders of a scene."""
 
-    Attributes:
-        render_count: Images rendered so far; strips, and so shifted images, not counted.
-    """
-
-    def __init__(self, ctx: moderngl.Context, scene, renderer, path: str, clock=None):
+    def __init__(self, ctx, scene, renderer, path: str, clock=time.perf_counter):
         """Take a Scene, a renderer of its field, and how frames reach OpenGL (upload.py)."""
-        self.render_count = 0
-        self._ctx, self._scene, self._renderer, self._path = ctx, scene, renderer, path
-        self._device = str(renderer.device)
-        self._clock = clock or time.perf_counter
+        self.render_count = 0  # of images that were rendered at once, not in strips
+        self.path, self.device = path, renderer.device
+        self._ctx, self._scene, self._renderer, self._clock = ctx, scene, renderer, clock
         self._triangle = gl.full_screen(ctx, "image")
-        self._moving = MovingResolution(0.1, CPU_LADDER if self._device == "cpu" else LADDER)
+        self._moving = MovingResolution(0.1, CPU_LADDER if self.device.is_cpu else LADDER)
         field = renderer.field
         self._level_edges = level_edges(field.mesh, field.layout.level_count)
         self._shown: Picture | None = None  # the last whole picture
@@ -149,7 +144,7 @@ class RadianceLayer:
         """Render at once, as well as the target frame rate allows."""
         scene, moving, rung = self._scene, self._moving, self._moving.rung
         # On CUDA, flip is the wait for the screen, and costs rendering nothing.
-        others = (*OTHER_PARTS, "flip") if self._device == "cpu" else OTHER_PARTS
+        others = (*OTHER_PARTS, "flip") if self.device.is_cpu else OTHER_PARTS
         moving.target_seconds = render_budget(scene.settings.target_fps, times.recent(others))
         pixel = scene.orbit.distance / (camera.focal * rung.factor)
         start = time.perf_counter()
@@ -182,7 +177,7 @@ class RadianceLayer:
         """Render the next strip of a shifted image; a whole one joins the mean."""
         camera = camera.resized(*self._shown.texture.size)  # of a tiny window, it is larger
         if self._sampling is None:
-            self._sampling = Sampling(self._shown, self._device)
+            self._sampling = Sampling(self._shown, self.device)
         if self._sampling.step(camera, partial(self._next_rows, times=times)):
             with times.part("upload"):
                 self._shown.texture.write_color(self._sampling.color)
@@ -206,7 +201,7 @@ class RadianceLayer:
             image = render_mode(
                 self._renderer, camera, scene.settings.mode, options, rows, scene.depth_range
             )
-            wp.synchronize_device(self._device)  # or CUDA's time would be measured elsewhere
+            wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
         strips.rendered(rows, time.perf_counter() - start)
         return image
 
@@ -216,7 +211,7 @@ class RadianceLayer:
             return old
         if old is not None:
             old.release()
-        return ImageTexture(self._ctx, size, self._device, self._path)
+        return ImageTexture(self._ctx, size, self.device, self.path)
 
     # -- OpenGL --------------------------------------------------------------------------
 

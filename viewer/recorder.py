@@ -9,27 +9,31 @@ import numpy as np
 
 from .video import VideoWriter
 
+MESSAGE_SECONDS = 6.0
+
 
 class Recorder:
-    """Keeps this frame of the canvas, or the next ones.
+    """Keeps frames of the canvas."""
 
-    Attributes:
-        video: The video that is being recorded, or None.
-        written: Files that are finished.
-        failed: Whether a video or a screenshot was lost.
-    """
-
-    def __init__(self, canvas, status, log, fps: int):
-        self.video: VideoWriter | None = None
-        self.written: list[Path] = []
-        self.failed = False
-        self._canvas, self._status, self._log, self._fps = canvas, status, log, fps
+    def __init__(self, canvas, log, fps: int):
+        """Take a Canvas, an EventLog, and the frame rate of videos."""
+        self.video: VideoWriter | None = None  # that is being recorded
+        self.written: list[Path] = []  # files that are finished
+        self.failed = False  # whether a file was lost
+        self._canvas, self._log, self._fps = canvas, log, fps
+        self._said = 0.0, ""  # when, and what
         self._screenshot: Path | None = None
 
     @property
     def wants_screenshot(self) -> bool:
         """Whether the frame that is being drawn is to be kept."""
         return self._screenshot is not None
+
+    @property
+    def message(self) -> str:
+        """What became of the last file, for some seconds."""
+        said_at, message = self._said
+        return message if time.monotonic() - said_at < MESSAGE_SECONDS else ""
 
     def screenshot(self, path: Path | None = None) -> None:
         """Keep the next frame; by default in the current folder, named by date and time."""
@@ -78,14 +82,16 @@ class Recorder:
 
     def _finished(self, path):
         self.written.append(path)
-        self._status.say(f"wrote {path}")
         self._log("written", path=path)
-        print(f"wrote {path}", flush=True)
+        self._say(f"wrote {path}", sys.stdout)
 
     def _fail(self, error):
         self.failed = True
-        self._status.say(str(error))
-        print(error, file=sys.stderr, flush=True)
+        self._say(str(error), sys.stderr)
+
+    def _say(self, message, stream):
+        self._said = time.monotonic(), message
+        print(message, file=stream, flush=True)
 
 
 def save_png(path: Path, image) -> Path:

@@ -52,33 +52,22 @@ class Strips:
 
 @dataclass
 class Picture:
-    """An image of the field in a texture, perhaps not all of its rows yet.
-
-    Attributes:
-        factor: Its size relative to the window's.
-        cheaper: What it saves on, as arguments of RenderOptions.
-        images: The renderer's images that it is made of, from top to bottom.
-    """
+    """An image of the field in a texture, perhaps not all of its rows yet."""
 
     texture: ImageTexture
-    factor: float
+    factor: float  # its size relative to the window's
     strips: Strips
-    cheaper: dict = field(default_factory=dict)
-    images: list = field(default_factory=list)
+    cheaper: dict = field(default_factory=dict)  # what it saves on, for RenderOptions
+    images: list = field(default_factory=list)  # the renderer's, from top to bottom
 
 
 class Sampling:
-    """The mean of a full image and shifted ones.
+    """The mean of a full image and shifted ones."""
 
-    Attributes:
-        count: Whole images in the mean.
-        color: The mean, None while it is the first image itself.  [H, W] vec4ub
-    """
-
-    def __init__(self, picture: Picture, device: str):
+    def __init__(self, picture: Picture, device):
         """Begin with a whole picture at the full resolution."""
-        self.count = 1
-        self.color = None
+        self.count = 1  # whole images in the mean
+        self.color = None  # the mean, if it is of several images.  [H, W] vec4ub
         self._mean = RunningMean(*picture.texture.size, device)
         self._strips = picture.strips  # of the image that is being rendered, or the last one
         row = 0

@@ -19,19 +19,12 @@ RECOGNIZABLE = 0.35  # the factor below which pixels are the last thing to save 
 
 @dataclass(frozen=True)
 class Rung:
-    """A way to render while things move.
+    """A way to render while things move."""
 
-    Attributes:
-        factor: Of the window's width and height.
-        step_factor: RenderOptions.step_factor.
-        spared_levels: So many levels may be left out, if they are finer than a pixel.
-        cost: About the time, relative to the whole image in full quality.
-    """
-
-    factor: float
-    step_factor: float = 1.0
-    spared_levels: int = 0
-    cost: float = 1.0
+    factor: float  # of the window's width and height
+    step_factor: float = 1.0  # RenderOptions.step_factor
+    spared_levels: int = 0  # so many levels may be left out, if they are finer than a pixel
+    cost: float = 1.0  # about the time, relative to the whole image in full quality
 
 
 # What the settings save and lose on two CPU cores, at 0.35 of 1200 × 800 of the bundled model:
@@ -55,9 +48,7 @@ CPU_LADDER = (
 def levels_shown(edges, pixel: float, most_spared: int) -> int:
     """How many levels to encode: without up to `most_spared` that are finer than a pixel.
 
-    Args:
-        edges: `level_edges` of the model.  [L]
-        pixel: Its width where the object is, in the same unit.
+    Args: the model's `level_edges` [L], and the width of a pixel where the object is.
     """
     finer_count = int(below_pixel(edges, pixel).sum())
     return max(len(edges) - min(finer_count, most_spared), 1)
@@ -89,10 +80,10 @@ class MovingResolution:
         return self.ladder[self.step]
 
     def measured(self, seconds: float) -> None:
-        """Take account of one frame rendered as the present rung says.
+        """Take account of one frame that was rendered as the present rung says.
 
-        It goes down at once, and by as many rungs as are needed; it goes up by one after
-        three frames in a row that would have had the time for it.
+        Too slow a frame leads down at once, by as many rungs as are needed; three frames in a
+        row with time to spare lead up by one.
         """
         while seconds > TOO_SLOW * self.target_seconds and self.step < len(self.ladder) - 1:
             seconds *= self.ladder[self.step + 1].cost / self.rung.cost

@@ -45,32 +45,18 @@ FIRST_VIEW = orbits.Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
 
 @dataclass
 class Grab:
-    """A drag in progress: `vertex` and those around it are moved, or pulled, as one body.
-
-    Attributes:
-        ids: Vertices that move along, `vertex` among them.  [K]
-        offsets: Their positions relative to `vertex` when it was grabbed.  [K, 3]
-        target: Where `vertex` shall be.  [3]
-        reached: Where it has been sent by the steps so far.  [3]
-        before: Positions and velocities of all vertices when it was grabbed.
-    """
+    """A drag in progress: `vertex` and those around it are moved, or pulled, as one body."""
 
     vertex: int
-    ids: np.ndarray
-    offsets: np.ndarray
-    target: np.ndarray
-    reached: np.ndarray
-    before: tuple[np.ndarray, np.ndarray]
+    ids: np.ndarray  # of the vertices that move along, `vertex` among them  [K]
+    offsets: np.ndarray  # their positions relative to `vertex` when it was grabbed  [K, 3]
+    target: np.ndarray  # where `vertex` shall be  [3]
+    reached: np.ndarray  # where it has been sent by the steps so far  [3]
+    before: tuple[np.ndarray, np.ndarray]  # positions and velocities of all vertices
 
 
 class Scene:
-    """An object that can be bent.
-
-    Attributes:
-        pins: The vertices that hold it, also while `hold(False)` has freed them.  [V] bool
-        hover: Id of the vertex under the mouse.
-        revision: Counts the changes of the pose.
-    """
+    """An object that can be bent."""
 
     def __init__(self, field, name: str, device: str, surface=None):
         """Take a field at rest.
@@ -89,7 +75,8 @@ class Scene:
         low, high = bounds(self._surface)
         self.center = 0.5 * (low + high)
         self.size = float((high - low).max())
-        # The lowest vertices may be specks below the object, which hold nothing else.
+        # The pins of a held object [V] bool.  The lowest vertices of the mesh alone would not
+        # do: they may be specks below the object.
         self.pins = lowest_pins(rest, tets)
         self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
         self.solver = XpbdSolver(rest, tets, self.material, self.pins, XpbdOptions(), device)
@@ -98,10 +85,10 @@ class Scene:
         self._near = near[_of_the_object(rest, tets)[near]]
         controls = control_vertices(rest, self._near, CONTROL_COUNT)
         self._controls = controls[~self.pins[controls]]
-        self.hover: int | None = None
+        self.hover: int | None = None  # the vertex under the mouse
         self.grabbed: Grab | None = None
         self.paused = False
-        self.revision = 0
+        self.revision = 0  # counts the changes of the pose
         self._time = 0.0  # s that frames have lasted and no step has covered
         self._host = None  # the revision, and its positions
         self._stiffness = None  # what `stiffness` depends on, and its value
@@ -254,7 +241,7 @@ class Scene:
 
     def set_substeps(self, count: int) -> None:
         """Solve with that many substeps per 1/60 s."""
-        self._set_options(substep_count=int(count))
+        self.solver.set_options(replace(self.solver.options, substep_count=int(count)))
 
     # -- what surrounds it ---------------------------------------------------------------
 
@@ -265,7 +252,8 @@ class Scene:
 
     def set_gravity(self, strength: float) -> None:
         """Set gravity, downwards [m/s²]."""
-        self._set_options(gravity=(0.0, 0.0, -strength))
+        options = replace(self.solver.options, gravity=(0.0, 0.0, -strength))
+        self.solver.set_options(options)
         self._keep_in_sight()
 
     @property
@@ -274,16 +262,13 @@ class Scene:
 
     def set_ground(self, on: bool) -> None:
         """Put a ground under the visible object at rest, or take it away."""
-        lowest = float(self._surface[:, 2].min())
-        self._set_options(ground=lowest if on else None)
+        ground = float(self._surface[:, 2].min()) if on else None
+        self.solver.set_options(replace(self.solver.options, ground=ground))
 
     def _keep_in_sight(self):
         """Put a ground under an object that falls and is not held: it would leave the view."""
         if self.gravity > 0.0 and not self.held and not self.on_ground:
             self.set_ground(True)
-
-    def _set_options(self, **changes):
-        self.solver.set_options(replace(self.solver.options, **changes))
 
     # -- camera --------------------------------------------------------------------------
 

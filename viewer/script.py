@@ -11,15 +11,10 @@ LONGEST_OFFSET = 2.0  # model units; farther away, the vertex leaves the picture
 
 @dataclass(frozen=True)
 class DragScript:
-    """What --drag says.
+    """What --drag says."""
 
-    Attributes:
-        vertex: Its id in the model's mesh, or TOP until `resolved` has put an id there.
-        offset: Where it goes, from where it is; model units.  [3]
-    """
-
-    vertex: int | str
-    offset: tuple[float, float, float]
+    vertex: int | str  # an id, or TOP until `resolved` has put an id there
+    offset: tuple[float, float, float]  # from where the vertex is, model units
 
 
 def parse_drag(text: str) -> DragScript:

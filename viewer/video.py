@@ -19,13 +19,7 @@ BT_709 = 1  # the number of range "tv", primaries, transfer and matrix alike (H.
 
 
 class VideoWriter:
-    """An H.264 file that is being written.
-
-    Attributes:
-        frame_count: Frames that are in the file, or queued for it.
-        repeated_count: Those of them that repeat the one before.
-        dropped_count: Images that did not become a frame.
-    """
+    """An H.264 file that is being written."""
 
     def __init__(self, path: Path, size: tuple[int, int], fps: int, clock=None):
         """Open the file.
@@ -43,7 +37,8 @@ class VideoWriter:
         self.part = self.path.with_name(self.path.stem + ".part.mp4")
         self.width, self.height = max(size[0] & ~1, 2), max(size[1] & ~1, 2)
         self.fps = fps
-        self.frame_count = self.repeated_count = self.dropped_count = 0
+        self.frame_count = 0  # in the file, or queued for it
+        self.repeated_count = self.dropped_count = 0  # frames that are repeats; images left out
         self._clock = clock
         self._start = clock() if clock else 0.0
         self._pending = None  # with a clock: the last image, and the frame number it starts at

@@ -47,7 +47,7 @@ def measure(app, target, seconds):
             whole.append(not layer.cheaper)
         last = now
     shown = app.canvas.read()[..., :3] / 255.0
-    medians = {name: 1e3 * value for name, value in app.status.times.medians().items()}
+    medians = {name: 1e3 * value for name, value in app.times.medians().items()}
     scene.paused = True
     app.frame(0.0, whole=True)
     exact = app.canvas.read()[..., :3] / 255.0

@@ -48,9 +48,9 @@ def draw_panels(app) -> None:
         app.gui.guarded(help_overlay, app)
         app.gui.claim()
         imgui.end()
-    if app.status.message:
+    if app.recorder.message:
         _floating("message", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value)
-        imgui.text(app.status.message)
+        imgui.text(app.recorder.message)
         imgui.end()
 
 

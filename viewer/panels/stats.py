@@ -10,7 +10,7 @@ and on the CPU the times of all threads are added up"""
 
 
 def stats_panel(app):
-    times, settings = app.status.times, app.scene.settings
+    times, settings = app.times, app.scene.settings
     mean = times.frame_seconds()
     imgui.text(f"{1e3 * mean:.1f} ms a frame, {1.0 / max(mean, 1e-6):.0f} frames a second")
     frames = 1e3 * np.array(times.frames, np.float32)
@@ -19,9 +19,9 @@ def stats_panel(app):
     setting("stages of rendering", settings, "time_rendering", STAGES_TOOLTIP)
     if settings.time_rendering:
         _rows(times.rendering)
-    imgui.text_disabled(f"renders on {app.status.device}")
-    imgui.text_disabled(f"draws on {app.status.gl_renderer}")
-    imgui.text_disabled(f"frames go by {app.status.interop}")
+    imgui.text_disabled(f"renders on {app.radiance.device.name}")
+    imgui.text_disabled(f"draws on {app.ctx.info['GL_RENDERER']}")
+    imgui.text_disabled(f"frames go by {app.radiance.path}")
 
 
 def _rows(seconds_of):

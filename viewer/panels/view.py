@@ -71,7 +71,7 @@ def _resolution(app):
         tooltip = "the resolution while things move follows it"
         number_setting("target", settings, "target_fps", TARGETS, "%.0f frames/s", flags, tooltip)
     setting("average shifted images at rest", settings, "accumulate")
-    for line in shown_lines(app.radiance, app.status.times):
+    for line in shown_lines(app.radiance, app.times):
         imgui.text_disabled(line)
 
 

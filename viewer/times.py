@@ -1,29 +1,22 @@
-"""What the program reports about itself to the panels: devices, frame times, messages."""
+"""How long frames and their parts take, for the read-outs and for the choice of resolution."""
 
 import time
 from collections import deque
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 
 import numpy as np
 
 PARTS = ("simulate", "render", "upload", "draw", "panel", "flip")  # of a frame
 HISTORY = 120  # frames
 RECENT = 9  # frames; few enough to follow what the user does
-MESSAGE_SECONDS = 6.0
 
 
 class FrameTimes:
-    """Seconds per frame and per part of a frame, over the last frames.
-
-    Attributes:
-        frames: Lengths of the last frames.
-        rendering: Seconds of each stage of the renderer in the last image, if measured.
-    """
+    """Seconds per frame and per part of a frame, over the last frames."""
 
     def __init__(self):
         self.frames = deque([0.0], maxlen=HISTORY)
-        self.rendering: dict[str, float] = {}
+        self.rendering: dict[str, float] = {}  # the renderer's stages in the last image
         self._parts = {part: deque([0.0], maxlen=HISTORY) for part in PARTS}
         self._now = dict.fromkeys(PARTS, 0.0)
         self._last = None
@@ -63,29 +56,3 @@ class FrameTimes:
     def medians(self) -> dict[str, float]:
         """Median seconds per part over the last frames."""
         return {name: float(np.median(values)) for name, values in self._parts.items()}
-
-
-@dataclass
-class Status:
-    """Facts for the read-outs; no panel writes to it.
-
-    Attributes:
-        device: Name of the device that renders.
-        interop: How frames reach OpenGL, "buffer" or "copy".
-        gl_renderer: OpenGL's own name of what draws.
-    """
-
-    device: str = ""
-    interop: str = ""
-    gl_renderer: str = ""
-    times: FrameTimes = field(default_factory=FrameTimes)
-    _message: tuple[float, str] = (0.0, "")
-
-    def say(self, message: str) -> None:
-        """Show a line for a few seconds."""
-        self._message = time.monotonic(), message
-
-    @property
-    def message(self) -> str:
-        said_at, message = self._message
-        return message if time.monotonic() - said_at < MESSAGE_SECONDS else ""

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from deformrf.viewer.status import PARTS, FrameTimes
+from deformrf.viewer.times import PARTS, FrameTimes
 
 
 def test_times_of_a_stage_add_up_within_a_frame():
