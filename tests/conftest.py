@@ -79,9 +79,9 @@ def _make_ball_field(seed, spacing=0.08, occupied_share=0.7, gap=0.0, **options)
 
     With a gap, there are two halves, on both sides of x = ½.
     """
-    from deformrf.core.field import LEVELS, FieldOptions, random_field
+    from deformrf.core.field import FieldOptions, random_field, subtet_corners
     from deformrf.core.field.occupancy import pack_mask
-    from deformrf.core.geometry import a15_grid, extract, path_corners, tet_neighbours
+    from deformrf.core.geometry import a15_grid, extract, tet_neighbours
 
     rng = np.random.default_rng(seed)
     grid = a15_grid(spacing)
@@ -95,7 +95,7 @@ def _make_ball_field(seed, spacing=0.08, occupied_share=0.7, gap=0.0, **options)
     bias[0] += 2.5  # opaque enough to hide what is behind, thin enough to see inside
     # Caves with smooth walls: where an occupied sub-tet meets an empty one, float32 and
     # float64 may disagree about a piece, and trained fields have such places in sheets.
-    centers = path_corners(LEVELS).mean(axis=1) / 2**LEVELS @ mesh.rest_vertices[mesh.tets]
+    centers = subtet_corners().mean(axis=1) @ mesh.rest_vertices[mesh.tets]
     waves = np.sin(rng.uniform(0, 6) + centers @ rng.normal(size=(3, 3)) * 12.0).sum(axis=-1)
     occupied = waves <= np.quantile(waves, np.clip(occupied_share, 0.0, 1.0))
     if occupied_share <= 0.0:

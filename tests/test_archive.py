@@ -5,8 +5,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from deformrf.core.field import ModelFileError, read_arrays
-from deformrf.core.field.archive import array
+from deformrf.core.field import ModelFileError
+from deformrf.core.field.archive import array, read_arrays
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""What follows from connectivity: neighbours, boundary, edges, components, sub-meshes."""
+"""What follows from connectivity: neighbours, boundary, edges, components, solids, sub-meshes."""
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from deformrf.core.geometry import (
     edges,
     extract,
     face_components,
+    fill_enclosed,
     signed_volumes,
     tet_neighbours,
 )
@@ -79,3 +80,34 @@ def test_face_components_part_at_hinges():
     assert set(components(7, tets)) == {0}
     labels = face_components(tet_neighbours(tets), np.array([True, True, False]))
     assert labels.tolist() == [0, 1, -1]
+
+
+def test_components_are_those_of_scipy():
+    """Against scipy.sparse.csgraph, on random parts of a grid."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    rng = np.random.default_rng()
+    grid = a15_grid(0.1)
+    neighbours = tet_neighbours(grid.tets)
+    for share in (0.1, 0.5, 0.9):
+        keep = rng.uniform(size=grid.tet_count) < share
+        tet, face = np.nonzero((neighbours >= 0) & keep[neighbours] & keep[:, None])
+        links = coo_array((np.ones(len(tet)), (tet, neighbours[tet, face])), (len(keep),) * 2)
+        _, expected = connected_components(links)
+        labels = face_components(neighbours, keep)
+        assert (labels[~keep] == -1).all()
+        pairs = np.unique(np.stack([labels[keep], expected[keep]]), axis=1)
+        assert pairs.shape[1] == len(np.unique(pairs[0])) == len(np.unique(pairs[1]))
+
+
+def test_a_hollow_ball_is_filled_and_a_bowl_is_not():
+    mesh = a15_grid(0.05)
+    neighbours = tet_neighbours(mesh.tets)
+    middles = mesh.rest_vertices[mesh.tets].mean(axis=1) - 0.5
+    radius = np.linalg.norm(middles, axis=1)
+    shell = (radius > 0.25) & (radius < 0.4)
+    filled = fill_enclosed(shell, neighbours)
+    np.testing.assert_array_equal(filled, radius < 0.4)
+    bowl = shell & (middles[:, 2] < 0.1)
+    np.testing.assert_array_equal(fill_enclosed(bowl, neighbours), bowl)

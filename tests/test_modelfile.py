@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from deformrf.core import paths
-from deformrf.core.field import modelfile, reached_entries
-from deformrf.core.field.modelfile import ModelFileError
+from deformrf.core.field import ModelFileError, modelfile
+from deformrf.core.field.reach import reached_entries
 from deformrf.core.render import Renderer, from_field_of_view, look_at
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.field import BASIS_COUNT, vec4h
+from deformrf.core.field import BASIS_COUNT
 from deformrf.core.field.networks import evaluate, mma
+from deformrf.core.wide import vec4h
 
 
 def test_fragments_are_what_the_products_of_a_warp_take():

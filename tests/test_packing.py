@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.field import FEATURES, ModelFileError, pack_tables
-from deformrf.core.field.encoding import Layout
-from deformrf.core.field.packing import pack_mesh, quantize, unpack_mesh, unpack_tables
+from deformrf.core.field import FEATURES, ModelFileError
+from deformrf.core.field.layout import Layout
+from deformrf.core.field.packing import pack_mesh, pack_tables, quantize, unpack_mesh, unpack_tables
 from deformrf.core.geometry import a15_grid
 
 LAYOUT = Layout((300, 1024, 1024), 0, ())

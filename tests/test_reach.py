@@ -12,12 +12,11 @@ from deformrf.core.field import (
     is_occupied_reference,
     make_tables,
     reach,
-    reached_entries,
     subtet_of,
 )
 from deformrf.core.field.encoding import encode_reference
 from deformrf.core.field.occupancy import unpack_mask
-from deformrf.core.field.reach import occupied_cells, reached_reference
+from deformrf.core.field.reach import occupied_cells, reached_entries, reached_reference
 from deformrf.core.geometry import path_corners
 
 LEVELS = 5  # with 2^12 entries the last two are hashed, with 2^8 all but the first or none

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.field import node_table, vec4h
+from deformrf.core.field import node_table
 from deformrf.core.field.networks import evaluate as evaluate_reference
 from deformrf.core.render import (
     Camera,
@@ -15,6 +15,7 @@ from deformrf.core.render import (
     look_at,
 )
 from deformrf.core.render.rounds import wavefront
+from deformrf.core.wide import vec4h
 
 BACKGROUND = (0.2, 0.5, 0.9)
 HOST_ROUNDS = RenderOptions(BACKGROUND, path="host")
@@ -174,7 +175,7 @@ def test_nodes_hold_what_entries_hold(make_ball_field):
 
 
 def test_half_entries_are_read_and_written_whole(device):
-    from deformrf.core.field import load_wide_half, store_wide_half
+    from deformrf.core.wide import load_wide_half, store_wide_half
 
     @wp.kernel
     def twice(values: wp.array(dtype=vec4h), result: wp.array(dtype=vec4h)):

@@ -5,18 +5,18 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "archive": ["ModelFileError", "parts_of_file", "read_arrays"],
+        "modelfile": ["load", "save"],
+        "archive": ["ModelFileError", "parts_of_file"],
+        "field": ["FieldOptions", "TetField", "random_field"],
+        "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
+        # For the rooms next door: kernels, their functions and what their arrays hold.
         "encoding": [
-            "FEATURES",
             "Tables",
-            "dense_nodes",
             "encode_backward_kernel",
             "encode_kernel",
-            "hashed_entries",
+            "encoded_half",
             "make_tables",
-            "node_table",
         ],
-        "field": ["FieldOptions", "TetField", "random_field"],
         "grid": [
             "GRID_ENTRIES",
             "GRID_LEVELS",
@@ -27,8 +27,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "grid_encode_kernel",
             "surroundings_widths",
         ],
-        "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
-        "modelfile": ["load", "save"],
+        "layout": ["FEATURES", "node_table"],
         "networks": [
             "BASIS_COUNT",
             "CONSTANT_BASIS",
@@ -40,24 +39,13 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "networks_kernel",
         ],
         "occupancy": [
-            "LEVELS",
             "SUBTET_COUNT",
-            "fill_enclosed",
             "is_occupied",
             "is_occupied_reference",
             "occupied_share",
             "subtet_ahead",
+            "subtet_corners",
             "subtet_of",
-        ],
-        "packing": ["pack_tables"],
-        "reach": ["reached_entries"],
-        "wide": [
-            "load_wide",
-            "load_wide_half",
-            "load_wide_int",
-            "store_wide",
-            "store_wide_half",
-            "vec4h",
         ],
     },
 )

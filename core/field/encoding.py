@@ -1,18 +1,14 @@
 """The recursive tetrahedral encoding: features of a point from its coarse tet.
 
-At each level l the four corners of the descendant that holds the point have a feature
-vector each; they are interpolated with the point's barycentric coordinates there, and
-the levels' results are concatenated (DeformRF, section 3.2, Eq. 4).  Only the *rest*
-addresses of the coarse corners enter, so deformation changes nothing here.
-
-A level whose vertices fit its table is dense: each vertex has an entry of its own, the
-rank of its address in lexicographic order.  The others are hashed.
+At each level the four corners of the descendant that holds the point have a feature vector
+each.  The encoding interpolates them with the point's barycentric coordinates there, and
+concatenates the levels' results (DeformRF, section 3.2, Eq. 4).  Only the *rest* addresses
+of the coarse corners enter, so deformation changes nothing here.
 
 Shapes: N samples, L levels, F = 4 features per entry, T tets.  `table` holds the levels
-one after another, [sum of entry counts, F].
+one after another, [sum of entry counts, F]; layout.py says where.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,81 +25,14 @@ from ..geometry import (
     lattice_weights,
     path_nodes,
 )
+from ..wide import load_wide_half, vec4h
 from .hashing import hash_address, hash_products, products_entry
-from .wide import vec4h
+from .layout import Layout
 
-FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
 mat43ui = wp.types.matrix((4, 3), wp.uint32)
 PREFETCH_SAMPLES = wp.constant(8)
-MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Where the entries of each level are.
-
-    Attributes:
-        entry_counts: Entries per level; a power of two where hashed.  [L]
-        dense_level_count: Levels 0..D-1 are dense.
-        node_ids: Per dense level, the entry of each node of each tet.  D x [T, n_l]
-    """
-
-    entry_counts: tuple[int, ...]
-    dense_level_count: int
-    node_ids: tuple[np.ndarray, ...]
-
-    @property
-    def level_count(self) -> int:
-        return len(self.entry_counts)
-
-    @property
-    def offsets(self):
-        """First entry of each level, and the total.  [L + 1]"""
-        return np.concatenate([[0], np.cumsum(self.entry_counts)]).astype(np.int64)
-
-
-def dense_ids(mesh: TetMesh, level: int):
-    """Rank of every level-`level` vertex among all, in lexicographic order of address.
-
-    Returns:
-        ids [T, n] int32 for the nodes of `path_nodes(level)`, and the number of vertices.
-    """
-    nodes, _ = path_nodes(level)
-    corners = mesh.addresses[mesh.tets].astype(np.int64)  # [T, 4, 3]
-    addresses = np.einsum("nc,tcx->tnx", nodes, corners)
-    key = (addresses[..., 0] << 42) | (addresses[..., 1] << 21) | addresses[..., 2]
-    unique, ids = np.unique(key, return_inverse=True)
-    return ids.reshape(key.shape).astype(np.int32), len(unique)
-
-
-def make_layout(mesh: TetMesh, level_count: int, table_size: int, dense_levels=True) -> Layout:
-    """Dense levels as long as they fit, hashed ones of `table_size` (a power of two) above.
-
-    Args:
-        dense_levels: If false, all levels are hashed.
-
-    Raises:
-        ValueError: level_count is outside 1..10 or table_size is no power of two.
-    """
-    if not 1 <= level_count <= 10:
-        raise ValueError(f"level_count is {level_count}; give 1 to 10")
-    if table_size < 2 or table_size & (table_size - 1):
-        raise ValueError(f"the table size {table_size} is not a power of two")
-    entry_counts, node_ids = [], []
-    for level in range(min(level_count, MAX_DENSE_LEVELS) if dense_levels else 0):
-        # A tet has at least 8^l / 6 vertices of its own, so larger levels needn't be counted.
-        if mesh.tet_count * 8**level > 8 * table_size:
-            break
-        ids, count = dense_ids(mesh, level)
-        if count > table_size:
-            break
-        entry_counts.append(count)
-        node_ids.append(ids)
-    dense = len(entry_counts)
-    entry_counts += [table_size] * (level_count - dense)
-    return Layout(tuple(entry_counts), dense, tuple(node_ids))
 
 
 def encode_reference(mesh: TetMesh, layout: Layout, table, tet, bary, level_count=None):
@@ -137,20 +66,9 @@ def encode_reference(mesh: TetMesh, layout: Layout, table, tet, bary, level_coun
     return np.concatenate(features, axis=1)
 
 
-def node_table(layout: Layout, table):
-    """Dense levels with an entry for each node of each tet, in the order of `Tables.node_ids`.
-
-    Entries are repeated where tets meet, and nothing has to be looked up: as much memory as
-    the ids, and one load instead of two in a row.  [entries, F] -> [nodes, F]
-    """
-    starts = layout.offsets
-    levels = [table[starts[k] + ids.ravel()] for k, ids in enumerate(layout.node_ids)]
-    return np.concatenate([*levels, np.zeros((1, table.shape[1]), table.dtype)])
-
-
 @wp.struct
 class Tables:
-    """What the kernels need of a mesh and its layout; one per device."""
+    """What the kernels need of a mesh and its layout, on a device."""
 
     products: wp.array(dtype=mat43ui)  # [T] hash_products of corner 0 and of the edges 01, 12, 23
     node_ids: wp.array(dtype=int)  # all dense levels, [T, n_l] each
@@ -245,13 +163,51 @@ def corner_entries(tables: Tables, level: int, tet: int, x: wp.vec3, products: m
 
 
 @wp.func
+def mixed(table: wp.array(dtype=vec4h), e: wp.vec4i, weights: wp.vec4):
+    """The weighted sum of four entries."""
+    a = weights[0] * load_wide_half(table, e[0])
+    b = weights[1] * load_wide_half(table, e[1])
+    c = weights[2] * load_wide_half(table, e[2])
+    d = weights[3] * load_wide_half(table, e[3])
+    return (a + b) + (c + d)
+
+
+@wp.func
+def encoded_half(
+    tables: Tables,
+    table: wp.array(dtype=vec4h),
+    nodes: wp.array(dtype=vec4h),
+    level: int,
+    tet: int,
+    x: wp.vec3,
+    products: mat43ui,
+):
+    """A level's features of a point, from tables in half precision.
+
+    Args:
+        table, nodes: Entries, and `node_table` of them.
+        x: lattice_point of the sample.
+        products: tables.products[tet].
+    """
+    cell, fraction = lattice_cell(x, level)
+    first, last = lattice_axes(fraction)
+    weights = lattice_weights(fraction)
+    f = wp.vec4()
+    if level < tables.dense_level_count:
+        f = mixed(nodes, dense_nodes(tables, level, tet, cell, first, last), weights)
+    else:
+        f = mixed(table, hashed_entries(tables, level, products, cell, first, last), weights)
+    return f
+
+
+@wp.func
 def widened(entry: Any):
     return wp.vec4(float(entry[0]), float(entry[1]), float(entry[2]), float(entry[3]))
 
 
 @wp.func
 def rounded(features: wp.array2d(dtype=Any), f: wp.vec4):
-    """As an entry of `features`."""
+    """f in the type of `features`."""
     return features.dtype(
         features.dtype.dtype(f[0]),
         features.dtype.dtype(f[1]),
@@ -294,7 +250,7 @@ def on_cpu() -> bool: ...
 def prefetch_entries(
     tables: Tables, table: wp.array(dtype=Any), tet: int, bary: wp.vec4, level_count: int
 ):
-    """Ask for a later sample's entries of the large levels, which are rarely in the cache."""
+    """Prefetch a later sample's entries of the hashed levels, which are rarely in the cache."""
     if tet < 0:
         return
     x = lattice_point(bary)
@@ -318,7 +274,7 @@ def encode_kernel(
     level_count: int,
     features: wp.array2d(dtype=Any),  # [N, L] out, vec4 or vec4h
 ):
-    """Sums are float32 whatever the table is."""
+    """`encode_reference`; sums are float32 whatever the table is."""
     n = wp.tid()
     if on_cpu():
         ahead = wp.min(n + PREFETCH_SAMPLES, sample_tet.shape[0] - 1)
@@ -369,7 +325,7 @@ def encode_backward_kernel(
         level += 1
 
 
-# Named here, because a kernel that is first seen at a launch has its module compiled anew.
+# Without these lines the first launch with another type would compile the module anew.
 for _entry in (wp.vec4, vec4h):
     wp.overload(
         encode_kernel, {"table": wp.array(dtype=_entry), "features": wp.array2d(dtype=_entry)}

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..geometry import TetMesh
-from .encoding import FEATURES, Layout, encode_reference, make_layout
+from .encoding import encode_reference
 from .grid import Surroundings
+from .layout import FEATURES, Layout, make_layout
 from .networks import BASIS_COUNT, GEOMETRY_FEATURES, Layers, evaluate, spherical_harmonics
 
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..paths import program_version
 from .archive import check
-from .encoding import FEATURES
 from .field import FieldOptions, TetField
+from .layout import FEATURES
 
 FORMAT = "deformrf-model"
 FORMAT_VERSION = 2

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..geometry import tet_neighbours
 from .archive import ModelFileError, check, read_arrays
-from .encoding import make_layout
 from .field import TetField, layer_widths
+from .layout import make_layout
 from .meta import meta_text, read_meta, read_options, read_training, read_transform
 from .packing import (
     pack_layers,

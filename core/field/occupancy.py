@@ -1,20 +1,24 @@
-"""Occupancy below the coarse tet: one bit per level-2 descendant.
+"""Occupancy below the coarse tet: one bit per level-2 descendant, a sub-tet.
 
-The 64 grandchildren of a tet are numbered by their path p = 8·k1 + k2; bit p of the
-tet's mask says whether density may be found there.  The mask lives in material space, so
-it deforms for free: a masked sub-tet has σ = 0 in every pose.
+The path of a sub-tet is p = 8·k1 + k2; bit p of the tet's mask says whether the sub-tet may
+hold density.  The mask belongs to the rest shape, so it stays valid in every pose: a masked
+sub-tet has σ = 0.
 
-During training each sub-tet keeps an exponential moving maximum of its optical thickness
-σ·Δ (Instant-NGP's density grid, Müller et al. 2022, supplement, on tets).
+Shapes: T tets, N samples.
 """
 
 import numpy as np
 import warp as wp
 
-from ..geometry import child_of, child_path, into_child
+from ..geometry import child_of, child_path, into_child, path_corners
 
 LEVELS = 2
 SUBTET_COUNT = 64  # 8^LEVELS
+
+
+def subtet_corners():
+    """Corners of the sub-tets in barycentric coordinates of the tet.  [64, corner, 4]"""
+    return path_corners(LEVELS) / 2**LEVELS
 
 
 def pack_mask(occupied):
@@ -41,7 +45,7 @@ def is_occupied_reference(mask, tet, bary):
 
 @wp.func
 def subtet_of(bary: wp.vec4):
-    """Path of the level-2 descendant that holds a point."""
+    """Path of the sub-tet that holds a point."""
     k1 = child_of(bary)
     k2 = child_of(into_child(k1, bary))
     return 8 * k1 + k2
@@ -49,7 +53,7 @@ def subtet_of(bary: wp.vec4):
 
 @wp.func
 def exit_distance(alpha: wp.vec4, slope: wp.vec4):
-    """How far it is to where a coordinate of alpha + x slope reaches 0; 1e30 if none does."""
+    """The smallest x where a coordinate of alpha + x slope falls to 0; 1e30 if none does."""
     distance = float(1.0e30)
     distance = wp.where(slope[0] < 0.0, wp.min(distance, -alpha[0] / slope[0]), distance)
     distance = wp.where(slope[1] < 0.0, wp.min(distance, -alpha[1] / slope[1]), distance)
@@ -59,7 +63,7 @@ def exit_distance(alpha: wp.vec4, slope: wp.vec4):
 
 @wp.func
 def subtet_ahead(bary: wp.vec4, slope: wp.vec4):
-    """subtet_of a point on a line, and how far the line stays in that sub-tet.
+    """The sub-tet that holds a point of a line, and the distance to the line's exit from it.
 
     Args:
         slope: Change of `bary` per unit of the line.
@@ -75,25 +79,3 @@ def subtet_ahead(bary: wp.vec4, slope: wp.vec4):
 @wp.func
 def is_occupied(mask: wp.uint64, subtet: int):
     return ((mask >> wp.uint64(subtet)) & wp.uint64(1)) != wp.uint64(0)
-
-
-def fill_enclosed(occupied_tets, neighbours):
-    """Add the empty tets that no path through empty tets joins to the outside.
-
-    The object becomes solid, which its dynamics needs; its image does not change.
-
-    Args:
-        occupied_tets: [T] bool
-        neighbours: [T, 4] int32, -1 outside
-
-    Returns:
-        [T] bool
-    """
-    open_tets = ~occupied_tets & (neighbours < 0).any(axis=1)
-    front = np.flatnonzero(open_tets)
-    while len(front):
-        reached = neighbours[front].ravel()
-        reached = np.unique(reached[reached >= 0])
-        front = reached[~open_tets[reached] & ~occupied_tets[reached]]
-        open_tets[front] = True
-    return ~open_tets

@@ -16,8 +16,8 @@ import numpy as np
 
 from ..geometry import TetMesh, lattice_spacing, lattice_vertices, signed_volumes
 from .archive import array, check
-from .encoding import FEATURES, Layout
 from .grid import GRID_ENTRIES, GRID_LEVELS, Surroundings, surroundings_widths
+from .layout import FEATURES, Layout
 
 ENTRY_BITS = (8, 16)
 LARGEST_INT8 = 127

@@ -18,8 +18,8 @@ import numpy as np
 import warp as wp
 
 from ..geometry import TetMesh, path_corners, path_nodes
-from .encoding import Layout
 from .hashing import hash_address, hash_entry
+from .layout import Layout
 from .occupancy import LEVELS, unpack_mask
 
 NODES_PER_LAUNCH = 1 << 22  # then look whether all entries of the level are reached already

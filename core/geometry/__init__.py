@@ -25,6 +25,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "edges",
             "extract",
             "face_components",
+            "fill_enclosed",
             "signed_volumes",
             "tet_neighbours",
         ],

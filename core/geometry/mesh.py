@@ -1,8 +1,8 @@
 """A tetrahedral mesh and what follows from its connectivity.
 
 Corner i of a tet is opposite face i; FACES[i] lists that face's corners so that its
-normal points out of a positively oriented tet.  Orientation is normalised by whoever
-makes a mesh: every rest volume is positive.
+normal points out of a positively oriented tet.  Every function that makes a mesh orients its
+tets: all rest volumes are positive.
 
 Shapes: V vertices, T tets, E edges, B boundary faces.
 """
@@ -82,13 +82,22 @@ def edges(tets):
 
 
 def components(vertex_count, tets):
-    """A label 0..C-1 per vertex; vertices that share a tet have the same one.  [V] int32"""
+    """A label 0..C-1 per vertex; vertices that share a tet have the same one.  [V] int32
+
+    Labels rise with the lowest vertex of each component.  The function does without
+    scipy.sparse.csgraph because the viewer calls it at start, and viewing is installed
+    without scipy.
+
+    Args:
+        vertex_count: V
+        tets: Vertex ids, or other groups of ids that belong together.  [T, n]
+    """
     labels = np.arange(vertex_count)
     while True:  # each round halves the longest chain of labels, so there are few
         lowest = labels[tets].min(axis=1)
         new = labels.copy()
-        for corner in range(4):
-            np.minimum.at(new, tets[:, corner], lowest)
+        for corner in tets.T:
+            np.minimum.at(new, corner, lowest)
         new = new[new]
         if (new == labels).all():
             return np.unique(labels, return_inverse=True)[1].astype(np.int32)
@@ -98,27 +107,40 @@ def components(vertex_count, tets):
 def face_components(neighbours, keep=None):
     """A label 0..C-1 per kept tet; tets that are joined through faces have the same one.
 
-    Parts that hang together by an edge or a vertex only are apart: they would swing like
-    on a hinge.
+    Parts that touch only along an edge or at a vertex get different labels: they would swing
+    like on a hinge.
 
     Args:
         neighbours: [T, 4]
         keep: [T] bool; None keeps all.
 
     Returns:
-        [T] int, -1 for tets that aren't kept.
+        [T] int32, -1 for tets that are not kept.
     """
     keep = np.ones(len(neighbours), bool) if keep is None else keep
-    labels = np.where(keep, np.arange(len(neighbours)), -1)
-    linked = (neighbours >= 0) & keep[neighbours] & keep[:, None]
-    while True:  # as in `components`
-        beside = np.where(linked, labels[neighbours], len(neighbours))
-        new = np.where(keep, np.minimum(labels, beside.min(axis=1)), -1)
-        new = np.where(keep, new[new], -1)
-        if (new == labels).all():
-            labels[keep] = np.unique(labels[keep], return_inverse=True)[1]
-            return labels
-        labels = new
+    new_ids = np.cumsum(keep) - 1
+    tet, face = np.nonzero((neighbours >= 0) & keep[neighbours] & keep[:, None])
+    pairs = new_ids[np.stack([tet, neighbours[tet, face]], axis=1)]
+    labels = np.full(len(neighbours), -1, np.int32)
+    labels[keep] = components(int(keep.sum()), pairs)
+    return labels
+
+
+def fill_enclosed(occupied, neighbours):
+    """Add the empty tets that no path through empty tets joins to the outside.
+
+    The result is solid, as dynamics needs it; the image does not change.
+
+    Args:
+        occupied: [T] bool
+        neighbours: [T, 4]
+
+    Returns:
+        [T] bool
+    """
+    labels = face_components(neighbours, ~occupied)
+    at_border = (neighbours < 0).any(axis=1)
+    return occupied | ~np.isin(labels, labels[at_border & ~occupied])
 
 
 def extract(mesh: TetMesh, keep):

@@ -16,8 +16,8 @@ from ..field import (
     evaluator,
     make_tables,
     node_table,
-    vec4h,
 )
+from ..wide import vec4h
 from .rays import Rays, Samples, basis_kernel
 
 wp.set_module_options({"enable_backward": False})

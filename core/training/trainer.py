@@ -19,8 +19,15 @@ import numpy as np
 import torch
 import warp as wp
 
-from ..field import FieldOptions, TetField, below_pixel, fill_enclosed, level_edges, narrowest_pixel
-from ..geometry import TetMesh, a15_grid, extract, face_components, tet_neighbours
+from ..field import FieldOptions, TetField, below_pixel, level_edges, narrowest_pixel
+from ..geometry import (
+    TetMesh,
+    a15_grid,
+    extract,
+    face_components,
+    fill_enclosed,
+    tet_neighbours,
+)
 from ..render import in_space
 from .data import (
     Dataset,

@@ -15,7 +15,7 @@ Shapes: N samples, L levels.
 import numpy as np
 import warp as wp
 
-from ..wide import vec4h
+from ...wide import vec4h
 from .reference import MAX_FEATURES, MAX_LOG_SIGMA, WIDTH, has_usual_shape
 
 TILE_K, TILE_N = 16, 8  # of one product

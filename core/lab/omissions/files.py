@@ -12,7 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...field import modelfile, pack_tables, reached_entries, read_arrays
+from ...field import modelfile
+from ...field.archive import read_arrays
+from ...field.packing import pack_tables
+from ...field.reach import reached_entries
 from ...geometry import lattice_spacing, lattice_vertices
 from .frames import Frames
 from .rows import (

@@ -9,18 +9,9 @@ Shapes: R rays, S slots, L levels, T tets.
 import numpy as np
 import warp as wp
 
-from ...field import (
-    CONSTANT_BASIS,
-    Tables,
-    basis_of,
-    dense_nodes,
-    hashed_entries,
-    load_wide,
-    load_wide_half,
-    store_wide_half,
-    vec4h,
-)
-from ...geometry import lattice_axes, lattice_cell, lattice_point, lattice_weights
+from ...field import CONSTANT_BASIS, Tables, basis_of, encoded_half
+from ...geometry import lattice_point
+from ...wide import load_wide, store_wide_half, vec4h
 from ..rays import (
     FILL_SLOTS,
     MIDDLE,
@@ -255,14 +246,7 @@ def encode_slots_kernel(
     products = tables.products[tet]
     level = int(0)
     while level < used_level_count:
-        cell, fraction = lattice_cell(x, level)
-        first, last = lattice_axes(fraction)
-        weights = lattice_weights(fraction)
-        f = wp.vec4()
-        if level < tables.dense_level_count:
-            f = mixed(nodes, dense_nodes(tables, level, tet, cell, first, last), weights)
-        else:
-            f = mixed(table, hashed_entries(tables, level, products, cell, first, last), weights)
+        f = encoded_half(tables, table, nodes, level, tet, x, products)
         store_wide_half(buffers.features, n * level_count + level, f)
         level += 1
     while level < level_count:
@@ -275,16 +259,6 @@ def encode_slots_kernel(
         store_wide_half(buffers.basis, 4 * n + 1, wp.vec4(b[4], b[5], b[6], b[7]))
         store_wide_half(buffers.basis, 4 * n + 2, wp.vec4(b[8], b[9], b[10], b[11]))
         store_wide_half(buffers.basis, 4 * n + 3, wp.vec4(b[12], b[13], b[14], b[15]))
-
-
-@wp.func
-def mixed(table: wp.array(dtype=vec4h), e: wp.vec4i, weights: wp.vec4):
-    """The weighted sum of four entries."""
-    a = weights[0] * load_wide_half(table, e[0])
-    b = weights[1] * load_wide_half(table, e[1])
-    c = weights[2] * load_wide_half(table, e[2])
-    d = weights[3] * load_wide_half(table, e[3])
-    return (a + b) + (c + d)
 
 
 @wp.kernel

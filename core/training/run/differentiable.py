@@ -9,8 +9,9 @@ from contextlib import nullcontext
 import torch
 import warp as wp
 
-from ...field import FEATURES, Tables, encode_backward_kernel, encode_kernel, vec4h
+from ...field import FEATURES, Tables, encode_backward_kernel, encode_kernel
 from ...render import composite_backward_kernel, composite_kernel
+from ...wide import vec4h
 
 
 def on_warp_stream(device):

@@ -16,16 +16,16 @@ import warp as wp
 from ...field import (
     FEATURES,
     GEOMETRY_FEATURES,
-    LEVELS,
     SUBTET_COUNT,
     FieldOptions,
     TetField,
     TorchNetworks,
     make_tables,
     random_field,
+    subtet_corners,
     subtet_of,
 )
-from ...geometry import TetMesh, path_corners, tet_neighbours
+from ...geometry import TetMesh, tet_neighbours
 from ...render import Pose
 from .batch import Batch
 from .differentiable import Composite, Encode
@@ -101,8 +101,8 @@ class TrainingField:
         self.refresh_mask()
         self._part = 0  # of the sub-tets, whose turn it is
         self._generator = torch.Generator(device=self.torch_device).manual_seed(seed)
-        corners = path_corners(LEVELS) / 2**LEVELS  # [64, corner, 4]
-        self._corners = torch.from_numpy(corners.astype(np.float32)).to(self.torch_device)
+        corners = torch.from_numpy(subtet_corners().astype(np.float32))
+        self._corners = corners.to(self.torch_device)  # [64, corner, 4]
 
     @property
     def mesh(self) -> TetMesh:

@@ -1,7 +1,7 @@
 """Loads and stores of four numbers at once: on CUDA one instruction instead of four.
 
-Warp's vectors may begin anywhere, so its own loads go number by number.  Those of arrays begin
-where a multiple of their size does, which is what the wide instructions need.
+Warp loads a vector number by number, because a vector may begin at any address.  The elements
+of an array begin at multiples of their size, as the wide instructions require.
 """
 
 import warp as wp

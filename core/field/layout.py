@@ -1,0 +1,95 @@
+"""Where the entries of each level are in the table of features.
+
+A level whose vertices fit its table is dense: each vertex has an entry of its own, the rank
+of its address in lexicographic order.  The other levels are hashed (hashing.py).
+
+Shapes: T tets, L levels, D of them dense, F = 4 features per entry, n_l nodes of a tet (the
+corners of all its descendants) at level l.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry import TetMesh, path_nodes
+
+FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
+MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the entries of each level are.
+
+    Attributes:
+        entry_counts: Entries per level; a power of two where hashed.  [L]
+        dense_level_count: Levels 0..D-1 are dense.
+        node_ids: Per dense level, the entry of each node of each tet.  D x [T, n_l]
+    """
+
+    entry_counts: tuple[int, ...]
+    dense_level_count: int
+    node_ids: tuple[np.ndarray, ...]
+
+    @property
+    def level_count(self) -> int:
+        return len(self.entry_counts)
+
+    @property
+    def offsets(self):
+        """First entry of each level, and the total.  [L + 1]"""
+        return np.concatenate([[0], np.cumsum(self.entry_counts)]).astype(np.int64)
+
+
+def dense_ids(mesh: TetMesh, level: int):
+    """Rank of every level-`level` vertex among all, in lexicographic order of address.
+
+    Returns:
+        ids [T, n] int32 for the nodes of `path_nodes(level)`, and the number of vertices.
+    """
+    nodes, _ = path_nodes(level)
+    corners = mesh.addresses[mesh.tets].astype(np.int64)  # [T, 4, 3]
+    addresses = np.einsum("nc,tcx->tnx", nodes, corners)
+    key = (addresses[..., 0] << 42) | (addresses[..., 1] << 21) | addresses[..., 2]
+    unique, ids = np.unique(key, return_inverse=True)
+    return ids.reshape(key.shape).astype(np.int32), len(unique)
+
+
+def make_layout(mesh: TetMesh, level_count: int, table_size: int, dense_levels=True) -> Layout:
+    """Dense levels as long as their vertices fit `table_size`, hashed levels above.
+
+    Args:
+        table_size: Entries of a hashed level, a power of two.
+        dense_levels: If false, all levels are hashed.
+
+    Raises:
+        ValueError: level_count is outside 1..10 or table_size is no power of two.
+    """
+    if not 1 <= level_count <= 10:
+        raise ValueError(f"level_count is {level_count}; give 1 to 10")
+    if table_size < 2 or table_size & (table_size - 1):
+        raise ValueError(f"the table size {table_size} is not a power of two")
+    entry_counts, node_ids = [], []
+    for level in range(min(level_count, MAX_DENSE_LEVELS) if dense_levels else 0):
+        # A tet has at least 8^l / 6 vertices of its own, so larger levels needn't be counted.
+        if mesh.tet_count * 8**level > 8 * table_size:
+            break
+        ids, count = dense_ids(mesh, level)
+        if count > table_size:
+            break
+        entry_counts.append(count)
+        node_ids.append(ids)
+    dense = len(entry_counts)
+    entry_counts += [table_size] * (level_count - dense)
+    return Layout(tuple(entry_counts), dense, tuple(node_ids))
+
+
+def node_table(layout: Layout, table):
+    """The dense levels' entries for each node of each tet, in the order of `Tables.node_ids`.
+
+    Tets that share a node repeat its entry.  That takes as much memory as the ids and saves
+    a load that depends on another one.  [entries, F] -> [nodes, F]
+    """
+    starts = layout.offsets
+    levels = [table[starts[k] + ids.ravel()] for k, ids in enumerate(layout.node_ids)]
+    return np.concatenate([*levels, np.zeros((1, table.shape[1]), table.dtype)])
