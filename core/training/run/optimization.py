@@ -333,10 +333,10 @@ class Optimization:
         self.field.load_state(state["stage"])
         step, whole = state["step"], self.optimizer.state_dict()
         rates = [group["lr"] for group in self.optimizer.param_groups]
-        state = step["optimizer"]
-        if self._exchange and state:
-            state = {**state, 0: self._map_moments(state[0], self._exchange.part)}
-        self.optimizer.load_state_dict({**whole, "state": state})
+        moments = step["optimizer"]
+        if self._exchange and moments:
+            moments = {**moments, 0: self._map_moments(moments[0], self._exchange.part)}
+        self.optimizer.load_state_dict({**whole, "state": moments})
         for group, rate in zip(self.optimizer.param_groups, rates, strict=True):
             group["lr"] = rate  # the very tensor that a graph reads
         self.number = step["number"]
