@@ -35,7 +35,7 @@ def test_a_homogeneous_medium_absorbs_exponentially():
     assert depth[0] == pytest.approx(mean_depth, rel=1e-5)
 
 
-def test_splitting_a_piece_changes_no_pixel():
+def test_splitting_pieces_changes_no_pixel():
     sigma, rgb, length, t, counts = random_samples()
     whole = composite_reference(sigma, rgb, length, t, counts)
     halves = composite_reference(

@@ -1,4 +1,4 @@
-"""Lenses: what distortion does, undoes, and refuses."""
+"""Lenses: distortion, its inverse, and coefficients that are refused."""
 
 import numpy as np
 import pytest
@@ -109,5 +109,5 @@ def test_rays_of_the_kernel_are_those_of_the_reference(device):
         ((0, 0, 0, 0), (2.0, 0), False),
     ],
 )
-def test_wild_coefficients_have_no_rays(radial, tangential, ok):
+def test_extreme_coefficients_have_no_rays(radial, tangential, ok):
     assert has_rays(Lens(90, 160, (115, 115), (45, 80), radial, tangential)) == ok

@@ -1,4 +1,4 @@
-"""View modes: each picture is what it is said to be, against NumPy, on random fields."""
+"""View modes: each picture equals its NumPy reference, on random fields."""
 
 import numpy as np
 import pytest
@@ -129,7 +129,7 @@ def test_levels_are_those_that_a_pixel_can_show(shown):
     assert np.abs(color - wanted)[seen & ~changing].max() <= 0.51
 
 
-def test_a_level_more_is_half_the_distance():
+def test_half_the_distance_shows_one_level_more():
     t = np.array([np.inf, 8.0, 4.0, 2.0, 1.0, 1e-3])
     edges = 0.1 / 2.0 ** np.arange(6)
     assert modes.levels_reference(t, edges, 40.0).tolist() == [0, 0, 0, 1, 2, 5]
@@ -140,14 +140,14 @@ def test_few_tets_share_a_color():
     assert len(np.unique(modes.tet_colors_reference(ids), axis=0)) > 0.9 * len(ids)
 
 
-def test_samples_are_counted_by_heat(shown):
+def test_heat_shows_the_number_of_samples(shown):
     samples = shown.renderer.render(shown.view, RenderOptions(details=True)).samples.numpy()
     assert samples.max() > 5
     wanted = modes.heat_reference(samples / modes.SAMPLES_SHOWN)
     expect(shown("samples"), wanted, np.ones(samples.shape, bool))
 
 
-def test_heat_begins_dark_and_ends_in_yellow_for_all_that_is_more():
+def test_heat_is_dark_at_zero_and_yellow_from_one_on():
     first, last = np.array(modes.HEAT[0]) / 255, np.array(modes.HEAT[-1]) / 255
     found = modes.heat_reference([0.0, 1.0, 7.0])
     assert found == pytest.approx(np.array([first, last, last]))
@@ -176,6 +176,6 @@ def test_strips_make_up_the_picture(shown, mode):
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_each_mode_says_what_it_shows(mode):
+def test_each_mode_but_color_has_a_caption(mode):
     assert len(modes.caption(mode, RANGE)) < 50
     assert bool(modes.caption(mode, RANGE)) == (mode != "color")

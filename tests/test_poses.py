@@ -175,7 +175,7 @@ def test_every_pose_renders_as_defined(assert_conforms, posed, pose):
 
 
 @pytest.mark.parametrize("pose", (*FOLDED, *UNFOLDED))
-def test_only_what_overlaps_takes_the_long_way(posed, pose):
+def test_rays_are_merged_only_where_the_mesh_overlaps(posed, pose):
     _, _, _, both, renderer = posed(pose)
     stages = renderer.stage_seconds = {}
     renderer.render_rays(*both, CONFORMANCE)
@@ -184,14 +184,14 @@ def test_only_what_overlaps_takes_the_long_way(posed, pose):
 
 @pytest.fixture
 def assert_noticed(device):
-    """A pose whose tets overlap is called so, and rays around a point look as defined."""
+    """The renderer notices that tets overlap, and rays around a point equal the reference."""
 
     def check(field, vertices, center, spread):
         vertices = vertices.astype(np.float32)
         renderer = Renderer(field, device)
-        assert not renderer.overlap.tangle()
+        assert not renderer.overlap.exists()
         renderer.set_vertices(vertices)
-        assert renderer.overlap.tangle()
+        assert renderer.overlap.exists()
         rng = np.random.default_rng()
         directions = rng.normal(size=(300, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -203,7 +203,7 @@ def assert_noticed(device):
         # Rounding may explain a ray that slips along a face or a mask's edge.
         assert (np.abs(color - expected).max(axis=1) > 2.0 / 255.0).sum() <= 2
         renderer.set_vertices(field.mesh.rest_vertices)
-        assert not renderer.overlap.tangle()
+        assert not renderer.overlap.exists()
 
     return check
 
@@ -214,7 +214,7 @@ def solid_field(mesh):
 
 
 def test_a_part_inside_another_is_noticed(make_ball_field, assert_noticed):
-    """No boundary edge crosses a face then."""
+    """No boundary edge crosses a face."""
     field = make_ball_field(1, gap=0.05, occupied_share=1.0)
     part = face_components(field.neighbours)
     small = np.unique(field.mesh.tets[part == part[0]])
@@ -227,7 +227,7 @@ def test_a_part_inside_another_is_noticed(make_ball_field, assert_noticed):
 
 @pytest.mark.parametrize("cells", [1.0, 1.5, 2.12])
 def test_blocks_slid_into_each_other_are_noticed(assert_noticed, cells):
-    """By whole and half cells of their lattice, too: then nothing crosses, it only touches."""
+    """Also by whole and half cells of their lattice, where edges and faces only touch."""
     grid = a15_grid(0.0625)
     middles = grid.rest_vertices[grid.tets].mean(axis=1)
     left, right = middles[:, 0] < 0.25, (middles[:, 0] > 0.5) & (middles[:, 0] < 1.0)
@@ -239,7 +239,7 @@ def test_blocks_slid_into_each_other_are_noticed(assert_noticed, cells):
 
 
 def test_a_part_folded_over_the_vertex_that_it_hangs_on_is_noticed(assert_noticed):
-    """All its edges begin there, so none goes through a face that has no vertex in common."""
+    """All its edges begin at that vertex, so none crosses a face without a common vertex."""
     grid = a15_grid(0.125)
     middles = grid.rest_vertices[grid.tets].mean(axis=1)
     block, _ = extract(grid, np.abs(middles - 0.5).max(axis=1) < 0.3)

@@ -50,7 +50,7 @@ def camera(size=100):
 
 
 def float32_rays(view):
-    """The view's rays, rounded first: both renderers are to be given the same ones."""
+    """The view's rays in float32, so that both renderers get the same ones."""
     return (a.astype(np.float32).astype(float) for a in camera_rays(view))
 
 
@@ -126,8 +126,8 @@ def test_the_bundled_model_renders_as_defined(assert_conforms, device, pose):
     assert_conforms(color, expected, field, vertices, origins, directions, BACKGROUND)
 
 
-def test_default_mode_is_close(make_ball_field, device):
-    """45 dB against the reference; it stops earlier and, on CUDA, has half precision."""
+def test_default_mode_reaches_45_decibels(make_ball_field, device):
+    """Rays stop earlier and, on CUDA, the networks run in half precision."""
     field = make_ball_field(5)
     origins, directions = float32_rays(camera())
     renderer = Renderer(field, device)
@@ -168,8 +168,8 @@ def test_the_image_is_the_rays_in_bytes(make_ball_field, device):
     assert close.mean() > 0.99
 
 
-def test_without_view_dependence_the_basis_is_left_out(make_ball_field, device):
-    """The same image as with zero weights for it, from the same samples."""
+def test_without_view_dependence_no_harmonics_are_computed(make_ball_field, device):
+    """The image is that of zero weights for the harmonics, from the same samples."""
     field = make_ball_field(12)
     (weights, bias), *rest = field.color_layers
     weights = weights.copy()
@@ -222,8 +222,8 @@ def test_an_empty_mask_is_empty_space(make_ball_field, device):
     assert image.sample_count == 0
 
 
-def test_every_way_of_rendering_shows_the_same(make_ball_field, device):
-    """All rays as if the mesh overlapped itself, in float32, and with its empty tets."""
+def test_all_paths_and_precisions_show_the_same_image(make_ball_field, device):
+    """All rays merged, in float32, and with the empty tets."""
     field = make_ball_field(occupied_share=0.3, seed=5)
     camera = from_field_of_view(look_at((1.4, 0.2, 1.0), (0.5, 0.5, 0.5)), 0.7, 48, 48)
 
@@ -244,7 +244,7 @@ def test_every_way_of_rendering_shows_the_same(make_ball_field, device):
     assert np.abs(default - single).max() <= 6  # half precision is all that differs
 
 
-def test_a_ray_ends_where_it_is_told_to(make_ball_field, device):
+def test_a_larger_termination_takes_fewer_samples(make_ball_field, device):
     field = make_ball_field(seed=6)
     camera = from_field_of_view(look_at((1.4, 0.2, 1.0), (0.5, 0.5, 0.5)), 0.7, 48, 48)
     renderer = Renderer(field, device)
@@ -263,12 +263,14 @@ def test_impossible_options_are_named(make_ball_field):
     for count in (0, levels + 1):
         with pytest.raises(ValueError, match=f"level_count is {count}; .* {levels} levels"):
             renderer.render(camera(8), RenderOptions(level_count=count))
+    with pytest.raises(ValueError, match='path is "slow"; take one of auto, host, merge'):
+        renderer.render(camera(8), RenderOptions(path="slow"))
     with pytest.raises(ValueError, match="step_factor is 0"):
         renderer.render_rays(*camera_rays(camera(8)), RenderOptions(step_factor=0.0))
 
 
-def test_details_name_tets_as_the_field_does(make_ball_field, device):
-    """Though the renderer has fewer of them, in another order."""
+def test_details_number_tets_as_the_field_does(make_ball_field, device):
+    """The renderer has fewer tets, in another order."""
     field = make_ball_field(int(np.random.default_rng().integers(1000)), occupied_share=0.3)
     assert (field.occupancy == 0).any()
     view = camera(40)

@@ -1,4 +1,4 @@
-"""Rounds of slots make the image that rounds of packed samples make."""
+"""The wavefront makes the image that the rounds of the host make."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def view(width=50, height=37):
 
 
 def in_slots(renderer):
-    """Let a renderer on the CPU work in slots too, with NumPy's networks."""
+    """Let a renderer on the CPU use the wavefront, too, with NumPy's networks."""
     if renderer.device.is_cuda:
         return renderer
     field = renderer.field
@@ -46,7 +46,7 @@ def in_slots(renderer):
 
 
 def assert_alike(image, expected):
-    """Half precision in one of them: a few levels of 255 at most, next to none on average."""
+    """One of them has half precision: a few levels of 255 at most, almost none on average."""
     difference = np.abs(image.color_array().astype(int) - expected.color_array())
     assert difference.mean() < 0.3
     assert (difference.max(axis=-1) > 6).mean() < 5e-3
@@ -57,8 +57,8 @@ def assert_alike(image, expected):
 
 
 @pytest.mark.parametrize("slots_per_pixel", [wavefront.SLOTS_PER_PIXEL, 0.1])
-def test_slots_make_the_same_image(make_ball_field, device, monkeypatch, slots_per_pixel):
-    """Also where only some of the rays have room in a round."""
+def test_both_paths_make_the_same_image(make_ball_field, device, monkeypatch, slots_per_pixel):
+    """Also if a round has room for some of the rays only."""
     monkeypatch.setattr(wavefront, "SLOTS_PER_PIXEL", slots_per_pixel)
     renderer = in_slots(
         Renderer(make_ball_field(int(np.random.default_rng().integers(1000))), device)
@@ -70,7 +70,14 @@ def test_slots_make_the_same_image(make_ball_field, device, monkeypatch, slots_p
         )
 
 
-def test_strips_and_smaller_images_use_the_same_room(make_ball_field, device):
+def test_the_path_host_and_details_use_no_wavefront(make_ball_field, device):
+    renderer = in_slots(Renderer(make_ball_field(4), device))
+    for options in (RenderOptions(path="host"), RenderOptions(details=True)):
+        renderer.render(view(), options)
+        assert renderer._wavefront is None
+
+
+def test_strips_and_smaller_images_use_the_same_buffers(make_ball_field, device):
     renderer = in_slots(Renderer(make_ball_field(2), device))
     camera = view()
     whole = renderer.render(camera).color_array()
@@ -93,8 +100,8 @@ def test_another_background_needs_no_new_graphs(make_ball_field, device):
     )
 
 
-def test_what_overlaps_is_mended(make_ball_field, device):
-    """In an image of which only a part does."""
+def test_tangled_rays_are_rendered_again(make_ball_field, device):
+    """A part of the image sees overlap."""
     field = make_ball_field(int(np.random.default_rng().integers(1000)), occupied_share=1.0)
     renderer = in_slots(Renderer(field, device))
     camera = view()
@@ -111,7 +118,7 @@ def test_what_overlaps_is_mended(make_ball_field, device):
     np.testing.assert_array_equal(plain.color_array(), kept)  # earlier images stay what they are
 
 
-def test_other_steps_have_rounds_of_their_own(make_ball_field, device):
+def test_each_step_has_its_own_graph(make_ball_field, device):
     renderer = in_slots(Renderer(make_ball_field(7), device))
     camera = view()
     images = [renderer.render(camera, RenderOptions(step_factor=f)) for f in (1.0, 0.5, 1.0)]
@@ -119,8 +126,8 @@ def test_other_steps_have_rounds_of_their_own(make_ball_field, device):
     np.testing.assert_array_equal(images[2].color_array(), images[0].color_array())
 
 
-def test_fewer_levels_leave_nothing_of_the_others(make_ball_field, device):
-    """Slots keep what the last image wrote there."""
+def test_features_of_unused_levels_are_zero(make_ball_field, device):
+    """Slots still hold the features of the last image."""
     renderer = in_slots(
         Renderer(make_ball_field(int(np.random.default_rng().integers(1000))), device)
     )

@@ -9,7 +9,7 @@ The four lines of docs/design/001-field-and-image.md:
 3. extinction per unit of t is κ = s·σ·|F⁻¹d|;
 4. all piece ends along the ray are merged; where tets overlap, the media add up.
 
-Every ray is tried against every tet: meant for small images in tests.
+Every ray is tested against every tet, so this is for small images in tests and reports.
 """
 
 from itertools import pairwise
@@ -23,7 +23,7 @@ EVALUATE_CHUNK = 1 << 18  # samples per call of the field: bounds the memory
 
 
 def ray_pieces(field: TetField, vertices, origins, directions):
-    """All pieces of all rays that lie in occupied sub-tets.
+    """All pieces of all rays that are in occupied sub-tets.
 
     Returns:
         ray [N], tet [N], bary [N, 4], t_in [N], t_out [N], rest directions [N, 3] and
@@ -78,7 +78,7 @@ def render_rays(field: TetField, vertices, origins, directions, background):
     Args:
         vertices: Current positions.  [V, 3]
         origins, directions: Rays in model space, directions of length one.  [R, 3]
-        background: What is seen through transparent pixels.  [3]
+        background: Color behind the field.  [3]
 
     Returns:
         color [R, 3] over the background, opacity [R], depth [R] (0 without opacity).
@@ -99,7 +99,7 @@ def render_rays(field: TetField, vertices, origins, directions, background):
         part = slice(first, last)
         ends, inverse = np.unique(np.concatenate([t_in[part], t_out[part]]), return_inverse=True)
         starts, stops = np.split(inverse, 2)
-        # Media switch on at a piece's start and off at its end: sums by accumulation.
+        # A piece adds its medium at its start and removes it at its end: cumulative sums.
         medium = np.zeros((len(ends), 4))
         emission = np.column_stack([kappa[part], kappa[part, None] * rgb[part]])
         np.add.at(medium, starts, emission)

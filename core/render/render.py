@@ -36,21 +36,13 @@ wp.set_module_options({"enable_backward": False})
 
 @dataclass
 class Image:
-    """A rendered image on the renderer's device.
+    """A rendered image on the renderer's device.  Arrays [H, W], row 0 is the top."""
 
-    Attributes:
-        color: RGB over the background, alpha = opacity; row 0 is the top.  [H, W] vec4ub
-        depth: Distance along the unit ray, inf where opacity < 0.5.  [H, W] float32
-        sample_count: Samples that were evaluated.
-        tet: With `details`: the tet where transmittance passes ½, or -1.  [H, W] int32
-        samples: With `details`: samples that were evaluated for each pixel.  [H, W] int32
-    """
-
-    color: wp.array
-    depth: wp.array
-    sample_count: int
-    tet: wp.array | None = None
-    samples: wp.array | None = None
+    color: wp.array  # vec4ub: RGB over the background, alpha = opacity
+    depth: wp.array  # float32: distance along the unit ray, inf where opacity < 0.5
+    sample_count: int  # samples that were evaluated
+    tet: wp.array | None = None  # int32, with `details`: where transmittance passes ½, or -1
+    samples: wp.array | None = None  # int32, with `details`: samples of each pixel
 
     def color_array(self):
         """uint8 [H, W, 4]"""
@@ -68,7 +60,7 @@ class Renderer:
         part: The visible part of the field: fewer tets, in another order.
         pose: Of that part.
         shading: Of that part.
-        overlap: Where the pose overlaps itself; `overlap.tangle()` is false if nowhere.
+        overlap: `overlap.exists()` says whether the pose overlaps itself.
         stage: stage(name) times a block, see `stage_seconds`.
     """
 
@@ -156,7 +148,7 @@ class Renderer:
     def _find_overlap(self, options) -> bool:
         """Get ready to sort and merge rays, if any may be tangled; whether that is so."""
         with self.stage("overlap"):
-            found = bool(self.overlap.tangle()) or options.path == "merge"
+            found = self.overlap.exists() or options.path == "merge"
         if found:
             self.merger.prepare()
             self.pose.refresh_face_boxes()
@@ -171,7 +163,7 @@ class Renderer:
         tangled = plain[:0]
         if options.path == "merge":
             plain, tangled = tangled, plain
-        elif self.overlap.tangle():
+        elif self.overlap.exists():
             plain, tangled = self.overlap.sort_rays(rays, count)
         sample_count = 0
         if len(tangled):

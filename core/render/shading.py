@@ -52,7 +52,7 @@ class Shading:
             alive, counts, ends: The rays of the samples; see marching.pack_kernel.
             count: N
             options: RenderOptions.
-            stage: Stages.
+            stage: StageTimer.
 
         Returns:
             sigma [N] and rgb [N], Warp arrays.

@@ -1,10 +1,10 @@
-"""Smoother edges at rest: the mean of images that are shifted by parts of a pixel.
+"""Smoother edges at rest: the mean of images that are shifted by fractions of a pixel.
 
-The shifts are Roberts' R2 sequence, which fills the pixel evenly at every length:
+The shifts are Roberts' R2 sequence, whose first k points fill the pixel evenly for every k:
 
     s_k = frac(½ + k·(1/g, 1/g²)) - ½ in pixels, g³ = g + 1
 
-so the first image, s_0 = 0, is the one that is shown anyway.
+The first image, s_0 = 0, is not shifted.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 def shift(k: int) -> tuple[float, float]:
-    """How far to the right and down image k looks, -½ .. ½ pixels."""
+    """How far image k is shifted to the right and down, -½ .. ½ pixels."""
     x, y = np.mod(0.5 + k * np.array([1.0 / GENERATOR, 1.0 / GENERATOR**2]), 1.0) - 0.5
     return float(x), float(y)
 
@@ -60,13 +60,13 @@ def mean_kernel(
 
 
 class RunningMean:
-    """The mean color of whole images that arrive in strips; sums are exact integers."""
+    """The mean color of whole images that are added in strips; sums are exact integers."""
 
     def __init__(self, width: int, height: int, device):
         self._sums = wp.zeros((height, width), dtype=wp.vec4i, device=device)
 
     def add(self, image, first_row: int = 0) -> None:
-        """Add a strip (an Image) that begins at `first_row`."""
+        """Add a strip (an Image) whose first row is `first_row` of the whole image."""
         height, width = image.color.shape
         assert width == self._sums.shape[1], (width, self._sums.shape)
         assert first_row + height <= self._sums.shape[0], (first_row, height, self._sums.shape)

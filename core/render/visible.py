@@ -1,10 +1,10 @@
-"""The part of a field that can be seen: tets with an occupied sub-tet, along a curve.
+"""The visible part of a field: the tets that have an occupied sub-tet.
 
-Tets that hold no density keep an object solid for its dynamics; a ray has nothing to do in
-them.  Without them it enters the mesh where something is and leaves it where nothing follows.
+Tets without density keep the object solid in the dynamics, and rays only lose time in them.
+Without them a ray enters the mesh where the density begins and leaves it where it ends.
 
-The tets are in the order of a space-filling curve (Morton's), so that what a warp or a core
-reads of neighbouring tets lies side by side.
+The part's tets are in the order of a space-filling curve (Morton's), so that neighboring tets
+are close in memory.
 
 Shapes: T tets, of which K stay.
 """
@@ -19,9 +19,9 @@ CURVE_BITS = 10  # per axis
 
 
 def visible_part(field: TetField):
-    """The field without its empty tets; vertices stay, so that poses fit.
+    """The field without its empty tets; one tet stays if all are empty.
 
-    One tet stays if all are empty.
+    The part keeps all vertices, so that poses of the field fit it.
 
     Returns:
         The part, and the old id of each of its tets [K] int32.
@@ -46,7 +46,7 @@ def visible_part(field: TetField):
 
 
 def morton_codes(points):
-    """The place of each point [N, 3] on Morton's curve through their box.  [N] int64"""
+    """The position of each point [N, 3] on Morton's curve through their box.  [N] int64"""
     low, high = points.min(axis=0), points.max(axis=0)
     size = 2**CURVE_BITS - 1
     cells = ((points - low) / np.maximum(high - low, 1e-30) * size).astype(np.int64)

@@ -15,8 +15,6 @@ positive costs time and never changes the image.
 Shapes: R rays, T tets, V vertices, B boundary faces, C parts that no face joins.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import warp as wp
 
@@ -43,31 +41,14 @@ crossings_vector = wp.types.vector(8, wp.float32)
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
-@dataclass(frozen=True)
-class Tangle:
-    """Where one pose overlaps itself; false if nowhere.
-
-    Attributes:
-        tets: BVH of the tets that are inverted or nearly flat; None without any.
-        tet_ids: Their numbers, in the order of the BVH.
-        shells: Whether the boundary intersects itself, or a part lies inside another.
-    """
-
-    tets: wp.Bvh | None
-    tet_ids: wp.array
-    shells: bool
-
-    def __bool__(self) -> bool:
-        return self.tets is not None or self.shells
-
-
 class Overlap:
-    """Finds the tangle of a pose, once per change of its vertices, and the tangled rays."""
+    """Finds out whether a pose overlaps itself, once per change of its vertices; sorts rays."""
 
     def __init__(self, mesh: TetMesh, neighbours, pose: Pose):
         self._pose = pose
         self._searched = self._found = -1  # revisions of the pose
-        self._tangle = None
+        self._tangled_boxes = None  # BVH of the tets that are inverted or nearly flat
+        self._shells_overlap = False  # the boundary intersects itself, or parts are nested
         faces, labels = pose.boundary_faces, face_components(neighbours)
         _, first_tets = np.unique(labels, return_index=True)  # one of each part
         # `edges` takes tets: with the first corner twice it finds those of a face, and loops.
@@ -79,17 +60,19 @@ class Overlap:
             self._tangled_tets = wp.empty(mesh.tet_count, dtype=int)
         self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=pose.device.is_cuda)
 
-    def tangle(self) -> Tangle:
-        """Where the present pose overlaps itself; waits for the device after a change."""
+    def exists(self) -> bool:
+        """Whether the present pose overlaps itself; waits for the device after a change."""
         self.search()
         if self._found != self._pose.revision:
             if self._pose.device.is_cuda:
                 wp.synchronize_stream(wp.get_stream(self._pose.device))
             count, crossings = (int(n) for n in self._host_counts.numpy())
-            bvh = wp.Bvh(*tet_boxes(self._pose, self._tangled_tets, count)) if count else None
+            self._tangled_boxes = None
+            if count:
+                self._tangled_boxes = wp.Bvh(*tet_boxes(self._pose, self._tangled_tets, count))
+            self._shells_overlap = crossings > 0
             self._found = self._pose.revision
-            self._tangle = Tangle(bvh, self._tangled_tets, crossings > 0)
-        return self._tangle
+        return self._tangled_boxes is not None or self._shells_overlap
 
     def search(self) -> None:
         """Start the search on the device if the vertices have changed; does not wait."""
@@ -120,9 +103,9 @@ class Overlap:
     def sort_rays(self, rays: Rays, count: int):
         """The numbers of the plain and of the tangled rays among the first `count`.
 
-        Pose.refresh_face_boxes comes before.
+        `exists` and Pose.refresh_face_boxes come before.
         """
-        tangle, device = self.tangle(), self._pose.device
+        device = self._pose.device
         counts = wp.zeros(2, dtype=int, device=device)
         plain = wp.empty(count, dtype=int, device=device)
         tangled = wp.empty(count, dtype=int, device=device)
@@ -133,9 +116,9 @@ class Overlap:
                 self._pose.geometry,
                 rays.origins,
                 rays.directions,
-                tangle.tets.id if tangle.tets is not None else 0,
-                tangle.tet_ids,
-                int(tangle.shells),
+                self._tangled_boxes.id if self._tangled_boxes else 0,
+                self._tangled_tets,
+                int(self._shells_overlap),
             ],
             [counts, plain, tangled],
         )

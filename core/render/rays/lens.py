@@ -24,22 +24,14 @@ wp.set_module_options({"enable_backward": False})
 
 @dataclass(frozen=True)
 class Lens:
-    """Intrinsics in pixels, and distortion.
+    """Intrinsics in pixels, and distortion."""
 
-    Attributes:
-        width, height: Of the image.
-        focal: fx, fy.
-        center: cx, cy, the principal point.
-        radial: k1, k2, k3, k4.
-        tangential: p1, p2.
-    """
-
-    width: int
+    width: int  # of the image
     height: int
-    focal: tuple[float, float]
-    center: tuple[float, float]
-    radial: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    tangential: tuple[float, float] = (0.0, 0.0)
+    focal: tuple[float, float]  # fx, fy
+    center: tuple[float, float]  # cx, cy: the principal point
+    radial: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # k1, k2, k3, k4
+    tangential: tuple[float, float] = (0.0, 0.0)  # p1, p2
 
     @property
     def is_distorted(self) -> bool:
@@ -63,7 +55,7 @@ def pinhole(focal: float, width: int, height: int) -> Lens:
 
 
 def distort(lens: Lens, x, y):
-    """Normalised to distorted coordinates.
+    """Normalized to distorted coordinates.
 
     Returns:
         x_d, y_d and the Jacobian's distinct entries ∂x_d/∂x, ∂x_d/∂y = ∂y_d/∂x, ∂y_d/∂y.

@@ -76,7 +76,7 @@ def tet_frames_reference(rest_vertices, vertices, tets):
 
 
 def links(neighbours):
-    """Across each face 4 · tet + the face of that tet, -1 outside.  [T, 4] -> [T, 4] int32"""
+    """`Geometry.links` from the neighbors of each tet.  [T, 4] -> [T, 4] int32"""
     tet, face = np.nonzero(neighbours >= 0)
     across = neighbours[tet, face]
     back = (neighbours[across] == tet[:, None]).argmax(axis=1)

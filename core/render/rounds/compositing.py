@@ -1,7 +1,7 @@
 """From samples to pixels: the volume-rendering sum (DeformRF, Eq. 1).
 
-Piece i of a ray has optical depth τ_i = σ_i·length_i (length in rest space, faded; see
-marching) and color c_i:
+Piece i of a ray has color c_i and optical depth τ_i = σ_i·length_i, with the length in rest
+space times the fade of the tet (see rays/marching.py):
 
     T_i = exp(-Σ_{j<i} τ_j)        transmittance before piece i
     w_i = T_i (1 - exp(-τ_i))      weight
@@ -58,7 +58,7 @@ def composite_kernel(
     opacity: wp.array(dtype=float),  # [R] out
     distortion: wp.array(dtype=float),  # [R] out
 ):
-    """Forward pass of training."""
+    """`composite_reference`, with weights: the forward pass of training."""
     ray = wp.tid()
     n = ends[ray] - counts[ray]
     transmittance = float(1.0)
@@ -133,7 +133,7 @@ def composite_backward_kernel(
 
 @wp.struct
 class Pixels:
-    """Running sums of rays that are being rendered.  [R] each"""
+    """Running sums of rays in progress.  [R] each"""
 
     color: wp.array(dtype=wp.vec3)
     depth: wp.array(dtype=float)  # Σ w t
