@@ -1,8 +1,8 @@
-"""The arrays of a model file, read without trusting it.
+"""The arrays of a model file, read without trust in its contents.
 
-Sizes come first, from the zip's own headers (a small file must not unpack to gigabytes),
-then every array's name, type, shape and finiteness as it is asked for.  Whatever is wrong
-ends in one sentence, a ModelFileError.
+`read_arrays` checks the sizes in the zip's own headers first, so that a small file cannot
+unpack to gigabytes; `array` checks an array's name, type, shape and finiteness.  Every error
+is a ModelFileError of one sentence.
 """
 
 import math
@@ -14,15 +14,21 @@ import numpy as np
 MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")
 TABLE_ARRAYS = ("table_", "reached_", "scale_")
 MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
-# Whatever zipfile and NumPy raise on damaged files; RuntimeError is for encrypted ones.
+# What zipfile and NumPy raise on damaged files; RuntimeError is for encrypted ones.
 UNREADABLE = (
-    *(zipfile.BadZipFile, zlib.error, EOFError, OSError),
-    *(ValueError, KeyError, MemoryError, RuntimeError),
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    OSError,
+    ValueError,
+    KeyError,
+    MemoryError,
+    RuntimeError,
 )
 
 
 class ModelFileError(ValueError):
-    """A model file that can't be read, in one sentence for the user."""
+    """A model file cannot be read; the message is one sentence for the user."""
 
 
 def read_arrays(path) -> dict:
@@ -59,8 +65,8 @@ def array(arrays, name, dtypes, shape):
     """The named array, checked.
 
     Args:
-        dtypes: The one it has to have, or a tuple of those it may have.
-        shape: None in it stands for any length.
+        dtypes: The allowed type, or a tuple of them.
+        shape: The expected shape; None stands for any length.
     """
     dtypes = dtypes if isinstance(dtypes, tuple) else (dtypes,)
     check(name in arrays, f"the array '{name}' is missing")
@@ -96,7 +102,7 @@ def _read_arrays(path):
 
 
 def _check_header(archive, entry):
-    """An array's own header must not promise more than the zip holds."""
+    """Refuse an array whose header declares more than the zip holds."""
     with archive.open(entry) as stream:
         version = np.lib.format.read_magic(stream)
         read = {(1, 0): np.lib.format.read_array_header_1_0}.get(

@@ -103,7 +103,7 @@ def make_tables(mesh: TetMesh, layout: Layout, device) -> Tables:
 
 @wp.func
 def dense_nodes(tables: Tables, level: int, tet: int, cell: wp.vec3i, first: int, last: int):
-    """Places in `node_ids` of a descendant's corners.
+    """Indices into `node_ids` of a descendant's corners.
 
     path_nodes counts down in y1, then y2, then y3 of the corner:
     node = node_count - 1 - (C(y1 + 2, 3) + C(y2 + 1, 2) + y3).

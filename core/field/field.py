@@ -1,8 +1,8 @@
-"""A radiance field on a tetrahedral mesh: what a model file holds.
+"""A radiance field on a tetrahedral mesh: the contents of a model file.
 
-The coarse mesh gives every vertex an integer rest address; tables of features hang on
-the addresses of `level_count` nested levels; two networks turn features into density and
-color.  Current vertices appear nowhere here: they belong to whoever renders.
+The coarse mesh gives every vertex an integer rest address.  Tables of features belong to the
+addresses of `level_count` nested levels, and two networks turn features into density and
+color.  A field knows the rest shape only; the renderer holds the current vertices.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from .networks import BASIS_COUNT, GEOMETRY_FEATURES, Layers, evaluate, spherica
 
 @dataclass(frozen=True)
 class FieldOptions:
-    """What fixes the shape of a field.
+    """The shape of a field: what its arrays' sizes and their meaning follow from.
 
     Attributes:
         level_count: Nested levels, the coarse mesh included (the paper's L = 6).
@@ -48,13 +48,12 @@ class TetField:
     Attributes:
         mesh: Rest mesh in model space, the unit cube.
         neighbours: Tet across each face.  [T, 4] int32
-        occupancy: Bit p is set if the level-2 descendant with path p can hold density.
-            [T] uint64
+        occupancy: Bit p is set if the sub-tet with path p may hold density.  [T] uint64
         table: Features of all levels, one after another.  [entries, F] float32
         density_layers, color_layers: Networks, (weights [in, out], bias [out]) per layer.
         world_to_model: Uniform scale and translation from the data's space.  [4, 4]
-        meta: Provenance and metrics, plain JSON values.
-        surroundings: What lies around the object, if it is kept.
+        meta: Provenance and metrics, plain JSON values (`training` in docs/model-format.md).
+        surroundings: The surroundings of the object, if the model keeps them.
     """
 
     mesh: TetMesh
@@ -104,8 +103,8 @@ def layer_widths(options: FieldOptions):
 def random_field(mesh: TetMesh, neighbours, options: FieldOptions, seed=0, contrast=3.0):
     """A field with random features and weights, every sub-tet occupied.
 
-    It is what training starts from with contrast = 1e-4, and a demanding test image
-    with a larger one.
+    Training starts from one with contrast 1e-4; with a larger contrast it makes a demanding
+    test image.
     """
     rng = np.random.default_rng(seed)
     layout = make_layout(mesh, options.level_count, options.table_size, options.dense_levels)

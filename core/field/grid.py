@@ -1,14 +1,14 @@
-"""What lies around the object: a hashed grid in contracted space.
+"""The surroundings of the object: a hashed grid in contracted space.
 
-A point p outside the object's box, with centre m and half extents b, is y = (p - m) / b and
-then contracted (mip-NeRF 360's rule, Barron et al. 2022, Eq. 10, in the maximum norm, which
-fits a box):
+With the center m and the half extents b of the object's box, a point p becomes
+y = (p - m) / b, and then (mip-NeRF 360's contraction, Barron et al. 2022, Eq. 10, in the
+maximum norm, which fits a box)
 
     y                        if |y| <= 1
     (2 - 1 / |y|) y / |y|    otherwise: all of space, in the cube from -2 to 2
 
-On levels of growing resolution the eight corners of a point's cell have features, hashed
-from integer coordinates and blended trilinearly (Instant-NGP, Müller et al. 2022).
+At levels of growing resolution the eight corners of a point's cell have features, hashed
+from integer coordinates and interpolated trilinearly (Instant-NGP, Müller et al. 2022).
 
 Shapes: N points, G levels, E entries per level, F = 4 features.
 """
@@ -31,13 +31,13 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What was learnt, as arrays.
+    """The learned surroundings, as arrays.
 
     Attributes:
-        box: The object's, model space; the field lies around it.  [2, 3]
+        box: The object's box, which the grid surrounds, model space.  [2, 3]
         table: [G·E, F] float32
         density_layers, color_layers: (weights [in, out], bias [out]) per layer.
-        sky: Color behind everything, 0..1.  [3]
+        sky: Color at infinity, 0..1.  [3]
     """
 
     box: np.ndarray
@@ -109,7 +109,7 @@ def corner_weight(fraction: wp.vec3, corner: int):
 
 @wp.func
 def cell_of(point: wp.vec3, resolution: int):
-    """The cell of a contracted point, and where in it the point is."""
+    """The cell of a contracted point, and the point's fractions in it."""
     x = (point + wp.vec3(2.0, 2.0, 2.0)) * (0.25 * float(resolution))
     cell = wp.vec3i(
         wp.clamp(int(wp.floor(x[0])), 0, resolution - 1),

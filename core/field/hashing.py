@@ -13,7 +13,7 @@ _PRIME_Z = wp.constant(wp.uint32(PRIMES[2]))
 
 
 def hash_products(addresses):
-    """Coordinates times their primes: linear in the address, as long as they are uint32.
+    """Coordinates times their primes, linear in the address modulo 2^32.
 
     [..., 3] int -> [..., 3] uint32
     """

@@ -1,15 +1,17 @@
-"""A field's mesh and tables <-> the arrays of a model file: what can be derived stays out.
+"""A field's mesh, tables and networks <-> the arrays of a model file.
+
+docs/model-format.md describes the arrays.  The file stores nothing that follows from the rest:
 
 - Rest vertices of a lattice follow from their addresses.
 - Integers take 16 bits where they fit.
 - Entries that no occupied sub-tet reaches (reach.py) are left out and read as 0; bit e of
-  `reached_l` says whether `table_l` holds entry e.  Where the bits would take more room
-  than the entries, all entries are stored and there are no bits.
+  `reached_l` says whether `table_l` holds entry e.  A level whose bits would take more room
+  than those entries is stored whole, without bits.
 - Entries are float16, or int8 with a scale per level and feature: value = scale · integer,
   scale = max |value| / 127, so an error is at most scale / 2.  (Clipping the largest
   values would gain 0.2 dB of 61 on the bundled model, and lose that bound.)
 
-docs/model-format.md describes the result; shapes as in encoding.py.
+Shapes: V vertices, T tets, F features per entry.
 """
 
 import numpy as np
@@ -21,13 +23,13 @@ from .layout import FEATURES, Layout
 
 ENTRY_BITS = (8, 16)
 LARGEST_INT8 = 127
-LARGEST_SCALE = 1e3  # with it, values go as far as those of float16
+LARGEST_SCALE = 1e3  # values then reach as far as float16's
 MOST_ENTRIES = 2**27  # 2 GiB in float32; a full-size model has about 2^21
 INTEGERS = (np.uint16, np.int32)
 
 
 def pack_mesh(mesh: TetMesh, occupancy):
-    """The mesh's arrays, and the lattice spacing that its rest vertices follow from, or None."""
+    """The mesh's arrays, and its lattice spacing; None if they hold the rest vertices."""
     arrays = {
         "addresses": _shortened(mesh.addresses),
         "tets": _shortened(mesh.tets),
@@ -40,13 +42,13 @@ def pack_mesh(mesh: TetMesh, occupancy):
 
 
 def unpack_mesh(arrays, spacing, level_count: int):
-    """The mesh and its occupancy, checked; `spacing` is None if the rest vertices are stored."""
+    """The mesh and its occupancy, checked; see `pack_mesh`."""
     addresses = array(arrays, "addresses", INTEGERS, (None, 3)).astype(np.int32)
     vertex_count = len(addresses)
     limit = 2**20 >> (level_count - 1)
     check(
         vertex_count > 0 and addresses.min() >= 0 and addresses.max() < limit,
-        f"'addresses' are none or leave 0..{limit - 1}",
+        f"'addresses' is empty or leaves 0..{limit - 1}",
     )
     if spacing is None:
         rest_vertices = array(arrays, "rest_vertices", np.float64, (vertex_count, 3))
@@ -93,7 +95,7 @@ def pack_tables(table, layout: Layout, reached, entry_bits=16):
 
 def unpack_tables(arrays, layout: Layout):
     """The table, checked; 0 where an entry is not stored.  [entries, F] float32"""
-    total = sum(layout.entry_counts)  # bits of entries that aren't stored are small
+    total = sum(layout.entry_counts)  # a small file can declare many entries
     check(total <= MOST_ENTRIES, f"it has {total} entries, more than {MOST_ENTRIES}")
     table = np.zeros((total, FEATURES), np.float32)
     for level, entry_count in enumerate(layout.entry_counts):
@@ -128,7 +130,7 @@ def pack_layers(name, layers) -> dict:
 
 
 def unpack_layers(arrays, name, widths):
-    """A network's layers, which have to have those widths."""
+    """A network's layers, checked against its widths."""
     return tuple(
         (
             array(arrays, f"{name}_weights_{i}", np.float32, (widths[i], widths[i + 1])),
@@ -149,7 +151,7 @@ def pack_surroundings(surroundings: Surroundings) -> dict:
 
 
 def unpack_surroundings(arrays) -> Surroundings | None:
-    """What lies around the object, or None where a file doesn't say."""
+    """The surroundings, checked; None if the file has none."""
     if "surroundings_table" not in arrays:
         return None
     density, color = surroundings_widths()

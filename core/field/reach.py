@@ -1,15 +1,14 @@
-"""Which table entries can ever be read: those that an occupied sub-tet reaches.
+"""Which table entries rendering can read: those that an occupied sub-tet reaches.
 
-A sample has density only in an occupied level-2 sub-tet (occupancy.py), so level l reads
-the corners of the level-l descendants that overlap one: its ancestors for l < 2, the
-sub-tet itself, and all of its descendants beyond.  All other entries may be left out of a
-file, or zero, and no image changes (a point on a sub-tet's face may read a corner beyond, with
-the weight of a rounding).  Collisions count: a hashed entry is reached if any
-such corner has it.
+A sample has density only in an occupied sub-tet (occupancy.py), so level l reads only corners
+of level-l descendants that overlap an occupied sub-tet.  A file may leave out all other
+entries, or hold zeros for them, and no image changes: a point on the face of a sub-tet may
+read a corner beyond it, but with the weight of a rounding.  A hashed entry counts as reached
+if any such corner has it.
 
 The corners of all descendants of a cell with corner addresses A, m levels down, are the
-points Σ b_j A_j with integers b ≥ 0 of sum 2^m.  Visiting these *nodes* asks for each once
-per cell, where going through the descendants asks for it up to 24 times.
+points Σ b_j A_j with integers b ≥ 0 of sum 2^m.  The kernel visits each of these *nodes* once
+per cell; a loop over the descendants would visit a node up to 24 times.
 
 Shapes: T tets, S cells (distinct level-l' descendants, l' = min(l, 2)).
 """
@@ -22,7 +21,7 @@ from .hashing import hash_address, hash_entry
 from .layout import Layout
 from .occupancy import LEVELS, unpack_mask
 
-NODES_PER_LAUNCH = 1 << 22  # then look whether all entries of the level are reached already
+NODES_PER_LAUNCH = 1 << 22  # between checks whether all entries of the level are reached
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -36,7 +35,7 @@ def occupied_cells(occupancy, level: int):
 
 
 def reached_reference(mesh: TetMesh, layout: Layout, occupancy):
-    """The definition: every corner of every such descendant.  For small meshes.
+    """The definition, for small meshes: every corner of every such descendant.
 
     Args:
         occupancy: [T] uint64
@@ -87,7 +86,7 @@ def mark_nodes_kernel(
 
 
 def reached_entries(mesh: TetMesh, layout: Layout, occupancy, device="cpu"):
-    """`reached_reference`, fast.
+    """`reached_reference` for large meshes.
 
     Args:
         occupancy: [T] uint64

@@ -1,4 +1,4 @@
-"""Tetrahedra: lattices, meshes, their subdivision and coloring.  No learning, no time."""
+"""Tetrahedra: lattices, meshes, their subdivision and coloring."""
 
 import lazy_loader
 

@@ -1,11 +1,11 @@
-"""Colors for constraints, so that all constraints of one color can be solved at once.
+"""Colors for constraints: the solver can solve all constraints of one color at once.
 
-Two constraints that share a vertex get different colors; solving color after color is
-then a Gauss–Seidel sweep whose result doesn't depend on the order inside a color.  Every
-color is a barrier in each substep, so few colors are fast.
+Two constraints that share a vertex get different colors.  Solving color after color is then
+a Gauss–Seidel sweep, and its result does not depend on the order inside a color.  Each color
+costs a barrier in each substep, so few colors are fast.
 
-A mesh that was cut from a lattice takes the colors of the lattice (periodic.py): 14 of
-edges and 26 of tets on A15, where greedy coloring needs 18 and 32.
+A mesh that was cut from a lattice takes the colors of the lattice (periodic.py).  On A15 they
+are 14 for edges and 26 for tets, where greedy coloring needs 18 and 32.
 
 Shapes: C constraints of n vertices each (n = 2 for edges, 4 for tets).
 """
@@ -24,8 +24,8 @@ def color_order(constraints, rest_vertices):
 
     Returns:
         Indices of the constraints, within a color in the given order [C]; offsets: color c
-        is order[offsets[c]:offsets[c + 1]] [color_count + 1]; and classes in the new order:
-        translates of each other have the same one, -1 is of no lattice [C].
+        is order[offsets[c]:offsets[c + 1]] [color_count + 1]; and the class of each constraint
+        in the new order: lattice translates share one, -1 means no lattice [C].
     """
     colors, classes = lattice_colors(constraints, rest_vertices)
     colors = complete_colors(constraints, colors, len(rest_vertices))
@@ -45,7 +45,7 @@ def lattice_colors(constraints, rest_vertices):
     lattice, addresses, on_lattice = found
     regular = on_lattice[constraints].all(axis=1)
     colors[regular], classes[regular] = periodic_classes(lattice, addresses[constraints[regular]])
-    # Vertices or constraints that lie at one place aren't told apart by the lattice.
+    # Vertices or constraints at the same place have the same lattice color: drop the later one.
     colored = np.flatnonzero(colors >= 0)
     touched = (colors[colored, None] * len(rest_vertices) + constraints[colored]).ravel()
     order = np.argsort(touched, kind="stable")
@@ -55,7 +55,7 @@ def lattice_colors(constraints, rest_vertices):
 
 
 def complete_colors(constraints, colors, vertex_count):
-    """Colors as given, and where they are -1 the lowest that no neighbor has so far.  [C] int
+    """The given colors; each -1 becomes the lowest color that no neighbor has so far.  [C] int
 
     Args:
         constraints: Vertex ids.  [C, n]

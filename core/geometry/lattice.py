@@ -5,12 +5,12 @@
     BCC      2 dx       2         12     3, 4 dx²           60° and 90°
     Kuhn     1 dx       1         6      1, 2, 3 dx²        45° to 90°
 
-Every vertex is an integer multiple of dx.  A15 is the acute tiling that QuarTet uses;
-DeformRF, section 4.1, takes dx = 0.02.  The others are there to compare with.
+Every vertex is an integer multiple of dx.  A15 is the acute tiling of QuarTet; DeformRF,
+section 4.1, uses it with dx = 0.02.  Training uses A15; the report compares the others.
 
-The tets are not typed in: they are the 4-cliques of the graph that joins vertices at
-the distances above.  In tetrahedrally close-packed structures (A15) and in BCC those are
-the Delaunay cells.  Kuhn's joins only vertices whose differences have no mixed signs, so
+The code derives the tets: they are the 4-cliques of the graph that joins vertices at the
+distances above.  In tetrahedrally close-packed structures (A15) and in BCC those are the
+Delaunay cells.  Kuhn's graph joins only vertices whose differences have no mixed signs, so
 its cliques are the monotone paths through a cube.
 """
 
@@ -25,7 +25,7 @@ from .mesh import TetMesh
 
 @dataclass(frozen=True)
 class Lattice:
-    """One cell and who is joined to whom, in units of dx.
+    """One cell of a lattice and the rule for its edges, in units of dx.
 
     Attributes:
         cell_edge: A whole divisor of MARGIN.
@@ -40,7 +40,7 @@ class Lattice:
     monotone: bool = False
 
     def joins(self, differences):
-        """Whether vertices that are apart by these are joined.  [..., 3] int -> [...] bool"""
+        """Whether an edge joins vertices with these differences.  [..., 3] int -> [...] bool"""
         joined = np.isin((differences**2).sum(-1), self.squared_lengths)
         if self.monotone:
             joined &= (differences >= 0).all(-1) | (differences <= 0).all(-1)
@@ -113,11 +113,11 @@ def grid(lattice: Lattice, spacing: float) -> TetMesh:
     """The tets of a lattice that meet the unit cube, uncut.
 
     Args:
-        spacing: dx, up to one cell a cube; the cube's edge is 1.
+        spacing: dx; a cell may be as wide as the unit cube.
 
     Returns:
-        A mesh that covers the cube; its addresses are non-negative and sorted along a
-        space-filling curve, so neighbours lie close in memory.
+        A mesh that covers the cube.  Its addresses are non-negative and sorted along a
+        space-filling curve, so that neighbours are close in memory.
 
     Raises:
         ValueError: spacing is not positive, or a cell is wider than the cube.
@@ -148,7 +148,7 @@ def grid(lattice: Lattice, spacing: float) -> TetMesh:
 
 
 def lattice_vertices(addresses, spacing: float):
-    """Where the vertices of these addresses are.  [V, 3] int -> [V, 3] float64"""
+    """Rest positions of vertices with these addresses.  [V, 3] int -> [V, 3] float64"""
     return (addresses - MARGIN) * float(spacing)
 
 
@@ -156,7 +156,7 @@ def lattice_spacing(mesh: TetMesh) -> float | None:
     """The dx with which `lattice_vertices` gives the mesh's rest vertices, bit for bit."""
     multiples = mesh.addresses - MARGIN
     ratios = mesh.rest_vertices[multiples != 0] / multiples[multiples != 0]
-    # A product and a quotient are rounded: the ratios of a lattice are a few neighbours.
+    # Product and quotient are rounded, so a lattice has a few ratios, next to each other.
     if len(ratios) == 0 or np.ptp(ratios) > 4 * np.spacing(np.abs(ratios).max()):
         return None
     for spacing in np.unique(ratios):

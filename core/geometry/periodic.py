@@ -1,8 +1,8 @@
-"""What a mesh that was cut from a lattice inherits from it: addresses, and few colors.
+"""Addresses and few colors for a mesh that was cut from a lattice.
 
-Constraints that are translates of each other by the lattice's period have one color.  So
-the colors of a whole lattice are those of the few constraints of one period, a graph
-small enough for a search: no vertex of A15 has more than 24 tets, and 26 colors do.
+Constraints that are translates of each other by the lattice's period have the same color.  So
+a lattice needs colors only for the constraints of one period, a graph small enough for a
+search.  A vertex of A15 has at most 24 tets, and 26 colors suffice for all.
 
 Shapes: V vertices, C constraints of n vertices, P constraints of one period.
 """
@@ -16,8 +16,8 @@ from .lattice import A15, BCC, KUHN, Lattice, cell_tets
 from .mesh import EDGES
 
 TOLERANCE = 0.02  # of dx; float32 vertices are 1e-4 of it away
-SHARE = 0.9  # of the vertices that must be a lattice's
-SEARCH_STEPS = 600  # for each number of colors; 400 find as few
+SHARE = 0.9  # of the vertices that have to be on the lattice
+SEARCH_STEPS = 600  # per number of colors; 400 already find the fewest
 
 
 def lattice_addresses(rest_vertices):
@@ -28,7 +28,7 @@ def lattice_addresses(rest_vertices):
 
     Returns:
         The lattice, integer addresses modulo its cell [V, 3], and which vertices are on it
-        [V] bool; None if that isn't nearly all of them.
+        [V] bool; None if fewer than a share of SHARE are.
     """
     spacing = _spacing(rest_vertices)
     if spacing is None:
@@ -46,7 +46,7 @@ def lattice_addresses(rest_vertices):
 
 
 def _spacing(rest_vertices):
-    """What dx may be: the commonest distance between neighboring coordinates, or None."""
+    """An estimate of dx: the median distance between neighboring coordinates, or None."""
     steps = []
     for axis in range(3):
         levels = np.unique(rest_vertices[:, axis])
@@ -64,7 +64,7 @@ def _is_site(lattice, addresses):
 
 
 def _best_shift(lattice, addresses):
-    """What to add so that most addresses are vertices of the lattice, and their share."""
+    """The shift that makes most addresses vertices of the lattice, and their share."""
     some = addresses[:: max(len(addresses) // 1000, 1)]
     shifts = np.array(list(product(range(lattice.cell_edge), repeat=3)))
     shares = [_is_site(lattice, some + shift).mean() for shift in shifts]
@@ -72,13 +72,13 @@ def _best_shift(lattice, addresses):
 
 
 def periodic_classes(lattice: Lattice, addresses):
-    """Color and class of constraints; one class are the translates of one constraint.
+    """Color and class of constraints; the translates of a constraint share one class.
 
     Args:
         addresses: Of their vertices.  [C, n, 3] int
 
     Returns:
-        Two arrays [C] int; -1 for constraints that aren't the lattice's.
+        Two arrays [C] int; -1 for constraints that are not of the lattice.
     """
     keys, colors = _table(lattice, addresses.shape[1])
     key = _keys(lattice, addresses)
@@ -88,12 +88,12 @@ def periodic_classes(lattice: Lattice, addresses):
 
 
 def _period(lattice):
-    """In dx; so long that no constraint touches two translates of one vertex."""
+    """The period in dx, such that no constraint has two translates of one vertex."""
     return lattice.cell_edge if lattice is A15 else 2 * lattice.cell_edge
 
 
 def _keys(lattice, addresses):
-    """A number that translates by the period don't change: middle and spread.  [C]"""
+    """A number from middle and spread that a translation by the period keeps.  [C]"""
     count = addresses.shape[1]
     total = addresses.sum(axis=1)
     spread = count * (addresses**2).sum(axis=(1, 2)) - (total**2).sum(axis=1)
@@ -116,7 +116,7 @@ def _table(lattice, vertex_count):
 
 
 def _few_colors(constraints):
-    """Colors of a small set of constraints, as few as a short search finds.  [P]"""
+    """Colors of a small set of constraints, as few as a short search finds.  [P] int"""
     touches = (constraints[:, :, None, None] == constraints[None, None]).any(axis=(1, 3))
     np.fill_diagonal(touches, False)
     count = np.unique(constraints, return_counts=True)[1].max()  # no fewer will do
@@ -126,11 +126,11 @@ def _few_colors(constraints):
 
 
 def _search(touches, color_count):
-    """A coloring with so many colors, by tabu search; None if it isn't found soon.  [P]"""
+    """A coloring with that many colors, by tabu search; None if the search fails.  [P] int"""
     random = np.random.default_rng(0)  # the same colors in every process
     each = np.arange(len(touches))
     colors = random.integers(color_count, size=len(touches))
-    # How many neighbours of each constraint have each color.
+    # Number of neighbours of each constraint with each color.
     clashes = touches.astype(int) @ (colors[:, None] == np.arange(color_count))
     forbidden_until = np.zeros_like(clashes)
     for step in range(SEARCH_STEPS):

@@ -1,10 +1,10 @@
 """Recursive subdivision of one tetrahedron, in barycentric coordinates.
 
 Joining the six edge midpoints splits a tet into eight children: four at the corners
-(0-3) and four around the inner diagonal m02-m13 (4-7), listed in Bey's order, which
-keeps all descendants in at most three similarity classes (J. Bey, "Tetrahedral grid
-refinement", 1995).  Nothing is stored per level: a point with barycentric coordinates
-alpha moves from level l to level l + 1 by
+(0-3) and four around the inner diagonal m02-m13 (4-7).  Bey's order of their corners keeps
+all descendants in at most three similarity classes (J. Bey, "Tetrahedral grid refinement",
+1995).  No level needs storage: a point with barycentric coordinates alpha moves from level l
+to level l + 1 by
 
     alpha' = C[k] @ alpha,        k = child(alpha)          (DeformRF, section 3.2)
 
@@ -13,7 +13,7 @@ is the sum of theirs: addresses double with each level, so they stay exact.
 
 A child's path p after l levels is 8·p' + k; path 0 is the coarse tet itself.
 
-Level l can also be found at once.  In lattice coordinates
+A point's descendant at level l also follows without the levels between.  In lattice coordinates
 
     x = (α1 + α2 + α3, α2 + α3, α3),        1 ≥ x1 ≥ x2 ≥ x3 ≥ 0
 
@@ -53,7 +53,7 @@ CHILD_FROM_PARENT = np.linalg.inv(PARENT_FROM_CHILD)  # [8, 4, 4], the paper's C
 
 
 def descend(alpha):
-    """Return the child that holds each point, and the point's coordinates in it.
+    """The child that holds each point, and the point's coordinates in it.
 
     Args:
         alpha: Coordinates in the parent.  [N, 4]
@@ -93,7 +93,7 @@ def path_corners(levels: int):
 
 @cache
 def path_nodes(levels: int):
-    """The distinct corners of all descendants of one tet, and who has which.
+    """The distinct corners of all descendants of one tet, its nodes.
 
     Returns:
         nodes: Integer barycentric coordinates, sum 2^levels.  [n, 4]
@@ -109,7 +109,7 @@ def path_nodes(levels: int):
 
 @wp.func
 def child_of(alpha: wp.vec4):
-    """The child, 0..7, that holds a point.  On a shared face either neighbour will do."""
+    """The child, 0..7, that holds a point; on a shared face either neighbour."""
     k = int(4)
     if alpha[1] + alpha[2] >= 0.5:
         k += 1
@@ -128,10 +128,9 @@ def child_of(alpha: wp.vec4):
 
 @wp.func
 def into_child(k: int, alpha: wp.vec4, total: float = 1.0):
-    """C[k] @ alpha, each row shortened with sum(alpha) = total.
+    """C[k] @ alpha, with rows simplified by sum(alpha) = total: 1 for a point, 0 for a direction.
 
-    1 for a point, 0 for a direction.  Without branches: threads side by side go to different
-    children.
+    The function has no branches, because neighbouring threads enter different children.
     """
     s = 2.0 * (alpha[1] + alpha[2])
     u = 2.0 * (alpha[2] + alpha[3])
@@ -152,7 +151,7 @@ def into_child(k: int, alpha: wp.vec4, total: float = 1.0):
 
 @wp.func
 def lattice_point(alpha: wp.vec4):
-    """x, for a point that may be outside by a rounding error."""
+    """The lattice coordinates x of a point, which may be outside by a rounding error."""
     z = wp.max(alpha[3], 0.0)
     y = z + wp.max(alpha[2], 0.0)
     return wp.vec3(wp.min(y + wp.max(alpha[1], 0.0), 1.0), wp.min(y, 1.0), wp.min(z, 1.0))
@@ -172,7 +171,7 @@ def lattice_cell(x: wp.vec3, level: int):
 def lattice_axes(fraction: wp.vec3):
     """Axes, 0..2, of the first and the last step.
 
-    Of equal fractions the first axis goes first: then all corners are in the coarse tet.
+    Of equal fractions the first axis comes first, which keeps all corners in the coarse tet.
     """
     xy = fraction[0] >= fraction[1]
     xz = fraction[0] >= fraction[2]
@@ -195,5 +194,5 @@ def lattice_weights(fraction: wp.vec3):
 
 @wp.func
 def along(axis: int, x: Any, y: Any, z: Any):
-    """What belongs to an axis."""
+    """x, y or z: the value that belongs to an axis."""
     return wp.where(axis == 0, x, wp.where(axis == 1, y, z))
