@@ -5,14 +5,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from deformrf.core.geometry import a15_grid, color_order, edges, extract
+from deformrf.core.geometry import A15, BCC, KUHN, color_order, edges, extract
 from deformrf.core.geometry.coloring import complete_colors
-from deformrf.core.geometry.lattice import bcc_grid, kuhn_grid
+from deformrf.core.geometry.lattice import grid
 
 
-def part_of(grid, spacing, share=0.5):
+def part_of(lattice, spacing, share=0.5):
     """A random part of a grid, with ragged ends."""
-    mesh = grid(spacing)
+    mesh = grid(lattice, spacing)
     near = np.linalg.norm(mesh.rest_vertices[mesh.tets].mean(axis=1) - 0.5, axis=1) < share
     keep = near & (np.random.default_rng().uniform(size=len(near)) < 0.9)
     return extract(mesh, keep)[0]
@@ -30,9 +30,9 @@ def assert_partition(constraints, order, offsets):
         assert len(np.unique(vertices)) == vertices.size
 
 
-@pytest.mark.parametrize("grid", [a15_grid, bcc_grid, kuhn_grid])
-def test_constraints_of_one_color_share_no_vertex(grid):
-    mesh = part_of(grid, 0.08)
+@pytest.mark.parametrize("lattice", [A15, BCC, KUHN])
+def test_constraints_of_one_color_share_no_vertex(lattice):
+    mesh = part_of(lattice, 0.08)
     for constraints in (edges(mesh.tets), mesh.tets):
         assert_partition(constraints, *color_order(constraints, mesh.rest_vertices)[:2])
         colors = greedy_colors(constraints, mesh.vertex_count)
@@ -41,18 +41,18 @@ def test_constraints_of_one_color_share_no_vertex(grid):
         )
 
 
-@pytest.mark.parametrize("grid, edge_colors, tet_colors", [(a15_grid, 14, 26), (bcc_grid, 14, 24)])
+@pytest.mark.parametrize("lattice, edge_colors, tet_colors", [(A15, 14, 26), (BCC, 14, 24)])
 def test_a_lattice_needs_about_as_many_colors_as_a_vertex_has_constraints(
-    grid, edge_colors, tet_colors
+    lattice, edge_colors, tet_colors
 ):
-    mesh = part_of(grid, 0.07)
+    mesh = part_of(lattice, 0.07)
     for constraints, expected in ((edges(mesh.tets), edge_colors), (mesh.tets, tet_colors)):
         _, offsets, _ = color_order(constraints, mesh.rest_vertices)
         assert len(offsets) - 1 <= expected
 
 
 def test_a_mesh_of_no_lattice_and_braces_are_colored_greedily():
-    mesh = part_of(a15_grid, 0.1)
+    mesh = part_of(A15, 0.1)
     random = np.random.default_rng()
     shaken = mesh.rest_vertices + random.normal(scale=0.01, size=mesh.rest_vertices.shape)
     assert_partition(mesh.tets, *color_order(mesh.tets, shaken)[:2])
@@ -62,7 +62,7 @@ def test_a_mesh_of_no_lattice_and_braces_are_colored_greedily():
 
 
 def test_vertices_at_one_place_are_told_apart():
-    mesh = part_of(a15_grid, 0.1)
+    mesh = part_of(A15, 0.1)
     middle = mesh.rest_vertices[:, 0] > 0.5  # tets on both sides of a cut have own vertices
     right = middle[mesh.tets].all(axis=1)
     tets = mesh.tets.copy()

@@ -21,7 +21,7 @@ from deformrf.core.geometry import (
     signed_volumes,
     tet_neighbours,
 )
-from deformrf.core.geometry.lattice import MARGIN, bcc_grid, grid, kuhn_grid
+from deformrf.core.geometry.lattice import MARGIN, grid
 
 LATTICES = [A15, BCC, KUHN]
 lattices = pytest.mark.parametrize("lattice", LATTICES, ids=["a15", "bcc", "kuhn"])
@@ -39,7 +39,7 @@ def test_the_tets_of_a_cell_fill_its_volume(lattice, count):
 
 @pytest.mark.parametrize(
     ("mesh", "lengths"),
-    [(a15_grid(0.1), {4, 5, 6}), (bcc_grid(0.2), {3, 4}), (kuhn_grid(0.3), {1, 2, 3})],
+    [(a15_grid(0.1), {4, 5, 6}), (grid(BCC, 0.2), {3, 4}), (grid(KUHN, 0.3), {1, 2, 3})],
 )
 def test_edges_have_the_lengths_of_their_lattice(mesh, lengths):
     ends = mesh.addresses[mesh.tets][:, EDGES]
@@ -51,8 +51,8 @@ def test_edges_have_the_lengths_of_their_lattice(mesh, lengths):
     ("mesh", "in_edges", "in_tets"),
     [
         (a15_grid(0.1), {12, 14}, {20, 24}),
-        (bcc_grid(0.1), {14}, {24}),
-        (kuhn_grid(0.1), {14}, {24}),
+        (grid(BCC, 0.1), {14}, {24}),
+        (grid(KUHN, 0.1), {14}, {24}),
     ],
 )
 def test_inner_vertices_have_the_valence_of_their_lattice(mesh, in_edges, in_tets):
@@ -116,7 +116,7 @@ def test_a_wrong_spacing_is_named(spacing):
     with pytest.raises(ValueError, match=str(spacing)):
         a15_grid(spacing)
     with pytest.raises(ValueError, match=r"1.1; give a number in \(0, 1.0\]"):
-        kuhn_grid(1.1)
+        grid(KUHN, 1.1)
 
 
 def test_morton_order_keeps_octants_together():

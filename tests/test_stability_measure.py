@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import Material, XpbdSolver
-from deformrf.core.geometry import TetMesh, a15_grid, extract
-from deformrf.core.geometry.lattice import bcc_grid, kuhn_grid
+from deformrf.core.geometry import A15, BCC, KUHN, TetMesh, a15_grid, extract
+from deformrf.core.geometry.lattice import grid
 from deformrf.core.lab.stability.measure import (
     Solid,
     aligned_error,
@@ -27,17 +27,17 @@ RIGID = 0.0  # stands for compliance 0
 DEFAULT = Solid("default", Material())
 
 
-def dome(grid, spacing):
+def dome(lattice, spacing):
     """A ball of diameter 0.6 without its lowest sixth, so that it stands on many vertices."""
-    mesh = grid(spacing)
+    mesh = grid(lattice, spacing)
     away = mesh.rest_vertices[mesh.tets].mean(axis=1) - 0.5
     return extract(mesh, (np.linalg.norm(away, axis=1) < 0.3) & (away[:, 2] > -0.2))[0]
 
 
 BODIES = {
-    "A15": dome(a15_grid, 0.041),
-    "BCC": dome(bcc_grid, 0.051),
-    "Kuhn": dome(kuhn_grid, 0.082),
+    "A15": dome(A15, 0.041),
+    "BCC": dome(BCC, 0.051),
+    "Kuhn": dome(KUHN, 0.082),
     "one tet": ONE_TET,
 }
 

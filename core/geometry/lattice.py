@@ -51,7 +51,12 @@ class Lattice:
 _A15_VERTICES = (
     (0, 0, 0),
     (2, 2, 2),
-    *((1, 2, 0), (3, 2, 0), (0, 1, 2), (0, 3, 2), (2, 0, 1), (2, 0, 3)),
+    (1, 2, 0),
+    (3, 2, 0),
+    (0, 1, 2),
+    (0, 3, 2),
+    (2, 0, 1),
+    (2, 0, 3),
 )
 A15 = Lattice(4, _A15_VERTICES, (4, 5, 6))
 BCC = Lattice(2, ((0, 0, 0), (1, 1, 1)), (3, 4))
@@ -97,16 +102,6 @@ def morton_order(points):
 def a15_grid(spacing: float) -> TetMesh:
     """The tets of the A15 lattice that meet the unit cube; edges are 2 to 2.45 dx long."""
     return grid(A15, spacing)
-
-
-def bcc_grid(spacing: float) -> TetMesh:
-    """The tets of the BCC lattice that meet the unit cube; edges are 1.73 to 2 dx long."""
-    return grid(BCC, spacing)
-
-
-def kuhn_grid(spacing: float) -> TetMesh:
-    """Cubes of edge dx, cut into 6 tets each; edges are 1 to 1.73 dx long."""
-    return grid(KUHN, spacing)
 
 
 def grid(lattice: Lattice, spacing: float) -> TetMesh:

@@ -22,12 +22,12 @@ import warp as wp
 from rich.progress import track
 
 from deformrf.core.deform import Material, XpbdSolver
-from deformrf.core.geometry import TetMesh, a15_grid, extract
-from deformrf.core.geometry.lattice import bcc_grid, kuhn_grid
+from deformrf.core.geometry import A15, BCC, KUHN, TetMesh, a15_grid, extract
+from deformrf.core.geometry.lattice import grid
 from deformrf.core.lab.stability.measure import Solid, run_case
 from deformrf.core.lab.stability.stress import CASES, suits
 
-GRIDS = {"A15": (a15_grid, 46 / 64), "BCC": (bcc_grid, 12 / 8), "Kuhn": (kuhn_grid, 6)}  # tets/dx³
+GRIDS = {"A15": (A15, 46 / 64), "BCC": (BCC, 12 / 8), "Kuhn": (KUHN, 6)}  # tets/dx³
 TET_COUNT = 1300
 MODULI = [10.0**k for k in range(3, 10)]
 RATIOS = [0.0, 0.25, 0.35, 0.45, 0.499]
@@ -44,9 +44,9 @@ def dome(lattice, tet_count):
 
     A whole ball stands on so few vertices that E = 1e3 Pa rights it in minutes only.
     """
-    grid, density = GRIDS[lattice]
+    cell, density = GRIDS[lattice]
     volume = 4.0 / 3.0 * np.pi * 0.3**3 - np.pi * 0.1**2 * (0.3 - 0.1 / 3.0)
-    mesh = grid((volume * density / tet_count) ** (1.0 / 3.0))
+    mesh = grid(cell, (volume * density / tet_count) ** (1.0 / 3.0))
     away = mesh.rest_vertices[mesh.tets].mean(axis=1) - 0.5
     return extract(mesh, (np.linalg.norm(away, axis=1) < 0.3) & (away[:, 2] > -0.2))[0]
 
