@@ -1,4 +1,4 @@
-"""COLMAP's reconstructions, written as COLMAP's text files; read with pycolmap where it is."""
+"""COLMAP's reconstructions, written as text files; reading them needs pycolmap."""
 
 import sys
 

@@ -57,7 +57,7 @@ def test_evaluation_of_a_few_small_views(call, data, model, tmp_path):
     ],
     ids=["photograph", "asked for", "kept", "alpha", "white border", "white", "older file"],
 )
-def test_surroundings_that_a_model_has_not_kept_are_said(
+def test_evaluation_says_that_a_model_lacks_its_surroundings(
     call, field, write_dataset, tmp_path, asked, kept, color, said
 ):
     from deformrf.core.training.run.surroundings import random_surroundings
@@ -114,12 +114,12 @@ def facts(path):
     ],
     ids=["missing", "no model", "version", "nested", "no transforms", "images missing"],
 )
-def test_bad_input_to_evaluation_is_one_sentence(call, data, model, spoil, sentence, refused):
+def test_bad_input_to_evaluation_ends_in_one_sentence(call, data, model, spoil, sentence, refused):
     spoil(data, model)
     assert sentence in refused(call(evaluate.main, model, data, "--device", "cpu"))
 
 
-def test_missing_images_are_said_and_skipped(call, data, model):
+def test_missing_images_are_reported_and_skipped(call, data, model):
     (data / "test" / "r_1.png").unlink()
     result = call(evaluate.main, model, data, "--device", "cpu")
     assert result.code == 0
@@ -137,17 +137,17 @@ def test_missing_images_are_said_and_skipped(call, data, model):
         (["--step-factor", 0], "--step-factor is 0"),
     ],
 )
-def test_bad_flags_of_evaluation_are_one_sentence(call, data, model, flags, sentence, refused):
+def test_bad_flags_of_evaluation_end_in_one_sentence(call, data, model, flags, sentence, refused):
     assert sentence in refused(call(evaluate.main, model, data, *flags))
 
 
-def test_a_device_that_is_not_there_is_one_sentence(call, data, model, monkeypatch, refused):
+def test_a_device_that_is_missing_is_refused(call, data, model, monkeypatch, refused):
     monkeypatch.setattr("warp.is_cuda_available", lambda: False)
     assert "no CUDA device" in refused(call(evaluate.main, model, data, "--device", "cuda"))
 
 
-def test_a_command_says_one_sentence_and_nothing_else(data, tmp_path):
-    """In a process of its own, where C++ libraries could speak up too."""
+def test_a_command_prints_one_sentence_and_nothing_else(data, tmp_path):
+    """In a process of its own, where C++ libraries may print too."""
     program = "from deformrf.core.commands.evaluate import main; main()"
     command = [sys.executable, "-c", program, tmp_path / "no.npz", data]
     run = subprocess.run(command, capture_output=True, text=True)

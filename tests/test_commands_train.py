@@ -71,7 +71,7 @@ def test_a_bad_test_split_is_found_before_training(call, trainer, data, tmp_path
     assert not trainer.calls
 
 
-def test_missing_test_images_are_said_and_skipped(call, trainer, data, tmp_path):
+def test_missing_test_images_are_reported_and_skipped(call, trainer, data, tmp_path):
     (data / "test" / "r_0.png").unlink()
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert result.code == 0
@@ -98,7 +98,7 @@ def test_an_interrupted_training_keeps_an_older_model(call, trainer, data, tmp_p
     modelfile.load(tmp_path / "m-interrupted.npz")
 
 
-def test_a_lost_run_says_why_and_writes_its_last_good_weights(call, trainer, data, tmp_path):
+def test_a_diverged_run_says_why_and_writes_its_last_good_weights(call, trainer, data, tmp_path):
     trainer.trained.diverged = "the loss became nan at step 48"
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert (result.code, result.err) == (
@@ -115,9 +115,7 @@ def test_a_default_run_without_a_gpu_is_announced(call, trainer, data, tmp_path)
         assert ("takes minutes" in result.out) == announced
 
 
-def test_images_in_which_nothing_is_found_are_one_sentence(
-    call, trainer, data, monkeypatch, refused
-):
+def test_a_run_that_finds_nothing_ends_in_one_sentence(call, trainer, data, monkeypatch, refused):
     def fail(*_, workers):
         raise DatasetError("stage 1 found nothing")
 
@@ -133,7 +131,7 @@ def test_images_in_which_nothing_is_found_are_one_sentence(
         (MemoryError(), "the memory is too small"),
     ],
 )
-def test_a_lack_of_memory_is_one_sentence(
+def test_a_lack_of_memory_ends_in_one_sentence(
     call, trainer, data, monkeypatch, error, sentence, refused
 ):
     def fail(*_, workers):
@@ -170,23 +168,23 @@ def test_the_command_line_knows_every_preset():
         ),
     ],
 )
-def test_bad_flags_of_training_are_one_sentence(call, trainer, data, flags, sentence, refused):
+def test_bad_flags_of_training_end_in_one_sentence(call, trainer, data, flags, sentence, refused):
     assert sentence in refused(call(train.main, data, *flags, "--device", "cpu"))
     assert not trainer.calls
 
 
-def test_an_empty_data_folder_is_one_sentence(call, tmp_path, refused):
+def test_an_empty_data_folder_is_refused(call, tmp_path, refused):
     result = call(train.main, tmp_path, "-o", tmp_path / "m.npz")
     assert "holds no transforms_train.json" in refused(result)
 
 
-def test_a_folder_as_output_is_one_sentence(call, data, tmp_path, refused):
+def test_a_folder_as_output_is_refused(call, data, tmp_path, refused):
     (tmp_path / "m.npz").mkdir()
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert "is a folder" in refused(result)
 
 
-def test_output_below_a_file_is_one_sentence(call, data, tmp_path, refused):
+def test_output_below_a_file_is_refused(call, data, tmp_path, refused):
     (tmp_path / "file").write_text("")
     result = call(train.main, data, "-o", tmp_path / "file" / "m.npz", "--device", "cpu")
     assert str(tmp_path / "file") in refused(result)

@@ -1,4 +1,4 @@
-"""Scores of a model: against its own renders, against known errors, and cut short."""
+"""Scores of a model: against its own renders, for known errors, and after an interrupt."""
 
 import json
 import time
@@ -23,7 +23,7 @@ VIEWS = 3
 
 @pytest.fixture(scope="module")
 def field():
-    """A colorful little field whose world is three times as large, and elsewhere."""
+    """A small field of random colors; its world is scaled by three and shifted."""
     mesh = a15_grid(0.25)
     options = FieldOptions(2, 2**10, (16,), (16,), march_step=0.05)
     field = random_field(mesh, tet_neighbours(mesh.tets), options)
@@ -34,7 +34,7 @@ def field():
 
 @pytest.fixture(scope="module")
 def dataset(field):
-    """What the field itself looks like, photographed from around it in its world."""
+    """Renders of the field from around it, as photographs in its world."""
     renderer = Renderer(field)
     model_to_world = np.linalg.inv(field.world_to_model)
     poses, images = [], []
@@ -127,7 +127,7 @@ def test_images_show_render_truth_and_difference(fake, field, tmp_path):
     assert (parts[:, 3] == 77).all()
 
 
-def test_a_third_metric_is_averaged_too(fake, field, capsys):
+def test_lpips_is_averaged_too(fake, field, capsys):
     report = evaluate(field, constant_views((9, 9, 9, 255)), lpips=lambda a, b: 0.25)
     assert report["mean"]["lpips"] == 0.25
     print_report(report)
@@ -141,7 +141,7 @@ def test_without_weights_lpips_is_said_to_be_missing(fake, field, capsys):
     assert "LPIPS: not computed" in capsys.readouterr().out
 
 
-def test_the_files_parts_are_weighed(fake, field, tmp_path, capsys):
+def test_the_report_has_the_sizes_of_the_file_s_parts(fake, field, tmp_path, capsys):
     path = tmp_path / "m.npz"
     modelfile.save(field, path)
     report = evaluate(field, constant_views((9, 9, 9, 255)), model_path=path)
@@ -186,8 +186,8 @@ def test_on_the_cpu_nothing_is_scored_while_a_view_is_timed(fake, field):
     assert len(report["views"]) == VIEWS
 
 
-def test_the_first_view_finds_the_surroundings_warm(field, dataset, monkeypatch):
-    """Else its seconds are those of a compilation."""
+def test_surroundings_are_compiled_before_the_first_view_is_timed(field, dataset, monkeypatch):
+    """Else the seconds of the first view include the compilation."""
     ray_counts, forward = [], LearntSurroundings.forward
 
     def counted(self, origins, *rest):

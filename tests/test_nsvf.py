@@ -82,7 +82,7 @@ def test_missing_images_are_counted(tmp_path):
         ({"splits": "111"}, "no poses 0_"),
     ],
 )
-def test_what_can_not_be_used_is_said_in_a_sentence(tmp_path, change, sentence):
+def test_unusable_files_are_refused_in_one_sentence(tmp_path, change, sentence):
     with pytest.raises(DatasetError, match=sentence) as caught:
         load_dataset(write(tmp_path, **change)[0], "train")
     assert "\n" not in str(caught.value)

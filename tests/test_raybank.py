@@ -1,4 +1,4 @@
-"""Drawn rays are those of the cameras, lens and all, each pixel as often as any other."""
+"""Drawn rays are those of the cameras and their lenses; all pixels are drawn equally often."""
 
 import numpy as np
 import warp as wp

@@ -17,7 +17,7 @@ def test_ctrl_c_exits_with_130_and_says_so(capsys):
     assert capsys.readouterr().err == "deformrf-x: interrupted\n"
 
 
-def test_of_several_processes_the_first_one_speaks(capsys, monkeypatch):
+def test_of_several_processes_only_the_first_prints(capsys, monkeypatch):
     """torchrun ends the others when it is gone."""
 
     def mistaken():
@@ -34,7 +34,7 @@ def test_of_several_processes_the_first_one_speaks(capsys, monkeypatch):
         assert capsys.readouterr().err == "".join(f"x: {sentence}\n" for sentence in sentences)
 
 
-def test_a_process_says_an_error_that_the_first_one_has_not(capsys, monkeypatch):
+def test_a_process_reports_an_error_that_the_first_one_does_not_have(capsys, monkeypatch):
     """Such as more processes than GPUs, or too little memory in one of them."""
 
     def job():

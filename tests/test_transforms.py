@@ -67,7 +67,7 @@ def test_a_common_file_is_no_test_split_of_one_that_has_its_own(tmp_path):
 
 
 def test_only_a_split_without_views_is_no_test_split(tmp_path):
-    """A test view that can't be read is a mistake, which `load` has to name."""
+    """A test view that can't be read is a mistake, and the error names it."""
     write(tmp_path / "bad", per_frame={8: {"transform_matrix": [[1, 2], [3, 4]]}})
     assert load_dataset(tmp_path / "bad", "train").view_count == 7
     with pytest.raises(DatasetError, match=r"transform_matrix of images/0008\.png"):
@@ -133,7 +133,7 @@ MIRRORED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
         ({"per_frame": {1: {"transform_matrix": [[0.0] * 4] * 4}}}, "axis has no length"),
     ],
 )
-def test_what_can_not_be_used_is_said_in_a_sentence(tmp_path, change, sentence):
+def test_unusable_files_are_refused_in_one_sentence(tmp_path, change, sentence):
     with pytest.raises(DatasetError, match=sentence) as caught:
         load_dataset(write(tmp_path, **change), "train")
     assert "\n" not in str(caught.value)

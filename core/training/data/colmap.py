@@ -37,12 +37,7 @@ def sparse_folder(folder) -> Path | None:
 
 
 def read(folder, split) -> ImageList:
-    """The images of a split.
-
-    Raises:
-        DatasetError: The reconstruction can't be used.
-        ModuleNotFoundError: pycolmap is not installed.
-    """
+    """The images of a split; ModuleNotFoundError without pycolmap."""
     import pycolmap
 
     sparse = sparse_folder(folder)

@@ -33,11 +33,7 @@ def is_here(folder) -> bool:
 
 
 def read(folder, split) -> ImageList:
-    """The images of a split.
-
-    Raises:
-        DatasetError: A file is missing or not as it has to be.
-    """
+    """The images of a split."""
     images = [p for p in (folder / "rgb").iterdir() if p.suffix.lower() in IMAGE_ENDINGS]
     by_stem = {path.stem: path for path in sorted(images)}
     prefix = "0_" if split == "train" else "1_"

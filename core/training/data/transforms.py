@@ -38,11 +38,7 @@ def transforms_path(folder, split) -> Path | None:
 
 
 def read(folder, split) -> ImageList:
-    """The images of a split.
-
-    Raises:
-        DatasetError: The file is not as it has to be, or no image is there.
-    """
+    """The images of a split."""
     path = transforms_path(folder, split)
     try:
         scene = json.loads(path.read_text(encoding="utf-8"))
