@@ -84,8 +84,8 @@ def test_a_linear_body_moves_by_the_push(column, young_modulus, scale):
 
 def test_a_stout_body_moves_nearly_as_far(column):
     case = load_cases(column)[0]
-    moved = case.reference[0] - column.mesh.rest_vertices
-    assert case.reference_error < 1e-9
+    moved = case.reference[0][0] - column.mesh.rest_vertices
+    assert case.reference[1] < 1e-9
     assert largest(moved) == pytest.approx(dynamics.PUSH * size_of(column), rel=0.1)
     assert moved[:, 0].min() > -0.2 * largest(moved)  # to where it is pushed
 

@@ -123,8 +123,8 @@ def test_the_method_says_how_exact_the_references_are(section):
     cases = load_cases(standing(MESH))
     assert "48 tets" in section.method[0]
     assert f"{cases[0].gravity[0]:.2g} m/s²" in section.method[0]
-    assert f"{cases[0].reference_error:.0e} of the load" in section.method[0]
-    assert f"{100 * cases[1].reference_error:.1g} % of the motion" in section.method[0]
+    assert f"{cases[0].reference[1]:.0e} of the load" in section.method[0]
+    assert f"{100 * cases[1].reference[1]:.1g} % of the motion" in section.method[0]
 
 
 def test_the_figure_opens(section):

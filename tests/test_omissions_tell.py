@@ -44,7 +44,7 @@ def test_what_saves_nothing_is_asked_why(rows):
     findings = section_of(rows, EFFORT).findings[1:]
     assert not any("part" in finding for finding in findings if "no part" not in finding)
     assert "Leaving out no part saves nothing that can be measured" in findings[0]
-    assert "(2 turns: with it 10.2 to 11.8 ms, without 9.2 to 10.8 ms)" in findings[1]
+    assert "(2 turns: with it 10.2 to 11.8, without 9.2 to 10.8 ms)" in findings[1]
     assert "(0 MB)" in findings[2]
     assert "Leaving out a loss costs 8.25 ms" in findings[3]
     for finding in findings[:4]:

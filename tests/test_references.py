@@ -30,9 +30,9 @@ def sag(lattice, spacing, ratio, gravity=0.1):
     body, material = beam(lattice, spacing), Material(YOUNG, ratio)
     rest = body.mesh.rest_vertices
     energy = material_energy(rest, body.mesh.tets, material)
-    found = equilibrium(energy, rest, body.clamped, (0, 0, -gravity), tolerance=1e-9)
-    assert found.residual < 1e-9
-    fallen = (body.tip(rest) - body.tip(found.vertices))[2]
+    moved, residual = equilibrium(energy, rest, body.clamped, (0, 0, -gravity), tolerance=1e-9)
+    assert residual < 1e-9
+    fallen = (body.tip(rest) - body.tip(moved))[2]
     bending = body.bending_sag(energy.masses, YOUNG, gravity)
     shear = body.shear_sag(energy.masses, material.shear_modulus, gravity)
     return fallen / bending, fallen / (bending + shear)
@@ -42,29 +42,30 @@ def test_a_mass_hangs_on_a_spring():
     """It starts beside and above its support, where the Hessian isn't positive."""
     k, m, length = np.random.default_rng().uniform([10, 0.5, 0.2], [500, 2.0, 2.0])
     start = np.array([[0, 0, 0], [0.3 * length, 0.1 * length, 0.5 * length]])
-    found = equilibrium(spring(k, m, length), start, np.array([True, False]), (0, 0, -9.81))
-    np.testing.assert_allclose(found.vertices[1], [0, 0, -length - m * 9.81 / k], atol=1e-7)
-    assert found.residual < 1e-9
+    held = np.array([True, False])
+    vertices, residual = equilibrium(spring(k, m, length), start, held, (0, 0, -9.81))
+    np.testing.assert_allclose(vertices[1], [0, 0, -length - m * 9.81 / k], atol=1e-7)
+    assert residual < 1e-9
 
 
 def test_at_rest_there_is_nothing_to_do():
     body = beam(A15, 1 / 16)
     energy = material_energy(body.mesh.rest_vertices, body.mesh.tets, Material())
-    found = equilibrium(energy, body.mesh.rest_vertices, body.clamped)
-    assert found.steps == 0
-    np.testing.assert_array_equal(found.vertices, body.mesh.rest_vertices)
+    rest = body.mesh.rest_vertices
+    vertices, _ = equilibrium(energy, rest, body.clamped, (0, 0, 0))
+    np.testing.assert_array_equal(vertices, rest)
 
 
 def test_forces_balance_where_a_beam_hangs_far_down():
     body, material = beam(BCC, 1 / 16), Material(young_modulus=1e5)
     rest = body.mesh.rest_vertices
     energy = material_energy(rest, body.mesh.tets, material)
-    found = equilibrium(energy, rest, body.clamped, (0, 0, -9.81))
-    assert (rest - found.vertices)[:, 2].max() > 0.5  # as long as the beam
-    forces = energy.masses[:, None] * [0, 0, -9.81] - energy.gradient(found.vertices)
+    vertices, residual = equilibrium(energy, rest, body.clamped, (0, 0, -9.81))
+    assert (rest - vertices)[:, 2].max() > 0.5  # as long as the beam
+    forces = energy.masses[:, None] * [0, 0, -9.81] - energy.gradient(vertices)
     free = ~body.clamped
     assert np.abs(forces[free]).max() < 1e-8 * np.abs(forces).max()
-    assert found.residual < 1e-9
+    assert residual < 1e-9
 
 
 def test_what_cannot_converge_is_named():
@@ -83,11 +84,11 @@ def test_a_pulled_bar_has_youngs_modulus_and_poissons_ratio(lattice, ratio):
     energy = material_energy(rest, body.mesh.tets, material)
     end = rest[:, 0] >= 1.0 - 1e-9
     pulled = rest + np.where(end, 1e-4, 0.0)[:, None] * [1, 0, 0]
-    found = equilibrium(energy, pulled, body.clamped | end)
-    moved = found.vertices - rest
+    found, _ = equilibrium(energy, pulled, body.clamped | end, (0, 0, 0))
+    moved = found - rest
     middle = np.abs(rest[:, 0] - 0.5) < 0.25
     strains = [np.polyfit(rest[middle, axis], moved[middle, axis], 1)[0] for axis in range(3)]
-    force = energy.gradient(found.vertices)[end, 0].sum()
+    force = energy.gradient(found)[end, 0].sum()
     assert force / (body.area * strains[0]) == pytest.approx(YOUNG, rel=0.03)
     np.testing.assert_allclose(-np.array(strains[1:]) / strains[0], ratio, atol=0.01)
 
@@ -100,8 +101,8 @@ def test_a_beam_sags_as_beam_theory_says(lattice, off, ratio):
 
 
 def test_the_sag_does_not_drift_with_resolution():
-    """From 5k to 94k tets, beside beam theory for the section that the ragged surface leaves."""
-    coarse, fine = sag(A15, 1 / 48, 0.25), sag(A15, 1 / 128, 0.25)
+    """From 5k to 39k tets, beside beam theory for the section that the ragged surface leaves."""
+    coarse, fine = sag(A15, 1 / 48, 0.25), sag(A15, 1 / 96, 0.25)
     np.testing.assert_allclose(fine, coarse, rtol=0.05)
     assert fine[1] == pytest.approx(1.0, abs=0.02)
 

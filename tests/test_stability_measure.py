@@ -9,13 +9,13 @@ from deformrf.core.deform import Material, XpbdSolver
 from deformrf.core.geometry import A15, BCC, KUHN, TetMesh, a15_grid, extract
 from deformrf.core.geometry.lattice import grid
 from deformrf.core.lab.stability.measure import (
+    Shape,
     Solid,
     aligned_error,
     recovery_limit,
     run_case,
-    shape_of,
 )
-from deformrf.core.lab.stability.stress import CASES, StressCase, at_rest, random
+from deformrf.core.lab.stability.stress import CASES, StressCase, random
 
 CASE = {case.name: case for case in CASES}
 ONE_TET = TetMesh(
@@ -140,7 +140,7 @@ def test_alignment_finds_any_turn_and_no_mirror_image():
 def test_a_shape_leaves_out_what_is_flat_and_knows_its_signs():
     rest = np.concatenate([ONE_TET.rest_vertices, ONE_TET.rest_vertices[:1]])
     tets = np.array([[0, 1, 2, 3], [0, 1, 3, 2], [0, 1, 2, 4]])
-    shape = shape_of(rest, tets)
+    shape = Shape(rest, tets)
     np.testing.assert_array_equal(shape.tets, tets[:2])
     assert len(shape.edges) == 6 + 2  # all but the one between the two in one place
     larger = shape.measure(2.0 * rest)
@@ -196,7 +196,7 @@ def test_to_have_been_there_is_not_enough():
 
 
 def test_nothing_is_wrong_at_rest():
-    result = run_case(BODIES["A15"], DEFAULT, StressCase("rest", at_rest))
+    result = run_case(BODIES["A15"], DEFAULT, StressCase("rest"))
     assert result.passed and result.recovery_seconds == 0.0
     assert result.error < 1e-4 and result.smallest_volume == pytest.approx(1.0, abs=1e-5)
     assert result.largest_strain < 1e-3 and result.rescues == result.inverted == 0
@@ -214,7 +214,7 @@ def test_parts_that_nothing_joins_recover_each_by_itself():
     count = len(one.rest_vertices)
     aside = np.array([2.0, 0.0, 0.0])
     rest = np.concatenate([one.rest_vertices, one.rest_vertices + aside])
-    shape = shape_of(rest, np.concatenate([one.tets, one.tets + count]))
+    shape = Shape(rest, np.concatenate([one.tets, one.tets + count]))
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     apart = rest.copy()
     apart[count:] = apart[count:] @ turn.T + [0.0, 0.3, 0.0]

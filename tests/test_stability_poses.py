@@ -20,7 +20,7 @@ def found(ball):
 
 
 def test_every_start_and_drive_is_a_pose(ball, found):
-    starts = {case.start.__name__ for case in stress.CASES if not case.drive}
+    starts = {case.start for case in stress.CASES if not case.drive}
     drives = {case.name for case in stress.CASES if case.drive}
     assert set(found) == {"at rest", *starts, *drives}
     assert next(iter(found)) == "at rest"

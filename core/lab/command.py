@@ -58,17 +58,11 @@ class ReportArguments:
 
 
 class Job(NamedTuple):
-    """A section to measure.
+    """A section to measure."""
 
-    Attributes:
-        title: Of the progress bar.
-        seconds: About how long it takes.
-        section: Measures; takes a function to call with the share that is done.
-    """
-
-    title: str
-    seconds: float
-    section: Callable
+    title: str  # of the progress bar
+    seconds: float  # about how long it takes
+    section: Callable  # measures; takes a function to call with the share that is done
 
 
 def main():

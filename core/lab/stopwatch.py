@@ -20,17 +20,12 @@ HELD_STEPS = 200_000  # of one thread, each waits for the one before: some 10 ms
 
 @dataclass(frozen=True)
 class Timing:
-    """What something that was repeated took: milliseconds, where no other unit is named.
-
-    Attributes:
-        median, low, high: And its tenth and ninetieth percentile.
-        count: Of repeats.
-    """
+    """What something that was repeated took: milliseconds, where no other unit is named."""
 
     median: float
-    low: float
-    high: float
-    count: int
+    low: float  # tenth percentile
+    high: float  # ninetieth percentile
+    count: int  # of repeats
 
 
 @dataclass(frozen=True)
@@ -77,13 +72,13 @@ def hold_back_kernel(count: int, value: wp.array(dtype=float)):
 
 @contextmanager
 def held_back(device):
-    """On CUDA: the stream is busy at first, so that what is launched within runs without gaps.
+    """On CUDA: keep the stream busy at first, so that launches within run without gaps.
 
-    What is shorter than its own launch is otherwise told to take as long as that.
+    Otherwise work that is shorter than its own launch seems to take as long as that.
     """
     device = wp.get_device(device)
     if device.is_cuda:
-        value = wp.full(1, 1.0, dtype=float, device=device)  # freed when what is within is launched
+        value = wp.full(1, 1.0, dtype=float, device=device)  # freed after the launches within
         wp.launch(hold_back_kernel, 1, [HELD_STEPS, value], device=device)
     yield
 

@@ -77,7 +77,7 @@ class Scene:
     def equilibrium(self, energy, start):
         """The static pose of an energy, near one whose held vertices are in place.  [V, 3]"""
         if energy == "springs":
-            return equilibrium(self.energy, start, self.held, GRAVITY).vertices
+            return equilibrium(self.energy, start, self.held, GRAVITY)[0]
         weights = self.energy.masses[:, None] * GRAVITY
         density = xpbd_statics.DENSITIES[energy]
         solids = xpbd_statics.Solids(self.rest, self.tets, density, *self.moduli[energy])

@@ -25,7 +25,7 @@ from deformrf.core.deform import Material, XpbdSolver
 from deformrf.core.geometry import A15, BCC, KUHN, TetMesh, a15_grid, extract
 from deformrf.core.geometry.lattice import grid
 from deformrf.core.lab.stability.measure import Solid, run_case
-from deformrf.core.lab.stability.stress import CASES, suits
+from deformrf.core.lab.stability.stress import CASES
 
 GRIDS = {"A15": (A15, 46 / 64), "BCC": (BCC, 12 / 8), "Kuhn": (KUHN, 6)}  # tets/dx³
 TET_COUNT = 1300
@@ -99,7 +99,7 @@ def matrix(arguments):
     for lattice in [*arguments.lattices, "one tet"]:
         for modulus, ratio in [*materials, default]:
             for case in CASES:
-                if lattice == "one tet" and not suits(case, ONE_TET.tets):
+                if lattice == "one tet" and not case.suits(ONE_TET.tets):
                     continue
                 if case.uneven and (modulus, ratio) != default:
                     continue

@@ -125,33 +125,27 @@ def _cross_matrices(vectors):
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def material_energy(rest_vertices, tets, material) -> Energy:
-    """The energy of the solver's constraints for a material."""
+def material_energy(rest_vertices, tets, material, compliance=None) -> Energy:
+    """The energy of the solver's constraints for a material.
+
+    Args:
+        compliance: α > 0 of every edge instead, without volumes [m/N].
+    """
     edges = edge_constraints(rest_vertices, tets)
     volumes = volume_constraints(rest_vertices, tets)
-    bulk = material.bulk_modulus
-    stiffnesses = 1.0 / volumes.compliances(bulk) if bulk > 0 else np.empty(0)
-    count = len(stiffnesses)
+    compliances = edges.compliances(material.shear_modulus)
+    has_volumes = compliance is None and material.bulk_modulus > 0
+    count = len(volumes.vertices) if has_volumes else 0
+    if compliance is not None:
+        compliances = np.full(len(edges.vertices), compliance)
     return Energy(
         masses=lumped_masses(rest_vertices, tets, material.density),
         edges=edges.vertices,
         lengths=edges.rest_lengths,
-        stiffnesses=1.0 / edges.compliances(material.shear_modulus),
+        stiffnesses=1.0 / compliances,
         tets=volumes.vertices[:count],
         volumes=volumes.rest_volumes[:count],
-        volume_stiffnesses=stiffnesses,
-    )
-
-
-def uniform_energy(rest_vertices, tets, density, compliance) -> Energy:
-    """Springs of one compliance α > 0 [m/N] at every edge, and no volumes."""
-    edges = edge_constraints(rest_vertices, tets)
-    return Energy(
-        masses=lumped_masses(rest_vertices, tets, density),
-        edges=edges.vertices,
-        lengths=edges.rest_lengths,
-        stiffnesses=np.full(len(edges.vertices), 1.0 / compliance),
-        tets=np.empty((0, 4), np.int64),
-        volumes=np.empty(0),
-        volume_stiffnesses=np.empty(0),
+        volume_stiffnesses=1.0 / volumes.compliances(material.bulk_modulus)
+        if has_volumes
+        else np.empty(0),
     )

@@ -29,7 +29,7 @@ import numpy as np
 from ...deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lowest_pins
 from ...geometry import TetMesh
 from ..stopwatch import Timing, milliseconds, timing_of
-from .energy import Energy, material_energy, uniform_energy
+from .energy import Energy, material_energy
 from .references import equilibrium, factorize, free_dofs, motion
 
 SCENES = ("static", "dynamic")
@@ -47,32 +47,21 @@ DEFAULT_MATERIAL = Material()
 
 
 class Body(NamedTuple):
-    """A mesh, its rest vertices rounded to float32 as the solver's are, and what holds it.
-
-    Attributes:
-        held: [V] bool
-    """
+    """A mesh, its rest vertices rounded to float32 as the solver's are, and what holds it."""
 
     mesh: TetMesh
-    held: np.ndarray
+    held: np.ndarray  # [V] bool
 
 
 @dataclass(frozen=True)
 class LoadCase:
-    """A body, what it is made of, and the gravity that moves it.
-
-    Attributes:
-        compliance: Of every edge [m/N]; None for the material's constraints.
-        scene: One of SCENES.
-        gravity: [m/s²]
-        solid: The material; its damping is replaced by that of the scene.
-    """
+    """A body, what it is made of, and the gravity that moves it."""
 
     body: Body
-    scene: str
-    gravity: tuple[float, float, float]
-    compliance: float | None = None
-    solid: Material = DEFAULT_MATERIAL
+    scene: str  # one of SCENES
+    gravity: tuple[float, float, float]  # m/s²
+    compliance: float | None = None  # of every edge [m/N]; None for the material's constraints
+    solid: Material = DEFAULT_MATERIAL  # its damping is replaced by that of the scene
 
     @property
     def material(self) -> Material:
@@ -83,39 +72,27 @@ class LoadCase:
     def energy(self) -> Energy:
         """What the solver minimizes."""
         rest, tets = self.body.mesh.rest_vertices, self.body.mesh.tets
-        if self.compliance is None:
-            return material_energy(rest, tets, self.material)
-        return uniform_energy(rest, tets, self.material.density, self.compliance)
+        return material_energy(rest, tets, self.material, self.compliance)
 
-    @property
-    def reference(self):
-        """Where the vertices would be without error: at rest, or frame by frame.  [F, V, 3]
+    @cached_property
+    def reference(self) -> tuple[np.ndarray, float]:
+        """Where the vertices would be without error [F, V, 3], and how wrong that is itself.
+
+        Static: at rest, and the forces that are left over the loads.  Dynamic: frame by
+        frame, and the RMS error over the motion.
 
         Raises:
             NoEquilibrium: Newton's method finds no rest.
         """
-        return self._solved[0]
-
-    @property
-    def reference_error(self) -> float:
-        """The reference's own error.
-
-        Static: the forces that are left, over the loads.  Dynamic: a third of the difference
-        to the run with twice the step, over the motion.
-        """
-        return self._solved[1]
-
-    @cached_property
-    def _solved(self):
         rest, held = self.body.mesh.rest_vertices, self.body.held
         if self.compliance == 0.0:
             return rest[None], 0.0
         if self.scene == "static":
-            found = equilibrium(self.energy, rest, held, self.gravity)
-            return found.vertices[None], found.residual
+            vertices, residual = equilibrium(self.energy, rest, held, self.gravity)
+            return vertices[None], residual
         duration = MOTION_FRAMES * TIME_STEP
-        moved = motion(self.energy, rest, held, duration, self.gravity, samples=MOTION_FRAMES)
-        return moved.path, moved.self_difference / 3.0 / _rms(moved.path - rest)
+        path, error = motion(self.energy, rest, held, self.gravity, duration, MOTION_FRAMES)
+        return path, error / _rms(path - rest)
 
     def options(self, substep_count) -> XpbdOptions:
         """Of a solver that never sleeps and never begins a rescue."""
@@ -126,9 +103,8 @@ class LoadCase:
     def solver(self, substep_count, device) -> XpbdSolver:
         """The program's solver, ready to step."""
         (mesh, held), options = self.body, self.options(substep_count)
-        solver = XpbdSolver(
-            mesh.rest_vertices, mesh.tets, self.material, held, options, device=device
-        )
+        body = mesh.rest_vertices, mesh.tets, self.material, held
+        solver = XpbdSolver(*body, options, device=device)
         if self.compliance is not None:
             solver.set_compliances(self.compliance, None)
         return solver
@@ -136,15 +112,7 @@ class LoadCase:
 
 @dataclass(frozen=True)
 class DynamicsRow:
-    """The solver on one load case; errors in percent.
-
-    Attributes:
-        scheme: "substeps" is the program's solver.
-        of_motion: None where nothing moves, at compliance 0.
-        frames: How many were run.
-        default: Whether it is the program's default.
-        chosen: Whether it is the rule's.
-    """
+    """The solver on one load case; `of_motion` is None at compliance 0, where nothing moves."""
 
     scene: Annotated[str, "scene"]
     scheme: str
@@ -168,10 +136,6 @@ def standing(mesh: TetMesh) -> Body:
 
 def response(energy: Energy, rest, held, direction):
     """How far a linear body moves for each m/s² of gravity in a direction.  [V, 3] s²
-
-    Args:
-        rest: [V, 3] m
-        held: [V] bool
 
     Raises:
         RuntimeError: Some of it can move without resistance, or nothing can move.
@@ -214,10 +178,10 @@ def measure(
     Raises:
         NoEquilibrium: There is no reference.
     """
-    rest, reference = case.body.mesh.rest_vertices, case.reference
+    rest, (reference, reference_error) = case.body.mesh.rest_vertices, case.reference
     solver = solver or case.solver(substep_count, device)
     size = float(np.ptp(rest, axis=0).max())
-    times, path = [], []
+    times = []
 
     def step(count):
         times.extend(milliseconds(lambda: solver.step(TIME_STEP), device) for _ in range(count))
@@ -244,7 +208,7 @@ def measure(
         of_motion=100.0 * error / moved if moved > 0.0 else None,
         of_size=100.0 * error / size,
         largest=100.0 * float(np.linalg.norm(away, axis=-1).max()) / size,
-        reference_error=100.0 * case.reference_error,
+        reference_error=100.0 * reference_error,
         frame=timing_of(times[WARM_UP:]),
         frames=frames,
         default=own and substep_count == DEFAULT_COUNT,

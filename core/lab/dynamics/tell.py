@@ -39,11 +39,7 @@ STYLES = {"static": "-", "dynamic": "--"}
 
 @dataclass(frozen=True)
 class MaterialRow:
-    """How many substeps hold a material.
-
-    Attributes:
-        measured: Whether the errors were; otherwise `substeps` is a guess.
-    """
+    """How many substeps hold a material; a guess where its error was not measured."""
 
     material: Annotated[str, "material"]
     young_modulus: Annotated[float, "E [Pa]"]
@@ -62,7 +58,7 @@ def section(
     body = standing(mesh)
     try:
         of_material = load_cases(body)
-        exact = [case.reference_error for case in of_material]
+        exact = [case.reference[1] for case in of_material]
     except RuntimeError as error:
         return Section("dynamics", TITLE, [f"There is no reference for this mesh: {error}."])
     runs = plan(of_material, quick)

@@ -23,18 +23,11 @@ FOLDERS = re.compile(  # of absolute paths, in quotes or not
 
 
 class Part(NamedTuple):
-    """Rows that are measured together.
-
-    Attributes:
-        title: What is being measured.
-        group: Of its rows.
-        seconds: How long it takes, roughly: that of the bundled model on two CPU cores.
-        measure: Measures it.
-    """
+    """Rows that are measured together."""
 
     title: str
     group: str
-    seconds: float
+    seconds: float  # roughly: those of the bundled model on two CPU cores
     measure: Callable[[], list[Omission]]
 
     def run(self) -> list[Omission]:

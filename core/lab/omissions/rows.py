@@ -27,23 +27,17 @@ Compared = tuple[Timing, Timing, Timing]  # with it, without it, and the differe
 class Omission:
     """Something that is left out, or could be.
 
-    Attributes:
-        group: One of GROUPS.
-        left_out: Whether it is, for this scene; if not, the row says what that would save.
-            None where measuring it failed.
-        unit: "ms" a frame, "MB", or "s".
-        with_it, without: None where neither could be measured.
-        saving: With it less without it, from turn to turn.
-        verdict: SAVES, NOTHING, COSTS or NOT_MEASURED.
+    Numbers are None, and `verdict` is NOT_MEASURED, where it can't be measured; where
+    measuring it failed, `left_out` is None, too.
     """
 
     name: Annotated[str, "what"]
-    group: str
+    group: str  # one of GROUPS
     left_out: Annotated[bool | None, "left out"]
-    unit: Annotated[str, "unit"]
+    unit: Annotated[str, "unit"]  # "ms" a frame, "MB", or "s"
     with_it: Annotated[Timing | None, "with it"]
     without: Annotated[Timing | None, "without it"]
-    saving: Annotated[Timing | None, "saving"]
+    saving: Annotated[Timing | None, "saving"]  # from turn to turn
     change: Annotated[str, "what its absence changes"]
     verdict: Annotated[str, "leaving it out"]
     why: Annotated[str, "why"]
@@ -58,22 +52,15 @@ class Omission:
 
 @dataclass(frozen=True)
 class Switch:
-    """A row of the table of what is left out: how to do it with it and without it.
-
-    Attributes:
-        with_it, without: Make an object whose method `turn` is timed.
-        why: Why it is left out, or isn't.
-        change: Says what the results of both objects differ by; None for the bench's way.
-        missing: Why it can't be measured here, if so.
-    """
+    """A row of the table of what is left out: how to do it with it and without it."""
 
     name: str
-    with_it: Callable
+    with_it: Callable  # makes an object whose method `turn` is timed
     without: Callable
-    why: str
+    why: str  # it is left out, or isn't
     left_out: bool = True
-    change: Callable | None = None
-    missing: str = ""
+    change: Callable | None = None  # what the results of both differ by; None: as the bench says
+    missing: str = ""  # why it can't be measured here, if so
 
     def measured(self, bench) -> Omission:
         """A row, measured on a bench: `group`, `device`, `repeats` and `change`."""

@@ -61,16 +61,14 @@ print(json.dumps(time.perf_counter() - start))
 """
 
 
-MODULES = {  # name: modules, why they are left out where they are, and why not where they aren't
+MODULES = {  # name: modules, and why they are left out where they are
     "torch": (
         TORCH,
         "Networks run in NumPy on the CPU and in a Warp kernel on CUDA; torch is for training.",
-        "It is imported anyway: networks of this shape are torch's on this device.",
     ),
     "matplotlib and scipy": (
         REPORTS,
         "Only reports draw curves and solve for references, and import them late.",
-        "They are imported anyway.",
     ),
 }
 
@@ -88,15 +86,15 @@ def import_rows(path, device, turns: int) -> list[Omission]:
 
 
 def rows_of(name, runs) -> list[Omission]:
-    """Seconds and memory of starts with and without some modules.
+    """Seconds and memory of starts with and without the modules of a name.
 
     Args:
-        name: A key of MODULES.
         runs: For each tuple of modules imported first, what VIEWING printed in each turn.
     """
-    modules, why, anyway = MODULES[name]
+    modules, why = MODULES[name]
     asked, plain = runs[modules], runs[()]
     left_out = not set(modules) & set(plain[0][2])
+    why = why if left_out else "It is imported anyway: this model needs it on this device."
     images = {run[3] for run in (*asked, *plain)}
     change = NONE if len(images) == 1 else "the image, which differs from start to start"
     rows = []
@@ -106,9 +104,9 @@ def rows_of(name, runs) -> list[Omission]:
         if None in with_it:
             unknown = "This system doesn't say how much memory a process had at most."
             rows.append(not_measured(title, START, unknown, left_out, unit))
-            continue
-        turns, reason = compared_in_turns(with_it, without), why if left_out else anyway
-        rows.append(omission(title, START, turns, change, reason, left_out, unit))
+        else:
+            turns = compared_in_turns(with_it, without)
+            rows.append(omission(title, START, turns, change, why, left_out, unit))
     return rows
 
 

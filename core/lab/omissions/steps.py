@@ -36,11 +36,7 @@ EARTH = 9.81  # m/s²
 
 
 class Drag:
-    """A solver whose object is dragged from side to side.
-
-    Attributes:
-        handles: Vertex ids [K]; none where everything is pinned.
-    """
+    """A solver whose object is dragged from side to side by `handles`, vertex ids [K]."""
 
     def __init__(self, field: TetField, device, material=None, options=None, soft=False):
         mesh, material, options = field.mesh, material or Material(), options or XpbdOptions()

@@ -37,14 +37,11 @@ def section(
 def section_of(rows: list[Omission], effort: Effort) -> Section:
     """The report's section of these rows, in their order."""
     measured = [row for row in rows if row.verdict != NOT_MEASURED]
-    figures = []
-    if measured:
-        caption = (
-            "What leaving out each part saves, in percent of the frame, the solver's step, the file"
-            " or the start that it is a part of, with the tenth and ninetieth percentile of the"
-            " turns. Hollow bars: what is kept, though it could be left out."
-        )
-        figures.append(Figure("left_out", caption, _bars(measured)))
+    figure_caption = (
+        "What leaving out each part saves, in percent of the frame, the solver's step, the file or"
+        " the start that it is a part of, with the tenth and ninetieth percentile of the turns."
+        " Hollow bars: what is kept, though it could be left out."
+    )
     caption = (
         "What is left out, or could be: with it and without it, the median and in brackets the"
         " tenth and ninetieth percentile. Saving: the difference from turn to turn."
@@ -55,7 +52,7 @@ def section_of(rows: list[Omission], effort: Effort) -> Section:
         findings=[_summary(measured), *filter(None, map(_finding, rows))],
         method=_method(effort),
         tables=[Table("left_out", caption, rows)],
-        figures=figures,
+        figures=[Figure("left_out", figure_caption, _bars(measured))] if measured else [],
     )
 
 
@@ -97,21 +94,17 @@ def _finding(row: Omission) -> str | None:
 
 
 def _effect(row) -> str:
-    if row.verdict == NOTHING:
-        return f"saves nothing that can be measured ({_spread(row)})"
     if row.verdict == COSTS:
         return f"costs {-row.saving.median:.3g} {row.unit}"
-    return f"saves {_amount(row)}"
-
-
-def _spread(row) -> str:
-    """Where both ways can't be told apart: of the differences, or of few turns of one sign."""
-    if row.saving.count == 1:
-        return _amount(row)
-    if row.saving.low <= 0.0 <= row.saving.high:
-        return f"{_range(row.saving)} {row.unit}"
-    with_it, without = _range(row.with_it), _range(row.without)
-    return f"{row.saving.count} turns: with it {with_it} {row.unit}, without {without} {row.unit}"
+    if row.verdict == SAVES:
+        return f"saves {_amount(row)}"
+    spread = _amount(row)
+    if row.saving.count > 1:
+        spread = f"{_range(row.saving)} {row.unit}"
+    if row.saving.count > 1 and not row.saving.low <= 0.0 <= row.saving.high:
+        ways = f"with it {_range(row.with_it)}, without {_range(row.without)} {row.unit}"
+        spread = f"{row.saving.count} turns: {ways}"
+    return f"saves nothing that can be measured ({spread})"
 
 
 def _range(timing) -> str:

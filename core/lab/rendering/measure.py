@@ -45,21 +45,14 @@ FULL = np.uint64(2**64 - 1)  # a tet's mask without an empty sub-tet
 
 @dataclass(frozen=True)
 class Setting:
-    """A way to render.
-
-    Attributes:
-        family: What differs from default mode.
-        scale: Of the image's sides: 2 is a quarter of the pixels, enlarged again.
-        masked: Whether empty sub-tets are left out.
-        candidate: Whether default mode may do so; see the module's text.
-    """
+    """A way to render."""
 
     name: str
-    family: str
+    family: str  # what differs from default mode
     options: RenderOptions = DEFAULT
-    scale: int = 1
-    masked: bool = True
-    candidate: bool = False
+    scale: int = 1  # of the image's sides: 2 is a quarter of the pixels, enlarged again
+    masked: bool = True  # whether empty sub-tets are left out
+    candidate: bool = False  # whether default mode may do so
 
 
 CONFORMANCE = Setting("conformance", "conformance", RenderOptions(conformance=True))
@@ -67,42 +60,32 @@ CONFORMANCE = Setting("conformance", "conformance", RenderOptions(conformance=Tr
 
 @dataclass(frozen=True)
 class RenderingRow:
-    """What a setting costs and how wrong it is.
-
-    Attributes:
-        psnr: Of all views together, random pixels against the reference.
-        largest: Difference of a channel, of these and of suspects.
-        largest_anywhere: The same, of all pixels; None for conformance mode itself.
-        frame, relative: Of one view, and over the default's in the same turn.
-        front: Whether nothing else is both quicker and closer.
-        candidate: Whether default mode may do so.
-        default: Whether it is what default mode does.
-        chosen: Whether it is what the rule picks.
-    """
+    """What a setting costs and how wrong it is."""
 
     setting: Annotated[str, "setting"]
     family: str
-    psnr: Annotated[float, "PSNR [dB]"]
+    psnr: Annotated[float, "PSNR [dB]"]  # of all views together
     worst_psnr: Annotated[float, "worst view [dB]"]
-    largest: Annotated[float, "largest [1/255]"]
+    largest: Annotated[float, "largest [1/255]"]  # of random pixels and suspects
     largest_anywhere: Annotated[float | None, "all pixels, from conformance [1/255]"]
     photo_psnr: Annotated[float | None, "photographs [dB]"]
     frame: Annotated[Timing, "ms a view"]
-    relative: Annotated[Share, "of the default's [%]"]
+    relative: Annotated[Share, "of the default's [%]"]  # in the same turn
     samples: Annotated[float, "samples a pixel"]
-    front: Annotated[bool, "on the front"]
+    front: Annotated[bool, "on the front"]  # nothing else is both quicker and closer
     candidate: bool
     default: bool
     chosen: Annotated[bool, "the rule's"]
 
+    @property
+    def within(self) -> bool:
+        """Whether its error is what default mode may have."""
+        largest = max(self.largest, self.largest_anywhere or 0.0)
+        return self.worst_psnr >= BOUND and largest <= LARGEST
+
 
 def settings(level_count: int, half: bool) -> list[Setting]:
-    """What is compared, default mode first.
-
-    Args:
-        level_count: Of the field.
-        half: Whether default mode evaluates networks in half precision.
-    """
+    """What is compared, default mode first; `half` if that evaluates networks in half precision."""
     found = [Setting("default", "default", candidate=True)]
 
     def add(name, family, candidate=False, **options):
@@ -141,18 +124,12 @@ class RenderingStudy:
     """Renders a field at rest in many ways.
 
     Attributes:
-        device: Warp's.
         pictures: Views and their references.
         times: Of every setting that was measured, in every turn [ms].  name -> [R]
     """
 
     def __init__(self, field: TetField, device, size: int, view_count: int, pixel_count: int):
-        """Compute the references.
-
-        Args:
-            size: Of the images, both sides [pixels].
-            pixel_count: How many pixels of each view are compared.
-        """
+        """Compute the references of so many pixels of each view, size x size pixels large."""
         self.field, rest = field, field.mesh.rest_vertices
         self._renderer = Renderer(field, device)
         self._renderer.set_vertices(rest)
@@ -187,12 +164,7 @@ class RenderingStudy:
         photos: Photographs | None = None,
         step: Callable[[float], None] = lambda share: None,
     ) -> list[RenderingRow]:
-        """A row for each setting, the first of which is the default.
-
-        Args:
-            turns: How often each is timed, one after the other in each turn.
-            step: Called with the share that is done.
-        """
+        """A row for each setting, the first of which is the default; see section() in tell.py."""
         for _ in range(WARM_UP):
             self._images(compared[0])
         exact, _ = self._images(CONFORMANCE)
@@ -204,26 +176,31 @@ class RenderingStudy:
         times = self._times(compared, turns, lambda share: step(0.5 + 0.5 * share))
         self.times = {s.name: t.tolist() for s, t in zip(compared, times, strict=True)}
         shares = rule.shares(times)
-        rows = [
-            RenderingRow(
+        rows = []
+        for number, (setting, (images, samples)) in enumerate(zip(compared, found, strict=True)):
+            together = pictures.picture_error(images, self.pictures)
+            pairs = zip(images, self.pictures, strict=True)
+            single = [pictures.picture_error([image], [picture]) for image, picture in pairs]
+            suspected = pictures.picture_error(images, suspects).largest
+            anywhere = float(max(map(np.max, differences(images, exact))))
+            row = RenderingRow(
                 setting=setting.name,
                 family=setting.family,
-                **self._errors(images, suspects),
-                largest_anywhere=None
-                if setting.options.conformance
-                else float(max(map(np.max, differences(images, exact)))),
+                psnr=together.psnr,
+                worst_psnr=min(error.psnr for error in single),
+                largest=max(together.largest, suspected),
+                largest_anywhere=None if setting.options.conformance else anywhere,
                 photo_psnr=self._photo_psnr(setting, photos),
-                frame=timing_of(times[i]),
-                relative=share_of(shares[i]),
+                frame=timing_of(times[number]),
+                relative=share_of(shares[number]),
                 samples=samples,
                 front=False,
                 candidate=setting.candidate,
-                default=i == 0,
+                default=number == 0,
                 chosen=False,
             )
-            for i, (setting, (images, samples)) in enumerate(zip(compared, found, strict=True))
-        ]
-        errors = [-row.worst_psnr if row.candidate and within(row) else np.inf for row in rows]
+            rows.append(row)
+        errors = [-row.worst_psnr if row.candidate and row.within else np.inf for row in rows]
         chosen = rule.cheapest(times, errors, -BOUND)
         best = rule.front([row.relative.median for row in rows], [-row.psnr for row in rows])
         return [replace(row, front=bool(best[i]), chosen=i == chosen) for i, row in enumerate(rows)]
@@ -242,15 +219,6 @@ class RenderingStudy:
                     found.setdefault(name, []).append(1e3 * total / len(self.pictures))
         renderer.stage_seconds = None
         return {name: timing_of(times) for name, times in found.items()}
-
-    def _errors(self, images, suspects):
-        """Of a row: against the reference."""
-        pairs = zip(images, self.pictures, strict=True)
-        single = [pictures.picture_error([image], [picture]) for image, picture in pairs]
-        together = pictures.picture_error(images, self.pictures)
-        largest = max(together.largest, pictures.picture_error(images, suspects).largest)
-        worst = min(error.psnr for error in single)
-        return {"psnr": together.psnr, "worst_psnr": worst, "largest": largest}
 
     def _suspects(self, compared, shown, exact):
         """A Picture of each view: the pixels where a candidate is farthest from conformance."""
@@ -314,11 +282,6 @@ class RenderingStudy:
         if photos is None or setting.scale > 1:
             return None
         return photos.psnr(self._renderer_for(setting), setting.options)
-
-
-def within(row: RenderingRow) -> bool:
-    """Whether a row's error is what default mode may have."""
-    return row.worst_psnr >= BOUND and max(row.largest, row.largest_anywhere or 0.0) <= LARGEST
 
 
 def enlarged(image, width: int, height: int):

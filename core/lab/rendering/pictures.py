@@ -34,32 +34,20 @@ PEAK_DB = 100.0  # equal images; bytes can't tell more than some 60 dB apart any
 
 @dataclass(frozen=True)
 class Picture:
-    """A view of a pose, and the right colors of some of its pixels.
+    """A view of a pose, and the right colors of some of its pixels."""
 
-    Attributes:
-        camera: In model space.
-        vertices: The pose.  [V, 3] float32
-        pixels: Numbers of the pixels, row by row.  [N]
-        expected: Their colors over white.  [N, 3] float64
-    """
-
-    camera: Camera
-    vertices: np.ndarray
-    pixels: np.ndarray
-    expected: np.ndarray
+    camera: Camera  # in model space
+    vertices: np.ndarray  # the pose [V, 3] float32
+    pixels: np.ndarray  # numbers of the pixels, row by row [N]
+    expected: np.ndarray  # their colors over white [N, 3] float64
 
 
 @dataclass(frozen=True)
 class ImageError:
-    """How far images are from what they should be.
+    """How far images are from what they should be."""
 
-    Attributes:
-        psnr: Of all compared pixels [dB], at most PEAK_DB.
-        largest: Difference of a channel [1/255].
-    """
-
-    psnr: float
-    largest: float
+    psnr: float  # of all compared pixels [dB], at most PEAK_DB
+    largest: float  # difference of a channel [1/255]
 
 
 def view(field: TetField, yaw: float, width: int, height: int | None = None) -> Camera:
@@ -149,18 +137,12 @@ def _expected(field, vertices, camera, pixels):
 
 @dataclass(frozen=True)
 class Photographs:
-    """Random pixels of photographs, over white.
+    """Random pixels of photographs, over white."""
 
-    Attributes:
-        views: Which view each is of.  [N] int
-        origins, directions: Rays in model space.  [N, 3]
-        colors: [N, 3], 0..1
-    """
-
-    views: np.ndarray
-    origins: np.ndarray
-    directions: np.ndarray
-    colors: np.ndarray
+    views: np.ndarray  # which view each is of [N] int
+    origins: np.ndarray  # of rays in model space [N, 3]
+    directions: np.ndarray  # [N, 3]
+    colors: np.ndarray  # [N, 3], 0..1
 
     @property
     def view_count(self) -> int:

@@ -8,7 +8,7 @@ from ...field import TetField
 from ..effort import Effort
 from ..report import INK, Figure, Section, Table, log_scale, new_figure, png
 from ..stopwatch import Timing
-from .measure import BOUND, LARGEST, SUSPECTS, RenderingStudy, settings, within
+from .measure import BOUND, LARGEST, SUSPECTS, RenderingStudy, settings
 from .pictures import Photographs
 
 COLORS = {
@@ -52,35 +52,26 @@ def section_of(study: RenderingStudy, turns, photos=None, step=lambda share: Non
     rows = study.measure(settings(study.field.layout.level_count, study.half), turns, photos, step)
     default = rows[0]
     stages.append(StageRow("the view, by itself", default.frame))
-    camera = study.pictures[0].camera
     pixels = sum(len(picture.pixels) for picture in study.pictures)
-    stages_caption = (
-        "Milliseconds of a view in default mode, stage by stage; "
-        f"{_stage_clock(study)} The pose, and the search for overlap, are in the stages alone."
-    )
-    caption = (
-        "Error against time: the default's time, times each setting's share of it. Up and left is "
-        "better. The line joins the settings that nothing beats in both; dashed: "
-        f"{BOUND:g} dB, the bound of default mode. The table names the other points."
-    )
     return Section(
         key="rendering",
         title="Rendering: error against time",
-        findings=[
-            f"By default a view of {camera.width} × {camera.height} pixels takes "
-            f"{default.frame.median:.3g} ms and is {default.psnr:.1f} dB from the float64 "
-            f"reference, {default.worst_psnr:.1f} dB in the worst view, at most "
-            f"{default.largest:.1f}/255 off in {pixels} random pixels and the suspects.",
-            _verdict(default, next((row for row in rows if row.chosen), None)),
-            *_photo_finding(rows, photos),
-        ],
+        findings=_findings(study, rows, pixels, photos),
         method=_method(study, turns, pixels, own_error),
         tables=[
             Table("rendering", "Settings, each different from the default.", rows),
-            Table("stages", stages_caption, stages),
+            Table("stages", _stages_caption(study), stages),
         ],
-        figures=[Figure("rendering", caption, plot(rows))],
-        passed=within(default),
+        figures=[
+            Figure(
+                "rendering",
+                "Error against time: the default's time, times each setting's share of it. Up and "
+                "left is better. The line joins the settings that nothing beats in both; dashed: "
+                f"{BOUND:g} dB, the bound of default mode. The table names the other points.",
+                plot(rows),
+            )
+        ],
+        passed=default.within,
         values={
             "bound": BOUND,
             "largest_bound": LARGEST,
@@ -91,53 +82,24 @@ def section_of(study: RenderingStudy, turns, photos=None, step=lambda share: Non
     )
 
 
-def _method(study, turns, pixels, own_error):
-    text = [
-        f"{len(study.pictures)} views from all around show the object at rest, as large as the "
-        f"image. {pixels} random pixels of them are compared with the float64 reference, which "
-        "tries every ray against every tet and ends no ray. With a quarter of its step the "
-        f"reference differs from itself by {own_error.psnr:.1f} dB, at most "
-        f"{own_error.largest:.1f}/255. PSNR is that of the random pixels. They miss single pixels "
-        "that sparkle, so all pixels are compared with conformance mode. The suspects, the "
-        f"{SUSPECTS} pixels of each view that differ most with each setting that default mode may "
-        "use, are compared with the reference, too; “largest” is the worst of both kinds. A "
-        "shorter step is closer to the integral and so farther from the reference, whose step is "
-        "the model's.",
-        f"Times are medians of {turns} turns with the tenth and ninetieth percentile. Each turn "
-        "renders all views with every setting once, in another order. Images of fewer pixels are "
-        "timed without their enlargement, which OpenGL does.",
-        "The rule takes the cheapest of the settings that default mode may use (end rays early, "
-        f"leave levels out{', use half precision' if study.half else ''}) that has at least "
-        f"{BOUND:g} dB in every view and no pixel more than {LARGEST:g}/255 off, from conformance "
-        "mode and, for random pixels and suspects, from the reference. Settings are compared by "
-        "the median of their time over the default's in the same turn, which a change of the "
-        "machine's pace does not move. The step belongs to the model; fewer pixels and longer "
-        "steps are for motion on a CPU. Without the mask, density that was never trained is "
-        "sampled, and rays walk through empty tets.",
+def _findings(study, rows, pixels, photos):
+    default, camera = rows[0], study.pictures[0].camera
+    found = [
+        f"By default a view of {camera.width} × {camera.height} pixels takes "
+        f"{default.frame.median:.3g} ms and is {default.psnr:.1f} dB from the float64 "
+        f"reference, {default.worst_psnr:.1f} dB in the worst view, at most "
+        f"{default.largest:.1f}/255 off in {pixels} random pixels and the suspects.",
+        _verdict(default, next((row for row in rows if row.chosen), None)),
     ]
-    if turns < ENOUGH:
-        text[1] += (
-            " So few turns do not tell apart what differs by less than a tenth: neither the "
-            "rule's choice nor the front."
+    if photos is not None:
+        known = [row for row in rows if row.photo_psnr is not None]
+        best = max(known, key=lambda row: row.photo_psnr)
+        found.append(
+            f"Against {len(photos.colors)} random pixels of {photos.view_count} test views the "
+            f"model has {default.photo_psnr:.2f} dB by default and {best.photo_psnr:.2f} dB at "
+            f"best (“{best.setting}”)."
         )
-    if study.half:
-        text.append(
-            "On CUDA, default mode runs in rounds that the host does not wait for. Rows in "
-            "float32, conformance too, run in rounds that the host waits for, as does “half, "
-            "waited for”: what they cost beyond it is float32's."
-        )
-    return text
-
-
-def _stage_clock(study):
-    if study.half:
-        return (
-            "by events, on a device that always has the next launch at hand, except for the pose, "
-            "which includes its upload; the view by itself waits for the host between views."
-        )
-    if study.device.is_cuda:
-        return "by events; the host waits between rounds."
-    return "those of all threads are added up."
+    return found
 
 
 def _verdict(default, chosen):
@@ -159,15 +121,54 @@ def _verdict(default, chosen):
     )
 
 
-def _photo_finding(rows, photos):
-    if photos is None:
-        return []
-    best = max((row for row in rows if row.photo_psnr is not None), key=lambda r: r.photo_psnr)
-    return [
-        f"Against {len(photos.colors)} random pixels of {photos.view_count} test views the model "
-        f"has {rows[0].photo_psnr:.2f} dB by default and {best.photo_psnr:.2f} dB at best "
-        f"(“{best.setting}”)."
+def _stages_caption(study):
+    clock = "those of all threads are added up."
+    if study.half:
+        clock = (
+            "by events, on a device that always has the next launch at hand, except for the pose, "
+            "which includes its upload; the view by itself waits for the host between views."
+        )
+    elif study.device.is_cuda:
+        clock = "by events; the host waits between rounds."
+    return (
+        f"Milliseconds of a view in default mode, stage by stage; {clock} The pose, and the search "
+        "for overlap, are in the stages alone."
+    )
+
+
+def _method(study, turns, pixels, own_error):
+    text = [
+        f"{len(study.pictures)} views from all around show the object at rest. {pixels} random "
+        "pixels of them are compared with the float64 reference, which tries every ray against "
+        "every tet and ends no ray. With a quarter of its step the reference differs from itself "
+        f"by {own_error.psnr:.1f} dB, at most {own_error.largest:.1f}/255. PSNR is that of the "
+        "random pixels. All pixels are compared with conformance mode, as random ones miss single "
+        f"pixels that sparkle. The suspects, the {SUSPECTS} pixels of each view that differ most "
+        "with each setting that default mode may use, are compared with the reference, too; "
+        "“largest” is the worst of both kinds. A shorter step is closer to the integral and so "
+        "farther from the reference, whose step is the model's.",
+        f"Times are medians of {turns} turns with the tenth and ninetieth percentile. Each turn "
+        "renders all views with every setting once, in another order. The enlargement of images "
+        "of fewer pixels, which OpenGL does, is not in the times.",
+        "The rule takes the cheapest of the settings that default mode may use (end rays early, "
+        f"leave levels out{', use half precision' if study.half else ''}) whose error is within "
+        "its bounds. Settings are compared by the median of their time over the default's in the "
+        "same turn, which a change of the machine's pace does not move. The step belongs to the "
+        "model; fewer pixels and longer steps are for motion on a CPU. Without the mask, density "
+        "that was never trained is sampled, and rays walk through empty tets.",
     ]
+    if turns < ENOUGH:
+        text[1] += (
+            " So few turns do not tell apart what differs by less than a tenth: neither the "
+            "rule's choice nor the front."
+        )
+    if study.half:
+        text.append(
+            "On CUDA, default mode runs in rounds that the host does not wait for. Rows in "
+            "float32, conformance too, run in rounds that the host waits for, as does “half, "
+            "waited for”: what they cost beyond it is float32's."
+        )
+    return text
 
 
 def plot(rows) -> bytes:

@@ -19,21 +19,13 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @dataclass(frozen=True)
 class Printed:
-    """A table as text.
-
-    Attributes:
-        headings: Of the columns.
-        numeric: Whether a column holds numbers, which are aligned at their right.
-        rows: A text for each column.
-        marked: Whether a row is that of the default.
-        notes: What has to be said below it, in sentences.
-    """
+    """A table as text."""
 
     headings: list[str]
-    numeric: list[bool]
+    numeric: list[bool]  # whether a column holds numbers, which are aligned at their right
     rows: list[list[str]]
-    marked: list[bool]
-    notes: list[str]
+    marked: list[bool]  # whether a row is that of the default
+    notes: list[str]  # what has to be said below it, in sentences
 
 
 def printed(table: Table) -> Printed:

@@ -38,43 +38,26 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture.
+    """A picture."""
 
-    Attributes:
-        name: Of its file, without ".png"; unique in a report.
-        caption: What it shows, in a sentence or two.
-        png: The file's content.
-    """
-
-    name: str
+    name: str  # of its file, without ".png"; unique in a report
     caption: str
     png: bytes
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a report.
+    """A part of a report."""
 
-    Attributes:
-        key: In the JSON and in links.
-        title: Above it.
-        findings: What was found, a sentence or two each; the first one stands in the summary.
-        method: How it was measured, a paragraph each.
-        tables, figures: In the order in which they are shown, figures first.
-        passed: Whether what can fail did not; None where nothing can.
-        values: What else belongs in the JSON: plain values, or dataclasses of them.
-        seconds: How long it took to measure; None if nobody looked.
-    """
-
-    key: str
+    key: str  # in the JSON and in links
     title: str
-    findings: list[str]
-    method: list[str] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
+    findings: list[str]  # a sentence or two each; the first one stands in the summary
+    method: list[str] = field(default_factory=list)  # how it was measured, a paragraph each
+    tables: list[Table] = field(default_factory=list)  # shown below the figures
     figures: list[Figure] = field(default_factory=list)
-    passed: bool | None = None
-    values: dict = field(default_factory=dict)
-    seconds: float | None = None
+    passed: bool | None = None  # whether what can fail did not; None where nothing can
+    values: dict = field(default_factory=dict)  # what else belongs in the JSON
+    seconds: float | None = None  # how long it took to measure; None if nobody looked
 
 
 def record(row) -> dict:

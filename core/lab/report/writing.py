@@ -33,21 +33,19 @@ INTERRUPTED = "This report was interrupted: it holds only a part of what was ask
 
 @dataclass(frozen=True)
 class Report:
-    """What is to be written.
-
-    Attributes:
-        title: Above everything.
-        facts: What was measured, where and when, in words.
-        sections: In the order in which they are shown.
-        complete: Whether nothing of what was asked for is missing.
-        missing: What is, in words.
-    """
+    """What is to be written."""
 
     title: str
-    facts: dict[str, str]
+    facts: dict[str, str]  # what was measured, where and when, in words
     sections: list[Section]
-    complete: bool
+    complete: bool  # nothing of what was asked for is missing
     missing: tuple[str, ...] = ()
+
+    @property
+    def notice(self) -> str | None:
+        """What stands above everything else."""
+        missing = f" Missing: {', '.join(self.missing)}." if self.missing else ""
+        return None if self.complete else INTERRUPTED + missing
 
 
 def is_complete(folder) -> bool:
@@ -68,32 +66,27 @@ def write(report: Report, folder) -> list[Path]:
     """
     tables = [table for part in report.sections for table in part.tables]
     figures = [figure for part in report.sections for figure in part.figures]
-    for names in (
-        [part.key for part in report.sections],
-        [table.name for table in tables],
-        [figure.name for figure in figures],
-    ):
-        assert len(set(names)) == len(names), f"not unique: {names}"
-    notice = None if report.complete else INTERRUPTED
-    if report.missing:
-        notice = f"{INTERRUPTED} Missing: {', '.join(report.missing)}."
-    contents = {f"{figure.name}.png": figure.png for figure in figures}
-    contents |= {f"{table.name}.csv": table_as_csv(table) for table in tables}
-    names = [*contents, "report.json", "report.md", "report.html"]
-    values = as_json(report) | {"files": names}
-    contents["report.json"] = json.dumps(values, indent=1, allow_nan=False) + "\n"
-    contents["report.md"] = markdown.page(report.title, report.facts, report.sections, notice)
-    contents["report.html"] = as_html(report, notice)
+    names = [f"{figure.name}.png" for figure in figures] + [f"{table.name}.csv" for table in tables]
+    keys = [part.key for part in report.sections]
+    assert len({*names}) == len(names) and len({*keys}) == len(keys), f"not unique: {names} {keys}"
+    names += ["report.json", "report.md", "report.html"]
+    texts = [
+        *map(table_as_csv, tables),
+        json.dumps(as_json(report) | {"files": names}, indent=1, allow_nan=False) + "\n",
+        markdown.page(report.title, report.facts, report.sections, report.notice),
+        as_html(report),
+    ]
+    contents = [figure.png for figure in figures] + [text.encode() for text in texts]
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     older = _last(folder).get("files", [])
-    for name, content in contents.items():
-        _write_whole(folder / name, content if isinstance(content, bytes) else content.encode())
-    for name in {*older} - {*contents}:
+    for name, content in zip(names, contents, strict=True):
+        _write_whole(folder / name, content)
+    for name in {*older} - {*names}:
         if Path(name).name == name:  # nothing outside the folder, whatever stands there
             (folder / name).unlink(missing_ok=True)
-    return [folder / name for name in contents]
+    return [folder / name for name in names]
 
 
 def as_json(report: Report) -> dict:
@@ -134,14 +127,18 @@ def table_as_csv(table: Table) -> str:
     return stream.getvalue()
 
 
-def as_html(report: Report, notice: str | None) -> str:
+def as_html(report: Report) -> str:
     """The page: no script, and nothing that lies elsewhere."""
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"printed": printed, "passed": passed, "base64": _base64}
+    environment.filters |= {
+        "printed": printed,
+        "passed": passed,
+        "base64": lambda content: b64encode(content).decode(),
+    }
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    return template.render(report=report, notice=notice, version=program_version(), fail=FAIL)
+    return template.render(report=report, version=program_version(), fail=FAIL)
 
 
 def _plain(value):
@@ -167,10 +164,6 @@ def _last(folder) -> dict:
         if isinstance(values, dict) and values.get("format") == FORMAT:
             return values
     return {}
-
-
-def _base64(content: bytes) -> str:
-    return b64encode(content).decode()
 
 
 def _write_whole(path: Path, content: bytes):

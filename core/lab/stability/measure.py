@@ -12,14 +12,14 @@ X rest, x current vertices [m].  Shapes: V vertices, T tets, E edges.
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from ...deform import Material, XpbdSolver, lowest_pins, lumped_masses
 from ...geometry import components, edges, signed_volumes
-from .stress import StressCase, uneven_masses, with_broken_tets
+from .stress import STARTS, StressCase, uneven_masses, with_broken_tets
 
 TOLERANCE = 0.01  # of the size
 STAYS = 2.0  # s for which a body must have recovered
@@ -41,27 +41,15 @@ class Solid(NamedTuple):
 class StressResult:
     """How a case ended: values at the end, unless the heading says otherwise.
 
-    Attributes:
-        passed: Finite, and recovered in time unless the case asks for less.
-        finite: All positions and velocities were finite all the time.
-        recovery_seconds: Simulated time from letting go to recovery; None if it didn't.
-        limit: Of that time.
-        peak_strain, most_inverted: Over all measurements from letting go on.
-        error: nan if not finite, as smallest_volume and largest_strain.
-        inverted: Tets whose volume hasn't the sign that it has at rest.
-        smallest_volume: The least V/V0.
-        largest_strain: The largest |length/rest length − 1| of an edge.
-        nan_count: Coordinates that aren't finite.
-        rescues: How often the solver began one.
-        wall_seconds: Without the solver's construction.
+    Values that can't be computed are nan; `finite` says that nothing ever was infinite or nan.
     """
 
     material: Annotated[str, "material"]
     case: Annotated[str, "case"]
-    passed: Annotated[bool, "result"]
+    passed: Annotated[bool, "result"]  # finite, and recovered in time unless uneven
     finite: bool
-    recovery_seconds: Annotated[float | None, "back after [s]"]
-    limit: float
+    recovery_seconds: Annotated[float | None, "back after [s]"]  # simulated, from letting go on
+    limit: float  # of them
     peak_strain: Annotated[float, "peak strain [%]"]
     most_inverted: Annotated[int, "most inverted"]
     error: Annotated[float, "error at the end [% of size]"]
@@ -71,7 +59,7 @@ class StressResult:
     nan_count: Annotated[int, "NaN"]
     rescues: Annotated[int, "rescues"]
     seed: int
-    wall_seconds: float
+    wall_seconds: float  # without the solver's construction
 
 
 def recovery_limit(young_modulus):
@@ -80,12 +68,7 @@ def recovery_limit(young_modulus):
 
 
 def aligned_error(vertices, rest):
-    """The largest distance to the rest pose after the best proper rotation.  [m]
-
-    Args:
-        vertices: [V, 3]
-        rest: [V, 3]
-    """
+    """The largest distance to the rest pose [V, 3] after the best proper rotation.  [m]"""
     x, goal = vertices - vertices.mean(axis=0), rest - rest.mean(axis=0)
     u, _, wt = np.linalg.svd(goal.T @ x)
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ wt))]) @ wt
@@ -93,38 +76,34 @@ def aligned_error(vertices, rest):
 
 
 class Measures(NamedTuple):
-    """Error [% of the size], inverted tets, least V/V0, largest strain [%]."""
+    """A pose beside the rest shape."""
 
-    error: float = UNKNOWN
-    inverted: int = 0
-    smallest_volume: float = UNKNOWN
-    largest_strain: float = UNKNOWN
+    error: float = UNKNOWN  # % of the size
+    inverted: int = 0  # tets whose volume hasn't the sign that it has at rest
+    smallest_volume: float = UNKNOWN  # the least V/V0
+    largest_strain: float = UNKNOWN  # the largest |length/rest length − 1| of an edge [%]
 
 
 NOT_FINITE = Measures()
 
 
-@dataclass(frozen=True)
 class Shape:
-    """What a body has to come back to.
+    """What a body has to come back to, without tets that are flat and edges that are points.
 
-    Attributes:
+    Args:
         rest: [V, 3]
-        size: The longest side of its bounding box.
-        tets: Those that aren't flat.  [T, 4]
-        volumes: Signed.  [T]
-        edges: Those that aren't points.  [E, 2]
-        lengths: [E]
-        parts: The vertices of each component.
+        tets: [T, 4]
     """
 
-    rest: np.ndarray
-    size: float
-    tets: np.ndarray
-    volumes: np.ndarray
-    edges: np.ndarray
-    lengths: np.ndarray
-    parts: list[np.ndarray]
+    def __init__(self, rest, tets):
+        volumes, pairs = signed_volumes(rest, tets), edges(tets)
+        solid = np.abs(volumes) > FLAT * np.abs(volumes).mean()
+        long = _lengths(rest, pairs) > FLAT * _lengths(rest, pairs).mean()
+        labels = components(len(rest), tets)
+        self.rest, self.size = rest, float(np.ptp(rest, axis=0).max())
+        self.tets, self.volumes = tets[solid], volumes[solid]
+        self.edges, self.lengths = pairs[long], _lengths(rest, pairs[long])
+        self.parts = [np.flatnonzero(labels == label) for label in np.unique(labels)]
 
     def measure(self, vertices) -> Measures:
         """Of vertices [V, 3] that are finite."""
@@ -137,18 +116,6 @@ class Shape:
             smallest_volume=float(ratios.min()),
             largest_strain=100.0 * float(np.abs(strains).max()),
         )
-
-
-def shape_of(rest, tets) -> Shape:
-    """Leaves out what has no volume or no length."""
-    volumes = signed_volumes(rest, tets)
-    solid = np.abs(volumes) > FLAT * np.abs(volumes).mean()
-    pairs = edges(tets)
-    pairs = pairs[_lengths(rest, pairs) > FLAT * _lengths(rest, pairs).mean()]
-    size = float(np.ptp(rest, axis=0).max())
-    labels = components(len(rest), tets)
-    parts = [np.flatnonzero(labels == label) for label in np.unique(labels)]
-    return Shape(rest, size, tets[solid], volumes[solid], pairs, _lengths(rest, pairs), parts)
 
 
 def _lengths(vertices, pairs):
@@ -175,7 +142,7 @@ def run_case(
         solver.set_compliances(0.0, 0.0)
     if case.uneven:
         solver.set_masses(uneven_masses(lumped_masses(rest, tets, material.density), rng))
-    solver.set_state(case.start(rest, rng))
+    solver.set_state(STARTS[case.start](rest, rng))
 
     begin = time.perf_counter()
     if case.drive:
@@ -183,55 +150,51 @@ def run_case(
             solver.step(case.dt)
         solver.release()
     limit = recovery_limit(material.young_modulus)
-    seen = _watch(solver, shape_of(rest, tets), case.dt, limit)
+    seen, last = _watch(solver, Shape(rest, tets), case.dt, limit)
     return StressResult(
         material=solid.name,
         case=case.name,
-        passed=seen.finite and (case.uneven or seen.recovery_seconds is not None),
+        passed=seen["finite"] and (case.uneven or seen["recovery_seconds"] is not None),
         limit=limit,
         nan_count=int((~np.isfinite(solver.vertices.numpy())).sum()),
         seed=seed,
         wall_seconds=time.perf_counter() - begin,
-        **seen.last._asdict(),
-        **{k: v for k, v in vars(seen).items() if k != "last"},
+        **last._asdict(),
+        **seen,
     )
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """What was measured from letting go on; see StressResult."""
+def _watch(solver, shape, dt, limit):
+    """Step until the body has recovered and stayed so, or its time is over.
 
-    last: Measures = NOT_FINITE
-    finite: bool = True
-    recovery_seconds: float | None = None
-    peak_strain: float = 0.0
-    most_inverted: int = 0
-    rescues: int = 0
-
-
-def _watch(solver, shape, dt, limit) -> _Seen:
-    """Step until the body has recovered and stayed so, or its time is over."""
+    Returns:
+        What was seen from letting go on, by its names in StressResult; the last Measures.
+    """
+    seen = {
+        "finite": True,
+        "recovery_seconds": None,
+        "peak_strain": 0.0,
+        "most_inverted": 0,
+        "rescues": 0,
+    }
     frames_between = max(1, round(CHECK / dt))
-    frame, good_frames, was_rescuing, seen = 0, 0, False, _Seen()
+    frame, good_frames, was_rescuing = 0, 0, False
     while True:
         x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
         if not (np.isfinite(x).all() and np.isfinite(v).all()):
-            return replace(seen, last=NOT_FINITE, finite=False)
+            return seen | {"finite": False}, NOT_FINITE
         now = shape.measure(x)
-        seen = replace(
-            seen,
-            last=now,
-            peak_strain=max(seen.peak_strain, now.largest_strain),
-            most_inverted=max(seen.most_inverted, now.inverted),
-        )
+        seen["peak_strain"] = max(seen["peak_strain"], now.largest_strain)
+        seen["most_inverted"] = max(seen["most_inverted"], now.inverted)
         good = now.error < 100.0 * TOLERANCE and now.inverted == 0
         good_frames = good_frames + frames_between if good else 0
         if good_frames * dt >= STAYS or frame * dt >= limit + STAYS:
             recovered = (frame - good_frames + frames_between) * dt
-            in_time = good_frames > 0 and recovered <= limit
-            return replace(seen, recovery_seconds=recovered if in_time else None)
+            if good_frames > 0 and recovered <= limit:
+                seen["recovery_seconds"] = recovered
+            return seen, now
         for _ in range(frames_between):
             solver.step(dt)
-            began = solver.rescuing and not was_rescuing
-            seen, was_rescuing = replace(seen, rescues=seen.rescues + began), solver.rescuing
+            seen["rescues"] += solver.rescuing and not was_rescuing
+            was_rescuing = solver.rescuing
         frame += frames_between

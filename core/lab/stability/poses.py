@@ -20,7 +20,7 @@ from ...geometry import signed_volumes
 from ...render import Renderer, RenderOptions
 from ..rendering import BOUND, LARGEST, differences, picture_error, picture_of, views
 from ..stopwatch import Timing, timed
-from .stress import CASES, StressCase, suits
+from .stress import CASES, STARTS, StressCase
 
 SIZE = 32  # pixels: each may have thousands of samples
 SHAKES = 5  # frames
@@ -29,22 +29,14 @@ WHITE = 254.5  # of 255: what is whiter shows nothing
 
 @dataclass(frozen=True)
 class PoseRow:
-    """The renderer in one pose, in an image of SIZE x SIZE pixels.
-
-    Attributes:
-        inverted: How many tets are inside out.
-        shown: How many of the compared pixels show something, by the reference.
-        psnr: Of the compared pixels.
-        largest: Difference of a channel of them, and of the worst suspect.
-        passed: At least BOUND dB, and nothing more than LARGEST off.
-    """
+    """The renderer in one pose, in an image of SIZE x SIZE pixels."""
 
     pose: Annotated[str, "pose"]
-    passed: Annotated[bool, "result"]
+    passed: Annotated[bool, "result"]  # at least BOUND dB, and nothing more than LARGEST off
     inverted: Annotated[int, "inverted tets"]
-    shown: Annotated[int, "pixels that show it"]
+    shown: Annotated[int, "pixels that show it"]  # of those compared, by the reference
     psnr: Annotated[float, "PSNR [dB]"]
-    largest: Annotated[float, "largest [1/255]"]
+    largest: Annotated[float, "largest [1/255]"]  # of those compared, and of the worst suspect
     largest_anywhere: Annotated[float, "all pixels, from conformance [1/255]"]
     frame: Annotated[Timing, "ms an image"]
 
@@ -55,12 +47,10 @@ def poses(field: TetField, device, seed=0) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     found = {"at rest": rest}
     for case in CASES:
-        if not suits(case, field.mesh.tets):
-            continue
-        if case.drive:
+        if case.drive and case.suits(field.mesh.tets):
             found[case.name] = _driven(field, case, device, rng)
-        elif case.start.__name__ not in found:
-            found[case.start.__name__] = case.start(rest, rng)
+        elif case.suits(field.mesh.tets) and case.start not in found:
+            found[case.start] = STARTS[case.start](rest, rng)
     return found
 
 

@@ -9,7 +9,7 @@ from ..rendering import BOUND, LARGEST
 from ..report import INK, Figure, Section, Table, log_scale, new_figure, png
 from . import poses
 from .measure import Solid, recovery_limit, run_case
-from .stress import CASES, suits
+from .stress import CASES
 
 SEED = 0
 EXTREMES = ("random", "drag 100x")  # what stiff materials go through in a quick report
@@ -35,7 +35,7 @@ def section(
     Args:
         make_solver: Called as XpbdSolver is.
     """
-    runs = [(solid, case) for solid, case in plan(quick) if suits(case, field.mesh.tets)]
+    runs = [(solid, case) for solid, case in plan(quick) if case.suits(field.mesh.tets)]
     rows = []
     for number, (solid, case) in enumerate(runs, 1):
         rows.append(run_case(field.mesh, solid, case, device, SEED, make_solver))
