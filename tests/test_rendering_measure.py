@@ -86,7 +86,8 @@ def test_rows_are_those_of_their_times(measured, study):
         assert row.frame.median == pytest.approx(np.median(study.times[name]))
         assert row.default == (name == "default")
         assert row.photo_psnr is None
-    front = rule.front([r.frame.median for r in rows.values()], [-r.psnr for r in rows.values()])
+    shares = [row.relative.median for row in rows.values()]
+    front = rule.front(shares, [-row.psnr for row in rows.values()])
     assert [row.front for row in rows.values()] == front.tolist() and front.any()
 
 

@@ -1,18 +1,25 @@
-"""What several reports say together, as Markdown: the tables of docs/report and of the README.
+"""Write the tables of docs/report/README.md from the stored reports: what they say together.
 
-python tests/benchmarks/report_tables.py docs/report --models helmet chair foxrig \
-    --devices h100 cpu
+    python tests/benchmarks/report_tables.py [--check]
 
-Reports lie in folders called MODEL-DEVICE.
+A line `<!-- table NAME -->` in the page begins a table and `<!-- end -->` ends it.  --check
+writes nothing and ends with 1 if the page is not what this script would write.
 """
 
 import argparse
 import json
+import re
+import sys
 from pathlib import Path
 
 from deformrf.core.deform import XpbdOptions
 
-NAMES = {"h100": "one H100", "cpu": "two CPU cores"}
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "report"
+PAGE = FOLDER / "README.md"
+MODELS = ("helmet", "chair", "foxrig")
+DEVICES = {"h100": "one H100", "cpu": "two CPU cores"}
+COMMIT = "c3c4134"  # that recorded the reports
+MARKED = re.compile(r"<!-- table (\w+) -->\n.*?<!-- end -->", re.DOTALL)
 SUBSTEPS, FEWER_SUBSTEPS = XpbdOptions().substep_count, 20
 CASES = {
     "collapsed to a plane, a line, a point": ("plane", "line", "point"),
@@ -74,9 +81,9 @@ def omission(report, beginning):
     return f"{row['saving']:.3g} {row['unit']} of {row['with_it']:.3g}"
 
 
-def print_together(reports):
+def together(reports):
     """A column for each model and device."""
-    rows = {
+    cells = {
         "a view by default, ms": lambda r: f"{default_row(r)['frame_ms']:.3g}",
         "its error: dB, worst view, largest of any pixel": image_error,
         "against test views, dB": lambda r: f"{default_row(r)['photo_psnr']:.2f}",
@@ -90,60 +97,64 @@ def print_together(reports):
         "poses rendered right": lambda r: passed(table(r, "stability", "poses")),
     }
     for beginning, name in OMISSIONS.items():
-        rows[f"left out: {name}"] = lambda r, b=beginning: omission(r, b)
-    heads = [f"{model}, {NAMES[device]}" for model, device in reports]
-    print_row("", heads)
-    print_row("---", ["---"] * len(heads))
-    for name, cell in rows.items():
-        print_row(name, map(cell, reports.values()))
+        cells[f"left out: {name}"] = lambda r, b=beginning: omission(r, b)
+    heads = ["", *(f"{model}, {DEVICES[device]}" for model, device in reports)]
+    return [heads, *([name, *map(cell, reports.values())] for name, cell in cells.items())]
 
 
-def print_stability(reports, devices):
+def stability(reports):
     """A column for each device, all models together."""
     materials = "4 materials (default, E = 10⁹ Pa, compliance 0, ν = 0.499)"
-    models = len(reports) // len(devices)
-    head = f"{models} models × {materials}: passed, slowest to recover"
-    print_row(head, [NAMES[device] for device in devices])
-    print_row("---", ["---"] * len(devices))
-    mine = {d: [r for (_, device), r in reports.items() if device == d] for d in devices}
+    mine = {d: [r for (_, device), r in reports.items() if device == d] for d in DEVICES}
+    rows = [[f"{len(MODELS)} models × {materials}: passed, slowest to recover", *DEVICES.values()]]
     for name, cases in CASES.items():
         cells = []
-        for device in devices:
-            rows = [row for r in mine[device] for row in table(r, "stability")]
-            rows = [row for row in rows if row["case"] in cases]
-            times = [row["recovery_seconds"] for row in rows if row["recovery_seconds"]]
+        for device in DEVICES:
+            found = [row for r in mine[device] for row in table(r, "stability")]
+            found = [row for row in found if row["case"] in cases]
+            times = [row["recovery_seconds"] for row in found if row["recovery_seconds"]]
             slowest = f", {max(times):.1f} s" if times and "masses" not in name else ""
-            cells.append(f"{passed(rows)}{slowest}")
-        print_row(name, cells)
+            cells.append(f"{passed(found)}{slowest}")
+        rows.append([name, *cells])
     cells = []
-    for device in devices:
-        rows = [row for r in mine[device] for row in table(r, "stability", "poses")]
-        flat = sum(not row["shown"] for row in rows)
-        worst = min(row["psnr"] for row in rows)
-        cells.append(f"{passed(rows)} ({flat} flat ones show nothing), worst {worst:.0f} dB")
-    print_row("the renderer in nine such poses, against float64 (45 dB and 8/255 owed)", cells)
+    for device in DEVICES:
+        found = [row for r in mine[device] for row in table(r, "stability", "poses")]
+        flat = sum(not row["shown"] for row in found)
+        worst = min(row["psnr"] for row in found)
+        cells.append(f"{passed(found)} ({flat} flat ones show nothing), worst {worst:.0f} dB")
+    return [*rows, ["the renderer in nine such poses (45 dB and 8/255 owed)", *cells]]
 
 
-def print_row(name, cells):
-    print(f"| {name} | {' | '.join(cells)} |")
+TABLES = {"together": together, "stability": stability}
+
+
+def with_tables(text):
+    """The page's text, its marked tables made anew."""
+    reports = {
+        (model, device): json.loads((FOLDER / f"{model}-{device}" / "report.json").read_text())
+        for device in DEVICES
+        for model in MODELS
+    }
+    dates = ", ".join(sorted({report["facts"]["date"] for report in reports.values()}))
+
+    def made(found):
+        rows = TABLES[found.group(1)](reports)
+        lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
+        body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        measured = f"Measured: {dates}, commit {COMMIT}."
+        return f"<!-- table {found.group(1)} -->\n{body}\n\n{measured}\n<!-- end -->"
+
+    return MARKED.sub(made, text)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="that holds MODEL-DEVICE/report.json")
-    parser.add_argument("--models", nargs="+", required=True)
-    parser.add_argument("--devices", nargs="+", required=True, choices=NAMES)
-    arguments = parser.parse_args()
-    reports = {
-        (model, device): json.loads(
-            (arguments.folder / f"{model}-{device}" / "report.json").read_text()
-        )
-        for device in arguments.devices
-        for model in arguments.models
-    }
-    print_together(reports)
-    print()
-    print_stability(reports, arguments.devices)
+    parser.add_argument("--check", action="store_true", help="compare, and write nothing")
+    check, text = parser.parse_args().check, PAGE.read_text(encoding="utf-8")
+    if check and with_tables(text) != text:
+        sys.exit(f"{PAGE.name}: run python tests/benchmarks/report_tables.py")
+    if not check:
+        PAGE.write_text(with_tables(text), encoding="utf-8")
 
 
 if __name__ == "__main__":

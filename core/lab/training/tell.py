@@ -1,8 +1,8 @@
 """The section on training: how the error fell with time, from the history in the model file.
 
 A history's rows (training/run/history.py) give the PSNR of the training rays after so many
-seconds and steps.  Models that were made before there was a history keep figures of the end
-alone, and fields that were never trained keep nothing: any key may be missing.
+seconds and steps.  Any key may be missing: older models keep figures of the end alone, and
+fields that were never trained keep nothing.
 """
 
 from dataclasses import dataclass
@@ -28,18 +28,13 @@ METHOD = [
 
 @dataclass(frozen=True)
 class Moment:
-    """A row of the history.
+    """A row of the history."""
 
-    Attributes:
-        seconds: Of the run so far.
-        psnr: Of the training rays, since the row before.
-    """
-
-    seconds: Annotated[float, "time [s]"]
+    seconds: Annotated[float, "time [s]"]  # of the run so far
     share: Annotated[float, "of all [%]"]
     stage: Annotated[int, "stage"]
     step: Annotated[int, "step"]
-    psnr: Annotated[float, "PSNR of the training rays [dB]"]
+    psnr: Annotated[float, "PSNR of the training rays [dB]"]  # since the row before
 
 
 @dataclass(frozen=True)
@@ -53,23 +48,16 @@ class StageTime:
 
 def section(field: TetField) -> Section:
     """What the model's `meta` knows of its training."""
-    meta = field.meta
-    moments = history(meta)
-    values = {key: meta.get(key) for key in ("data", "device", "workers", "seconds")}
-    values |= {"test_psnr": held_aside_psnr(meta), "test_view_count": meta.get("test_view_count")}
+    meta, moments = field.meta, history(field.meta)
+    known = {key: meta.get(key) for key in ("data", "device", "workers", "seconds")}
+    known |= {"test_psnr": _test_psnr(meta), "test_view_count": meta.get("test_view_count")}
     if not moments:
-        missing = "the model keeps no history of its training"
-        known = _sentence([missing, _duration(meta), _test(meta)])
-        return Section("training", TITLE, [known], values=values)
+        said = ["the model keeps no history of its training", _duration(meta), _test(meta)]
+        return Section("training", TITLE, [_sentence(said)], values=known)
 
     stages = stage_times(meta, moments)
     told = {share: _by(moments, share) for share in TOLD}
     gain = told[100].psnr - told[50].psnr if told[50] else None
-    values |= {
-        "stages": stages,
-        "psnr_at_percent": {str(share): moment and moment.psnr for share, moment in told.items()},
-        "last_half_gain_db": gain,
-    }
     caption = "What was last known after each tenth of the training time."
     return Section(
         "training",
@@ -81,13 +69,18 @@ def section(field: TetField) -> Section:
             Table("training", "All rows of the history.", moments, first=3),
         ],
         figures=[Figure("training", _caption(meta), picture(meta, moments))],
-        values=values,
+        values={
+            **known,
+            "stages": stages,
+            "psnr_at_percent": {str(share): row and row.psnr for share, row in told.items()},
+            "last_half_gain_db": gain,
+        },
     )
 
 
 def history(meta: dict) -> list[Moment]:
     """The rows of a model's history, none where there is none."""
-    names = ("seconds", "stage", "step", "psnr")
+    names = "seconds", "stage", "step", "psnr"
     rows = [row for row in meta.get("history") or () if all(name in row for name in names)]
     total = rows and (meta.get("seconds") or rows[-1]["seconds"])
     return [
@@ -104,19 +97,13 @@ def tenths(moments: list[Moment]) -> list[Moment]:
 
 def stage_times(meta: dict, moments: list[Moment]) -> list[StageTime]:
     """The stages that the history knows."""
-    steps = {moment.stage: moment.step for moment in moments}
-    ends = {moment.stage: moment.seconds for moment in moments}
+    last = {moment.stage: moment for moment in moments}
     total = meta.get("seconds") or moments[-1].seconds
     first = 0.0
-    if 1 in steps:
-        first = meta.get("stage_1_seconds") or (ends[1] if 2 in steps else total)
+    if 1 in last:
+        first = meta.get("stage_1_seconds") or (last[1].seconds if 2 in last else total)
     seconds = {1: first, 2: total - first}
-    return [StageTime(stage, seconds[stage], steps[stage]) for stage in steps]
-
-
-def held_aside_psnr(meta: dict) -> float | None:
-    """The mean over the test views [dB], if it is known."""
-    return (meta.get("test_mean") or {}).get("psnr")
+    return [StageTime(stage, seconds[stage], moment.step) for stage, moment in last.items()]
 
 
 def picture(meta: dict, moments: list[Moment]) -> bytes:
@@ -125,11 +112,9 @@ def picture(meta: dict, moments: list[Moment]) -> bytes:
     axes = figure.add_subplot()
     for stage in sorted({moment.stage for moment in moments}):
         mine = [moment for moment in moments if moment.stage == stage]
-        seconds, psnr = ([getattr(m, name) for m in mine] for name in ("seconds", "psnr"))
-        label = f"stage {stage}, training rays"
-        axes.plot(seconds, psnr, ".-", color=COLORS[stage], markersize=4, label=label)
-    end = meta.get("seconds") or moments[-1].seconds
-    psnr = held_aside_psnr(meta)
+        style = {"color": COLORS[stage], "label": f"stage {stage}, training rays"}
+        axes.plot([m.seconds for m in mine], [m.psnr for m in mine], ".-", markersize=4, **style)
+    end, psnr = meta.get("seconds") or moments[-1].seconds, _test_psnr(meta)
     if psnr is not None:
         axes.axhline(psnr, color=TEST_COLOR, linestyle="--", linewidth=1.0)
         axes.plot([end], [psnr], "D", color=TEST_COLOR, label=f"test views, {psnr:.2f} dB")
@@ -142,8 +127,7 @@ def picture(meta: dict, moments: list[Moment]) -> bytes:
     return png(figure)
 
 
-def _findings(meta, stages: list[StageTime], told: dict, gain: float | None) -> list[str]:
-    end = f"the training rays end at {told[100].psnr:.2f} dB"
+def _findings(meta, stages, told, gain) -> list[str]:
     places = [
         f"{moment.psnr:.2f} dB after {share} % of the time (stage {moment.stage})"
         for share, moment in told.items()
@@ -153,6 +137,7 @@ def _findings(meta, stages: list[StageTime], told: dict, gain: float | None) -> 
     if gain is not None:
         verb = "gained" if gain >= 0.0 else "lost"
         course += f" The last half of the time {verb} {abs(gain):.2f} dB."
+    end = f"the training rays end at {told[100].psnr:.2f} dB"
     times = [f"stage {s.stage} took {s.seconds:.1f} s for {s.steps:,} steps" for s in stages]
     findings = [_sentence([_duration(meta), end, _test(meta)]), course, _sentence(times)]
     if meta.get("interrupted"):
@@ -167,16 +152,19 @@ def _by(moments, share) -> Moment | None:
     return next((m for m in reversed(moments) if m.share <= share or share >= 100.0), None)
 
 
+def _test_psnr(meta) -> float | None:
+    return (meta.get("test_mean") or {}).get("psnr")
+
+
 def _duration(meta) -> str:
     where = f" on {meta['device']}" if meta.get("device") else ""
-    workers = meta.get("workers") or 1
-    where += f", {workers} of them" if workers > 1 else ""
-    seconds = meta.get("seconds")
-    return f"training took {seconds:.1f} s{where}" if seconds is not None else ""
+    if (meta.get("workers") or 1) > 1:
+        where += f", {meta['workers']} of them"
+    return f"training took {meta['seconds']:.1f} s{where}" if meta.get("seconds") else ""
 
 
 def _test(meta) -> str:
-    psnr, count = held_aside_psnr(meta), meta.get("test_view_count")
+    psnr, count = _test_psnr(meta), meta.get("test_view_count")
     views = f"the {count} test views" if count else "the test views"
     return f"{views} are at {psnr:.2f} dB" if psnr is not None else ""
 
@@ -191,6 +179,6 @@ def _caption(meta) -> str:
     known = [f"on {meta['data']}"] if meta.get("data") else []
     known += [meta["device"]] if meta.get("device") else []
     caption = f"PSNR of the training rays over the seconds of training {', '.join(known)}".strip()
-    if held_aside_psnr(meta) is None:
+    if _test_psnr(meta) is None:
         return f"{caption}."
     return f"{caption}. Diamond and dashed line: the test views' mean at the end."
