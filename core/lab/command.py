@@ -87,11 +87,15 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
 
 def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> int:
     """Measure, write and tell; returns the exit code."""
+    import warp as wp
+
     from .report import Report, is_complete, machine, write
+    from .stability.tell import SEED
 
     command = machine.without_folders(printable(shlex.join([PROGRAM, *sys.argv[1:]])))
-    # Before it has work to do.
-    about_machine = machine.section(device, seeds(), command, arguments.model)
+    seeds = {"pixels": "the view's number", "order of settings": 0, "stress cases and poses": SEED}
+    # Before the machine has work to do.
+    about_machine = machine.section(device, seeds, command, arguments.model)
     begun, found, failure = time.perf_counter(), [], None
     try:
         for section in measured(jobs):
@@ -109,7 +113,7 @@ def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> i
     name = printable(arguments.model.stem)
     facts = {
         "model": f"{name}, {field.mesh.tet_count} tets, {field.layout.level_count} levels",
-        "device": _device_words(device),
+        "device": "CPU" if device == "cpu" else wp.get_device(device).name,
         "effort": "quick" if arguments.quick else "full",
         "date": date.today().isoformat(),
         "duration": f"{time.perf_counter() - begun:.0f} s",
@@ -123,7 +127,12 @@ def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> i
     except OSError as error:
         print(f"{PROGRAM}: {plain_message(error)}", file=sys.stderr)
         return INPUT_ERROR
-    tell(found, paths[-1], missing)
+    words = {None: "", True: "pass  ", False: "FAIL  "}
+    for section in found:
+        print(f"{section.title}: {words[section.passed]}{section.findings[0]}")
+    if missing:
+        print(f"Missing: {', '.join(missing)}")
+    print(f"Wrote {paths[-1]}")
     if failure is not None:
         raise failure
     return 0
@@ -203,26 +212,3 @@ def measured(jobs: list[Job]):
 def printable(words: str) -> str:
     """A file's name as text: what no text can hold becomes a question mark."""
     return words.encode("utf-8", "replace").decode()
-
-
-def tell(sections, path, missing=()):
-    """A line for each section, what is missing, and where the whole of it is."""
-    words = {None: "", True: "pass  ", False: "FAIL  "}
-    for section in sections:
-        print(f"{section.title}: {words[section.passed]}{section.findings[0]}")
-    if missing:
-        print(f"Missing: {', '.join(missing)}")
-    print(f"Wrote {path}")
-
-
-def seeds() -> dict[str, int | str]:
-    """Of everything random in a report."""
-    from .stability.tell import SEED
-
-    return {"pixels": "the view's number", "order of settings": 0, "stress cases and poses": SEED}
-
-
-def _device_words(device):
-    import warp as wp
-
-    return "CPU" if device == "cpu" else wp.get_device(device).name

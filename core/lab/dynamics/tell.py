@@ -10,19 +10,8 @@ from ...geometry import TetMesh
 from .. import rule
 from ..report import INK, Figure, Section, Table, log_scale, new_figure, png
 from ..stopwatch import Timing
-from .measure import (
-    BOUND,
-    DEFAULT_COUNT,
-    DEFAULT_MATERIAL,
-    MOTION_FRAMES,
-    PUSH,
-    SCENES,
-    SETTLING_FRAMES,
-    Body,
-    load_cases,
-    measure,
-    standing,
-)
+from . import measure as study
+from .measure import BOUND, DEFAULT_COUNT, SCENES, Body, load_cases, measure
 from .references import NoEquilibrium
 
 TITLE = "Dynamics: error against time"
@@ -31,8 +20,7 @@ MOST_SUBSTEPS = 200
 MORE = 1.1  # times as many substeps, where a guess was too few
 COUNTS = (1, 2, 5, 10, 15, 20, 25, 30, 40, 50, 100, 200)
 QUICK_COUNTS = (5, 10, 20, 30, 40)
-COMPLIANCES = (0.0, 1e-8, 1e-6, 1e-4)
-FALLING = (0.0, 1e-4)  # of these, those with a dynamic scene
+COMPLIANCES = {0.0: SCENES, 1e-8: SCENES[:1], 1e-6: SCENES[:1], 1e-4: SCENES}
 QUICK_SETTLING = 600  # frames: some of a stiff body's slowest way is left
 STYLES = {"static": "-", "dynamic": "--"}
 
@@ -55,28 +43,28 @@ def section(
     mesh: TetMesh, device, quick: bool = False, step: Callable[[float], None] = lambda share: None
 ) -> Section:
     """Measure and tell; `step` is called with the share that is done."""
-    body = standing(mesh)
+    body = study.standing(mesh)
     try:
         of_material = load_cases(body)
         exact = [case.reference[1] for case in of_material]
     except RuntimeError as error:
         return Section("dynamics", TITLE, [f"There is no reference for this mesh: {error}."])
     runs = plan(of_material, quick)
+    settling = QUICK_SETTLING if quick else study.SETTLING_FRAMES
     whole = sum(1 + count for _, count in runs)
     done, rows, lost = 0, [], {}
     for case, count in runs:
-        settling = QUICK_SETTLING if quick else SETTLING_FRAMES
         try:
             rows.append(measure(case, count, device, settling))
         except NoEquilibrium:
-            lost[f"{case.compliance:g}"] = None
+            words = f"No reference was found for compliance {case.compliance:g}."
+            lost[words] = None
         done += 1 + count
         step(0.9 * done / whole)
     chosen = chosen_count(rows)
     rows = [replace(row, chosen=_is_own(row) and row.count == chosen) for row in rows]
-    materials = [] if quick or chosen is None else held_materials(body, device, rows, chosen)
     tables = [Table("dynamics", "Errors of the solver.", rows)]
-    if materials:
+    if chosen is not None and not quick:
         caption = (
             "Substeps that hold each material on this mesh, at most "
             f"{100 * BOUND:g} % off in both scenes; a frame at 60 Hz has {FRAME_MS:.3g} ms. The "
@@ -84,7 +72,7 @@ def section(
             f"grows by a tenth until it holds; where more than {MOST_SUBSTEPS} would be needed, "
             "the guess stands, and the material acts softer."
         )
-        tables.append(Table("materials", caption, materials))
+        tables.append(Table("materials", caption, held_materials(body, device, rows, chosen)))
     figure = Figure(
         "dynamics",
         "Left: error over the milliseconds a frame takes, default material; the star is the "
@@ -95,10 +83,7 @@ def section(
     return Section(
         key="dynamics",
         title=TITLE,
-        findings=[
-            *_findings(rows, chosen),
-            *(f"No reference was found for compliance {compliance}." for compliance in lost),
-        ],
+        findings=[*_findings(rows, chosen), *lost],
         method=_method(mesh, of_material[0].gravity[0], exact, quick),
         tables=tables,
         figures=[figure],
@@ -109,21 +94,24 @@ def section(
 def plan(of_material, quick) -> list[tuple]:
     """What is measured: load cases and counts of substeps."""
     counts = sorted({*(QUICK_COUNTS if quick else COUNTS), DEFAULT_COUNT})
-    runs = [(case, count) for case in of_material for count in counts]
     few = (DEFAULT_COUNT,) if quick else (5, DEFAULT_COUNT, 100)
-    for compliance in (0.0,) if quick else COMPLIANCES:
-        # Verlet's steps in a stiff body are so short that its motion would take an hour.
-        for case in of_material if compliance in FALLING else of_material[:1]:
-            stiff = replace(case, compliance=compliance)  # one case: it keeps its reference
-            runs += [(stiff, count) for count in few]
+    runs = [(case, count) for case in of_material for count in counts]
+    for compliance, scenes in COMPLIANCES.items():
+        # In other stiff bodies Verlet's steps are so short that a motion would take an hour.
+        for case in of_material if compliance == 0.0 or not quick else ():
+            if case.scene in scenes:
+                stiff = replace(case, compliance=compliance)  # one case: it keeps its reference
+                runs += [(stiff, count) for count in few]
     return runs
 
 
 def chosen_count(rows) -> int | None:
     """The rule's number of substeps.  Each costs the same, so their number stands for time."""
-    own = [row for row in rows if _is_own(row)]
-    counts = sorted({row.count for row in own})
-    errors = [max(row.of_motion for row in own if row.count == count) for count in counts]
+    worst = {}
+    for row in filter(_is_own, rows):
+        worst[row.count] = max(row.of_motion, worst.get(row.count, 0.0))
+    counts = sorted(worst)
+    errors = [worst[count] for count in counts]
     found = rule.cheapest([[count] for count in counts], errors, 100.0 * BOUND)
     return None if found is None else counts[found]
 
@@ -136,8 +124,8 @@ def held_materials(body: Body, device, rows, chosen) -> list[MaterialRow]:
     n' = n √(e c' μ' ρ / (BOUND c μ ρ')).  The number grows until both scenes are within BOUND.
     """
     own = [row for row in rows if _is_own(row) and row.count == chosen]  # in the order of SCENES
-    standard, error = DEFAULT_MATERIAL, max(row.of_motion for row in own) / 100.0
-    found = [_material_row("default", standard, chosen, own)]
+    standard, error = Material(), max(row.of_motion for row in own) / 100.0
+    found = [("default", standard, chosen, own)]
     for preset, material in PRESETS.items():
         ratio = softness(material) / softness(standard) * error / BOUND
         count, measured = max(1, math.ceil(chosen * math.sqrt(ratio))), []
@@ -147,21 +135,20 @@ def held_materials(body: Body, device, rows, chosen) -> list[MaterialRow]:
             if max(row.of_motion for row in measured) <= 100.0 * BOUND:
                 break
             count, measured = max(count + 1, math.ceil(MORE * count)), []
-        found.append(_material_row(preset, material, count, measured))
-    return found
-
-
-def _material_row(name, material, count, measured):
-    errors = [row.of_motion for row in measured] or [None, None]
-    return MaterialRow(
-        name,
-        material.young_modulus,
-        count,
-        bool(measured),
-        *errors,
-        frame=measured[0].frame if measured else None,
-        default=name == "default",
-    )
+        found.append((preset, material, count, measured))
+    return [
+        MaterialRow(
+            material=name,
+            young_modulus=material.young_modulus,
+            substeps=count,
+            measured=bool(measured),
+            of_motion=measured[0].of_motion if measured else None,
+            in_motion=measured[1].of_motion if measured else None,
+            frame=measured[0].frame if measured else None,
+            default=name == "default",
+        )
+        for name, material, count, measured in found
+    ]
 
 
 def softness(material: Material) -> float:
@@ -196,9 +183,9 @@ def _findings(rows, chosen):
 def _method(mesh, gravity, exact, quick):
     return [
         f"The mesh has {mesh.tet_count} tets. Its foot is held, and a sideways gravity of "
-        f"{gravity:.2g} m/s² pushes it, so that a linear body moves by {100 * PUSH:g} % of its "
-        "size. Static: until it is still, against Newton's method in float64 (forces left: "
-        f"{exact[0]:.0e} of the load). Dynamic: {MOTION_FRAMES} frames from rest, undamped, "
+        f"{gravity:.2g} m/s² pushes it, so that a linear body moves by {100 * study.PUSH:g} % of "
+        "its size. Static: until it is still, against Newton's method in float64 (forces left: "
+        f"{exact[0]:.0e} of the load). Dynamic: {study.MOTION_FRAMES} frames from rest, undamped, "
         f"against Verlet in float64 (its own error: {100 * exact[1]:.1g} % of the motion). "
         "Error: RMS over vertices and frames, over the reference's RMS motion, and over the "
         "object's size. With compliance 0 nothing should move."
@@ -213,22 +200,16 @@ def plot(rows) -> bytes:
     """Errors over milliseconds of the default material, and over substeps by compliance."""
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
+    marks = {"marker": "o", "markersize": 3, "linewidth": 1.1}
     for scene, style in STYLES.items():
         own = [row for row in rows if row.scene == scene and _is_own(row)]
         times, errors = [r.frame.median for r in own], [r.of_motion for r in own]
-        left.plot(times, errors, style, marker="o", markersize=3, linewidth=1.1, label=scene)
+        left.plot(times, errors, style, label=scene, **marks)
         for index, compliance in enumerate(dict.fromkeys(r.compliance for r in rows)):
             line = [r for r in rows if (r.scene, r.compliance) == (scene, compliance)]
-            right.plot(
-                [r.count for r in line],
-                [r.of_size for r in line],
-                style,
-                color=f"C{index}",
-                marker="o",
-                markersize=3,
-                linewidth=1.1,
-                label=compliance if scene == "static" else None,
-            )
+            counts, errors = [r.count for r in line], [r.of_size for r in line]
+            label = compliance if scene == "static" else None
+            right.plot(counts, errors, style, color=f"C{index}", label=label, **marks)
     for row in rows:
         if row.default:
             left.plot(row.frame.median, row.of_motion, "*", color="black", markersize=12)

@@ -41,10 +41,10 @@ def file_rows(frames: Frames, path) -> list[Omission]:
     return [*rows, _surroundings(frames, arrays)] if field.surroundings else rows
 
 
-def _row(name, with_it, without, change, why, left_out=True) -> Omission:
+def _row(name, with_it, without, change, why, left_out) -> Omission:
     """With and without are arrays of a file; a written size is the same at each repeat."""
     compared = compared_in_turns(*([_megabytes(arrays)] for arrays in (with_it, without)))
-    return omission(name, FILE, compared, change, why if left_out else OLDER, left_out, "MB")
+    return omission(name, FILE, compared, change, why, left_out, "MB")
 
 
 def _entries(frames, arrays, bits, left_out) -> Omission:
@@ -59,34 +59,26 @@ def _entries(frames, arrays, bits, left_out) -> Omission:
         replace(field, table=np.where(reached[:, None], field.table, rest).astype(np.float32))
         for rest in (noise, 0.0)
     )
-    share = f"{100.0 * (1.0 - reached.mean()):.0f} % of the entries"
-    return _row(
-        "table entries that no occupied sub-tet reaches",
-        every,
-        arrays,
-        frames.change(frames.way(noisy), frames.way(empty)),
-        f"{share} are read by nothing that has density, whatever their values are. A level for"
-        " which saying so would take more bytes than it saves is stored whole.",
-        left_out,
+    change = frames.change(frames.way(noisy), frames.way(empty))
+    why = (
+        f"{100.0 * (1.0 - reached.mean()):.0f} % of the entries are read by nothing that has"
+        " density. A level for which saying so would take more bytes than it saves is stored whole."
     )
+    name = "table entries that no occupied sub-tet reaches"
+    return _row(name, every, arrays, change, why if left_out else OLDER, left_out)
 
 
 def _rest_vertices(field, arrays, left_out) -> Omission:
     """Positions that follow from the lattice's addresses."""
-    name, spacing = "rest vertices of a lattice", lattice_spacing(field.mesh)
+    name, rest = "rest vertices of a lattice", field.mesh.rest_vertices
+    spacing = lattice_spacing(field.mesh)
     if spacing is None:
         why = "The mesh is no lattice: its vertices follow from nothing else, and are stored."
         return not_measured(name, FILE, why, left_out=False, unit="MB")
-    rest = field.mesh.rest_vertices
     derived = lattice_vertices(field.mesh.addresses, spacing)
-    return _row(
-        name,
-        arrays | {"rest_vertices": rest},
-        arrays,
-        pose_change(rest, derived, float(np.ptp(rest))),
-        "They are integer addresses times a spacing.",
-        left_out,
-    )
+    change = pose_change(rest, derived, float(np.ptp(rest)))
+    why = "They are integer addresses times a spacing." if left_out else OLDER
+    return _row(name, arrays | {"rest_vertices": rest}, arrays, change, why, left_out)
 
 
 def _surroundings(frames, arrays) -> Omission:
@@ -94,11 +86,11 @@ def _surroundings(frames, arrays) -> Omission:
     others = {k: a for k, a in arrays.items() if not k.startswith("surroundings_")}
     alone = frames.way(replace(frames.field, surroundings=None))
     change = frames.change(frames.usual, alone)
-    reason = (
-        "They were asked for when the model was trained. Only deformrf-eval reads them, to"
-        f" compare whole photographs; in an image of the object their absence changes: {change}."
+    why = (
+        "They were asked for when the model was trained. Only deformrf-eval reads them, to compare"
+        f" whole photographs; in an image of the object their absence changes: {change}."
     )
-    return replace(_row("surroundings", arrays, others, change, reason), left_out=False)
+    return _row("surroundings", arrays, others, change, why, left_out=False)
 
 
 def _megabytes(arrays) -> float:

@@ -22,17 +22,11 @@ ALL_SUBTETS = 2**64 - 1  # the mask of a full tet
 
 
 class Way(NamedTuple):
-    """One way of rendering.
+    """One way of rendering."""
 
-    Attributes:
-        renderer: None if nothing is rendered.
-        turn: Renders the next view.
-        images: Of all views: [H, W, 4] uint8 each.
-    """
-
-    renderer: Renderer | None
-    turn: Callable[[], object]
-    images: Callable[[], list]
+    renderer: Renderer | None  # None if nothing is rendered
+    turn: Callable[[], object]  # renders the next view
+    images: Callable[[], list]  # of all views: [H, W, 4] uint8 each
 
 
 class Frames:

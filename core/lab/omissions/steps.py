@@ -101,11 +101,8 @@ class Steps:
 
 def step_switches(steps: Steps) -> list[Switch]:
     """What there is to measure."""
-    mesh, usual, quarter = (
-        steps.field.mesh,
-        Material(),
-        Material(poisson_ratio=LOWEST_POISSON_RATIO),
-    )
+    mesh, usual = steps.field.mesh, Material()
+    quarter = Material(poisson_ratio=LOWEST_POISSON_RATIO)
     lowest = float(mesh.rest_vertices[:, 2].min())
     around = XpbdOptions(gravity=(0.0, 0.0, -EARTH), ground=lowest)
     parts = components(mesh.vertex_count, mesh.tets)

@@ -143,24 +143,11 @@ def _bars(rows) -> bytes:
         saved = row.percent
         low, median, high = (max(x, LEAST_PERCENT) for x in (saved.low, saved.median, saved.high))
         color = COLORS[row.verdict]
-        axes.barh(
-            place,
-            median,
-            height=0.68,
-            color=color if row.left_out else "white",
-            edgecolor=color,
-            linewidth=1.2,
-        )
+        style = {"color": color if row.left_out else "white", "edgecolor": color}
+        axes.barh(place, median, height=0.68, linewidth=1.2, **style)
         axes.plot([low, high], [place, place], color=INK, linewidth=1.1)
-        axes.annotate(
-            _amount(row),
-            (max(high, 0.0), place),
-            (4, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8,
-            color=INK,
-        )
+        style = {"textcoords": "offset points", "va": "center", "fontsize": 8, "color": INK}
+        axes.annotate(_amount(row), (max(high, 0.0), place), (4, 0), **style)
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(rows)), [row.name for row in rows], fontsize=8)
     axes.invert_yaxis()

@@ -19,6 +19,7 @@ Shapes: S settings, R turns.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -134,7 +135,6 @@ class RenderingStudy:
         self._renderer = Renderer(field, device)
         self._renderer.set_vertices(rest)
         self.device = self._renderer.device
-        self._unmasked = None
         self.pictures = [
             pictures.picture(field, rest, camera, pixel_count, seed)
             for seed, camera in enumerate(pictures.views(field, view_count, size))
@@ -183,6 +183,10 @@ class RenderingStudy:
             single = [pictures.picture_error([image], [picture]) for image, picture in pairs]
             suspected = pictures.picture_error(images, suspects).largest
             anywhere = float(max(map(np.max, differences(images, exact))))
+            photo_psnr = None
+            if photos is not None and setting.scale == 1:
+                renderer = self._renderer if setting.masked else self._unmasked
+                photo_psnr = photos.psnr(renderer, setting.options)
             row = RenderingRow(
                 setting=setting.name,
                 family=setting.family,
@@ -190,7 +194,7 @@ class RenderingStudy:
                 worst_psnr=min(error.psnr for error in single),
                 largest=max(together.largest, suspected),
                 largest_anywhere=None if setting.options.conformance else anywhere,
-                photo_psnr=self._photo_psnr(setting, photos),
+                photo_psnr=photo_psnr,
                 frame=timing_of(times[number]),
                 relative=share_of(shares[number]),
                 samples=samples,
@@ -249,7 +253,8 @@ class RenderingStudy:
 
     def _rendered(self, setting, count=None):
         """Images of the first views, of all by default, before they are enlarged."""
-        renderer, scale = self._renderer_for(setting), setting.scale
+        renderer = self._renderer if setting.masked else self._unmasked
+        scale = setting.scale
         cameras = [picture.camera for picture in self.pictures[:count]]
         return [
             renderer.render(
@@ -269,19 +274,13 @@ class RenderingStudy:
             pixel_count += width * height
         return images, samples / pixel_count
 
-    def _renderer_for(self, setting) -> Renderer:
-        if setting.masked:
-            return self._renderer
-        if self._unmasked is None:
-            full = np.full_like(self.field.occupancy, FULL)
-            self._unmasked = Renderer(replace(self.field, occupancy=full), self.device)
-            self._unmasked.set_vertices(self.field.mesh.rest_vertices)
-        return self._unmasked
-
-    def _photo_psnr(self, setting, photos):
-        if photos is None or setting.scale > 1:
-            return None
-        return photos.psnr(self._renderer_for(setting), setting.options)
+    @cached_property
+    def _unmasked(self) -> Renderer:
+        """Of the same field without a mask."""
+        full = np.full_like(self.field.occupancy, FULL)
+        renderer = Renderer(replace(self.field, occupancy=full), self.device)
+        renderer.set_vertices(self.field.mesh.rest_vertices)
+        return renderer
 
 
 def enlarged(image, width: int, height: int):

@@ -42,7 +42,7 @@ def section(device, seeds: dict, command: str, model: Path | None = None) -> Sec
         device: That the report was measured on, "cpu" or "cuda:0".
         seeds: Of random numbers: what they are for -> seed.
         command: That made the report; folders in it are left out.
-        model: Its file, to be told from another one of the same name.
+        model: Its file; a hash tells it from another one of the same name.
     """
     device = wp.get_device(device)
     facts = _cpu() | (_gpu(device) if device.is_cuda else {}) | _software()

@@ -143,21 +143,12 @@ def plot(rows) -> bytes:
         mine = [row for row in rows if row.material == material]
         back = [row for row in mine if row.recovery_seconds is not None]
         lost = [row for row in mine if not row.passed]
-        shift = 0.12 * (index - 1.5)
-        axis.scatter(
-            [max(row.recovery_seconds, LEAST_SECONDS) for row in back],
-            [names.index(row.case) + shift for row in back],
-            s=18,
-            color=f"C{index}",
-            label=material,
-        )
-        axis.scatter(
-            [row.limit for row in lost],
-            [names.index(row.case) + shift for row in lost],
-            s=60,
-            marker="x",
-            color=f"C{index}",
-        )
+        places = {name: place + 0.12 * (index - 1.5) for place, name in enumerate(names)}
+        seconds = [max(row.recovery_seconds, LEAST_SECONDS) for row in back]
+        style = {"color": f"C{index}"}
+        axis.scatter(seconds, [places[r.case] for r in back], s=18, label=material, **style)
+        limits = [row.limit for row in lost]
+        axis.scatter(limits, [places[r.case] for r in lost], s=60, marker="x", **style)
     axis.axvline(recovery_limit(1e6), color=INK, linewidth=0.8, linestyle="--")
     log_scale(axis.xaxis)
     axis.set_yticks(range(len(names)), names)
