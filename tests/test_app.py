@@ -335,7 +335,9 @@ def test_the_panel_says_what_the_picture_is(app):
     assert pixels.startswith("100%, pixels 1.0 wide, ")
     assert state == "full + 16/16 samples"
     coarse = SimpleNamespace(
-        factor=0.5, refined=0.4, cheaper={"step_factor": 2.0, "level_count": 4}
+        factor=0.5,
+        refined=0.4,
+        shown=SimpleNamespace(cheaper={"step_factor": 2.0, "level_count": 4}),
     )
     assert shown_lines(coarse, app.times)[1] == "40% refined, steps × 2.0, 4 levels"
 

@@ -38,7 +38,7 @@ class RadianceLayer:
         self._moving = MovingResolution(0.1, CPU_LADDER if self.device.is_cpu else LADDER)
         field = renderer.field
         self._level_edges = level_edges(field.mesh, field.layout.level_count)
-        self._shown: Picture | None = None  # the last whole picture
+        self.shown = Picture(None, 1.0, Strips(0))  # the last whole picture
         self._coming: Picture | None = None  # a finer one, as far as it is
         self._spare: ImageTexture | None = None  # for the next finer one
         self._sampling: Sampling | None = None  # once shifted images are rendered
@@ -51,12 +51,7 @@ class RadianceLayer:
     @property
     def factor(self) -> float:
         """Resolution of the last whole picture, relative to the window's."""
-        return self._shown.factor if self._shown else 1.0
-
-    @property
-    def cheaper(self) -> dict:
-        """What the last whole picture saves on, as arguments of RenderOptions."""
-        return self._shown.cheaper if self._shown else {}
+        return self.shown.factor
 
     @property
     def refined(self) -> float:
@@ -89,16 +84,15 @@ class RadianceLayer:
 
     def depth_image(self):
         """The depths [h, w] of the last whole picture, at its own resolution; None before it."""
-        if self._host_depth is None and self._shown:
-            depths = [image.depth_array() for image in self._shown.images]
-            self._host_depth = np.concatenate(depths)
+        if self._host_depth is None and self.shown.images:
+            self._host_depth = np.concatenate([i.depth_array() for i in self.shown.images])
         return self._host_depth
 
     def color_image(self):
         """The colors of the last whole picture, opacity as alpha.  [h, w, 4] uint8"""
         if self._sampling and self._sampling.color is not None:
             return self._sampling.color.numpy()
-        return np.concatenate([image.color_array() for image in self._shown.images])
+        return np.concatenate([image.color_array() for image in self.shown.images])
 
     # -- rendering -----------------------------------------------------------------------
 
@@ -154,10 +148,10 @@ class RadianceLayer:
     def _render_at(self, factor, camera, times, cheaper=None):
         """Render a whole picture."""
         size = size_at(factor, camera.width, camera.height)
-        texture = self._texture(self._shown.texture if self._shown else None, size)
+        texture = self._texture(self.shown.texture, size)
         picture = Picture(texture, factor, Strips(size[1]), cheaper or {})
         self._add_rows(picture, (0, size[1]), camera, times)
-        self._shown, self._coming, self._sampling, self._host_depth = picture, None, None, None
+        self.shown, self._coming, self._sampling, self._host_depth = picture, None, None, None
         self.render_count += 1
 
     def _refine(self, camera, times):
@@ -170,17 +164,17 @@ class RadianceLayer:
         coming = self._coming
         self._add_rows(coming, coming.strips.following(), camera, times)
         if coming.strips.done:
-            self._spare = self._shown.texture
-            self._shown, self._coming, self._host_depth = coming, None, None
+            self._spare = self.shown.texture
+            self.shown, self._coming, self._host_depth = coming, None, None
 
     def _sample(self, camera, times):
         """Render the next strip of a shifted image; a whole one joins the mean."""
-        camera = camera.resized(*self._shown.texture.size)  # of a tiny window, it is larger
+        camera = camera.resized(*self.shown.texture.size)  # of a tiny window, it is larger
         if self._sampling is None:
-            self._sampling = Sampling(self._shown, self.device)
+            self._sampling = Sampling(self.shown, self.device)
         if self._sampling.step(camera, partial(self._next_rows, times=times)):
             with times.part("upload"):
-                self._shown.texture.write_color(self._sampling.color)
+                self.shown.texture.write_color(self._sampling.color)
 
     def _add_rows(self, picture, rows, camera, times):
         """Render rows of a picture and put them into its texture."""
@@ -217,7 +211,7 @@ class RadianceLayer:
 
     def draw(self, camera, clip_range) -> None:
         """Draw color and depth into the framebuffer in use."""
-        coarse = self._shown.texture
+        coarse = self.shown.texture
         fine = self._coming.texture if self._coming else coarse
         for unit, texture in enumerate((coarse.color, coarse.depth, fine.color, fine.depth)):
             texture.use(unit)
@@ -241,6 +235,6 @@ class RadianceLayer:
         self._ctx.depth_func = "<="
 
     def release(self) -> None:
-        for texture in (self._shown and self._shown.texture, self._spare):
+        for texture in (self.shown.texture, self._spare):
             if texture is not None:
                 texture.release()

@@ -54,7 +54,7 @@ class Strips:
 class Picture:
     """An image of the field in a texture, perhaps not all of its rows yet."""
 
-    texture: ImageTexture
+    texture: ImageTexture | None
     factor: float  # its size relative to the window's
     strips: Strips
     cheaper: dict = field(default_factory=dict)  # what it saves on, for RenderOptions

@@ -31,6 +31,7 @@ PINNED_PART = 0.05  # of the object's height
 SPECK = 0.02  # of the vertices: components smaller than that have no handles
 MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
 DEPTH_PART = 0.75  # of its size, that the object may reach from its center towards the eye
+HANDLE_RADIUS = 0.0135  # of its size
 EARTH = 9.81  # m/s²
 # A patch of radius R of an elastic body with Young's modulus E (the one that the substeps
 # hold) resists a pull like a spring of at most 2 E R: 0.8 E times the size for the largest
@@ -75,6 +76,8 @@ class Scene:
         low, high = bounds(self._surface)
         self.center = 0.5 * (low + high)
         self.size = float((high - low).max())
+        self.handle_radius = HANDLE_RADIUS * self.size
+        self.handle_bias = 2.5 * self.handle_radius  # how far behind the surface one is visible
         # The pins of a held object [V] bool.  The lowest vertices of the mesh alone would not
         # do: they may be specks below the object.
         self.pins = lowest_pins(rest, tets)
@@ -291,17 +294,6 @@ class Scene:
         """Distances from the eye between which the object lies at rest, whatever its shape."""
         away = float(np.linalg.norm(orbits.pose(self.orbit)[:3, 3] - self.center))
         return max(away - DEPTH_PART * self.size, 0.0), away + DEPTH_PART * self.size
-
-    # -- how handles look ----------------------------------------------------------------
-
-    @property
-    def handle_radius(self) -> float:
-        return 0.0135 * self.size
-
-    @property
-    def handle_bias(self) -> float:
-        """How far behind the surface a handle is still seen, and can still be grabbed."""
-        return 2.5 * self.handle_radius
 
 
 def _of_the_object(rest, tets):

@@ -44,7 +44,7 @@ def measure(app, target, seconds):
         if last - begin > WARM_UP_SECONDS:
             frames.append(now - last)
             sides.append(min(layer.depth_image().shape))
-            whole.append(not layer.cheaper)
+            whole.append(not layer.shown.cheaper)
         last = now
     shown = app.canvas.read()[..., :3] / 255.0
     medians = {name: 1e3 * value for name, value in app.times.medians().items()}

@@ -81,7 +81,7 @@ def shown_lines(image, times) -> tuple[str, str]:
     pixels = f"{image.factor:.0%}, pixels {1.0 / image.factor:.1f} wide, {fps:.0f} fps"
     if image.refined < 1.0:
         names = {"step_factor": "steps × {}", "level_count": "{} levels"}
-        saved = [names[name].format(value) for name, value in image.cheaper.items()]
+        saved = [names[name].format(value) for name, value in image.shown.cheaper.items()]
         return pixels, ", ".join([f"{image.refined:.0%} refined", *saved])
     if image.sample_count < 2:
         return pixels, "full"
