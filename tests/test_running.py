@@ -98,3 +98,14 @@ def test_a_missing_module_of_the_program_itself_keeps_its_traceback():
 
     with pytest.raises(ModuleNotFoundError):
         run("deformrf-x", prepare)
+
+
+def test_too_little_memory_of_a_device_ends_in_one_sentence(capsys):
+    """Such as of a GPU that renders the views of deformrf-eval."""
+
+    def job():
+        raise RuntimeError("Failed to allocate 64 bytes on device 'cuda:0'")
+
+    assert run("deformrf-x", lambda: job) == INPUT_ERROR
+    said = "deformrf-x: the device's memory is too small (Failed to allocate 64 bytes on device"
+    assert capsys.readouterr().err.startswith(said)

@@ -17,6 +17,7 @@ from ..arguments import plain_message
 DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
 
+OUT_OF_MEMORY = ("Failed to allocate", "out of memory")  # in the errors of Warp and torch
 WHOLE = "deformrf (in a checkout: make venv)"
 # Packages that may be missing ("make demo" installs only what viewing needs): what each does,
 # and what to install.
@@ -54,6 +55,10 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     except mendable as error:
         sentence = plain_message(error) or "the memory is too small"  # Python's own is empty
         return _refuse(program, sentence)
+    except RuntimeError as error:
+        if not any(words in str(error) for words in OUT_OF_MEMORY):
+            raise
+        return _refuse(program, f"the device's memory is too small ({plain_message(error)})")
     except KeyboardInterrupt:
         if is_first():
             print(f"{program}: interrupted", file=sys.stderr)
