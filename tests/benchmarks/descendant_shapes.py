@@ -70,8 +70,12 @@ def measure(cell, child_vertices, levels):
         # Volumes are equal, so similar tets have equal edges.
         shape_counts.append(len(np.unique(np.sort(squared, axis=1), axis=0)))
     return (
-        *(max(shape_counts), np.mean(ratios), np.min(ratios)),
-        *(min(angles), max(angles), max(edge_ratios)),
+        max(shape_counts),
+        np.mean(ratios),
+        np.min(ratios),
+        min(angles),
+        max(angles),
+        max(edge_ratios),
     )
 
 

@@ -172,7 +172,8 @@ def error(case):
     expected, _, _ = reference.render_rays(
         renderer.field,
         np.asarray(case.vertices, np.float32),
-        *(a[some] for a in (origins, directions)),
+        origins[some],
+        directions[some],
         RenderOptions().background,
     )
     off = 255.0 * np.abs(image[some] - expected).max()
