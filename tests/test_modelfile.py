@@ -296,7 +296,7 @@ def test_a_training_entry_without_a_documented_type_is_dropped(path):
     row = {"seconds": 2.0, "stage": 1, "step": 16, "psnr": 12.5}
     rows = [row, row | {"stage": 3}, row | {"psnr": "high"}, row | {"seconds": 0}, 7]
     known = {"note": [1], "data": "chair", "seconds": 3, "peak_memory_bytes": [1, 2.5]}
-    wrong = {"device": 7, "workers": -1, "stage_1_seconds": "short", "options": None}
+    wrong = {"device": 7, "workers": 1.5, "stage_1_seconds": "short", "options": None}
     scores = {"psnr": 30.5, "lpips": None, "ssim": float("nan")}
     rewrite_meta(path, training={**known, **wrong, "history": rows, "test_mean": scores})
     expected = {**known, "history": [row], "test_mean": {"psnr": 30.5}}

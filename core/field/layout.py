@@ -14,6 +14,7 @@ import numpy as np
 from ..geometry import TetMesh, path_nodes
 
 FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
+MOST_ENTRIES = 2**27  # 2 GiB in float32; a full-size model has about 2^21
 MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
 
 

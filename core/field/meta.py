@@ -6,23 +6,34 @@ documented type there and drops the rest, as any key may be missing.
 """
 
 import json
-import math
 from dataclasses import asdict, fields
-
-import numpy as np
 
 from ..paths import program_version
 from .archive import check
 from .field import FieldOptions, TetField
-from .layout import FEATURES
+from .layout import FEATURES, MOST_ENTRIES
 
 FORMAT = "deformrf-model"
 FORMAT_VERSION = 2
 READABLE_VERSIONS = (1, 2)
 ACTIVATION = "relu"  # older programs could train density networks with "sigmoid" as well
 SMALLEST_MARCH_STEP = 1e-4  # a finer one would take a ray through a million pieces
-LARGEST_TABLE = 2**27
 HISTORY_KEYS = ("seconds", "stage", "step", "psnr")
+TRAINING_TYPES = {
+    "data": str,
+    "device": str,
+    "diverged": str,
+    "seconds": float,
+    "stage_1_seconds": float,
+    "workers": int,
+    "view_count": int,
+    "test_view_count": int,
+    "options": dict,
+    "history": list,
+    "test_mean": dict,
+    "peak_memory_bytes": list,
+    "levels_below_pixel": list,
+}
 
 
 def meta_text(field: TetField, lattice_spacing: float | None, training: dict) -> str:
@@ -88,24 +99,14 @@ def read_options(values: dict) -> FieldOptions:
             check(type(value) is option.type, f"its option '{option.name}' is {value!r}")
     check(1 <= options.level_count <= 10, f"it has {options.level_count} levels, not 1 to 10")
     check(
-        options.table_size <= LARGEST_TABLE,
-        f"its tables have {options.table_size} entries, more than {LARGEST_TABLE}",
+        options.table_size <= MOST_ENTRIES,
+        f"its tables have {options.table_size} entries, more than {MOST_ENTRIES}",
     )
     check(
         SMALLEST_MARCH_STEP <= options.march_step < 1.0,
         f"its march step is {options.march_step}, below {SMALLEST_MARCH_STEP} or above 1",
     )
     return options
-
-
-def read_transform(values):
-    """The `world_to_model` matrix, checked.  [4, 4]"""
-    matrix = np.array(values, float)
-    check(
-        matrix.shape == (4, 4) and np.isfinite(matrix).all(),
-        "its 'world_to_model' is no 4x4 matrix",
-    )
-    return matrix
 
 
 def read_training(values) -> dict:
@@ -115,55 +116,26 @@ def read_training(values) -> dict:
     known = {
         key: value
         for key, value in values.items()
-        if key not in TRAINING_TYPES or TRAINING_TYPES[key](value)
+        if key not in TRAINING_TYPES or _has_type(value, TRAINING_TYPES[key])
     }
     if "history" in known:
         known["history"] = [row for row in known["history"] if _is_history_row(row)]
     if "test_mean" in known:
-        known["test_mean"] = {k: v for k, v in known["test_mean"].items() if _is_number(v)}
+        scores = known["test_mean"].items()
+        known["test_mean"] = {name: score for name, score in scores if _has_type(score, float)}
+    for key in ("peak_memory_bytes", "levels_below_pixel"):
+        if not all(_has_type(value, float) for value in known.get(key, ())):
+            del known[key]
     return known
 
 
-def _is_number(value) -> bool:
-    """Whether a JSON value is a finite number that fits into 64 bits."""
-    if type(value) is float:
-        return math.isfinite(value)
-    return type(value) is int and abs(value) < 2**63
-
-
-def _is_time(value) -> bool:
-    return _is_number(value) and value > 0
-
-
-def _is_count(value) -> bool:
-    return type(value) is int and 0 <= value < 2**63
-
-
-def _is_text(value) -> bool:
-    return isinstance(value, str)
+def _has_type(value, kind) -> bool:
+    """Whether a JSON value is of a kind; numbers (float) are finite and below 2^63."""
+    if kind is float:
+        return type(value) in (int, float) and abs(value) < 2**63
+    return type(value) is kind
 
 
 def _is_history_row(row) -> bool:
-    numbers = isinstance(row, dict) and all(_is_number(row.get(key)) for key in HISTORY_KEYS)
+    numbers = isinstance(row, dict) and all(_has_type(row.get(k), float) for k in HISTORY_KEYS)
     return numbers and row["seconds"] > 0 and row["stage"] in (1, 2)
-
-
-def _all(kind):
-    return lambda values: isinstance(values, list) and all(map(kind, values))
-
-
-TRAINING_TYPES = {
-    "data": _is_text,
-    "device": _is_text,
-    "diverged": _is_text,
-    "seconds": _is_time,
-    "stage_1_seconds": _is_time,
-    "workers": _is_count,
-    "view_count": _is_count,
-    "test_view_count": _is_count,
-    "options": lambda value: isinstance(value, dict),
-    "history": lambda value: isinstance(value, list),
-    "test_mean": lambda value: isinstance(value, dict),
-    "peak_memory_bytes": _all(_is_number),
-    "levels_below_pixel": _all(_is_count),
-}

@@ -13,7 +13,7 @@ from ..geometry import tet_neighbours
 from .archive import ModelFileError, check, read_arrays
 from .field import TetField, layer_widths
 from .layout import make_layout
-from .meta import meta_text, read_meta, read_options, read_training, read_transform
+from .meta import meta_text, read_meta, read_options, read_training
 from .packing import (
     pack_layers,
     pack_mesh,
@@ -97,6 +97,11 @@ def _build(arrays) -> TetField:
         f"{layout.dense_level_count} of them dense; "
         f"it declares {meta['entry_counts']}, {meta['dense_level_count']} of them dense",
     )
+    world_to_model = np.array(meta["world_to_model"], float)
+    check(
+        world_to_model.shape == (4, 4) and np.isfinite(world_to_model).all(),
+        "its 'world_to_model' is no 4x4 matrix",
+    )
     table = unpack_tables(arrays, layout)
     density, color = layer_widths(options)
     return TetField(
@@ -108,7 +113,7 @@ def _build(arrays) -> TetField:
         density_layers=unpack_layers(arrays, "density", density),
         color_layers=unpack_layers(arrays, "color", color),
         options=options,
-        world_to_model=read_transform(meta["world_to_model"]),
+        world_to_model=world_to_model,
         meta=read_training(meta.get("training")),
         surroundings=unpack_surroundings(arrays),
     )

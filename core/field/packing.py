@@ -19,12 +19,11 @@ import numpy as np
 from ..geometry import TetMesh, lattice_spacing, lattice_vertices, signed_volumes
 from .archive import array, check
 from .grid import GRID_ENTRIES, GRID_LEVELS, Surroundings, surroundings_widths
-from .layout import FEATURES, Layout
+from .layout import FEATURES, MOST_ENTRIES, Layout
 
 ENTRY_BITS = (8, 16)
 LARGEST_INT8 = 127
 LARGEST_SCALE = 1e3  # values then reach as far as float16's
-MOST_ENTRIES = 2**27  # 2 GiB in float32; a full-size model has about 2^21
 INTEGERS = (np.uint16, np.int32)
 
 
