@@ -37,3 +37,19 @@ def test_the_map_is_that_of_the_tree():
 def test_links_lead_to_files(page):
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def expanded(name):
+    """The paths that `tests/test_{a,b}.py` stands for."""
+    before, brace, rest = name.partition("{")
+    if not brace:
+        return [name]
+    choices, _, after = rest.partition("}")
+    return [f"{before}{choice}{after}" for choice in choices.split(",")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_tests_and_benchmarks_that_a_page_names_exist(page):
+    named = re.findall(r"tests/(?:benchmarks/)?[\w*{},]+\.py", page.read_text(encoding="utf-8"))
+    absent = [name for names in map(expanded, named) for name in names if not any(ROOT.glob(name))]
+    assert not absent, f"{page.name} names {absent}"
