@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -112,6 +113,24 @@ def test_help_is_quick_and_imports_nothing_slow():
     assert done.returncode == 0
     for word in ("--headless", "400x400", "1200x800"):
         assert word in done.stdout
+
+
+@pytest.mark.parametrize(
+    "compiling, message",
+    [
+        ({"marching"}, "kernels, 1 of 9 (on the first start only) ...\n"),
+        (set(), "the solver ...\n"),
+    ],
+)
+def test_a_slow_start_tells_of_compiling_only_while_it_compiles(
+    capfd, monkeypatch, compiling, message
+):
+    stage = message.split(" (on")[0].removesuffix(" ...\n")
+    progress = SimpleNamespace(stage=stage, compiling=compiling)
+    monkeypatch.setattr(command, "SLOW_START", 0.0)
+    with command._told_if_slow(SimpleNamespace(progress=progress)):
+        time.sleep(0.1)
+    assert capfd.readouterr().err == message
 
 
 def test_the_version_is_printed(capfd):

@@ -25,9 +25,9 @@ from .times import FrameTimes
 from .upload import choose_path
 
 FRAME_SECONDS = 1.0 / 60.0  # the shortest frame, where vsync sets none
-AWAKE_SECONDS = 1.0  # of frames after an event: panels answer over several of them
+AWAKE_SECONDS = 1.0  # after an event, frames are drawn: panels answer over several of them
 POLL_SECONDS = 1.0 / 30.0  # between two looks for events at rest
-REDRAW_SECONDS = 0.5  # between two frames at rest, for messages that go and curves that grow
+REDRAW_SECONDS = 0.5  # between two frames at rest: messages disappear, curves grow
 STATE_SECONDS = 0.5  # between two "state" events in the log
 
 
