@@ -305,7 +305,7 @@ def test_while_samples_are_added_frames_are_drawn_only_for_whole_ones(app):
 
 
 @pytest.mark.parametrize("at", ["panel", "view"])
-def test_the_mouse_wakes_it_up_wherever_it_is(app, at):
+def test_a_mouse_event_anywhere_makes_the_loop_draw_again(app, at):
     app.scene.settings.show_panel = at == "panel"
     rest(app)
     x, y = 60, app.window.height - 60
@@ -317,7 +317,7 @@ def test_the_mouse_wakes_it_up_wherever_it_is(app, at):
     assert app.frame_count - frame_count > 8
 
 
-def test_a_pause_is_no_slow_frame(app):
+def test_a_pause_does_not_count_as_a_slow_frame(app):
     rest(app)
     start = time.monotonic()
     until(app, lambda: time.monotonic() - start > 1.2)

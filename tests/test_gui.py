@@ -90,7 +90,7 @@ def test_a_click_on_a_button_is_not_the_views(panel):
     assert panel.seen == []
 
 
-def test_not_even_if_the_mouse_jumped_there_without_a_frame_between(panel):
+def test_a_click_on_a_button_is_not_the_views_even_after_a_jump(panel):
     panel.click(OUTSIDE)
     panel.seen.clear()
     panel.click(panel.button, frames_between=False)

@@ -73,7 +73,7 @@ def test_the_depth_written_is_the_depth_of_the_surface(stage, window):
     assert (written[~hit] == 1).all()
 
 
-def test_moving_it_is_coarse_and_at_rest_it_becomes_the_full_image(stage):
+def test_the_image_is_coarse_while_things_move_and_full_at_rest(stage):
     stage.scene.settings.accumulate = False
     stage.layer._moving.step = len(CPU_LADDER) - 1  # so that there is a resolution in between
     stage.frame()
@@ -89,7 +89,7 @@ def test_moving_it_is_coarse_and_at_rest_it_becomes_the_full_image(stage):
     assert abs(shown.astype(int) - wanted).max() <= 1
 
 
-def test_at_rest_the_depth_to_pick_against_becomes_the_full_one_too(stage):
+def test_at_rest_picking_uses_the_depth_of_the_full_image(stage):
     stage.layer._moving.step = len(CPU_LADDER) - 1
     stage.frame()
     shapes = [stage.layer.depth_image().shape]
@@ -170,7 +170,7 @@ def test_at_rest_sixteen_shifted_images_are_averaged_and_then_nothing_happens(st
         assert np.array_equal(stage.frame(passing=1.0), shown)
 
 
-def test_a_change_begins_the_mean_again(stage):
+def test_a_change_restarts_the_mean(stage):
     stage.frame(whole=True)
     while stage.layer.sample_count < 5:
         stage.frame(passing=REST_SECONDS)
@@ -196,7 +196,7 @@ def test_a_window_of_one_pixel_has_room_for_its_image(stage):
 
 
 @pytest.mark.parametrize("mode", ["tets", "samples", "error", "normals"])
-def test_what_has_no_mean_is_not_averaged(stage, mode):
+def test_modes_without_a_meaningful_mean_are_not_averaged(stage, mode):
     stage.scene.settings.mode = mode
     stage.frame(whole=True)
     for _ in range(5):
@@ -204,7 +204,7 @@ def test_what_has_no_mean_is_not_averaged(stage, mode):
     assert stage.layer.sample_count == stage.layer.most_samples == 1
 
 
-def test_without_accumulation_the_full_image_is_the_end(stage):
+def test_without_accumulation_rendering_ends_with_the_full_image(stage):
     stage.scene.settings.accumulate = False
     stage.frame()
     rest(stage)

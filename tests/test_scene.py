@@ -30,7 +30,7 @@ def grab_free(scene):
     return vertex
 
 
-def test_at_rest_nothing_is_computed_and_nothing_is_new(scene, steps):
+def test_at_rest_the_solver_takes_no_step_and_the_pose_stays(scene, steps):
     revision = scene.revision
     scene.advance(1.0)
     assert steps == []
@@ -47,7 +47,7 @@ def test_time_in_the_object_runs_as_outside(scene, steps, rate):
     assert set(steps) == {TIME_STEP}
 
 
-def test_a_frame_that_took_seconds_does_not_lead_to_another(scene, steps):
+def test_a_frame_of_several_seconds_is_not_followed_by_one_as_long(scene, steps):
     grab_free(scene)
     scene.advance(5.0)
     assert len(steps) == MAX_STEPS
@@ -55,7 +55,7 @@ def test_a_frame_that_took_seconds_does_not_lead_to_another(scene, steps):
     assert len(steps) <= MAX_STEPS + 2
 
 
-def test_paused_no_time_passes_but_single_steps_do(scene, steps):
+def test_a_paused_scene_takes_only_single_steps(scene, steps):
     grab_free(scene)
     scene.paused = True
     scene.advance(1.0)
@@ -84,7 +84,7 @@ def test_a_drag_takes_along_what_is_within_the_radius_as_one_body(scene):
     assert moved == pytest.approx(np.tile([0.1, 0, 0], (len(ids), 1)), abs=1e-5)
 
 
-def test_a_held_object_that_has_come_to_rest_is_no_news(scene):
+def test_a_held_object_at_rest_does_not_count_as_changed(scene):
     vertex = grab_free(scene)
     scene.drag_to(scene.positions[vertex] + np.float32(0.05))
     for _ in range(600):
@@ -203,7 +203,7 @@ def test_no_control_vertex_is_a_pin(scene):
     assert len(scene.control_ids) > 20
 
 
-def test_a_ratio_that_is_not_held_is_no_warning_here(scene):
+def test_a_poisson_ratio_below_the_limit_raises_no_warning(scene):
     """The panel says it, and a slider would say it a hundred times."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -211,7 +211,7 @@ def test_a_ratio_that_is_not_held_is_no_warning_here(scene):
     assert scene.material.held_poisson_ratio == 0.25
 
 
-def test_what_is_held_follows_material_and_substeps(scene):
+def test_the_held_stiffness_follows_material_and_substeps(scene):
     ratio, modulus = scene.stiffness
     assert (ratio, modulus) == (scene.solver.stiffness_ratio(), scene.solver.held_young_modulus())
     scene.set_substeps(2 * scene.solver.options.substep_count)
@@ -220,7 +220,7 @@ def test_what_is_held_follows_material_and_substeps(scene):
     assert scene.stiffness[1] < 0.5e9
 
 
-def test_what_is_held_follows_the_pins(scene):
+def test_the_held_stiffness_follows_the_pins(scene):
     """An edge of two pins can't move and has no stiffness ratio: other pins, another median."""
     before = scene.stiffness
     rest = scene.field.mesh.rest_vertices
@@ -278,7 +278,7 @@ def test_a_pin_that_was_freed_can_be_dragged_and_pinned_again(scene):
     assert pin not in scene.control_ids and pin in scene.pin_ids
 
 
-def test_what_nothing_holds_falls_onto_a_ground(scene):
+def test_an_object_without_pins_falls_onto_a_ground(scene):
     scene.set_gravity(9.81)
     assert not scene.on_ground  # its pins hold it
     scene.hold(False)

@@ -118,7 +118,7 @@ def test_an_encoder_that_fails_says_so_and_leaves_no_file(tmp_path, monkeypatch)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_frame_of_another_size_is_centred():
+def test_a_frame_of_another_size_is_centered():
     image = gray(7, 4, 2)
     image[:, :, 0] = np.arange(4)
     assert v.fitted(image, 2, 4)[:, :, 0].tolist() == [[0, 0], [1, 2], [1, 2], [0, 0]]
