@@ -177,7 +177,7 @@ def test_every_pose_renders_as_defined(assert_conforms, posed, pose):
 @pytest.mark.parametrize("pose", (*FOLDED, *UNFOLDED))
 def test_rays_are_merged_only_where_the_mesh_overlaps(posed, pose):
     _, _, _, both, renderer = posed(pose)
-    stages = renderer.stage_seconds = {}
+    stages = renderer.stage.seconds = {}
     renderer.render_rays(*both, CONFORMANCE)
     assert ("merge" in stages) == (pose in FOLDED)
 

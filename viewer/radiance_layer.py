@@ -111,7 +111,7 @@ class RadianceLayer:
             (camera.focal, camera.width, camera.height),
             (scene.revision, settings.mode, settings.background, fixed, self.most_samples),
         )
-        self._renderer.stage_seconds = {} if settings.time_rendering else None
+        self._renderer.stage.seconds = {} if settings.time_rendering else None
         now = self._clock()
         if seen != self._seen:
             self._seen, self._changed_at = seen, now
@@ -131,8 +131,8 @@ class RadianceLayer:
             self._refine(camera, times)
         elif not self.settled:
             self._sample(camera, times)
-        if self._renderer.stage_seconds:
-            times.rendering = self._renderer.stage_seconds
+        if self._renderer.stage.seconds:
+            times.rendering = self._renderer.stage.seconds
 
     def _render_moving(self, camera, times):
         """Render at once, as well as the target frame rate allows."""

@@ -61,7 +61,7 @@ class Renderer:
         pose: Of that part.
         shading: Of that part.
         overlap: `overlap.exists()` says whether the pose overlaps itself.
-        stage: stage(name) times a block, see `stage_seconds`.
+        stage: Times the stages while `stage.seconds` is a dict; then each image is waited for.
     """
 
     def __init__(self, field: TetField, device="cpu", part_of=visible_part):
@@ -84,15 +84,6 @@ class Renderer:
         self.host_rounds = HostRounds(self.pose, self._occupancy, self.shading, step)
         self._wavefront = None
         self._pool = None if self.device.is_cuda else ThreadPoolExecutor(thread_count())
-
-    @property
-    def stage_seconds(self):
-        """None, or a dict that collects seconds per stage; then every image is waited for."""
-        return self.stage.seconds
-
-    @stage_seconds.setter
-    def stage_seconds(self, seconds):
-        self.stage.record(seconds)
 
     def set_vertices(self, vertices):
         """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""

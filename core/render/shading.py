@@ -18,7 +18,7 @@ from ..field import (
     node_table,
 )
 from ..wide import vec4h
-from .rays import Rays, Samples, basis_kernel
+from .rays import Rays, RaySamples, Samples, basis_kernel
 
 wp.set_module_options({"enable_backward": False})
 
@@ -45,12 +45,10 @@ class Shading:
         if not device.is_cuda:
             self._upload_table()
 
-    def shade(self, rays: Rays, alive, counts, ends, samples: Samples, count, options, stage):
+    def shade(self, rays: Rays, found: RaySamples, options, stage):
         """Density and color of packed samples.
 
         Args:
-            alive, counts, ends: The rays of the samples; see marching.pack_kernel.
-            count: N
             options: RenderOptions.
             stage: StageTimer.
 
@@ -58,15 +56,15 @@ class Shading:
             sigma [N] and rgb [N], Warp arrays.
         """
         if self.evaluate_slots is not None and options.half:
-            return self._shade_half(rays, alive, counts, ends, samples, count, options, stage)
+            return self._shade_half(rays, found, options, stage)
         with stage("encode"):
-            features = self.encode(samples, count, options.level_count)
-            basis = self.basis(rays, alive, counts, ends, samples, count)
+            features = self.encode(found.samples, options.level_count)
+            basis = self.basis(rays, found)
         with stage("networks"):
             return self._evaluate(features, basis, half=options.half)
 
-    def _shade_half(self, rays, alive, counts, ends, samples, count, options, stage):
-        device = self.device
+    def _shade_half(self, rays, found, options, stage):
+        samples, count, device = found.samples, len(found.samples.tet), self.device
         with stage("encode"):
             level_count = self._field.layout.level_count
             features = wp.zeros((count, level_count), dtype=vec4h, device=device)
@@ -74,7 +72,7 @@ class Shading:
             inputs.append(options.level_count or level_count)
             wp.launch(encode_kernel, count, inputs=inputs, outputs=[features], device=device)
             basis = wp.empty((count, 4), dtype=vec4h, device=device)
-            exact = self.basis(rays, alive, counts, ends, samples, count)
+            exact = self.basis(rays, found)
             wp.launch(half_basis_kernel, count, inputs=[exact], outputs=[basis], device=device)
         with stage("networks"):
             sigma = wp.empty(count, dtype=float, device=device)
@@ -83,9 +81,10 @@ class Shading:
             self.evaluate_slots(features.flatten(), basis.flatten(), total, sigma, rgb)
         return sigma, rgb
 
-    def encode(self, samples, count, level_count=None):
+    def encode(self, samples: Samples, level_count=None):
         """Features of samples, float32.  [N, L] vec4"""
         self._upload_table()
+        count = len(samples.tet)
         level_count = level_count or self._field.layout.level_count
         features = wp.empty((count, level_count), dtype=wp.vec4, device=self.device)
         wp.launch(
@@ -97,16 +96,24 @@ class Shading:
         )
         return features
 
-    def basis(self, rays, alive, counts, ends, samples, count):
+    def basis(self, rays: Rays, found: RaySamples):
         """Spherical harmonics of the samples' rest directions.  [N] basis_vector"""
+        count = len(found.samples.tet)
         if not self._field.options.view_dependence:
             constant = basis_vector(CONSTANT_BASIS)
             return wp.full(count, constant, dtype=basis_vector, device=self.device)
         basis = wp.empty(count, dtype=basis_vector, device=self.device)
         wp.launch(
             basis_kernel,
-            dim=len(counts),
-            inputs=[rays, self._rotations, alive, counts, ends, samples.tet],
+            dim=len(found.ids),
+            inputs=[
+                rays,
+                self._rotations,
+                found.ids,
+                found.counts,
+                found.ends,
+                found.samples.tet,
+            ],
             outputs=[basis],
             device=self.device,
         )

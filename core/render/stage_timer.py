@@ -17,11 +17,8 @@ class StageTimer:
     def __init__(self, device):
         self._device = wp.get_device(device)
         self._lock = threading.Lock()
-        self.record(None)
-
-    def record(self, seconds: dict | None):
-        """Add to this dict from now on."""
-        self.seconds, self._events = seconds, []
+        self._events = []
+        self.seconds: dict | None = None
 
     @contextmanager
     def __call__(self, name: str):

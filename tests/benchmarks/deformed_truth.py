@@ -122,21 +122,24 @@ class WayRenderer(Renderer):
             for turns in (inverses, still)
         )
 
-    def _march(self, rays, alive, *rest):
-        samples, counts, ends, count = self._defined_march(rays, alive, *rest)
+    def _march(self, rays, *rest):
+        found = self._defined_march(rays, *rest)
         if self.length == "current":
-            inputs = [rays.directions, self._rest_from_current, alive, counts, ends, samples.tet]
-            self._launch(current_length_kernel, len(counts), inputs, [samples.length])
-        return samples, counts, ends, count
+            inputs = self._inputs(rays, self._rest_from_current, found)
+            self._launch(current_length_kernel, len(found.ids), inputs, [found.samples.length])
+        return found
 
-    def _basis(self, rays, alive, counts, ends, samples, count):
+    def _basis(self, rays, found):
         if self.direction == "Qᵀd":
-            return self._defined_basis(rays, alive, counts, ends, samples, count)
+            return self._defined_basis(rays, found)
         turns = {"d": self._still, "F⁻¹d": self._rest_from_current}[self.direction]
-        basis = wp.empty(count, dtype=basis_vector, device=self.device)
-        inputs = [rays.directions, turns, alive, counts, ends, samples.tet]
-        self._launch(turned_basis_kernel, len(counts), inputs, [basis])
+        basis = wp.empty(len(found.samples.tet), dtype=basis_vector, device=self.device)
+        inputs = self._inputs(rays, turns, found)
+        self._launch(turned_basis_kernel, len(found.ids), inputs, [basis])
         return basis
+
+    def _inputs(self, rays, turns, found):
+        return [rays.directions, turns, found.ids, found.counts, found.ends, found.samples.tet]
 
 
 def mapped_vertices(field, map_world):

@@ -145,10 +145,10 @@ def measure(case):
         wp.synchronize_device(device)
         seconds.append(time.perf_counter() - start)
         sample_count += image.sample_count
-    stages = renderer.stage_seconds = {}
+    stages = renderer.stage.seconds = {}
     for frame in range(case.frame_count):
         case.frame(frame)
-    renderer.stage_seconds = None
+    renderer.stage.seconds = None
     width, height = case.size
     low, middle, high = np.percentile(seconds, [10, 50, 90])
     return {

@@ -213,7 +213,7 @@ class RenderingStudy:
         """Milliseconds of each stage of a view in default mode, and of all "together"."""
         renderer, rest, found = self._renderer, self.field.mesh.rest_vertices, {}
         for repeat in range(-WARM_UP, repeats):
-            seconds = renderer.stage_seconds = {}
+            seconds = renderer.stage.seconds = {}
             for picture in self.pictures:
                 renderer.set_vertices(rest)
                 with held_back(self.device):
@@ -221,7 +221,7 @@ class RenderingStudy:
             if repeat >= 0:
                 for name, total in (*seconds.items(), ("together", sum(seconds.values()))):
                     found.setdefault(name, []).append(1e3 * total / len(self.pictures))
-        renderer.stage_seconds = None
+        renderer.stage.seconds = None
         return {name: timing_of(times) for name, times in found.items()}
 
     def _suspects(self, compared, shown, exact):

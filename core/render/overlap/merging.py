@@ -22,7 +22,7 @@ from ..rays import (
     Geometry,
     Pose,
     Rays,
-    Samples,
+    RaySamples,
     empty_samples,
     interval_in_tet,
     speed_and_fade,
@@ -79,12 +79,9 @@ class PieceMerger:
 
     def _render_part(self, rays, ids, counts, total, pixels, options):
         device = self._pose.device
-        pieces = empty_pieces(total, len(ids), device)
-        wp.utils.array_scan(counts, pieces.ends, inclusive=True)
+        pieces = empty_pieces(total, ids, counts)
         self._find_pieces(rays, ids, WRITE, counts, pieces, options)
-        sigma, rgb = self._shading.shade(
-            rays, ids, counts, pieces.ends, pieces.samples, total, options, self._untimed
-        )
+        sigma, rgb = self._shading.shade(rays, pieces.found, options, self._untimed)
         if device.is_cuda and total:
             wp.utils.segmented_sort_pairs(
                 pieces.places,
@@ -95,7 +92,7 @@ class PieceMerger:
             )
         elif total:  # on a CPU that function takes 60 µs per ray
             wp.launch(sort_kernel, dim=len(ids), inputs=[pieces], device=device)
-        inputs = [ids, counts, pieces, sigma, rgb]
+        inputs = [pieces, sigma, rgb]
         wp.launch(merge_kernel, dim=len(ids), inputs=inputs, outputs=[pixels], device=device)
 
     def _find_pieces(self, rays, ids, purpose, counts, pieces, options):
@@ -122,8 +119,7 @@ class PieceMerger:
 class Pieces:
     """Pieces of some rays, ray after ray."""
 
-    ends: wp.array(dtype=int)  # [M] inclusive scan of the rays' counts
-    samples: Samples  # [N]
+    found: RaySamples  # [M] rays, [N] pieces
     rates: wp.array(dtype=float)  # [N] s |F^-1 d|, κ / σ
     places: wp.array(dtype=float)  # [4 N] t of the ends; the second half is room for the sort
     switches: wp.array(dtype=int)  # [4 N] 2 n where piece n begins, 2 n + 1 where it ends
@@ -131,10 +127,12 @@ class Pieces:
     last_switches: wp.array(dtype=int)  # [M] index behind each ray's last one
 
 
-def empty_pieces(count: int, ray_count: int, device) -> Pieces:
-    pieces = Pieces()
-    pieces.ends = wp.empty(ray_count, dtype=int, device=device)
-    pieces.samples = empty_samples(count, device)
+def empty_pieces(count: int, ids, counts) -> Pieces:
+    pieces, ray_count, device = Pieces(), len(ids), ids.device
+    pieces.found.ids, pieces.found.counts = ids, counts
+    pieces.found.ends = wp.empty(ray_count, dtype=int, device=device)
+    wp.utils.array_scan(counts, pieces.found.ends, inclusive=True)
+    pieces.found.samples = empty_samples(count, device)
     pieces.rates = wp.empty(count, dtype=float, device=device)
     pieces.places = wp.empty(4 * count, dtype=float, device=device)
     pieces.switches = wp.empty(4 * count, dtype=int, device=device)
@@ -154,10 +152,11 @@ def write_piece(
     low: float,
     high: float,
 ):
-    pieces.samples.tet[n] = tet
-    pieces.samples.bary[n] = bary
-    pieces.samples.length[n] = fade * speed * (high - low)
-    pieces.samples.t[n] = 0.5 * (low + high)
+    samples = pieces.found.samples
+    samples.tet[n] = tet
+    samples.bary[n] = bary
+    samples.length[n] = fade * speed * (high - low)
+    samples.t[n] = 0.5 * (low + high)
     pieces.rates[n] = fade * speed
     pieces.places[2 * n] = low
     pieces.places[2 * n + 1] = high
@@ -185,7 +184,7 @@ def pieces_kernel(
     limit = int(2147483647)
     if purpose == WRITE:
         limit = counts[i]
-        first = pieces.ends[i] - limit
+        first = pieces.found.ends[i] - limit
         pieces.first_switches[i] = 2 * first
         pieces.last_switches[i] = 2 * (first + limit)
     count = int(0)
@@ -253,8 +252,6 @@ def sort_kernel(pieces: Pieces):
 
 @wp.kernel
 def merge_kernel(
-    ids: wp.array(dtype=int),  # [M]
-    counts: wp.array(dtype=int),  # [M]
     pieces: Pieces,  # switches sorted within each ray
     sigma: wp.array(dtype=float),  # [N]
     rgb: wp.array(dtype=wp.vec3),  # [N]
@@ -262,7 +259,7 @@ def merge_kernel(
 ):
     """Running sums along each ray: line 4 of the definition."""
     i = wp.tid()
-    ray = ids[i]
+    ray = pieces.found.ids[i]
     e = pieces.first_switches[i]
     last = pieces.last_switches[i]
     kappa = wp.float64(0.0)  # of the media that are switched on
@@ -288,10 +285,10 @@ def merge_kernel(
         kappa += medium
         emission += medium * wp.vec3d(wp.float64(c[0]), wp.float64(c[1]), wp.float64(c[2]))
         if surface < 0 and transmittance < wp.float64(0.5):
-            surface = pieces.samples.tet[n]
+            surface = pieces.found.samples.tet[n]
         e += 1
     pixels.color[ray] = wp.vec3(float(color[0]), float(color[1]), float(color[2]))
     pixels.depth[ray] = float(depth)
     pixels.transmittance[ray] = float(transmittance)
     pixels.tet[ray] = surface
-    pixels.sample_count[ray] = counts[i]
+    pixels.sample_count[ray] = pieces.found.counts[i]

@@ -63,6 +63,16 @@ class Samples:
     t: wp.array(dtype=float)  # of the piece's middle
 
 
+@wp.struct
+class RaySamples:
+    """Packed samples of some rays: those of ray ids[i] are ends[i] - counts[i] .. ends[i] - 1."""
+
+    ids: wp.array(dtype=int)
+    counts: wp.array(dtype=int)
+    ends: wp.array(dtype=int)  # inclusive scan of the counts
+    samples: Samples  # [N]
+
+
 def empty_rays(count: int, device) -> Rays:
     rays = Rays()
     rays.origins = wp.empty(count, dtype=wp.vec3, device=device)
@@ -215,19 +225,17 @@ def march_kernel(
 @wp.kernel
 def pack_kernel(
     slots: Samples,  # [threads · K]
-    counts: wp.array(dtype=int),  # [threads]
-    ends: wp.array(dtype=int),  # [threads] inclusive scan of counts
     slot_count: int,
-    packed: Samples,  # out [N]
+    found: RaySamples,  # its samples are out
 ):
     i = wp.tid()
     source = i * slot_count
-    target = ends[i] - counts[i]
-    while target < ends[i]:
-        packed.tet[target] = slots.tet[source]
-        packed.bary[target] = slots.bary[source]
-        packed.length[target] = slots.length[source]
-        packed.t[target] = slots.t[source]
+    target = found.ends[i] - found.counts[i]
+    while target < found.ends[i]:
+        found.samples.tet[target] = slots.tet[source]
+        found.samples.bary[target] = slots.bary[source]
+        found.samples.length[target] = slots.length[source]
+        found.samples.t[target] = slots.t[source]
         source += 1
         target += 1
 

@@ -18,7 +18,7 @@ Shapes: R rays, N packed samples; ray r owns samples ends[r] - counts[r] .. ends
 import numpy as np
 import warp as wp
 
-from ..rays import Samples
+from ..rays import RaySamples
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -156,10 +156,7 @@ def empty_pixels(count: int, device) -> Pixels:
 def accumulate_kernel(
     sigma: wp.array(dtype=float),  # [N]
     rgb: wp.array(dtype=wp.vec3),  # [N]
-    samples: Samples,  # [N]
-    alive: wp.array(dtype=int),  # [threads]
-    counts: wp.array(dtype=int),  # [threads]
-    ends: wp.array(dtype=int),  # [threads]
+    found: RaySamples,
     ray_tet: wp.array(dtype=int),  # [R] -2 where the ray has left the mesh for good
     stop: float,  # transmittance below which a ray ends
     closing: int,  # 1: behind its end a ray looks as before it; 0: black
@@ -169,13 +166,14 @@ def accumulate_kernel(
 ):
     """Add one round of samples to the pixels, and list the rays that go on."""
     i = wp.tid()
-    ray = alive[i]
+    ray = found.ids[i]
+    samples = found.samples
     transmittance = pixels.transmittance[ray]
     c = pixels.color[ray]
     depth = pixels.depth[ray]
-    pixels.sample_count[ray] = pixels.sample_count[ray] + counts[i]
-    n = ends[i] - counts[i]
-    while n < ends[i] and transmittance >= stop:
+    pixels.sample_count[ray] = pixels.sample_count[ray] + found.counts[i]
+    n = found.ends[i] - found.counts[i]
+    while n < found.ends[i] and transmittance >= stop:
         remaining = wp.exp(-sigma[n] * samples.length[n])
         w = transmittance * (1.0 - remaining)
         c += w * rgb[n]

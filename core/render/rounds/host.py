@@ -11,7 +11,16 @@ Shapes: R rays, K slots per ray, N packed samples.
 
 import warp as wp
 
-from ..rays import FILL_SLOTS, MIDDLE, Pose, Rays, empty_samples, march_kernel, pack_kernel
+from ..rays import (
+    FILL_SLOTS,
+    MIDDLE,
+    Pose,
+    Rays,
+    RaySamples,
+    empty_samples,
+    march_kernel,
+    pack_kernel,
+)
 from .compositing import Pixels, accumulate_kernel
 
 ROUND_SLOTS = (4, 4, 4, 4, 8, 8, 16, 32, 64, 128)  # K by round: most rays end after 12 samples
@@ -37,41 +46,31 @@ class HostRounds:
         while len(alive):
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
             with stage("march"):
-                samples, counts, ends, count = self.march(rays, alive, slot_count, options)
-            sigma, rgb = self._shading.shade(
-                rays, alive, counts, ends, samples, count, options, stage
-            )
+                found = self.march(rays, alive, slot_count, options)
+            sigma, rgb = self._shading.shade(rays, found, options, stage)
             with stage("accumulate"):
                 still_alive = wp.empty(len(alive), dtype=int, device=self._pose.device)
                 still_alive_count = wp.zeros(1, dtype=int, device=self._pose.device)
+                closing = int(not options.conformance)
                 self._launch(
                     accumulate_kernel,
                     len(alive),
-                    [
-                        sigma,
-                        rgb,
-                        samples,
-                        alive,
-                        counts,
-                        ends,
-                        rays.tet,
-                        options.stop,
-                        int(not options.conformance),
-                        pixels,
-                    ],
+                    [sigma, rgb, found, rays.tet, options.stop, closing, pixels],
                     [still_alive, still_alive_count],
                 )
                 alive = still_alive[: int(still_alive_count.numpy()[0])]
-            sample_count += count
+            sample_count += len(sigma)
             round_ += 1
         return sample_count
 
-    def march(self, rays, alive, slot_count, options):
-        """One round's samples, packed; each ray's count [R]; their inclusive scan [R]; N."""
+    def march(self, rays, alive, slot_count, options) -> RaySamples:
+        """One round's samples of the rays `alive`."""
         count, device = len(alive), self._pose.device
         slots = empty_samples(count * slot_count, device)
-        counts = wp.empty(count, dtype=int, device=device)
-        ends = wp.empty(count, dtype=int, device=device)
+        found = RaySamples()
+        found.ids = alive
+        found.counts = wp.empty(count, dtype=int, device=device)
+        found.ends = wp.empty(count, dtype=int, device=device)
         self._launch(
             march_kernel,
             count,
@@ -84,15 +83,14 @@ class HostRounds:
                 slot_count,
                 self._middle,
                 FILL_SLOTS,
-                ends,
+                found.ends,
             ],
-            [slots, counts],
+            [slots, found.counts],
         )
-        wp.utils.array_scan(counts, ends, inclusive=True)
-        packed_count = int(ends[count - 1 : count].numpy()[0])
-        packed = empty_samples(packed_count, device)
-        self._launch(pack_kernel, count, [slots, counts, ends, slot_count], [packed])
-        return packed, counts, ends, packed_count
+        wp.utils.array_scan(found.counts, found.ends, inclusive=True)
+        found.samples = empty_samples(int(found.ends[count - 1 : count].numpy()[0]), device)
+        self._launch(pack_kernel, count, [slots, slot_count], [found])
+        return found
 
     def _launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self._pose.device)
