@@ -1,5 +1,8 @@
 """Checkpoint files: what can't be gone on from is one sentence."""
 
+import resource
+import signal
+
 import numpy as np
 import pytest
 import torch
@@ -28,6 +31,45 @@ def test_what_is_saved_is_loaded(tmp_path):
     np.testing.assert_array_equal(loaded.mesh.tets, saved.mesh.tets)
     np.testing.assert_array_equal(loaded.mesh.rest_vertices, saved.mesh.rest_vertices)
     assert torch.equal(loaded.fit["parameters"][0], torch.arange(3.0))
+    assert [p.name for p in tmp_path.iterdir()] == ["a.checkpoint"]
+
+
+def as_version_1_wrote_it(path, **options):
+    """Give the saved options those that later versions don't have any more."""
+    content = torch.load(path, weights_only=True)
+    content["options"] |= {"density_layers": 1, "density_activation": "relu", **options}
+    torch.save(content, path)
+
+
+def test_a_checkpoint_with_options_that_are_gone_is_loaded(tmp_path):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(seed=4), path)
+    as_version_1_wrote_it(path)
+    assert load_checkpoint(path).options == preset("tiny", seed=4)
+
+
+@pytest.mark.parametrize("option", [{"density_layers": 2}, {"density_activation": "sigmoid"}])
+def test_a_network_that_is_gone_is_said(tmp_path, option):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    as_version_1_wrote_it(path, **option)
+    with pytest.raises(CheckpointError, match=f"{next(iter(option))}.*train it anew"):
+        load_checkpoint(path)
+
+
+def test_a_full_disk_is_an_error_of_the_system_and_leaves_the_older_file(tmp_path):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(seed=1), path)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))  # as if no more had room
+    try:
+        with pytest.raises(OSError, match=r"a\.checkpoint can't be written"):
+            save_checkpoint(some(seed=2), path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert load_checkpoint(path).options.seed == 1
     assert [p.name for p in tmp_path.iterdir()] == ["a.checkpoint"]
 
 

@@ -198,6 +198,30 @@ def test_a_lost_run_keeps_what_it_knew(views, monkeypatch):
     json.dumps(lost.report, allow_nan=False)
 
 
+def test_a_checkpoint_that_can_not_be_written_is_a_warning(views, monkeypatch, tmp_path, capsys):
+    """A full disk: the run goes on, and its model is there."""
+
+    def full(*_):
+        raise OSError("a.checkpoint can't be written: No space left on device")
+
+    monkeypatch.setattr(trainer, "save_checkpoint", full)
+    monkeypatch.setattr(trainer, "CHECKPOINT_SECONDS", 0.0)
+    options = replace(OPTIONS, fine_steps=20, leave_out=("coarse-stage",))
+    trained = trainer.train(views, options, "cpu", "ball", tmp_path / "a.checkpoint")
+    assert trained.complete
+    said = " ".join(capsys.readouterr().out.split())
+    assert "training goes on" in said and "No space left on device" in said
+
+
+def test_no_memory_outside_a_step_is_a_sentence(views, monkeypatch):
+    def greedy(*_):
+        raise torch.OutOfMemoryError("9 GiB")
+
+    monkeypatch.setattr(trainer, "RayBank", greedy)
+    with pytest.raises(MemoryError, match="--image-size"):
+        trainer.train(views, OPTIONS, "cpu", "ball")
+
+
 def test_the_time_of_who_watches_is_not_counted(views):
     options = replace(OPTIONS, leave_out=("coarse-stage",))
     pauses = []

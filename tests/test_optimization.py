@@ -1,6 +1,7 @@
 """A stage's steps: the learning rate, the number of rays, and what happens when things go wrong."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from deformrf.core.training.run import (
     TrainingField,
     TrainingProgress,
     Workers,
+    looks,
     loss_watch,
     optimization,
 )
@@ -109,27 +111,31 @@ def test_a_loss_that_is_lost_at_once_leaves_what_the_run_began_with(run, monkeyp
         assert torch.equal(mine, first)
 
 
-def test_a_run_ends_with_averaged_weights_and_lends_them_before(run, monkeypatch):
+def test_a_run_ends_with_averaged_weights_and_exports_them_before(run, monkeypatch):
     """A parameter that follows the step's number ends at the mean of the last pauses."""
     monkeypatch.setattr(
         optimization, "AVERAGED_SHARE", 0.64
     )  # 2 pauses: each time half of what is new
-    step, lent = Optimization.step, []
+    step, lent, exported = Optimization.step, [], []
 
     def counting(self, rate, white):
         step(self, rate, white)
         self.field.table.data[0] = self.number
+        self.field.networks.color[0].bias.data[0] = self.number
 
     def look():
         raw = run.field.table[0, 0].item()
         with run.averaged():
             lent.append(run.field.table[0, 0].item())
+            exported.append(run.field.export(np.eye(4), {}))
         assert run.field.table[0, 0].item() == raw == run.number
 
     monkeypatch.setattr(Optimization, "step", counting)
     with TrainingProgress() as progress:
         run.run(progress, "stage", look)
     assert lent == [16, 24, 36]
+    assert [field.table[0, 0] for field in exported] == lent
+    assert [field.color_layers[0][1][0] for field in exported] == lent
     assert run.field.table[0, 0].item() == 43
 
 
@@ -196,6 +202,53 @@ def test_several_workers_without_memory_say_whose_it_is(run, monkeypatch):
     run.workers = Workers(3, 4)
     with pytest.raises(MemoryError, match=r"worker 3 .* more GPUs"):
         go(run)
+
+
+def test_occupancy_is_updated_in_smaller_chunks_where_memory_is_small(run, monkeypatch):
+    field, sizes = run.field, []
+    most = field.thickness.numel() // 3
+    thickness = TrainingField._thickness_of
+
+    def greedy(self, cells):
+        sizes.append(len(cells))
+        if len(cells) > most:
+            raise torch.OutOfMemoryError
+        return thickness(self, cells)
+
+    monkeypatch.setattr(TrainingField, "_thickness_of", greedy)
+    field.update_occupancy()
+    assert bool((field.thickness > 0.0).all())
+    sizes.clear()
+    field.update_occupancy()
+    assert max(sizes) <= most  # it doesn't try again what was too much
+
+
+def test_unseen_subtets_are_looked_for_with_fewer_rays_where_memory_is_small(run, monkeypatch):
+    """Up to the jitter of the samples, which follows a ray's place in its batch."""
+    composite = TrainingField.composite
+
+    def hide(most):
+        def greedy(self, batch):
+            if batch.ray_count > most:
+                raise RuntimeError("Failed to allocate 9 bytes")
+            return composite(self, batch)
+
+        monkeypatch.setattr(TrainingField, "composite", greedy)
+        run.field.hide_unseen(partial(looks, run.bank, "cpu", 10**9), 1e-4)
+        return run.field.hidden
+
+    hidden = hide(256), hide(100)
+    assert 0.1 < hidden[0].float().mean() < 0.9
+    assert (hidden[0] == hidden[1]).float().mean() > 0.8
+
+
+def test_no_memory_to_look_is_said(run, monkeypatch):
+    def greedy(self, batch):
+        raise torch.OutOfMemoryError
+
+    monkeypatch.setattr(TrainingField, "march", greedy)
+    with pytest.raises(MemoryError, match=r"rays at once.*--image-size"):
+        run.field.hide_unseen(partial(looks, run.bank, "cpu", 10**9), 1e-4)
 
 
 def test_other_errors_pass(run, monkeypatch):

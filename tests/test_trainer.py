@@ -340,7 +340,7 @@ def test_what_no_ray_sees_is_hidden():
     batch = Batch(len(origins), None, stage.device)
     for mine, given in ((batch.origins, origins), (batch.directions, directions)):
         mine.copy_(torch.from_numpy(given.astype(np.float32)))
-    stage.hide_unseen([batch], 1e-3)
+    stage.hide_unseen(lambda _: [batch], 1e-3)
     field = stage.export(np.eye(4), {})
     tet = np.repeat(np.arange(field.mesh.tet_count), 20)
     bary = rng.dirichlet(np.ones(4), len(tet))

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -248,7 +249,7 @@ class _Run:
 
     def _hide_unseen(self, look, smallest_weight):
         most = look * self.options.samples_per_step
-        self.field.hide_unseen(looks(self.bank, self.field.device, most), smallest_weight)
+        self.field.hide_unseen(partial(looks, self.bank, self.field.device, most), smallest_weight)
         self._note_memory()
 
     def _seconds(self) -> float:
@@ -288,17 +289,13 @@ class _Run:
             "seconds": self._seconds(),
             "peak_memory_bytes": self.memory,
         }
-        save_checkpoint(
-            Checkpoint(
-                self.options,
-                self.stage,
-                self.field.mesh,
-                state,
-                self.world_to_model,
-                report,
-            ),
-            self.checkpoint_path,
+        checkpoint = Checkpoint(
+            self.options, self.stage, self.field.mesh, state, self.world_to_model, report
         )
+        try:
+            save_checkpoint(checkpoint, self.checkpoint_path)
+        except OSError as error:  # a full disk, say
+            self.progress.say(f"{error}; training goes on without it.")
         self.saved = time.perf_counter()
 
     def _result(self, interrupted, diverged) -> Trained:

@@ -16,6 +16,7 @@ Samples per step are those of all GPUs together, so figures of 1 and of N proces
 
 import argparse
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -55,7 +56,7 @@ def fine_run(views, options, device, workers, progress):
     coarse.run(progress, "stage 1")
     field.update_occupancy()
     most = trainer.COARSE_LOOK * options.samples_per_step
-    field.hide_unseen(looks(bank, field.device, most), trainer.COARSE_UNSEEN_WEIGHT)
+    field.hide_unseen(partial(looks, bank, field.device, most), trainer.COARSE_UNSEEN_WEIGHT)
     mesh = trainer.kept_mesh(field)
     field = TrainingField(mesh, trainer.field_options(options), device, workers=workers)
     fine = Optimization(field, bank, options, views.has_alpha, SETTLING_STEPS)

@@ -70,7 +70,7 @@ class TorchNetworks(nn.Module):
             tuple(
                 (
                     layer.weight.detach().float().t().contiguous().cpu().numpy(),
-                    layer.bias.detach().float().cpu().numpy(),
+                    layer.bias.detach().float().cpu().numpy().copy(),
                 )
                 for layer in part
             )

@@ -147,8 +147,8 @@ class Batch:
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
 
-def looks(bank: RayBank, device, most: int, size: int = 1 << 14):
-    """Batches of rays through all training pixels, or through `most` random ones."""
+def looks(bank: RayBank, device, most: int, size: int):
+    """Batches of `size` rays through all training pixels, or through `most` random ones."""
     if bank.pixel_count > most:
         seed = wp.zeros(1, dtype=int, device=device)
         for number in range(-(-most // size)):

@@ -1,10 +1,9 @@
 """An unfinished run on disk, from which `deformrf-train --resume` goes on.
 
 Written beside the model every minute and at Ctrl-C, removed when the model is complete.
-It is this program's own and of this version's: a model file is what lasts.
+Other programs don't read it, and later versions may not: a model file is what lasts.
 """
 
-import os
 import pickle
 import zipfile
 from dataclasses import asdict, dataclass
@@ -14,9 +13,11 @@ import numpy as np
 import torch
 
 from ...geometry import TetMesh
+from ...paths import whole_file
 from ..train_options import TrainOptions
 
 FORMAT = "deformrf-checkpoint-1"
+GONE = {"density_layers": 1, "density_activation": "relu"}  # of older checkpoints
 UNREADABLE = (OSError, EOFError, RuntimeError, pickle.UnpicklingError, zipfile.BadZipFile)
 
 
@@ -46,9 +47,12 @@ class Checkpoint:
 
 
 def save_checkpoint(checkpoint: Checkpoint, path):
-    """Write it; the file appears only when it is complete."""
-    path = Path(path)
-    mesh = checkpoint.mesh
+    """Write it; the file appears only when it is complete.
+
+    Raises:
+        OSError: It can't be written, in a sentence.
+    """
+    path, mesh = Path(path), checkpoint.mesh
     content = {
         "format": FORMAT,
         "options": asdict(checkpoint.options),
@@ -58,12 +62,11 @@ def save_checkpoint(checkpoint: Checkpoint, path):
         "world_to_model": checkpoint.world_to_model.tolist(),
         "report": checkpoint.report,
     }
-    partial = path.with_name(path.name + ".part")
     try:
-        torch.save(content, partial)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+        with whole_file(path) as partial:
+            torch.save(content, partial)
+    except (OSError, RuntimeError) as error:  # torch has RuntimeErrors of its own for a full disk
+        raise OSError(f"{path} can't be written ({_first_line(error)})") from error
 
 
 def load_checkpoint(path) -> Checkpoint:
@@ -83,12 +86,19 @@ def load_checkpoint(path) -> Checkpoint:
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except UNREADABLE as error:
-        first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise CheckpointError(f"{path} can't be read as a checkpoint: {first_line}") from None
+        raise CheckpointError(
+            f"{path} can't be read as a checkpoint: {_first_line(error)}"
+        ) from None
     try:
         if content["format"] != FORMAT:
             raise CheckpointError(f"{path} is a checkpoint of another version")
         options = dict(content["options"])
+        for name, only in GONE.items():
+            if options.pop(name, only) != only:
+                raise CheckpointError(
+                    f"{path} has another {name} than {only!r}, which this version can't train: "
+                    f"train it anew"
+                )
         if options["aabb"] is not None:
             options["aabb"] = tuple(options["aabb"])
         return Checkpoint(
@@ -101,3 +111,7 @@ def load_checkpoint(path) -> Checkpoint:
         )
     except (KeyError, TypeError):
         raise CheckpointError(f"{path} is no checkpoint of this version") from None
+
+
+def _first_line(error) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

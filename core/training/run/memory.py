@@ -1,5 +1,7 @@
 """What a run does where the GPU's memory is too small: half as much at once, or a sentence."""
 
+from collections.abc import Callable
+
 import torch
 
 from .distributed import Workers
@@ -37,6 +39,21 @@ def halved(error: RuntimeError, size: int, least: int, what: str, workers: Worke
             f"the GPU's memory is too small for {size} {what}: {ADVICE} ({error})"
         ) from error
     return size // 2
+
+
+def within_memory(work: Callable, size: int, least: int, what: str, workers: Workers, device):
+    """`work(size)`, with half the size as often as that is too much for the GPU's memory.
+
+    Args:
+        size, least, what, workers: See `halved`.
+        device: A Warp device.
+    """
+    while True:
+        try:
+            return work(size)
+        except RuntimeError as error:
+            size = halved(error, size, least, what, workers)
+        give_memory_back(device)
 
 
 def give_memory_back(device):

@@ -232,7 +232,7 @@ class LearntSurroundings(torch.nn.Module):
         density, color = self.networks.layers()
         return Surroundings(
             self.box,
-            self.table.detach().cpu().numpy(),
+            self.table.detach().cpu().numpy().copy(),
             density,
             color,
             torch.sigmoid(self.sky_logit).detach().cpu().numpy(),

@@ -6,6 +6,7 @@ decide which sub-tets can hold density (see field/occupancy.py).
 Shapes: R rays, N packed samples, T tets with 64 sub-tets each.
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import islice
 
@@ -30,11 +31,13 @@ from ...render import Pose
 from .batch import Batch
 from .differentiable import Composite, Encode
 from .distributed import ALONE, Workers
+from .memory import within_memory
 
 OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet is occupied, however many others are
 EMPTY_THICKNESS = 1e-4  # below it is empty, even where everything is as thin
 OCCUPANCY_DECAY = 0.95  # per update; so empty space is forgotten within some 60 updates
-UPDATE_CHUNK = 1 << 20  # sub-tets evaluated at once
+UPDATE_CHUNK, SMALLEST_CHUNK = 1 << 20, 1 << 10  # sub-tets evaluated at once
+LOOK_RAYS, SMALLEST_LOOK = 1 << 14, 1 << 6  # rays traced at once to find what none of them sees
 INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
 
 wp.set_module_options({"enable_backward": False})
@@ -100,6 +103,7 @@ class TrainingField:
         self.mask = wp.from_torch(self._mask_bits, dtype=wp.uint64)
         self.refresh_mask()
         self._part = 0  # of the sub-tets, whose turn it is
+        self._chunk = UPDATE_CHUNK
         self._generator = torch.Generator(device=self.torch_device).manual_seed(seed)
         corners = torch.from_numpy(subtet_corners().astype(np.float32))
         self._corners = corners.to(self.torch_device)  # [64, corner, 4]
@@ -144,7 +148,14 @@ class TrainingField:
         self._part += 1
         flat = self.thickness.view(-1)
         cells = torch.arange(len(flat), device=self.torch_device)[every]
-        found = torch.cat([self._thickness_of(some) for some in cells.split(UPDATE_CHUNK)])
+
+        def measure(size):
+            self._chunk = size
+            return torch.cat([self._thickness_of(some) for some in cells.split(size)])
+
+        found = within_memory(
+            measure, self._chunk, SMALLEST_CHUNK, "sub-tets at once", self.workers, self.device
+        )
         self.thickness *= OCCUPANCY_DECAY ** (1.0 / parts)
         flat[every] = torch.maximum(flat[every], found)
         threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
@@ -169,28 +180,35 @@ class TrainingField:
         return self.workers.gather(sigma, len(cells)) * self.options.march_step
 
     @torch.no_grad()
-    def hide_unseen(self, batches, smallest_weight):
+    def hide_unseen(self, looks: Callable[[int], Iterable[Batch]], smallest_weight: float):
         """Mask sub-tets in which no ray has a sample of at least that weight.
 
         What no camera ever saw, above all the inside of opaque parts, stays hidden in
         every pose, because optical depth is measured in rest space.
 
         Args:
-            batches: Iterable of Batch, with rays.
+            looks: Given a number of rays, batches of at most as many; see batch.looks.
         """
-        seen = torch.zeros(self.thickness.numel(), device=self.torch_device)
-        looks = enumerate(batches, start=1)
-        for seed, batch in islice(looks, self.workers.rank, None, self.workers.count):
-            batch.seed.fill_(seed)
-            self.march(batch)
-            weights = self.composite(batch)[3]
-            wp.launch(
-                mark_seen_kernel,
-                dim=len(weights),
-                inputs=[batch.samples.tet, batch.samples.bary, wp.from_torch(weights)],
-                outputs=[wp.from_torch(seen)],
-                device=self.device,
-            )
+
+        def largest_weights(ray_count):
+            seen = torch.zeros(self.thickness.numel(), device=self.torch_device)
+            batches = enumerate(looks(ray_count), start=1)
+            for seed, batch in islice(batches, self.workers.rank, None, self.workers.count):
+                batch.seed.fill_(seed)
+                self.march(batch)
+                weights = self.composite(batch)[3]
+                wp.launch(
+                    mark_seen_kernel,
+                    dim=len(weights),
+                    inputs=[batch.samples.tet, batch.samples.bary, wp.from_torch(weights)],
+                    outputs=[wp.from_torch(seen)],
+                    device=self.device,
+                )
+            return seen
+
+        seen = within_memory(
+            largest_weights, LOOK_RAYS, SMALLEST_LOOK, "rays at once", self.workers, self.device
+        )
         self.workers.max_(seen)
         self.hidden = (seen < smallest_weight).view_as(self.hidden)
         self._occupy(self.occupied & ~self.hidden)
@@ -247,8 +265,8 @@ class TrainingField:
             color[0][0][GEOMETRY_FEATURES + 1 :] = 0.0  # nothing has trained them
         return replace(
             self._start,
-            occupancy=self.mask.numpy(),
-            table=self.table.detach().cpu().numpy(),
+            occupancy=self.mask.numpy().copy(),  # on the CPU it shares memory with the mask
+            table=self.table.detach().cpu().numpy().copy(),
             density_layers=density,
             color_layers=color,
             world_to_model=world_to_model,
