@@ -9,6 +9,8 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from .. import field as fields
+from .. import render, training
 from ..arguments import Count, File, writable_file
 from ..device import Choice, device_name
 from .running import INPUT_ERROR, INTERRUPTED, require, run, warn_of_missing
@@ -52,62 +54,50 @@ def main():
 
 def prepare(arguments: EvaluateArguments):
     """Check the arguments and read images and model; returns the work."""
-    from ..training import (
-        LPIPS_SIZE_MIN,
-        check_replaceable,
-        check_size,
-        evaluate,
-        lacks_surroundings,
-        load_dataset,
-        output_paths,
-        write_report,
-    )
-
     if not 0.01 <= arguments.step_factor <= 100.0:
         raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
     if arguments.split not in SPLITS:
         raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
-    dataset = load_dataset(arguments.data, arguments.split, arguments.image_size, arguments.views)
+    dataset = training.load_dataset(
+        arguments.data, arguments.split, arguments.image_size, arguments.views
+    )
     warn_of_missing(dataset)
     for lens in dataset.lenses:
-        check_size(lens.height, lens.width)
+        training.check_size(lens.height, lens.width)
         if arguments.lpips_weights:
-            check_size(lens.height, lens.width, "LPIPS", LPIPS_SIZE_MIN)
+            training.check_size(lens.height, lens.width, "LPIPS", training.LPIPS_SIZE_MIN)
     if arguments.json:
-        check_replaceable(writable_file(arguments.json, ".json"))
+        training.check_replaceable(writable_file(arguments.json, ".json"))
     if arguments.images:
         arguments.images.mkdir(parents=True, exist_ok=True)
-        check_replaceable(*output_paths(arguments.images, dataset))
+        training.check_replaceable(*training.output_paths(arguments.images, dataset))
     device = device_name(arguments.device)
     lpips = None
     if arguments.lpips_weights:
         require("torch", "lpips", "torchvision")
-        from ..training import Lpips
+        lpips = training.Lpips(arguments.lpips_weights, device)
 
-        lpips = Lpips(arguments.lpips_weights, device)
-
-    from ..field import load
-    from ..render import RenderOptions
-
-    field = load(arguments.model)
+    field = fields.load(arguments.model)
     if field.surroundings is not None:
         require("torch")
-    options = RenderOptions(step_factor=arguments.step_factor)
+    options = render.RenderOptions(step_factor=arguments.step_factor)
 
     def job():
-        if lacks_surroundings(field, dataset):
+        if training.lacks_surroundings(field, dataset):
             print(
                 "The object alone is scored, over white, against photographs with their "
                 "surroundings; deformrf-train --keep-surroundings keeps them in the model.",
                 file=sys.stderr,
                 flush=True,
             )
-        report = evaluate(field, dataset, arguments.images, device, options, arguments.model, lpips)
+        report = training.evaluate(
+            field, dataset, arguments.images, device, options, arguments.model, lpips
+        )
         print_report(report)
         not_written = report.get("not_written")
         if arguments.json:
             try:
-                write_report(report, arguments.json)
+                training.write_report(report, arguments.json)
             except OSError as error:
                 not_written = f"{arguments.json}: {error.strerror or error}"
         if not_written:

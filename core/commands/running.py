@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 
+from .. import training
 from ..arguments import plain_message
 
 DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
@@ -40,13 +41,11 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     job (training found nothing in the images).  `run` prints these as one sentence.  Any other
     error of the job is a fault of the program and keeps its traceback.
     """
-    from ..training import DatasetError
-
     mendable = (ValueError, OSError, MemoryError)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems send SIGTERM
     try:
         job = prepare()
-        mendable = (DatasetError, MemoryError)
+        mendable = (training.DatasetError, MemoryError)
         return job()
     except ModuleNotFoundError as error:
         if _package_of(error) not in PACKAGES:

@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from .. import field as fields
+from .. import training
 from ..arguments import Count, at_least, writable_file
 from ..device import Choice, device_name
 from .running import (
@@ -83,17 +85,18 @@ def main():
 def prepare(arguments: TrainArguments):
     """Check the arguments and read the images; returns the work."""
     require("torch")
-    from ..training import load_dataset, world_to_unit_cube
-
     output = writable_file(arguments.output, ".npz")
     checkpoint_path = output.with_suffix(".checkpoint")
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
     options = resumed.options if resumed else train_options(arguments)
-    train_views = load_dataset(arguments.data, "train", arguments.image_size, for_training=True)
+    train_views = training.load_dataset(
+        arguments.data, "train", arguments.image_size, for_training=True
+    )
     warn_of_missing(train_views)
     if resumed:
         check_resumed_views(resumed.report, train_views)
-    world_to_unit_cube(train_views, options.aabb, options.scene_radius)  # it checks the box
+    # It raises an error here if there is no box, or a bad one.
+    training.world_to_unit_cube(train_views, options.aabb, options.scene_radius)
     test_views = load_test_views(arguments)
     device = device_name(arguments.device, for_training=True)
     existed = output.exists()
@@ -101,11 +104,9 @@ def prepare(arguments: TrainArguments):
     def job():
         if is_first():
             announce(arguments, device, checkpoint_path)
-        from ..training import torchrun_workers, train
-
         name = arguments.data.resolve().name
-        with torchrun_workers(device) as workers:
-            trained = train(
+        with training.torchrun_workers(device) as workers:
+            trained = training.train(
                 train_views, options, device, name, checkpoint_path, resumed, workers=workers
             )
         if not workers.is_first:
@@ -139,19 +140,17 @@ def prepare(arguments: TrainArguments):
 
 def load_test_views(arguments: TrainArguments):
     """The views that score the model; None without a split for them, or without its images."""
-    from ..training import NoImagesError, NoSplitError, check_size, load_dataset
-
     try:
-        views = load_dataset(arguments.data, "test", arguments.image_size)
-    except NoSplitError:
+        views = training.load_dataset(arguments.data, "test", arguments.image_size)
+    except training.NoSplitError:
         return None
-    except NoImagesError as error:
+    except training.NoImagesError as error:
         if is_first():
             print(f"The model will not be scored: {error}", file=sys.stderr)
         return None
     warn_of_missing(views)
     for lens in views.lenses:
-        check_size(lens.height, lens.width)
+        training.check_size(lens.height, lens.width)
     return views
 
 
@@ -178,9 +177,6 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
     Raises:
         OSError: The model can't be written.
     """
-    from .. import field as fields
-    from ..training import evaluate
-
     kept = trained.field
     if not arguments.keep_surroundings:
         kept = replace(kept, surroundings=None)
@@ -189,7 +185,7 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
         return None
     # The file's rounded field is scored, in front of the surroundings of the photographs.
     scored = replace(fields.load(path), surroundings=trained.field.surroundings)
-    report = evaluate(scored, test_views, None, device, model_path=path)
+    report = training.evaluate(scored, test_views, None, device, model_path=path)
     scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
     try:
         fields.save(kept, path, scores, arguments.entry_bits)
@@ -208,8 +204,6 @@ def lost(error: OSError, path: Path, checkpoint_path: Path) -> str:
 
 def train_options(arguments: TrainArguments):
     """The preset, and what the flags change in it."""
-    from ..training import preset
-
     if arguments.seed is not None:
         at_least(0, "--seed", arguments.seed)
     radius = arguments.scene_radius
@@ -218,7 +212,7 @@ def train_options(arguments: TrainArguments):
     values = {name: getattr(arguments, name) for name in SAME_NAMED}
     if arguments.seed is None:
         del values["seed"]
-    options = preset(arguments.preset, **values)
+    options = training.preset(arguments.preset, **values)
     if arguments.steps is None:
         return options
     return with_steps(options, at_least(2, "--steps", arguments.steps))
@@ -235,9 +229,7 @@ def with_steps(options, steps: int):
 
 def resumed_run(arguments: TrainArguments, path: Path):
     """The checkpoint of an interrupted run, if no flag contradicts its options."""
-    from ..training import load_checkpoint
-
-    resumed = load_checkpoint(path)
+    resumed = training.load_checkpoint(path)
     if flag := contradiction(arguments, resumed.options):
         raise ValueError(
             f"--resume keeps the options of the interrupted run, from which {flag} differs: "
@@ -248,8 +240,6 @@ def resumed_run(arguments: TrainArguments, path: Path):
 
 def contradiction(arguments: TrainArguments, options) -> str | None:
     """The first flag that was given and differs from these options."""
-    from ..training import preset
-
     if set(arguments.leave_out) == set(options.leave_out):  # in any order
         arguments = replace(arguments, leave_out=options.leave_out)
     known = {name: getattr(options, name) for name in SAME_NAMED}
@@ -258,7 +248,7 @@ def contradiction(arguments: TrainArguments, options) -> str | None:
         if getattr(arguments, name) not in (not_given, value):
             no = "no-" if name == "view_dependence" else ""
             return f"--{no}{name.replace('_', '-')}"
-    asked = replace(preset(arguments.preset), **known)
+    asked = replace(training.preset(arguments.preset), **known)
     if arguments.steps is not None:
         if with_steps(options, arguments.steps) != options:
             return "--steps"
