@@ -155,6 +155,20 @@ def test_keys_are_shortcuts_except_while_text_is_typed(panel):
     assert panel.seen == []
 
 
+@pytest.mark.parametrize("held", ["before", "after"])
+def test_ctrl_is_held_from_its_press_to_its_release(panel, held):
+    """X11 reports the modifiers as they were before the event, those of Ctrl itself too."""
+    from pyglet.window import key
+
+    states = {"before": (0, key.MOD_CTRL), "after": (key.MOD_CTRL, 0)}[held]
+    panel.send("on_key_press", key.LCTRL, states[0])
+    panel.frame()
+    assert panel.gui._io.key_ctrl
+    panel.send("on_key_release", key.LCTRL, states[1])
+    panel.frame()
+    assert not panel.gui._io.key_ctrl
+
+
 def test_a_press_beside_the_panel_ends_the_entry_of_text(panel):
     from pyglet.window import key, mouse
 

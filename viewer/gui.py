@@ -22,6 +22,11 @@ FONT_SIZE = 16.0
 ACCENT = (0.80, 0.16, 0.13)  # the red of the control vertices
 NOWHERE = -3.4e38  # ImGui's own "no mouse"
 BUTTONS = {mouse.LEFT: 0, mouse.RIGHT: 1, mouse.MIDDLE: 2}
+MODIFIERS = (
+    ((key.LCTRL, key.RCTRL), key.MOD_CTRL, imgui.Key.mod_ctrl),
+    ((key.LSHIFT, key.RSHIFT), key.MOD_SHIFT, imgui.Key.mod_shift),
+    ((key.LALT, key.RALT), key.MOD_ALT, imgui.Key.mod_alt),
+)
 # What edits text; modifiers come with every key, characters as text.
 SAME_KEYS = ("tab", "escape", "backspace", "delete", "insert", "space", "home", "end", *"acvxyz")
 OTHER_KEYS = {  # pyglet's names -> ImGui's
@@ -178,10 +183,10 @@ class Gui:
             self._io.add_mouse_button_event(BUTTONS[button], down)
 
     def _add_key(self, symbol, modifiers, down):
-        keys = imgui.Key
-        self._io.add_key_event(keys.mod_ctrl, bool(modifiers & key.MOD_CTRL))
-        self._io.add_key_event(keys.mod_shift, bool(modifiers & key.MOD_SHIFT))
-        self._io.add_key_event(keys.mod_alt, bool(modifiers & key.MOD_ALT))
+        for own_keys, bit, name in MODIFIERS:
+            # X11 reports modifiers as before the event, which is wrong for their own keys.
+            held = down if symbol in own_keys else bool(modifiers & bit)
+            self._io.add_key_event(name, held)
         if symbol in self._keys:
             self._io.add_key_event(self._keys[symbol], down)
 
