@@ -17,11 +17,10 @@ from deformrf.core.geometry import (
     extract,
     lattice_spacing,
     lattice_vertices,
-    morton_order,
     signed_volumes,
     tet_neighbours,
 )
-from deformrf.core.geometry.lattice import MARGIN, grid
+from deformrf.core.geometry.lattice import MARGIN, grid, morton_order
 
 LATTICES = [A15, BCC, KUHN]
 lattices = pytest.mark.parametrize("lattice", LATTICES, ids=["a15", "bcc", "kuhn"])

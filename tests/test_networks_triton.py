@@ -237,7 +237,7 @@ def test_small_gradients_of_the_color_survive_large_ones_of_sigma(device):
     assert max(errors) < SAME_ROUNDING, errors
 
 
-def test_sigma_has_the_gradient_of_network_torch_beyond_its_limit(device):
+def test_sigma_keeps_the_gradient_of_the_torch_layers_beyond_its_limit(device):
     networks = random_networks(device)
     with torch.no_grad():
         networks.density[-1].bias[0] = 30.0

@@ -5,18 +5,6 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "coloring": ["color_order"],
-        "lattice": [
-            "A15",
-            "BCC",
-            "KUHN",
-            "Lattice",
-            "a15_grid",
-            "cell_tets",
-            "lattice_spacing",
-            "lattice_vertices",
-            "morton_order",
-        ],
         "mesh": [
             "EDGES",
             "TetMesh",
@@ -29,7 +17,19 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "signed_volumes",
             "tet_neighbours",
         ],
+        "lattice": [
+            "A15",
+            "BCC",
+            "KUHN",
+            "Lattice",
+            "a15_grid",
+            "cell_tets",
+            "lattice_spacing",
+            "lattice_vertices",
+        ],
+        "coloring": ["color_order"],
         "periodic": ["lattice_addresses"],
+        # For the field: subdivision in NumPy, and the functions of its kernels.
         "subdivision": [
             "CHILD_VERTICES",
             "along",
