@@ -23,7 +23,8 @@ OLDEST_GPU = 80  # Warp's arch
 BLOCK_SIZE = 128
 BLOCKS_PER_PROCESSOR = 3  # the registers have room for no more
 
-wp.set_module_options({"enable_backward": False})
+# Warp compiles a module for each block size: loading one ahead has to know it.
+wp.set_module_options({"enable_backward": False, "block_dim": BLOCK_SIZE})
 
 
 def fits(field, device) -> bool:

@@ -43,9 +43,13 @@ TOTAL = wp.constant(6)  # stride · K
 ROUNDS = wp.constant(7)  # that had rays
 SAMPLES = wp.constant(8)  # evaluated
 STATE_SIZE = 9
+BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
 # Approximate divisions take a fifth of the time, and half precision hides their error.
-wp.set_module_options({"enable_backward": False, "max_unroll": 2, "fast_math": True})
+# The viewer compiles the module ahead, for the block size that the wavefront launches.
+wp.set_module_options(
+    {"enable_backward": False, "max_unroll": 2, "fast_math": True, "block_dim": BLOCK_SIZE}
+)
 
 
 @wp.func_native("""

@@ -28,7 +28,6 @@ from . import slots
 SLOTS_PER_PIXEL = 1.2  # rays for which there is no room wait for the next round
 MOST_SLOTS_IN_ALL = 1 << 21  # 280 MB
 SLOT_MULTIPLE = 4096  # a multiple of every stride's alignment
-BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
 
 class Wavefront:
@@ -149,4 +148,4 @@ class Wavefront:
             self._launch(slots.composite_slots_kernel, self.capacity, inputs)
 
     def _launch(self, kernel, dim, inputs):
-        wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=BLOCK_SIZE)
+        wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=slots.BLOCK_SIZE)
