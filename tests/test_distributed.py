@@ -66,7 +66,7 @@ def gradients(run):
     batch = run.batch
     run._seed(batch, 0)
     run._march(batch)
-    run._go_back(batch)
+    run._backpropagate(batch)
     found = {"rays": batch.directions, "background": batch.background}
     found["samples"] = run.sample_count()
     exchange, count = run._exchange, len(run.field.table)
@@ -94,8 +94,8 @@ def learn(dataset, device, workers):
     return {"errors": errors, "first": weights[0], "last": weights[1]}
 
 
-def train(dataset, device, workers, path=None):
-    trained = trainer.train(dataset, OPTIONS, device, "ball", path, workers=workers)
+def train(dataset, device, workers, path=None, resumed=None):
+    trained = trainer.train(dataset, OPTIONS, device, "ball", path, resumed, workers=workers)
     field = trained.field
     keys = ("workers", "stage_1_tet_count", "tet_count", "occupied_share", "history")
     return {
@@ -129,7 +129,18 @@ def interrupted(folder, device, workers):
 
     Optimization.step = interrupting
     dataset = load_dataset(folder / "data", "train")
-    return train(dataset, device, workers, folder / f"{workers.rank}.checkpoint")
+    try:
+        return train(dataset, device, workers, folder / f"{workers.rank}.checkpoint")
+    finally:
+        Optimization.step = step
+
+
+def resumed(folder, device, workers):
+    """The rest of the run that was interrupted."""
+    workers.total(0)  # waits until the first has written the checkpoint
+    dataset = load_dataset(folder / "data", "train")
+    saved = load_checkpoint(folder / "0.checkpoint")
+    return train(dataset, device, workers, resumed=saved)
 
 
 def work(folder, choice):
@@ -138,6 +149,7 @@ def work(folder, choice):
     with torchrun_workers(device) as workers:
         result = all_of_it(folder, device, workers)
         result["interrupted"] = interrupted(folder, device, workers)
+        result["resumed"] = resumed(folder, device, workers)
         torch.save(result, folder / f"{workers.rank}.pt")
 
 
@@ -254,6 +266,24 @@ def test_one_interrupt_stops_all_at_the_same_step(results, folder):
     saved = load_checkpoint(folder / "0.checkpoint")
     assert INTERRUPTED_AFTER <= saved.fit["step"]["number"] < INTERRUPTED_AFTER + 16
     assert not (folder / "1.checkpoint").exists()
+
+
+def test_a_run_of_two_is_resumed_by_two_and_by_one(results, folder):
+    """The checkpoint has the optimizer's state of the whole table."""
+    _, (a, b), device = results
+    saved = load_checkpoint(folder / "0.checkpoint").fit
+    for name in ("exp_avg", "exp_avg_sq"):
+        moments = saved["step"]["optimizer"][0][name]
+        assert moments.shape == saved["stage"]["parameters"][0].shape
+        assert all(bool(half.any()) for half in moments.chunk(2))
+    assert not a["resumed"]["interrupted"]
+    assert torch.equal(a["resumed"]["table"], b["resumed"]["table"])
+    alone = resumed(folder, device, ALONE)
+    tolerance = 0.05 if device == "cpu" else 0.2
+    tets = [result["report"]["tet_count"] for result in (alone, a["resumed"])]
+    assert tets[0] == pytest.approx(tets[1], rel=tolerance)
+    psnr = [result["report"]["history"][-1]["psnr"] for result in (alone, a["resumed"])]
+    assert psnr[0] == pytest.approx(psnr[1], rel=tolerance)
 
 
 def test_shares_are_all_there_is():

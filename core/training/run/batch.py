@@ -1,8 +1,8 @@
 """The samples of a batch of rays, on the device, in arrays that stay where they are.
 
 Two launches of the march kernel, one that counts and one that writes.  With a fixed
-capacity nothing waits for the host, so a CUDA graph can hold it all: rays whose samples
-don't fit are left out of the step (`fits`), and what is unused is marked by tet = -1.
+capacity no launch waits for the host, so a CUDA graph can hold them.  Rays whose samples don't
+fit are left out of the step (`fits`); places that are unused have tet = -1.
 
 Shapes: R rays, N samples or places for them.
 """

@@ -18,7 +18,7 @@ import warp as wp
 
 # Its name changed in PyTorch 2.13.
 all_gather = getattr(dist, "all_gather_single", dist.all_gather_into_tensor)
-PATIENCE = timedelta(minutes=30)  # with a worker that does something by itself
+PATIENCE = timedelta(minutes=30)  # with a worker that works alone, as when it evaluates
 
 
 class Workers:
@@ -36,11 +36,11 @@ class Workers:
 
     @property
     def is_first(self) -> bool:
-        """Whether this one speaks and writes for all."""
+        """Whether this worker prints and writes files for all."""
         return self.rank == 0
 
     def share(self, count: int) -> range:
-        """Which of so many things are this worker's."""
+        """This worker's range of `count` things."""
         return range(self.rank * count // self.count, (self.rank + 1) * count // self.count)
 
     def sum_(self, tensor):
@@ -73,7 +73,7 @@ class Workers:
     def broadcast_(self, tensor):
         """Make it the first worker's, in place."""
         if self.count > 1:
-            # Not every backend knows truth values.
+            # Not every backend can send bool.
             dist.broadcast(tensor.view(torch.uint8) if tensor.dtype == torch.bool else tensor, 0)
 
     def gather(self, mine, count: int):
@@ -102,7 +102,7 @@ class Workers:
     def stopping_together(self):
         """Context in which Ctrl-C waits for `stop_if_interrupted`, if there are several workers.
 
-        One that stopped by itself would leave the others waiting for it.
+        A worker that stopped alone would leave the others waiting for it.
         """
         if self.count == 1:
             yield

@@ -33,7 +33,7 @@ class Exchange:
 
     def __init__(self, field: TrainingField, error):
         self.field, self.error, self.workers = field, error, field.workers
-        kind = torch.bfloat16 if field.device.is_cuda else torch.float32
+        kind = torch.float32 if field.half_rows is None else torch.bfloat16
         self._table_gradient = torch.zeros_like(field.rows, dtype=kind)
         part = torch.nn.Parameter(self.workers.part_of(field.rows))  # the same memory
         self._part_gradient = torch.zeros_like(part, requires_grad=False)

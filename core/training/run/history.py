@@ -1,13 +1,13 @@
-"""How the error fell with time: rows that a run's report keeps, as few however long the run.
+"""The history of a run: how its error fell with time, in at most 100 rows a stage.
 
 A row is plain JSON:
 
     {"seconds": of the run so far, "stage": 1 or 2, "step": of the stage, "psnr": [dB]}
 
-`psnr` is that of the training rays: of their mean squared error since the row before.  The
-error is known every few steps (fit.py); what is seen then stands for the steps since it was
-seen before.  The last row of a stage grows until it spans its share of the steps, so nothing
-but the rows has to be kept for a run that is gone on with.
+`psnr` comes from the training rays' mean squared error since the row before.  The error is
+read every few steps (optimization.py); a value that is read counts for the steps since the
+last reading.  The last row of a stage grows until it spans its share of the steps, so a
+resumed run needs nothing but the rows.
 """
 
 from collections.abc import Callable
@@ -32,10 +32,10 @@ class History:
         self.span = -(-step_count // MOST_ROWS)  # steps of a row, at least
 
     def note(self, step: int, mse: float):
-        """Take in the error after that many steps of the stage; one that is lost is left out."""
+        """Add the error after that many steps of the stage, if it is finite."""
         mine = [row for row in self.rows[-2:] if row["stage"] == self.stage]
         last = mine[-1]["step"] if mine else 0
-        # A run that was interrupted at a stage's end comes there again without a step.
+        # A run that was interrupted at a stage's end notes its last step twice.
         if step <= last or not isfinite(mse):
             return
         begin = mine[0]["step"] if len(mine) == 2 else 0  # of the last row
@@ -45,7 +45,7 @@ class History:
             mse = total / (step - begin)
             kept -= 1
         row = {"seconds": self.seconds(), "stage": self.stage, "step": step, "psnr": psnr_of(mse)}
-        self.rows[kept:] = [row]  # at once: Ctrl-C comes at any time
+        self.rows[kept:] = [row]  # one assignment, because Ctrl-C comes at any time
 
 
 def psnr_of(mse: float) -> float:

@@ -43,7 +43,7 @@ OCCUPANCY_PARTS = 4  # later it looks at every fourth
 AVERAGED_SHARE = 0.02  # of the steps, over which the weights that are kept are averaged
 RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
 FILLED = 0.9  # share of a step's room for samples that the number of rays aims at
-SMALLEST_ROOM = 1 << 13  # samples; with less, training takes for ever
+SMALLEST_ROOM = 1 << 13  # samples a step; with fewer, training would take hours
 SEED_STRIDE = 15_485_863  # a prime: runs of a million steps stay apart
 RECORDING_SEED = 1 << 28  # the runs before a recording see rays of their own
 RECORDING_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
@@ -84,7 +84,7 @@ class Optimization:
         self.distortion = 0.0 if "distortion" in options.leave_out else options.distortion
         self.samples_per_step = options.samples_per_step
         self.number = 0
-        # Draws and jitter follow the step's number, and are apart for each seed.
+        # Draws and jitter follow from the step's number and the seed.
         self._first_seed = (options.seed * SEED_STRIDE) % 2**30
         device = field.torch_device
         self._white = torch.zeros(1, device=device)
@@ -112,24 +112,24 @@ class Optimization:
         after_pause: Callable[[], None] = lambda: None,
         note: Callable[[int, float], None] = lambda step, mse: None,
     ):
-        """All the steps that are left; then the field has the averaged weights.
+        """Do all steps that are left, then give the field its averaged weights.
 
         Args:
             after_pause: Called every few steps.
-            note: Called with the number of steps and the last one's error, whenever it is
-                looked at, even if it isn't finite.
+            note: Called every few steps with the number of steps and the last one's error,
+                which may be infinite or NaN.
 
         Raises:
             Diverged: See there.
             MemoryError: Even a small batch doesn't fit into the GPU's memory.
-            KeyboardInterrupt: Of several workers all raise it, if one was interrupted.
+            KeyboardInterrupt: One of several workers was interrupted; all raise it.
         """
         self._watch.keep_good(self.number)
         task = progress.begin(title, self.step_count, self.number)
         self._shown = self.number
         while self.number < self.step_count:
             if self.number % PAUSE_INTERVAL == 0 and self.number > self._shown:
-                sample_count = self._look(progress, task, note)
+                sample_count = self._examine(progress, task, note)
                 self.field.update_occupancy(
                     1 if self.number < OCCUPANCY_WARM_UP else OCCUPANCY_PARTS
                 )
@@ -143,12 +143,12 @@ class Optimization:
                 self.step(rate, white)
             except RuntimeError as error:
                 self._halve_room(progress, error)
-        self._look(progress, task, note)
+        self._examine(progress, task, note)
         self._average_weights()
         self.field.set_weights(self._average)
 
     def step(self, rate: float, white: bool):
-        """One step with that learning rate, on white or on random backgrounds."""
+        """Do one step with that learning rate, on white or on random backgrounds."""
         self._white.fill_(float(white))
         if self.field.device.is_cuda:
             self._rate.fill_(rate)
@@ -187,7 +187,7 @@ class Optimization:
         self.ray_count = ray_count
 
     def _forget_batches(self):
-        """Give the memory of batches and graphs back."""
+        """Free the memory of batches and graphs."""
         if self._recorded:
             torch.cuda.synchronize(self.field.torch_device)
         self._batches, self._recorded = [], None
@@ -200,7 +200,7 @@ class Optimization:
         self.bank.draw(batch.seed, batch.drawn)
         self.field.march(batch)
 
-    def _go_back(self, batch):
+    def _backpropagate(self, batch):
         """Gradients and error, of this worker's rays."""
         loss, error = training_loss(self.field, batch, self._white, self.distortion)
         parameters = self.field.parameters()
@@ -213,23 +213,23 @@ class Optimization:
             parameter.grad = gradient
 
     def _learn(self, batch):
-        """Of a single worker: gradients and update."""
+        """Gradients and update of a single worker."""
         self.optimizer.zero_grad(set_to_none=True)  # before more memory is taken
-        self._go_back(batch)
+        self._backpropagate(batch)
         self.optimizer.step()
 
     def _update(self, _batch):
-        """Of several workers, after they have summed their gradients."""
+        """Update of one of several workers, after they have summed their gradients."""
         self._exchange.spread()
         self.optimizer.step()
         self._exchange.publish()
 
     def _parts(self):
-        """Of learning from a batch: name -> (function, whether a graph can hold it)."""
+        """The parts of learning from a batch: name -> (function, whether a graph holds it)."""
         if self._exchange is None:
             return {"learn": (self._learn, True)}
         return {
-            "learn": (self._go_back, True),
+            "learn": (self._backpropagate, True),
             "reduce": (lambda _batch: self._exchange.reduce(), False),
             "update": (self._update, True),
             "gather": (lambda _batch: self._exchange.gather(), False),
@@ -242,7 +242,7 @@ class Optimization:
             part(batch)
 
     def _record(self):
-        """Record the step; the runs before the first recording are steps too."""
+        """Record the step; the runs before the first recording update weights, too."""
         if not self._has_recorded:
             for run in range(RECORDING_RUNS):
                 batch = self._batches[run % len(self._batches)]
@@ -252,8 +252,8 @@ class Optimization:
             self.field.device, self._batches, self._seed, self._march, self._parts()
         )
 
-    def _look(self, progress, task, note) -> int:
-        """Show, note and examine the last step's error; the number of its samples."""
+    def _examine(self, progress, task, note) -> int:
+        """Show, note and judge the last step's error; return the number of its samples."""
         if self._recorded:
             self._recorded.wait()  # what follows may change what marches read
         if self._exchange:
@@ -294,9 +294,7 @@ class Optimization:
 
     def _halve_room(self, progress, error):
         """Go on with half the samples a step, if `error` is a lack of memory."""
-        room = halved(
-            *(error, self.samples_per_step, SMALLEST_ROOM, "samples a step", self.workers)
-        )
+        room = halved(error, self.samples_per_step, SMALLEST_ROOM, "samples a step", self.workers)
         self.samples_per_step = room
         ray_count = max(FEWEST_RAYS, self.ray_count // 2)
         self._forget_batches()

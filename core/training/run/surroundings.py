@@ -1,4 +1,4 @@
-"""The surroundings of the object in a capture without masks: learnt beside it, then dropped.
+"""The surroundings of the object in photographs without masks: learnt beside it, then dropped.
 
 Outside the object's box the world is a small field of its own (../field/grid.py), cut into
 the same number of pieces on every ray: some from the camera to the box, evenly, and some from
@@ -7,7 +7,7 @@ nearest point to the box's centre in that place.  A pixel is then
 
     C_front + T_front (C_object + T_object (C_behind + T_behind sky))
 
-with one learnt color for what never ends.  So the tets hold what is inside the box, alone.
+where the sky is one learnt color.  So the tets hold only what is inside the box.
 
 Shapes: R rays, K_f + K_b pieces per ray.
 """
@@ -149,12 +149,12 @@ def over(front, object_color, object_opacity, behind):
 
 
 def surrounded_cost(weight, distortion, opacity, front_opacity):
-    """What rays cost besides their error, where no alpha says what is the object.  torch [R]
+    """The cost of rays besides their error, where no alpha tells the object apart.  torch [R]
 
-    The distortion loss of the object alone is least without an object, and few views allow
-    that: each may be painted on something before or behind that no other view sees.  So the
-    loss is one of whole rays, with all that is behind as a sample half a unit away: a ray ends
-    in the object or misses it.  And matter between a camera and the box has a price.
+    The distortion loss of the object alone is least without an object.  Few views allow that:
+    each image can be painted on something before or behind the object that no other view sees.
+    So the loss here is that of whole rays, with everything behind as one sample half a unit
+    away: it makes a ray end in the object or miss it.  Matter before the box has a price.
 
     Args:
         weight: Of the distortion loss.
@@ -166,10 +166,10 @@ def surrounded_cost(weight, distortion, opacity, front_opacity):
 
 
 class LearntSurroundings(torch.nn.Module):
-    """The surroundings on a device, learning or not.
+    """The surroundings on a device, for training and for evaluation.
 
     Args:
-        start: What to begin with; see `random_surroundings`.
+        start: Initial values; see `random_surroundings`.
         device: A Warp device.
     """
 
@@ -240,7 +240,7 @@ class LearntSurroundings(torch.nn.Module):
 
 
 def random_surroundings(box, seed=0) -> Surroundings:
-    """What learning begins with: thin gray fog."""
+    """The surroundings that learning begins with: thin gray fog."""
     rng = np.random.default_rng(seed)
 
     def layers(*widths):

@@ -35,7 +35,7 @@ from .memory import within_memory
 
 OCCUPIED_THICKNESS = 1e-2  # σ·Δ from which a sub-tet is occupied, however many others are
 EMPTY_THICKNESS = 1e-4  # below it is empty, even where everything is as thin
-OCCUPANCY_DECAY = 0.95  # per update; so empty space is forgotten within some 60 updates
+OCCUPANCY_DECAY = 0.95  # of the thickness per update: space that got empty stays some 60 updates
 UPDATE_CHUNK, SMALLEST_CHUNK = 1 << 20, 1 << 10  # sub-tets evaluated at once
 LOOK_RAYS, SMALLEST_LOOK = 1 << 14, 1 << 6  # rays traced at once to find what none of them sees
 INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
@@ -57,11 +57,11 @@ def mark_seen_kernel(
 
 
 class TrainingField:
-    """What learns.
+    """The weights and the occupancy that training changes.
 
     Args:
         surroundings: LearntSurroundings that learn beside it, or None.
-        subtet_mask: If false, a tet is occupied as a whole, if any of its sub-tets is.
+        subtet_mask: If false, a tet is occupied as a whole as soon as one sub-tet is.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class TrainingField:
         self._mask_bits = torch.zeros(shape[0], dtype=torch.int64, device=self.torch_device)
         self.mask = wp.from_torch(self._mask_bits, dtype=wp.uint64)
         self.refresh_mask()
-        self._part = 0  # of the sub-tets, whose turn it is
+        self._part = 0  # the part of the sub-tets that is measured next
         self._chunk = UPDATE_CHUNK
         self._generator = torch.Generator(device=self.torch_device).manual_seed(seed)
         corners = torch.from_numpy(subtet_corners().astype(np.float32))
@@ -143,7 +143,7 @@ class TrainingField:
 
     @torch.no_grad()
     def update_occupancy(self, parts=1):
-        """Measure the thickness of every parts-th sub-tet, others each time; renew the mask."""
+        """Measure the thickness of one sub-tet in `parts`, in turn; then renew the mask."""
         every = slice(self._part % parts, None, parts)
         self._part += 1
         flat = self.thickness.view(-1)
@@ -168,7 +168,7 @@ class TrainingField:
         beta /= beta.sum(dim=1, keepdim=True)
         bary = torch.einsum("nj,njk->nk", beta, self._corners[cells % SUBTET_COUNT])
         tet = (cells // SUBTET_COUNT).int()
-        share = self.workers.share(len(cells))  # all draw the same, and look at their share
+        share = self.workers.share(len(cells))  # all draw the same, each evaluates its share
         mine = slice(share.start, share.stop)
         features = self.encode(
             wp.from_torch(tet[mine].contiguous()),
