@@ -16,8 +16,9 @@ import torch
 import torch.distributed as dist
 import warp as wp
 
-# Its name changed in PyTorch 2.13.
-all_gather = getattr(dist, "all_gather_single", dist.all_gather_into_tensor)
+# PyTorch 2.13 gave them other names.
+all_gather = getattr(dist, "all_gather_single", None) or dist.all_gather_into_tensor
+reduce_scatter = getattr(dist, "reduce_scatter_single", None) or dist.reduce_scatter_tensor
 PATIENCE = timedelta(minutes=30)  # with a worker that works alone, as when it evaluates
 
 
@@ -64,7 +65,7 @@ class Workers:
 
     def sum_parts_(self, rows):
         """Sum over the workers, in place, each its own part; the other parts are undefined."""
-        dist.reduce_scatter_tensor(self.part_of(rows), rows)
+        reduce_scatter(self.part_of(rows), rows)
 
     def gather_parts_(self, rows):
         """Fill in the other workers' parts, in place."""
@@ -107,6 +108,7 @@ class Workers:
         if self.count == 1:
             yield
             return
+        self._interrupted = False
         before = {s: signal.signal(s, self._note) for s in (signal.SIGINT, signal.SIGTERM)}
         try:
             yield
