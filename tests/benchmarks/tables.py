@@ -1,21 +1,19 @@
 """Write the tables of the documentation from stored results.
 
-    python tests/benchmarks/tables.py [--check]
+    python tests/benchmarks/tables.py
 
 A line `<!-- table NAME -->` in one of PAGES begins a table and `<!-- end -->` ends it.  What stands
 between them is made of docs/results/NAME.json: the table, and a line that says what measured
-it.  --check writes nothing and ends with 1 if a page is not what this script would write.
+it.
 
 A result has `columns` and `rows`.  A column is a name, or a name and the format of its numbers.
 `command`, `hardware`, `date` and `commit` say how the numbers came about: the commit is the one
 that recorded them.  A cell that is null is empty.
 """
 
-import argparse
 import csv
 import json
 import re
-import sys
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -97,18 +95,9 @@ def with_tables(text):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="compare, and write nothing")
-    check = parser.parse_args().check
-    different = []
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        if (made := with_tables(text)) != text:
-            different.append(page.name)
-            if not check:
-                page.write_text(made, encoding="utf-8")
-    if check and different:
-        sys.exit(f"{', '.join(different)}: run python tests/benchmarks/tables.py")
+        page.write_text(with_tables(text), encoding="utf-8")
 
 
 if __name__ == "__main__":
