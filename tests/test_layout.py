@@ -45,7 +45,7 @@ SLOW = {
     "pyglet",
     "scipy",
     "matplotlib",
-    "jinja2",
+    "markdown_it",
 }  # imported when used: --help has to answer at once
 LINES_MAX = 400
 

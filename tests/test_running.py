@@ -68,7 +68,7 @@ def test_help_lists_every_flag(call, command):
         ("torch", "commands.train", [".", "-o", "m.npz"]),
         ("scipy", "lab.command", []),
         ("matplotlib", "lab.command", []),
-        ("jinja2", "lab.command", []),
+        ("markdown_it", "lab.command", []),
     ],
 )
 def test_a_command_says_which_package_it_lacks(package, module, arguments, tmp_path):

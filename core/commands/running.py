@@ -26,7 +26,7 @@ PACKAGES = {
     "torch": ("trains models", WHOLE),
     "scipy": ("measures models", WHOLE),
     "matplotlib": ("draws the report's figures", WHOLE),
-    "jinja2": ("writes the report's page", WHOLE),
+    "markdown_it": ("writes the report's page", WHOLE),
     "pycolmap": ("reads COLMAP reconstructions", "'deformrf[colmap]'"),
     "lpips": ("computes LPIPS", "'deformrf[lpips]'"),
     "torchvision": ("has the network of LPIPS", "'deformrf[lpips]'"),

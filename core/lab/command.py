@@ -73,7 +73,7 @@ def main():
 
 def prepare(arguments: ReportArguments) -> Callable[[], int]:
     """Find what is wrong with the arguments; returns the work."""
-    require("scipy", "matplotlib", "jinja2")
+    require("scipy", "matplotlib", "markdown_it")
     from ..field import modelfile
 
     field = modelfile.load(arguments.model)

@@ -135,11 +135,7 @@ def standing(mesh: TetMesh) -> Body:
 
 
 def response(energy: Energy, rest, held, direction):
-    """How far a linear body moves for each m/s² of gravity in a direction.  [V, 3] s²
-
-    Raises:
-        RuntimeError: Some of it can move without resistance, or nothing can move.
-    """
+    """How far a linear body moves for each m/s² of gravity in a direction.  [V, 3] s²"""
     if held.all():
         raise RuntimeError("all of the body is held")
     dofs = free_dofs(held)

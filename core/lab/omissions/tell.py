@@ -117,22 +117,18 @@ def _amount(row) -> str:
 
 def _method(effort) -> list[str]:
     return [
-        "Each row switches one thing on and nothing else. Both ways take turns, so that other work"
-        " of the machine happens to both. The saving is the median difference from turn to turn."
-        " It is nothing measurable where the tenth and ninetieth percentile of the differences lie"
-        f" on both sides of 0, or where, with fewer than {ENOUGH_TURNS} turns, the times with it"
-        " and without it overlap. A loss is printed as such.",
+        "Each row switches one thing on and nothing else; both ways take turns. The saving is the"
+        " median difference from turn to turn. It is nothing measurable where its tenth and"
+        f" ninetieth percentile lie on both sides of 0, or where, with fewer than {ENOUGH_TURNS}"
+        " turns, the times of both ways overlap.",
         f"Rendering: {effort.frame_turns} turns at {effort.frame_size}×{effort.frame_size} pixels,"
-        f" {effort.view_count} views in turn, the object at rest, over white. Images are compared"
-        " in bytes; dB is the peak signal-to-noise ratio against the other image.",
-        f"Dynamics: {effort.step_turns} turns, each a step of 1/60 s with"
+        f" {effort.view_count} views, the object at rest, over white; images are compared in"
+        f" bytes. Dynamics: {effort.step_turns} turns of 1/60 s with"
         f" {XpbdOptions().substep_count} substeps, the default material, the lowest part pinned,"
-        " the highest vertices dragged from side to side. Poses are compared after equally many"
-        " steps, in object sizes.",
+        " the highest vertices dragged from side to side; poses are compared in object sizes.",
         f"Start: {effort.start_turns} turns of fresh interpreters that load the model and render"
         " one small image, after a turn that doesn't count; memory is the peak of a process."
-        f" Kernels: compiled into an empty folder, repeats: {effort.compilations}. Files are"
-        " written, and their size is that on the disk.",
+        f" Kernels: compiled into an empty folder, repeats: {effort.compilations}.",
     ]
 
 

@@ -1,9 +1,5 @@
 """Error of rendering against the time that it takes, one setting beside the other.
 
-Settings differ from default mode in one thing or two: the step, the levels that are
-encoded, the transmittance at which a ray ends, the networks' precision, the mask of empty
-sub-tets, the number of pixels.  Each is rendered in every turn, from all sides.
-
 PSNR is that of random pixels against the float64 reference at the model's own step, which
 defines the image of a field.  Random pixels miss single ones that sparkle, so all pixels
 are compared with conformance mode.  Those that differ most are suspects: they are compared

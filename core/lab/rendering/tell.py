@@ -139,34 +139,25 @@ def _stages_caption(study):
 def _method(study, turns, pixels, own_error):
     text = [
         f"{len(study.pictures)} views from all around show the object at rest. {pixels} random "
-        "pixels of them are compared with the float64 reference, which tries every ray against "
-        "every tet and ends no ray. With a quarter of its step the reference differs from itself "
-        f"by {own_error.psnr:.1f} dB, at most {own_error.largest:.1f}/255. PSNR is that of the "
-        "random pixels. All pixels are compared with conformance mode, as random ones miss single "
-        f"pixels that sparkle. The suspects, the {SUSPECTS} pixels of each view that differ most "
-        "with each setting that default mode may use, are compared with the reference, too; "
-        "“largest” is the worst of both kinds. A shorter step is closer to the integral and so "
-        "farther from the reference, whose step is the model's.",
+        "pixels are compared with the float64 reference, which tries every ray against every tet "
+        "and ends no ray; with a quarter of its step it differs from itself by "
+        f"{own_error.psnr:.1f} dB, at most {own_error.largest:.1f}/255. PSNR is that of the random "
+        "pixels. All pixels are compared with conformance mode; the suspects, the "
+        f"{SUSPECTS} of each view that differ most, with the reference, too.",
         f"Times are medians of {turns} turns with the tenth and ninetieth percentile. Each turn "
-        "renders all views with every setting once, in another order. The enlargement of images "
-        "of fewer pixels, which OpenGL does, is not in the times.",
-        "The rule takes the cheapest of the settings that default mode may use (end rays early, "
-        f"leave levels out{', use half precision' if study.half else ''}) whose error is within "
-        "its bounds. Settings are compared by the median of their time over the default's in the "
-        "same turn, which a change of the machine's pace does not move. The step belongs to the "
-        "model; fewer pixels and longer steps are for motion on a CPU. Without the mask, density "
-        "that was never trained is sampled, and rays walk through empty tets.",
+        "renders all views with every setting once, in another order; enlarging is not timed.",
+        "The rule takes the cheapest setting of default mode (which may end rays early, leave "
+        f"levels out{', use half precision' if study.half else ''}) whose error is within the "
+        "bounds. Settings are compared by the median of their time over the default's in the same "
+        "turn. Longer steps and fewer pixels are for motion on a CPU; without the mask, density "
+        "that was never trained is sampled.",
     ]
     if turns < ENOUGH:
-        text[1] += (
-            " So few turns do not tell apart what differs by less than a tenth: neither the "
-            "rule's choice nor the front."
-        )
+        text[1] += " So few turns do not tell apart what differs by less than a tenth."
     if study.half:
         text.append(
-            "On CUDA, default mode runs in rounds that the host does not wait for. Rows in "
-            "float32, conformance too, run in rounds that the host waits for, as does “half, "
-            "waited for”: what they cost beyond it is float32's."
+            "On CUDA, default mode runs in rounds that the host does not wait for; float32 and "
+            "conformance mode wait, as does “half, waited for”, so that their cost can be compared."
         )
     return text
 

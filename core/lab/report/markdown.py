@@ -22,7 +22,11 @@ def page(title: str, facts: dict[str, str], sections: list[Section], notice: str
         blocks.append(_table(["", ""], [LEFT] * 2, rows))
     if sections:
         rows = [
-            [_link(part), _cell(passed(part.passed)), *map(escaped, part.findings[:1] or [""])]
+            [
+                f"[{escaped(part.title)}](#{anchor(part.title)})",
+                _cell(passed(part.passed)),
+                escaped(part.findings[0]) if part.findings else "",
+            ]
             for part in sections
         ]
         blocks.append(_table(["section", "", "finding"], [LEFT] * 3, rows))
@@ -64,7 +68,8 @@ def _printed_table(table: Table) -> list[str]:
     headings = [escaped(heading) for heading in shown.headings]
     sides = [RIGHT if numeric else LEFT for numeric in shown.numeric]
     file = f"As a file: [{escaped(table.name)}.csv]({table.name}.csv)"
-    return [escaped(table.caption), _table(headings, sides, rows), " ".join([*shown.notes, file])]
+    grid = [_table(headings, sides, rows)] if rows else []
+    return [escaped(table.caption), *grid, " ".join([*shown.notes, file])]
 
 
 def _table(headings, sides, rows) -> str:
@@ -75,7 +80,6 @@ def _cell(words: str, marked=False) -> str:
     return f"**{escaped(words)}**" if words and (marked or words == FAIL) else escaped(words)
 
 
-def _link(part: Section) -> str:
-    """To a section's heading, by the name that GitHub gives it."""
-    anchor = re.sub(r"[^\w\- ]", "", part.title.lower()).replace(" ", "-")
-    return f"[{escaped(part.title)}](#{anchor})"
+def anchor(title: str) -> str:
+    """The name that GitHub gives a heading."""
+    return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")

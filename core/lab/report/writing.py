@@ -15,14 +15,17 @@ import os
 from base64 import b64encode
 from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
+from html import escape
+from itertools import pairwise
 from pathlib import Path
+from string import Template
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
+from markdown_it import MarkdownIt
 
 from ...paths import program_version
 from . import markdown
-from .formatting import FAIL, passed, printed
+from .formatting import FAIL
 from .parts import Section, Table, record
 
 FORMAT = "deformrf-report"
@@ -70,11 +73,12 @@ def write(report: Report, folder) -> list[Path]:
     keys = [part.key for part in report.sections]
     assert len({*names}) == len(names) and len({*keys}) == len(keys), f"not unique: {names} {keys}"
     names += ["report.json", "report.md", "report.html"]
+    text = markdown.page(report.title, report.facts, report.sections, report.notice)
     texts = [
         *map(table_as_csv, tables),
         json.dumps(as_json(report) | {"files": names}, indent=1, allow_nan=False) + "\n",
-        markdown.page(report.title, report.facts, report.sections, report.notice),
-        as_html(report),
+        text,
+        as_html(report, text),
     ]
     contents = [figure.png for figure in figures] + [text.encode() for text in texts]
 
@@ -127,18 +131,23 @@ def table_as_csv(table: Table) -> str:
     return stream.getvalue()
 
 
-def as_html(report: Report) -> str:
-    """The page: no script, and nothing that lies elsewhere."""
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {
-        "printed": printed,
-        "passed": passed,
-        "base64": lambda content: b64encode(content).decode(),
-    }
-    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    return template.render(report=report, version=program_version(), fail=FAIL)
+def as_html(report: Report, text: str) -> str:
+    """The Markdown `text` of a report as a page without scripts and without other files."""
+    parser = MarkdownIt("commonmark", {"html": True, "xhtmlOut": False}).enable("table")
+    tokens = parser.parse(text)
+    for heading, words in pairwise(tokens):
+        if heading.type == "heading_open":
+            title = "".join(child.content for child in words.children)
+            heading.attrSet("id", markdown.anchor(title))
+    body = parser.renderer.render(tokens, parser.options, {})
+    body = body.replace("<table>", '<div class="table"><table>')
+    body = body.replace("</table>", "</table></div>")
+    body = body.replace(f"<strong>{FAIL}", f'<strong class="fail">{FAIL}')
+    for figure in (figure for part in report.sections for figure in part.figures):
+        content = f"data:image/png;base64,{b64encode(figure.png).decode()}"
+        body = body.replace(f'src="{figure.name}.png"', f'src="{content}"')
+    template = Template(TEMPLATE.read_text(encoding="utf-8"))
+    return template.substitute(title=escape(report.title), version=program_version(), body=body)
 
 
 def _plain(value):

@@ -83,22 +83,19 @@ def plan(quick):
 
 def _method(quick):
     return [
-        "The cases. A free body begins squeezed into a plane, a line or a point, mirrored, or with "
-        "each vertex anywhere in its box (random; dt names frames of 1/5 and 1 s). Or its foot is "
-        "pinned: one vertex is dragged 100 sizes away (drag 100x), or all handles are shaken "
-        "(shake 30 Hz). In broken tets every twentieth tet is inside out at rest, others are flat "
-        "or name a corner twice, and the body begins at random. With the mass ratio half of the "
-        "vertices are a million times as heavy, and the body begins squashed.",
-        "A body recovers when it is back at its rest shape, to 1 % of its size after the best "
-        "proper rotation, every tet's volume has its sign, and both stay so for 2 s. It has "
-        f"{recovery_limit(1e6):g} s of simulated time for that from E = 10⁴ Pa on and "
-        f"{recovery_limit(1e3):g} s below, rescues included. Components recover each for itself. "
-        "With the mass ratio the body has to stay finite, and only the default material is "
-        f"tried. The seed of random numbers is {SEED}.",
-        f"The renderer: {poses.SIZE} × {poses.SIZE} pixels in default mode, all of them compared "
-        f"with conformance mode and up to {QUICK_PIXELS if quick else PIXELS} with the float64 "
-        f"reference, half of these where the image isn't white. {BOUND:g} dB are owed in every "
-        f"pose, and {LARGEST:g}/255 in every pixel. A flat body cannot be seen.",
+        "A free body begins squeezed into a plane, a line or a point, mirrored, or with each "
+        "vertex anywhere in its box (random; dt names frames of 1/5 and 1 s). Or its foot is "
+        "pinned, and one vertex is dragged 100 sizes away, or all handles are shaken at 30 Hz. In "
+        "broken tets every twentieth tet is inside out at rest, others are flat or name a corner "
+        "twice. With the mass ratio half of the vertices are a million times as heavy; then the "
+        "body only has to stay finite, and only the default material is tried.",
+        "A body recovers when each component is back at its rest shape, to 1 % of its size after "
+        "the best proper rotation, every tet's volume has its sign, and both stay so for 2 s. It "
+        f"has {recovery_limit(1e6):g} s of simulated time for that from E = 10⁴ Pa on and "
+        f"{recovery_limit(1e3):g} s below, rescues included.",
+        f"The renderer's images of {poses.SIZE} × {poses.SIZE} pixels are compared with "
+        f"conformance mode, and up to {QUICK_PIXELS if quick else PIXELS} pixels with the float64 "
+        f"reference; {BOUND:g} dB are owed in every pose, and {LARGEST:g}/255 in every pixel.",
     ]
 
 

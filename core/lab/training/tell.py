@@ -16,13 +16,11 @@ TEST_COLOR = "#7b2d8b"
 TOLD = (10, 50, 100)  # % of the time, in the findings
 TITLE = "Training error against time"
 METHOD = [
-    "Every 16 steps training looks at the mean squared error of the rays that it draws; a row is "
-    "the mean since the row before, of the weights as they are then. For images with alpha the "
-    "background is random in the first half of a stage and white in the second, so that the curve "
-    "may jump between them.",
-    "The test PSNR is the mean over views held aside, of the finished model, whose weights are "
-    "averaged over the last steps. Seconds are those of the run, with the compilation of kernels "
-    "and the search for tets that no ray sees, without the test views.",
+    "A row is the mean error of the rays drawn since the row before, of the weights as they are "
+    "then. For images with alpha the background is random in the first half of a stage and white "
+    "in the second, so that the curve may jump. The test PSNR is the mean over views held aside, "
+    "of the finished model, whose weights are averages. Seconds include compiling kernels, but "
+    "not the test views.",
 ]
 
 
