@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
+
 from ...field import TetField
 from ..effort import Effort
 from ..report import INK, Figure, Section, Table, log_scale, new_figure, png
@@ -22,6 +24,7 @@ COLORS = {
     "resolution": "tab:red",
     "several": "tab:pink",
 }
+LABEL_SIZE = (90.0, 12.0)  # pixels that the name of a point takes
 ENOUGH = 12  # turns to tell settings apart that differ by some percent
 
 
@@ -188,8 +191,13 @@ def plot(rows) -> bytes:
     axis.set_ylabel("PSNR to the float64 reference [dB]")
     axis.grid(True, which="major", linewidth=0.4)
     figure.legend(fontsize=7, frameon=False, loc="outside right upper")
+    figure.draw_without_rendering()  # where the layout puts the axis
+    labeled = []
     for row, place in zip(rows, places, strict=True):
-        if row.front and not row.default:  # the star says so
+        at = axis.transData.transform(place)
+        free = all((np.abs(at - other) > LABEL_SIZE).any() for other in labeled)
+        if row.front and not row.default and free:  # the star names the default
             style = {"textcoords": "offset points", "fontsize": 6, "color": INK}
             axis.annotate(row.setting, place, (5, -8), **style)
+            labeled.append(at)
     return png(figure)
