@@ -23,7 +23,8 @@ class StageTimer:
     @contextmanager
     def __call__(self, name: str):
         """Time the block; on CUDA `collect` adds the time later."""
-        if self.seconds is None:
+        seconds = self.seconds  # the caller may replace it before the block ends
+        if seconds is None:
             yield
         elif self._device.is_cuda:
             first, last = (wp.Event(self._device, enable_timing=True) for _ in range(2))
@@ -31,21 +32,21 @@ class StageTimer:
             stream.record_event(first)
             yield
             stream.record_event(last)
-            self._events.append((name, first, last))
+            self._events.append((seconds, name, first, last))
         else:
             start = time.perf_counter()
             yield
-            self._add(name, time.perf_counter() - start)
+            self._add(seconds, name, time.perf_counter() - start)
 
     def collect(self):
-        """Wait for the recorded events, and add their times."""
+        """Wait for the recorded events; add their times to the dict that they were recorded for."""
         if not self._events:
             return
         wp.synchronize_device(self._device)
-        for name, first, last in self._events:
-            self._add(name, 1e-3 * wp.get_event_elapsed_time(first, last))
+        for seconds, name, first, last in self._events:
+            self._add(seconds, name, 1e-3 * wp.get_event_elapsed_time(first, last))
         self._events.clear()
 
-    def _add(self, name, seconds):
+    def _add(self, seconds, name, elapsed):
         with self._lock:  # tiles of an image run in threads
-            self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+            seconds[name] = seconds.get(name, 0.0) + elapsed
