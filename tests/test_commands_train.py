@@ -79,11 +79,11 @@ def test_missing_test_images_are_reported_and_skipped(call, trainer, data, tmp_p
     assert modelfile.load(tmp_path / "m.npz").meta["test_view_count"] == 1
 
 
-def test_an_interrupted_training_writes_what_there_is(call, trainer, data, tmp_path):
+def test_an_interrupted_training_writes_the_unfinished_model(call, trainer, data, tmp_path):
     trainer.trained.interrupted = True
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert result.code == INTERRUPTED
-    assert "Stopped early; wrote what there is" in result.out
+    assert "Stopped early; wrote the unfinished model: " in result.out
     modelfile.load(tmp_path / "m.npz")
 
 

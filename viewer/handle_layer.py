@@ -54,7 +54,7 @@ class HandleLayer:
         if self._wire_revision != scene.revision:
             self._wire_buffer.write(np.ascontiguousarray(scene.positions, np.float32))
             self._wire_revision = scene.revision
-        bias = 0.5 * scene.handle_radius  # the depth it is tested against may be coarse
+        bias = 0.5 * scene.handle_radius  # the depth image may be coarser than the window
         gl.set_uniforms(self._wire.program, tint=WIRE_TINT, bias=bias, **matrices)
         self._wire.render(moderngl.LINES)
 

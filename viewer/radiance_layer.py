@@ -169,7 +169,7 @@ class RadianceLayer:
 
     def _sample(self, camera, times):
         """Render the next strip of a shifted image; a whole one joins the mean."""
-        camera = camera.resized(*self.shown.texture.size)  # of a tiny window, it is larger
+        camera = camera.resized(*self.shown.texture.size)  # at least 8 × 8, unlike the window
         if self._sampling is None:
             self._sampling = Sampling(self.shown, self.device)
         if self._sampling.step(camera, partial(self._next_rows, times=times)):

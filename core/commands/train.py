@@ -160,7 +160,7 @@ def announce(arguments: TrainArguments, device: str, checkpoint_path: Path):
         print("No GPU is used: this takes hours; --preset tiny takes minutes.", flush=True)
     if checkpoint_path.exists() and not arguments.resume:
         print(
-            f"{checkpoint_path} is of an interrupted run, which --resume would continue; "
+            f"An interrupted run left {checkpoint_path}. --resume continues it; without --resume "
             f"this run overwrites it after a minute.",
             flush=True,
         )
@@ -269,7 +269,7 @@ def check_resumed_views(report: dict, views):
 
 def summary(trained, path: Path, scores: dict | None) -> str:
     """What was written; what the user may want to know about the model."""
-    begun = "Wrote" if trained.complete else "Stopped early; wrote what there is"
+    begun = "Wrote" if trained.complete else "Stopped early; wrote the unfinished model"
     size = path.stat().st_size / 1e6
     minutes = trained.report["seconds"] / 60
     text = f"{begun}: {path}, {trained.field.mesh.tet_count} tets, {size:.1f} MB"

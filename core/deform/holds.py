@@ -69,7 +69,7 @@ class Holds:
         self._update()
 
     def set_positions(self, vertices):
-        """Everything is somewhere else: hold what is held there.  [V, 3]"""
+        """All vertices were moved: set anchors and targets to the new positions.  [V, 3]"""
         self._state.anchors.assign(vertices)
         self._state.targets.assign(vertices)
         self._targets = None

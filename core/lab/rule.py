@@ -2,7 +2,7 @@
 
 Times are compared in pairs: each is divided by that of one setting, the default, in the same
 turn, as a shared machine is quicker in one turn than in the next; the least median wins.  Of
-equals, the most exact does.  What nothing beats is found in the same shares.
+equals, the most exact wins.  The Pareto front uses the same relative times.
 
 Shapes: S settings, R turns.
 """

@@ -99,8 +99,8 @@ def train(
 ) -> Trained:
     """Train a field.
 
-    A KeyboardInterrupt or a diverged loss ends the run early; the field is then what there
-    is.  Several workers stop together, within a few steps.
+    A KeyboardInterrupt or a diverged loss ends the run early; the field then has the weights
+    reached so far.  Several workers stop together, within a few steps.
 
     Args:
         dataset: The training views.

@@ -109,8 +109,8 @@ auto project_tet_at = [&](int4 t, float4 a, float4 b, float4 c) {
     put(t.w, p3);
 };
 
-// What a thread needs of the color after the next is on its way while it waits: two edges
-// or a tet.  Where it has more of a color, it loads them when it gets there.
+// While a thread waits at the barrier, it loads its first two edges (or its first tet) of the
+// color after the next.  It loads its further edges and tets of that color when it gets there.
 struct Ahead { int4 id; float4 a, b, c; int k, end; };
 auto load_edges = [&](Ahead& s) {
     if (s.k < s.end) {

@@ -15,7 +15,7 @@
 //   cosine(t), sine(t)        of t half turns
 //   before(i), keep_before(i, d)      the delta of vertex i at the substep's start
 //
-// Numbers that all vertices share, and what a vertex has.
+// Constants of the frame, and pointers to the vertices' arrays.
 const float* const timing = frame.timing.data;  // xpbd_options.Timing
 const float h = timing[0], per_h = 1.0f / h, decay = timing[1], limit = timing[2];
 const float fall_x = h * timing[3], fall_y = h * timing[4], fall_z = h * timing[5];

@@ -63,11 +63,11 @@ class _HiddenLayers:
     """Layers with ReLU, each without the addition of its bias.
 
     Attributes:
-        missing: What has to be added to the output.  [width]
+        missing: The bias that `apply` leaves out; the next layer's bias includes it.  [width]
     """
 
     def __init__(self, layers: Layers, missing):
-        """`missing` is what has to be added to the input.  [in]"""
+        """`missing` is the bias that the input lacks.  [in]"""
         self._layers = []
         self.missing = missing
         for weights, bias in layers:

@@ -1,9 +1,9 @@
-"""What the program leaves out, measured by switching it on: a row of the report, and its words.
+"""Rows of the report on omissions: each omitted part is measured by switching it on.
 
-Both ways take turns, and the saving is the difference from turn to turn (stopwatch.compared).
-A saving whose spread reaches across 0 is nothing measurable; nor is it after few turns, if
-one way's range meets the other's.  The change is what the results differ by; "none, bit by
-bit" means that they were compared, and are the same.
+Runs with and without it take turns, and the saving is the difference from turn to turn
+(stopwatch.compared).  A saving counts as measured only if its spread excludes 0 and, after
+few turns, the ranges with and without do not overlap.  The change is the difference of the
+results; "none, bit by bit" means that they were compared and are equal.
 """
 
 from collections.abc import Callable
@@ -83,9 +83,9 @@ def not_measured(name, group, why, left_out=True, unit="ms") -> Omission:
 
 
 def verdict(with_it: Timing, without: Timing, saving: Timing) -> str:
-    """What a saving amounts to, given its spread and how many turns it is of.
+    """The verdict on a saving, given its spread and its number of turns.
 
-    A single turn is taken as it is: it is of what doesn't vary, like the size of a file.
+    A single turn is exact, because such values (file sizes) do not vary.
     """
     few = 1 < saving.count < ENOUGH_TURNS
     if saving.low > 0.0:

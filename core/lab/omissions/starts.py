@@ -123,7 +123,7 @@ def kernel_row(device, turns: int) -> Omission:
         START,
         compared_in_turns(seconds, [0.0] * turns),
         "nothing that is shown: no image is made with them",
-        f"Only {other} runs them; whoever has this device need not wait for the compiler.",
+        f"Only {other} runs them; users of this device do not wait for them to compile.",
         unit="s",
     )
 

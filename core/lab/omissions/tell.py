@@ -1,6 +1,6 @@
-"""The section on what is left out for a model on a device, and what that saves.
+"""The section on omissions for a model on a device, and their savings.
 
-Where it saves nothing, or costs something, the text asks why it is left out, and answers.
+If an omission saves nothing or costs time, the text gives the reason for it.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from .measure import parts
 from .rows import COSTS, ENOUGH_TURNS, NONE, NOT_MEASURED, NOTHING, SAVES, Omission
 
 COLORS = {SAVES: "#4477aa", NOTHING: "#999999", COSTS: "#cc3311"}
-ALL_OF_IT = 0.05  # without it, less than this is left of what it is a part of: it isn't done
+ALL_OF_IT = 0.05  # below this share of the time remaining, the part was skipped entirely
 LEAST_PERCENT = -100.0  # a bar of a larger loss is cut off
 
 

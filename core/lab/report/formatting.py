@@ -64,7 +64,7 @@ def text(value, name="") -> str:
 
 
 def passed(value: bool | None) -> str:
-    """Whether something that can fail did not; nothing where it can't."""
+    """A result as "pass" or "FAIL"; empty for a section without a criterion."""
     return "" if value is None else PASS if value else FAIL
 
 

@@ -172,7 +172,7 @@ def next_entry(
     direction: wp.vec3,
     t: float,
 ):
-    """The tet that a ray outside the mesh at t enters next, or -1, and where it is in it."""
+    """Find the next tet that a ray enters at or behind t: tet (-1: none), t of entry."""
     count = int(UNKNOWN)
     if entries.count.shape[0] > 0:
         count = entries.count[ray]

@@ -139,7 +139,7 @@ class Batch:
     def _make_room(self, capacity):
         self.samples = empty_samples(capacity, self.device)
         for array in (self.samples.bary, self.samples.length, self.samples.t):
-            array.zero_()  # what is never written is still computed with
+            array.zero_()  # the networks read unused places too
         self._basis = wp.zeros(capacity, dtype=basis_vector, device=self.device)
         self.basis = wp.to_torch(self._basis)
 

@@ -53,6 +53,6 @@ class LossWatch:
     def _give_up(self, what, number, step_count):
         self.field.set_weights(self._good)
         raise Diverged(
-            f"{what} at step {number} of {step_count}; kept are the weights of step "
-            f"{self._good_number}"
+            f"{what} at step {number} of {step_count}; the model has the weights of "
+            f"step {self._good_number}"
         )

@@ -1,4 +1,4 @@
-"""What a run does where the GPU's memory is too small: half as much at once, or a sentence."""
+"""Halve the work if the GPU's memory is too small, or end the run with a sentence."""
 
 from collections.abc import Callable
 
@@ -15,7 +15,7 @@ def lacks_memory(error: RuntimeError) -> bool:
 
 
 def halved(error: RuntimeError, size: int, least: int, what: str, workers: Workers) -> int:
-    """Half of what was too much.
+    """Return half of `size`, or raise if it cannot be halved.
 
     Args:
         error: Why `size` was too much; anything but a lack of memory is raised again.

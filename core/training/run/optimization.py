@@ -50,7 +50,7 @@ RECORDING_RUNS = 3  # before a graph is recorded: libraries choose their kernels
 
 
 def learning_rate(step: int, step_count: int, highest: float) -> float:
-    """Of Adam in a step: a linear warm-up, then a cosine down to FINAL_RATE."""
+    """Adam's learning rate at a step: linear warm-up, then cosine decay to FINAL_RATE · highest."""
     warm_up = min(1.0, (step + 1) / WARM_UP_STEPS)
     fall = 0.5 * (1.0 + cos(pi * step / step_count))
     return highest * warm_up * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
@@ -346,9 +346,10 @@ class Optimization:
 
 
 def next_ray_count(ray_count, sample_count, room):
-    """As many rays as fill the room for samples without overflowing it.
+    """The number of rays whose samples fill the room without overflowing it.
 
-    It stays as it is while that is nearly so: a new number costs new CUDA graphs.
+    The count changes only if the room is less than 80 % full or overflows, because CUDA
+    graphs must be recorded again.
     """
     filled = sample_count / room
     if 0.8 <= filled <= 1.0:

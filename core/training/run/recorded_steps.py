@@ -22,14 +22,15 @@ class RecordedSteps:
     """Replays the steps of a ring of batches.
 
     Attributes:
-        learn: For each batch, the parts of learning from it: name -> function to call.
+        learn: For each batch, the parts of the update from it: name -> function to call.
 
     Args:
         device: A CUDA Warp device, whose current stream is torch's too.
         batches: AHEAD + 1 of them; step n has batch n % (AHEAD + 1).
         seed: Called with a batch and a step's number, before the batch is marched.
         march: Called with a batch, recorded.
-        parts: Of learning, in order: name -> (function of a batch, whether to record it).
+        parts: The parts of the update, in order: name -> (function of a batch, whether to
+            record it).
     """
 
     def __init__(
