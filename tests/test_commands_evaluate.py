@@ -14,6 +14,7 @@ from PIL import Image
 
 from deformrf.core.commands import INPUT_ERROR, evaluate
 from deformrf.core.field import modelfile
+from deformrf.core.training import evaluation
 
 
 @pytest.fixture
@@ -179,6 +180,35 @@ def test_its_own_files_are_written_again(call, data, model, tmp_path):
     flags = ("--device", "cpu", "--images", tmp_path / "a", "--json", tmp_path / "a.json")
     for _ in range(2):
         assert call(evaluate.main, model, data, *flags).code == 0
+
+
+def test_files_of_a_killed_run_are_written_again(call, data, model, tmp_path, monkeypatch):
+    """A killed run writes no more files after its first picture."""
+    folder = tmp_path / "a"
+    flags = ("--device", "cpu", "--images", folder)
+    with monkeypatch.context() as patch:
+        patch.setattr(evaluation, "score_view", killed)
+        with pytest.raises(Killed):
+            call(evaluate.main, model, data, *flags)
+    assert list(folder.glob("*.png"))
+    assert not json.loads((folder / "report.json").read_text())["complete"]
+    assert call(evaluate.main, model, data, *flags).code == 0
+    assert json.loads((folder / "report.json").read_text())["complete"]
+
+
+class Killed(Exception):
+    pass
+
+
+def killed(*_):
+    raise Killed
+
+
+def test_an_empty_file_may_become_the_scores(call, data, model, tmp_path):
+    path = tmp_path / "a.json"
+    path.touch()
+    assert call(evaluate.main, model, data, "--device", "cpu", "--json", path).code == 0
+    assert len(json.loads(path.read_text())["views"]) == 2
 
 
 def test_a_full_disk_costs_pictures_and_no_scores(call, data, model, tmp_path, monkeypatch):

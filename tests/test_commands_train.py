@@ -62,6 +62,13 @@ def test_training_needs_no_test_split(call, trainer, data, tmp_path):
     assert "test_mean" not in modelfile.load(tmp_path / "m.npz").meta
 
 
+def test_an_empty_test_split_is_no_test_split(call, trainer, data, tmp_path):
+    (data / "transforms_test.json").write_text('{"camera_angle_x": 0.7, "frames": []}')
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert result.code == 0
+    assert "test_mean" not in modelfile.load(tmp_path / "m.npz").meta
+
+
 def test_a_bad_test_split_is_found_before_training(call, trainer, data, tmp_path, refused):
     scene = json.loads((data / "transforms_test.json").read_text())
     scene["frames"][1]["transform_matrix"] = "garbage"

@@ -67,3 +67,15 @@ def test_each_worker_updates_its_part_of_the_table(pair):
         assert not torch.equal(field.table[mine], before[mine])
         assert torch.equal(field.table[other], before[other])
         assert torch.equal(field.half_rows[:count][mine], field.table.detach()[mine].half())
+
+
+@pytest.mark.parametrize("count", [2, 8])
+def test_a_sum_of_bfloat16_gradients_is_as_exact_as_the_design_says(count):
+    """At most N · 2⁻⁸ · Σ |gradient|, which is more than 2⁻⁹ of the sum."""
+    gradients = torch.randn(count, 10_000, dtype=torch.float64)
+    total = torch.zeros(10_000, dtype=torch.bfloat16)
+    for gradient in gradients:
+        total += gradient.bfloat16()
+    error = (total.double() - gradients.sum(dim=0)).abs()
+    assert (error <= count * 2**-8 * gradients.abs().sum(dim=0)).all()
+    assert (error > 2**-9 * gradients.sum(dim=0).abs()).any()

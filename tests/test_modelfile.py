@@ -1,13 +1,15 @@
 """model.npz: a round trip, and one sentence for whatever is wrong with a file."""
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from deformrf.core import paths
-from deformrf.core.field import ModelFileError, modelfile
+from deformrf.core.field import ModelFileError, meta, modelfile
 from deformrf.core.field.reach import reached_entries
 from deformrf.core.render import Renderer, from_field_of_view, look_at
 
@@ -296,7 +298,9 @@ def test_a_training_entry_without_a_documented_type_is_dropped(path):
     row = {"seconds": 2.0, "stage": 1, "step": 16, "psnr": 12.5}
     rows = [row, row | {"stage": 3}, row | {"psnr": "high"}, row | {"seconds": 0}, 7]
     known = {"note": [1], "data": "chair", "seconds": 3, "peak_memory_bytes": [1, 2.5]}
+    known |= {"interrupted": False, "tet_count": 9, "image_size": [40, 30], "occupied_share": 0.5}
     wrong = {"device": 7, "workers": 1.5, "stage_1_seconds": "short", "options": None}
+    wrong |= {"missing_images": True, "stage_1_tet_count": 2.5, "levels_below_pixel": ["2"]}
     scores = {"psnr": 30.5, "lpips": None, "ssim": float("nan")}
     rewrite_meta(path, training={**known, **wrong, "history": rows, "test_mean": scores})
     expected = {**known, "history": [row], "test_mean": {"psnr": 30.5}}
@@ -304,6 +308,31 @@ def test_a_training_entry_without_a_documented_type_is_dropped(path):
     for value in (None, 7, "text", [known]):
         rewrite_meta(path, training=value)
         assert modelfile.load(path).meta == {}
+
+
+@pytest.mark.parametrize(
+    "key, value",
+    [
+        ("image_size", 40),
+        ("image_size", ["wide", "high"]),
+        ("missing_images", 1.5),
+        ("interrupted", 1),
+        ("occupied_share", "half"),
+        ("tet_count", 1.5),
+        ("stage_1_tet_count", None),
+    ],
+)
+def test_every_key_of_the_documented_training_entry_has_its_type(path, key, value):
+    rewrite_meta(path, training={"data": "chair", key: value})
+    assert modelfile.load(path).meta == {"data": "chair"}
+
+
+def test_every_documented_key_of_the_training_entry_has_a_type():
+    text = (Path(__file__).resolve().parent.parent / "docs/model-format.md").read_text()
+    table = text.split("### `training`")[1].split("\n## ")[0]
+    rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
+    documented = {key for row in rows for key in re.findall("`(.*?)`", row)}
+    assert documented == meta.TRAINING_TYPES.keys()
 
 
 def test_older_programs_can_read_the_options_that_are_written(path):

@@ -21,6 +21,7 @@ from deformrf.core.training.run import (
     Workers,
     looks,
     loss_watch,
+    memory,
     optimization,
 )
 
@@ -181,6 +182,36 @@ def test_too_little_memory_halves_the_batch_aloud(run, monkeypatch, capsys, erro
     assert run.number == 50
     assert run.samples_per_step == 2**13
     assert "going on with 8192 samples a step" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "error, whose",
+    [
+        (torch.OutOfMemoryError("CUDA out of memory"), "GPU's memory"),
+        (RuntimeError("Failed to allocate 9 bytes on device 'cuda:0'"), "GPU's memory"),
+        (RuntimeError("Failed to allocate 9 bytes on device 'cpu'"), "computer's memory"),
+        (
+            RuntimeError("[enforce fail at alloc_cpu.cpp:1] DefaultCPUAllocator: can't allocate"),
+            "computer's memory",
+        ),
+        (MemoryError("Unable to allocate 9 GiB for an array"), "computer's memory"),
+    ],
+)
+def test_the_memory_that_is_too_small_is_named(run, monkeypatch, capsys, error, whose):
+    assert memory.lacks_memory(error)
+    said = str(memory.OutOfMemory.of(error))
+    assert said.startswith(f"the {whose} is too small") and str(error) in said
+    step = Optimization.step
+
+    def greedy(self, rate, white):
+        if self.samples_per_step > 2**13:
+            raise error
+        step(self, rate, white)
+
+    monkeypatch.setattr(Optimization, "step", greedy)
+    go(run)
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"The {whose} is too small; going on with 8192 samples" in said
 
 
 def test_no_memory_at_all_is_said(run, monkeypatch):

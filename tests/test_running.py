@@ -100,12 +100,19 @@ def test_a_missing_module_of_the_program_itself_keeps_its_traceback():
         run("deformrf-x", prepare)
 
 
-def test_too_little_memory_of_a_device_ends_in_one_sentence(capsys):
+@pytest.mark.parametrize(
+    "message",
+    [
+        "Failed to allocate 64 bytes on device 'cuda:0'",
+        "[enforce fail at alloc_cpu.cpp:121] DefaultCPUAllocator: can't allocate memory",
+    ],
+)
+def test_too_little_memory_of_a_device_ends_in_one_sentence(capsys, message):
     """Such as of a GPU that renders the views of deformrf-eval."""
 
     def job():
-        raise RuntimeError("Failed to allocate 64 bytes on device 'cuda:0'")
+        raise RuntimeError(message)
 
     assert run("deformrf-x", lambda: job) == INPUT_ERROR
-    said = "deformrf-x: the device's memory is too small (Failed to allocate 64 bytes on device"
+    said = f"deformrf-x: the device's memory is too small ({message[:40]}"
     assert capsys.readouterr().err.startswith(said)

@@ -1,12 +1,12 @@
 """Screenshots and videos of the canvas: when a frame is kept, and the PNG files."""
 
-import os
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
+from ..core.paths import whole_file
 from .video import VideoWriter
 
 MESSAGE_SECONDS = 6.0
@@ -98,14 +98,10 @@ def save_png(path: Path, image) -> Path:
     """Write an image [H, W, 3 or 4] uint8, top row first; it appears when it is complete."""
     from PIL import Image
 
-    part = Path(path).with_suffix(".part.png")
-    try:
-        Image.fromarray(image).save(part)
-        os.replace(part, path)
-    except BaseException:  # an interrupt leaves no part behind either
-        part.unlink(missing_ok=True)
-        raise
-    return Path(path)
+    path = Path(path)
+    with whole_file(path) as partial:
+        Image.fromarray(image).save(partial, "PNG")
+    return path
 
 
 def stamped(stem: str, suffix: str) -> Path:

@@ -18,7 +18,11 @@ from ..arguments import plain_message
 DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
 
-OUT_OF_MEMORY = ("Failed to allocate", "out of memory")  # in the errors of Warp and torch
+OUT_OF_MEMORY = (
+    "Failed to allocate",
+    "out of memory",
+    "DefaultCPUAllocator",
+)  # in the errors of Warp and torch
 WHOLE = "deformrf (in a checkout: make venv)"
 # Packages that may be missing ("make demo" installs only what viewing needs): what each does,
 # and what to install.

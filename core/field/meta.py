@@ -23,17 +23,24 @@ TRAINING_TYPES = {
     "data": str,
     "device": str,
     "diverged": str,
+    "interrupted": bool,
     "seconds": float,
     "stage_1_seconds": float,
+    "occupied_share": float,
     "workers": int,
     "view_count": int,
+    "missing_images": int,
     "test_view_count": int,
+    "tet_count": int,
+    "stage_1_tet_count": int,
     "options": dict,
     "history": list,
+    "image_size": list,
     "test_mean": dict,
     "peak_memory_bytes": list,
     "levels_below_pixel": list,
 }
+NUMBER_LISTS = ("image_size", "peak_memory_bytes", "levels_below_pixel")
 
 
 def meta_text(field: TetField, lattice_spacing: float | None, training: dict) -> str:
@@ -123,7 +130,7 @@ def read_training(values) -> dict:
     if "test_mean" in known:
         scores = known["test_mean"].items()
         known["test_mean"] = {name: score for name, score in scores if _has_type(score, float)}
-    for key in ("peak_memory_bytes", "levels_below_pixel"):
+    for key in NUMBER_LISTS:
         if not all(_has_type(value, float) for value in known.get(key, ())):
             del known[key]
     return known

@@ -4,12 +4,12 @@ A file is checked before a field is built: archive.py checks the zip and its arr
 the text that describes them, packing.py mesh, tables and networks.
 """
 
-import os
 from pathlib import Path
 
 import numpy as np
 
 from ..geometry import tet_neighbours
+from ..paths import whole_file
 from .archive import ModelFileError, check, read_arrays
 from .field import TetField, layer_widths
 from .layout import make_layout
@@ -41,13 +41,8 @@ def save(field: TetField, path, metadata_: dict | None = None, entry_bits=16):
     path = Path(path)
     arrays = pack(field, metadata_, entry_bits)
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    try:
-        with open(partial, "wb") as stream:
-            np.savez(stream, **arrays)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(path) as partial, open(partial, "wb") as stream:
+        np.savez(stream, **arrays)
 
 
 def pack(field: TetField, metadata_: dict | None = None, entry_bits=16) -> dict:

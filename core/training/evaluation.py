@@ -65,6 +65,7 @@ def evaluate(
     if paths:
         check_replaceable(*paths)
         paths[0].parent.mkdir(parents=True, exist_ok=True)
+    facts = model_facts(field, model_path)
     options = replace(options or RenderOptions(), background=(1.0, 1.0, 1.0))
     renderer = Renderer(field, device=device)
     poses = in_space(dataset.poses, field.world_to_model)
@@ -90,6 +91,22 @@ def evaluate(
         scores = score_view(rendered, truth, has_alpha, lpips)
         return {"name": dataset.names[index], **scores, "seconds": seconds}
 
+    def write_report_of(rows) -> dict:
+        report = {
+            "model": facts,
+            "split": dataset.split,
+            "sizes": sorted({f"{lens.width}x{lens.height}" for lens in dataset.lenses}),
+            "device": str(device),
+            "step_factor": options.step_factor,
+            "complete": len(rows) == dataset.view_count,
+            "mean": {name: mean([row[name] for row in rows]) for name in FIGURES},
+            "views": rows,
+        }
+        if paths:
+            write(paths[0], lambda partial: partial.write_text(as_json(report), encoding="utf-8"))
+        return report
+
+    write_report_of([])  # if the run is killed, it shows that the pictures are ours
     # On a GPU SSIM takes longer than a render.  On the CPU it would slow the render down.
     waiting = WAITING_VIEWS if wp.get_device(device).is_cuda else 1
     jobs = []
@@ -105,19 +122,7 @@ def evaluate(
             wait(jobs)
         except KeyboardInterrupt:
             pass  # the report says that it is not complete
-    rows = [job.result() for job in jobs]
-    report = {
-        "model": model_facts(field, model_path),
-        "split": dataset.split,
-        "sizes": sorted({f"{lens.width}x{lens.height}" for lens in dataset.lenses}),
-        "device": str(device),
-        "step_factor": options.step_factor,
-        "complete": len(rows) == dataset.view_count,
-        "mean": {name: mean([row[name] for row in rows]) for name in FIGURES},
-        "views": rows,
-    }
-    if paths:
-        write(paths[0], lambda partial: partial.write_text(as_json(report), encoding="utf-8"))
+    report = write_report_of([job.result() for job in jobs])
     if failures:
         report["not_written"] = failures[0]
     return report
@@ -130,14 +135,14 @@ def output_paths(out_dir, dataset: Dataset) -> list[Path]:
 
 
 def check_replaceable(report_path: Path, *picture_paths: Path):
-    """Raise ValueError if a file exists that `evaluate` did not write.
+    """Raise ValueError if a file with content exists that `evaluate` did not write.
 
     A report of `evaluate` shows that the pictures beside it are its own too.
     """
     if is_report(report_path):
         return
     for path in (report_path, *picture_paths):
-        if path.exists():
+        if path.exists() and path.stat().st_size:
             raise ValueError(
                 f"{path} exists and is not a file of deformrf-eval, which would overwrite it: "
                 f"give another name"

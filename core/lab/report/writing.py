@@ -11,7 +11,6 @@ import csv
 import io
 import json
 import math
-import os
 from base64 import b64encode
 from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
@@ -23,7 +22,7 @@ from string import Template
 import numpy as np
 from markdown_it import MarkdownIt
 
-from ...paths import program_version
+from ...paths import program_version, whole_file
 from . import markdown
 from .formatting import FAIL
 from .parts import Section, Table, record
@@ -86,7 +85,8 @@ def write(report: Report, folder) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     older = _last(folder).get("files", [])
     for name, content in zip(names, contents, strict=True):
-        _write_whole(folder / name, content)
+        with whole_file(folder / name) as partial:
+            partial.write_bytes(content)
     for name in {*older} - {*names}:
         if Path(name).name == name:  # nothing outside the folder, whatever stands there
             (folder / name).unlink(missing_ok=True)
@@ -173,12 +173,3 @@ def _last(folder) -> dict:
         if isinstance(values, dict) and values.get("format") == FORMAT:
             return values
     return {}
-
-
-def _write_whole(path: Path, content: bytes):
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_bytes(content)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -19,6 +19,7 @@ from .posed_images import (
     IMAGE_ENDINGS,
     DatasetError,
     ImageList,
+    NoSplitError,
     PosedImage,
     checked_lens,
     is_of_split,
@@ -46,7 +47,8 @@ def read(folder, split) -> ImageList:
         raise DatasetError(f"{path} is not JSON: {error}") from None
     frames = scene.get("frames") if isinstance(scene, dict) else None
     if not isinstance(frames, list) or not frames:
-        raise DatasetError(f"{path} lists no frames: there is nothing to load")
+        kind = NoSplitError if frames == [] else DatasetError
+        raise kind(f"{path} lists no frames: there is nothing to load")
     for frame in frames:
         name = frame.get("file_path") if isinstance(frame, dict) else None
         if not isinstance(name, str) or not name:

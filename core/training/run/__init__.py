@@ -11,7 +11,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "distributed": ["ALONE", "Workers", "torchrun_workers"],
         "history": ["History"],
         "loss_watch": ["Diverged"],
-        "memory": ["ADVICE", "lacks_memory"],
+        "memory": ["ADVICE", "OutOfMemory", "lacks_memory"],
         "optimization": ["Optimization"],
         "progress": ["TrainingProgress"],
         "surroundings": [

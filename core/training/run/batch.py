@@ -130,8 +130,12 @@ class Batch:
             basis_kernel,
             self.ray_count,
             [
-                *(self._rays, pose.geometry.rotations, self._everyone),
-                *(self.counts, self.ends, self.samples.tet),
+                self._rays,
+                pose.geometry.rotations,
+                self._everyone,
+                self.counts,
+                self.ends,
+                self.samples.tet,
             ],
             [self._basis],
         )

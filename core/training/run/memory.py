@@ -1,4 +1,4 @@
-"""Halve the work if the GPU's memory is too small, or end the run with a sentence."""
+"""Halve the work if memory is too small, or end the run with a sentence."""
 
 from collections.abc import Callable
 
@@ -7,14 +7,37 @@ import torch
 from .distributed import Workers
 
 ADVICE = "shrink the images with --image-size, or take --preset tiny"
+GPU, COMPUTER = "GPU's memory", "computer's memory"
+ALLOCATION_ERRORS = (RuntimeError, MemoryError)  # some of them; `lacks_memory` tells which
+CPU_ALLOCATOR = "DefaultCPUAllocator"  # torch's, in its messages
 
 
-def lacks_memory(error: RuntimeError) -> bool:
-    """Whether torch or Warp could not allocate."""
-    return isinstance(error, torch.OutOfMemoryError) or "Failed to allocate" in str(error)
+class OutOfMemory(MemoryError):
+    """Memory is too small; the message is a sentence for the user."""
+
+    @classmethod
+    def of(cls, error) -> "OutOfMemory":
+        """The error itself if it is a sentence already, else one that quotes it."""
+        if isinstance(error, cls):
+            return error
+        return cls(f"the {memory_name(error)} is too small: {ADVICE} ({error})")
 
 
-def halved(error: RuntimeError, size: int, least: int, what: str, workers: Workers) -> int:
+def lacks_memory(error) -> bool:
+    """Whether torch, Warp or numpy could not allocate, on a GPU or on the CPU."""
+    if isinstance(error, torch.OutOfMemoryError | MemoryError):
+        return True
+    return "Failed to allocate" in str(error) or CPU_ALLOCATOR in str(error)
+
+
+def memory_name(error) -> str:
+    """The memory in which an allocation failed: GPU or COMPUTER."""
+    said = str(error)
+    on_cpu = isinstance(error, MemoryError) or CPU_ALLOCATOR in said or "on device 'cpu'" in said
+    return COMPUTER if on_cpu else GPU
+
+
+def halved(error, size: int, least: int, what: str, workers: Workers) -> int:
     """Return half of `size`, or raise if it cannot be halved.
 
     Args:
@@ -24,25 +47,25 @@ def halved(error: RuntimeError, size: int, least: int, what: str, workers: Worke
         what: The size's unit, for messages.
 
     Raises:
-        MemoryError: A sentence: `least` is too much too.  Of several workers none can halve
-            the size, because the others wait for it in the middle of something.
+        OutOfMemory: `least` is too much too.  Several workers can never halve the size, because
+            the others wait for this one in the middle of a step.
     """
-    if not lacks_memory(error):
+    if not lacks_memory(error) or isinstance(error, OutOfMemory):
         raise error
     if workers.count > 1:
-        raise MemoryError(
-            f"the GPU of worker {workers.rank} has too little memory for its share of {size} "
-            f"{what}: take more GPUs, {ADVICE} ({error})"
+        raise OutOfMemory(
+            f"the {memory_name(error)} of worker {workers.rank} is too small for its share of "
+            f"{size} {what}: take more GPUs, {ADVICE} ({error})"
         ) from error
     if size // 2 < least:
-        raise MemoryError(
-            f"the GPU's memory is too small for {size} {what}: {ADVICE} ({error})"
+        raise OutOfMemory(
+            f"the {memory_name(error)} is too small for {size} {what}: {ADVICE} ({error})"
         ) from error
     return size // 2
 
 
 def within_memory(work: Callable, size: int, least: int, what: str, workers: Workers, device):
-    """`work(size)`, with half the size as often as that is too much for the GPU's memory.
+    """`work(size)`, with half the size as often as that is too much for the memory.
 
     Args:
         size, least, what, workers: See `halved`.
@@ -51,7 +74,7 @@ def within_memory(work: Callable, size: int, least: int, what: str, workers: Wor
     while True:
         try:
             return work(size)
-        except RuntimeError as error:
+        except ALLOCATION_ERRORS as error:
             size = halved(error, size, least, what, workers)
         give_memory_back(device)
 

@@ -6,7 +6,7 @@ there are; on CUDA the steps are recorded (recorded_steps.py).  Several workers 
 share of the rays and of the room for samples, and exchange gradients (exchange.py).
 
 Every few steps the occupancy is renewed, the number of rays adapted to the room for samples,
-and the loss examined (loss_watch.py).  Where the GPU's memory is too small, the room is halved.
+and the loss examined (loss_watch.py).  Where memory is too small, the room is halved.
 
 Ownership: the TrainingField owns weights and occupancy; the Optimization owns the optimizer,
 the batches and their graphs, the average of the weights, and the watch over the loss.
@@ -27,7 +27,7 @@ from .batch import Batch
 from .exchange import Exchange
 from .loss import training_loss
 from .loss_watch import Diverged, LossWatch
-from .memory import give_memory_back, halved
+from .memory import ALLOCATION_ERRORS, give_memory_back, halved, memory_name
 from .progress import TrainingProgress
 from .recorded_steps import RecordedSteps
 from .training_field import TrainingField
@@ -121,7 +121,7 @@ class Optimization:
 
         Raises:
             Diverged: See there.
-            MemoryError: Even a small batch doesn't fit into the GPU's memory.
+            OutOfMemory: Even a small batch doesn't fit into the memory.
             KeyboardInterrupt: One of several workers was interrupted; all raise it.
         """
         self._watch.keep_good(self.number)
@@ -141,7 +141,7 @@ class Optimization:
             white = not self.has_alpha or self.number >= (1.0 - WHITE_SHARE) * self.step_count
             try:
                 self.step(rate, white)
-            except RuntimeError as error:
+            except ALLOCATION_ERRORS as error:
                 self._halve_room(progress, error)
         self._examine(progress, task, note)
         self._average_weights()
@@ -300,7 +300,8 @@ class Optimization:
         self._forget_batches()
         give_memory_back(self.field.device)
         self.set_ray_count(ray_count)
-        progress.say(f"The GPU's memory is too small; going on with {room} samples a step.")
+        name = memory_name(error)
+        progress.say(f"The {name} is too small; going on with {room} samples a step.")
 
     def state(self) -> dict:
         """What a later run needs to go on, with any number of workers; waits for all of them."""
