@@ -1,5 +1,7 @@
 """View modes: each picture equals its NumPy reference, on random fields."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -162,6 +164,34 @@ def test_the_error_is_the_difference_to_conformance_mode(shown):
     error = modes.ERROR_GAIN * np.abs(default - exact)[..., :3] / 255
     assert error.max() > 0
     expect(shown("error"), error, np.ones(error.shape[:2], bool))
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("hidden", [(64,), (16,)])  # on tensor cores, and not
+def test_pictures_on_a_gpu_need_no_torch(make_ball_field, monkeypatch, hidden):
+    """Without torch they are the same within 1/255, which mode error shows ERROR_GAIN times."""
+    field, view = make_ball_field(1, density_hidden=hidden), camera()
+
+    def rendered():
+        renderer = Renderer(field, "cuda:0")
+        images = [
+            renderer.render(view, RenderOptions(BACKGROUND, conformance=True)),
+            renderer.render(view, RenderOptions(BACKGROUND, single_precision=True)),
+            render_mode(renderer, view, "error", RenderOptions(BACKGROUND, single_precision=True)),
+            render_mode(renderer, view, "error", OPTIONS),
+        ]
+        return [picture(image)[0] for image in images]
+
+    with_torch = rendered()
+    monkeypatch.setitem(sys.modules, "torch", None)
+    without = rendered()
+    exact, single, error, _ = (np.abs(a - b) for a, b in zip(with_torch, without, strict=True))
+    assert max(exact.max(), single.max()) <= 1
+    # Mode error is a difference of two images, each within 1/255.
+    assert error.max() <= 2 * modes.ERROR_GAIN
+    assert (error > 0).mean() < 0.05
+    # With half precision for other widths only torch rounds, but both stay near the exact image.
+    assert np.median(without[-1]) <= modes.ERROR_GAIN
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -1,5 +1,8 @@
 """The networks: torch, NumPy in blocks and the definition agree; the view basis is orthonormal."""
 
+import sys
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -107,6 +110,35 @@ def test_the_evaluator_of_a_device_agrees_with_the_reference(make_ball_field, de
     logs = np.log(sigma.numpy()), np.log(expected_sigma)
     np.testing.assert_allclose(*logs, atol=tolerance)
     np.testing.assert_allclose(rgb.numpy(), expected_rgb, atol=tolerance)
+
+
+@pytest.mark.parametrize("torch_is", ["missing", "a CPU build"])
+def test_numpy_evaluates_for_a_gpu_that_torch_does_not_serve(
+    make_ball_field, device, monkeypatch, torch_is
+):
+    """A GPU of an old kind; on the CPU, a device that only says that it is one."""
+    if torch_is == "missing":
+        monkeypatch.setitem(sys.modules, "torch", None)
+    else:
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    rng, count = np.random.default_rng(), 700
+    field = make_ball_field(int(rng.integers(1000)))
+    evaluate_on_gpu = evaluator(field, SimpleNamespace(is_cuda=True, arch=70, ordinal=0))
+    assert evaluate_on_gpu.in_place is None
+    features = rng.normal(size=(count, 6, 4)).astype(np.float32)
+    basis = spherical_harmonics(random_directions(count)).astype(np.float32)
+    arrays = (
+        wp.array(features, dtype=wp.vec4, device=device),
+        wp.array(basis, dtype=basis_vector, device=device),
+    )
+    expected_sigma, expected_rgb = evaluate(
+        features.reshape(count, -1), basis.astype(float), field.density_layers, field.color_layers
+    )
+    for half in (False, True):
+        sigma, rgb = evaluate_on_gpu.packed(*arrays, half=half)
+        assert sigma.device == rgb.device == wp.get_device(device)
+        np.testing.assert_allclose(np.log(sigma.numpy()), np.log(expected_sigma), atol=1e-3)
+        np.testing.assert_allclose(rgb.numpy(), expected_rgb, atol=1e-3)
 
 
 @pytest.mark.gpu

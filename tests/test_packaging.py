@@ -65,6 +65,7 @@ def test_viewing_imports_its_group_and_nothing_else(ball_file, tmp_path):
     installed = with_requirements(VIEW)
     allowed = [module for module, names in distributions.items() if names & installed]
     arguments = [ball_file, "--headless", "--frames", "2", "--size", "64x48"]
+    arguments += ["--mode", "error"]  # renders in default mode and in conformance mode
     arguments += ["--drag", "top:0.1,0,0", "--record", tmp_path / "a.mp4"]
     arguments += ["--screenshot", tmp_path / "a.png"]
     done = subprocess.run(

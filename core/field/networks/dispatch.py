@@ -1,11 +1,13 @@
 """The fastest way to evaluate a field's networks for images on a device.
 
-    device                 half precision            float32
-    CPU                    none: it would be slower  NumPy (cpu.py)
-    CUDA, usual shape      tensor cores (mma.py)     torch
-    CUDA, other shapes     torch                     torch
+    device                         half precision            float32
+    CPU                            none: it would be slower  NumPy (cpu.py)
+    CUDA that tensor cores fit     tensor cores (mma.py)     torch
+    CUDA of another kind or shape  torch                     torch
 
 Torch takes seconds to import, so its networks are made at the first call that needs them.
+Viewing must not need torch: where it is missing, or finds no GPU, NumPy stands in for it.
+NumPy computes on the host in float32, which is slow and as accurate.
 Training evaluates its networks itself: TorchNetworks.evaluate.
 
 Shapes: N samples, L levels, l <= L of them encoded.
@@ -13,6 +15,7 @@ Shapes: N samples, L levels, l <= L of them encoded.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import warp as wp
 
@@ -38,22 +41,39 @@ class Evaluator:
 def evaluator(field, device) -> Evaluator:
     """How to evaluate the networks of a field (TetField) on a Warp device."""
     if not device.is_cuda:
-        return Evaluator(_on_cpu(field))
+        return Evaluator(_in_numpy(field))
     in_place = None
     if mma.fits(field, device):
         in_place = mma.TensorCoreNetworks(field, device).evaluate
-    return Evaluator(_in_torch(field, device), in_place)
+
+    @cache
+    def networks():
+        return _in_torch(field, device) if _torch_finds_a_gpu() else _in_numpy(field)
+
+    def packed(features, basis, half):
+        return networks()(features, basis, half)
+
+    return Evaluator(packed, in_place)
 
 
-def _on_cpu(field):
+def _torch_finds_a_gpu() -> bool:
+    try:
+        import torch
+    except ModuleNotFoundError:  # as after an installation for viewing alone
+        return False
+    return torch.cuda.is_available()  # a CPU build of torch finds none
+
+
+def _in_numpy(field):
     networks = CpuNetworks(field.density_layers, field.color_layers)
 
     def packed(features, basis, half):
         rows = features.numpy().reshape(len(basis), 4 * features.shape[1])
         sigma, rgb = networks.evaluate(rows, basis.numpy())
+        device = features.device  # of a GPU's arrays, these calls copy down and up
         return (
-            wp.array(sigma, dtype=float, device="cpu", copy=False),
-            wp.array(rgb, dtype=wp.vec3, device="cpu", copy=False),
+            wp.array(sigma, dtype=float, device=device, copy=False),
+            wp.array(rgb, dtype=wp.vec3, device=device, copy=False),
         )
 
     return packed
