@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.commands import DIVERGED, INPUT_ERROR, INTERRUPTED, train
+from deformrf.core.commands import FAILED, INPUT_ERROR, INTERRUPTED, train
 from deformrf.core.field import modelfile
 from deformrf.core.render import look_at
 from deformrf.core.training import DatasetError, preset
@@ -109,7 +109,7 @@ def test_a_diverged_run_says_why_and_writes_its_last_good_weights(call, trainer,
     trainer.trained.diverged = "the loss became nan at step 48"
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert (result.code, result.err) == (
-        DIVERGED,
+        FAILED,
         "deformrf-train: the loss became nan at step 48\n",
     )
     modelfile.load(tmp_path / "m.npz")

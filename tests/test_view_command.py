@@ -102,6 +102,33 @@ def test_without_a_display_it_says_what_to_do(ball_file):
     assert "--headless" in done.stderr
 
 
+@pytest.mark.gl
+@pytest.mark.parametrize("step", ["load", "run_offline"])
+def test_a_missing_optional_package_is_named(capfd, monkeypatch, window, ball_file, tmp_path, step):
+    """At the start as in a frame."""
+    from deformrf.viewer.app import App
+    from deformrf.viewer.events import EventLog
+
+    def lacking(*_, **__):
+        raise ModuleNotFoundError("No module named 'torch.nn'", name="torch.nn")
+
+    monkeypatch.setattr(App, step, lacking)
+    monkeypatch.setattr(command, "_open", lambda chosen: App(*window, EventLog(False), gui=False))
+    said = refused(
+        capfd, ball_file, "--headless", "--device", "cpu", "--screenshot", tmp_path / "a.png"
+    )
+    assert "torch, which trains models, is not installed: pip install deformrf" in said
+
+
+def test_a_missing_module_of_the_program_itself_keeps_its_traceback(monkeypatch):
+    def broken(chosen):
+        import deformrf.viewer.no_such_module  # noqa: F401
+
+    monkeypatch.setattr(command, "view", broken)
+    with pytest.raises(ModuleNotFoundError, match="no_such_module"):
+        command.main([])
+
+
 def test_help_is_quick_and_imports_nothing_slow():
     code = (
         "import sys; from deformrf.viewer import command;"

@@ -1,8 +1,8 @@
 """The command deformrf-view: parse, check, open a window (or none), run, report.
 
-Every mistake of the user ends in one sentence on stderr and exit code 2; Ctrl-C and SIGTERM
-finish the video and end with 130.  Warp and pyglet are imported when the arguments are known
-to be good, so that --help is quick.
+Every mistake of the user, and an optional package that is missing, ends in one sentence on
+stderr and exit code 2; Ctrl-C and SIGTERM finish the video and end with 130.  Warp and pyglet
+are imported when the arguments are known to be good, so that --help is quick.
 """
 
 import logging
@@ -17,11 +17,11 @@ from typing import Annotated, Literal
 import tyro
 
 from ..core.arguments import Count, File, at_least, plain_message, writable_file
+from ..core.commands import FAILED, INPUT_ERROR, INTERRUPTED, missing_package
 from ..core.device import Choice
 from ..core.paths import DEFAULT_MODEL
 from ..core.render import Mode
 
-FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 SLOW_START = 1.5  # s after which the user is told what takes so long
 WINDOW_SIZE, HEADLESS_SIZE = (1200, 800), (400, 400)
 HEADLESS_FRAMES = 90
@@ -102,6 +102,10 @@ def main(arguments: list[str] | None = None) -> int:
 
             return report(chosen.run.headless)
         return view(chosen)
+    except ModuleNotFoundError as error:
+        if (sentence := missing_package(error)) is None:
+            raise
+        return _complain(sentence)
     except KeyboardInterrupt:
         return INTERRUPTED
 
@@ -158,14 +162,14 @@ def view(chosen: ViewArguments) -> int:
         field, device = load(chosen.model), device_name(chosen.device)
         app = _open(chosen)
     except (ValueError, OSError, RuntimeError) as error:
-        return _complain(error)
+        return _complain(plain_message(error))
     try:
         try:
             with _told_if_slow(app):
                 app.load(field, chosen.model.stem, device, chosen.interop)
             drag = None if drag is None else resolved(drag, app.scene)
         except ValueError as error:
-            return _complain(error)
+            return _complain(plain_message(error))
         app.scene.settings.mode = chosen.mode
         app.scene.settings.transparent_screenshots = chosen.run.transparent
         _run(app, chosen, drag)
@@ -230,8 +234,8 @@ def _told_if_slow(app):
         timer.cancel()
 
 
-def _complain(error) -> int:
+def _complain(sentence: str) -> int:
     """One line on stderr, its beginning in red on a terminal."""
     red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
-    print(f"{red}deformrf-view:{plain} {plain_message(error)}", file=sys.stderr)
+    print(f"{red}deformrf-view:{plain} {sentence}", file=sys.stderr)
     return INPUT_ERROR

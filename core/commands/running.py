@@ -15,7 +15,7 @@ from collections.abc import Callable
 from .. import training
 from ..arguments import plain_message
 
-DIVERGED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
+FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
 
 OUT_OF_MEMORY = (
@@ -52,9 +52,9 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
         mendable = (training.DatasetError, MemoryError)
         return job()
     except ModuleNotFoundError as error:
-        if _package_of(error) not in PACKAGES:
+        if (sentence := missing_package(error)) is None:
             raise
-        return _refuse(program, _missing_package(_package_of(error)))
+        return _refuse(program, sentence)
     except mendable as error:
         sentence = plain_message(error) or "the memory is too small"  # Python's own is empty
         return _refuse(program, sentence)
@@ -66,6 +66,15 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
         if is_first():
             print(f"{program}: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def missing_package(error: ModuleNotFoundError) -> str | None:
+    """What a user has to install; None if the module is of none of PACKAGES."""
+    name = (error.name or "").partition(".")[0]
+    if name not in PACKAGES:
+        return None
+    purpose, target = PACKAGES[name]
+    return f"{name}, which {purpose}, is not installed: pip install {target}"
 
 
 def require(*packages: str):
@@ -93,15 +102,6 @@ def warn_of_missing(dataset):
 def is_first() -> bool:
     """Whether this process prints for all processes that torchrun started."""
     return os.environ.get("RANK", "0") == "0"
-
-
-def _package_of(error: ModuleNotFoundError) -> str:
-    return (error.name or "").partition(".")[0]
-
-
-def _missing_package(name: str) -> str:
-    purpose, target = PACKAGES[name]
-    return f"{name}, which {purpose}, is not installed: pip install {target}"
 
 
 def _refuse(program: str, sentence: str) -> int:

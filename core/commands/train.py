@@ -12,7 +12,7 @@ from .. import training
 from ..arguments import Count, at_least, writable_file
 from ..device import Choice, device_name
 from .running import (
-    DIVERGED,
+    FAILED,
     INPUT_ERROR,
     INTERRUPTED,
     is_first,
@@ -124,7 +124,7 @@ def prepare(arguments: TrainArguments):
             print("Without the coarse stage the model holds the whole grid, empty tets too.")
         if trained.diverged:
             print(f"{PROGRAM}: {trained.diverged}", file=sys.stderr)
-            return DIVERGED
+            return FAILED
         if trained.interrupted and checkpoint_path.exists():
             print("Continue with the same command and --resume.")
         if trained.complete:
