@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 import warp as wp
@@ -99,6 +100,19 @@ def test_a_kernel_is_compiled_where_the_cache_is_empty_and_only_there(tmp_path):
         )
         said.append(done.stdout.split())
     assert said == [["True"], ["False"]]
+
+
+@pytest.mark.parametrize("removed", ["get_module_identifier", "options"])
+def test_with_another_version_of_warp_every_module_counts_as_cached(monkeypatch, removed):
+    """Warp's internals, which tell whether a module is, may change."""
+    module = wp.get_module(kernel_modules("cpu")[0])
+    changed = SimpleNamespace(
+        get_module_identifier=module.get_module_identifier, options=module.options
+    )
+    delattr(changed, removed)
+    monkeypatch.setattr(wp, "get_module", lambda name: changed)
+    monkeypatch.setattr(wp, "get_device", lambda name: SimpleNamespace(is_cpu=removed != "options"))
+    assert loading.is_cached(module.name, "cpu")
 
 
 def test_an_error_of_a_kernel_is_not_lost(monkeypatch, two_modules):

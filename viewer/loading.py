@@ -67,11 +67,18 @@ def kernel_modules(device: str) -> list[str]:
 
 
 def is_cached(name: str, device: str) -> bool:
-    """Whether Warp has a binary of a module, as it is now, in its cache."""
+    """Whether Warp has a binary of a module, as it is now, in its cache.
+
+    The answer depends on internals of Warp, and is only shown to the user: with a version of
+    Warp that has other internals, every module is taken to be in the cache.
+    """
     module, device = wp.get_module(name), wp.get_device(device)
-    block_dim = 1 if device.is_cpu else module.options["block_dim"]
-    folder = Path(wp.config.kernel_cache_dir) / module.get_module_identifier(block_dim)
-    binary = "*.o" if device.is_cpu else f"*.sm{device.get_cuda_compile_arch()}*"
+    try:
+        block_dim = 1 if device.is_cpu else module.options["block_dim"]
+        folder = Path(wp.config.kernel_cache_dir) / module.get_module_identifier(block_dim)
+        binary = "*.o" if device.is_cpu else f"*.sm{device.get_cuda_compile_arch()}*"
+    except (AttributeError, KeyError, TypeError):
+        return True
     return any(folder.glob("*.meta")) and any(folder.glob(binary))
 
 
