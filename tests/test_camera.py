@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.render import Lens, camera_rays, from_field_of_view, look_at, view_projection
+from deformrf.core.render import (
+    Lens,
+    camera_rays,
+    from_field_of_view,
+    look_at,
+    pinhole,
+    view_projection,
+)
 
 
 @pytest.fixture
@@ -43,6 +50,14 @@ def test_the_field_of_view_is_that_of_the_outer_pixels_edges(camera):
 def test_resizing_keeps_the_vertical_field_of_view(camera):
     small = camera.resized(20, 15)
     assert small.height / small.focal == pytest.approx(camera.height / camera.focal)
+
+
+def test_resizing_a_pinhole_scales_its_focal_length_in_a_fixed_order(camera):
+    """To the last bit: images of earlier versions can be rendered again."""
+    for height in range(1, 200):
+        resized = camera.resized(20, height)
+        assert resized.focal == camera.focal * height / camera.height
+        assert resized.lens == pinhole(resized.focal, 20, height)
 
 
 def test_a_shifted_axis_and_unequal_focal_lengths_project_to_their_pixels(camera):

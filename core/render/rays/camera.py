@@ -58,7 +58,8 @@ class Camera:
             lens,
             width=width,
             height=height,
-            focal=(lens.focal[0] * scale, lens.focal[1] * scale),
+            # Not times `scale`: in this order, images keep the bits of earlier versions.
+            focal=(lens.focal[0] * height / lens.height, lens.focal[1] * height / lens.height),
             center=(
                 0.5 * width + (lens.center[0] - 0.5 * lens.width) * scale,
                 0.5 * height + (lens.center[1] - 0.5 * lens.height) * scale,
