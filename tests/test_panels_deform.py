@@ -140,12 +140,6 @@ def test_boxes_switch_what_surrounds_the_object(panel):
     assert panel.scene.settings.soft_grab
 
 
-def test_the_limit_is_the_solvers_own():
-    from deformrf.viewer.panels import deform
-
-    assert deform.COMPLIANCE_FLOOR is COMPLIANCE_FLOOR
-
-
 @pytest.mark.parametrize("value, text", [(500.0, "500 "), (5e5, "500 k"), (2.5e9, "2.5 G")])
 def test_large_numbers_have_prefixes(value, text):
     from deformrf.viewer.panels.deform import si
