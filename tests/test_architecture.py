@@ -1,7 +1,9 @@
-"""ARCHITECTURE.md is true of the code: its tree exists, and its walks are calls."""
+"""ARCHITECTURE.md is true of the code: its tree exists, and its walks are calls that are made."""
 
-import ast
 import re
+import sys
+import threading
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -9,63 +11,95 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
 STATION = re.compile(r"^\d+\. `(?P<path>[\w/.]+\.py)` `(?P<name>[\w.]+)`", re.MULTILINE)
-APP = (ROOT / "viewer" / "app.py").read_text(encoding="utf-8")
-WALKS = re.split(r"^### ", TEXT, flags=re.MULTILINE)[1:]
 MOST_STATIONS = 8
 
 
-def stations(walk):
+def walk(title):
     """(path, qualified name) of each station of a walk."""
-    return [(match["path"], match["name"]) for match in STATION.finditer(walk)]
-
-
-def definition(path, name):
-    """The syntax tree of a function, class or method by its qualified name."""
-    node = ast.parse((ROOT / path).read_text(encoding="utf-8"))
-    for part in name.split("."):
-        kinds = (ast.FunctionDef, ast.ClassDef)
-        found = [n for n in ast.walk(node) if isinstance(n, kinds) and n.name == part]
-        assert found, f"{path} has no {name}"
-        node = found[0]
-    return node
-
-
-def used_in(node):
-    """Names that a definition calls, or hands on to be called (kernels, callbacks)."""
-    names = {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
-    return names | {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-
-
-def reached_from(path, name):
-    """Names that a station uses, itself or through other functions of its file."""
-    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
-    kinds = (ast.FunctionDef, ast.ClassDef)
-    functions = {n.name: n for n in ast.walk(tree) if isinstance(n, kinds)}
-    reached, waiting = set(), [definition(path, name)]
-    while waiting:
-        new = used_in(waiting.pop()) - reached
-        reached |= new
-        waiting += [functions[other] for other in new & functions.keys()]
-    return reached
-
-
-@pytest.mark.parametrize("walk", WALKS, ids=lambda walk: walk.splitlines()[0])
-def test_a_walk_is_short_and_a_station_before_each_calls_it(walk):
-    places = stations(walk)
+    text = re.search(rf"^### {title}$(.*?)(?=^##|\Z)", TEXT, re.MULTILINE | re.DOTALL)[1]
+    places = [(match["path"], match["name"]) for match in STATION.finditer(text)]
     assert 2 <= len(places) <= MOST_STATIONS, places
-    reached = reached_from(*places[0])
-    for path, name in places[1:]:
-        # A class is called by its name, one of its special methods by the class's.
-        *owner, last = name.split(".")
-        called = owner[-1] if last in ("__init__", "__call__") else last
-        # The window calls the methods on_* of the handlers that the app gives it.
-        given = last.startswith("on_") and "push_handlers(self.controls)" in APP
-        assert given or called in reached, f"no station before it calls {path} {name}"
-        reached |= reached_from(path, name)
+    return places
 
 
-def test_there_are_three_walks():
-    assert len(WALKS) == 3
+@pytest.fixture
+def follow():
+    """Run a function, and check that a station before it calls each station of a walk."""
+    tracers = sys.getprofile(), threading.getprofile()
+
+    def follow(title, function):
+        places = walk(title)
+        numbers = {name: (n, f"/{path}") for n, (path, name) in enumerate(places)}
+        running, called = Counter(), {}  # stations; called -> whether one before it was running
+
+        def profile(frame, event, _):
+            code = frame.f_code
+            number, path = numbers.get(code.co_qualname, (None, ""))
+            if number is None or not code.co_filename.endswith(path):
+                return
+            if event == "call":
+                before = number == 0 or any(running[n] > 0 for n in range(number))
+                called[number] = called.get(number, False) or before
+                running[number] += 1
+            elif event == "return":
+                running[number] -= 1
+
+        threading.setprofile(profile)  # tiles of an image are rendered in threads
+        sys.setprofile(profile)
+        try:
+            function()
+        finally:
+            sys.setprofile(tracers[0])
+            threading.setprofile(tracers[1])
+        for number, place in enumerate(places):
+            assert number in called, f"{place} is not called"
+            assert called[number], f"no station before it calls {place}"
+
+    return follow
+
+
+@pytest.mark.gl
+def test_a_frame_goes_from_the_mouse_to_the_pixel(follow, window, ball):
+    from deformrf.viewer.app import App
+    from deformrf.viewer.events import EventLog
+
+    def drag():
+        app = App(*window, EventLog(False), gui=False)
+        app.load(ball, "ball", "cpu")
+        app.scene.grab(int(app.scene.control_ids[0]))
+        app.controls.mode = "grab"
+        app.window.dispatch_event("on_mouse_drag", 100, 100, 5, 5, 1, 0)  # waits for the loop
+        app.run(2)
+        app.close()
+
+    follow("A frame, from the mouse to the pixel", drag)
+
+
+def test_a_training_step_is_as_described(follow, data):
+    from deformrf.core.training import load_dataset, preset, train
+
+    views = load_dataset(data, "train")
+    options = preset("tiny", fine_steps=2, spacing=0.1, leave_out=("coarse-stage",))
+    follow("A training step", lambda: train(views, options, "cpu"))
+
+
+def test_a_section_of_the_report_is_as_described(follow, ball_file, tmp_path, monkeypatch):
+    from deformrf.core.lab import command
+    from deformrf.core.lab.effort import EFFORTS
+
+    least = EFFORTS[True, True]._replace(size=24, view_count=1, pixel_count=20, turns=1)
+    plan = command.plan
+    monkeypatch.setattr(command, "plan", lambda *arguments: plan(*arguments)[:1])
+    monkeypatch.setattr(command, "EFFORTS", {(True, True): least})
+    words = ["deformrf-report", str(ball_file), "-o", str(tmp_path / "report")]
+    monkeypatch.setattr(sys, "argv", [*words, "--device", "cpu", "--quick"])
+
+    def report():
+        with pytest.raises(SystemExit) as end:
+            command.main()
+        assert end.value.code == 0
+
+    follow("A section of the report", report)
 
 
 def test_the_tree_names_every_room():
@@ -85,3 +119,14 @@ def test_the_tree_names_every_room():
         for init in (ROOT / part).rglob("__init__.py")
     }
     assert rooms <= named, f"ARCHITECTURE.md leaves out {sorted(rooms - named)}"
+
+
+def test_places_of_the_table_exist():
+    """`name` in `path`, and paths alone, as the table of places has them."""
+    table = TEXT.split("## Where is ...?")[1].split("## ")[0]
+    for name, path in re.findall(r"`([\w.]+)` in `([\w/.]+)`", table):
+        last = name.rpartition(".")[2]
+        text = (ROOT / path).read_text(encoding="utf-8")
+        assert re.search(rf"(def|class|auto) {last}\b", text), f"{path} has no {name}"
+    for path in re.findall(r"`([\w/]+/[\w.]*)`", table):
+        assert (ROOT / path).exists(), path

@@ -15,7 +15,7 @@ import warp as wp
 
 from .batch import Batch
 
-AHEAD = 3  # batches that are being marched while one is learnt from
+AHEAD = 4  # batches that are being marched while one is learnt from
 
 
 class RecordedSteps:
