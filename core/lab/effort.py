@@ -1,21 +1,21 @@
-"""How much a report measures: quick or in full, on a CPU or on CUDA."""
+"""The amount of work of a report: quick or in full, on a CPU or on CUDA."""
 
 from typing import NamedTuple
 
 
 class Effort(NamedTuple):
-    """How much is measured.
+    """Sizes and repeats of the measurements.
 
     Attributes:
-        size: Of images that settings are compared in, both sides [pixels].
-        view_count: Views from all around.
-        pixel_count: Compared with the reference in each view.
-        turns: Of timing settings.
-        photo_count: Test views.
-        photo_pixels: Compared in each of them.
-        frame_size: Of images with and without what is left out, both sides [pixels].
-        frame_turns, step_turns, start_turns: Repeats with and without it, of frames, of
-            steps of the solver, of starts.
+        size: Width and height of the images that compare settings [pixels].
+        view_count: Number of views from all around.
+        pixel_count: Pixels per view that are compared with the reference.
+        turns: Repeats of each setting's time.
+        photo_count: Number of test views.
+        photo_pixels: Compared pixels per test view.
+        frame_size: Width and height of the images that measure omissions [pixels].
+        frame_turns, step_turns, start_turns: Repeats with and without each omission, of
+            frames, solver steps and starts.
         compilations: Repeats of compiling kernels, which takes long.
     """
 

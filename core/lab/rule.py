@@ -1,8 +1,8 @@
-"""The rule that picks a default: the cheapest setting whose error is within the bound.
+"""The rule that chooses a default: the fastest setting whose error is within the bound.
 
-Times are compared in pairs: each is divided by that of one setting, the default, in the same
-turn, as a shared machine is quicker in one turn than in the next; the least median wins.  Of
-equals, the most exact wins.  The Pareto front uses the same relative times.
+The speed of a shared machine varies between turns, so each time is divided by the default's
+time in the same turn; the least median wins.  Of equals, the most exact wins.  The Pareto
+front uses the same relative times.
 
 Shapes: S settings, R turns.
 """
@@ -11,18 +11,18 @@ import numpy as np
 
 
 def shares(times, base=0):
-    """Of the time of setting `base` in the same turn.  [S, R]"""
+    """Times relative to that of setting `base` in the same turn.  [S, R]"""
     times = np.asarray(times, float)
     return times / times[base]
 
 
 def cheapest(times, errors, bound: float, base=0) -> int | None:
-    """The number of the setting that the rule picks; None if no error is within the bound.
+    """The index of the setting that the rule chooses; None if no error is within the bound.
 
     Args:
-        times: Of every setting in every turn, in any unit.  [S, R]
-        errors: Of every setting: less is better.  [S]
-        bound: The largest error that is allowed.
+        times: Time of each setting in each turn, in any unit.  [S, R]
+        errors: Error of each setting; less is better.  [S]
+        bound: The largest allowed error.
         base: The setting that the others are compared with.
     """
     errors = np.asarray(errors, float)
@@ -34,10 +34,10 @@ def cheapest(times, errors, bound: float, base=0) -> int | None:
 
 
 def front(times, errors):
-    """Which settings no other one beats in both time and error.  [S] bool
+    """The Pareto front: settings that no other beats in both time and error.  [S] bool
 
     Args:
-        times: One of every setting, in any unit.  [S]
+        times: One time per setting, in any unit.  [S]
     """
     times, errors = np.asarray(times, float), np.asarray(errors, float)
     on_front = np.zeros(len(times), bool)

@@ -1,8 +1,8 @@
-"""How long something takes: the median over repeats after a warm-up, with its spread.
+"""Times an action: the median over repeats after a warm-up, with its spread.
 
-On CUDA by events on the stream, so that neither the launch of what comes before nor the
-host's clock is in it.  Two things that are to be compared take turns: what else happens on
-the machine happens to both.
+On CUDA, events on the stream measure it, so that neither earlier launches nor the host's
+clock enter.  Two actions that are compared take turns, so that other load on the machine
+affects both.
 """
 
 import time
@@ -20,7 +20,7 @@ HELD_STEPS = 200_000  # of one thread, each waits for the one before: some 10 ms
 
 @dataclass(frozen=True)
 class Timing:
-    """What something that was repeated took: milliseconds, where no other unit is named."""
+    """The times of a repeated action: milliseconds, unless another unit is named."""
 
     median: float
     low: float  # tenth percentile
@@ -30,7 +30,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Share(Timing):
-    """What something took of what something else took in the same turn [%]."""
+    """The time of one action relative to that of another in the same turn [%]."""
 
 
 def timing_of(repeats) -> Timing:
@@ -40,13 +40,13 @@ def timing_of(repeats) -> Timing:
 
 
 def share_of(shares) -> Share:
-    """The share that single ones [n] make; 1 is all."""
+    """The Share of single fractions [n]; 1 is 100 %."""
     timing = timing_of(100.0 * np.asarray(shares))
     return Share(timing.median, timing.low, timing.high, timing.count)
 
 
 def milliseconds(action: Callable[[], object], device) -> float:
-    """How long one call takes, everything that it launches on the device included."""
+    """Milliseconds of one call, including everything that it launches on the device."""
     device = wp.get_device(device)
     if not device.is_cuda:
         start = time.perf_counter()
@@ -72,9 +72,9 @@ def hold_back_kernel(count: int, value: wp.array(dtype=float)):
 
 @contextmanager
 def held_back(device):
-    """On CUDA: keep the stream busy at first, so that launches within run without gaps.
+    """On CUDA, keep the stream busy at first, so that launches within run without gaps.
 
-    Otherwise work that is shorter than its own launch seems to take as long as that.
+    Otherwise work that is shorter than its own launch seems to take as long as the launch.
     """
     device = wp.get_device(device)
     if device.is_cuda:

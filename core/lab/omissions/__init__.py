@@ -1,1 +1,1 @@
-"""What a scene does not need, and what leaving it out saves."""
+"""The parts that a scene does not need, and the savings of leaving them out."""

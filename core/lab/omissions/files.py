@@ -1,8 +1,8 @@
-"""What a model file leaves out, measured by writing it.
+"""Omissions in a model file, measured by writing the omitted arrays.
 
-Sizes are those of files in a temporary folder, in 10⁶ bytes, with as many bits an entry as
-the given file has.  A file that was written before a rule (its format version says so) does
-not follow it: the row then says what writing it again would save.
+Sizes are those of files in a temporary folder, in 10⁶ bytes, with as many bits per entry as
+the given file.  A file of an older format version contains these arrays; its rows then give
+the saving of writing the model again.
 """
 
 import json
@@ -27,7 +27,7 @@ from .rows import (
     pose_change,
 )
 
-FIRST_VERSION = 2  # of the format that leaves anything out
+FIRST_VERSION = 2  # the first format version with omissions
 OLDER = "This file is of an older format that stores it; writing the model again leaves it out."
 
 
@@ -42,18 +42,18 @@ def file_rows(frames: Frames, path) -> list[Omission]:
 
 
 def _row(name, with_it, without, change, why, left_out) -> Omission:
-    """With and without are arrays of a file; a written size is the same at each repeat."""
+    """A row from the arrays of two files; one turn, because a file's size does not vary."""
     compared = compared_in_turns(*([_megabytes(arrays)] for arrays in (with_it, without)))
     return omission(name, FILE, compared, change, why, left_out, "MB")
 
 
 def _entries(frames, arrays, bits, left_out) -> Omission:
-    """Table entries that no occupied sub-tet reaches."""
+    """The row of table entries that no occupied sub-tet reaches."""
     field = frames.field
     reached = reached_entries(field.mesh, field.layout, field.occupancy)
     others = {k: a for k, a in arrays.items() if not k.startswith(("reached_", "table_", "scale_"))}
     every = others | pack_tables(field.table, field.layout, np.ones_like(reached), bits)
-    # The file has lost the values of those entries, so noise stands for any values.
+    # The file does not contain these entries, so noise stands for their values.
     noise = np.random.default_rng(0).normal(size=field.table.shape) * field.table.std()
     noisy, empty = (
         replace(field, table=np.where(reached[:, None], field.table, rest).astype(np.float32))
@@ -69,7 +69,7 @@ def _entries(frames, arrays, bits, left_out) -> Omission:
 
 
 def _rest_vertices(field, arrays, left_out) -> Omission:
-    """Positions that follow from the lattice's addresses."""
+    """The row of positions that follow from the lattice's addresses."""
     name, rest = "rest vertices of a lattice", field.mesh.rest_vertices
     spacing = lattice_spacing(field.mesh)
     if spacing is None:
@@ -82,7 +82,7 @@ def _rest_vertices(field, arrays, left_out) -> Omission:
 
 
 def _surroundings(frames, arrays) -> Omission:
-    """What lies around the object."""
+    """The row of the surroundings, which are kept."""
     others = {k: a for k, a in arrays.items() if not k.startswith("surroundings_")}
     alone = frames.way(replace(frames.field, surroundings=None))
     change = frames.change(frames.usual, alone)
@@ -94,7 +94,7 @@ def _surroundings(frames, arrays) -> Omission:
 
 
 def _megabytes(arrays) -> float:
-    """Of the file that holds these arrays."""
+    """Size of a file with these arrays [10⁶ bytes]."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.npz"
         np.savez(path, **arrays)

@@ -1,8 +1,8 @@
-"""What rendering leaves out at rest, measured by rendering with it.
+"""Omissions in rendering at rest, measured by rendering with the omitted part.
 
-A turn is one image with it and one without it of the same view; views go round.  Each way has
-a renderer of its own: on CUDA a renderer expects as many rounds as its last image took, which
-another way's image would mislead.  Images are compared over all views, over white.
+A turn renders one view with the part and once without; the next turn takes the next view.
+Each variant has its own renderer: on CUDA a renderer predicts the number of rounds from its
+last image, so the variants must not share it.  Images are compared over all views, over white.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ ALL_SUBTETS = 2**64 - 1  # the mask of a full tet
 
 
 class Way(NamedTuple):
-    """One way of rendering."""
+    """One variant of rendering."""
 
     renderer: Renderer | None  # None if nothing is rendered
     turn: Callable[[], object]  # renders the next view
@@ -30,7 +30,7 @@ class Way(NamedTuple):
 
 
 class Frames:
-    """A bench for ways of rendering a field at rest."""
+    """A bench for variants of rendering a field at rest."""
 
     group = RENDERING
 
@@ -44,7 +44,7 @@ class Frames:
         return self.way()
 
     def way(self, field: TetField | None = None, part_of=visible_part, **options) -> Way:
-        """Another field of the same mesh, other parts of it, or other RenderOptions."""
+        """A variant with another field of the same mesh, other tets, or other RenderOptions."""
         renderer = Renderer(field or self.field, self.device, part_of)
         renderer.set_vertices(self.field.mesh.rest_vertices)
         options, following = RenderOptions(**options), cycle(self.cameras)
@@ -55,11 +55,11 @@ class Frames:
         )
 
     def change(self, with_it: Way, without: Way) -> str:
-        """What their images differ by."""
+        """The difference of their images, in words."""
         return image_change(with_it.images(), without.images())
 
     def change_of_layers(self, layers: Way, usual: Way) -> str:
-        """The path for overlap has no early end, so it is compared with rays without one, too."""
+        """Compare with rays without an early end, too, because the path for overlap has none."""
         endless = self.change(layers, self.way(termination=0.0))
         return f"{self.change(layers, usual)}; compared with rays that never end: {endless}"
 
@@ -69,7 +69,7 @@ class Frames:
 
 
 def frame_switches(frames: Frames) -> list[Switch]:
-    """What there is to measure on the device of the frames."""
+    """The switches that can be measured on the device of the frames."""
     field, way = frames.field, frames.way
 
     def usual():
@@ -138,7 +138,7 @@ def frame_switches(frames: Frames) -> list[Switch]:
 
 
 def _level_switch(frames):
-    """The levels that are finer than a pixel; where none is, the finest one."""
+    """A switch for the levels finer than a pixel or, if there are none, for the finest level."""
     field, count = frames.field, frames.field.layout.level_count
     positions, focal = [c.position for c in frames.cameras], frames.cameras[0].focal
     pixel = narrowest_pixel(positions, focal, field.mesh.rest_vertices)
@@ -158,7 +158,7 @@ def _level_switch(frames):
 
 
 def _view_switch(frames):
-    """Spherical harmonics of a sample's direction; a model may have been trained without."""
+    """A switch for spherical harmonics of the direction; some models are trained without."""
     field, has_it = frames.field, frames.field.options.view_dependence
     other = replace(field, options=replace(field.options, view_dependence=not has_it))
     return Switch(
@@ -173,6 +173,6 @@ def _view_switch(frames):
 
 
 def every_tet(field: TetField):
-    """As visible_part, in its order, but all tets."""
+    """All tets, in the order of visible_part."""
     part, ids = visible_part(replace(field, occupancy=np.full_like(field.occupancy, ALL_SUBTETS)))
     return replace(part, occupancy=field.occupancy[ids]), ids

@@ -1,4 +1,4 @@
-"""Everything that the program leaves out for a model on a device: one part after another."""
+"""Measures all omissions for a model on a device, one part after another."""
 
 import re
 import subprocess
@@ -14,7 +14,7 @@ from .rows import DYNAMICS, FILE, RENDERING, START, Omission, not_measured
 from .starts import import_rows, kernel_row
 from .steps import Steps, step_switches
 
-# Of the machine, such as a full disk, or a file that is gone.
+# Failures of the machine, such as a full disk or a deleted file.
 FAILURES = OSError, RuntimeError, subprocess.SubprocessError, ModelFileError
 UNITS = {RENDERING: "ms", DYNAMICS: "ms", FILE: "MB", START: "s"}
 FOLDERS = re.compile(  # of absolute paths, in quotes or not
@@ -31,7 +31,7 @@ class Part(NamedTuple):
     measure: Callable[[], list[Omission]]
 
     def run(self) -> list[Omission]:
-        """The rows; where the machine fails, one that says how."""
+        """The rows, or one row with the error if the machine fails."""
         try:
             return self.measure()
         except FAILURES as error:
@@ -48,7 +48,7 @@ def parts(field: TetField, model_path, device: str, effort: Effort) -> list[Part
     """
     frames = Frames(field, device, effort.frame_size, effort.view_count, effort.frame_turns)
     steps = Steps(field, device, effort.step_turns)
-    path = Path(model_path).absolute()  # so that no failure names a folder: FOLDERS
+    path = Path(model_path).absolute()  # so that FOLDERS removes folders from errors
     switched = [
         Part(f"{bench.group}: {switch.name}", bench.group, seconds, _one(switch, bench))
         for bench, switches, seconds in (
@@ -80,6 +80,6 @@ def _one(switch, bench):
 
 
 def _reason(error) -> str:
-    """The last line of what an error says, which is the one that names it, without folders."""
+    """The last line of an error's text, which names the error, without folders."""
     lines = str(error).strip().splitlines() or [type(error).__name__]
     return FOLDERS.sub("", lines[-1]).rstrip(".")

@@ -27,8 +27,8 @@ Compared = tuple[Timing, Timing, Timing]  # with it, without it, and the differe
 class Omission:
     """Something that is left out, or could be.
 
-    Numbers are None, and `verdict` is NOT_MEASURED, where it can't be measured; where
-    measuring it failed, `left_out` is None, too.
+    If it cannot be measured, numbers are None and `verdict` is NOT_MEASURED; if measuring
+    failed, `left_out` is None, too.
     """
 
     name: Annotated[str, "what"]
@@ -44,7 +44,7 @@ class Omission:
 
     @property
     def percent(self) -> Timing:
-        """The saving, of what it is a part of."""
+        """The saving, relative to the whole `with_it` [%]."""
         whole = max(self.with_it.median, 1e-12) / 100.0
         saving = self.saving
         return Timing(saving.median / whole, saving.low / whole, saving.high / whole, saving.count)
@@ -52,18 +52,18 @@ class Omission:
 
 @dataclass(frozen=True)
 class Switch:
-    """A row of the table of what is left out: how to do it with it and without it."""
+    """A row to be measured: how to run with the part and without it."""
 
     name: str
     with_it: Callable  # makes an object whose method `turn` is timed
     without: Callable
-    why: str  # it is left out, or isn't
+    why: str  # the reason to omit or to keep it
     left_out: bool = True
-    change: Callable | None = None  # what the results of both differ by; None: as the bench says
-    missing: str = ""  # why it can't be measured here, if so
+    change: Callable | None = None  # compares both results; None: bench.change
+    missing: str = ""  # the reason, if it can't be measured here
 
     def measured(self, bench) -> Omission:
-        """A row, measured on a bench: `group`, `device`, `repeats` and `change`."""
+        """The measured row; a bench has `group`, `device`, `repeats` and `change`."""
         if self.missing:
             return not_measured(self.name, bench.group, self.missing, left_out=False)
         with_it, without = self.with_it(), self.without()
@@ -73,12 +73,12 @@ class Switch:
 
 
 def omission(name, group, compared: Compared, change, why, left_out=True, unit="ms") -> Omission:
-    """A row of what was measured."""
+    """A measured row."""
     return Omission(name, group, left_out, unit, *compared, change, verdict(*compared), why)
 
 
 def not_measured(name, group, why, left_out=True, unit="ms") -> Omission:
-    """A row without numbers, that says why it has none."""
+    """A row without numbers, with the reason."""
     return Omission(name, group, left_out, unit, None, None, None, "", NOT_MEASURED, why)
 
 
@@ -96,13 +96,13 @@ def verdict(with_it: Timing, without: Timing, saving: Timing) -> str:
 
 
 def compared_in_turns(with_it, without) -> Compared:
-    """Numbers [n] of n turns."""
+    """Timings of n turns with, without, and of the difference.  [n], [n]"""
     with_it, without = np.asarray(with_it), np.asarray(without)
     return timing_of(with_it), timing_of(without), timing_of(with_it - without)
 
 
 def image_change(with_it, without) -> str:
-    """What images ([H, W, 3 or 4] uint8 each) without something differ by from those with it."""
+    """The difference of two lists of images ([H, W, 3 or 4] uint8 each), in words."""
     pairs = zip(with_it, without, strict=True)
     if all(np.array_equal(a, b) for a, b in pairs):
         return NONE
@@ -111,7 +111,7 @@ def image_change(with_it, without) -> str:
 
 
 def pose_change(with_it, without, size: float) -> str:
-    """What poses ([V, 3] each) differ by, in object sizes."""
+    """The difference of two poses [V, 3], in words and object sizes."""
     if np.array_equal(with_it, without):
         return NONE
     away = np.linalg.norm(np.asarray(with_it, float) - without, axis=1)

@@ -1,10 +1,10 @@
-"""What a start leaves out, measured by interpreters that import it first.
+"""Omissions at the start, measured by interpreters that import the omitted modules first.
 
 Each turn starts fresh interpreters that do what viewing needs: import, load the model, render
 one small image.  The first turn does not count: it reads from a cold disk.  Seconds run from
-the interpreter's first line; memory is the peak of the process, which Linux tells
-(/proc/self/status: getrusage would count the peak of the process that started it).  Kernels
-are in Warp's cache, except for the row of those that are compiled.
+the interpreter's first line; memory is the peak of the process from Linux's
+/proc/self/status (getrusage would count the peak of the parent process).  Kernels are in
+Warp's cache, except for the row that compiles them.
 """
 
 import json
@@ -61,7 +61,7 @@ print(json.dumps(time.perf_counter() - start))
 """
 
 
-MODULES = {  # name: modules, and why they are left out where they are
+MODULES = {  # name: modules, and why a start omits them
     "torch": (
         TORCH,
         "Networks run in NumPy on the CPU and in a Warp kernel on CUDA; torch is for training.",
@@ -74,7 +74,7 @@ MODULES = {  # name: modules, and why they are left out where they are
 
 
 def import_rows(path, device, turns: int) -> list[Omission]:
-    """Seconds and memory of torch, and of what only reports need."""
+    """Seconds and memory of torch, and of the modules that only reports need."""
     ways = ((), TORCH, REPORTS)
     runs = {way: [] for way in ways}
     for turn in range(-WARM_UP, turns):
@@ -129,7 +129,7 @@ def kernel_row(device, turns: int) -> Omission:
 
 
 def _run(program, *arguments):
-    """What a fresh interpreter prints, as JSON."""
+    """Run a program in a fresh interpreter; return its output, parsed as JSON."""
     command = [sys.executable, "-c", program, *arguments]
     run = subprocess.run(command, capture_output=True, text=True)
     if run.returncode:

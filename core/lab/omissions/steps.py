@@ -1,8 +1,9 @@
-"""What dynamics leave out, measured on two solvers of which one does without.
+"""Omissions in dynamics, measured on two solvers, one with and one without the part.
 
-Both take the same drag: the highest vertices of the largest part, held as the viewer holds
-them, swing from side to side, a step of 1/60 s a turn.  Where a pose at rest decides, they are
-then held still for two seconds.  Differences are in object sizes, the longest side at rest.
+Both solvers get the same drag: the highest vertices of the largest component, grabbed as in
+the viewer, swing from side to side, one step of 1/60 s per turn.  To compare poses at rest,
+they are then held still for two seconds.  Differences are in object sizes, the longest side
+at rest.
 
 Shapes: V vertices.
 """
@@ -89,18 +90,18 @@ class Steps:
         return Drag(self.field, self.device, **settings)
 
     def change(self, with_it: Drag, without: Drag) -> str:
-        """What their poses differ by."""
+        """The difference of their poses, in words."""
         return pose_change(with_it.vertices, without.vertices, with_it.solver.object_size)
 
     def change_at_rest(self, with_it: Drag, without: Drag) -> str:
-        """What their poses differ by after the handles were held still."""
+        """The difference of their poses after the handles were held still, in words."""
         with_it.hold()
         without.hold()
         return self.change(with_it, without)
 
 
 def step_switches(steps: Steps) -> list[Switch]:
-    """What there is to measure."""
+    """The switches to measure."""
     mesh, usual = steps.field.mesh, Material()
     quarter = Material(poisson_ratio=LOWEST_POISSON_RATIO)
     lowest = float(mesh.rest_vertices[:, 2].min())

@@ -24,7 +24,7 @@ def section(
     effort: Effort,
     step: Callable[[float], None] = lambda share: None,
 ) -> Section:
-    """Measure and tell; `step` is called with the share that is done."""
+    """Measure all parts; `step` is called with the finished share."""
     planned, rows, done = parts(field, model_path, device, effort), [], 0.0
     whole = sum(part.seconds for part in planned)
     for part in planned:
@@ -80,7 +80,7 @@ def _summary(measured) -> str:
 
 
 def _finding(row: Omission) -> str | None:
-    """What has to be said about a row in words, if anything."""
+    """The finding of a row as text; None if the table is enough."""
     if row.verdict == NOT_MEASURED:
         return f"Not measured: {row.name}. {row.why}"
     if not row.left_out:

@@ -1,8 +1,8 @@
-"""Error of rendering against the time that it takes, one setting beside the other.
+"""Error of rendering against its run time, for many settings.
 
-PSNR is that of random pixels against the float64 reference at the model's own step, which
-defines the image of a field.  Random pixels miss single ones that sparkle, so all pixels
-are compared with conformance mode.  Those that differ most are suspects: they are compared
+PSNR compares random pixels with the float64 reference at the model's own step, which
+defines the image of a field.  Random pixels miss single sparkling pixels, so all pixels are
+compared with conformance mode.  The pixels that differ most are suspects: they are compared
 with the reference, too.
 
 Default mode may end rays early, use half precision and leave levels out, as long as every
@@ -42,14 +42,14 @@ FULL = np.uint64(2**64 - 1)  # a tet's mask without an empty sub-tet
 
 @dataclass(frozen=True)
 class Setting:
-    """A way to render."""
+    """One set of options to compare."""
 
     name: str
-    family: str  # what differs from default mode
+    family: str  # the kind of difference from default mode
     options: RenderOptions = DEFAULT
     scale: int = 1  # of the image's sides: 2 is a quarter of the pixels, enlarged again
     masked: bool = True  # whether empty sub-tets are left out
-    candidate: bool = False  # whether default mode may do so
+    candidate: bool = False  # whether default mode may use it
 
 
 CONFORMANCE = Setting("conformance", "conformance", RenderOptions(conformance=True))
@@ -57,7 +57,7 @@ CONFORMANCE = Setting("conformance", "conformance", RenderOptions(conformance=Tr
 
 @dataclass(frozen=True)
 class RenderingRow:
-    """What a setting costs and how wrong it is."""
+    """Time and error of a setting."""
 
     setting: Annotated[str, "setting"]
     family: str
@@ -69,20 +69,20 @@ class RenderingRow:
     frame: Annotated[Timing, "ms a view"]
     relative: Annotated[Share, "of the default's [%]"]  # in the same turn
     samples: Annotated[float, "samples a pixel"]
-    front: Annotated[bool, "on the front"]  # nothing else is both quicker and closer
+    front: Annotated[bool, "on the front"]  # no other setting is both faster and closer
     candidate: bool
     default: bool
     chosen: Annotated[bool, "the rule's"]
 
     @property
     def within(self) -> bool:
-        """Whether its error is what default mode may have."""
+        """Whether its error is within the bounds of default mode."""
         largest = max(self.largest, self.largest_anywhere or 0.0)
         return self.worst_psnr >= BOUND and largest <= LARGEST
 
 
 def settings(level_count: int, half: bool) -> list[Setting]:
-    """What is compared, default mode first; `half` if that evaluates networks in half precision."""
+    """The settings to compare, default mode first; `half`: its networks use half precision."""
     found = [Setting("default", "default", candidate=True)]
 
     def add(name, family, candidate=False, **options):
@@ -118,15 +118,15 @@ def _less(count):
 
 
 class RenderingStudy:
-    """Renders a field at rest in many ways.
+    """Renders a field at rest with many settings.
 
     Attributes:
         pictures: Views and their references.
-        times: Of every setting that was measured, in every turn [ms].  name -> [R]
+        times: Time of each measured setting in each turn [ms].  name -> [R]
     """
 
     def __init__(self, field: TetField, device, size: int, view_count: int, pixel_count: int):
-        """Compute the references of so many pixels of each view, size x size pixels large."""
+        """Compute the references of `pixel_count` pixels of each view of size x size pixels."""
         self.field, rest = field, field.mesh.rest_vertices
         self._renderer = Renderer(field, device)
         self._renderer.set_vertices(rest)
@@ -143,7 +143,7 @@ class RenderingStudy:
         return self._renderer.shading.evaluate_slots is not None
 
     def reference_error(self) -> pictures.ImageError:
-        """How far the reference is from its own limit of short steps; see pictures."""
+        """The reference's error against its limit of short steps; see pictures."""
         rng, parts = np.random.default_rng(0), []
         for picture in self.pictures:
             count = min(DISCRETIZATION_PIXELS // len(self.pictures), len(picture.pixels))
@@ -206,7 +206,7 @@ class RenderingStudy:
         return [replace(row, front=bool(best[i]), chosen=i == chosen) for i, row in enumerate(rows)]
 
     def stages(self, repeats: int) -> dict[str, Timing]:
-        """Milliseconds of each stage of a view in default mode, and of all "together"."""
+        """Milliseconds per view of each stage in default mode, and of all "together"."""
         renderer, rest, found = self._renderer, self.field.mesh.rest_vertices, {}
         for repeat in range(-WARM_UP, repeats):
             seconds = renderer.stage.seconds = {}
@@ -221,7 +221,7 @@ class RenderingStudy:
         return {name: timing_of(times) for name, times in found.items()}
 
     def _suspects(self, compared, shown, exact):
-        """A Picture of each view: the pixels where a candidate is farthest from conformance."""
+        """A Picture of each view: the pixels where candidates differ most from conformance."""
         chosen = [set() for _ in self.pictures]
         for setting, images in zip(compared, shown, strict=True):
             if setting.candidate or setting is compared[0]:
@@ -235,12 +235,12 @@ class RenderingStudy:
         ]
 
     def _times(self, compared, turns, step):
-        """Milliseconds of a view, of every setting in every turn.  [S, R]"""
+        """Milliseconds per view, for each setting in each turn.  [S, R]"""
         times = np.empty((len(compared), turns))
         rng = np.random.default_rng(0)
         for turn in range(turns):
-            for number in rng.permutation(len(compared)):  # none always follows the same one
-                if self.half:  # a wavefront guesses its rounds by the image before
+            for number in rng.permutation(len(compared)):  # no setting always follows the same one
+                if self.half:  # a wavefront predicts its rounds from the last image
                     self._rendered(compared[number], 1)
                 taken = milliseconds(lambda n=number: self._rendered(compared[n]), self.device)
                 times[number, turn] = taken / len(self.pictures)
@@ -248,7 +248,7 @@ class RenderingStudy:
         return times
 
     def _rendered(self, setting, count=None):
-        """Images of the first views, of all by default, before they are enlarged."""
+        """Images of the first `count` views (default: all), before they are enlarged."""
         renderer = self._renderer if setting.masked else self._unmasked
         scale = setting.scale
         cameras = [picture.camera for picture in self.pictures[:count]]
@@ -260,7 +260,7 @@ class RenderingStudy:
         ]
 
     def _images(self, setting):
-        """The colors of every view [H, W, 3], and samples a pixel."""
+        """The colors of every view [H, W, 3], and samples per pixel."""
         images, samples, pixel_count = [], 0, 0
         for picture, image in zip(self.pictures, self._rendered(setting), strict=True):
             width, height = picture.camera.width, picture.camera.height
@@ -272,7 +272,7 @@ class RenderingStudy:
 
     @cached_property
     def _unmasked(self) -> Renderer:
-        """Of the same field without a mask."""
+        """A renderer of the same field with every sub-tet occupied."""
         full = np.full_like(self.field.occupancy, FULL)
         renderer = Renderer(replace(self.field, occupancy=full), self.device)
         renderer.set_vertices(self.field.mesh.rest_vertices)
@@ -280,6 +280,6 @@ class RenderingStudy:
 
 
 def enlarged(image, width: int, height: int):
-    """An image of bytes [h, w, 3] with more pixels, interpolated as the viewer does."""
+    """A uint8 image [h, w, 3], enlarged with the viewer's interpolation."""
     resized = Image.fromarray(image).resize((width, height), Image.Resampling.BILINEAR)
     return np.asarray(resized)

@@ -1,9 +1,8 @@
-"""Views of an object, photographs, and how far a rendered image is from what it should be.
+"""Views of an object, photographs, and the errors of rendered images.
 
-The truth is the float64 reference (render/reference.py) along some of an image's pixels, drawn
-at random: it tries every ray against every tet, so a whole image would take minutes.  The
-reference's own distance to the integral that its sum stands for is measured against a
-quarter of its step (`discretization`).
+The expected colors come from the float64 reference (render/reference.py) at random pixels: it
+tests every ray against every tet, so a whole image would take minutes.  The reference's own
+error against the integral is measured with a quarter of its step (`discretization`).
 
 Shapes: V vertices, N pixels.
 """
@@ -26,15 +25,15 @@ from ...render import (
 from ...training import Dataset, white_composite
 
 FIELD_OF_VIEW = 0.69  # rad, as in NeRF-synthetic
-FILLED = 0.95  # of the image's half width, or height: how far the object reaches
+FILLED = 0.95  # extent of the object, relative to the image's half width or height
 ELEVATION = 0.3  # rad
 FIRST_YAW = 0.52  # rad
-PEAK_DB = 100.0  # equal images; bytes can't tell more than some 60 dB apart anyway
+PEAK_DB = 100.0  # of equal images; 8-bit images differ by at most about 60 dB
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A view of a pose, and the right colors of some of its pixels."""
+    """A view of a pose, and the expected colors of some of its pixels."""
 
     camera: Camera  # in model space
     vertices: np.ndarray  # the pose [V, 3] float32
@@ -44,7 +43,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class ImageError:
-    """How far images are from what they should be."""
+    """The error of images against their references."""
 
     psnr: float  # of all compared pixels [dB], at most PEAK_DB
     largest: float  # difference of a channel [1/255]
@@ -62,8 +61,8 @@ def view(field: TetField, yaw: float, width: int, height: int | None = None) -> 
     height = height or width
     pose = look_at(center + toward, center)
     right, up = pose[:3, 0], pose[:3, 1]
-    # A point is in sight from this distance on: its way aside over its tangent, plus its own
-    # way towards the eye.
+    # A point is in sight from this distance on: its offset aside over the tangent, plus its
+    # offset towards the eye.
     tangents = FILLED * np.tan(0.5 * FIELD_OF_VIEW) * np.array([1.0, height / width])
     aside = np.abs((points - center) @ np.stack([right, up], axis=1)) / tangents
     distance = (aside.max(axis=1) + (points - center) @ toward).max()
@@ -78,7 +77,7 @@ def views(field: TetField, count: int, size: int) -> list[Camera]:
 
 
 def picture(field: TetField, vertices, camera: Camera, pixel_count: int, seed=0) -> Picture:
-    """A view with the right colors of random pixels."""
+    """A view with the expected colors of random pixels."""
     all_pixels = camera.width * camera.height
     rng = np.random.default_rng(seed)
     pixels = rng.choice(all_pixels, min(pixel_count, all_pixels), replace=False)
@@ -86,15 +85,15 @@ def picture(field: TetField, vertices, camera: Camera, pixel_count: int, seed=0)
 
 
 def picture_of(field: TetField, vertices, camera: Camera, pixels) -> Picture:
-    """A view with the right colors of these pixels [N]."""
+    """A view with the expected colors of these pixels [N]."""
     vertices = np.asarray(vertices, np.float32)
     return Picture(camera, vertices, pixels, _expected(field, vertices, camera, pixels))
 
 
 def discretization(field: TetField, pictures: list[Picture], part=4) -> ImageError:
-    """How far the reference is from itself with a part of the step.
+    """The reference's error against itself with 1/`part` of the step.
 
-    The sum converges with order 1 to 2, so its distance to the integral is at most a third more.
+    The sum converges with order 1 to 2, so its true error is at most a third larger.
     """
     step = field.options.march_step / part
     finer = replace(field, options=replace(field.options, march_step=step))
@@ -122,7 +121,7 @@ def image_error(images, expected) -> ImageError:
 
 
 def differences(images, others):
-    """How far the worst channel of each pixel is off [1/255], of bytes [H, W, 3].  [H, W] each"""
+    """Error of each pixel's worst channel [1/255], for uint8 [H, W, 3].  [H, W] each"""
     pairs = zip(images, others, strict=True)
     return [np.abs(a.astype(int) - b).max(axis=-1) for a, b in pairs]
 
@@ -139,18 +138,18 @@ def _expected(field, vertices, camera, pixels):
 class Photographs:
     """Random pixels of photographs, over white."""
 
-    views: np.ndarray  # which view each is of [N] int
+    views: np.ndarray  # the view of each pixel [N] int
     origins: np.ndarray  # of rays in model space [N, 3]
     directions: np.ndarray  # [N, 3]
     colors: np.ndarray  # [N, 3], 0..1
 
     @property
     def view_count(self) -> int:
-        """Of how many views there are pixels."""
+        """The number of views with pixels."""
         return len(np.unique(self.views))
 
     def psnr(self, renderer: Renderer, options: RenderOptions) -> float:
-        """Of the model at rest: the mean over the views, as in deformrf-eval [dB]."""
+        """PSNR of the model at rest: the mean over the views, as in deformrf-eval [dB]."""
         renderer.set_vertices(renderer.field.mesh.rest_vertices)
         color, _, _ = renderer.render_rays(self.origins, self.directions, options)
         color = np.clip(color, 0.0, 1.0)
@@ -159,7 +158,7 @@ class Photographs:
 
 
 def photographs(field: TetField, dataset: Dataset, pixel_count: int, seed=0) -> Photographs:
-    """Draw so many pixels of every view of a data set."""
+    """Draw `pixel_count` random pixels of every view of a data set."""
     rng = np.random.default_rng(seed)
     poses = in_space(dataset.poses, field.world_to_model)
     parts = []

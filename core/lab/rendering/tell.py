@@ -1,4 +1,4 @@
-"""The section on rendering: what a picture costs, and how wrong it is."""
+"""The section on rendering: time and error of an image."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ COLORS = {
     "resolution": "tab:red",
     "several": "tab:pink",
 }
-LABEL_SIZE = (90.0, 12.0)  # pixels that the name of a point takes
-ENOUGH = 12  # turns to tell settings apart that differ by some percent
+LABEL_SIZE = (90.0, 12.0)  # pixels, of a point's name
+ENOUGH = 12  # turns that resolve differences of some percent
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ def section(
     photos: Photographs | None = None,
     step: Callable[[float], None] = lambda share: None,
 ) -> Section:
-    """Measure and tell; `step` is called with the share that is done."""
+    """Measure all settings; `step` is called with the finished share."""
     study = RenderingStudy(field, device, effort.size, effort.view_count, effort.pixel_count)
     return section_of(study, effort.turns, photos, step)
 
 
 def section_of(study: RenderingStudy, turns, photos=None, step=lambda share: None) -> Section:
-    """The same for views whose references are known."""
+    """`section` for views whose references are known."""
     own_error = study.reference_error()
     stages = [StageRow(name, time) for name, time in study.stages(turns).items()]
     rows = study.measure(settings(study.field.layout.level_count, study.half), turns, photos, step)
@@ -169,7 +169,7 @@ def plot(rows) -> bytes:
     """Every setting's error over its time, and the front."""
     figure = new_figure(8.4, 4.4)
     axis = figure.subplots()
-    unit = rows[0].frame.median / 100.0  # of time, shares are drawn in milliseconds
+    unit = rows[0].frame.median / 100.0  # shares of time are drawn in milliseconds
     places = [(unit * row.relative.median, row.psnr) for row in rows]
     front = sorted(place for row, place in zip(rows, places, strict=True) if row.front)
     axis.plot(*zip(*front, strict=True), color=INK, linewidth=0.8, zorder=1)

@@ -1,1 +1,1 @@
-"""How the error fell with training time."""
+"""The error over training time."""

@@ -1,4 +1,4 @@
-"""The section on training: how the error fell with time, from the history in the model file.
+"""The section on training: the error over time, from the history in the model file.
 
 A history's rows (training/run/history.py) give the PSNR of the training rays after so many
 seconds and steps.  Any key may be missing: older models keep figures of the end alone, and
@@ -45,7 +45,7 @@ class StageTime:
 
 
 def section(field: TetField) -> Section:
-    """What the model's `meta` knows of its training."""
+    """The section on the training that the model's `meta` describes."""
     meta, moments = field.meta, history(field.meta)
     known = {key: meta.get(key) for key in ("data", "device", "workers", "seconds")}
     known |= {"test_psnr": _test_psnr(meta), "test_view_count": meta.get("test_view_count")}
@@ -88,7 +88,7 @@ def history(meta: dict) -> list[Moment]:
 
 
 def tenths(moments: list[Moment]) -> list[Moment]:
-    """The last row of each tenth of the time that has one, and the very last."""
+    """The last row of each tenth of the time that has one, and the last of all."""
     shown = [_by(moments, 10.0 * (i + 1)) for i in range(10)]
     return list(dict.fromkeys(moment for moment in shown if moment))
 
@@ -146,7 +146,7 @@ def _findings(meta, stages, told, gain) -> list[str]:
 
 
 def _by(moments, share) -> Moment | None:
-    """What was last known after that part [%] of the time."""
+    """The last row up to that share [%] of the time."""
     return next((m for m in reversed(moments) if m.share <= share or share >= 100.0), None)
 
 
@@ -168,7 +168,7 @@ def _test(meta) -> str:
 
 
 def _sentence(parts: list[str]) -> str:
-    """What is known of the parts, as one sentence."""
+    """One sentence from the known facts."""
     words = "; ".join(filter(None, parts))
     return f"{words[0].upper()}{words[1:]}." if words else ""
 
