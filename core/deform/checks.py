@@ -1,4 +1,4 @@
-"""Checks of what a caller hands to the solver.  Each raises a ValueError that says what to do.
+"""Checks of the solver's arguments.  Each raises a ValueError that says what to do.
 
 Shapes: V vertices, K handles, C constraints.
 """

@@ -1,4 +1,4 @@
-"""What a frame reports to the host: how far vertices moved, and how much is tangled.
+"""Results of a frame for the host: the vertices' motion, and counts of tangles.
 
 The host reads it when the next frame begins.  On CUDA the frame has ended by then, so the
 host doesn't wait for the device.  Shapes: P parts.

@@ -18,7 +18,7 @@ def lowest_pins(vertices, tets, fraction=0.05):
     Args:
         vertices: [V, 3]
         tets: [T, 4]
-        fraction: Of the component's height; raised where its lowest vertices are a point
+        fraction: Share of the component's height; raised where its lowest vertices are a point
             or a line.
     """
     labels = components(len(vertices), tets)

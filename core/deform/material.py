@@ -1,4 +1,4 @@
-"""What an object is made of, in SI units, and the stiffnesses that constraints take from it.
+"""The object's material in SI units, and the stiffnesses of its constraints.
 
 Averaged over directions, a network of springs with k_e L²/V_e = 15 μ on every edge is an
 isotropic solid with Lamé constants λ = μ, that is, with Poisson's ratio 1/4.  Volume

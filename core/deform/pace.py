@@ -1,4 +1,4 @@
-"""How many threads run a frame on a CPU, measured while frames run."""
+"""The number of threads for a frame on a CPU, measured while frames run."""
 
 from ..device import thread_count
 

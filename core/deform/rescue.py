@@ -1,4 +1,4 @@
-"""When a tangled part of a mesh is taken back to its rest shape, and where to.
+"""Takes tangled parts of a mesh back to their rest shape.
 
 Edge lengths can't tell a tet from its mirror image, and positive volumes can't tell one
 sheet around an edge from two (tangles.py).  Both states can be minima of the energy at every
@@ -34,7 +34,7 @@ HELD = 1e6
 
 
 class Rescue:
-    """Decides what is done about the tangles that it is told of.
+    """Decides how the solver treats the counted tangles.
 
     Attributes:
         counts: Tangles of each part when last counted [P]; None since the user did something.
@@ -141,7 +141,7 @@ def goals(rest_vertices, vertices, held):
 
 
 def ways_back(rest_vertices, vertices, held, part_of, parts):
-    """Where the free vertices of these parts ([P] bool) start and end.  2 × [V, 3]
+    """Starts and ends of the free vertices of these parts ([P] bool).  2 × [V, 3]
 
     A vertex whose position isn't finite starts at its goal; entries of others are copies of
     `vertices`.

@@ -1,4 +1,4 @@
-"""Where a mesh is tangled: inverted tets, and edges that tets wrap more than once.
+"""Tangles of a mesh: inverted tets, and edges that tets wrap more than once.
 
 Around an edge, the dihedral angles of its tets add up to 2π at most in any pose of a real
 body.  A collapsed body can open again with every volume positive and a sum of 4π around a

@@ -158,8 +158,8 @@ class XpbdSolver:
 
         Args:
             ids: [K] int
-            stiffness: Of the springs that pull them to their targets [N/m], a number or
-                [K]; None moves them there exactly, with any force.
+            stiffness: Stiffness of the springs to their targets [N/m], a number or [K];
+                None moves them there exactly, with any force.
             force_limit: The largest force of a spring [N], a number or [K].
         """
         ids = checks.handles(ids, len(self.pinned))
@@ -212,7 +212,7 @@ class XpbdSolver:
 
     @property
     def given_up(self) -> bool:
-        """Whether something stays tangled after all rescues, until the user does something."""
+        """Whether tangles remain after all rescues, until the user changes something."""
         return self._rescue.given_up
 
     def stiffness_ratio(self) -> float:

@@ -1,4 +1,4 @@
-"""How the solver steps time, and what surrounds the object.  SI units; z is up."""
+"""Options of time steps and of the object's surroundings.  SI units; z is up."""
 
 import math
 from dataclasses import dataclass
@@ -28,16 +28,16 @@ class Timing(NamedTuple):
 
 @dataclass(frozen=True)
 class XpbdOptions:
-    """How time is stepped, and what surrounds the object.
+    """Options of time steps and of the object's surroundings.
 
     Attributes:
-        substep_count: Per 1/60 s; the stiffness that can be held grows with its square.
+        substep_count: Substeps per 1/60 s; the highest stiffness grows with its square.
         gravity: g [m/s²].
         ground: Height of a ground that nothing falls through [m]; None for none.
         friction: Coulomb's coefficient on the ground.
         speed_limit: v_max in object sizes per second.  Without a limit, the release after an
             extreme drag throws vertices through each other.
-        sleep_motion: In object sizes; a frame is still if no vertex moves farther in it.
+        sleep_motion: Object sizes; a frame is still if no vertex moves farther in it.
         sleep_frames: The solver sleeps after this many still frames.
         rescue: Whether parts that stay tangled are taken back to their rest shape (rescue.py).
 

@@ -1,4 +1,4 @@
-"""What is learned: features at nested tetrahedra, two networks, and the model file."""
+"""The radiance field: features at nested tetrahedra, two networks, and the model file."""
 
 import lazy_loader
 
@@ -9,7 +9,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "archive": ["ModelFileError", "parts_of_file"],
         "field": ["FieldOptions", "TetField", "random_field"],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
-        # For the rooms next door: kernels, their functions and what their arrays hold.
+        # For the rooms next door: kernels, their functions and array structs.
         "encoding": [
             "Tables",
             "encode_backward_kernel",

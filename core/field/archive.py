@@ -14,7 +14,7 @@ import numpy as np
 MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")
 TABLE_ARRAYS = ("table_", "reached_", "scale_")
 MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
-# What zipfile and NumPy raise on damaged files; RuntimeError is for encrypted ones.
+# Errors of zipfile and NumPy on damaged files; RuntimeError is for encrypted ones.
 UNREADABLE = (
     zipfile.BadZipFile,
     zlib.error,

@@ -68,7 +68,7 @@ def encode_reference(mesh: TetMesh, layout: Layout, table, tet, bary, level_coun
 
 @wp.struct
 class Tables:
-    """What the kernels need of a mesh and its layout, on a device."""
+    """Arrays of a mesh and its layout that the kernels need, on a device."""
 
     products: wp.array(dtype=mat43ui)  # [T] hash_products of corner 0 and of the edges 01, 12, 23
     node_ids: wp.array(dtype=int)  # all dense levels, [T, n_l] each

@@ -18,7 +18,7 @@ from .networks import BASIS_COUNT, GEOMETRY_FEATURES, Layers, evaluate, spherica
 
 @dataclass(frozen=True)
 class FieldOptions:
-    """The shape of a field: what its arrays' sizes and their meaning follow from.
+    """The shape of a field: its arrays' sizes and meaning follow from it.
 
     Attributes:
         level_count: Nested levels, the coarse mesh included (the paper's L = 6).

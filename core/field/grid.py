@@ -34,7 +34,7 @@ class Surroundings:
     """The learned surroundings, as arrays.
 
     Attributes:
-        box: The object's box, which the grid surrounds, model space.  [2, 3]
+        box: The object's box inside the grid, model space.  [2, 3]
         table: [G·E, F] float32
         density_layers, color_layers: (weights [in, out], bias [out]) per layer.
         sky: Color at infinity, 0..1.  [3]

@@ -1,4 +1,4 @@
-"""Where the entries of each level are in the table of features.
+"""The places of each level's entries in the table of features.
 
 A level whose vertices fit its table is dense: each vertex has an entry of its own, the rank
 of its address in lexicographic order.  The other levels are hashed (hashing.py).
@@ -20,7 +20,7 @@ MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the entries of each level are.
+    """The places of each level's entries in the table.
 
     Attributes:
         entry_counts: Entries per level; a power of two where hashed.  [L]

@@ -1,4 +1,4 @@
-"""How fine each level is, and which levels are finer than a pixel.
+"""The edge length of each level, and the levels finer than a pixel.
 
 A level is finer than a pixel if even its longest rest edge is shorter than the pixel is wide
 where the pixel meets the object.  Such a level interpolates between vertices that the image

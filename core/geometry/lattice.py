@@ -30,7 +30,7 @@ class Lattice:
     Attributes:
         cell_edge: A whole divisor of MARGIN.
         cell_vertices: [C, 3] int
-        squared_lengths: Of the edges.
+        squared_lengths: Squared edge lengths.
         monotone: Whether an edge must not rise along one axis and fall along another.
     """
 
@@ -112,7 +112,7 @@ def grid(lattice: Lattice, spacing: float) -> TetMesh:
 
     Returns:
         A mesh that covers the cube.  Its addresses are non-negative and sorted along a
-        space-filling curve, so that neighbours are close in memory.
+        space-filling curve, so that neighbors are close in memory.
 
     Raises:
         ValueError: spacing is not positive, or a cell is wider than the cube.

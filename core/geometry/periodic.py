@@ -75,7 +75,7 @@ def periodic_classes(lattice: Lattice, addresses):
     """Color and class of constraints; the translates of a constraint share one class.
 
     Args:
-        addresses: Of their vertices.  [C, n, 3] int
+        addresses: Addresses of their vertices.  [C, n, 3] int
 
     Returns:
         Two arrays [C] int; -1 for constraints that are not of the lattice.
@@ -130,7 +130,7 @@ def _search(touches, color_count):
     random = np.random.default_rng(0)  # the same colors in every process
     each = np.arange(len(touches))
     colors = random.integers(color_count, size=len(touches))
-    # Number of neighbours of each constraint with each color.
+    # Number of neighbors of each constraint with each color.
     clashes = touches.astype(int) @ (colors[:, None] == np.arange(color_count))
     forbidden_until = np.zeros_like(clashes)
     for step in range(SEARCH_STEPS):

@@ -109,7 +109,7 @@ def path_nodes(levels: int):
 
 @wp.func
 def child_of(alpha: wp.vec4):
-    """The child, 0..7, that holds a point; on a shared face either neighbour."""
+    """The child, 0..7, that holds a point; on a shared face either neighbor."""
     k = int(4)
     if alpha[1] + alpha[2] >= 0.5:
         k += 1
@@ -130,7 +130,7 @@ def child_of(alpha: wp.vec4):
 def into_child(k: int, alpha: wp.vec4, total: float = 1.0):
     """C[k] @ alpha, with rows simplified by sum(alpha) = total: 1 for a point, 0 for a direction.
 
-    The function has no branches, because neighbouring threads enter different children.
+    The function has no branches, because neighboring threads enter different children.
     """
     s = 2.0 * (alpha[1] + alpha[2])
     u = 2.0 * (alpha[2] + alpha[3])

@@ -1,1 +1,1 @@
-"""Error against run time, stability, and what is left out; deformrf-report prints it."""
+"""Error against run time, stability, and omissions: the report of deformrf-report."""

@@ -1,4 +1,4 @@
-"""deformrf-report: error against run time, stability, and what was left out, for one model.
+"""deformrf-report: error against run time, stability, and omissions, for one model.
 
 Sections are measured one after the other and written together.  After Ctrl-C or an error,
 those that are done are written.  The exit code is 0 if the report was written whole, even if
@@ -86,7 +86,7 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
 
 
 def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> int:
-    """Measure, write and tell; returns the exit code."""
+    """Measure, write, and print a summary; returns the exit code."""
     import warp as wp
 
     from .report import Report, is_complete, machine, write
@@ -158,7 +158,7 @@ def photographs_for(field, data, effort: Effort):
 
 
 def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos) -> list[Job]:
-    """What there is to measure."""
+    """The sections to measure."""
     from .dynamics import tell as dynamics
     from .omissions import tell as omissions
     from .rendering import tell as rendering

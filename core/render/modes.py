@@ -1,4 +1,4 @@
-"""View modes: pictures of a field that show something else than its color.
+"""View modes: pictures of a field that show other quantities than its color.
 
     mode          a pixel's color
     depth         (far - t) / (far - near) in gray: near is white, far is black
@@ -113,7 +113,7 @@ def heat_reference(x):
 
 @wp.struct
 class Rendered:
-    """What pictures are made of; a mode fills the fields that it reads."""
+    """Inputs of the pictures; a mode fills the fields that it reads."""
 
     color: wp.array2d(dtype=wp.vec4ub)
     exact: wp.array2d(dtype=wp.vec4ub)  # color in conformance mode
@@ -135,14 +135,14 @@ def gray(x: float):
 
 @wp.func
 def surface_point(rendered: Rendered, i: int, j: int):
-    """Relative to the eye."""
+    """The point in a pixel, relative to the eye."""
     _origin, direction = camera_ray(rendered.camera, j, rendered.first_row + i)
     return rendered.depth[i, j] * direction
 
 
 @wp.func
 def depth_jump(depth: wp.array2d(dtype=float), t: float, i: int, j: int):
-    """How far the depth of pixel (i, j) is from t; inf beyond the image and where nothing is."""
+    """|depth of pixel (i, j) - t|; inf outside the image and where nothing is."""
     jump = wp.inf
     if i >= 0 and i < depth.shape[0] and j >= 0 and j < depth.shape[1]:
         jump = wp.abs(depth[i, j] - t)

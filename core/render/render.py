@@ -1,6 +1,6 @@
-"""From rays to an image of the mesh in its current shape, on the CPU and on CUDA.
+"""Rays to an image of the mesh in its current shape, on the CPU and on CUDA.
 
-A ray takes one of three ways:
+A ray takes one of three paths:
 
     rounds/wavefront.py    default mode on CUDA: nothing waits for the host
     rounds/host.py         everything else: rounds of march, shade, accumulate
@@ -65,7 +65,7 @@ class Renderer:
     """
 
     def __init__(self, field: TetField, device="cpu", part_of=visible_part):
-        """Upload what rendering needs.
+        """Upload the field's visible part.
 
         Args:
             part_of: Chooses the tets that rays visit, as visible_part does.
@@ -137,7 +137,7 @@ class Renderer:
         return color, opacity, pixels.depth.numpy() / np.maximum(opacity, 1e-6)
 
     def _find_overlap(self, options) -> bool:
-        """Get ready to sort and merge rays, if any may be tangled; whether that is so."""
+        """Prepare sorting and merging if rays may be tangled; returns whether they may."""
         with self.stage("overlap"):
             found = self.overlap.exists() or options.path == "merge"
         if found:

@@ -1,17 +1,17 @@
-"""How to render: options and view modes.  Imports nothing heavy, so that --help stays quick."""
+"""Rendering options and view modes.  Imports nothing heavy, so that --help stays fast."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 Mode = Literal["color", "depth", "accumulation", "normals", "tets", "levels", "samples", "error"]
-MODES = get_args(Mode)  # modes.py says what each one shows
+MODES = get_args(Mode)  # described in modes.py
 
 RayPath = Literal["auto", "host", "merge"]
 
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """How to render.
+    """Options of an image.
 
     Attributes:
         background: Color behind the object, 0..1.

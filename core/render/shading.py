@@ -1,4 +1,4 @@
-"""What samples look like: features from the tables, density and color from the networks.
+"""Density and color of samples: features from the tables, then the networks.
 
 The field's `evaluator` decides how the networks run on the device.
 

@@ -1,4 +1,4 @@
-"""How long each stage of rendering takes, if a caller wants to know."""
+"""Measures the time of each stage of rendering, if a caller asks for it."""
 
 import threading
 import time

@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 def shift(k: int) -> tuple[float, float]:
-    """How far image k is shifted to the right and down, -½ .. ½ pixels."""
+    """The shift of image k to the right and down, -½ .. ½ pixels."""
     x, y = np.mod(0.5 + k * np.array([1.0 / GENERATOR, 1.0 / GENERATOR**2]), 1.0) - 0.5
     return float(x), float(y)
 

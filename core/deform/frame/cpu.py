@@ -27,7 +27,7 @@ EVERYONE = 2**30  # more arrivals than any barrier waits for
 
 @wp.struct
 class CpuScratch:
-    """What a frame needs besides FrameArrays; E and T are the rooms for edges and tets."""
+    """Arrays of a frame besides FrameArrays; E and T are the rooms for edges and tets."""
 
     bodies: wp.array(dtype=wp.vec4)  # [V + 1] deltas and inverse masses
     previous: wp.array(dtype=wp.vec4)  # [V] the same at the substep's start

@@ -35,7 +35,7 @@ BANKS = 8
 
 @wp.struct
 class CudaScratch:
-    """What a frame needs besides FrameArrays; unused entries have slots -1."""
+    """Arrays of a frame besides FrameArrays; unused entries have slots -1."""
 
     slots: wp.array(dtype=int)  # [V] where a block keeps each vertex in shared memory
     bodies: wp.array(dtype=wp.vec4)  # [V] deltas and inverse masses, of a grid
@@ -161,7 +161,7 @@ def runs_in_block(vertex_count: int) -> bool:
 
 
 def bank_slots(rest_vertices):
-    """Where a block keeps each vertex, so that neighboring threads access different banks.
+    """Slots of vertices in shared memory; neighboring threads then access different banks.
 
     Args:
         rest_vertices: [V, 3]

@@ -27,7 +27,7 @@ def native_kernel(source: str, scratch_type, **options):
 
     Args:
         scratch_type: A struct of arrays that the source uses besides FrameArrays.
-        options: Of wp.kernel.
+        options: Options of wp.kernel.
     """
 
     @wp.func_native(source)

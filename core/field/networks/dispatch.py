@@ -39,7 +39,7 @@ class Evaluator:
 
 
 def evaluator(field, device) -> Evaluator:
-    """How to evaluate the networks of a field (TetField) on a Warp device."""
+    """The Evaluator of a field's (TetField) networks on a Warp device."""
     if not device.is_cuda:
         return Evaluator(_in_numpy(field))
     in_place = None

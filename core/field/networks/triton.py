@@ -47,7 +47,7 @@ INTERPRETER_PROGRAMS = 3  # where Triton's interpreter runs the kernels, on the 
 
 @dataclass(frozen=True)
 class Launch:
-    """How a kernel is spread over a GPU.
+    """Launch parameters of a kernel.
 
     Attributes:
         block: Samples that a program takes at once.

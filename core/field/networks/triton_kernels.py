@@ -23,7 +23,7 @@ MAX_HALF = tl.constexpr(65504.0)
 
 @triton.jit
 def _tile(ROWS: tl.constexpr, COLUMNS: tl.constexpr, STRIDE: tl.constexpr):
-    """Where a matrix is, padded to tl.dot's sizes, and what of that is inside."""
+    """Addresses of a matrix, padded to tl.dot's sizes, and the mask of its entries."""
     i = tl.arange(0, triton.next_power_of_2(max(ROWS, DOT_SIZE)))[:, None]
     j = tl.arange(0, triton.next_power_of_2(max(COLUMNS, DOT_SIZE)))[None, :]
     return i * STRIDE + j, (i < ROWS) & (j < COLUMNS)
@@ -44,7 +44,7 @@ def _bias(start, ROWS: tl.constexpr):
 
 @triton.jit
 def _starts(parameters, FEATURES: tl.constexpr):
-    """Where the layers begin: a, h, c1, c2, rgb; see `pack`."""
+    """Offsets of the layers a, h, c1, c2, rgb; see `pack`."""
     h = parameters + (FEATURES + 1) * WIDTH
     c1 = h + (WIDTH + 1) * GEOMETRY
     c2 = c1 + (GEOMETRY + BASIS + 1) * WIDTH
@@ -137,7 +137,7 @@ def forward_kernel(
 
 @triton.jit
 def _unit(g):
-    """What to divide a block's gradients by, so that they fit float16."""
+    """The divisor of a block's gradients that makes them fit float16."""
     return tl.maximum(tl.max(tl.abs(g)), 1e-30) / GRADIENT_PEAK
 
 

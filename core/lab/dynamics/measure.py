@@ -55,7 +55,7 @@ class Body(NamedTuple):
 
 @dataclass(frozen=True)
 class LoadCase:
-    """A body, what it is made of, and the gravity that moves it."""
+    """A body, its material, and the gravity that moves it."""
 
     body: Body
     scene: str  # one of SCENES
@@ -70,13 +70,13 @@ class LoadCase:
 
     @property
     def energy(self) -> Energy:
-        """What the solver minimizes."""
+        """The energy that the solver minimizes."""
         rest, tets = self.body.mesh.rest_vertices, self.body.mesh.tets
         return material_energy(rest, tets, self.material, self.compliance)
 
     @cached_property
     def reference(self) -> tuple[np.ndarray, float]:
-        """Where the vertices would be without error [F, V, 3], and how wrong that is itself.
+        """The exact positions of the vertices [F, V, 3], and their own error.
 
         Static: at rest, and the forces that are left over the loads.  Dynamic: frame by
         frame, and the RMS error over the motion.
@@ -95,7 +95,7 @@ class LoadCase:
         return path, error / _rms(path - rest)
 
     def options(self, substep_count) -> XpbdOptions:
-        """Of a solver that never sleeps and never begins a rescue."""
+        """Options of a solver that never sleeps and never begins a rescue."""
         return XpbdOptions(
             substep_count=substep_count, gravity=self.gravity, sleep_motion=0.0, rescue=False
         )
@@ -135,7 +135,7 @@ def standing(mesh: TetMesh) -> Body:
 
 
 def response(energy: Energy, rest, held, direction):
-    """How far a linear body moves for each m/s² of gravity in a direction.  [V, 3] s²"""
+    """Displacements of a linear body per m/s² of gravity in a direction.  [V, 3] s²"""
     if held.all():
         raise RuntimeError("all of the body is held")
     dofs = free_dofs(held)

@@ -31,7 +31,7 @@ class NoEquilibrium(RuntimeError):
 
 
 def equilibrium(energy: Energy, start, held, gravity, tolerance=1e-10, most_steps=100):
-    """Where a body rests under gravity, some vertices held where `start` has them.
+    """The rest pose of a body under gravity, with some vertices held at their `start`.
 
     Args:
         start: [V, 3] m; handles at their targets.
@@ -106,7 +106,7 @@ def _line_search(energy, loads, x, step, slope):
 
 
 def motion(energy: Energy, rest, held, gravity, duration, samples):
-    """How a body moves from rest, undamped, for a duration [s].
+    """The undamped motion of a body from rest, for a duration [s].
 
     Returns:
         Positions at the end of each of so many equal parts [samples, V, 3], and their own

@@ -1,4 +1,4 @@
-"""The section on dynamics: what a frame costs, and how wrong it is, on the model's own mesh."""
+"""The section on dynamics: time and error of a frame on the model's own mesh."""
 
 import math
 from collections.abc import Callable
@@ -27,7 +27,7 @@ STYLES = {"static": "-", "dynamic": "--"}
 
 @dataclass(frozen=True)
 class MaterialRow:
-    """How many substeps hold a material; a guess where its error was not measured."""
+    """The number of substeps that hold a material; a guess if its error was not measured."""
 
     material: Annotated[str, "material"]
     young_modulus: Annotated[float, "E [Pa]"]
@@ -42,7 +42,7 @@ class MaterialRow:
 def section(
     mesh: TetMesh, device, quick: bool = False, step: Callable[[float], None] = lambda share: None
 ) -> Section:
-    """Measure and tell; `step` is called with the share that is done."""
+    """Measure all cases; `step` is called with the finished share."""
     body = study.standing(mesh)
     try:
         of_material = load_cases(body)
@@ -92,7 +92,7 @@ def section(
 
 
 def plan(of_material, quick) -> list[tuple]:
-    """What is measured: load cases and counts of substeps."""
+    """The load cases and numbers of substeps to measure."""
     counts = sorted({*(QUICK_COUNTS if quick else COUNTS), DEFAULT_COUNT})
     few = (DEFAULT_COUNT,) if quick else (5, DEFAULT_COUNT, 100)
     runs = [(case, count) for case in of_material for count in counts]
@@ -117,7 +117,7 @@ def chosen_count(rows) -> int | None:
 
 
 def held_materials(body: Body, device, rows, chosen) -> list[MaterialRow]:
-    """How many substeps each preset takes.
+    """The number of substeps that each preset needs.
 
     The first guess comes from the default material's error e with the rule's number n of
     substeps.  Errors are about c/r with r ∝ ρ n² / μ (see Material.young_modulus_at), so that
@@ -152,7 +152,7 @@ def held_materials(body: Body, device, rows, chosen) -> list[MaterialRow]:
 
 
 def softness(material: Material) -> float:
-    """What the error with n substeps is proportional to: c μ / ρ, see held_materials."""
+    """c μ / ρ: the error with n substeps is proportional to it, see held_materials."""
     return material.softening * material.shear_modulus / material.density
 
 

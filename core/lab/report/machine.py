@@ -39,10 +39,10 @@ def section(device, seeds: dict, command: str, model: Path | None = None) -> Sec
     """The machine as it is now.
 
     Args:
-        device: That the report was measured on, "cpu" or "cuda:0".
-        seeds: Of random numbers: what they are for -> seed.
-        command: That made the report; folders in it are left out.
-        model: Its file; a hash tells it from another one of the same name.
+        device: The measured device, "cpu" or "cuda:0".
+        seeds: Purpose of random numbers -> seed.
+        command: The command line; folders in it are left out.
+        model: The model's file; a hash identifies its contents.
     """
     device = wp.get_device(device)
     facts = _cpu() | (_gpu(device) if device.is_cuda else {}) | _software()

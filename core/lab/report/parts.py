@@ -1,4 +1,4 @@
-"""What a report is made of: sections of text, tables and figures, before they are written."""
+"""The parts of a report before they are written: sections of text, tables and figures."""
 
 from dataclasses import astuple, dataclass, field, fields, is_dataclass
 
@@ -10,8 +10,8 @@ class Table:
     """Rows of one kind.
 
     Attributes:
-        name: Of its CSV file, without ".csv"; unique in a report.
-        caption: What a row is, in a sentence.
+        name: Name of its CSV file without ".csv", unique in a report.
+        caption: One sentence on the rows.
         rows: Instances of one frozen dataclass.  What is printed is Annotated[type, heading],
             the heading with its unit; other fields stand in CSV and JSON alone.  Values are
             numbers, text, bool, None or Timing (ms, or what the row's `unit` says; a Share is
@@ -40,7 +40,7 @@ class Table:
 class Figure:
     """A picture."""
 
-    name: str  # of its file, without ".png"; unique in a report
+    name: str  # name of its file without ".png", unique in a report
     caption: str
     png: bytes
 
@@ -55,9 +55,9 @@ class Section:
     method: list[str] = field(default_factory=list)  # how it was measured, a paragraph each
     tables: list[Table] = field(default_factory=list)  # shown below the figures
     figures: list[Figure] = field(default_factory=list)
-    passed: bool | None = None  # whether what can fail did not; None where nothing can
-    values: dict = field(default_factory=dict)  # what else belongs in the JSON
-    seconds: float | None = None  # how long it took to measure; None if nobody looked
+    passed: bool | None = None  # None without a criterion
+    values: dict = field(default_factory=dict)  # further values for the JSON
+    seconds: float | None = None  # to measure it; None if not timed
 
 
 def record(row) -> dict:

@@ -35,17 +35,17 @@ INTERRUPTED = "This report was interrupted: it holds only a part of what was ask
 
 @dataclass(frozen=True)
 class Report:
-    """What is to be written."""
+    """The contents of a report."""
 
     title: str
-    facts: dict[str, str]  # what was measured, where and when, in words
+    facts: dict[str, str]  # model, machine and date, in words
     sections: list[Section]
-    complete: bool  # nothing of what was asked for is missing
+    complete: bool  # whether every requested section is there
     missing: tuple[str, ...] = ()
 
     @property
     def notice(self) -> str | None:
-        """What stands above everything else."""
+        """The notice above everything else."""
         missing = f" Missing: {', '.join(self.missing)}." if self.missing else ""
         return None if self.complete else INTERRUPTED + missing
 
@@ -94,7 +94,7 @@ def write(report: Report, folder) -> list[Path]:
 
 
 def as_json(report: Report) -> dict:
-    """What report.json holds: plain values, None for what isn't finite."""
+    """The contents of report.json: plain values, None for nan and inf."""
     sections = {
         part.key: {
             "title": part.title,
@@ -167,7 +167,7 @@ def _plain(value):
 
 
 def _last(folder) -> dict:
-    """What the report.json in a folder holds; nothing if there is none of ours."""
+    """The contents of the report.json in a folder; empty if it is not from this program."""
     with suppress(OSError, ValueError):
         values = json.loads((Path(folder) / "report.json").read_text(encoding="utf-8"))
         if isinstance(values, dict) and values.get("format") == FORMAT:

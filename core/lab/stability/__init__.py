@@ -1,1 +1,1 @@
-"""Stress cases: what the solver and the renderer survive."""
+"""Stress cases for the solver and the renderer."""

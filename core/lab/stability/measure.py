@@ -1,4 +1,4 @@
-"""Whether a body can be broken: how far and how soon the solver comes back from a stress case.
+"""Recovery of the solver from stress cases: its distance to rest and its time.
 
     error      max_i |R (x_i − x̄) − (X_i − X̄)| / size,   R the best proper rotation of each
                component, as free components have no place beside each other
@@ -39,7 +39,7 @@ class Solid(NamedTuple):
 
 @dataclass(frozen=True)
 class StressResult:
-    """How a case ended: values at the end, unless the heading says otherwise.
+    """The result of a case: values at the end, unless the heading says otherwise.
 
     Values that can't be computed are nan; `finite` says that nothing ever was infinite or nan.
     """
@@ -88,7 +88,7 @@ NOT_FINITE = Measures()
 
 
 class Shape:
-    """What a body has to come back to, without tets that are flat and edges that are points.
+    """The rest shape to recover, without flat tets and edges of length 0.
 
     Args:
         rest: [V, 3]
@@ -106,7 +106,7 @@ class Shape:
         self.parts = [np.flatnonzero(labels == label) for label in np.unique(labels)]
 
     def measure(self, vertices) -> Measures:
-        """Of vertices [V, 3] that are finite."""
+        """Measures of finite vertices [V, 3]."""
         ratios = signed_volumes(vertices, self.tets) / self.volumes
         strains = _lengths(vertices, self.edges) / self.lengths - 1.0
         error = max(aligned_error(vertices[part], self.rest[part]) for part in self.parts)
@@ -125,7 +125,7 @@ def _lengths(vertices, pairs):
 def run_case(
     mesh, solid: Solid, case: StressCase, device="cpu", seed=0, make_solver=XpbdSolver
 ) -> StressResult:
-    """Put a body through a case and see whether it comes back.
+    """Put a body through a case and measure whether it recovers.
 
     Args:
         mesh: Anything with rest_vertices [V, 3] and tets [T, 4].

@@ -1,4 +1,4 @@
-"""Extreme poses of a model's own mesh, and whether the renderer shows in them what it should.
+"""Extreme poses of a model's own mesh, and the renderer's error in them.
 
 The poses are the starts of the stress cases (stress.py), a drag over 100 sizes, and shaken
 handles.  The image is that of default mode.  All of its pixels are compared with

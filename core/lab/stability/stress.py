@@ -80,8 +80,8 @@ def _directions(rng, count):
 def with_broken_tets(rest, tets, rng):
     """A mesh with tets that are inside out or have no volume at rest.
 
-    Every 20th tet is listed inside out.  Of two inner vertices, one lies on a neighbour and
-    one is pushed past a neighbour.  One vertex more belongs to a flat tet alone, so that it
+    Every 20th tet is listed inside out.  Of two inner vertices, one lies on a neighbor and
+    one is pushed past a neighbor.  One vertex more belongs to a flat tet alone, so that it
     has no mass, and one tet names two corners twice.
 
     Returns:
@@ -130,7 +130,7 @@ class StressCase:
 
     @property
     def seeded(self) -> bool:
-        """Whether it depends on random numbers."""
+        """Whether the case depends on random numbers."""
         return self.start == "random" or bool(self.drive or self.broken_tets or self.uneven)
 
     def suits(self, tets) -> bool:

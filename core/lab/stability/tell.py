@@ -30,7 +30,7 @@ def section(
     step: Callable[[float], None] = lambda share: None,
     make_solver=XpbdSolver,
 ) -> Section:
-    """Run and tell; `step` is called with the share that is done.
+    """Run all cases; `step` is called with the finished share.
 
     Args:
         make_solver: Called as XpbdSolver is.

@@ -1,4 +1,4 @@
-"""Where the mesh overlaps itself: finding the rays that see it, and rendering them."""
+"""Self-overlap of the mesh: finds the rays that meet it, and renders them."""
 
 import lazy_loader
 

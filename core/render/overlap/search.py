@@ -1,4 +1,4 @@
-"""Which rays see the mesh overlap itself, so that a walk from tet to tet misses some of its tets.
+"""Finds rays through self-overlap, where a walk from tet to tet would miss some tets.
 
 A mesh overlaps itself nowhere if all its tets have one orientation, none is nearly flat, no
 edge of the boundary touches a face that it shares no vertex with, and no part lies inside
@@ -177,7 +177,7 @@ def tet_boxes_kernel(
 
 @wp.func
 def side(a: wp.vec3, b: wp.vec3, c: wp.vec3, p: wp.vec3):
-    """On which side of the plane through a, b, c the point p is: -1, 1, or 0 in it."""
+    """The side of the plane through a, b, c with the point p: -1, 1, or 0 in the plane."""
     normal = wp.cross(b - a, c - a)
     volume = wp.dot(normal, p - a)
     most = wp.length(normal) * wp.length(p - a)

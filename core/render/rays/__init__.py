@@ -1,4 +1,4 @@
-"""One ray: camera, lens, its way through the mesh, and the pieces on it."""
+"""One ray: camera, lens, its walk through the mesh, and the pieces on it."""
 
 import lazy_loader
 

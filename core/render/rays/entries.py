@@ -83,7 +83,7 @@ def enter_mesh(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, t: float
 def walk_back(
     geometry: Geometry, origin: wp.vec3, direction: wp.vec3, t: float, last_tet: int, end: float
 ):
-    """From a tet that a ray leaves at `end`, back to where it is at t, or entered the mesh."""
+    """Walk back from a tet that a ray leaves at `end` to the tet at t or the entry."""
     tet = int(last_tet)
     position = float(end)
     exit_face = int(-1)
@@ -108,7 +108,7 @@ def walk_back(
 
 @wp.func
 def crossing_of(geometry: Geometry, index: int, origin: wp.vec3, direction: wp.vec3):
-    """How a ray crosses a boundary face: 1 along its normal, -1 against it, 0 not; and where."""
+    """A ray's crossing of a boundary face: 1 along its normal, -1 against it, 0 none; its t."""
     face = geometry.faces[index]
     a = geometry.vertices[face[0]] - origin
     b = geometry.vertices[face[1]] - origin

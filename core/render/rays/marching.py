@@ -31,7 +31,7 @@ from .traversal import (
     speed_and_fade,
 )
 
-FILL_SLOTS = wp.constant(0)  # what one launch of march_kernel is for
+FILL_SLOTS = wp.constant(0)  # purposes of a launch of march_kernel
 COUNT = wp.constant(1)
 WRITE = wp.constant(2)
 MIDDLE = wp.constant(0)  # as a seed: evaluate at the middle

@@ -1,4 +1,4 @@
-"""The mesh in its current shape: what rays need to know of each tet.
+"""The mesh in its current shape, with the frame of each tet that rays need.
 
 Per pose, each tet k gets a frame:
 
@@ -238,7 +238,7 @@ class Pose:
         )
 
     def refresh_face_boxes(self) -> None:
-        """Bring the BVH `geometry.face_boxes` up to date; only some ways of rendering need it."""
+        """Bring the BVH `geometry.face_boxes` up to date; only some paths of rendering need it."""
         if self._face_boxes_revision == self.revision:
             return
         self._face_boxes_revision = self.revision

@@ -1,8 +1,8 @@
 """The walk of a ray from tet to tet across faces.
 
 Within a tet the barycentric coordinates alpha(t) are linear, so a ray leaves it where the
-first falling coordinate reaches zero.  pose.py has the coordinates, entries.py the place
-where a walk begins.
+first falling coordinate reaches zero.  pose.py has the coordinates; entries.py finds
+the start of a walk.
 
 Shapes: T tets.
 """
@@ -58,7 +58,7 @@ def speed_and_fade(geometry: Geometry, tet: int, slope: wp.vec4):
 
 @wp.func
 def interval_in_tet(geometry: Geometry, tet: int, origin: wp.vec3, direction: wp.vec3):
-    """Where a ray is inside a single tet, without knowledge of its neighbors.
+    """The interval of a ray inside a single tet, without knowledge of its neighbors.
 
     Returns:
         The coordinates at t_near, where the ray is close to the tet, their slopes, t_near,
@@ -85,7 +85,7 @@ def interval_in_tet(geometry: Geometry, tet: int, origin: wp.vec3, direction: wp
 
 @wp.func
 def exit_tet(alpha: wp.vec4, slope: wp.vec4, entry_face: int):
-    """Where a ray leaves a tet, as a distance from the point with coordinates alpha.
+    """The exit of a ray from a tet, as a distance from the point with coordinates alpha.
 
     Returns:
         The face, or -1 if no coordinate falls (a flat tet), and the distance (>= 0).

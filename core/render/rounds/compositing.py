@@ -1,4 +1,4 @@
-"""From samples to pixels: the volume-rendering sum (DeformRF, Eq. 1).
+"""Samples to pixels: the volume-rendering sum (DeformRF, Eq. 1).
 
 Piece i of a ray has color c_i and optical depth τ_i = σ_i·length_i, with the length in rest
 space times the fade of the tet (see rays/marching.py):
