@@ -1,4 +1,4 @@
-"""What a user can do: the table of gestures and keys, and the functions that the keys call.
+"""User actions: the table of gestures and keys, and the functions that the keys call.
 
 INPUTS is the only list: key bindings, tooltips, hints, the help overlay and README follow it.
 """
@@ -10,7 +10,7 @@ from ..core.render import MODES
 
 @dataclass(frozen=True)
 class Input:
-    """One thing that a user can do."""
+    """A gesture or key and its action."""
 
     label: str  # the key or gesture, as the help names it
     help: str  # what it does

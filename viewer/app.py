@@ -133,7 +133,7 @@ class App:
             time.sleep(max(0.0, FRAME_SECONDS - (time.perf_counter() - now)))
 
     def _rest(self) -> bool:
-        """Do what there is to do without a frame; whether a frame has to show it."""
+        """Handle work between frames; returns whether a new frame is needed."""
         before = self.radiance.sample_count
         if self.radiance.settled:
             time.sleep(POLL_SECONDS)

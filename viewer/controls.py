@@ -20,7 +20,7 @@ PICK_SLACK = 5.0  # points around a sphere that still count as on it
 
 
 class Controls:
-    """What the mouse is doing, from one event to the next."""
+    """The mouse's gesture, from one event to the next."""
 
     def __init__(self, scene, depth_image: Callable, log: Callable):
         """Take the scene, a function that returns the depth image or None, and the event log."""
@@ -111,7 +111,7 @@ class Controls:
     # -- what is under the mouse ---------------------------------------------------------
 
     def pick(self, pixel, ids=None) -> int | None:
-        """Which of these vertices, by default the control vertices, has a sphere there."""
+        """The vertex whose sphere is there, of these (default: the control vertices)."""
         scene, slack = self.scene, PICK_SLACK * self.ratio
         ids = scene.control_ids if ids is None else ids
         shown = self.shown(ids)
@@ -121,7 +121,7 @@ class Controls:
         return None if index is None else int(ids[index])
 
     def shown(self, ids):
-        """Which of these vertices have a sphere in sight.  [len(ids)] bool"""
+        """Whether each of these vertices has a sphere in sight.  [len(ids)] bool"""
         scene = self.scene
         if not scene.settings.show_handles:
             return np.zeros(len(ids), bool)

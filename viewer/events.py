@@ -19,7 +19,7 @@ class EventLog:
 
 
 def state_of(app) -> dict:
-    """Where things are, for the events "ready" and "state"."""
+    """The viewer's state for the events "ready" and "state"."""
     scene, controls, radiance = app.scene, app.controls, app.radiance
     ids, moved = scene.control_ids, scene.displacements()
     pixels, _ = picking.project(controls.camera, scene.positions[ids])

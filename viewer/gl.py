@@ -60,7 +60,7 @@ class Canvas:
         self._framebuffer.use()
 
     def read(self):
-        """What has been drawn, top row first.  [H, W, 3] uint8"""
+        """The drawn image, top row first.  [H, W, 3] uint8"""
         width, height = self.size
         image = np.empty((height, width, 3), np.uint8)
         self._framebuffer.read_into(image, components=3, alignment=1)

@@ -1,9 +1,9 @@
 """Dear ImGui in a pyglet window: events in, its own OpenGL 3 renderer out.
 
-Clicks and wheel turns over a panel belong to it and do not reach the view.  ImGui is told
-of every click, since one beside the panel ends a text entry there.  ImGui's own answer to
-whose a click is (`want_capture_mouse`) is as old as the last frame, which can have taken a
-while: presses are tested against the rectangles of the panels instead.
+Clicks and wheel turns over a panel belong to it and do not reach the view.  ImGui gets
+every click, because a click beside the panel ends a text entry there.  ImGui's own flag
+(`want_capture_mouse`) is as old as the last frame, which may have been slow, so presses are
+tested against the rectangles of the panels instead.
 """
 
 import logging

@@ -1,6 +1,6 @@
-"""What happens before the first picture: kernels are loaded, the object is looked at.
+"""Preparation of the first picture: loads kernels, and finds the object's surface.
 
-`prepare` runs in a thread, so that a window can show how far it is.  Warp compiles a module
+`prepare` runs in a thread, so that a window can show the progress.  Warp compiles a module
 of kernels when it finds no binary of it in its cache, which takes a second or so each.
 """
 
@@ -19,7 +19,7 @@ STAGES = ("kernels", "networks and tables", "the surface, from eight sides", "th
 
 
 class Progress:
-    """How far `prepare` is: its threads write, the window's thread reads."""
+    """The progress of `prepare`: its threads write, the window's thread reads."""
 
     def __init__(self, device: str):
         self.seconds: list[float] = []  # of the stages that are done
@@ -36,7 +36,7 @@ class Progress:
 
     @property
     def stage(self) -> str:
-        """What is going on."""
+        """The present stage, in words."""
         if self.seconds:
             return STAGES[min(len(self.seconds), len(STAGES) - 1)]
         verb = "compiling" if self.compiling else "loading"
@@ -44,7 +44,7 @@ class Progress:
 
     @property
     def stage_seconds(self) -> float:
-        """How long it has been going on."""
+        """Seconds since the present stage began."""
         return time.perf_counter() - self._since
 
     def begin_module(self, name: str, cached: bool) -> None:

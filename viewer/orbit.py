@@ -18,7 +18,7 @@ TURN_PER_HEIGHT = np.pi  # a drag over the height of the image turns by half a t
 
 @dataclass(frozen=True)
 class Orbit:
-    """Where the camera is."""
+    """The camera's position and direction."""
 
     target: np.ndarray = field(default_factory=lambda: np.full(3, 0.5))  # looked at, turned about
     distance: float = 2.0  # from the eye to the target

@@ -1,4 +1,4 @@
-"""Which sphere is under a pixel, where points appear, and which of them are in sight.
+"""Picks spheres under a pixel, projects points, and finds the points in sight.
 
 Pixels are the image's: x to the right, y down, the center of the first one at (½, ½).
 t is the distance from the eye along a pixel's unit ray, as in the depth image.
@@ -10,7 +10,7 @@ from ..core.render import Camera
 
 
 def project(camera: Camera, points):
-    """Where points [N, 3] appear.
+    """Project points [N, 3] to the image.
 
     Returns:
         Pixels [N, 2] and distances t [N]; behind the camera, pixels are NaN and t is -inf.
@@ -44,7 +44,7 @@ def depth_at(depth_image, camera: Camera, pixels):
     """The depth at pixels [N, 2] of `camera`; inf outside the image.  [N]
 
     Args:
-        depth_image: Of the same view, perhaps with fewer pixels than the camera.  [h, w]
+        depth_image: The same view's depth, perhaps with fewer pixels than the camera.  [h, w]
     """
     height, width = depth_image.shape
     scale = np.array([width / camera.width, height / camera.height])
@@ -55,7 +55,7 @@ def depth_at(depth_image, camera: Camera, pixels):
 
 
 def visible(camera: Camera, points, depth_image, bias: float):
-    """Which points are in the image and at most `bias` behind the object's surface.  [N] bool"""
+    """Whether points are in the image and at most `bias` behind the surface.  [N] bool"""
     pixels, t = project(camera, points)
     inside = _inside(camera, pixels)
     if depth_image is None:
@@ -71,10 +71,10 @@ def pick_sphere(camera: Camera, pixel, centers, radius: float, shown, slack: flo
     """The sphere under a pixel: of those that cover it, the nearest to the eye.
 
     Args:
-        centers: Of the spheres.  [N, 3]
-        radius: Of every sphere, model units.
-        shown: Which of them can be picked.  [N] bool
-        slack: Pixels by which a sphere may be missed.
+        centers: Centers of the spheres.  [N, 3]
+        radius: Radius of every sphere, model units.
+        shown: Spheres that can be picked.  [N] bool
+        slack: Pixels by which a pick may miss a sphere.
 
     Returns:
         Its index, or None.

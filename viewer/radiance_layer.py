@@ -55,19 +55,19 @@ class RadianceLayer:
 
     @property
     def refined(self) -> float:
-        """The part of the rows that shows the full resolution."""
+        """The share of the rows at full resolution."""
         if self.factor == 1.0:
             return 1.0
         return self._progress if self._coming and self._coming.factor == 1.0 else 0.0
 
     @property
     def sample_count(self) -> int:
-        """How many images at full resolution the shown one is the mean of."""
+        """The number of full-resolution images in the shown mean."""
         return self._sampling.count if self._sampling else int(self.factor == 1.0)
 
     @property
     def most_samples(self) -> int:
-        """What `sample_count` will be at rest."""
+        """The final `sample_count` at rest."""
         settings = self._scene.settings
         # The mean of hashed colors or of a heat map is the color of something else.
         return SAMPLE_COUNT if settings.accumulate and settings.mode in AVERAGED_MODES else 1
@@ -79,7 +79,7 @@ class RadianceLayer:
 
     @property
     def _progress(self):
-        """The part of the coming picture that there is."""
+        """The finished share of the coming picture."""
         return self._coming.strips.next_row / self._coming.strips.height if self._coming else 0.0
 
     def depth_image(self):
@@ -100,7 +100,7 @@ class RadianceLayer:
         """Render what has changed since the last call.
 
         Args:
-            camera: Of the full resolution.
+            camera: The camera at full resolution.
             times: FrameTimes.
             whole: Render all pixels at once, however long it takes, but each only once.
         """

@@ -31,7 +31,7 @@ class Recorder:
 
     @property
     def message(self) -> str:
-        """What became of the last file, for some seconds."""
+        """The message about the last file, for some seconds."""
         said_at, message = self._said
         return message if time.monotonic() - said_at < MESSAGE_SECONDS else ""
 

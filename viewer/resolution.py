@@ -1,4 +1,4 @@
-"""How many pixels to render while things move.
+"""Chooses the number of rendered pixels while things move.
 
 The factors are powers of √½ of the window's size, so that one step halves or doubles the
 pixels, and with them about the time.  Below about a third of the width a picture is a mosaic;
@@ -19,7 +19,7 @@ RECOGNIZABLE = 0.35  # the factor below which pixels are the last thing to save 
 
 @dataclass(frozen=True)
 class Rung:
-    """A way to render while things move."""
+    """A quality setting for rendering while things move."""
 
     factor: float  # of the window's width and height
     step_factor: float = 1.0  # RenderOptions.step_factor
@@ -46,7 +46,7 @@ CPU_LADDER = (
 
 
 def levels_shown(edges, pixel: float, most_spared: int) -> int:
-    """How many levels to encode: without up to `most_spared` that are finer than a pixel.
+    """The number of encoded levels: up to `most_spared` levels finer than a pixel are left out.
 
     Args: the model's `level_edges` [L], and the width of a pixel where the object is.
     """
@@ -55,7 +55,7 @@ def levels_shown(edges, pixel: float, most_spared: int) -> int:
 
 
 def savings(rung: Rung, edges, pixel: float) -> dict:
-    """What a rung saves on beside pixels, as arguments of RenderOptions."""
+    """The savings of a rung besides pixels, as arguments of RenderOptions."""
     saved = {} if rung.step_factor == 1.0 else {"step_factor": rung.step_factor}
     shown = levels_shown(edges, pixel, rung.spared_levels)
     return saved if shown == len(edges) else {**saved, "level_count": shown}

@@ -1,4 +1,4 @@
-"""The object that is shown, without OpenGL: its pose, what holds it, what the user drags.
+"""The object in the view, without OpenGL: its pose, pins, and the user's drag.
 
 The solver always steps by 1/60 s, since another length would make it compute its coefficients
 anew; a frame takes as many steps as fit in it.  Positions are model space, V vertices.
@@ -51,8 +51,8 @@ class Grab:
     vertex: int
     ids: np.ndarray  # of the vertices that move along, `vertex` among them  [K]
     offsets: np.ndarray  # their positions relative to `vertex` when it was grabbed  [K, 3]
-    target: np.ndarray  # where `vertex` shall be  [3]
-    reached: np.ndarray  # where it has been sent by the steps so far  [3]
+    target: np.ndarray  # target position of `vertex`  [3]
+    reached: np.ndarray  # target of the steps so far  [3]
     before: tuple[np.ndarray, np.ndarray]  # positions and velocities of all vertices
 
 
@@ -77,7 +77,7 @@ class Scene:
         self.center = 0.5 * (low + high)
         self.size = float((high - low).max())
         self.handle_radius = HANDLE_RADIUS * self.size
-        self.handle_bias = 2.5 * self.handle_radius  # how far behind the surface one is visible
+        self.handle_bias = 2.5 * self.handle_radius  # a handle so far behind the surface is visible
         # The pins of a held object [V] bool.  The lowest vertices of the mesh alone would not
         # do: they may be specks below the object.
         self.pins = lowest_pins(rest, tets)
@@ -191,7 +191,7 @@ class Scene:
         self.revision += 1
 
     def displacements(self):
-        """How far each vertex is from its rest position, in object sizes.  [V]"""
+        """Distance of each vertex from its rest position, in object sizes.  [V]"""
         return np.linalg.norm(self.positions - self.solver.rest_vertices, axis=1) / self.size
 
     # -- the object ----------------------------------------------------------------------
@@ -235,7 +235,7 @@ class Scene:
 
     @property
     def stiffness(self) -> tuple[float, float]:
-        """What the substeps hold: the median r = α/(w h²), and Young's modulus [Pa]."""
+        """The stiffness with these substeps: the median r = α/(w h²), and Young's modulus [Pa]."""
         key = self.solver.options, self.material, self.solver.pinned.tobytes()
         if self._stiffness is None or self._stiffness[0] != key:
             solver = self.solver
@@ -297,6 +297,6 @@ class Scene:
 
 
 def _of_the_object(rest, tets):
-    """Which vertices belong to more than a speck.  [V] bool"""
+    """Whether each vertex belongs to more than a speck.  [V] bool"""
     labels = components(len(rest), tets)
     return np.bincount(labels)[labels] >= SPECK * len(rest)

@@ -11,7 +11,7 @@ LONGEST_OFFSET = 2.0  # model units; farther away, the vertex leaves the picture
 
 @dataclass(frozen=True)
 class DragScript:
-    """What --drag says."""
+    """The drag of --drag."""
 
     vertex: int | str  # an id, or TOP until `resolved` has put an id there
     offset: tuple[float, float, float]  # from where the vertex is, model units

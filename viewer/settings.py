@@ -1,4 +1,4 @@
-"""What the user has chosen about picture, handles and files: plain data, without methods."""
+"""The user's choices for picture, handles and files: plain data, without methods."""
 
 from dataclasses import dataclass
 

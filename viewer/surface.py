@@ -1,4 +1,4 @@
-"""Where the object's surface is, as seen from all around.
+"""Points on the object's surface, as seen from all around.
 
 A trained mesh also has tets around the object and specks in empty space.  A user wants to
 frame, hold and grab what can be seen, which is the opaque pixels of a few small images.

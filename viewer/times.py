@@ -1,4 +1,4 @@
-"""How long frames and their parts take, for the read-outs and for the choice of resolution."""
+"""Times of frames and their stages, for the read-outs and the choice of resolution."""
 
 import time
 from collections import deque

@@ -1,4 +1,4 @@
-"""From the renderer's arrays to OpenGL textures, without the host where that works.
+"""Copies the renderer's arrays to OpenGL textures, without the host where possible.
 
 On CUDA the arrays go into pixel buffers that CUDA and OpenGL share.  On laptops and remote
 desktops OpenGL often runs on another GPU and they can't share: a probe at the start finds
@@ -16,7 +16,7 @@ PROBE_SIZE = 16
 
 
 def choose_path(ctx: moderngl.Context, device: str, wanted: str) -> str:
-    """How frames reach OpenGL: "buffer" where CUDA and OpenGL share memory, else "copy".
+    """The transfer of frames to OpenGL: "buffer" if CUDA and OpenGL share memory, else "copy".
 
     Args:
         wanted: "buffer", "copy", or "auto" for the better one.
@@ -77,7 +77,7 @@ class SharedBuffer:
 
 
 class HostCopy:
-    """The way through host memory, with a SharedBuffer's methods."""
+    """The copy through host memory, with a SharedBuffer's methods."""
 
     def write(self, texture: moderngl.Texture, image, viewport) -> None:
         texture.write(np.ascontiguousarray(image.numpy()), viewport=viewport)

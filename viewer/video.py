@@ -1,4 +1,4 @@
-"""Images to an MP4 file that every player opens.
+"""Writes images to an MP4 file that every player opens.
 
 A thread encodes behind a short queue.  The file is written as <name>.part.mp4 and renamed
 when it is complete, since no player reads an MP4 that was never closed.  Without a clock
@@ -103,7 +103,7 @@ class VideoWriter:
         return self.path
 
     def _failure(self):
-        """What went wrong in the encoder's thread, in one sentence."""
+        """The error of the encoder's thread, in one sentence."""
         if isinstance(self._error, OSError) and self._error.strerror:
             return f"can't write {self.path}: {self._error.strerror}"
         return f"the video encoder failed: {self._error}"

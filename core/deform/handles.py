@@ -50,7 +50,7 @@ def control_vertices(rest_vertices, tets, count=24):
     Args:
         rest_vertices: [V, 3]
         tets: [T, 4]
-        count: How many; fewer if the mesh has fewer vertices.
+        count: Number of handles; fewer if the mesh has fewer vertices.
 
     Returns:
         Vertex ids; the first one is the farthest from the middle.  [min(count, V)]

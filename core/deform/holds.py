@@ -1,4 +1,4 @@
-"""Which vertices don't move freely: pins, handles, and the parts that a rescue takes back.
+"""Vertices that don't move freely: pins, handles, and the parts that a rescue takes back.
 
 Shapes: V vertices, K handles.
 """

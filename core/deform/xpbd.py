@@ -41,7 +41,7 @@ class XpbdSolver:
         vertices: Current positions, always in the same array.  [V] vec3 on the device
         velocities: [V] vec3 on the device
         object_size: The longest side of the rest pose's bounding box [m].
-        inverted_count: How many tets were inverted when they were last counted.
+        inverted_count: Number of inverted tets at the last count.
     """
 
     def __init__(

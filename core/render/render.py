@@ -58,8 +58,7 @@ class Renderer:
 
     Attributes:
         part: The visible part of the field: fewer tets, in another order.
-        pose: Of that part.
-        shading: Of that part.
+        pose, shading: Pose and shading of that part.
         overlap: `overlap.exists()` says whether the pose overlaps itself.
         stage: Times the stages while `stage.seconds` is a dict; then each image is waited for.
     """

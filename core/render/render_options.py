@@ -22,7 +22,7 @@ class RenderOptions:
         level_count: Levels that are encoded, all by default; the features of finer ones are 0.
         termination: Transmittance below which a ray ends; None for the mode's default.
         single_precision: Evaluate the networks in float32 on CUDA, too.
-        path: How rays become pixels.  "auto": the fastest path that the device and the other
+        path: Path from rays to pixels.  "auto": the fastest path that the device and the other
             options allow, with tangled rays merged.  "host": rounds that the host waits for,
             as on the CPU, even where CUDA has a wavefront.  "merge": every ray is rendered as
             tangled rays are.

@@ -1,4 +1,4 @@
-"""What the object is made of, what surrounds it, and its time."""
+"""The section on dynamics: material, surroundings, and time."""
 
 from imgui_bundle import imgui
 
@@ -47,7 +47,7 @@ def _time_buttons(app):
 
 
 def state_line(scene) -> str:
-    """What time does to the object."""
+    """The state of the simulation."""
     if scene.solver.rescuing:
         return "rescuing ..."
     if scene.solver.given_up:
@@ -56,7 +56,7 @@ def state_line(scene) -> str:
 
 
 def name_of(material) -> str:
-    """What the panel calls a material."""
+    """The panel's name for a material."""
     return next((name for name, preset in PRESETS.items() if preset == material), CUSTOM)
 
 

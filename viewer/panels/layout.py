@@ -1,6 +1,6 @@
-"""Where the panels are: one window with sections, the help overlay, the line of messages.
+"""Layout of the panels: one window with sections, the help overlay, the message line.
 
-While a model is loaded, a window says how far that is.
+While a model is loaded, a window shows the progress.
 """
 
 from imgui_bundle import imgui
@@ -82,7 +82,7 @@ def _floating(name, place, flags=0):
 
 
 def help_overlay(app):
-    """What mouse and keys do."""
+    """The help overlay: gestures and keys."""
     if imgui.begin_table("inputs", 2, imgui.TableFlags_.sizing_fixed_fit.value):
         for entry in INPUTS:
             imgui.table_next_row()

@@ -1,4 +1,4 @@
-"""Where the time goes, and on what devices."""
+"""Times of a frame, and the devices in use."""
 
 import numpy as np
 from imgui_bundle import imgui

@@ -1,4 +1,4 @@
-"""What is shown: the model, how its picture looks, and with how many pixels."""
+"""The section on the view: model, view mode, and resolution."""
 
 from imgui_bundle import imgui
 

@@ -33,7 +33,7 @@ class CpuNetworks:
         """Density and color of samples.
 
         Args:
-            features: Of all levels, or of the coarser ones.  [N, l·F]
+            features: Features of all levels, or of the coarser ones.  [N, l·F]
             basis: [N, 16]
 
         Returns:

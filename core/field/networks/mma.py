@@ -77,7 +77,7 @@ class TensorCoreNetworks:
         Args:
             features: L entries per sample, one sample after another.  [N · L] vec4h
             basis: Spherical harmonics, 4 entries per sample.  [4 N] vec4h
-            total: How many of the N samples exist.  [1] int
+            total: Number of existing samples, at most N.  [1] int
             sigma, rgb: [N] float and vec3, out.
         """
         wp.launch(

@@ -54,7 +54,7 @@ class TorchNetworks(nn.Module):
         """`forward`, by the fused kernels where they fit (triton.py).
 
         Args:
-            sample_count: How many of the N samples exist, int32 [1] on the device; None for
+            sample_count: Number of existing samples, at most N, int32 [1] on the device; None for
                 all.  The fused kernels skip the others and give no values for them.
         """
         if features.is_cuda:

@@ -98,7 +98,7 @@ def evaluate(networks: TorchNetworks, features, basis, sample_count=None):
     Args:
         features: Encoding, float32 or float16.  [N, L·F]
         basis: Spherical harmonics of the samples' directions.  [N, 16]
-        sample_count: How many of the N samples exist, int32 [1] on the device; None for all.
+        sample_count: Number of existing samples, at most N, int32 [1] on the device; None for all.
             The others cost nothing and add nothing to the parameters' gradients.  Their
             outputs and their features' gradients are not written.
 

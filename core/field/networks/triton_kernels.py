@@ -44,7 +44,7 @@ def _bias(start, ROWS: tl.constexpr):
 
 @triton.jit
 def _starts(parameters, FEATURES: tl.constexpr):
-    """Offsets of the layers a, h, c1, c2, rgb; see `pack`."""
+    """Start addresses of the layers a, h, c1, c2, rgb; see `pack`."""
     h = parameters + (FEATURES + 1) * WIDTH
     c1 = h + (WIDTH + 1) * GEOMETRY
     c2 = c1 + (GEOMETRY + BASIS + 1) * WIDTH

@@ -37,7 +37,7 @@ def equilibrium(energy: Energy, start, held, gravity, tolerance=1e-10, most_step
         start: [V, 3] m; handles at their targets.
         held: [V] bool
         gravity: [3] m/s²
-        tolerance: Of the residual; what float64 rounds counts if it is more.
+        tolerance: Bound of the residual, or float64's rounding error if that is larger.
 
     Returns:
         Vertices [V, 3], and the residual: the norm of the forces on free vertices over that

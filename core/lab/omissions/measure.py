@@ -43,7 +43,7 @@ def parts(field: TetField, model_path, device: str, effort: Effort) -> list[Part
     """All parts, in order; nothing is measured before they run.
 
     Args:
-        field: What the file at `model_path` holds.
+        field: The field of the file at `model_path`.
         device: "cpu" or "cuda:0".
     """
     frames = Frames(field, device, effort.frame_size, effort.view_count, effort.frame_turns)

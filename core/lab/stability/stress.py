@@ -112,8 +112,8 @@ class StressCase:
     """One way to break a body.
 
     Attributes:
-        name: As tables print it.
-        start: Where its vertices are at first, a key of STARTS.
+        name: Name in tables.
+        start: Initial positions, a key of STARTS.
         drive: Moves handles of the body, whose foot is then pinned: (solver, dt, generator),
             yields before each step.  Without it the body is free.
         dt: Length of a frame [s].
