@@ -209,6 +209,46 @@ def trainer(monkeypatch, field):
     return stub
 
 
+BALL_SIZE, BALL_ANGLE = 40, 0.7  # of its pictures [pixels, radians]
+
+
+def ball_picture(pose):
+    """A ball of radius 0.8, its color the normal, seen by a camera at `pose`.  RGBA uint8"""
+    from PIL import Image
+
+    from deformrf.core.render import camera_rays, from_field_of_view
+
+    origins, directions = camera_rays(from_field_of_view(pose, BALL_ANGLE, BALL_SIZE, BALL_SIZE))
+    b = np.einsum("ij,ij->i", origins, directions)
+    discriminant = b**2 - ((origins**2).sum(axis=1) - 0.8**2)
+    hit = discriminant > 0
+    points = origins + (-b - np.sqrt(np.maximum(discriminant, 0)))[:, None] * directions
+    rgba = np.zeros((BALL_SIZE * BALL_SIZE, 4))
+    rgba[hit, :3], rgba[hit, 3] = (points / 0.8 * 0.5 + 0.5)[hit], 1.0
+    return Image.fromarray((rgba.reshape(BALL_SIZE, BALL_SIZE, 4) * 255).round().astype(np.uint8))
+
+
+@pytest.fixture(scope="session")
+def ball_poses():
+    from deformrf.core.render import look_at
+
+    directions = np.random.default_rng(4).normal(size=(24, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return [look_at(4.0 * d, (0, 0, 0)) for d in directions]
+
+
+@pytest.fixture(scope="session")
+def ball_data(tmp_path_factory, write_dataset, ball_poses):
+    """24 views of the ball, 20 of them for training."""
+    from deformrf.core.training import load_dataset
+
+    tmp_path = tmp_path_factory.mktemp("ball")
+    for split, poses in (("train", ball_poses[:20]), ("test", ball_poses[20:])):
+        images = [ball_picture(pose) for pose in poses]
+        write_dataset(tmp_path, images, split, poses=poses, camera_angle_x=BALL_ANGLE)
+    return load_dataset(tmp_path, "train"), load_dataset(tmp_path, "test")
+
+
 @pytest.fixture(scope="session")
 def ball():
     """A solid ball of random colors on 364 tets, quick to render: for the viewer's tests."""

@@ -149,6 +149,14 @@ def test_a_lack_of_memory_ends_in_one_sentence(
     assert sentence in refused(result)
 
 
+def test_a_last_look_without_memory_writes_the_model_and_says_so(call, trainer, data, tmp_path):
+    trainer.trained.out_of_memory = "the GPU's memory is too small; the model keeps sub-tets"
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert result.code == INPUT_ERROR
+    assert result.err == f"deformrf-train: {trainer.trained.out_of_memory}\n"
+    modelfile.load(tmp_path / "m.npz")
+
+
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize("steps", [2, 100, 10**6])
 def test_steps_are_shared_out_between_the_stages(name, steps):
@@ -240,6 +248,7 @@ def test_a_full_disk_leaves_the_checkpoint_and_says_so(call, trainer, data, tmp_
     monkeypatch.setattr(np, "savez", full_disk)
     output, checkpoint_path = tmp_path / "m.npz", tmp_path / "m.checkpoint"
     checkpoint_path.write_text("the run")
+    trainer.trained.resumable = True
     result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
     assert result.code == INPUT_ERROR
     assert result.err == (
@@ -248,6 +257,19 @@ def test_a_full_disk_leaves_the_checkpoint_and_says_so(call, trainer, data, tmp_
     )
     assert checkpoint_path.read_text() == "the run"
     assert not output.exists()
+
+
+def test_a_full_disk_without_a_checkpoint_promises_none(call, trainer, data, tmp_path, monkeypatch):
+    """A file that another run left is not this run's checkpoint."""
+    monkeypatch.setattr(np, "savez", full_disk)
+    (tmp_path / "m.checkpoint").write_text("another run")
+    trainer.trained.interrupted = True
+    output = tmp_path / "m.npz"
+    result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
+    assert result.err == (
+        f"deformrf-train: can't write {output}: No space left on device; the run has no "
+        f"checkpoint to continue from\n"
+    )
 
 
 def test_a_disk_that_fills_before_the_scores_are_written_leaves_the_model(

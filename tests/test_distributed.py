@@ -29,7 +29,7 @@ from deformrf.core.training import (
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run import (
     ALONE,
-    LearntSurroundings,
+    LearnedSurroundings,
     Optimization,
     TrainingField,
     Workers,
@@ -52,7 +52,7 @@ def make_run(dataset, device, workers, around=False):
     surroundings = None
     if around:
         box = np.array([[0.2] * 3, [0.8] * 3])
-        surroundings = LearntSurroundings(random_surroundings(box), device)
+        surroundings = LearnedSurroundings(random_surroundings(box), device)
     field = TrainingField(a15_grid(0.2), options, device, 0, surroundings, workers=workers)
     bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), device)
     options = TrainOptions(samples_per_step=2**15)

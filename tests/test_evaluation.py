@@ -15,7 +15,7 @@ from deformrf.core.render import Renderer, from_field_of_view, look_at, pinhole
 from deformrf.core.training import evaluation
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.evaluation import evaluate
-from deformrf.core.training.run import LearntSurroundings, random_surroundings
+from deformrf.core.training.run import LearnedSurroundings, random_surroundings
 
 SIZE = 16
 VIEWS = 3
@@ -188,13 +188,13 @@ def test_on_the_cpu_nothing_is_scored_while_a_view_is_timed(fake, field):
 
 def test_surroundings_are_compiled_before_the_first_view_is_timed(field, dataset, monkeypatch):
     """Else the seconds of the first view include the compilation."""
-    ray_counts, forward = [], LearntSurroundings.forward
+    ray_counts, forward = [], LearnedSurroundings.forward
 
     def counted(self, origins, *rest):
         ray_counts.append(len(origins))
         return forward(self, origins, *rest)
 
-    monkeypatch.setattr(LearntSurroundings, "forward", counted)
+    monkeypatch.setattr(LearnedSurroundings, "forward", counted)
     around = random_surroundings(np.array([[0.0] * 3, [1.0] * 3]))
     evaluate(replace(field, surroundings=around), dataset)
     assert ray_counts == [8 * 8, *[SIZE * SIZE] * VIEWS]

@@ -28,7 +28,7 @@ def test_a_resumed_run_has_the_options_of_its_checkpoint(call, trainer, data, tm
 
 
 def test_an_interrupted_run_says_how_to_go_on(call, trainer, data, tmp_path):
-    trainer.trained.interrupted = True
+    trainer.trained.interrupted = trainer.trained.resumable = True
     unfinished(tmp_path / "m.checkpoint")
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert "--resume" in result.out

@@ -16,7 +16,7 @@ from deformrf.core.training.evaluation import evaluate
 from deformrf.core.training.run.surroundings import (
     BEHIND_PIECES,
     FRONT_PIECES,
-    LearntSurroundings,
+    LearnedSurroundings,
     over,
     pieces_kernel,
     random_surroundings,
@@ -125,7 +125,7 @@ def test_an_empty_world_shows_its_sky(device):
     start = random_surroundings(BOX)
     start.density_layers[-1][1][0] = -30.0
     start.sky[:] = (0.2, 0.5, 0.7)
-    around = LearntSurroundings(start, device)
+    around = LearnedSurroundings(start, device)
     rng = np.random.default_rng()
     rays = on_device(rays_at(rng.uniform(*BOX, (9, 3)), rng), device)
     (color, opacity), behind = around(*rays, wp.zeros(1, dtype=int, device=device))

@@ -6,49 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from PIL import Image
 
 from deformrf.core.field import FieldOptions, is_occupied_reference, modelfile
 from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
-from deformrf.core.render import camera_rays, from_field_of_view, look_at
-from deformrf.core.training import DatasetError, load_dataset, preset, trainer
+from deformrf.core.training import preset, trainer
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.evaluation import evaluate
 from deformrf.core.training.run import Batch, TrainingField, load_checkpoint
 from deformrf.core.training.run.optimization import PAUSE_INTERVAL
 from deformrf.core.training.train_options import PRESETS
-
-SIZE, ANGLE = 40, 0.7
-
-
-def ball_picture(pose):
-    """A ball of radius 0.8, its color the normal, seen by a camera at `pose`.  RGBA uint8"""
-    origins, directions = camera_rays(from_field_of_view(pose, ANGLE, SIZE, SIZE))
-    b = np.einsum("ij,ij->i", origins, directions)
-    discriminant = b**2 - ((origins**2).sum(axis=1) - 0.8**2)
-    hit = discriminant > 0
-    points = origins + (-b - np.sqrt(np.maximum(discriminant, 0)))[:, None] * directions
-    rgba = np.zeros((SIZE * SIZE, 4))
-    rgba[hit, :3], rgba[hit, 3] = (points / 0.8 * 0.5 + 0.5)[hit], 1.0
-    return Image.fromarray((rgba.reshape(SIZE, SIZE, 4) * 255).round().astype(np.uint8))
-
-
-@pytest.fixture(scope="module")
-def ball_poses():
-    directions = np.random.default_rng(4).normal(size=(24, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return [look_at(4.0 * d, (0, 0, 0)) for d in directions]
-
-
-@pytest.fixture(scope="module")
-def ball_data(tmp_path_factory, write_dataset, ball_poses):
-    """24 views of the ball, 20 of them for training."""
-    tmp_path = tmp_path_factory.mktemp("ball")
-    for split, poses in (("train", ball_poses[:20]), ("test", ball_poses[20:])):
-        images = [ball_picture(pose) for pose in poses]
-        write_dataset(tmp_path, images, split, poses=poses, camera_angle_x=ANGLE)
-    return load_dataset(tmp_path, "train"), load_dataset(tmp_path, "test")
-
 
 SMALL = preset(
     "tiny", spacing=0.06, coarse_steps=60, fine_steps=80, samples_per_step=2**13, level_count=3
@@ -282,30 +248,6 @@ def test_a_long_run_is_saved_from_time_to_time(ball_data, monkeypatch, tmp_path)
     saved = load_checkpoint(path)
     last = (SMALL.fine_steps - 1) // PAUSE_INTERVAL * PAUSE_INTERVAL
     assert (saved.stage, saved.fit["step"]["number"]) == (2, last)
-
-
-def test_nothing_occupied_is_said_so():
-    stage = TrainingField(a15_grid(0.25), FieldOptions(level_count=2, table_size=2**8), "cpu")
-    stage.occupied[:] = False
-    with pytest.raises(DatasetError, match="scene box"):
-        trainer.kept_mesh(stage)
-
-
-@pytest.mark.parametrize("share, stays", [(0.8, False), (1.2, True)])
-def test_floaters_are_measured_by_what_is_seen_of_them(share, stays):
-    """A speck has many neighbours for its size; a few of its tets, of so many limits."""
-    stage = TrainingField(a15_grid(0.05), FieldOptions(level_count=2, table_size=2**8), "cpu")
-    middles = stage.mesh.rest_vertices[stage.mesh.tets].mean(axis=1)
-    body, corner = middles[:, 0] < 0.5, [0.8, 0.5, 0.5]
-    count = round(share * trainer.SMALLEST_COMPONENT * body.sum())
-    speck = np.argsort(np.linalg.norm(middles - corner, axis=1))[:count]
-    stage.occupied[:] = False
-    stage.occupied[np.flatnonzero(body)] = True
-    whole = trainer.kept_mesh(stage)
-    stage.occupied[speck] = True
-    mesh = trainer.kept_mesh(stage)
-    more = mesh.tet_count - whole.tet_count
-    assert count > 5 and more > 1.3 * count if stays else more == 0
 
 
 def test_an_unknown_preset_is_named_with_the_known_ones():

@@ -114,10 +114,11 @@ def prepare(arguments: TrainArguments):
         path = output
         if existed and not trained.complete:  # an unfinished model never replaces a finished one
             path = output.with_stem(output.stem + "-interrupted")
+        checkpoint = checkpoint_path if trained.resumable else None
         try:
             scores = save(trained, path, arguments, test_views, device)
         except OSError as error:
-            print(f"{PROGRAM}: {lost(error, path, checkpoint_path)}", file=sys.stderr)
+            print(f"{PROGRAM}: {lost(error, path, checkpoint)}", file=sys.stderr)
             return INPUT_ERROR
         print(summary(trained, path, scores))
         if "coarse-stage" in options.leave_out:
@@ -125,7 +126,10 @@ def prepare(arguments: TrainArguments):
         if trained.diverged:
             print(f"{PROGRAM}: {trained.diverged}", file=sys.stderr)
             return FAILED
-        if trained.interrupted and checkpoint_path.exists():
+        if trained.out_of_memory:
+            print(f"{PROGRAM}: {trained.out_of_memory}", file=sys.stderr)
+            return INPUT_ERROR
+        if trained.interrupted and trained.resumable:
             print("Continue with the same command and --resume.")
         if trained.complete:
             checkpoint_path.unlink(missing_ok=True)
@@ -194,10 +198,10 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
     return report
 
 
-def lost(error: OSError, path: Path, checkpoint_path: Path) -> str:
-    """Why the model could not be written, and what is left of the run."""
-    rest = "the run had no checkpoint yet, which it writes every minute"
-    if checkpoint_path.exists():
+def lost(error: OSError, path: Path, checkpoint_path: Path | None) -> str:
+    """Why the model could not be written, and where the run's checkpoint is, if it has one."""
+    rest = "the run has no checkpoint to continue from"
+    if checkpoint_path:
         rest = f"the run is kept in {checkpoint_path}: make room, then add --resume"
     return f"can't write {path}: {error.strerror or error}; {rest}"
 

@@ -70,7 +70,7 @@ def evaluate(
     renderer = Renderer(field, device=device)
     poses = in_space(dataset.poses, field.world_to_model)
     views = [Camera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True)]
-    around = learnt_surroundings(field, device)
+    around = learned_surroundings(field, device)
     small = Camera(poses[0], dataset.lenses[0].resized(8, 8))
     render_view(renderer, around, small, options)  # compiles the kernels
     has_alpha = dataset.has_alpha
@@ -158,13 +158,13 @@ def is_report(path: Path) -> bool:
     return isinstance(content, dict) and content.keys() >= REPORT_KEYS
 
 
-def learnt_surroundings(field, device):
+def learned_surroundings(field, device):
     """The surroundings on a device, or None; torch is imported only for them."""
     if field.surroundings is None:
         return None
-    from .run import LearntSurroundings
+    from .run import LearnedSurroundings
 
-    return LearntSurroundings(field.surroundings, device)
+    return LearnedSurroundings(field.surroundings, device)
 
 
 def render_view(renderer, around, camera, options):
@@ -196,7 +196,7 @@ def render_view(renderer, around, camera, options):
 
 
 def lacks_surroundings(field, dataset) -> bool:
-    """Whether photographs show surroundings that training learnt and the model does not hold."""
+    """Whether photographs show surroundings that training learned and the model does not hold."""
     options = field.meta.get("options")
     choice = options.get("surroundings", "auto") if isinstance(options, dict) else "auto"
     if field.surroundings is not None or dataset.has_alpha:

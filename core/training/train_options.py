@@ -13,19 +13,19 @@ class TrainOptions:
         aabb: The object's box in the data's space, lowest and highest corner; see scene_box.py.
         scene_radius: The box from -r to r, if there is no aabb; None leaves it to the data.
         spacing: dx of the A15 grid of stage 1 (the paper's 0.02).
-        coarse_steps: Optimiser steps of stage 1, which finds the occupied tets.
-        fine_steps: Optimiser steps of stage 2, on the kept tets with all levels.
+        coarse_steps: Optimizer steps of stage 1, which finds the occupied tets.
+        fine_steps: Optimizer steps of stage 2, on the kept tets with all levels.
         level_count: Nested levels of the model.
         table_size_log2: Entries of a hashed level.
         march_step: Δ, rest length of a quadrature piece.
-        samples_per_step: Samples that an optimiser step aims at, on all GPUs together; the ray
+        samples_per_step: Samples that an optimizer step aims at, on all GPUs together; the ray
             count follows.
         learning_rate: Of Adam at the start; falls along a cosine.
         surroundings: What is behind the object: "white" (or what alpha cuts out), "learnt"
-            beside it, or "auto": learnt where images have neither alpha nor a white border.
+            beside it, or "auto": learned where images have neither alpha nor a white border.
         view_dependence: Whether color may depend on the direction.
         distortion: Weight of the distortion loss (the paper's 1e-2).
-        leave_out: Parts of the method that this scene is learnt without, of LEAVE_OUT:
+        leave_out: Parts of the method that this scene is learned without, of LEAVE_OUT:
             "coarse-stage": all fine_steps go to all levels on the whole grid, which the model
             then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":
             every level is hashed; "distortion": the loss has no such term.

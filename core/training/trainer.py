@@ -2,7 +2,7 @@
 
 Stage 1 trains few levels on the A15 grid of the whole scene box and learns where density
 is; the occupied tets, what they enclose and their neighbours are kept.  Stage 2 trains all
-levels on the kept tets.  Both minimise the loss of run/loss.py with Adam.  In the first half
+levels on the kept tets.  Both minimize the loss of run/loss.py with Adam.  In the first half
 of a stage, images with alpha have a random background per ray, then a white one: so empty
 space learns to be empty, and the result is best on the background that it is scored on.
 
@@ -15,6 +15,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -24,31 +25,28 @@ from ..field import FieldOptions, TetField, below_pixel, level_edges, narrowest_
 from ..geometry import (
     TetMesh,
     a15_grid,
-    extract,
-    face_components,
-    fill_enclosed,
-    tet_neighbours,
 )
 from ..render import in_space
 from .data import (
     Dataset,
-    DatasetError,
     RayBank,
     learns_surroundings,
     object_box,
     world_to_unit_cube,
 )
 from .run import (
-    ADVICE,
+    ALLOCATION_ERRORS,
     ALONE,
     Checkpoint,
     Diverged,
     History,
-    LearntSurroundings,
+    LearnedSurroundings,
     Optimization,
+    OutOfMemory,
     TrainingField,
     TrainingProgress,
     Workers,
+    give_memory_back,
     lacks_memory,
     looks,
     on_warp_stream,
@@ -56,13 +54,13 @@ from .run import (
     save_checkpoint,
 )
 from .train_options import TrainOptions
+from .trained_tets import boxed, kept_mesh
 
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
 UNSEEN_WEIGHT = 1e-3  # a sub-tet in which no sample weighs as much is hidden
 COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
 COARSE_LOOK, FINE_LOOK = 4, 16  # rays that look for it, over the samples of a step
-SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters
 CHECKPOINT_SECONDS = 60.0
 
 
@@ -75,16 +73,20 @@ class Trained:
         report: What happened, plain JSON values.
         interrupted: Ctrl-C ended it early.
         diverged: Why it ended early, a sentence, or None.
+        out_of_memory: If memory was too small to hide what no image sees at the end, a sentence.
+        resumable: Whether `checkpoint_path` holds a checkpoint of this run.
     """
 
     field: TetField
     report: dict
     interrupted: bool
     diverged: str | None = None
+    out_of_memory: str | None = None
+    resumable: bool = False
 
     @property
     def complete(self) -> bool:
-        return not self.interrupted and self.diverged is None
+        return not (self.interrupted or self.diverged or self.out_of_memory)
 
 
 def train(
@@ -116,80 +118,88 @@ def train(
 
     Raises:
         DatasetError: Stage 1 found nothing in the scene box.
-        MemoryError: The GPU's memory is too small, in a sentence.
+        MemoryError: Memory is too small, in a sentence that names the checkpoint.  A single
+            worker saves one before; several cannot, because each has a part of it and the others
+            wait for this worker in the middle of a step: their last checkpoint remains.
     """
     wp.init()
     if not workers.is_first:
         checkpoint_path = on_pause = None
-    try:
-        with (
-            on_warp_stream(device),
-            workers.stopping_together(),
-            TrainingProgress(workers.is_first) as progress,
-        ):
-            run = _Run(
-                dataset,
-                options,
-                device,
-                name,
-                checkpoint_path,
-                resumed,
-                on_pause,
-                workers,
-                progress,
-            )
-            return run.train()
-    except RuntimeError as error:
-        if not lacks_memory(error):
-            raise
-        raise MemoryError(f"the GPU's memory is too small: {ADVICE} ({error})") from error
+    with (
+        on_warp_stream(device),
+        workers.stopping_together(),
+        TrainingProgress(workers.is_first) as progress,
+    ):
+        run = _Run(
+            dataset,
+            options,
+            device,
+            name,
+            checkpoint_path,
+            resumed,
+            on_pause,
+            workers,
+            progress,
+        )
+        return run.train()
 
 
+@dataclass
 class _Run:
     """A run: its stages one after another, its clock, its report, and its checkpoints."""
 
-    def __init__(
-        self,
-        dataset,
-        options,
-        device,
-        name,
-        checkpoint_path,
-        resumed,
-        on_pause,
-        workers,
-        progress,
-    ):
-        self.dataset, self.options, self.device = dataset, options, device
-        self.checkpoint_path, self.resumed = checkpoint_path, resumed
-        self.on_pause, self.workers, self.progress = on_pause, workers, progress
+    dataset: Dataset  # this and the next seven: see `train`
+    options: TrainOptions
+    device: str
+    name: str
+    checkpoint_path: Path | None
+    resumed: Checkpoint | None
+    on_pause: Callable | None
+    workers: Workers
+    progress: TrainingProgress
+
+    def __post_init__(self):
         self.start = self.saved = time.perf_counter()
         self.stage = 0  # 1 or 2 once there is a field
         self.field = self.optimization = self.surroundings = None
         self.memory = [0, 0]  # bytes at most, of each stage
-        if resumed:
-            self.world_to_model, self.report = resumed.world_to_model, dict(resumed.report)
+        self.resumable = bool(self.resumed and self.checkpoint_path)
+        self.saved_place = None  # stage and step of the last checkpoint that was written
+        if self.resumed:
+            self.world_to_model = self.resumed.world_to_model
+            self.report = dict(self.resumed.report)
             self.report["history"] = list(self.report.get("history", ()))
             self.start -= self.report["seconds"]
             self.memory = list(self.report.pop("peak_memory_bytes", self.memory))
         else:
-            self.world_to_model = world_to_unit_cube(dataset, options.aabb, options.scene_radius)
+            self.world_to_model = world_to_unit_cube(
+                self.dataset, self.options.aabb, self.options.scene_radius
+            )
+            lenses = self.dataset.lenses
             self.report = {
-                "data": name,
-                "view_count": dataset.view_count,
-                "image_size": list(max((lens.width, lens.height) for lens in dataset.lenses)),
-                "missing_images": len(dataset.missing),
-                "options": asdict(options),
+                "data": self.name,
+                "view_count": self.dataset.view_count,
+                "image_size": list(max((lens.width, lens.height) for lens in lenses)),
+                "missing_images": len(self.dataset.missing),
+                "options": asdict(self.options),
                 "history": [],
             }
-        self.report["workers"] = workers.count
-        self.box = object_box(self.world_to_model, options.aabb)
+        self.report["workers"] = self.workers.count
+        self.box = object_box(self.world_to_model, self.options.aabb)
 
     def train(self) -> Trained:
+        try:
+            return self._train()
+        except ALLOCATION_ERRORS as error:
+            if not lacks_memory(error):
+                raise
+            raise self._out_of_memory(error) from error
+
+    def _train(self) -> Trained:
         if learns_surroundings(self.options.surroundings, self.dataset):
             start = random_surroundings(self.box, self.options.seed)
-            self.surroundings = LearntSurroundings(start, self.device)
-        interrupted, diverged = False, None
+            self.surroundings = LearnedSurroundings(start, self.device)
+        interrupted, diverged, out_of_memory = False, None, None
         try:
             self.bank = RayBank(self.dataset, self.world_to_model, self.device)
             if self.resumed:  # another version's grid may order corners otherwise
@@ -200,29 +210,38 @@ class _Run:
                 if "coarse-stage" not in self.options.leave_out:
                     mesh = self._train_coarse(mesh)
                 self.report["tet_count"] = mesh.tet_count
-            self._train_fine(mesh)
+            out_of_memory = self._train_fine(mesh)
         except KeyboardInterrupt:
             interrupted = True
             if self.field is None:
                 raise  # there is nothing yet to keep
-            self._save()
+            self._save(ends=True)
         except Diverged as error:
             diverged = str(error)
-        return self._result(interrupted, diverged)
+        return self._result(interrupted, diverged, out_of_memory)
 
     def _train_coarse(self, mesh) -> TetMesh:
         """Stage 1; the tets that it keeps."""
         self._train_stage(1, mesh, coarse_options(self.options), self.options.coarse_steps)
+        # Stage 2 begins without the optimizer of stage 1, so it could not save one.
+        if self.workers.any(self.checkpoint_path is not None):
+            self._save()
         self.field.update_occupancy()
         self._hide_unseen(COARSE_LOOK, COARSE_UNSEEN_WEIGHT)
         self.report["stage_1_seconds"] = self._seconds()
         self.report["stage_1_tet_count"] = mesh.tet_count
         return kept_mesh(self.field)
 
-    def _train_fine(self, mesh):
-        """Stage 2."""
+    def _train_fine(self, mesh) -> str | None:
+        """Stage 2; a sentence if one worker lacks the memory to hide what no image sees."""
         self._train_stage(2, mesh, field_options(self.options), self.options.fine_steps)
-        self._hide_unseen(FINE_LOOK, UNSEEN_WEIGHT)
+        try:
+            self._hide_unseen(FINE_LOOK, UNSEEN_WEIGHT)
+        except ALLOCATION_ERRORS as error:
+            if self.workers.count > 1 or not lacks_memory(error):
+                raise
+            return str(self._out_of_memory(error, "the model keeps sub-tets that no image sees"))
+        return None
 
     def _train_stage(self, stage, mesh, options: FieldOptions, step_count):
         self.optimization = None  # the stage before gives its memory back
@@ -278,11 +297,33 @@ class _Run:
         with self.optimization.averaged() if self.optimization else nullcontext():
             return self.field.export(self.world_to_model, self.report)
 
-    def _save(self):
+    def _out_of_memory(self, error, consequence="") -> OutOfMemory:
+        """Save a checkpoint, if one worker trains and has done a step; return the sentence."""
+        if self.workers.count == 1 and self.optimization and self.optimization.number:
+            give_memory_back(self.field.device)
+            try:
+                self._save(ends=True)
+            except ALLOCATION_ERRORS as second:
+                if not lacks_memory(second):
+                    raise
+        parts = [str(OutOfMemory.of(error))]
+        if consequence:
+            parts.append(consequence)
+        if self.resumable:
+            parts.append(f"with more memory, --resume continues from {self.checkpoint_path}")
+        return OutOfMemory("; ".join(parts))
+
+    def _save(self, ends=False):
+        """Write a checkpoint; say so if that fails.
+
+        Args:
+            ends: Whether the run ends here.
+        """
         if self.optimization is None:
             return
         state = self.optimization.state()  # every worker has a part of it
-        if self.checkpoint_path is None:
+        place = self.stage, self.optimization.number
+        if self.checkpoint_path is None or self.saved_place == place:
             return
         report = {
             **self.report,
@@ -294,11 +335,17 @@ class _Run:
         )
         try:
             save_checkpoint(checkpoint, self.checkpoint_path)
+            self.resumable, self.saved_place = True, place
         except OSError as error:  # a full disk, say
-            self.progress.say(f"{error}; training goes on without it.")
+            rest = "training goes on without it"
+            if ends and self.resumable:
+                rest = "the checkpoint before it is kept"
+            elif ends:
+                rest = "the run cannot be continued"
+            self.progress.say(f"{error}; {rest}.")
         self.saved = time.perf_counter()
 
-    def _result(self, interrupted, diverged) -> Trained:
+    def _result(self, interrupted, diverged, out_of_memory) -> Trained:
         field, report = self.field, self.report
         report["seconds"] = self._seconds()
         report["interrupted"] = interrupted
@@ -309,7 +356,8 @@ class _Run:
             report["peak_memory_bytes"] = self.memory
         report["device"] = field.device.name
         report["levels_below_pixel"] = self._levels_below_pixel()
-        return Trained(self._export(), report, interrupted, diverged)
+        field = self._export()
+        return Trained(field, report, interrupted, diverged, out_of_memory, self.resumable)
 
     def _levels_below_pixel(self) -> list[int]:
         """Levels that no training image could tell apart."""
@@ -319,13 +367,6 @@ class _Run:
         pixel = narrowest_pixel(positions, focals, mesh.rest_vertices)
         edges = level_edges(mesh, self.field.options.level_count)
         return np.flatnonzero(below_pixel(edges, pixel)).tolist()
-
-
-def boxed(mesh: TetMesh, box, spacing) -> TetMesh:
-    """The tets of a grid that lie in a box or at its border."""
-    centers = mesh.rest_vertices[mesh.tets].mean(axis=1)
-    inside = ((centers > box[0] - spacing) & (centers < box[1] + spacing)).all(axis=1)
-    return mesh if inside.all() else extract(mesh, inside)[0]
 
 
 def field_options(options: TrainOptions) -> FieldOptions:
@@ -346,25 +387,3 @@ def coarse_options(options: TrainOptions) -> FieldOptions:
         level_count=min(COARSE_LEVELS, options.level_count),
         march_step=COARSE_STEP_FACTOR * fine.march_step,
     )
-
-
-def kept_mesh(field: TrainingField) -> TetMesh:
-    """The tets that stage 2 is about: occupied, their neighbours, enclosed; no floaters.
-
-    Raises:
-        DatasetError: Nothing is occupied.
-    """
-    mesh, neighbours = field.mesh, tet_neighbours(field.mesh.tets)
-    occupied = field.occupied.any(dim=1).cpu().numpy()
-    if not occupied.any():
-        raise DatasetError(
-            "stage 1 found nothing: it had too few --steps, or the object doesn't lie in the "
-            "scene box (--scene-radius is half the box's edge)"
-        )
-    keep, beside = occupied.copy(), neighbours[occupied]
-    keep[beside[beside >= 0]] = True
-    keep = fill_enclosed(keep, neighbours)
-    labels = face_components(neighbours, keep)
-    sizes = np.bincount(labels[occupied])  # neighbours would make six times as much of a speck
-    keep[keep] = sizes[labels[keep]] >= SMALLEST_COMPONENT * occupied.sum()
-    return extract(mesh, keep)[0]

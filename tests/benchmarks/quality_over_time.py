@@ -26,7 +26,7 @@ from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
 from deformrf.core.training import load_dataset, preset, trainer, white_composite
 from deformrf.core.training.evaluation import render_view
 from deformrf.core.training.metrics import psnr
-from deformrf.core.training.run import LearntSurroundings
+from deformrf.core.training.run import LearnedSurroundings
 
 INTERVAL, SHARE = 0.5, 0.05  # seconds from score to score, and at least that share of all so far
 
@@ -34,7 +34,7 @@ INTERVAL, SHARE = 0.5, 0.05  # seconds from score to score, and at least that sh
 def mean_psnr(field, views, device) -> float:
     """Over the views, on white."""
     renderer, options = Renderer(field, device), RenderOptions(background=(1.0, 1.0, 1.0))
-    around = field.surroundings and LearntSurroundings(field.surroundings, device)
+    around = field.surroundings and LearnedSurroundings(field.surroundings, device)
     poses = in_space(views.poses, field.world_to_model)
     scores = []
     for index, (pose, lens) in enumerate(zip(poses, views.lenses, strict=True)):

@@ -12,7 +12,7 @@ from .datasets import Dataset
 from .posed_images import DatasetError
 
 # Half an edge over the cameras' median distance: NeRF-synthetic's cameras stand 4.03 from
-# the centre of the box from -1.5 to 1.5, and instant-ngp scales captures to about the same.
+# the center of the box from -1.5 to 1.5, and instant-ngp scales captures to about the same.
 REACH = 1.5 / 4.031
 WHITE, WHITE_SHARE = 250, 0.8  # of 255; of the border
 PARALLEL = 0.02  # below this smallest eigenvalue of the mean projector views have no focus
@@ -49,7 +49,7 @@ def object_box(world_to_model, aabb=None):
 
 
 def learns_surroundings(choice: str, dataset: Dataset) -> bool:
-    """Whether what is around the object is learnt from these images.
+    """Whether what is around the object is learned from these images.
 
     Args:
         choice: TrainOptions.surroundings.

@@ -11,11 +11,11 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "distributed": ["ALONE", "Workers", "torchrun_workers"],
         "history": ["History"],
         "loss_watch": ["Diverged"],
-        "memory": ["ADVICE", "OutOfMemory", "lacks_memory"],
+        "memory": ["ALLOCATION_ERRORS", "OutOfMemory", "give_memory_back", "lacks_memory"],
         "optimization": ["Optimization"],
         "progress": ["TrainingProgress"],
         "surroundings": [
-            "LearntSurroundings",
+            "LearnedSurroundings",
             "over",
             "random_surroundings",
         ],

@@ -3,7 +3,7 @@
     loss = mean over rays of (squared error + distortion weight · distortion)
 
 Images with alpha are composited on a random background per ray or on white, as the caller
-says, so that empty space learns to be empty.  Where the surroundings are learnt beside the
+says, so that empty space learns to be empty.  Where the surroundings are learned beside the
 object, `surrounded_cost` replaces the second term.
 """
 

@@ -37,7 +37,7 @@ class LossWatch:
         if self._smooth > DIVERGED_FACTOR * self._lowest:
             what = f"the loss rose from {self._lowest:.2g} to {self._smooth:.2g}"
             self._give_up(what, number, step_count)
-        # Early on, when much is learnt in few steps, more often.
+        # Early on, when much is learned in few steps, more often.
         if number - self._good_number >= min(SNAPSHOT_INTERVAL, max(self._good_number, 1)):
             if not self.keep_good(number):
                 self._give_up("a weight became infinite", number, step_count)

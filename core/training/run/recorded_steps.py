@@ -1,7 +1,7 @@
 """Training steps on CUDA, recorded as graphs, with the next batches marched ahead.
 
 A march is a long chain of small loads that leaves the GPU nearly idle.  So while one batch is
-learnt from, the next ones are marched side by side, each on a stream of its own.  A batch that
+learned from, the next ones are marched side by side, each on a stream of its own.  A batch that
 was marched ahead misses at most one occupancy update, by AHEAD steps.
 
 Within a recorded step nothing waits for the host: it has a fixed number of rays and a fixed
@@ -15,7 +15,7 @@ import warp as wp
 
 from .batch import Batch
 
-AHEAD = 4  # batches that are being marched while one is learnt from
+AHEAD = 4  # batches that are being marched while one is learned from
 
 
 class RecordedSteps:

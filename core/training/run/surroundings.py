@@ -1,13 +1,13 @@
-"""The surroundings of the object in photographs without masks: learnt beside it, then dropped.
+"""The surroundings of the object in photographs without masks: learned beside it, then dropped.
 
 Outside the object's box the world is a small field of its own (../field/grid.py), cut into
 the same number of pieces on every ray: some from the camera to the box, evenly, and some from
 behind the box to infinity, evenly in contracted space.  A ray that misses the box has its
-nearest point to the box's centre in that place.  A pixel is then
+nearest point to the box's center in that place.  A pixel is then
 
     C_front + T_front (C_object + T_object (C_behind + T_behind sky))
 
-where the sky is one learnt color.  So the tets hold only what is inside the box.
+where the sky is one learned color.  So the tets hold only what is inside the box.
 
 Shapes: R rays, K_f + K_b pieces per ray.
 """
@@ -165,7 +165,7 @@ def surrounded_cost(weight, distortion, opacity, front_opacity):
     return DISTORTION_SHARE * weight * whole + FRONT_PRICE * front_opacity
 
 
-class LearntSurroundings(torch.nn.Module):
+class LearnedSurroundings(torch.nn.Module):
     """The surroundings on a device, for training and for evaluation.
 
     Args:

@@ -60,7 +60,7 @@ class TrainingField:
     """The weights and the occupancy that training changes.
 
     Args:
-        surroundings: LearntSurroundings that learn beside it, or None.
+        surroundings: LearnedSurroundings that learn beside it, or None.
         subtet_mask: If false, a tet is occupied as a whole as soon as one sub-tet is.
     """
 
