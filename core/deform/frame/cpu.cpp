@@ -22,6 +22,8 @@ auto shortfall = [](f8 squared, f8 rest, f8 total) {
     const f8 length = __builtin_elementwise_sqrt(squared);
     return (rest - length) / (total * length);
 };
+auto plus = [](f4 a, float s, f4 b) { a.xyz += s * b.xyz; return a; };
+auto times = [](float s, f4 a) { a.xyz *= s; return a; };
 auto cosine = [](float half_turns) { return cos(half_turns * 3.1415927f); };
 auto sine = [](float half_turns) { return sin(half_turns * 3.1415927f); };
 f4* const bodies = reinterpret_cast<f4*>(scratch.bodies.data);

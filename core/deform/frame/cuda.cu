@@ -17,6 +17,10 @@ auto shortfall = [](float squared, float rest, float total) {
     length += 0.5f * inverse_length * (squared - length * length);
     return __fdividef(rest - length, total) * inverse_length;
 };
+auto plus = [](float4 a, float s, float4 b) {
+    return make_float4(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z, a.w);
+};
+auto times = [](float s, float4 a) { return make_float4(s * a.x, s * a.y, s * a.z, a.w); };
 auto cosine = [](float half_turns) { return cospif(half_turns); };
 auto sine = [](float half_turns) { return sinpif(half_turns); };
 float* const previous = reinterpret_cast<float*>(scratch.previous.data);

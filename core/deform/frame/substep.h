@@ -13,12 +13,13 @@
 //   per_root(a, b)            a / sqrt(b), of floats
 //   shortfall(squared, rest, total)   (rest - |u|) / (|u| total), where squared = |u|^2
 //   cosine(t), sine(t)        of t half turns
+//   plus(a, s, b), times(s, a)        a + s b and s a in x, y, z, of Vectors
 //   before(i), keep_before(i, d)      the delta of vertex i at the substep's start
 //
 // Constants of the frame, and pointers to the vertices' arrays.
 const float* const timing = frame.timing.data;  // xpbd_options.Timing
 const float h = timing[0], per_h = 1.0f / h, decay = timing[1], limit = timing[2];
-const float fall_x = h * timing[3], fall_y = h * timing[4], fall_z = h * timing[5];
+const Vector fall = {h * timing[3], h * timing[4], h * timing[5], 0.0f};
 const int vertex_count = frame.state.vertices.shape[0];
 float* const x = reinterpret_cast<float*>(frame.state.vertices.data);
 float* const velocity = reinterpret_cast<float*>(frame.state.velocities.data);
@@ -104,13 +105,10 @@ auto project_tet = [&](Body& p0, Body& p1, Body& p2, Body& p3, const real (&span
 auto predict = [&](int i, int substep, Vector d, Vector v) {
     if (d.w > 0.0f) {
         keep_before(i, d);
-        v.x = decay * v.x + fall_x; v.y = decay * v.y + fall_y; v.z = decay * v.z + fall_z;
+        v = plus(fall, decay, v);
         const float squared = v.x * v.x + v.y * v.y + v.z * v.z;
-        if (squared > limit * limit) {
-            const float less = limit / sqrt(squared);
-            v.x *= less; v.y *= less; v.z *= less;
-        }
-        d.x += h * v.x; d.y += h * v.y; d.z += h * v.z;
+        if (squared > limit * limit) v = times(limit / sqrt(squared), v);
+        d = plus(d, h, v);
     } else {
         const float share = (substep + 1.0f) / substep_count;
         d.x = share * (target[3 * i] - x[3 * i]);
@@ -128,8 +126,7 @@ auto first_prediction = [&](int i) {
 
 // A substep ends: vertex i's spring, the ground, and its velocity.
 auto finish = [&](int i, int substep, Vector& d) {
-    Vector v = {0.0f, 0.0f, 0.0f, 0.0f};
-    if (!(d.w > 0.0f)) return v;
+    if (!(d.w > 0.0f)) return Vector{0.0f, 0.0f, 0.0f, 0.0f};
     const Vector from = before(i);
     if (has_springs && frame.state.springs.data[i][0] >= 0.0f) {
         const float share = (substep + 1.0f) / substep_count;
@@ -157,8 +154,7 @@ auto finish = [&](int i, int substep, Vector& d) {
             d.y -= held * sy;
         }
     }
-    v.x = (d.x - from.x) * per_h; v.y = (d.y - from.y) * per_h; v.z = (d.z - from.z) * per_h;
-    return v;
+    return times(per_h, plus(d, -1.0f, from));
 };
 
 // The frame ends: vertex i's position, velocity, and what the addition rounded away.
