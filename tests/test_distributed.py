@@ -90,6 +90,8 @@ def learn(dataset, device, workers):
         run.step(1e-2, white=False)
         errors.append(float(run.error))
         if run.number in (FIRST_STEPS, STEPS):
+            if run._exchange:
+                run._exchange.make_whole()  # on CUDA a worker has its part only
             weights.append([p.detach().clone() for p in run.field.parameters()])
     return {"errors": errors, "first": weights[0], "last": weights[1]}
 
