@@ -1,4 +1,4 @@
-"""What the command lines share: how --help shows an argument, and what its value has to be."""
+"""Arguments that the commands share: their appearance in --help, and their checks."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ File = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="
 
 
 def plain_message(error: Exception) -> str:
-    """What an error says, without an operating system's error number."""
+    """An error's text, without the operating system's error number."""
     if isinstance(error, OSError) and error.strerror and error.filename:
         return f"{error.filename}: {error.strerror}"
     return str(error)

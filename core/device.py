@@ -41,7 +41,7 @@ def device_name(choice: Choice, for_training=False) -> str:
 
 
 def thread_count() -> int:
-    """How many threads of this process can run side by side.
+    """The number of threads of this process that can run side by side.
 
     The process's CPU affinity counts, and the CPU quota of its container (cgroup v2 or v1).
     """

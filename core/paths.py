@@ -1,4 +1,4 @@
-"""Where shaders and assets are, the program's version, and how files are written."""
+"""Folders of shaders and assets, the program's version, and the writing of files."""
 
 import os
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""How a command runs: it prepares, works, and returns an exit code.
+"""The run of a command: it prepares, works, and returns an exit code.
 
 A command first prepares: it checks its arguments and files, and an error there ends in one
 sentence on stderr and exit code 2.  Then it works.  Ctrl-C ends it with exit code 130, after

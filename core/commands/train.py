@@ -272,7 +272,7 @@ def check_resumed_views(report: dict, views):
 
 
 def summary(trained, path: Path, scores: dict | None) -> str:
-    """What was written; what the user may want to know about the model."""
+    """The written file and the model's figures, as text."""
     begun = "Wrote" if trained.complete else "Stopped early; wrote the unfinished model"
     size = path.stat().st_size / 1e6
     minutes = trained.report["seconds"] / 60

@@ -44,7 +44,7 @@ NUMBER_LISTS = ("image_size", "peak_memory_bytes", "levels_below_pixel")
 
 
 def meta_text(field: TetField, lattice_spacing: float | None, training: dict) -> str:
-    """What a file says of a field."""
+    """The values of a model file's `meta`."""
     return json.dumps(
         {
             "format": FORMAT,
@@ -117,7 +117,7 @@ def read_options(values: dict) -> FieldOptions:
 
 
 def read_training(values) -> dict:
-    """What is known of a model's training: entries that have another type are dropped."""
+    """The facts on a model's training; entries of a wrong type are dropped."""
     if not isinstance(values, dict):
         return {}
     known = {

@@ -230,7 +230,7 @@ def mean(values) -> float | None:
 
 
 def model_facts(field, path=None) -> dict:
-    """How large a model is; its file too, if it comes from one."""
+    """Sizes of a model, and of its file if it has one."""
     facts = {
         "vertices": field.mesh.vertex_count,
         "tets": field.mesh.tet_count,

@@ -25,7 +25,7 @@ class Lpips:
     """The metric with its weights on a device.
 
     Args:
-        path: Of the weights: the state dict of the package's LPIPS(net="vgg"), torchvision's
+        path: File of the weights: the state dict of the package's LPIPS(net="vgg"), torchvision's
             VGG-16 (BACKBONE_FILE), or a folder with the latter and optionally LINEAR_FILE.
         device: "cpu" or "cuda:0".
 

@@ -1,4 +1,4 @@
-"""How close an image comes to the truth: PSNR and SSIM, for values in [0, 1].
+"""Errors of an image against the truth: PSNR and SSIM, for values in [0, 1].
 
 PSNR  = −10 log₁₀ mean (a − b)²                                                      [dB]
 

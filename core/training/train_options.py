@@ -1,4 +1,4 @@
-"""How a model is trained: one dataclass, four presets.  Imports nothing heavy."""
+"""Training options: one dataclass, four presets.  Imports nothing heavy."""
 
 from dataclasses import dataclass, replace
 
@@ -20,8 +20,8 @@ class TrainOptions:
         march_step: Δ, rest length of a quadrature piece.
         samples_per_step: Samples that an optimizer step aims at, on all GPUs together; the ray
             count follows.
-        learning_rate: Of Adam at the start; falls along a cosine.
-        surroundings: What is behind the object: "white" (or what alpha cuts out), "learnt"
+        learning_rate: Adam's highest learning rate; decays along a cosine.
+        surroundings: Surroundings of the object: "white" (or cut out by alpha), "learnt"
             beside it, or "auto": learned where images have neither alpha nor a white border.
         view_dependence: Whether color may depend on the direction.
         distortion: Weight of the distortion loss (the paper's 1e-2).
@@ -29,7 +29,7 @@ class TrainOptions:
             "coarse-stage": all fine_steps go to all levels on the whole grid, which the model
             then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":
             every level is hashed; "distortion": the loss has no such term.
-        seed: Of all random choices.
+        seed: Seed of all random choices.
     """
 
     aabb: tuple[float, ...] | None = None

@@ -66,11 +66,11 @@ CHECKPOINT_SECONDS = 60.0
 
 @dataclass
 class Trained:
-    """What `train` returns.
+    """The result of `train`.
 
     Attributes:
-        field: As far as it came.
-        report: What happened, plain JSON values.
+        field: The trained field, perhaps unfinished.
+        report: Figures of the run, plain JSON values.
         interrupted: Ctrl-C ended it early.
         diverged: Why it ended early, a sentence, or None.
         out_of_memory: If memory was too small to hide what no image sees at the end, a sentence.
@@ -107,8 +107,8 @@ def train(
     Args:
         dataset: The training views.
         device: A Warp device.
-        name: Of the data, for the model file.
-        checkpoint_path: Where the run is written every minute and when it is interrupted.
+        name: Name of the data, for the model file.
+        checkpoint_path: The checkpoint's file, written every minute and on interruption.
         resumed: Go on from there; `options` have to be its own.
         on_pause: Called every few steps with the stage's number, the seconds so far and a
             function that exports the field as it stands, for use within the call.  The run's

@@ -36,7 +36,7 @@ class Dataset:
         pixels: RGBA, straight alpha as stored, 255 where the file has none; view after view,
             row after row.  [P, 4] uint8
         poses: Camera to world, OpenGL's axes.  [N, 4, 4] float64
-        lenses: Of each view, in pixels of the images as loaded.  [N]
+        lenses: Lens of each view, in pixels of the images as loaded.  [N]
         names: One per view, the image's file name without its ending.  [N]
         split: "train", "test", ...
         missing: Images that the files name but that are not there.
@@ -62,7 +62,7 @@ class Dataset:
 
     @property
     def first_pixels(self):
-        """Where each view's pixels begin, and P.  [N + 1]"""
+        """The first pixel of each view, and P.  [N + 1]"""
         return np.cumsum([0, *(lens.width * lens.height for lens in self.lenses)])
 
     @property
@@ -123,7 +123,7 @@ def load_dataset(folder, split, image_size=None, view_count=None, for_training=F
 
 
 def list_images(folder, split) -> ImageList:
-    """What the files say of a split, in whichever layout the folder has."""
+    """The images of a split, from a folder in any supported layout."""
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder: give the one that holds the data set")
     if transforms.transforms_path(folder, split):

@@ -1,4 +1,4 @@
-"""What a data set's files say before any image is read: paths, poses and lenses.
+"""Paths, poses and lenses of a data set, known before any image is read.
 
 One reader for each layout (transforms.py, nsvf.py, colmap.py) makes an `ImageList`.
 """
@@ -32,7 +32,7 @@ class PosedImage:
     """An image that exists, its camera's pose and lens.
 
     Attributes:
-        path: Of the image.
+        path: The image's file.
         camera_to_world: OpenGL's axes: the camera looks along -z, y is up.  [4, 4]
         lens: The lens for an image of that width and height on disk.
     """

@@ -49,7 +49,7 @@ def object_box(world_to_model, aabb=None):
 
 
 def learns_surroundings(choice: str, dataset: Dataset) -> bool:
-    """Whether what is around the object is learned from these images.
+    """Whether the object's surroundings are learned from these images.
 
     Args:
         choice: TrainOptions.surroundings.

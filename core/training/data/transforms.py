@@ -89,7 +89,7 @@ def lens_reader(values, path):
 
     Args:
         values: The JSON's numbers for the frame.
-        path: Of the JSON, for messages.
+        path: Path of the JSON, for messages.
     """
     model = values.get("camera_model")
     if model not in PERSPECTIVE or values.get("is_fisheye"):

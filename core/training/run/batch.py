@@ -56,11 +56,11 @@ class Batch:
     Attributes:
         samples: Samples of all rays that fit, without gaps, then tet = -1.  [N]
         origins, directions, rgba, background: The same as torch tensors.
-        counts, ends: Of each ray's samples.  [R]
+        counts, ends: Number of each ray's samples, and its inclusive scan.  [R]
         drawn: The rays, and the colors that they should see.
         basis: Spherical harmonics of the samples' directions.  torch [N, 16]
         fits: 1 where a ray's samples fit, else 0.  torch [R]
-        sample_count: How many there are.  wp int [1]
+        sample_count: Number of samples.  wp int [1]
     """
 
     def __init__(self, ray_count: int, capacity: int | None, device, first_ray=0):

@@ -27,15 +27,15 @@ class CheckpointError(ValueError):
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where a run was.
+    """The state of a run.
 
     Attributes:
-        options: Of the run.
+        options: Options of the run.
         stage: 1 or 2.
         mesh: The stage's mesh.
         fit: `Optimization.state()`: steps done, weights, optimizer, occupancy.
         world_to_model: [4, 4]
-        report: What was known of the run.
+        report: Figures of the run so far.
     """
 
     options: TrainOptions

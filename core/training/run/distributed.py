@@ -26,8 +26,8 @@ class Workers:
     """All workers, as one of them sees them.
 
     Attributes:
-        rank: This one's number.
-        count: How many there are.
+        rank: This worker's index.
+        count: Number of workers.
     """
 
     def __init__(self, rank=0, count=1, device="cpu"):
@@ -96,7 +96,7 @@ class Workers:
         return int(numbers)
 
     def any(self, mine: bool) -> bool:
-        """Whether it is true for any worker; waits for them."""
+        """Whether `mine` is true for any worker; waits for all of them."""
         return self.total(int(mine)) > 0
 
     @contextmanager

@@ -1,4 +1,4 @@
-"""What the workers of a step exchange: gradients before the update, weights after it.
+"""Exchange between the workers of a step: gradients before the update, weights after it.
 
 The table holds nearly all weights, so each worker updates one part of it:
 
@@ -27,7 +27,7 @@ class Exchange:
     to capture NCCL would couple every recording of one process to the others.
 
     Attributes:
-        parameters: What this worker's optimizer updates; the first is its part of the table.
+        parameters: The parameters of this worker's optimizer, its part of the table first.
 
     Args:
         error: Mean squared error of the last step.  torch []
@@ -51,7 +51,7 @@ class Exchange:
         """Take this worker's gradients and error.
 
         Args:
-            gradients: Of the field's parameters; means over the worker's rays that fit.
+            gradients: Gradients of the field's parameters; means over the worker's rays that fit.
             weight: Number of those rays.  torch []
         """
         table, *others = gradients

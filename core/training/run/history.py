@@ -21,9 +21,9 @@ class History:
     """The part of a run's history that one stage writes.
 
     Args:
-        rows: Of the run so far; it is appended to, and its last row replaced.
+        rows: Rows of the run so far; new rows are appended, and the last one is replaced.
         stage: 1 or 2.
-        step_count: Of the whole stage.
+        step_count: Number of steps of the stage.
         seconds: The run's clock.
     """
 

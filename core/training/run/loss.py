@@ -19,7 +19,7 @@ def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: 
 
     Args:
         white: 1 for a white background, 0 for each ray's random one.  torch [1]
-        distortion_weight: Of the distortion loss (Mip-NeRF 360, Eq. 15).
+        distortion_weight: Weight of the distortion loss (Mip-NeRF 360, Eq. 15).
 
     Returns:
         loss [], error [].  Rays whose samples didn't fit the batch have no part in them.

@@ -42,7 +42,7 @@ def halved(error, size: int, least: int, what: str, workers: Workers) -> int:
 
     Args:
         error: Why `size` was too much; anything but a lack of memory is raised again.
-        size: Of something that is worked on at once, on all GPUs together.
+        size: Number of items per pass, on all GPUs together.
         least: The smallest size that makes sense.
         what: The size's unit, for messages.
 

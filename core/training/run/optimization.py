@@ -304,7 +304,7 @@ class Optimization:
         progress.say(f"The {name} is too small; going on with {room} samples a step.")
 
     def state(self) -> dict:
-        """What a later run needs to go on, with any number of workers; waits for all of them."""
+        """The state to resume from with any number of workers; waits for all of them."""
         state = self.optimizer.state_dict()["state"]
         if self._exchange and state:
             state = {**state, 0: self._map_moments(state[0], self._exchange.whole)}

@@ -87,7 +87,7 @@ class RecordedSteps:
 
 
 def recorded(device, function: Callable[[Batch], None], batch: Batch, pool=None):
-    """What `function(batch)` launches through torch and Warp, as a torch.cuda.CUDAGraph.
+    """The torch.cuda.CUDAGraph of the torch and Warp launches of `function(batch)`.
 
     Args:
         device: A Warp device, whose current stream is torch's too.

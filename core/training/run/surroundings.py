@@ -157,9 +157,9 @@ def surrounded_cost(weight, distortion, opacity, front_opacity):
     away: it makes a ray end in the object or miss it.  Matter before the box has a price.
 
     Args:
-        weight: Of the distortion loss.
-        distortion, opacity: Of the object's samples.  [R]
-        front_opacity: Of what is before the box.  [R]
+        weight: Weight of the distortion loss.
+        distortion, opacity: Values of the object's samples.  [R]
+        front_opacity: Opacity in front of the box.  [R]
     """
     whole = distortion + 2.0 * BEHIND_DISTANCE * opacity * (1.0 - opacity)
     return DISTORTION_SHARE * weight * whole + FRONT_PRICE * front_opacity
@@ -188,11 +188,11 @@ class LearnedSurroundings(torch.nn.Module):
         self._resolutions = wp.array(RESOLUTIONS, dtype=int, device=self.device)
 
     def forward(self, origins, directions, seed, first_ray=0):
-        """What rays see before and behind the box.
+        """Colors of rays in front of the box and behind it.
 
         Args:
             origins, directions: wp.array of vec3.  [R]
-            seed: Of the jitter, 0 for none.  wp.array of int [1]
+            seed: Seed of the jitter, 0 for none.  wp.array of int [1]
             first_ray: Number of ray 0, which the jitter follows.
 
         Returns:

@@ -225,7 +225,7 @@ class TrainingField:
         return float(self.occupied.float().mean())
 
     def parameters(self) -> list:
-        """What is trained: the table, the networks' weights, the surroundings."""
+        """The trained parameters: the table, the networks' weights, the surroundings."""
         around = self.surroundings.parameters() if self.surroundings else ()
         return [self.table, *self.networks.parameters(), *around]
 
