@@ -41,7 +41,8 @@ def test_a_fresh_run_says_that_it_replaces_an_interrupted_one(call, trainer, dat
     for flags, announced in (([], True), (["--resume"], False)):
         unfinished(tmp_path / "m.checkpoint", preset("tiny"))
         [*first, _] = call(*command, *flags).out.splitlines()
-        assert (len(first) == 1 and "An interrupted run left" in first[0]) == announced
+        told = len(first) == 1 and "An interrupted run left" in first[0]
+        assert (told and "m.checkpoint" in first[0]) == announced
 
 
 WORDS = {
