@@ -66,10 +66,10 @@ def test_the_error_is_a_third_of_the_difference_to_the_double_step():
         for count in (500, 1000, 10_000)
     ]
     coarse, fine = (np.sqrt(((run - runs[2]) ** 2).sum(axis=2).mean()) for run in runs[:2])
-    assert coarse / fine == pytest.approx(4.0, rel=0.2)
+    assert coarse / fine == pytest.approx(4.0, rel=0.1)
     path, error = motion(energy, rest, body.clamped, gravity, 0.1, 2)
     found = np.sqrt(((path - runs[2]) ** 2).sum(axis=2).mean())
-    assert error == pytest.approx(found, rel=0.3)
+    assert error == pytest.approx(found, rel=0.1)
 
 
 def test_the_path_is_that_of_shorter_runs():

@@ -168,8 +168,8 @@ def test_a_loss_that_rises_far_ends_the_run(run, monkeypatch):
         go(run)
 
 
-@pytest.mark.parametrize("error", [torch.OutOfMemoryError(), RuntimeError("Failed to allocate 9")])
-def test_too_little_memory_halves_the_batch_aloud(run, monkeypatch, capsys, error):
+def take_too_much(monkeypatch, error):
+    """Let a step fail while it has room for more than 2**13 samples."""
     step = Optimization.step
 
     def greedy(self, rate, white):
@@ -178,6 +178,11 @@ def test_too_little_memory_halves_the_batch_aloud(run, monkeypatch, capsys, erro
         step(self, rate, white)
 
     monkeypatch.setattr(Optimization, "step", greedy)
+
+
+@pytest.mark.parametrize("error", [torch.OutOfMemoryError(), RuntimeError("Failed to allocate 9")])
+def test_too_little_memory_halves_the_batch_aloud(run, monkeypatch, capsys, error):
+    take_too_much(monkeypatch, error)
     go(run)
     assert run.number == 50
     assert run.samples_per_step == 2**13
@@ -201,14 +206,7 @@ def test_the_memory_that_is_too_small_is_named(run, monkeypatch, capsys, error, 
     assert memory.lacks_memory(error)
     said = str(memory.OutOfMemory.of(error))
     assert said.startswith(f"the {whose} is too small") and str(error) in said
-    step = Optimization.step
-
-    def greedy(self, rate, white):
-        if self.samples_per_step > 2**13:
-            raise error
-        step(self, rate, white)
-
-    monkeypatch.setattr(Optimization, "step", greedy)
+    take_too_much(monkeypatch, error)
     go(run)
     said = " ".join(capsys.readouterr().out.split())
     assert f"The {whose} is too small; going on with 8192 samples" in said

@@ -37,7 +37,7 @@ Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 
 @dataclass(frozen=True)
 class RunArguments:
-    """What to do without a mouse."""
+    """Runs without a mouse."""
 
     headless: Flag = False
     """Render into the files of --record and --screenshot, without a display."""
@@ -67,7 +67,7 @@ class ViewArguments:
     """Size of the window [points], 1200x800 by default, or, headless, of the frames [pixels],
     400x400 by default."""
     mode: Mode = "color"
-    """What the picture shows; error is that against the exact mode of rendering."""
+    """View mode; error is the difference from the exact mode of rendering."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
     """Frames per second of clips."""
     interop: Literal["auto", "buffer", "copy"] = "auto"

@@ -19,7 +19,7 @@ def visible_points(renderer, vertices):
     """Points on the opaque surface; the vertices [V, 3] themselves if nothing is opaque.
 
     Args:
-        renderer: Of core/render, in the pose of `vertices`.
+        renderer: A Renderer that has the pose of `vertices`.
 
     Returns:
         [N, 3] float64, N at most MAX_POINTS.

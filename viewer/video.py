@@ -25,7 +25,7 @@ class VideoWriter:
         """Open the file.
 
         Args:
-            path: Where the finished file goes, ending in .mp4.
+            path: The file to write, ending in .mp4.
             size: Width and height of the images; an odd last column or row is cut off, as
                 4:2:0 pictures have even sizes.
             fps: Frames per second.

@@ -69,7 +69,7 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
 
 
 def missing_package(error: ModuleNotFoundError) -> str | None:
-    """What a user has to install; None if the module is of none of PACKAGES."""
+    """A sentence that names what to install; None if no package of PACKAGES is missing."""
     name = (error.name or "").partition(".")[0]
     if name not in PACKAGES:
         return None

@@ -61,8 +61,8 @@ class TrainArguments:
     scene_radius: Number = None
     """The same, for a box from -R to R around the data's origin."""
     surroundings: Literal["auto", "learnt", "white"] = "auto"
-    """What is around the object: learnt beside it, or white (or cut out by alpha); auto decides
-    by the images."""
+    """The surroundings of the object: learnt (a field of their own), or white (or cut out by
+    alpha); auto decides by the images."""
     keep_surroundings: bool = False
     """Store the surroundings in the model, so that deformrf-eval can compare whole images."""
     view_dependence: bool = True
@@ -71,7 +71,7 @@ class TrainArguments:
     """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
     (tets are occupied as a whole), dense-levels (all are hashed), distortion (no such loss)."""
     entry_bits: Literal[8, 16] = 8
-    """Of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
+    """Bits of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
     resume: bool = False
     """Continue the interrupted run that was to write MODEL."""
 

@@ -272,7 +272,7 @@ class _Run:
         self._note_memory()
 
     def _seconds(self) -> float:
-        """Of the run so far, without those of `on_pause`."""
+        """Seconds of the run so far, without those spent in `on_pause`."""
         return time.perf_counter() - self.start
 
     def _note_memory(self):

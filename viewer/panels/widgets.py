@@ -21,7 +21,7 @@ def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
 
     Args:
         bounds: Lowest and highest value.
-        text: How ImGui formats the value.
+        text: ImGui's format of the value.
     """
     draw = imgui.slider_int if isinstance(value, int) else imgui.slider_float
     changed, value = draw(label, value, *bounds, text, flags)
