@@ -33,6 +33,5 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "empty_samples",
             "march_kernel",
         ],
-        "rounds.compositing": ["composite_backward_kernel", "composite_kernel"],
     },
 )

@@ -61,6 +61,7 @@ class Batch:
         basis: Spherical harmonics of the samples' directions.  torch [N, 16]
         fits: 1 where a ray's samples fit, else 0.  torch [R]
         sample_count: Number of samples.  wp int [1]
+        mask: The occupancy that its rays are marched through; None is the field's at that time.
     """
 
     def __init__(self, ray_count: int, capacity: int | None, device, first_ray=0):
@@ -92,6 +93,7 @@ class Batch:
         self._fits = wp.zeros(ray_count, dtype=float, device=device)
         self.fits = wp.to_torch(self._fits)
         self.sample_count = wp.zeros(1, dtype=int, device=device)
+        self.mask = None
         if capacity is not None:
             self._make_room(capacity)
 

@@ -10,8 +10,8 @@ import torch
 import warp as wp
 
 from ...field import FEATURES, Tables, encode_backward_kernel, encode_kernel
-from ...render import composite_backward_kernel, composite_kernel
 from ...wide import vec4h
+from .compositing import composite_backward_kernel, composite_kernel
 
 
 def on_warp_stream(device):
@@ -74,43 +74,50 @@ class Composite(torch.autograd.Function):
         weights = torch.empty_like(sigma)
         color = torch.empty(ray_count, 3, device=sigma.device)
         opacity = torch.empty(ray_count, device=sigma.device)
-        distortion = torch.empty(ray_count, device=sigma.device)
+        weighted_t, distortion = torch.empty_like(opacity), torch.empty_like(opacity)
         sigma, rgb = sigma.contiguous(), rgb.contiguous()
         wp.launch(
             composite_kernel,
             dim=ray_count,
             inputs=[_float(sigma), _vec3(rgb), length, t, counts, ends],
-            outputs=[_float(weights), _vec3(color), _float(opacity), _float(distortion)],
+            outputs=[
+                _float(weights),
+                _vec3(color),
+                _float(opacity),
+                _float(weighted_t),
+                _float(distortion),
+            ],
             device=device,
         )
-        ctx.save_for_backward(sigma, rgb, weights)
+        ctx.save_for_backward(rgb, weights, opacity, weighted_t)
         ctx.samples = (length, t, counts, ends)
         ctx.mark_non_differentiable(weights)
         return color, opacity, distortion, weights
 
     @staticmethod
     def backward(ctx, color_grad, opacity_grad, distortion_grad, _weights_grad):
-        sigma, rgb, weights = ctx.saved_tensors
+        rgb, weights, opacity, weighted_t = ctx.saved_tensors
         length, t, counts, ends = ctx.samples
         # Zeros: samples that belong to no ray get nothing.
-        sigma_grad, rgb_grad = torch.zeros_like(sigma), torch.zeros_like(rgb)
+        sigma_grad, rgb_grad = torch.zeros_like(weights), torch.zeros_like(rgb)
         wp.launch(
             composite_backward_kernel,
             dim=len(counts),
             inputs=[
-                _float(sigma),
                 _vec3(rgb),
                 length,
                 t,
                 counts,
                 ends,
                 _float(weights),
+                _float(opacity),
+                _float(weighted_t),
                 _vec3(color_grad),
                 _float(opacity_grad),
                 _float(distortion_grad),
             ],
             outputs=[_float(sigma_grad), _vec3(rgb_grad)],
-            device=wp.device_from_torch(sigma.device),
+            device=wp.device_from_torch(weights.device),
         )
         return sigma_grad, rgb_grad, None, None, None, None
 

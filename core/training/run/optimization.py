@@ -184,6 +184,9 @@ class Optimization:
             copies = recorded_steps.AHEAD + 1
         rays = self.workers.share(ray_count)
         self._batches = [Batch(len(rays), room, device, rays.start) for _ in range(copies)]
+        if device.is_cuda:
+            for batch in self._batches:
+                batch.mask = wp.clone(self.field.mask)
         self.ray_count = ray_count
 
     def _forget_batches(self):
@@ -192,9 +195,11 @@ class Optimization:
             torch.cuda.synchronize(self.field.torch_device)
         self._batches, self._recorded = [], None
 
-    def _seed(self, batch, number):
-        """Randomness for step `number`; never 0, which means no jitter."""
+    def _prepare(self, batch, number):
+        """Randomness for step `number`, never 0, which means no jitter; and today's occupancy."""
         wp.to_torch(batch.seed).fill_(self._first_seed + number + 1)
+        if batch.mask is not None:
+            wp.to_torch(batch.mask).copy_(wp.to_torch(self.field.mask))
 
     def _march(self, batch):
         self.bank.draw(batch.seed, batch.drawn)
@@ -236,7 +241,7 @@ class Optimization:
         }
 
     def _draw_and_learn(self, batch, number):
-        self._seed(batch, number)
+        self._prepare(batch, number)
         self._march(batch)
         for part, _ in self._parts().values():
             part(batch)
@@ -249,13 +254,13 @@ class Optimization:
                 self._draw_and_learn(batch, RECORDING_SEED + run)
             self._has_recorded = True
         self._recorded = RecordedSteps(
-            self.field.device, self._batches, self._seed, self._march, self._parts()
+            self.field.device, self._batches, self._prepare, self._march, self._parts()
         )
 
     def _examine(self, progress, task, note) -> int:
         """Show, note and judge the last step's error; return the number of its samples."""
         if self._recorded:
-            self._recorded.wait()  # what follows may change what marches read
+            self._recorded.wait_until_prepared()  # what follows may change the occupancy
         if self._exchange:
             self._exchange.make_whole()
         error, sample_count = float(self.error), self.sample_count()

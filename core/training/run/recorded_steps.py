@@ -2,7 +2,7 @@
 
 A march is a long chain of small loads that leaves the GPU nearly idle.  So while one batch is
 learned from, the next ones are marched side by side, each on a stream of its own.  A batch that
-was marched ahead misses at most one occupancy update, by AHEAD steps.
+was marched ahead misses at most one occupancy update, by AHEAD steps: it has a copy of the mask.
 
 Within a recorded step nothing waits for the host: it has a fixed number of rays and a fixed
 room for samples; learning rate, background and seed are values on the device.
@@ -27,7 +27,8 @@ class RecordedSteps:
     Args:
         device: A CUDA Warp device, whose current stream is torch's too.
         batches: AHEAD + 1 of them; step n has batch n % (AHEAD + 1).
-        seed: Called with a batch and a step's number, before the batch is marched.
+        prepare: Called with a batch and a step's number, before the batch is marched: copies
+            what the march reads and later steps may change.
         march: Called with a batch, recorded.
         parts: The parts of the update, in order: name -> (function of a batch, whether to
             record it).
@@ -37,13 +38,14 @@ class RecordedSteps:
         self,
         device,
         batches: list[Batch],
-        seed: Callable[[Batch, int], None],
+        prepare: Callable[[Batch, int], None],
         march: Callable[[Batch], None],
         parts: dict[str, tuple[Callable[[Batch], None], bool]],
     ):
-        self._batches, self._seed = batches, seed
+        self._batches, self._prepare = batches, prepare
         self._main = wp.stream_to_torch(wp.get_stream(device))
         self._streams = [torch.cuda.Stream(self._main.device) for _ in batches[1:]]
+        self._prepared = [torch.cuda.Event() for _ in self._streams]
         self._next = None  # the step whose batch was marched ahead
         self._march, self.learn, pool = [], [], None
         for batch in batches:
@@ -64,7 +66,8 @@ class RecordedSteps:
         """Step `number`; one that doesn't follow the last step marches its batches anew."""
         ahead = len(self._streams)
         if self._next != number:
-            self.wait()
+            for stream in self._streams:
+                self._main.wait_stream(stream)
             for coming in range(number, number + ahead):
                 self._march_ahead(coming)
         self._main.wait_stream(self._streams[number % ahead])
@@ -74,16 +77,18 @@ class RecordedSteps:
         self._next = number + 1
 
     def _march_ahead(self, number):
-        stream, place = self._streams[number % len(self._streams)], number % len(self._batches)
+        way, place = number % len(self._streams), number % len(self._batches)
+        stream = self._streams[way]
         stream.wait_stream(self._main)  # the batch's last step has to be over
         with torch.cuda.stream(stream):
-            self._seed(self._batches[place], number)
+            self._prepare(self._batches[place], number)
+            self._prepared[way].record()
             self._march[place].replay()
 
-    def wait(self):
-        """Make what follows on the main stream wait for the marches that are under way."""
-        for stream in self._streams:
-            self._main.wait_stream(stream)
+    def wait_until_prepared(self):
+        """Make the main stream wait until all batches under way have copied what they read."""
+        for event in self._prepared:
+            self._main.wait_event(event)
 
 
 def recorded(device, function: Callable[[Batch], None], batch: Batch, pool=None):

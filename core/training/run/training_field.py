@@ -115,7 +115,8 @@ class TrainingField:
     def march(self, batch: Batch):
         """Find the samples of the batch's rays in what is occupied."""
         options = self.options
-        batch.march(self.pose, self.mask, options.march_step, options.view_dependence)
+        mask = self.mask if batch.mask is None else batch.mask
+        batch.march(self.pose, mask, options.march_step, options.view_dependence)
 
     def composite(self, batch: Batch):
         """Render marched rays with gradients.
