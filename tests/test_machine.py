@@ -13,7 +13,8 @@ import pytest
 import warp as wp
 
 from deformrf.core.lab.report import machine
-from deformrf.core.lab.report.writing import Report, write
+from deformrf.core.lab.report.parts import Report
+from deformrf.core.lab.report.writing import write
 
 COMMAND = "deformrf-report helmet.npz --quick"
 

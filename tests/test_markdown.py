@@ -1,13 +1,18 @@
-"""Markdown as a parser of its own reads it: texts come back, whatever is in them."""
+"""Markdown as a parser of its own reads it: texts come back, and numbers have three digits."""
 
+import re
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated
 
+import numpy as np
+import pytest
 from markdown_it import MarkdownIt
 
-from deformrf.core.lab.report.markdown import escaped, page
-from deformrf.core.lab.report.parts import Figure, Section, Table
+from deformrf.core.lab.report import markdown
+from deformrf.core.lab.report.markdown import escaped, number, passed, text
+from deformrf.core.lab.report.parts import Figure, Report, Section, Table
+from deformrf.core.lab.stopwatch import Timing
 
 ODD = "a|b `c` *d* _e_ <script>f</script> [g](h) ~~i~~ &lt; # \\ \\| **"
 FIGURE = Figure("fig_1", "σ [1/m]: *so* | so.", b"")
@@ -30,6 +35,10 @@ SECTIONS = [
     Section("odd", "What's left out: 1_2", [ODD, "More."], [ODD], [TABLE], [FIGURE], False),
     Section("bare", "Bare", []),
 ]
+
+
+def page(facts, sections, complete=True):
+    return markdown.page(Report("T", facts, sections, complete))
 
 
 def parsed(words):
@@ -61,7 +70,7 @@ def test_escaped_text_reads_as_it_was():
 
 
 def test_tables_are_whole():
-    tokens = parsed(page("T", {"a|b": ODD}, SECTIONS, None))
+    tokens = parsed(page({"a|b": ODD}, SECTIONS))
     facts, overview, table = [], [], []
     for row in cells(tokens):
         {2: facts, 3: overview if len(overview) < 3 else table}[len(row)].append(row)
@@ -77,7 +86,7 @@ def test_tables_are_whole():
 
 
 def test_each_line_of_a_table_has_as_many_cells():
-    lines = page("T", {"a|b": ODD}, SECTIONS, None).replace("\\\\", "").replace("\\|", "")
+    lines = page({"a|b": ODD}, SECTIONS).replace("\\\\", "").replace("\\|", "")
     blocks = [block.splitlines() for block in lines.split("\n\n") if block.startswith("|")]
     assert len(blocks) == 3
     for block in blocks:
@@ -85,7 +94,7 @@ def test_each_line_of_a_table_has_as_many_cells():
 
 
 def test_default_and_failure_are_bold():
-    lines = page("T", {}, SECTIONS, None).splitlines()
+    lines = page({}, SECTIONS).splitlines()
     assert "| **plain** | **2.00** | **pass** |" in lines
     assert "|  | **1.00** | **pass** |" in lines
     assert "Result: **FAIL**" in lines
@@ -93,7 +102,7 @@ def test_default_and_failure_are_bold():
 
 
 def test_links_lead_to_headings_and_files():
-    tokens = parsed(page("T", {}, SECTIONS, None))
+    tokens = parsed(page({}, SECTIONS))
     children = [child for token in tokens for child in token.children or []]
     targets = [child.attrs["href"] for child in children if child.type == "link_open"]
     assert targets == ["#whats-left-out-1_2", "#bare", "cases_all.csv"]
@@ -102,5 +111,100 @@ def test_links_lead_to_headings_and_files():
 
 
 def test_an_interrupted_report_says_so_at_the_top():
-    words = page("T", {"a": "b"}, [], "It was interrupted.")
-    assert words.splitlines()[:3] == ["# T", "", "> **It was interrupted.**"]
+    lines = page({"a": "b"}, [], complete=False).splitlines()
+    assert lines[:2] == ["# T", ""] and lines[2].startswith("> **This report was interrupted")
+
+
+def table_lines(rows, first=None):
+    """The lines of a table of these rows: its grid, and what is said below it."""
+    whole = page({}, [Section("s", "S", [], tables=[Table("t", "T.", rows, first=first)])])
+    _, _, lines = whole.partition("\n\nT.\n\n")
+    *grid, notes = (line for line in lines.splitlines() if line)
+    return grid, notes.removesuffix("As a file: [t.csv](t.csv)").strip()
+
+
+@dataclass(frozen=True)
+class Error:
+    error: Annotated[float | None, "error [%]"]
+    name: Annotated[str, "case"]
+    default: bool
+    hidden: int = 1
+
+
+def test_a_table_shows_what_has_a_heading():
+    rows = [Error(0.1, "a", False), Error(None, "b", True), Error(0.3, "c", False)]
+    grid, notes = table_lines(rows)
+    assert grid[:2] == [r"| error \[%\] | case |", "| --: | :-- |"]
+    assert grid[2:] == ["| 0.100 | a |", "| **–** | **b** |", "| 0.300 | c |"]
+    assert notes == "The default is in bold."
+
+
+def test_a_table_may_show_its_first_rows_only():
+    grid, notes = table_lines([Error(0.5, "a", False)] * 1200, first=2)
+    assert len(grid) == 2 + 2 and notes == "The first 2 of 1,200 rows."
+    assert table_lines([]) == ([], "")
+
+
+def test_a_column_without_a_value_is_not_shown():
+    grid, _ = table_lines([Error(None, "a", False), Error(None, "b", False)])
+    assert grid == ["| case |", "| :-- |", "| a |", "| b |"]
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (0, "0"),
+        (7, "7"),
+        (1234, "1,234"),
+        (-1234567, "−1,234,567"),
+        (np.int32(99999), "99,999"),
+        (0.0, "0"),
+        (-0.0, "0"),
+        (1.0, "1.00"),
+        (62.34, "62.3"),
+        (9.996, "10.0"),
+        (99.96, "100"),
+        (1234.5, "1,234"),
+        (99940.0, "99,940"),
+        (99990.0, "10⁵"),
+        (1.5e6, "1.5·10⁶"),
+        (0.5, "0.500"),
+        (0.001, "0.00100"),
+        (0.0009999, "0.00100"),
+        (0.0009994, "9.99·10⁻⁴"),
+        (2.3e-5, "2.3·10⁻⁵"),
+        (-1e-12, "−10⁻¹²"),
+        (np.float32(0.25), "0.250"),
+        (float("nan"), "NaN"),
+        (float("inf"), "∞"),
+        (-np.float64("inf"), "−∞"),
+    ],
+)
+def test_numbers_have_three_digits(value, expected):
+    assert number(value) == expected
+
+
+def read(words):
+    """The number that a text says."""
+    sign, mantissa, power = re.fullmatch(r"(−?)([\d.,]*)·?(?:10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?", words).groups()
+    digits = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+    magnitude = float(mantissa.replace(",", "") or 1) * 10.0 ** int(
+        (power or "0").translate(digits)
+    )
+    return -magnitude if sign else magnitude
+
+
+def test_a_number_is_rounded_by_half_a_percent_at_most():
+    values = np.random.default_rng().normal(size=300) * 10.0 ** np.linspace(-12, 12, 300)
+    assert [read(number(value)) for value in values] == pytest.approx(values, rel=0.00501)
+
+
+def test_other_values_are_words():
+    assert text(None) == "–" and text("a | b") == "a | b"
+    assert (text(True), text(np.bool_(False))) == ("yes", "no")
+    results = [text(value, "passed") for value in (True, np.False_, None)]
+    assert results == ["pass", "FAIL", "–"]
+    assert text(Timing(1.342, 1.3, 1.4, 9)) == "1.34 (1.30–1.40)"
+    assert text(Timing(-0.02, -0.05, 0.01, 9)) == "−0.0200 (−0.0500 to 0.0100)"
+    assert text(Timing(5.3, 5.3, 5.3, 1)) == "5.30"
+    assert (passed(True), passed(False), passed(None)) == ("pass", "FAIL", "")

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from deformrf.core.lab.report import markdown, plots
-from deformrf.core.lab.report.parts import Figure, Section, Table
-from deformrf.core.lab.report.writing import INTERRUPTED, Report, is_complete, write
+from deformrf.core.lab.report.parts import INTERRUPTED, Figure, Report, Section, Table
+from deformrf.core.lab.report.writing import is_complete, write
 from deformrf.core.lab.stopwatch import Share, Timing
 from deformrf.core.paths import program_version
 

@@ -6,8 +6,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submodules=["machine"],
     submod_attrs={
-        "parts": ["Figure", "Section", "Table"],
+        "parts": ["Figure", "Report", "Section", "Table"],
         "plots": ["INK", "log_scale", "new_figure", "png"],
-        "writing": ["Report", "is_complete", "write"],
+        "writing": ["is_complete", "write"],
     },
 )

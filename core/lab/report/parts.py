@@ -4,6 +4,8 @@ from dataclasses import astuple, dataclass, field, fields, is_dataclass
 
 from ..stopwatch import Share, Timing
 
+INTERRUPTED = "This report was interrupted: it holds only a part of what was asked for."
+
 
 @dataclass(frozen=True)
 class Table:
@@ -58,6 +60,23 @@ class Section:
     passed: bool | None = None  # None without a criterion
     values: dict = field(default_factory=dict)  # further values for the JSON
     seconds: float | None = None  # to measure it; None if not timed
+
+
+@dataclass(frozen=True)
+class Report:
+    """The contents of a report."""
+
+    title: str
+    facts: dict[str, str]  # model, machine and date, in words
+    sections: list[Section]
+    complete: bool  # whether every requested section is there
+    missing: tuple[str, ...] = ()
+
+    @property
+    def notice(self) -> str | None:
+        """The notice above everything else."""
+        missing = f" Missing: {', '.join(self.missing)}." if self.missing else ""
+        return None if self.complete else INTERRUPTED + missing
 
 
 def record(row) -> dict:

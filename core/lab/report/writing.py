@@ -13,7 +13,7 @@ import json
 import math
 from base64 import b64encode
 from contextlib import suppress
-from dataclasses import dataclass, is_dataclass
+from dataclasses import is_dataclass
 from html import escape
 from itertools import pairwise
 from pathlib import Path
@@ -24,30 +24,11 @@ from markdown_it import MarkdownIt
 
 from ...paths import program_version, whole_file
 from . import markdown
-from .formatting import FAIL
-from .parts import Section, Table, record
+from .parts import Report, Table, record
 
 FORMAT = "deformrf-report"
 FORMAT_VERSION = 1
 TEMPLATE = Path(__file__).with_name("page.html")
-INTERRUPTED = "This report was interrupted: it holds only a part of what was asked for."
-
-
-@dataclass(frozen=True)
-class Report:
-    """The contents of a report."""
-
-    title: str
-    facts: dict[str, str]  # model, machine and date, in words
-    sections: list[Section]
-    complete: bool  # whether every requested section is there
-    missing: tuple[str, ...] = ()
-
-    @property
-    def notice(self) -> str | None:
-        """The notice above everything else."""
-        missing = f" Missing: {', '.join(self.missing)}." if self.missing else ""
-        return None if self.complete else INTERRUPTED + missing
 
 
 def is_complete(folder) -> bool:
@@ -66,31 +47,28 @@ def write(report: Report, folder) -> list[Path]:
     Raises:
         OSError: The folder or a file can't be written.
     """
-    tables = [table for part in report.sections for table in part.tables]
-    figures = [figure for part in report.sections for figure in part.figures]
-    names = [f"{figure.name}.png" for figure in figures] + [f"{table.name}.csv" for table in tables]
-    keys = [part.key for part in report.sections]
-    assert len({*names}) == len(names) and len({*keys}) == len(keys), f"not unique: {names} {keys}"
-    names += ["report.json", "report.md", "report.html"]
-    text = markdown.page(report.title, report.facts, report.sections, report.notice)
-    texts = [
-        *map(table_as_csv, tables),
-        json.dumps(as_json(report) | {"files": names}, indent=1, allow_nan=False) + "\n",
-        text,
-        as_html(report, text),
-    ]
-    contents = [figure.png for figure in figures] + [text.encode() for text in texts]
+    parts = report.sections
+    files = {f"{figure.name}.png": figure.png for part in parts for figure in part.figures}
+    tables = [table for part in parts for table in part.tables]
+    files |= {f"{table.name}.csv": table_as_csv(table).encode() for table in tables}
+    keys, names = {part.key for part in parts}, [*files, "report.json", "report.md", "report.html"]
+    count = len(tables) + sum(len(part.figures) for part in parts)
+    assert len(files) == count and len(keys) == len(parts), f"not unique: {names} {keys}"
+    text = markdown.page(report)
+    values = as_json(report) | {"files": names}
+    files["report.json"] = (json.dumps(values, indent=1, allow_nan=False) + "\n").encode()
+    files["report.md"], files["report.html"] = text.encode(), as_html(report, text).encode()
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     older = _last(folder).get("files", [])
-    for name, content in zip(names, contents, strict=True):
+    for name, content in files.items():
         with whole_file(folder / name) as partial:
             partial.write_bytes(content)
-    for name in {*older} - {*names}:
+    for name in {*older} - {*files}:
         if Path(name).name == name:  # nothing outside the folder, whatever stands there
             (folder / name).unlink(missing_ok=True)
-    return [folder / name for name in names]
+    return [folder / name for name in files]
 
 
 def as_json(report: Report) -> dict:
@@ -142,7 +120,7 @@ def as_html(report: Report, text: str) -> str:
     body = parser.renderer.render(tokens, parser.options, {})
     body = body.replace("<table>", '<div class="table"><table>')
     body = body.replace("</table>", "</table></div>")
-    body = body.replace(f"<strong>{FAIL}", f'<strong class="fail">{FAIL}')
+    body = body.replace(f"<strong>{markdown.FAIL}", f'<strong class="fail">{markdown.FAIL}')
     for figure in (figure for part in report.sections for figure in part.figures):
         content = f"data:image/png;base64,{b64encode(figure.png).decode()}"
         body = body.replace(f'src="{figure.name}.png"', f'src="{content}"')
