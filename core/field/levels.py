@@ -18,7 +18,7 @@ def level_edges(mesh: TetMesh, level_count: int):
     """Longest rest edge of each level's descendants.  [L], never increasing
 
     A descendant l levels below the tet v0 v1 v2 v3 has, divided by 2^l, edges of the tet and
-    the vector v0 + v2 - v1 - v3, which is twice the inner diagonal (corner_order.py).
+    the vector v0 + v2 - v1 - v3, which is twice the inner diagonal (../geometry/lattice.py).
     """
     corners = mesh.rest_vertices[mesh.tets]  # [T, 4, 3]
     spans = corners[:, EDGES[:, 0]] - corners[:, EDGES[:, 1]]

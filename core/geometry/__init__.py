@@ -26,9 +26,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "cell_tets",
             "lattice_spacing",
             "lattice_vertices",
+            "morton_order",
         ],
-        "coloring": ["color_order"],
-        "periodic": ["lattice_addresses"],
+        "coloring": ["color_order", "lattice_addresses"],
         # For the field: subdivision in NumPy, and the functions of its kernels.
         "subdivision": [
             "CHILD_VERTICES",

@@ -14,8 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..field import TetField
-
-CURVE_BITS = 10  # per axis
+from ..geometry import morton_order
 
 
 def visible_part(field: TetField):
@@ -31,7 +30,9 @@ def visible_part(field: TetField):
     if not seen.any():
         seen[:1] = True
     ids = np.flatnonzero(seen)
-    ids = ids[np.argsort(morton_codes(mesh.rest_vertices[mesh.tets[ids]].mean(axis=1)))]
+    middles = mesh.rest_vertices[mesh.tets[ids]].mean(axis=1)
+    low, high = middles.min(axis=0), middles.max(axis=0)
+    ids = ids[morton_order(((middles - low) / np.maximum(high - low, 1e-30) * 1023).astype(int))]
     new_ids = np.full(mesh.tet_count + 1, -1, np.int32)  # the last one is for -1, outside
     new_ids[ids] = np.arange(len(ids), dtype=np.int32)
     layout = replace(field.layout, node_ids=tuple(nodes[ids] for nodes in field.layout.node_ids))
@@ -43,13 +44,3 @@ def visible_part(field: TetField):
         layout=layout,
     )
     return part, ids.astype(np.int32)
-
-
-def morton_codes(points):
-    """The position of each point [N, 3] on Morton's curve through their box.  [N] int64"""
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = 2**CURVE_BITS - 1
-    cells = ((points - low) / np.maximum(high - low, 1e-30) * size).astype(np.int64)
-    bits = np.arange(CURVE_BITS)
-    spread = ((cells[..., None] >> bits) & 1) << (3 * bits)  # [N, 3, bits]
-    return (spread.sum(axis=-1) << np.arange(3)).sum(axis=-1)
