@@ -7,6 +7,7 @@ of an array begin at multiples of their size, as the wide instructions require.
 import warp as wp
 
 vec4h = wp.types.vector(4, wp.float16)
+vec4b = wp.types.vector(4, wp.bfloat16)
 
 
 @wp.func_native("""
@@ -46,6 +47,20 @@ def load_wide_int(values: wp.array(dtype=wp.vec4i), i: int) -> wp.vec4i: ...
 #endif
 """)
 def load_wide_half(values: wp.array(dtype=vec4h), i: int) -> wp.vec4: ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    uint2 v = *reinterpret_cast<const uint2*>(&wp::index(values, i));
+    return wp::vec_t<4, wp::float32>(
+        __uint_as_float(v.x << 16), __uint_as_float(v.x & 0xffff0000u),
+        __uint_as_float(v.y << 16), __uint_as_float(v.y & 0xffff0000u));
+#else
+    auto v = wp::index(values, i);
+    return wp::vec_t<4, wp::float32>(float(v[0]), float(v[1]), float(v[2]), float(v[3]));
+#endif
+""")
+def load_wide_bfloat(values: wp.array(dtype=vec4b), i: int) -> wp.vec4: ...
 
 
 @wp.func_native("""

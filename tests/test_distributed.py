@@ -37,7 +37,7 @@ from deformrf.core.training.run import (
     random_surroundings,
     torchrun_workers,
 )
-from deformrf.core.training.run.optimization import LOSS_SCALE
+from deformrf.core.training.run.optimization import BETAS, LOSS_SCALE
 
 SIZE = 24
 RAYS = 301  # two shares of it differ
@@ -64,7 +64,7 @@ def make_run(dataset, device, workers, around=False):
 def gradients(run):
     """Of the first step's rays: this worker's own, and what it updates with."""
     batch = run.batch
-    run._seed(batch, 0)
+    run._prepare(batch, 0)
     run._march(batch)
     run._backpropagate(batch)
     found = {"rays": batch.directions, "background": batch.background}
@@ -75,10 +75,11 @@ def gradients(run):
         found["own"] = found["all"][0]
         return found
     found["own"] = exchange._table_gradient[:count].float() / batch.fits.sum() / LOSS_SCALE
-    exchange.reduce()
-    exchange.spread()
-    part, *others = (p.grad for p in exchange.parameters)
-    found["all"] = [g / LOSS_SCALE for g in (exchange.whole(part), *others)]
+    for function, _ in exchange.parts(run.optimizer).values():
+        function()
+    part, *others = exchange.parameters
+    table = exchange.whole(run.optimizer.state[part]["exp_avg"]) / (1.0 - BETAS[0])
+    found["all"] = [g / LOSS_SCALE for g in (table, *(p.grad for p in others))]
     return found
 
 

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/several_gpus.py --data DATA
     torchrun --nproc-per-node 2 tests/benchmarks/several_gpus.py --data DATA [--preset fast]
-        [--ahead 1 2 3] [--seconds 2]
+        [--ahead 1 2 3] [--seconds 2] [--collectives]
 
 Stage 1 is trained in full and stage 2 for a moment, so that mesh, occupancy and ray count are
 those of a run.  Then, for each number of batches that are marched ahead:
@@ -11,6 +11,7 @@ those of a run.  Then, for each number of batches that are marched ahead:
     parts       ms per step between CUDA events.  `march` is the time that one batch is under
                 way on its own stream; the other parts follow each other on the main stream.
 
+With --collectives GPUs that could use each other's memory exchange by collectives all the same.
 Samples per step are those of all GPUs together, so figures of 1 and of N processes compare.
 """
 
@@ -38,8 +39,10 @@ from deformrf.core.training.run import (
     TrainingProgress,
     looks,
     on_warp_stream,
+    optimization,
     recorded_steps,
 )
+from deformrf.core.training.run.exchange import Exchange
 
 SETTLING_STEPS = 512  # of stage 2, before it is measured
 MEASURED_STEPS = 160  # for the parts
@@ -121,7 +124,10 @@ def main():
     parser.add_argument("--image-size", type=int)
     parser.add_argument("--ahead", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--seconds", type=float, default=2.0)
+    parser.add_argument("--collectives", action="store_true")
     arguments = parser.parse_args()
+    if arguments.collectives:
+        optimization.make_exchange = Exchange
     start_warp()
     device = device_name("cuda", for_training=True)
     options = preset(arguments.preset)

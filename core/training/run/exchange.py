@@ -21,10 +21,9 @@ from .training_field import TrainingField
 
 
 class Exchange:
-    """Gradients, errors and weights of several workers.
+    """Gradients, errors and weights of several workers, exchanged by collectives.
 
-    `collect`, `spread` and `publish` can be recorded in CUDA graphs, `reduce` and `gather` not:
-    to capture NCCL would couple every recording of one process to the others.
+    To capture NCCL in a CUDA graph would couple every recording of one process to the others.
 
     Attributes:
         parameters: The parameters of this worker's optimizer, its part of the table first.
@@ -37,18 +36,24 @@ class Exchange:
         self.field, self.error, self.workers = field, error, field.workers
         kind = torch.float32 if field.half_rows is None else torch.bfloat16
         self._table_gradient = torch.zeros_like(field.rows, dtype=kind)
-        part = torch.nn.Parameter(self.workers.part_of(field.rows))  # the same memory
-        self._part_gradient = torch.zeros_like(part, requires_grad=False)
-        others = field.parameters()[1:]
-        self.parameters = [part, *others]
-        sizes = [parameter.numel() for parameter in others]
-        self._sums = torch.zeros(sum(sizes) + 2, device=error.device)
-        *gradients, self._error, self._weight = self._sums.split([*sizes, 1, 1])
-        self._gradients = [g.view_as(p) for g, p in zip(gradients, others, strict=True)]
+        self._part = torch.nn.Parameter(self.workers.part_of(field.rows))  # the same memory
+        self._part_gradient = torch.zeros_like(self._part, requires_grad=False)
+        self._others = field.parameters()[1:]
+        self.parameters = [self._part, *self._others]
+        # All other gradients, the error and the weight: this worker's, and of all workers.
+        size = sum(parameter.numel() for parameter in self._others) + 2
+        self._mine = self._sums = torch.zeros(size, device=error.device)
+
+    def _split(self, sums):
+        """The parts of `_mine` or `_sums`: gradients, error, weight."""
+        sizes = [parameter.numel() for parameter in self._others]
+        *gradients, error, weight = sums.split([*sizes, 1, 1])
+        shaped = [g.view_as(p) for g, p in zip(gradients, self._others, strict=True)]
+        return shaped, error, weight
 
     @torch.no_grad()
     def collect(self, gradients, weight):
-        """Take this worker's gradients and error.
+        """Take this worker's gradients and error; CUDA graphs can hold it.
 
         Args:
             gradients: Gradients of the field's parameters; means over the worker's rays that fit.
@@ -56,10 +61,18 @@ class Exchange:
         """
         table, *others = gradients
         torch.mul(table, weight, out=self._table_gradient[: len(table)])
-        for gradient, shared in zip(others, self._gradients, strict=True):
-            torch.mul(gradient, weight, out=shared)
-        self._error.copy_(self.error * weight)
-        self._weight.copy_(weight)
+        shared, error, shared_weight = self._split(self._mine)
+        torch._foreach_copy_(shared, torch._foreach_mul(others, weight))
+        error.copy_(self.error * weight)
+        shared_weight.copy_(weight)
+
+    def parts(self, optimizer) -> dict:
+        """The parts of an update after `collect`: name -> (function, whether a graph holds it)."""
+        return {
+            "reduce": (self.reduce, False),
+            "update": (lambda: self.update(optimizer), True),
+            "gather": (self.gather, False),
+        }
 
     def reduce(self):
         """Sum over the workers."""
@@ -67,22 +80,28 @@ class Exchange:
         self.workers.sum_(self._sums)
 
     @torch.no_grad()
-    def spread(self):
-        """Make the means over all workers' rays the gradients of `parameters`."""
-        weight = self._weight.clamp(min=1.0)
+    def update(self, optimizer):
+        """Update this worker's part of the table, and all other weights."""
+        weight = self._spread()
         torch.div(self.workers.part_of(self._table_gradient), weight, out=self._part_gradient)
-        self._sums[:-1] /= weight
-        for parameter, gradient in zip(
-            self.parameters, [self._part_gradient, *self._gradients], strict=True
-        ):
-            parameter.grad = gradient
-        self.error.copy_(self._error[0])
-
-    @torch.no_grad()
-    def publish(self):
-        """Convert this worker's part of the table to what the encoder reads."""
+        self._part.grad = self._part_gradient
+        optimizer.step()
         if self.field.half_rows is not None:
-            self.workers.part_of(self.field.half_rows).copy_(self.parameters[0])
+            self.workers.part_of(self.field.half_rows).copy_(self._part)
+
+    def _spread(self):
+        """Make the means over all workers' rays the error and the gradients of what all update.
+
+        Returns:
+            The number of those rays, at least 1.  torch [1]
+        """
+        gradients, error, weight = self._split(self._sums)
+        weight = weight.clamp(min=1.0)
+        self._sums[:-1] /= weight
+        for parameter, gradient in zip(self._others, gradients, strict=True):
+            parameter.grad = gradient
+        self.error.copy_(error[0])
+        return weight
 
     def gather(self):
         """Make the table that the encoder reads whole."""

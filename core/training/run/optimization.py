@@ -24,10 +24,10 @@ from ..data import RayBank
 from ..train_options import TrainOptions
 from . import recorded_steps
 from .batch import Batch
-from .exchange import Exchange
 from .loss import training_loss
 from .loss_watch import Diverged, LossWatch
 from .memory import ALLOCATION_ERRORS, give_memory_back, halved, memory_name
+from .peer_exchange import make_exchange
 from .progress import TrainingProgress
 from .recorded_steps import RecordedSteps
 from .training_field import TrainingField
@@ -91,7 +91,7 @@ class Optimization:
         self._rate = torch.zeros((), device=device)
         self.error = torch.zeros((), device=device)
         several = self.workers.count > 1
-        self._exchange = Exchange(field, self.error) if several else None
+        self._exchange = make_exchange(field, self.error) if several else None
         self.optimizer = torch.optim.Adam(
             self._exchange.parameters if several else field.parameters(),
             lr=self._rate if device.type == "cuda" else 0.0,
@@ -223,22 +223,14 @@ class Optimization:
         self._backpropagate(batch)
         self.optimizer.step()
 
-    def _update(self, _batch):
-        """Update of one of several workers, after they have summed their gradients."""
-        self._exchange.spread()
-        self.optimizer.step()
-        self._exchange.publish()
-
     def _parts(self):
         """The parts of learning from a batch: name -> (function, whether a graph holds it)."""
         if self._exchange is None:
             return {"learn": (self._learn, True)}
-        return {
-            "learn": (self._backpropagate, True),
-            "reduce": (lambda _batch: self._exchange.reduce(), False),
-            "update": (self._update, True),
-            "gather": (lambda _batch: self._exchange.gather(), False),
-        }
+        parts = {"learn": (self._backpropagate, True)}
+        for name, (function, records) in self._exchange.parts(self.optimizer).items():
+            parts[name] = (lambda _batch, function=function: function(), records)
+        return parts
 
     def _draw_and_learn(self, batch, number):
         self._prepare(batch, number)

@@ -1,0 +1,174 @@
+"""Exchange between GPUs of one host that read and write each other's memory.
+
+Collectives send gradients, wait, update, send weights, and wait again.  Here one kernel does all
+of it for a worker's part of the table: it reads the gradients where the workers have left them,
+makes Adam's update (Kingma and Ba 2015), and writes the new values to where each of them will
+read them.  The links between the GPUs are busy while their own memory is.
+
+    barrier          all gradients are there, and nobody reads the table any more
+    update           of this worker's part of the table, and of all other weights
+    barrier          the table is there
+
+A worker rounds its gradient to bfloat16 once, and the sums are float32.
+"""
+
+import torch
+import torch.distributed as dist
+import warp as wp
+
+from ...wide import load_wide, load_wide_bfloat, store_wide, store_wide_half, vec4b, vec4h
+from .distributed import Workers
+from .exchange import Exchange
+from .training_field import TrainingField
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def update_table_kernel(
+    gradients: wp.array(dtype=wp.uint64),  # [workers] addresses of bfloat16 [rows, 4]
+    weight: wp.array(dtype=float),  # [1] that divides their sum
+    first: int,  # this worker's first row
+    rate: wp.array(dtype=float),  # [1]
+    step: wp.array(dtype=float),  # [1] number of this update, from 1
+    beta1: float,
+    beta2: float,
+    epsilon: float,
+    mean: wp.array(dtype=wp.vec4),  # [part] in, out: of the gradient
+    square: wp.array(dtype=wp.vec4),  # [part] in, out: of its square
+    part: wp.array(dtype=wp.vec4),  # [part] in, out: this worker's rows
+    rows: int,
+    tables: wp.array(dtype=wp.uint64),  # [workers] addresses of float16 [rows, 4], out
+):
+    """Adam's update of a worker's rows from all workers' gradients, and for all of them."""
+    i = wp.tid()
+    g = wp.vec4()
+    worker = int(0)
+    while worker < gradients.shape[0]:
+        theirs = wp.array(ptr=gradients[worker], shape=(rows,), dtype=vec4b)
+        g += load_wide_bfloat(theirs, first + i)
+        worker += 1
+    g /= weight[0]
+    m = load_wide(mean, i)
+    m += (1.0 - beta1) * (g - m)
+    v = beta2 * load_wide(square, i) + (1.0 - beta2) * wp.cw_mul(g, g)
+    size = rate[0] / (1.0 - wp.pow(beta1, step[0]))
+    scale = 1.0 / wp.sqrt(1.0 - wp.pow(beta2, step[0]))
+    w = load_wide(part, i)
+    for k in range(4):
+        w[k] = w[k] - size * m[k] / (wp.sqrt(v[k]) * scale + epsilon)
+    store_wide(mean, i, m)
+    store_wide(square, i, v)
+    store_wide(part, i, w)
+    reader = int(0)
+    while reader < tables.shape[0]:
+        table = wp.array(ptr=tables[reader], shape=(rows,), dtype=vec4h)
+        store_wide_half(table, first + i, w)
+        reader += 1
+
+
+class PeerMemory:
+    """Memory of the GPUs of one host that all of them can use.
+
+    Raises:
+        RuntimeError: A GPU cannot use another one's.
+    """
+
+    def __init__(self, workers: Workers, device):
+        # Not a public interface of PyTorch yet; whatever fails here, collectives remain.
+        import torch.distributed._symmetric_memory as symmetric_memory
+
+        self._empty, self._meet = symmetric_memory.empty, symmetric_memory.rendezvous
+        self.workers, self.device, self._barrier = workers, device, None
+        others = set(range(workers.count)) - {device.index}
+        if not all(torch.cuda.can_device_access_peer(device.index, other) for other in others):
+            raise RuntimeError("the GPUs have no access to each other's memory")
+
+    def share(self, like) -> list:
+        """Each worker's tensor of that shape and type; this one's has the values of `like`."""
+        mine = self._empty(like.shape, dtype=like.dtype, device=self.device).copy_(like)
+        shared = self._meet(mine, dist.group.WORLD)
+        self._barrier = shared.barrier
+        tensors = [shared.get_buffer(i, like.shape, like.dtype) for i in range(self.workers.count)]
+        tensors[self.workers.rank] = mine
+        return tensors
+
+    def barrier(self):
+        """Make the current stream wait for the other workers' streams."""
+        self._barrier()
+
+
+class PeerExchange(Exchange):
+    """The exchange through memory that all workers use.
+
+    Args:
+        memory: The PeerMemory, or what has its methods.
+    """
+
+    def __init__(self, field: TrainingField, error, memory):
+        super().__init__(field, error)
+        self._memory, rank = memory, field.workers.rank
+        self._tables, self._gradients, self._sums_of_all = (
+            memory.share(mine) for mine in (field.half_rows, self._table_gradient, self._mine)
+        )
+        field.half_rows = self._tables[rank]
+        self._table_gradient = self._gradients[rank]
+        self._mine = self._sums_of_all[rank]
+        self._addresses = [
+            wp.array([t.data_ptr() for t in tensors], dtype=wp.uint64, device=field.device)
+            for tensors in (self._gradients, self._tables)
+        ]
+
+    def parts(self, optimizer) -> dict:
+        return {"exchange": (lambda: self._exchange(optimizer), True)}
+
+    def _exchange(self, optimizer):
+        self._memory.barrier()
+        self.update(optimizer)
+        self._memory.barrier()
+
+    @torch.no_grad()
+    def update(self, optimizer):
+        self._sums.copy_(self._sums_of_all[0])
+        for sums in self._sums_of_all[1:]:
+            self._sums += sums  # in the same order on all workers
+        weight = self._spread()
+        optimizer.step()  # the part of the table has no gradient
+        (group,) = optimizer.param_groups
+        state = optimizer.state[self._part]
+        if not state:
+            state["step"] = torch.zeros((), device=self.error.device)
+            state["exp_avg"] = torch.zeros_like(self._part, requires_grad=False)
+            state["exp_avg_sq"] = torch.zeros_like(state["exp_avg"])
+        state["step"] += 1
+        rate = torch.as_tensor(group["lr"], device=self.error.device).view(1)
+        rows, gradients, tables = len(self.field.rows), *self._addresses
+        vectors = (state["exp_avg"], state["exp_avg_sq"], self._part.detach())
+        wp.launch(
+            update_table_kernel,
+            dim=len(self._part),
+            inputs=[
+                gradients,
+                wp.from_torch(weight),
+                self.workers.rank * len(self._part),
+                wp.from_torch(rate),
+                wp.from_torch(state["step"].view(1)),
+                *group["betas"],
+                group["eps"],
+                *(wp.from_torch(vector, dtype=wp.vec4) for vector in vectors),
+                rows,
+                tables,
+            ],
+            device=self.field.device,
+        )
+
+
+def make_exchange(field: TrainingField, error) -> Exchange:
+    """The quickest exchange that the workers' GPUs allow, the same for all workers."""
+    exchange = None
+    if field.device.is_cuda:
+        try:
+            exchange = PeerExchange(field, error, PeerMemory(field.workers, error.device))
+        except (ImportError, RuntimeError):
+            pass  # memory that one GPU cannot share, or another PyTorch
+    return Exchange(field, error) if field.workers.any(exchange is None) else exchange
