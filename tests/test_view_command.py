@@ -124,7 +124,7 @@ def test_a_missing_module_of_the_program_itself_keeps_its_traceback(monkeypatch)
     def broken(chosen):
         import deformrf.viewer.no_such_module  # noqa: F401
 
-    monkeypatch.setattr(command, "view", broken)
+    monkeypatch.setattr(command, "prepare", broken)
     with pytest.raises(ModuleNotFoundError, match="no_such_module"):
         command.main([])
 

@@ -1,14 +1,13 @@
 """The command deformrf-view: parse, check, open a window (or none), run, report.
 
-Every mistake of the user, and an optional package that is missing, ends in one sentence on
-stderr and exit code 2; Ctrl-C and SIGTERM finish the video and end with 130.  Warp and pyglet
-are imported when the arguments are known to be good, so that --help is quick.
+Ctrl-C and SIGTERM finish the video.  Warp and pyglet are imported when the arguments are known
+to be good, so that --help is quick.
 """
 
 import logging
-import signal
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,12 +15,13 @@ from typing import Annotated, Literal
 
 import tyro
 
-from ..core.arguments import Count, File, at_least, plain_message, writable_file
-from ..core.commands import FAILED, INPUT_ERROR, INTERRUPTED, missing_package
+from ..core.arguments import Count, File, at_least, writable_file
+from ..core.commands import FAILED, run
 from ..core.device import Choice
 from ..core.paths import DEFAULT_MODEL
 from ..core.render import Mode
 
+PROGRAM = "deformrf-view"
 SLOW_START = 1.5  # s after which the user is told what takes so long
 WINDOW_SIZE, HEADLESS_SIZE = (1200, 800), (400, 400)
 HEADLESS_FRAMES = 90
@@ -85,29 +85,12 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit code, which the console script passes to sys.exit."""
     chosen = tyro.cli(
         ViewArguments,
-        prog="deformrf-view",
+        prog=PROGRAM,
         args=arguments,
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
-    logging.basicConfig(level=logging.WARNING, format="deformrf-view: %(message)s")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the end of a login session
-    try:
-        if chosen.version:
-            from ..core.paths import program_version
-
-            print(f"deformrf {program_version()}")
-            return 0
-        if chosen.doctor:
-            from .doctor import report
-
-            return report(chosen.run.headless)
-        return view(chosen)
-    except ModuleNotFoundError as error:
-        if (sentence := missing_package(error)) is None:
-            raise
-        return _complain(sentence)
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    logging.basicConfig(level=logging.WARNING, format=f"{PROGRAM}: %(message)s")
+    return run(PROGRAM, lambda: prepare(chosen))
 
 
 def check(arguments: ViewArguments) -> None:
@@ -150,32 +133,35 @@ def frame_size(arguments: ViewArguments) -> tuple[int, int]:
     return size
 
 
-def view(chosen: ViewArguments) -> int:
-    """Show a model; returns the exit code."""
-    try:
-        check(chosen)
-        from ..core.device import device_name
-        from ..core.field import load
-        from .script import parse_drag, resolved
+def prepare(chosen: ViewArguments) -> Callable[[], int]:
+    """Check the arguments, and show the model in its first pose; returns the work."""
+    if chosen.version:
+        from ..core.paths import program_version
 
-        drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
-        field, device = load(chosen.model), device_name(chosen.device)
-        app = _open(chosen)
-    except (ValueError, OSError, RuntimeError) as error:
-        return _complain(plain_message(error))
+        print(f"deformrf {program_version()}")
+        return lambda: 0
+    if chosen.doctor:
+        from .doctor import report
+
+        return lambda: report(chosen.run.headless)
+    check(chosen)
+    from ..core.device import device_name
+    from ..core.field import load
+    from .script import parse_drag, resolved
+
+    drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
+    field, device = load(chosen.model), device_name(chosen.device)
+    app = _open(chosen)
     try:
-        try:
-            with _told_if_slow(app):
-                app.load(field, chosen.model.stem, device, chosen.interop)
-            drag = None if drag is None else resolved(drag, app.scene)
-        except ValueError as error:
-            return _complain(plain_message(error))
-        app.scene.settings.mode = chosen.mode
-        app.scene.settings.transparent_screenshots = chosen.run.transparent
-        _run(app, chosen, drag)
-    finally:
+        with _told_if_slow(app):
+            app.load(field, chosen.model.stem, device, chosen.interop)
+        drag = None if drag is None else resolved(drag, app.scene)
+    except BaseException:
         app.close()
-    return FAILED if app.recorder.failed else 0
+        raise
+    app.scene.settings.mode = chosen.mode
+    app.scene.settings.transparent_screenshots = chosen.run.transparent
+    return lambda: _show(app, chosen, drag)
 
 
 def _open(chosen):
@@ -190,20 +176,33 @@ def _open(chosen):
     return App(window, context, EventLog(chosen.log_events), gui=not headless, fps=chosen.fps)
 
 
-def _run(app, chosen, drag):
-    run = chosen.run
-    if not run.headless:
-        if run.record is not None:
-            app.frame(0.0)  # the canvas has its size from the first frame
-            app.recorder.start(run.record)
-        app.run(run.frames)
-        if run.screenshot is not None:
-            app.recorder.screenshot(run.screenshot)
-            app.frame(0.0, whole=True)
-        return
+def _show(app, chosen, drag):
+    """Show frames until the end, and write the files; returns the exit code."""
+    try:
+        if chosen.run.headless:
+            _render_files(app, chosen, drag)
+        else:
+            _show_window(app, chosen.run)
+    finally:
+        app.close()
+    return FAILED if app.recorder.failed else 0
+
+
+def _show_window(app, run):
+    if run.record is not None:
+        app.frame(0.0)  # the canvas has its size from the first frame
+        app.recorder.start(run.record)
+    app.run(run.frames)
+    if run.screenshot is not None:
+        app.recorder.screenshot(run.screenshot)
+        app.frame(0.0, whole=True)
+
+
+def _render_files(app, chosen, drag):
     from rich.console import Console
     from rich.progress import track
 
+    run = chosen.run
     count = run.frames or HEADLESS_FRAMES
     app.canvas.use(frame_size(chosen))
     if run.record is not None:
@@ -232,10 +231,3 @@ def _told_if_slow(app):
         yield
     finally:
         timer.cancel()
-
-
-def _complain(sentence: str) -> int:
-    """One line on stderr, its beginning in red on a terminal."""
-    red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
-    print(f"{red}deformrf-view:{plain} {sentence}", file=sys.stderr)
-    return INPUT_ERROR

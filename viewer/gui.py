@@ -15,6 +15,8 @@ import numpy as np
 from imgui_bundle import imgui
 from pyglet.window import key, mouse
 
+from .window import WindowError
+
 log = logging.getLogger(__name__)
 
 FONT = Path(imgui_bundle.__file__).parent / "assets" / "fonts" / "Roboto" / "Roboto-Regular.ttf"
@@ -95,7 +97,7 @@ class Gui:
         self._io.set_ini_filename("")  # no file in the user's current folder
         apply_style()
         if not imgui.backends.opengl3_init("#version 330"):
-            raise RuntimeError("ImGui's OpenGL renderer does not start")
+            raise WindowError("ImGui's OpenGL renderer does not start")
         platform = imgui.get_platform_io()
         platform.platform_get_clipboard_text_fn = lambda context: window.get_clipboard_text()
         platform.platform_set_clipboard_text_fn = lambda context, text: window.set_clipboard_text(

@@ -3,7 +3,7 @@
 GL_MAJOR, GL_MINOR = 3, 3
 
 
-class WindowError(RuntimeError):
+class WindowError(OSError):
     """No window can be opened; the message is one sentence for the user."""
 
 

@@ -5,6 +5,6 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "running": ["FAILED", "INPUT_ERROR", "INTERRUPTED", "missing_package", "require", "run"],
+        "running": ["FAILED", "INPUT_ERROR", "INTERRUPTED", "complain", "require", "run"],
     },
 )

@@ -13,7 +13,7 @@ from .. import field as fields
 from .. import render, training
 from ..arguments import Count, File, writable_file
 from ..device import Choice, device_name
-from .running import INPUT_ERROR, INTERRUPTED, require, run, warn_of_missing
+from .running import INTERRUPTED, complain, require, run, warn_of_missing
 
 PROGRAM = "deformrf-eval"
 SPLITS = ("train", "val", "test")
@@ -101,8 +101,7 @@ def prepare(arguments: EvaluateArguments):
             except OSError as error:
                 not_written = f"{arguments.json}: {error.strerror or error}"
         if not_written:
-            print(f"{PROGRAM}: can't write {not_written}", file=sys.stderr)
-            return INPUT_ERROR
+            return complain(PROGRAM, f"can't write {not_written}")
         return 0 if report["complete"] else INTERRUPTED
 
     return job

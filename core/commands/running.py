@@ -45,17 +45,21 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     job (training found nothing in the images).  `run` prints these as one sentence.  Any other
     error of the job is a fault of the program and keeps its traceback.
     """
-    mendable = (ValueError, OSError, MemoryError)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems send SIGTERM
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as batch systems send it
+    job = None
     try:
         job = prepare()
-        mendable = (training.DatasetError, MemoryError)
         return job()
     except ModuleNotFoundError as error:
-        if (sentence := missing_package(error)) is None:
+        name = (error.name or "").partition(".")[0]
+        if name not in PACKAGES:
             raise
+        purpose, target = PACKAGES[name]
+        sentence = f"{name}, which {purpose}, is not installed: pip install {target}"
         return _refuse(program, sentence)
-    except mendable as error:
+    except (ValueError, OSError, MemoryError) as error:
+        if job and not isinstance(error, (training.DatasetError, MemoryError)):
+            raise
         sentence = plain_message(error) or "the memory is too small"  # Python's own is empty
         return _refuse(program, sentence)
     except RuntimeError as error:
@@ -66,15 +70,6 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
         if is_first():
             print(f"{program}: interrupted", file=sys.stderr)
         return INTERRUPTED
-
-
-def missing_package(error: ModuleNotFoundError) -> str | None:
-    """A sentence that names what to install; None if no package of PACKAGES is missing."""
-    name = (error.name or "").partition(".")[0]
-    if name not in PACKAGES:
-        return None
-    purpose, target = PACKAGES[name]
-    return f"{name}, which {purpose}, is not installed: pip install {target}"
 
 
 def require(*packages: str):
@@ -104,9 +99,16 @@ def is_first() -> bool:
     return os.environ.get("RANK", "0") == "0"
 
 
-def _refuse(program: str, sentence: str) -> int:
+def complain(program: str, sentence: str) -> int:
+    """Print a sentence on stderr, its beginning in red on a terminal; returns INPUT_ERROR."""
+    red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
+    print(f"{red}{program}:{plain} {sentence}", file=sys.stderr)
+    return INPUT_ERROR
+
+
+def _refuse(program, sentence):
     if is_first() or _outlives_first():
-        print(f"{program}: {sentence}", file=sys.stderr)
+        complain(program, sentence)
     return INPUT_ERROR
 
 

@@ -13,8 +13,8 @@ from ..arguments import Count, at_least, writable_file
 from ..device import Choice, device_name
 from .running import (
     FAILED,
-    INPUT_ERROR,
     INTERRUPTED,
+    complain,
     is_first,
     require,
     run,
@@ -118,24 +118,21 @@ def prepare(arguments: TrainArguments):
         try:
             scores = save(trained, path, arguments, test_views, device)
         except OSError as error:
-            print(f"{PROGRAM}: {lost(error, path, checkpoint)}", file=sys.stderr)
-            return INPUT_ERROR
+            return complain(PROGRAM, lost(error, path, checkpoint))
         print(summary(trained, path, scores))
         if "coarse-stage" in options.leave_out:
             print("Without the coarse stage the model holds the whole grid, empty tets too.")
         if trained.diverged:
-            print(f"{PROGRAM}: {trained.diverged}", file=sys.stderr)
+            complain(PROGRAM, trained.diverged)
             return FAILED
         if trained.out_of_memory:
-            print(f"{PROGRAM}: {trained.out_of_memory}", file=sys.stderr)
-            return INPUT_ERROR
+            return complain(PROGRAM, trained.out_of_memory)
         if trained.interrupted and trained.resumable:
             print("Continue with the same command and --resume.")
         if trained.complete:
             checkpoint_path.unlink(missing_ok=True)
         if scores and "not_written" in scores:
-            print(f"{PROGRAM}: can't add the scores to {scores['not_written']}", file=sys.stderr)
-            return INPUT_ERROR
+            return complain(PROGRAM, f"can't add the scores to {scores['not_written']}")
         all_done = trained.complete and (scores is None or scores["complete"])
         return 0 if all_done else INTERRUPTED
 

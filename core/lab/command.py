@@ -17,7 +17,7 @@ from typing import Annotated, NamedTuple
 import tyro
 
 from ..arguments import File, plain_message, writable_file
-from ..commands import INPUT_ERROR, require, run
+from ..commands import complain, require, run
 from ..device import Choice, device_name
 from ..paths import DEFAULT_MODEL
 from .effort import EFFORTS, Effort
@@ -103,7 +103,7 @@ def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> i
     except (KeyboardInterrupt, Exception) as error:  # what is done is written first
         failure = error
         if not found:
-            print(f"{PROGRAM}: nothing was measured yet, nothing is written", file=sys.stderr)
+            complain(PROGRAM, "nothing was measured yet, nothing is written")
             raise
     output = arguments.output
     if failure is not None and is_complete(output):  # keep it
@@ -125,8 +125,7 @@ def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> i
             Report(f"Report on {name}", facts, sections, failure is None, missing), output
         )
     except OSError as error:
-        print(f"{PROGRAM}: {plain_message(error)}", file=sys.stderr)
-        return INPUT_ERROR
+        return complain(PROGRAM, plain_message(error))
     words = {None: "", True: "pass  ", False: "FAIL  "}
     for section in found:
         print(f"{section.title}: {words[section.passed]}{section.findings[0]}")
