@@ -18,7 +18,7 @@ def rows(tmp_path):
         path = path or tmp_path / "model.npz"
         if not path.exists():
             modelfile.save(field, path, **settings)
-        return {row.name: row for row in file_rows(Frames(field, "cpu", 24, 2, 3), path)}, path
+        return {row.name: row for row in file_rows(Frames(field, "cpu", 24, 2), path)}, path
 
     return rows
 

@@ -7,13 +7,13 @@ import pytest
 
 from deformrf.core.field import occupied_share
 from deformrf.core.lab.omissions import frames as bench
-from deformrf.core.lab.omissions.rows import NONE, SAVES
+from deformrf.core.lab.omissions.rows import NONE, RENDERING, SAVES, Bench
 
 
 @pytest.fixture
 def frames():
     def frames(field, device, size=24):
-        return bench.Frames(field, device, size, view_count=2, repeats=3)
+        return bench.Frames(field, device, size, view_count=2)
 
     return frames
 
@@ -37,7 +37,7 @@ CUDA_ROWS = ("single precision", "rounds that")
 def measured(frames, name):
     """The row whose name begins like this."""
     [switch] = [s for s in bench.frame_switches(frames) if s.name.startswith(name)]
-    return switch.measured(frames)
+    return switch.measured(Bench(RENDERING, frames.device, 3, frames.change))
 
 
 def test_these_are_all_rows(ball, frames):
@@ -65,7 +65,7 @@ def test_every_row_is_measured(make_ball_field, frames, device, name):
 
 def test_each_way_has_a_renderer_of_its_own(ball):
     """A wavefront expects as many rounds as its last image took."""
-    frames = bench.Frames(ball, "cpu", 16, view_count=1, repeats=3)
+    frames = bench.Frames(ball, "cpu", 16, view_count=1)
     frames.device = "cuda:0"  # for the names of all rows; the renderers are those of the CPU
     switches = bench.frame_switches(frames)
     frames.device = "cpu"

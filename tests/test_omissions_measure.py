@@ -7,7 +7,7 @@ import pytest
 
 from deformrf.core.lab.effort import EFFORTS
 from deformrf.core.lab.omissions.measure import Part, parts
-from deformrf.core.lab.omissions.rows import FILE, GROUPS, NOT_MEASURED, START
+from deformrf.core.lab.omissions.rows import FILE, NOT_MEASURED, START, UNITS
 
 BRIEF = EFFORTS[True, True]._replace(
     frame_size=16, view_count=1, frame_turns=3, step_turns=3, start_turns=1
@@ -24,7 +24,7 @@ def test_parts_have_titles_and_take_time(ball, tmp_path, device):
 def test_together_they_are_all_rows(ball, ball_file, device):
     planned = parts(ball, ball_file, device, BRIEF)[:-1]  # compiling takes seconds
     rows = [row for part in planned for row in part.run()]
-    assert {row.group for row in rows} == set(GROUPS)
+    assert {row.group for row in rows} == set(UNITS)
     assert len({(row.name, row.unit) for row in rows}) == len(rows) > 15
     for row in rows:
         assert row.why.endswith(".") and row.unit in ("ms", "MB", "s")
@@ -44,7 +44,7 @@ def test_what_fails_is_a_row_and_the_others_are_measured(ball, ball_file, tmp_pa
         assert str(tmp_path) not in row.why and "Traceback" not in row.why
     planned = {part.title: part for part in parts(ball, ball_file, "cpu", BRIEF)}
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "no such folder"))
-    (full,) = planned["the model file"].run()
+    (full,) = planned["kernels of another device"].run()
     assert full.why.startswith(FAILED) and str(tmp_path) not in full.why
     (drag,) = planned["dynamics: gravity and a ground"].run()
     assert drag.verdict != NOT_MEASURED

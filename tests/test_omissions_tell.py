@@ -10,12 +10,13 @@ from deformrf.core.lab.omissions import rows as omitted
 from deformrf.core.lab.omissions.steps import Drag
 from deformrf.core.lab.omissions.tell import section_of
 from deformrf.core.lab.report.parts import record
+from deformrf.core.lab.stopwatch import in_turns
 
 EFFORT = EFFORTS[True, True]
 
 
 def row(name, with_it, without, **kind):
-    times = omitted.compared_in_turns(with_it, without)
+    times = in_turns(with_it, without)
     change = kind.pop("change", omitted.NONE)
     return omitted.omission(name, omitted.RENDERING, times, change, "Because it is idle.", **kind)
 

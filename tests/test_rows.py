@@ -8,7 +8,7 @@ import pytest
 
 from deformrf.core.lab.omissions import rows as omitted
 from deformrf.core.lab.report.parts import record
-from deformrf.core.lab.stopwatch import Timing, compared, timing_of
+from deformrf.core.lab.stopwatch import Timing, compared, in_turns, timing_of
 
 
 def saving(*values):
@@ -27,7 +27,7 @@ def saving(*values):
 )
 def test_a_spread_across_zero_is_nothing_measurable(differences, found):
     without = np.full(len(differences), 8.0)
-    times = omitted.compared_in_turns(without + differences, without)
+    times = in_turns(without + differences, without)
     assert omitted.verdict(*times) == found
     row = omitted.omission("a thing", omitted.FILE, times, "", "it is idle")
     assert (row.verdict, row.why) == (found, "it is idle")
@@ -46,7 +46,7 @@ def test_a_spread_across_zero_is_nothing_measurable(differences, found):
     ],
 )
 def test_after_few_turns_the_ways_must_not_overlap(with_it, without, found):
-    assert omitted.verdict(*omitted.compared_in_turns(with_it, without)) == found
+    assert omitted.verdict(*in_turns(with_it, without)) == found
 
 
 def test_the_same_action_twice_saves_nothing_measurable():
@@ -56,15 +56,15 @@ def test_the_same_action_twice_saves_nothing_measurable():
 
 
 def test_a_saving_is_a_part_of_what_it_is_with():
-    times = omitted.compared_in_turns([4.0, 5.0, 6.0], [3.0, 3.0, 3.0])
+    times = in_turns([4.0, 5.0, 6.0], [3.0, 3.0, 3.0])
     row = omitted.omission("a thing", omitted.START, times, "", "", unit="s")
     assert row.percent.median == pytest.approx(40.0)
     assert times[2] == saving(1.0, 2.0, 3.0)
-    assert omitted.compared_in_turns([3.0], [2.0])[2] == Timing(1.0, 1.0, 1.0, 1)
+    assert in_turns([3.0], [2.0])[2] == Timing(1.0, 1.0, 1.0, 1)
 
 
 def test_records_have_the_same_columns_measured_or_not():
-    times = omitted.compared_in_turns([3.0], [2.0])
+    times = in_turns([3.0], [2.0])
     measured = omitted.omission("a thing", omitted.FILE, times, "", "", unit="MB")
     blank = omitted.not_measured("another", omitted.FILE, "no way", unit="MB")
     one, other = record(measured), record(blank)

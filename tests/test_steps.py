@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.lab.omissions import steps
-from deformrf.core.lab.omissions.rows import NONE, NOT_MEASURED, SAVES
+from deformrf.core.lab.omissions.rows import DYNAMICS, NONE, NOT_MEASURED, SAVES, Bench
 
 
 @pytest.fixture(scope="module")
@@ -28,13 +28,12 @@ ROWS = (
 
 def measured(field, device, repeats, name):
     """The row whose name begins like this."""
-    bench = steps.Steps(field, device, repeats)
-    [switch] = [s for s in steps.step_switches(bench) if s.name.startswith(name)]
-    return switch.measured(bench)
+    [switch] = [s for s in steps.step_switches(field, device) if s.name.startswith(name)]
+    return switch.measured(Bench(DYNAMICS, device, repeats, steps.change))
 
 
 def test_these_are_all_rows(ball):
-    switches = steps.step_switches(steps.Steps(ball, "cpu", 1))
+    switches = steps.step_switches(ball, "cpu")
     assert all(s.name.startswith(name) for s, name in zip(switches, ROWS, strict=True))
 
 

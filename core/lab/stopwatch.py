@@ -33,16 +33,16 @@ class Share(Timing):
     """The time of one action relative to that of another in the same turn [%]."""
 
 
-def timing_of(repeats) -> Timing:
+def timing_of(repeats, kind=Timing) -> Timing:
     """The timing of single repeats [n]."""
     low, median, high = np.percentile(repeats, [LOW, 50.0, HIGH])
-    return Timing(float(median), float(low), float(high), len(repeats))
+    return kind(float(median), float(low), float(high), len(repeats))
 
 
-def share_of(shares) -> Share:
-    """The Share of single fractions [n]; 1 is 100 %."""
-    timing = timing_of(100.0 * np.asarray(shares))
-    return Share(timing.median, timing.low, timing.high, timing.count)
+def in_turns(with_it, without) -> tuple[Timing, Timing, Timing]:
+    """Timings of turns with something [n] and without it [n], and of the difference."""
+    with_it, without = np.asarray(with_it), np.asarray(without)
+    return timing_of(with_it), timing_of(without), timing_of(with_it - without)
 
 
 def milliseconds(action: Callable[[], object], device) -> float:
@@ -90,16 +90,12 @@ def timed(action: Callable[[], object], device, repeats: int, warm_up: int = WAR
     return timing_of([milliseconds(action, device) for _ in range(repeats)])
 
 
-def compared(
-    with_it: Callable[[], object], without: Callable[[], object], device, repeats: int
-) -> tuple[Timing, Timing, Timing]:
-    """Timings of two actions that take turns, and of the difference from turn to turn."""
+def compared(with_it: Callable[[], object], without: Callable[[], object], device, repeats: int):
+    """Timings of two actions that take turns, see in_turns."""
     for _ in range(WARM_UP):
         with_it(), without()
-    turns = []
+    times = {with_it: [], without: []}
     for repeat in range(repeats):
-        pair = (with_it, without) if repeat % 2 else (without, with_it)
-        times = {action: milliseconds(action, device) for action in pair}
-        turns.append((times[with_it], times[without]))
-    turns = np.array(turns)
-    return timing_of(turns[:, 0]), timing_of(turns[:, 1]), timing_of(turns[:, 0] - turns[:, 1])
+        for action in (with_it, without) if repeat % 2 else (without, with_it):
+            times[action].append(milliseconds(action, device))
+    return in_turns(times[with_it], times[without])

@@ -1,12 +1,11 @@
 """Omissions in a model file, measured by writing the omitted arrays.
 
-Sizes are those of files in a temporary folder, in 10⁶ bytes, with as many bits per entry as
-the given file.  A file of an older format version contains these arrays; its rows then give
-the saving of writing the model again.
+Sizes are in 10⁶ bytes, with as many bits per entry as the given file.  A file of an older
+format version contains these arrays; its rows then give the saving of writing the model again.
 """
 
+import io
 import json
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,15 +16,9 @@ from ...field.archive import read_arrays
 from ...field.packing import pack_tables
 from ...field.reach import reached_entries
 from ...geometry import lattice_spacing, lattice_vertices
+from ..stopwatch import in_turns
 from .frames import Frames
-from .rows import (
-    FILE,
-    Omission,
-    compared_in_turns,
-    not_measured,
-    omission,
-    pose_change,
-)
+from .rows import FILE, Omission, not_measured, omission, pose_change
 
 FIRST_VERSION = 2  # the first format version with omissions
 OLDER = "This file is of an older format that stores it; writing the model again leaves it out."
@@ -43,8 +36,8 @@ def file_rows(frames: Frames, path) -> list[Omission]:
 
 def _row(name, with_it, without, change, why, left_out) -> Omission:
     """A row from the arrays of two files; one turn, because a file's size does not vary."""
-    compared = compared_in_turns(*([_megabytes(arrays)] for arrays in (with_it, without)))
-    return omission(name, FILE, compared, change, why, left_out, "MB")
+    turn = in_turns(*([_megabytes(arrays)] for arrays in (with_it, without)))
+    return omission(name, FILE, turn, change, why, left_out)
 
 
 def _entries(frames, arrays, bits, left_out) -> Omission:
@@ -74,7 +67,7 @@ def _rest_vertices(field, arrays, left_out) -> Omission:
     spacing = lattice_spacing(field.mesh)
     if spacing is None:
         why = "The mesh is no lattice: its vertices follow from nothing else, and are stored."
-        return not_measured(name, FILE, why, left_out=False, unit="MB")
+        return not_measured(name, FILE, why, left_out=False)
     derived = lattice_vertices(field.mesh.addresses, spacing)
     change = pose_change(rest, derived, float(np.ptp(rest)))
     why = "They are integer addresses times a spacing." if left_out else OLDER
@@ -95,7 +88,6 @@ def _surroundings(frames, arrays) -> Omission:
 
 def _megabytes(arrays) -> float:
     """Size of a file with these arrays [10⁶ bytes]."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.npz"
-        np.savez(path, **arrays)
-        return path.stat().st_size / 1e6
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.tell() / 1e6

@@ -16,7 +16,7 @@ import numpy as np
 from ...field import TetField, below_pixel, level_edges, narrowest_pixel, occupied_share
 from ...render import Renderer, RenderOptions, visible_part
 from ..rendering import views
-from .rows import RENDERING, Switch, image_change
+from .rows import Switch, image_change
 
 ALL_SUBTETS = 2**64 - 1  # the mask of a full tet
 
@@ -30,12 +30,10 @@ class Way(NamedTuple):
 
 
 class Frames:
-    """A bench for variants of rendering a field at rest."""
+    """Variants of rendering a field at rest."""
 
-    group = RENDERING
-
-    def __init__(self, field: TetField, device, size: int, view_count: int, repeats: int):
-        self.field, self.device, self.repeats = field, device, repeats
+    def __init__(self, field: TetField, device, size: int, view_count: int):
+        self.field, self.device = field, device
         self.cameras = views(field, view_count, size)
 
     @cached_property

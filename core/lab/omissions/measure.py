@@ -10,13 +10,12 @@ from ...field import ModelFileError, TetField
 from ..effort import Effort
 from .files import file_rows
 from .frames import Frames, frame_switches
-from .rows import DYNAMICS, FILE, RENDERING, START, Omission, not_measured
+from .rows import DYNAMICS, FILE, RENDERING, START, Bench, Omission, not_measured
 from .starts import import_rows, kernel_row
-from .steps import Steps, step_switches
+from .steps import change, step_switches
 
 # Failures of the machine, such as a full disk or a deleted file.
 FAILURES = OSError, RuntimeError, subprocess.SubprocessError, ModelFileError
-UNITS = {RENDERING: "ms", DYNAMICS: "ms", FILE: "MB", START: "s"}
 FOLDERS = re.compile(  # of absolute paths, in quotes or not
     r"""(?<=['"])(?:[A-Za-z]:)?[/\\][^'"]*[/\\]|(?<!\S)(?:[A-Za-z]:)?[/\\]\S*[/\\]"""
 )
@@ -36,7 +35,7 @@ class Part(NamedTuple):
             return self.measure()
         except FAILURES as error:
             why = f"Measuring it failed: {_reason(error)}."
-            return [not_measured(self.title, self.group, why, None, UNITS[self.group])]
+            return [not_measured(self.title, self.group, why, left_out=None)]
 
 
 def parts(field: TetField, model_path, device: str, effort: Effort) -> list[Part]:
@@ -46,14 +45,15 @@ def parts(field: TetField, model_path, device: str, effort: Effort) -> list[Part
         field: The field of the file at `model_path`.
         device: "cpu" or "cuda:0".
     """
-    frames = Frames(field, device, effort.frame_size, effort.view_count, effort.frame_turns)
-    steps = Steps(field, device, effort.step_turns)
+    frames = Frames(field, device, effort.frame_size, effort.view_count)
+    rendering = Bench(RENDERING, device, effort.frame_turns, frames.change)
+    dynamics = Bench(DYNAMICS, device, effort.step_turns, change)
     path = Path(model_path).absolute()  # so that FOLDERS removes folders from errors
     switched = [
         Part(f"{bench.group}: {switch.name}", bench.group, seconds, _one(switch, bench))
         for bench, switches, seconds in (
-            (frames, frame_switches(frames), 6.0),
-            (steps, step_switches(steps), 1.2),
+            (rendering, frame_switches(frames), 6.0),
+            (dynamics, step_switches(field, device), 1.2),
         )
         for switch in switches
     ]

@@ -1,26 +1,25 @@
 """Rows of the report on omissions: each omitted part is measured by switching it on.
 
 Runs with and without it take turns, and the saving is the difference from turn to turn
-(stopwatch.compared).  A saving counts as measured only if its spread excludes 0 and, after
+(stopwatch.in_turns).  A saving counts as measured only if its spread excludes 0 and, after
 few turns, the ranges with and without do not overlap.  The change is the difference of the
 results; "none, bit by bit" means that they were compared and are equal.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from ..rendering import image_error
-from ..stopwatch import Timing, compared, timing_of
+from ..stopwatch import Timing, compared
 
-RENDERING, DYNAMICS, FILE, START = GROUPS = ("rendering", "dynamics", "file", "start")
+RENDERING, DYNAMICS, FILE, START = "rendering", "dynamics", "file", "start"
+UNITS = {RENDERING: "ms", DYNAMICS: "ms", FILE: "MB", START: "s"}  # of each group, as a rule
 SAVES, NOTHING, COSTS, NOT_MEASURED = "saves", "nothing measurable", "costs", "not measured"
 NONE = "none, bit by bit"
 ENOUGH_TURNS = 5  # fewer have one sign by chance too often: 3 in one of 4 cases
-
-Compared = tuple[Timing, Timing, Timing]  # with it, without it, and the difference
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class Omission:
     """
 
     name: Annotated[str, "what"]
-    group: str  # one of GROUPS
+    group: str  # one of UNITS
     left_out: Annotated[bool | None, "left out"]
     unit: Annotated[str, "unit"]  # "ms" a frame, "MB", or "s"
     with_it: Annotated[Timing | None, "with it"]
@@ -50,6 +49,15 @@ class Omission:
         return Timing(saving.median / whole, saving.low / whole, saving.high / whole, saving.count)
 
 
+class Bench(NamedTuple):
+    """Where rows of a group are measured."""
+
+    group: str
+    device: str
+    turns: int
+    change: Callable[..., str]  # compares what a Switch makes, in words
+
+
 @dataclass(frozen=True)
 class Switch:
     """A row to be measured: how to run with the part and without it."""
@@ -59,26 +67,28 @@ class Switch:
     without: Callable
     why: str  # the reason to omit or to keep it
     left_out: bool = True
-    change: Callable | None = None  # compares both results; None: bench.change
+    change: Callable | None = None  # compares both results; None: that of the bench
     missing: str = ""  # the reason, if it can't be measured here
 
-    def measured(self, bench) -> Omission:
-        """The measured row; a bench has `group`, `device`, `repeats` and `change`."""
+    def measured(self, bench: Bench) -> Omission:
+        """The measured row."""
         if self.missing:
             return not_measured(self.name, bench.group, self.missing, left_out=False)
         with_it, without = self.with_it(), self.without()
-        times = compared(with_it.turn, without.turn, bench.device, bench.repeats)
+        times = compared(with_it.turn, without.turn, bench.device, bench.turns)
         change = (self.change or bench.change)(with_it, without)
         return omission(self.name, bench.group, times, change, self.why, self.left_out)
 
 
-def omission(name, group, compared: Compared, change, why, left_out=True, unit="ms") -> Omission:
-    """A measured row."""
-    return Omission(name, group, left_out, unit, *compared, change, verdict(*compared), why)
+def omission(name, group, turns, change, why, left_out=True, unit=None) -> Omission:
+    """A measured row, of what stopwatch.in_turns returned."""
+    unit = unit or UNITS[group]
+    return Omission(name, group, left_out, unit, *turns, change, verdict(*turns), why)
 
 
-def not_measured(name, group, why, left_out=True, unit="ms") -> Omission:
+def not_measured(name, group, why, left_out=True, unit=None) -> Omission:
     """A row without numbers, with the reason."""
+    unit = unit or UNITS[group]
     return Omission(name, group, left_out, unit, None, None, None, "", NOT_MEASURED, why)
 
 
@@ -93,12 +103,6 @@ def verdict(with_it: Timing, without: Timing, saving: Timing) -> str:
     if saving.high < 0.0:
         return NOTHING if few and without.low <= with_it.high else COSTS
     return NOTHING
-
-
-def compared_in_turns(with_it, without) -> Compared:
-    """Timings of n turns with, without, and of the difference.  [n], [n]"""
-    with_it, without = np.asarray(with_it), np.asarray(without)
-    return timing_of(with_it), timing_of(without), timing_of(with_it - without)
 
 
 def image_change(with_it, without) -> str:

@@ -12,7 +12,8 @@ import subprocess
 import sys
 import tempfile
 
-from .rows import NONE, START, Omission, compared_in_turns, not_measured, omission
+from ..stopwatch import in_turns
+from .rows import NONE, START, Omission, not_measured, omission
 
 VIEW_SIZE = 64  # pixels
 WARM_UP = 1  # turns
@@ -105,7 +106,7 @@ def rows_of(name, runs) -> list[Omission]:
             unknown = "This system doesn't say how much memory a process had at most."
             rows.append(not_measured(title, START, unknown, left_out, unit))
         else:
-            turns = compared_in_turns(with_it, without)
+            turns = in_turns(with_it, without)
             rows.append(omission(title, START, turns, change, why, left_out, unit))
     return rows
 
@@ -121,10 +122,9 @@ def kernel_row(device, turns: int) -> Omission:
     return omission(
         f"kernels of {other} ({module.rpartition('.')[2]}), at the first start",
         START,
-        compared_in_turns(seconds, [0.0] * turns),
+        in_turns(seconds, [0.0] * turns),
         "nothing that is shown: no image is made with them",
         f"Only {other} runs them; users of this device do not wait for them to compile.",
-        unit="s",
     )
 
 

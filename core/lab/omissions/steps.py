@@ -10,6 +10,7 @@ Shapes: V vertices.
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from ...deform import (
 )
 from ...field import TetField
 from ...geometry import components
-from .rows import DYNAMICS, Switch, pose_change
+from .rows import Switch, pose_change
 
 GRAB_RADIUS = 0.08  # object sizes, the viewer's
 SWING = 0.1  # object sizes, to each side
@@ -77,32 +78,22 @@ class Drag:
         self.solver.step(TIME_STEP)
 
 
-class Steps:
-    """A bench for steps of two solvers on one field."""
-
-    group = DYNAMICS
-
-    def __init__(self, field: TetField, device, repeats: int):
-        self.field, self.device, self.repeats = field, device, repeats
-
-    def drag(self, **settings) -> Drag:
-        """A solver with other settings; see Drag."""
-        return Drag(self.field, self.device, **settings)
-
-    def change(self, with_it: Drag, without: Drag) -> str:
-        """The difference of their poses, in words."""
-        return pose_change(with_it.vertices, without.vertices, with_it.solver.object_size)
-
-    def change_at_rest(self, with_it: Drag, without: Drag) -> str:
-        """The difference of their poses after the handles were held still, in words."""
-        with_it.hold()
-        without.hold()
-        return self.change(with_it, without)
+def change(with_it: Drag, without: Drag) -> str:
+    """The difference of their poses, in words."""
+    return pose_change(with_it.vertices, without.vertices, with_it.solver.object_size)
 
 
-def step_switches(steps: Steps) -> list[Switch]:
+def change_at_rest(with_it: Drag, without: Drag) -> str:
+    """The difference of their poses after the handles were held still, in words."""
+    with_it.hold()
+    without.hold()
+    return change(with_it, without)
+
+
+def step_switches(field: TetField, device) -> list[Switch]:
     """The switches to measure."""
-    mesh, usual = steps.field.mesh, Material()
+    drag = partial(Drag, field, device)
+    mesh, usual = field.mesh, Material()
     quarter = Material(poisson_ratio=LOWEST_POISSON_RATIO)
     lowest = float(mesh.rest_vertices[:, 2].min())
     around = XpbdOptions(gravity=(0.0, 0.0, -EARTH), ground=lowest)
@@ -111,42 +102,42 @@ def step_switches(steps: Steps) -> list[Switch]:
     aside = 100.0 * (parts[mesh.tets[:, 0]] != largest).mean()
 
     def with_volumes(material, compliance):
-        drag = steps.drag(material=material)
-        edges = drag.solver.edges.compliances(material.shear_modulus)
-        drag.solver.set_compliances(edges, compliance)
-        return drag
+        dragged = drag(material=material)
+        edges = dragged.solver.edges.compliances(material.shear_modulus)
+        dragged.solver.set_compliances(edges, compliance)
+        return dragged
 
-    def with_options(drag, **options):
-        drag.solver.set_options(replace(drag.solver.options, **options))
-        return drag
+    def with_options(dragged, **options):
+        dragged.solver.set_options(replace(dragged.solver.options, **options))
+        return dragged
 
     def resting():
-        drag = steps.drag()
-        drag.handles = drag.handles[:0]
-        drag.solver.release()
-        drag.solver.reset()
-        return drag
+        dragged = drag()
+        dragged.handles = dragged.handles[:0]
+        dragged.solver.release()
+        dragged.solver.reset()
+        return dragged
 
     return [
         Switch(
             "volume constraints at a Poisson's ratio of 1/4",
             lambda: with_volumes(quarter, NO_STIFFNESS),
-            lambda: steps.drag(material=quarter),
+            lambda: drag(material=quarter),
             "Edges alone represent that ratio, so volumes have nothing to add.",
         ),
         Switch(
             f"volume constraints at a Poisson's ratio of {usual.poisson_ratio}",
-            lambda: steps.drag(material=usual),
+            lambda: drag(material=usual),
             lambda: with_volumes(usual, None),
             "They are kept: at the default ratio they are a part of the material, and without them"
             " the object comes to rest in another pose.",
             left_out=False,
-            change=steps.change_at_rest,
+            change=change_at_rest,
         ),
         Switch(
             f"components without a handle ({count - 1} of {count})",
-            lambda: with_options(steps.drag()),  # any change of options wakes every part
-            steps.drag,
+            lambda: with_options(drag()),  # any change of options wakes every part
+            drag,
             f"Nothing moves them. They have {aside:.1f} % of the tets; the solver looks for them"
             " once a grab, not in a frame.",
             missing="" if count > 1 else "The object is one component: there is none to leave out.",
@@ -159,18 +150,18 @@ def step_switches(steps: Steps) -> list[Switch]:
         ),
         Switch(
             "gravity and a ground",
-            lambda: steps.drag(options=around),
-            steps.drag,
+            lambda: drag(options=around),
+            drag,
             "The object is photographed as it stands, and gravity would bend it once more. It is"
             " off until the user asks for it.",
-            change=steps.change_at_rest,
+            change=change_at_rest,
         ),
         Switch(
             "springs that pull the handles",
-            lambda: steps.drag(soft=True),
-            steps.drag,
+            lambda: drag(soft=True),
+            drag,
             "An exact grab is where the mouse is, and springs lag behind it. There are only as"
             " many springs as handles; users may ask for them.",
-            change=steps.change_at_rest,
+            change=change_at_rest,
         ),
     ]

@@ -24,7 +24,7 @@ from PIL import Image
 from ...field import TetField
 from ...render import Renderer, RenderOptions
 from .. import rule
-from ..stopwatch import WARM_UP, Share, Timing, held_back, milliseconds, share_of, timing_of
+from ..stopwatch import WARM_UP, Share, Timing, held_back, milliseconds, timing_of
 from . import pictures
 from .pictures import Photographs, differences
 
@@ -192,7 +192,7 @@ class RenderingStudy:
                 largest_anywhere=None if setting.options.conformance else anywhere,
                 photo_psnr=photo_psnr,
                 frame=timing_of(times[number]),
-                relative=share_of(shares[number]),
+                relative=timing_of(100.0 * shares[number], Share),
                 samples=samples,
                 front=False,
                 candidate=setting.candidate,
