@@ -1,8 +1,7 @@
 #version 330
 uniform sampler2D image;
-in vec2 uv;
 out vec4 color;
 
 void main() {
-    color = vec4(texture(image, uv).rgb, 1);
+    color = vec4(texelFetch(image, ivec2(gl_FragCoord.xy), 0).rgb, 1);
 }

@@ -31,8 +31,8 @@ def draw(scene, context, objects=True):
     """The picture with or without the field behind the spheres; and the depth image."""
     camera = orbits.camera(scene.orbit, *SIZE)
     clip_range = orbits.clip_range(scene.orbit)
-    layer = RadianceLayer(context, scene, Renderer(scene.field), "copy")
-    layer.update(camera, FrameTimes(), whole=True)
+    layer = RadianceLayer(context, scene, Renderer(scene.field), "copy", FrameTimes())
+    layer.update(camera, whole=True)
     canvas = Canvas(context)
     canvas.use(SIZE)
     context.clear(0, 0, 0, 1, depth=1.0)

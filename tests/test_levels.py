@@ -7,7 +7,7 @@ from deformrf.core.field import below_pixel, level_edges, modelfile, narrowest_p
 from deformrf.core.geometry import EDGES, a15_grid, path_corners
 from deformrf.core.paths import DEFAULT_MODEL
 from deformrf.core.render import modes
-from deformrf.viewer.resolution import levels_shown
+from deformrf.viewer.resolution import Rung
 
 
 @pytest.fixture(scope="module")
@@ -56,5 +56,6 @@ def test_training_viewer_and_view_mode_agree_which_levels_are_finer_than_a_pixel
             camera = vertices[top] + (0.0, 0.0, 500.0 * pixel)
             width = narrowest_pixel([camera], 500.0, vertices)
             assert min(below_pixel(edges, width).sum(), count - 1) == finer
-            assert levels_shown(edges, pixel, most_spared=count) == count - finer
+            shown = Rung(1.0, spared_levels=count).savings(edges, pixel).get("level_count", count)
+            assert shown == count - finer
             assert modes.levels_reference(pixel * 500.0, edges, 500.0) == count - finer - 1

@@ -23,7 +23,9 @@ class Stage:
         self.scene = Scene(field, "ball", "cpu")
         self.renderer = Renderer(field)
         self.now = 0.0
-        self.layer = RadianceLayer(context, self.scene, self.renderer, "copy", lambda: self.now)
+        self.times = FrameTimes()
+        parts = self.scene, self.renderer, "copy", self.times
+        self.layer = RadianceLayer(context, *parts, lambda: self.now)
         self.canvas = Canvas(context)
 
     @property
@@ -32,7 +34,7 @@ class Stage:
 
     def frame(self, whole=False, passing=0.01):
         self.now += passing
-        self.layer.update(self.camera, FrameTimes(), whole)
+        self.layer.update(self.camera, whole)
         self.canvas.use(SIZE)
         self.layer.draw(self.camera, orbits.clip_range(self.scene.orbit))
         return self.canvas.read()
@@ -138,7 +140,7 @@ def test_a_fixed_resolution_is_kept(stage):
 def test_another_size_of_the_window_is_another_image(stage):
     stage.frame(whole=True)
     camera = orbits.camera(stage.scene.orbit, 90, 70)
-    stage.layer.update(camera, FrameTimes(), whole=True)
+    stage.layer.update(camera, whole=True)
     assert stage.layer.depth_image().shape == (70, 90)
 
 
@@ -191,7 +193,7 @@ def test_a_window_of_one_pixel_has_room_for_its_image(stage):
     camera = orbits.camera(stage.scene.orbit, 1, 1)
     for _ in range(40):
         stage.now += 0.3
-        stage.layer.update(camera, FrameTimes())
+        stage.layer.update(camera)
     assert stage.layer.sample_count > 1
 
 
@@ -267,11 +269,11 @@ def test_the_target_frame_rate_is_the_settings_less_what_else_takes_time(stage):
 
 
 def test_stages_of_rendering_are_measured_only_if_asked_for(stage):
-    times = FrameTimes()
-    stage.layer.update(stage.camera, times, True)
+    times = stage.times
+    stage.layer.update(stage.camera, True)
     assert times.rendering == {}
     stage.scene.settings.time_rendering = True
     stage.scene.settings.background = (0.0, 0.0, 0.0)
-    stage.layer.update(stage.camera, times, True)
+    stage.layer.update(stage.camera, True)
     assert len(times.rendering) >= 3
     assert all(seconds > 0 for seconds in times.rendering.values())

@@ -1,11 +1,12 @@
 """Resolution follows the frame time, settles, and refining covers every row once."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from deformrf.viewer.refinement import Strips, finer, size_at
+from deformrf.viewer.refinement import STRIP_SECONDS, Picture, finer, size_at
 from deformrf.viewer.resolution import (
     CPU_LADDER,
     FACTORS,
@@ -13,9 +14,8 @@ from deformrf.viewer.resolution import (
     RECOGNIZABLE,
     TOO_SLOW,
     MovingResolution,
-    levels_shown,
+    Rung,
     render_budget,
-    savings,
 )
 
 EDGES = 0.1 / 2.0 ** np.arange(6)  # of six levels
@@ -100,13 +100,14 @@ def test_noise_does_not_make_it_flicker():
     ],
 )
 def test_only_levels_finer_than_a_pixel_are_spared(pixel, spared, levels):
-    assert levels_shown(EDGES, pixel, spared) == levels
+    rung = Rung(1.0, spared_levels=spared)
+    assert rung.savings(EDGES, pixel).get("level_count", len(EDGES)) == levels
 
 
 def test_a_rung_saves_on_what_it_names_and_on_nothing_else():
-    assert savings(CPU_LADDER[0], EDGES, 9.0) == {}
-    assert savings(CPU_LADDER[-1], EDGES, 9.0) == {"step_factor": 2.0, "level_count": 5}
-    assert savings(CPU_LADDER[-1], EDGES, 0.001) == {"step_factor": 2.0}
+    assert CPU_LADDER[0].savings(EDGES, 9.0) == {}
+    assert CPU_LADDER[-1].savings(EDGES, 9.0) == {"step_factor": 2.0, "level_count": 5}
+    assert CPU_LADDER[-1].savings(EDGES, 0.001) == {"step_factor": 2.0}
 
 
 def test_what_else_takes_time_is_taken_from_rendering_but_not_all_of_it():
@@ -115,21 +116,28 @@ def test_what_else_takes_time_is_taken_from_rendering_but_not_all_of_it():
     assert render_budget(10, 0.5) == pytest.approx(0.04)
 
 
+def image(row_count):
+    return SimpleNamespace(color=np.zeros((row_count, 8)))
+
+
 def test_strips_cover_every_row_once():
-    strips = Strips(100, budget_seconds=0.02)
+    picture = Picture(100)
     rows = []
-    while not strips.done:
-        first, last = strips.following()
+    while not picture.done:
+        first, last = picture.strip()
         rows += range(first, last)
-        strips.rendered((first, last), seconds=0.001 * (last - first))
+        picture.add(image(last - first), seconds=0.05 * STRIP_SECONDS * (last - first))
     assert rows == list(range(100))
+    assert len(picture.images) > 4
 
 
 def test_strips_keep_to_their_budget():
-    strips = Strips(1000, budget_seconds=0.02)
-    strips.rendered(strips.following(), 0.004)
-    first, last = strips.following()
-    assert (last - first) * 0.001 == pytest.approx(0.02)
+    picture = Picture(1000)
+    first, last = picture.strip()
+    picture.add(image(last - first), 0.2 * STRIP_SECONDS)
+    seconds_per_row = 0.2 * STRIP_SECONDS / (last - first)
+    first, last = picture.strip()
+    assert (last - first) * seconds_per_row == pytest.approx(STRIP_SECONDS)
 
 
 def test_no_size_is_empty():

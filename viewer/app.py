@@ -71,7 +71,7 @@ class App:
                 while not preparing.done():
                     self._show_progress(f"preparing {name}")
                 scene, renderer = preparing.result()
-        self.radiance = RadianceLayer(self.ctx, scene, renderer, path)
+        self.radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
         self.handles = HandleLayer(self.ctx, scene)
         self.controls = Controls(scene, self.radiance.depth_image, self.log)
         self.scene = scene
@@ -138,7 +138,7 @@ class App:
         if self.radiance.settled:
             time.sleep(POLL_SECONDS)
         else:
-            self.radiance.update(self.controls.camera, self.times)
+            self.radiance.update(self.controls.camera)
         self.times.rest()
         return self.radiance.sample_count != before
 
@@ -180,7 +180,7 @@ class App:
         with times.part("simulate"):
             scene.advance(seconds)
         camera, clip_range = controls.camera, orbits.clip_range(scene.orbit)
-        self.radiance.update(camera, times, whole or self._wants_transparent)
+        self.radiance.update(camera, whole or self._wants_transparent)
         with times.part("draw"):
             self.canvas.use(size)
             self.radiance.draw(camera, clip_range)

@@ -6,17 +6,17 @@ import numpy as np
 from ..core.paths import SHADERS
 
 
-def program(ctx: moderngl.Context, name: str) -> moderngl.Program:
-    """The program of shaders/<name>.vert.glsl and shaders/<name>.frag.glsl."""
+def program(ctx: moderngl.Context, name: str, vertex: str = "") -> moderngl.Program:
+    """The program of shaders/<vertex or name>.vert.glsl and shaders/<name>.frag.glsl."""
     return ctx.program(
-        vertex_shader=(SHADERS / f"{name}.vert.glsl").read_text(),
+        vertex_shader=(SHADERS / f"{vertex or name}.vert.glsl").read_text(),
         fragment_shader=(SHADERS / f"{name}.frag.glsl").read_text(),
     )
 
 
 def full_screen(ctx: moderngl.Context, name: str) -> moderngl.VertexArray:
-    """A triangle over the whole image; its three corners are made in the vertex shader."""
-    vertex_array = ctx.vertex_array(program(ctx, name), [])
+    """A triangle over the whole image, drawn with shaders/<name>.frag.glsl."""
+    vertex_array = ctx.vertex_array(program(ctx, name, "full_screen"), [])
     vertex_array.vertices = 3
     return vertex_array
 
@@ -51,12 +51,15 @@ class Canvas:
 
     def use(self, size: tuple[int, int]) -> None:
         """Draw into it from now on, with that many pixels."""
-        if self._framebuffer is None or self._framebuffer.size != size:
-            self.release()
+        old = self._framebuffer
+        if old is None or old.size != size:
             color = self._ctx.texture(size, 4)
             color.filter = moderngl.NEAREST, moderngl.NEAREST
             depth = self._ctx.depth_renderbuffer(size)
             self._framebuffer = self._ctx.framebuffer([color], depth)
+            if old is not None:
+                for part in (*old.color_attachments, old.depth_attachment, old):
+                    part.release()
         self._framebuffer.use()
 
     def read(self):
@@ -74,11 +77,3 @@ class Canvas:
         self._framebuffer.color_attachments[0].use(0)
         self._blit.program["image"].value = 0
         self._blit.render(moderngl.TRIANGLES)
-
-    def release(self) -> None:
-        if self._framebuffer is None:
-            return
-        self._framebuffer.color_attachments[0].release()
-        self._framebuffer.depth_attachment.release()
-        self._framebuffer.release()
-        self._framebuffer = None

@@ -7,7 +7,6 @@ The depth is that of the unshifted image: other things in the scene hide behind 
 """
 
 import time
-from functools import partial
 
 import moderngl
 import numpy as np
@@ -16,8 +15,8 @@ import warp as wp
 from ..core.field import level_edges
 from ..core.render import RenderOptions, render_mode
 from . import gl
-from .refinement import SAMPLE_COUNT, Picture, Sampling, Strips, finer, size_at
-from .resolution import CPU_LADDER, LADDER, MovingResolution, render_budget, savings
+from .refinement import SAMPLE_COUNT, Picture, Sampling, finer, size_at
+from .resolution import CPU_LADDER, LADDER, MovingResolution, render_budget
 from .upload import ImageTexture
 
 REST_SECONDS = 0.15  # without a change, before refining begins
@@ -29,16 +28,17 @@ AVERAGED_MODES = ("color", "accumulation")
 class RadianceLayer:
     """Draws what a Renderer of core/render renders of a scene."""
 
-    def __init__(self, ctx, scene, renderer, path: str, clock=time.perf_counter):
-        """Take a Scene, a renderer of its field, and how frames reach OpenGL (upload.py)."""
+    def __init__(self, ctx, scene, renderer, path: str, times, clock=time.perf_counter):
+        """Take a Scene, a renderer of its field, how frames reach OpenGL, and FrameTimes."""
         self.render_count = 0  # of images that were rendered at once, not in strips
         self.path, self.device = path, renderer.device
-        self._ctx, self._scene, self._renderer, self._clock = ctx, scene, renderer, clock
+        self._ctx, self._scene, self._renderer = ctx, scene, renderer
+        self._times, self._clock = times, clock
         self._triangle = gl.full_screen(ctx, "image")
         self._moving = MovingResolution(0.1, CPU_LADDER if self.device.is_cpu else LADDER)
         field = renderer.field
         self._level_edges = level_edges(field.mesh, field.layout.level_count)
-        self.shown = Picture(None, 1.0, Strips(0))  # the last whole picture
+        self.shown = Picture(0)  # the last whole picture
         self._coming: Picture | None = None  # a finer one, as far as it is
         self._spare: ImageTexture | None = None  # for the next finer one
         self._sampling: Sampling | None = None  # once shifted images are rendered
@@ -80,7 +80,7 @@ class RadianceLayer:
     @property
     def _progress(self):
         """The finished share of the coming picture."""
-        return self._coming.strips.next_row / self._coming.strips.height if self._coming else 0.0
+        return self._coming.next_row / self._coming.height if self._coming else 0.0
 
     def depth_image(self):
         """The depths [h, w] of the last whole picture, at its own resolution; None before it."""
@@ -96,12 +96,11 @@ class RadianceLayer:
 
     # -- rendering -----------------------------------------------------------------------
 
-    def update(self, camera, times, whole=False) -> None:
+    def update(self, camera, whole=False) -> None:
         """Render what has changed since the last call.
 
         Args:
             camera: The camera at full resolution.
-            times: FrameTimes.
             whole: Render all pixels at once, however long it takes, but each only once.
         """
         scene, settings = self._scene, self._scene.settings
@@ -116,96 +115,88 @@ class RadianceLayer:
         if seen != self._seen:
             self._seen, self._changed_at = seen, now
             if scene.revision != self._pose:
-                with times.part("render"):
+                with self._times.part("render"):
                     self._renderer.set_vertices(scene.solver.vertices)
                 self._pose = scene.revision
             if whole or fixed is not None:
-                self._render_at(1.0 if whole else fixed, camera, times)
+                self._render_at(1.0 if whole else fixed, camera)
             else:
-                self._render_moving(camera, times)
+                self._render_moving(camera)
         elif whole and self.refined < 1.0:
-            self._render_at(1.0, camera, times)
+            self._render_at(1.0, camera)
         elif whole or now - self._changed_at < REST_SECONDS:
             pass  # it may go on moving
         elif self.refined < 1.0:
-            self._refine(camera, times)
+            self._refine(camera)
         elif not self.settled:
-            self._sample(camera, times)
+            self._sample(camera)
         if self._renderer.stage.seconds:
-            times.rendering = self._renderer.stage.seconds
+            self._times.rendering = self._renderer.stage.seconds
 
-    def _render_moving(self, camera, times):
+    def _render_moving(self, camera):
         """Render at once, as well as the target frame rate allows."""
         scene, moving, rung = self._scene, self._moving, self._moving.rung
         # On CUDA, flip is the wait for the screen, and costs rendering nothing.
         others = (*OTHER_PARTS, "flip") if self.device.is_cpu else OTHER_PARTS
-        moving.target_seconds = render_budget(scene.settings.target_fps, times.recent(others))
+        moving.target_seconds = render_budget(scene.settings.target_fps, self._times.recent(others))
         pixel = scene.orbit.distance / (camera.focal * rung.factor)
         start = time.perf_counter()
-        self._render_at(rung.factor, camera, times, savings(rung, self._level_edges, pixel))
+        self._render_at(rung.factor, camera, rung.savings(self._level_edges, pixel))
         moving.measured(time.perf_counter() - start)
 
-    def _render_at(self, factor, camera, times, cheaper=None):
+    def _render_at(self, factor, camera, cheaper=None):
         """Render a whole picture."""
-        size = size_at(factor, camera.width, camera.height)
-        texture = self._texture(self.shown.texture, size)
-        picture = Picture(texture, factor, Strips(size[1]), cheaper or {})
-        self._add_rows(picture, (0, size[1]), camera, times)
+        picture = self._picture(factor, camera, self.shown.texture, cheaper)
+        self._add_rows(picture, (0, picture.height), camera)
         self.shown, self._coming, self._sampling, self._host_depth = picture, None, None, None
         self.render_count += 1
 
-    def _refine(self, camera, times):
+    def _refine(self, camera):
         """Render the next strip of a finer picture; a whole one takes the shown one's place."""
         if self._coming is None:
-            factor = finer(self.factor)
-            size = size_at(factor, camera.width, camera.height)
-            self._spare = self._texture(self._spare, size)
-            self._coming = Picture(self._spare, factor, Strips(size[1]))
-        coming = self._coming
-        self._add_rows(coming, coming.strips.following(), camera, times)
-        if coming.strips.done:
+            self._coming = self._picture(finer(self.factor), camera, self._spare)
+            self._spare = self._coming.texture
+        self._add_strip(self._coming, camera)
+        if self._coming.done:
             self._spare = self.shown.texture
-            self.shown, self._coming, self._host_depth = coming, None, None
+            self.shown, self._coming, self._host_depth = self._coming, None, None
 
-    def _sample(self, camera, times):
+    def _sample(self, camera):
         """Render the next strip of a shifted image; a whole one joins the mean."""
-        camera = camera.resized(*self.shown.texture.size)  # at least 8 × 8, unlike the window
         if self._sampling is None:
             self._sampling = Sampling(self.shown, self.device)
-        if self._sampling.step(camera, partial(self._next_rows, times=times)):
-            with times.part("upload"):
+        camera = camera.resized(*self.shown.texture.size)  # at least 8 × 8, unlike the window
+        if self._sampling.step(camera, self._add_strip):
+            with self._times.part("upload"):
                 self.shown.texture.write_color(self._sampling.color)
 
-    def _add_rows(self, picture, rows, camera, times):
-        """Render rows of a picture and put them into its texture."""
-        camera = camera.resized(*picture.texture.size)
-        image = self._render(picture.strips, rows, camera, times, picture.cheaper)
-        with times.part("upload"):
-            picture.texture.write(image, rows[0])
-        picture.images.append(image)
+    def _picture(self, factor, camera, texture, cheaper=None):
+        """A picture without rows yet, in this texture if it fits."""
+        size = size_at(factor, camera.width, camera.height)
+        if texture is not None and texture.size != size:
+            texture.release()
+            texture = None
+        texture = texture or ImageTexture(self._ctx, size, self.device, self.path)
+        return Picture(size[1], factor, texture, cheaper or {})
 
-    def _next_rows(self, strips, camera, times):
-        rows = strips.following()
-        return rows[0], self._render(strips, rows, camera, times, {})
+    def _add_strip(self, picture, camera):
+        self._add_rows(picture, picture.strip(), camera)
 
-    def _render(self, strips, rows, camera, times, cheaper):
+    def _add_rows(self, picture, rows, camera):
+        """Render rows of a picture and put them into its texture, if it has one."""
         scene, start = self._scene, time.perf_counter()
-        options = RenderOptions(background=tuple(scene.settings.background), **cheaper)
-        with times.part("render"):
+        options = RenderOptions(background=tuple(scene.settings.background), **picture.cheaper)
+        if picture.texture is not None:
+            camera = camera.resized(*picture.texture.size)
+        with self._times.part("render"):
             image = render_mode(
                 self._renderer, camera, scene.settings.mode, options, rows, scene.depth_range
             )
             wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
-        strips.rendered(rows, time.perf_counter() - start)
-        return image
-
-    def _texture(self, old, size):
-        """A texture of that size; the old one if it fits."""
-        if old is not None and old.size == size:
-            return old
-        if old is not None:
-            old.release()
-        return ImageTexture(self._ctx, size, self.device, self.path)
+        picture.add(image, time.perf_counter() - start)
+        if picture.texture is not None:
+            with self._times.part("upload"):
+                picture.texture.write(image, rows[0])
 
     # -- OpenGL --------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Images in strips of rows, so that the window answers while they are rendered.
+"""Pictures in strips of rows, so that the window answers while they are rendered.
 
 At rest the full resolution comes strip by strip, and then images shifted by parts of a pixel,
 of which the mean is shown.
@@ -25,11 +25,14 @@ def size_at(factor: float, width: int, height: int) -> tuple[int, int]:
 
 
 @dataclass
-class Strips:
-    """Cuts an image of `height` rows into strips that each take about `budget_seconds`."""
+class Picture:
+    """An image of the field, perhaps not all of its rows yet."""
 
     height: int
-    budget_seconds: float = STRIP_SECONDS
+    factor: float = 1.0  # its size relative to the window's
+    texture: ImageTexture | None = None  # that its rows are put into
+    cheaper: dict = field(default_factory=dict)  # what it saves on, for RenderOptions
+    images: list = field(default_factory=list)  # the renderer's, from top to bottom
     next_row: int = 0
     seconds_per_row: float | None = None
 
@@ -37,28 +40,19 @@ class Strips:
     def done(self) -> bool:
         return self.next_row >= self.height
 
-    def following(self) -> tuple[int, int]:
-        """The next strip: its first row and the row after its last."""
+    def strip(self) -> tuple[int, int]:
+        """The next rows that take about STRIP_SECONDS: the first, and the one after the last."""
         rows = SMALLEST_STRIP
         if self.seconds_per_row is not None:
-            rows = max(rows, int(self.budget_seconds / max(self.seconds_per_row, 1e-9)))
+            rows = max(rows, int(STRIP_SECONDS / max(self.seconds_per_row, 1e-9)))
         return self.next_row, min(self.next_row + rows, self.height)
 
-    def rendered(self, rows: tuple[int, int], seconds: float) -> None:
-        """Take account of a strip that is finished."""
-        self.next_row = rows[1]
-        self.seconds_per_row = seconds / (rows[1] - rows[0])
-
-
-@dataclass
-class Picture:
-    """An image of the field in a texture, perhaps not all of its rows yet."""
-
-    texture: ImageTexture | None
-    factor: float  # its size relative to the window's
-    strips: Strips
-    cheaper: dict = field(default_factory=dict)  # what it saves on, for RenderOptions
-    images: list = field(default_factory=list)  # the renderer's, from top to bottom
+    def add(self, image, seconds: float) -> None:
+        """Take the rows that follow, an Image of core/render, and how long they took."""
+        rows = image.color.shape[0]
+        self.images.append(image)
+        self.next_row += rows
+        self.seconds_per_row = seconds / rows
 
 
 class Sampling:
@@ -66,29 +60,31 @@ class Sampling:
 
     def __init__(self, picture: Picture, device):
         """Begin with a whole picture at the full resolution."""
-        self.count = 1  # whole images in the mean
+        self.count = 0  # whole images in the mean
         self.color = None  # the mean, if it is of several images.  [H, W] vec4ub
         self._mean = RunningMean(*picture.texture.size, device)
-        self._strips = picture.strips  # of the image that is being rendered, or the last one
-        row = 0
-        for image in picture.images:
-            self._mean.add(image, row)
-            row += image.color.shape[0]
+        self._picture = picture  # that is being rendered, or the last one
+        self._add_images()
 
-    def step(self, camera, render_rows) -> bool:
+    def step(self, camera, render) -> bool:
         """Render a strip; whether an image is complete and `color` new.
 
         Args:
-            render_rows: Called with Strips and a camera; renders the strip that follows, and
-                returns its first row and its Image.
+            render: Called with a Picture and a camera; renders the strip that follows.
         """
-        if self._strips.done:
-            seconds_per_row = self._strips.seconds_per_row
-            self._strips = Strips(camera.height, seconds_per_row=seconds_per_row)
-        first_row, image = render_rows(self._strips, shifted(camera, self.count))
-        self._mean.add(image, first_row)
-        if not self._strips.done:
+        if self._picture.done:
+            seconds_per_row = self._picture.seconds_per_row
+            self._picture = Picture(camera.height, seconds_per_row=seconds_per_row)
+        render(self._picture, shifted(camera, self.count))
+        if not self._picture.done:
             return False
-        self.count += 1
+        self._add_images()
         self.color = self._mean.color(self.count)
         return True
+
+    def _add_images(self):
+        row = 0
+        for image in self._picture.images:
+            self._mean.add(image, row)
+            row += image.color.shape[0]
+        self.count += 1

@@ -76,16 +76,6 @@ class SharedBuffer:
         self._buffer.release()
 
 
-class HostCopy:
-    """The copy through host memory, with a SharedBuffer's methods."""
-
-    def write(self, texture: moderngl.Texture, image, viewport) -> None:
-        texture.write(np.ascontiguousarray(image.numpy()), viewport=viewport)
-
-    def release(self) -> None:
-        pass
-
-
 class ImageTexture:
     """A color and a depth texture of one size, filled by strips of rows."""
 
@@ -97,26 +87,31 @@ class ImageTexture:
         self.depth.filter = moderngl.NEAREST, moderngl.NEAREST  # inf must not be blended
         for texture in (self.color, self.depth):
             texture.repeat_x = texture.repeat_y = False
-        self._color_path = self._depth_path = HostCopy()
+        self._color_buffer = self._depth_buffer = None  # without them, the host copies
         if path == "buffer":
             byte_count = 4 * size[0] * size[1]
-            self._color_path = SharedBuffer(ctx, device, wp.vec4ub, byte_count)
-            self._depth_path = SharedBuffer(ctx, device, wp.float32, byte_count)
+            self._color_buffer = SharedBuffer(ctx, device, wp.vec4ub, byte_count)
+            self._depth_buffer = SharedBuffer(ctx, device, wp.float32, byte_count)
 
     def write_color(self, color, first_row: int = 0) -> None:
         """Put colors [h, w] vec4ub at `first_row`, counted from the top."""
-        self._color_path.write(self.color, color, self._viewport(color, first_row))
+        self._write(self.color, self._color_buffer, color, first_row)
 
     def write(self, image, first_row: int = 0) -> None:
         """Put an Image of core/render at `first_row`, counted from the top."""
         self.write_color(image.color, first_row)
-        self._depth_path.write(self.depth, image.depth, self._viewport(image.depth, first_row))
+        self._write(self.depth, self._depth_buffer, image.depth, first_row)
 
-    def _viewport(self, pixels, first_row):
+    def _write(self, texture, buffer, pixels, first_row):
         height, width = pixels.shape
         assert width == self.size[0] and first_row + height <= self.size[1], pixels.shape
-        return 0, first_row, width, height
+        viewport = 0, first_row, width, height
+        if buffer is None:
+            texture.write(np.ascontiguousarray(pixels.numpy()), viewport=viewport)
+        else:
+            buffer.write(texture, pixels, viewport)
 
     def release(self) -> None:
-        for part in (self._color_path, self._depth_path, self.color, self.depth):
-            part.release()
+        for part in (self._color_buffer, self._depth_buffer, self.color, self.depth):
+            if part is not None:
+                part.release()
