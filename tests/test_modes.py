@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from deformrf.core.field import level_edges
+from deformrf.core.field import below_pixel, level_edges
 from deformrf.core.render import (
     MODES,
     Renderer,
@@ -20,6 +20,60 @@ from deformrf.core.render import (
 RANGE = 1.2, 2.0
 BACKGROUND = (0.2, 0.5, 0.9)
 OPTIONS = RenderOptions(BACKGROUND)
+
+
+def normals_reference(points):
+    """Unit normals towards the eye, from points [H, W, 3] relative to it, NaN where none is.
+
+    Returns:
+        [H, W, 3], NaN where a pixel has no neighbor across, or none down.
+    """
+    points = np.asarray(points, float)
+    t = np.linalg.norm(points, axis=-1)
+    slopes = []
+    for axis in (1, 0):
+        step = np.diff(points, axis=axis)
+        jump = np.abs(np.diff(t, axis=axis))
+        missing = np.full_like(np.take(step, [0], axis), np.nan)
+        before, after = (np.concatenate(pair, axis) for pair in ((missing, step), (step, missing)))
+        missing = missing[..., 0]
+        jump_before = np.concatenate([missing, jump], axis)
+        jump_after = np.concatenate([jump, missing], axis)
+        use_after = np.isnan(jump_before) | (jump_after < jump_before)
+        slopes.append(np.where(use_after[..., None], after, before))
+    n = np.cross(*slopes)
+    length = np.linalg.norm(n, axis=-1, keepdims=True)
+    n = np.divide(n, length, out=np.full_like(n, np.nan), where=length > 0)
+    return np.where((n * points).sum(axis=-1, keepdims=True) > 0, -n, n)
+
+
+def tet_colors_reference(tet):
+    """The colors 64..255 of tet ids [...], from a hash of the id.  [..., 3] uint8"""
+    h = (np.asarray(tet).astype(np.uint64) + 1) * modes.PRIMES[0] & 0xFFFFFFFF
+    h ^= h >> 15
+    h = h * modes.PRIMES[1] & 0xFFFFFFFF
+    h ^= h >> 13
+    return np.stack([64 + (h >> shift & 255) * 3 // 4 for shift in (0, 8, 16)], -1).astype(np.uint8)
+
+
+def levels_reference(t, edges, focal):
+    """The finest level that is not finer than a pixel at distance t, or 0.  [...] int
+
+    Args:
+        t: Distances, inf where nothing is.  [...]
+        edges: `level_edges` of the model.  [L]
+        focal: In pixels.
+    """
+    resolved = ~below_pixel(edges, np.asarray(t, float) / focal)
+    return np.maximum(resolved.sum(axis=-1) - 1, 0)
+
+
+def heat_reference(x):
+    """The colors 0..1 of values [...], 0 dark and 1 (and above) yellow.  [..., 3]"""
+    at = np.linspace(0.0, 1.0, len(modes.HEAT))
+    return np.stack(
+        [np.interp(x, at, column) for column in np.array(modes.HEAT).T / 255.0], axis=-1
+    )
 
 
 @pytest.fixture
@@ -77,7 +131,7 @@ def test_normals_are_those_of_the_depth_image(shown):
     _, directions = camera_rays(shown.view)
     points = np.where(np.isfinite(t)[..., None], t[..., None], np.nan)
     points = points * directions.reshape(*t.shape, 3)
-    normals = modes.normals_reference(points)
+    normals = normals_reference(points)
     color, there = picture(shown("normals"))
     np.testing.assert_array_equal(there, np.isfinite(normals[..., 0]))
     assert there.mean() > 0.05
@@ -96,7 +150,7 @@ def test_the_normal_of_a_plane_is_the_planes():
     points = directions * (-1.5 / (directions @ normal))[:, None]
     points = points.reshape(14, 20, 3)
     points[rng.uniform(size=(14, 20)) < 0.1] = np.nan
-    found = modes.normals_reference(points)
+    found = normals_reference(points)
     there = np.isfinite(found[..., 0])
     assert there.mean() > 0.5
     np.testing.assert_allclose(found[there], np.tile(normal, (there.sum(), 1)), atol=1e-9)
@@ -106,52 +160,50 @@ def test_at_a_silhouette_the_normal_is_that_of_the_pixels_own_surface():
     _, directions = camera_rays(from_field_of_view(np.eye(4), 0.6, 8, 8))
     z = np.where(np.arange(8) < 4, 1.0, 3.0)  # two walls that face the eye
     points = directions.reshape(8, 8, 3) * (z / -directions.reshape(8, 8, 3)[..., 2])[..., None]
-    assert modes.normals_reference(points) == pytest.approx(
-        np.broadcast_to([0.0, 0.0, 1.0], (8, 8, 3))
-    )
+    assert normals_reference(points) == pytest.approx(np.broadcast_to([0.0, 0.0, 1.0], (8, 8, 3)))
 
 
 def test_each_tet_keeps_its_color(shown):
     tet = shown.renderer.render(shown.view, RenderOptions(details=True)).tet.numpy()
-    expect(shown("tets"), modes.tet_colors_reference(tet) / 255, tet >= 0)
+    expect(shown("tets"), tet_colors_reference(tet) / 255, tet >= 0)
 
 
 def test_levels_are_those_that_a_pixel_can_show(shown):
     renderer, t = shown.renderer, shown("color").depth_array()
     count = renderer.field.layout.level_count
     edges = level_edges(renderer.field.mesh, count)
-    levels = modes.levels_reference(t, edges, shown.view.focal)
+    levels = levels_reference(t, edges, shown.view.focal)
     seen = np.isfinite(t)
     # Where the level changes, depths are rounded to either side.
-    changing = modes.levels_reference(1.0001 * t, edges, shown.view.focal) != levels
+    changing = levels_reference(1.0001 * t, edges, shown.view.focal) != levels
     image = shown("levels")
     color, there = picture(image)
     np.testing.assert_array_equal(there, seen)
-    wanted = 255 * modes.heat_reference(levels / (count - 1))
+    wanted = 255 * heat_reference(levels / (count - 1))
     assert np.abs(color - wanted)[seen & ~changing].max() <= 0.51
 
 
 def test_half_the_distance_shows_one_level_more():
     t = np.array([np.inf, 8.0, 4.0, 2.0, 1.0, 1e-3])
     edges = 0.1 / 2.0 ** np.arange(6)
-    assert modes.levels_reference(t, edges, 40.0).tolist() == [0, 0, 0, 1, 2, 5]
+    assert levels_reference(t, edges, 40.0).tolist() == [0, 0, 0, 1, 2, 5]
 
 
 def test_few_tets_share_a_color():
     ids = np.arange(100_000)
-    assert len(np.unique(modes.tet_colors_reference(ids), axis=0)) > 0.9 * len(ids)
+    assert len(np.unique(tet_colors_reference(ids), axis=0)) > 0.9 * len(ids)
 
 
 def test_heat_shows_the_number_of_samples(shown):
     samples = shown.renderer.render(shown.view, RenderOptions(details=True)).samples.numpy()
     assert samples.max() > 5
-    wanted = modes.heat_reference(samples / modes.SAMPLES_SHOWN)
+    wanted = heat_reference(samples / modes.SAMPLES_SHOWN)
     expect(shown("samples"), wanted, np.ones(samples.shape, bool))
 
 
 def test_heat_is_dark_at_zero_and_yellow_from_one_on():
     first, last = np.array(modes.HEAT[0]) / 255, np.array(modes.HEAT[-1]) / 255
-    found = modes.heat_reference([0.0, 1.0, 7.0])
+    found = heat_reference([0.0, 1.0, 7.0])
     assert found == pytest.approx(np.array([first, last, last]))
 
 

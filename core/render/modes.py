@@ -26,11 +26,11 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from ..field import below_pixel, level_edges
+from ..field import level_edges
 from .rays import DeviceCamera, camera_ray, device_camera
 from .render import Image
 from .render_options import MODES, Mode, RenderOptions
-from .rounds import to_byte
+from .rounds import to_bytes
 
 # The numbers of the modes in a kernel.
 DEPTH, ACCUMULATION, NORMALS, TETS, LEVELS, SAMPLES = map(wp.constant, range(1, 7))
@@ -57,58 +57,6 @@ def caption(mode: str, depth_range=(0.0, 1.0)) -> str:
         "samples": f"samples a pixel: 0 dark to {SAMPLES_SHOWN} yellow",
         "error": f"{ERROR_GAIN:.0f} times the error of the default mode",
     }[mode]
-
-
-def normals_reference(points):
-    """Unit normals towards the eye, from points [H, W, 3] relative to it, NaN where none is.
-
-    Returns:
-        [H, W, 3], NaN where a pixel has no neighbor across, or none down.
-    """
-    points = np.asarray(points, float)
-    t = np.linalg.norm(points, axis=-1)
-    slopes = []
-    for axis in (1, 0):
-        step = np.diff(points, axis=axis)
-        jump = np.abs(np.diff(t, axis=axis))
-        missing = np.full_like(np.take(step, [0], axis), np.nan)
-        before, after = (np.concatenate(pair, axis) for pair in ((missing, step), (step, missing)))
-        missing = missing[..., 0]
-        jump_before = np.concatenate([missing, jump], axis)
-        jump_after = np.concatenate([jump, missing], axis)
-        use_after = np.isnan(jump_before) | (jump_after < jump_before)
-        slopes.append(np.where(use_after[..., None], after, before))
-    n = np.cross(*slopes)
-    length = np.linalg.norm(n, axis=-1, keepdims=True)
-    n = np.divide(n, length, out=np.full_like(n, np.nan), where=length > 0)
-    return np.where((n * points).sum(axis=-1, keepdims=True) > 0, -n, n)
-
-
-def tet_colors_reference(tet):
-    """The colors 64..255 of tet ids [...], from a hash of the id.  [..., 3] uint8"""
-    h = (np.asarray(tet).astype(np.uint64) + 1) * PRIMES[0] & 0xFFFFFFFF
-    h ^= h >> 15
-    h = h * PRIMES[1] & 0xFFFFFFFF
-    h ^= h >> 13
-    return np.stack([64 + (h >> shift & 255) * 3 // 4 for shift in (0, 8, 16)], -1).astype(np.uint8)
-
-
-def levels_reference(t, edges, focal):
-    """The finest level that is not finer than a pixel at distance t, or 0.  [...] int
-
-    Args:
-        t: Distances, inf where nothing is.  [...]
-        edges: `level_edges` of the model.  [L]
-        focal: In pixels.
-    """
-    resolved = ~below_pixel(edges, np.asarray(t, float) / focal)
-    return np.maximum(resolved.sum(axis=-1) - 1, 0)
-
-
-def heat_reference(x):
-    """The colors 0..1 of values [...], 0 dark and 1 (and above) yellow.  [..., 3]"""
-    at = np.linspace(0.0, 1.0, len(HEAT))
-    return np.stack([np.interp(x, at, column) for column in np.array(HEAT).T / 255.0], axis=-1)
 
 
 @wp.struct
@@ -151,7 +99,7 @@ def depth_jump(depth: wp.array2d(dtype=float), t: float, i: int, j: int):
 
 @wp.func
 def normal_color(rendered: Rendered, i: int, j: int):
-    """`normals_reference`."""
+    """The color of a pixel's unit normal, not finite where the pixel lacks neighbors."""
     depth = rendered.depth
     t = depth[i, j]
     # The neighbors that are closer in depth: on the left or right, above or below.
@@ -177,7 +125,7 @@ def tet_byte(h: wp.uint32):
 
 @wp.func
 def tet_color(tet: int):
-    """`tet_colors_reference`."""
+    """Bytes from 64 to 255 of a hash of the tet's id; not finite for -1."""
     h = wp.uint32(tet + 1) * _FIRST
     h = h ^ (h >> wp.uint32(15))
     h = h * _SECOND
@@ -188,7 +136,7 @@ def tet_color(tet: int):
 
 @wp.func
 def heated(heat: wp.array(dtype=wp.vec3), x: float):
-    """`heat_reference`."""
+    """The color of a value: dark for 0, yellow for 1 and above."""
     last = heat.shape[0] - 1
     place = wp.clamp(x, 0.0, 1.0) * float(last)
     k = wp.min(int(place), last - 1)
@@ -197,7 +145,7 @@ def heated(heat: wp.array(dtype=wp.vec3), x: float):
 
 @wp.func
 def level_color(rendered: Rendered, t: float):
-    """`levels_reference`."""
+    """The color of the finest level that is not finer than a pixel at distance t."""
     level_count = rendered.edge_pixels.shape[0]
     level = int(0)
     while level + 1 < level_count and rendered.edge_pixels[level + 1] >= t:
@@ -240,11 +188,11 @@ def picture_kernel(
         c = heated(rendered.heat, float(rendered.samples[i, j]) / float(SAMPLES_SHOWN))
     else:
         c = error_color(rendered.color[i, j], rendered.exact[i, j])
-    alpha = wp.uint8(255)
+    alpha = float(1.0)
     if not wp.isfinite(c[0]):
         c = background
-        alpha = wp.uint8(0)
-    picture[row, j] = wp.vec4ub(to_byte(c[0]), to_byte(c[1]), to_byte(c[2]), alpha)
+        alpha = 0.0
+    picture[row, j] = to_bytes(c, alpha)
 
 
 def render_mode(

@@ -148,8 +148,7 @@ class Renderer:
         """The Pixels of rays, and the number of samples; `_find_overlap` comes before."""
         count = len(rays.origins)
         pixels = empty_pixels(count, self.device)
-        plain = wp.empty(count, dtype=int, device=self.device)
-        self._launch(count_up_kernel, count, [], [plain])
+        plain = wp.array(np.arange(count, dtype=np.int32), device=self.device)
         tangled = plain[:0]
         if options.path == "merge":
             plain, tangled = tangled, plain
@@ -233,12 +232,6 @@ class Renderer:
 
     def _launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
-
-
-@wp.kernel
-def count_up_kernel(values: wp.array(dtype=int)):
-    i = wp.tid()
-    values[i] = i
 
 
 @wp.kernel

@@ -23,13 +23,13 @@ from ..rays import (
     Pose,
     Rays,
     RaySamples,
+    box_tree,
     empty_samples,
     interval_in_tet,
     speed_and_fade,
 )
 from ..rounds import Pixels
 from ..stage_timer import StageTimer
-from .search import tet_boxes
 
 CPU_PIECES = 1 << 17  # at once, if no single ray has more
 CUDA_PIECES = 1 << 20
@@ -44,14 +44,13 @@ class PieceMerger:
     def __init__(self, pose: Pose, occupancy, shading, march_step: float):
         self._pose, self._occupancy = pose, occupancy
         self._shading, self._march_step = shading, march_step
-        self._all = wp.array(np.arange(len(pose.tets), dtype=np.int32), device=pose.device)
         self._revision, self._boxes = -1, None
         self._untimed = StageTimer(pose.device)  # callers time the whole
 
     def prepare(self) -> None:
         """Build the BVH of the present pose, unless it is there."""
         if self._revision != self._pose.revision:
-            self._boxes = wp.Bvh(*tet_boxes(self._pose, self._all, len(self._all)))
+            self._boxes = box_tree(self._pose.vertices, self._pose.tets)
             self._revision = self._pose.revision
 
     def render(self, rays: Rays, ids, pixels: Pixels, options) -> int:

@@ -21,10 +21,10 @@ import warp as wp
 from ...geometry import TetMesh, edges, face_components
 from ..rays import (
     FADED,
-    QUERY_GAP,
     Geometry,
     Pose,
     Rays,
+    box_tree,
     crossing_of,
     interval_in_tet,
     orientation,
@@ -69,7 +69,8 @@ class Overlap:
             count, crossings = (int(n) for n in self._host_counts.numpy())
             self._tangled_boxes = None
             if count:
-                self._tangled_boxes = wp.Bvh(*tet_boxes(self._pose, self._tangled_tets, count))
+                ids, pose = self._tangled_tets[:count], self._pose
+                self._tangled_boxes = box_tree(pose.vertices, pose.tets, ids)
             self._shells_overlap = crossings > 0
             self._found = self._pose.revision
         return self._tangled_boxes is not None or self._shells_overlap
@@ -129,20 +130,6 @@ class Overlap:
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self._pose.device)
 
 
-def tet_boxes(pose: Pose, tet_ids, count: int):
-    """Lowest and highest corners of `count` tets' boxes, wp.arrays of vec3."""
-    lowers = wp.empty(count, dtype=wp.vec3, device=pose.device)
-    uppers = wp.empty(count, dtype=wp.vec3, device=pose.device)
-    wp.launch(
-        tet_boxes_kernel,
-        dim=count,
-        inputs=[pose.vertices, pose.tets, tet_ids],
-        outputs=[lowers, uppers],
-        device=pose.device,
-    )
-    return lowers, uppers
-
-
 @wp.kernel
 def tangled_tets_kernel(
     geometry: Geometry,
@@ -154,25 +141,6 @@ def tangled_tets_kernel(
     shape = geometry.shapes[2 * tet + 1]
     if orientation(geometry) * shape[3] <= 0.0 or shape[2] < FADED:
         tangled[wp.atomic_add(counts, wp.static(TANGLED_TETS), 1)] = tet
-
-
-@wp.kernel
-def tet_boxes_kernel(
-    vertices: wp.array(dtype=wp.vec3),  # [V]
-    tets: wp.array(dtype=wp.vec4i),  # [T]
-    tet_ids: wp.array(dtype=int),  # [threads]
-    lowers: wp.array(dtype=wp.vec3),  # [threads] out
-    uppers: wp.array(dtype=wp.vec3),  # [threads] out
-):
-    i = wp.tid()
-    tet = tets[tet_ids[i]]
-    a = vertices[tet[0]]
-    b = vertices[tet[1]]
-    c = vertices[tet[2]]
-    d = vertices[tet[3]]
-    gap = wp.vec3(QUERY_GAP, QUERY_GAP, QUERY_GAP)  # a ray in the plane of a flat box meets it
-    lowers[i] = wp.min(wp.min(a, b), wp.min(c, d)) - gap
-    uppers[i] = wp.max(wp.max(a, b), wp.max(c, d)) + gap
 
 
 @wp.func

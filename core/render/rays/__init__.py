@@ -28,7 +28,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "march_ray",
             "pack_kernel",
         ],
-        "pose": ["Geometry", "Pose", "QUERY_GAP", "tet_frames_reference"],
+        "pose": ["Geometry", "Pose", "box_tree", "tet_frames_reference"],
         "traversal": ["FADED", "interval_in_tet", "orientation", "speed_and_fade"],
     },
 )

@@ -145,19 +145,40 @@ def tet_frames_kernel(
 
 
 @wp.kernel
-def face_boxes_kernel(
-    geometry: Geometry,
-    lowers: wp.array(dtype=wp.vec3),  # [B] out
-    uppers: wp.array(dtype=wp.vec3),  # [B] out
+def boxes_kernel(
+    vertices: wp.array(dtype=wp.vec3),  # [V]
+    groups: wp.array(dtype=wp.vec4i),  # of vertices: tets, or faces with one corner twice
+    ids: wp.array(dtype=int),  # group of each thread; if empty, thread i has group i
+    lowers: wp.array(dtype=wp.vec3),  # [threads] out
+    uppers: wp.array(dtype=wp.vec3),  # [threads] out
 ):
     i = wp.tid()
-    face = geometry.faces[i]
-    a = geometry.vertices[face[0]]
-    b = geometry.vertices[face[1]]
-    c = geometry.vertices[face[2]]
+    n = i
+    if ids.shape[0] > 0:
+        n = ids[i]
+    group = groups[n]
+    a = vertices[group[0]]
+    b = vertices[group[1]]
+    c = vertices[group[2]]
+    d = vertices[group[3]]
     gap = wp.vec3(QUERY_GAP, QUERY_GAP, QUERY_GAP)  # a ray in the plane of a flat box meets it
-    lowers[i] = wp.min(wp.min(a, b), c) - gap
-    uppers[i] = wp.max(wp.max(a, b), c) + gap
+    lowers[i] = wp.min(wp.min(a, b), wp.min(c, d)) - gap
+    uppers[i] = wp.max(wp.max(a, b), wp.max(c, d)) + gap
+
+
+def box_tree(vertices, groups, ids=None, old: wp.Bvh | None = None) -> wp.Bvh:
+    """A BVH of the boxes of groups of vertices, see `boxes_kernel`; `old` is refitted."""
+    device = vertices.device
+    ids = wp.empty(0, dtype=int, device=device) if ids is None else ids
+    count = len(ids) or len(groups)
+    boxes = [wp.empty(count, dtype=wp.vec3, device=device) for _ in range(2)]
+    if old:
+        boxes = [old.lowers, old.uppers]
+    wp.launch(boxes_kernel, count, inputs=[vertices, groups, ids], outputs=boxes, device=device)
+    if old is None:
+        return wp.Bvh(*boxes)
+    old.refit()
+    return old
 
 
 class Pose:
@@ -190,8 +211,7 @@ class Pose:
                 points=wp.clone(self.vertices), indices=wp.array(faces.ravel(), dtype=int)
             )
             self._face_boxes, self._face_boxes_revision = None, 0
-            self._lowers = wp.empty(len(faces), dtype=wp.vec3)
-            self._uppers = wp.empty(len(faces), dtype=wp.vec3)
+            self._face_corners = wp.array(faces[:, [0, 1, 2, 2]], dtype=wp.vec4i)
             geometry = self.geometry = Geometry()
             geometry.vertices = self.vertices
             geometry.faces = wp.array(faces, dtype=wp.vec3i)
@@ -239,18 +259,8 @@ class Pose:
 
     def refresh_face_boxes(self) -> None:
         """Bring the BVH `geometry.face_boxes` up to date; only some paths of rendering need it."""
-        if self._face_boxes_revision == self.revision:
-            return
-        self._face_boxes_revision = self.revision
-        wp.launch(
-            face_boxes_kernel,
-            dim=len(self._lowers),
-            inputs=[self.geometry],
-            outputs=[self._lowers, self._uppers],
-            device=self.device,
-        )
-        if self._face_boxes is None:
-            self._face_boxes = wp.Bvh(self._lowers, self._uppers)
+        if self._face_boxes_revision != self.revision:
+            self._face_boxes_revision = self.revision
+            corners, old = self._face_corners, self._face_boxes
+            self._face_boxes = box_tree(self.vertices, corners, old=old)
             self.geometry.face_boxes = self._face_boxes.id
-        else:
-            self._face_boxes.refit()

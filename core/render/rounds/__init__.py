@@ -5,7 +5,7 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "compositing": ["Pixels", "empty_pixels", "resolve", "resolve_kernel", "to_byte"],
+        "compositing": ["Pixels", "empty_pixels", "resolve", "resolve_kernel", "to_bytes"],
         "host": ["HostRounds"],
         "slots": ["begin_kernel"],
         "wavefront": ["Wavefront"],

@@ -121,13 +121,18 @@ def resolve_kernel(
         ray = ids[ray]
     t = pixels.transmittance[ray]
     c = pixels.color[ray] + t * background
-    color[ray] = wp.vec4ub(to_byte(c[0]), to_byte(c[1]), to_byte(c[2]), to_byte(1.0 - t))
+    color[ray] = to_bytes(c, 1.0 - t)
     depth[ray] = wp.where(t > 0.5, wp.inf, pixels.depth[ray] / wp.max(1.0 - t, 1.0e-6))
 
 
 @wp.func
 def to_byte(x: float):
     return wp.uint8(wp.clamp(x, 0.0, 1.0) * 255.0 + 0.5)
+
+
+@wp.func
+def to_bytes(color: wp.vec3, opacity: float):
+    return wp.vec4ub(to_byte(color[0]), to_byte(color[1]), to_byte(color[2]), to_byte(opacity))
 
 
 def resolve(pixels: Pixels, background, color, depth, ids=None) -> None:

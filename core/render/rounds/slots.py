@@ -27,7 +27,7 @@ from ..rays import (
     find_entries,
     march_ray,
 )
-from .compositing import Pixels, empty_pixels, to_byte
+from .compositing import Pixels, empty_pixels, to_bytes
 
 TILE_WIDTH, TILE_HEIGHT = wp.constant(8), wp.constant(4)  # pixels of a warp
 LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
@@ -132,9 +132,7 @@ def list_ray(buffers: Buffers, ray: int):
 @wp.func
 def finish_ray(buffers: Buffers, ray: int, color: wp.vec3, opacity: float, depth: float):
     """Write the pixel of a ray; its color is over the background."""
-    buffers.color[ray] = wp.vec4ub(
-        to_byte(color[0]), to_byte(color[1]), to_byte(color[2]), to_byte(opacity)
-    )
+    buffers.color[ray] = to_bytes(color, opacity)
     buffers.depth[ray] = wp.where(opacity < 0.5, wp.inf, depth)
 
 
