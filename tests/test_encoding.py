@@ -1,4 +1,7 @@
-"""The encoding: continuous, addressed exactly, and its kernels equal the reference."""
+"""The encoding: continuous, addressed exactly, and its kernels equal the reference.
+
+The spatial hash: known values, exact integers, the same in kernels.
+"""
 
 import numpy as np
 import pytest
@@ -6,7 +9,7 @@ import warp as wp
 
 from deformrf.core.field import FEATURES, encode_backward_kernel, encode_kernel, make_tables
 from deformrf.core.field.encoding import encode_reference
-from deformrf.core.field.layout import dense_ids, make_layout
+from deformrf.core.field.layout import dense_ids, hash_address, hash_entry, make_layout
 from deformrf.core.geometry import a15_grid, path_nodes, tet_neighbours
 from deformrf.core.geometry.mesh import FACES
 from deformrf.core.wide import vec4h
@@ -160,3 +163,35 @@ def test_wrong_sizes_are_named(mesh):
         make_layout(mesh, LEVELS, 3000)
     with pytest.raises(ValueError, match="11"):
         make_layout(mesh, 11, TABLE_SIZE)
+
+
+def test_it_is_instant_ngps_formula_in_exact_integers():
+    for x, y, z in [(0, 0, 0), (1, 2, 3), (1023, 7, 500_000)]:
+        exact = (x ^ (y * 2654435761) ^ (z * 805459861)) % 2**32
+        assert hash_address(np.array([x, y, z]), 2**18) == exact % 2**18
+
+
+@wp.kernel
+def hash_kernel(addresses: wp.array(dtype=wp.vec3i), mask: int, entries: wp.array(dtype=int)):
+    n = wp.tid()
+    entries[n] = hash_entry(addresses[n], mask)
+
+
+def test_kernel_matches_numpy(device):
+    addresses = np.random.default_rng().integers(0, 2**20, (5000, 3)).astype(np.int32)
+    entries = wp.empty(5000, dtype=int, device=device)
+    inputs = [wp.array(addresses, dtype=wp.vec3i, device=device), 2**19 - 1]
+    wp.launch(hash_kernel, dim=5000, inputs=inputs, outputs=[entries], device=device)
+    np.testing.assert_array_equal(entries.numpy(), hash_address(addresses, 2**19))
+
+
+def test_the_lattice_fills_the_buckets_like_random_numbers():
+    """Vertices of a deep level, hashed at that level's scale, leave no bucket out of reach."""
+    mesh = a15_grid(0.12)
+    nodes, _ = path_nodes(3)
+    addresses = np.einsum("nc,tcx->tnx", nodes, mesh.addresses[mesh.tets]).reshape(-1, 3)
+    addresses = np.unique(addresses, axis=0)
+    entry_count = 2 ** int(np.log2(len(addresses)))
+    hit = len(np.unique(hash_address(addresses, entry_count)))
+    random = entry_count * (1.0 - np.exp(-len(addresses) / entry_count))
+    assert hit > 0.95 * random

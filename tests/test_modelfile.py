@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deformrf.core import paths
-from deformrf.core.field import ModelFileError, meta, modelfile
+from deformrf.core.field import ModelFileError, modelfile
 from deformrf.core.field.reach import reached_entries
 from deformrf.core.render import Renderer, from_field_of_view, look_at
 
@@ -332,7 +332,7 @@ def test_every_documented_key_of_the_training_entry_has_a_type():
     table = text.split("### `training`")[1].split("\n## ")[0]
     rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
     documented = {key for row in rows for key in re.findall("`(.*?)`", row)}
-    assert documented == meta.TRAINING_TYPES.keys()
+    assert documented == modelfile.TRAINING_TYPES.keys()
 
 
 def test_older_programs_can_read_the_options_that_are_written(path):

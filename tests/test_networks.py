@@ -8,7 +8,7 @@ import pytest
 import torch
 import warp as wp
 
-from deformrf.core.field import TorchNetworks, basis_of, basis_vector, evaluator
+from deformrf.core.field import TorchNetworks, basis_of, basis_vector, evaluators
 from deformrf.core.field.networks import cpu, evaluate, spherical_harmonics
 from deformrf.core.field.networks.reference import has_usual_shape, sigmoid
 from deformrf.core.field.networks.torch import TruncatedExp
@@ -97,7 +97,8 @@ def test_the_evaluator_of_a_device_agrees_with_the_reference(make_ball_field, de
     count, levels = 700, 5
     features = rng.normal(size=(count, levels, 4)).astype(np.float32)
     basis = spherical_harmonics(random_directions(count)).astype(np.float32)
-    sigma, rgb = evaluator(field, device).packed(
+    packed, _ = evaluators(field, device)
+    sigma, rgb = packed(
         wp.array(features, dtype=wp.vec4, device=device),
         wp.array(basis, dtype=basis_vector, device=device),
         half=half,
@@ -123,8 +124,8 @@ def test_numpy_evaluates_for_a_gpu_that_torch_does_not_serve(
         monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     rng, count = np.random.default_rng(), 700
     field = make_ball_field(int(rng.integers(1000)))
-    evaluate_on_gpu = evaluator(field, SimpleNamespace(is_cuda=True, arch=70, ordinal=0))
-    assert evaluate_on_gpu.in_place is None
+    packed, in_place = evaluators(field, SimpleNamespace(is_cuda=True, arch=70, ordinal=0))
+    assert in_place is None
     features = rng.normal(size=(count, 6, 4)).astype(np.float32)
     basis = spherical_harmonics(random_directions(count)).astype(np.float32)
     arrays = (
@@ -135,7 +136,7 @@ def test_numpy_evaluates_for_a_gpu_that_torch_does_not_serve(
         features.reshape(count, -1), basis.astype(float), field.density_layers, field.color_layers
     )
     for half in (False, True):
-        sigma, rgb = evaluate_on_gpu.packed(*arrays, half=half)
+        sigma, rgb = packed(*arrays, half=half)
         assert sigma.device == rgb.device == wp.get_device(device)
         np.testing.assert_allclose(np.log(sigma.numpy()), np.log(expected_sigma), atol=1e-3)
         np.testing.assert_allclose(rgb.numpy(), expected_rgb, atol=1e-3)
@@ -145,7 +146,7 @@ def test_numpy_evaluates_for_a_gpu_that_torch_does_not_serve(
 @pytest.mark.parametrize("hidden, fused", [((64,), True), ((64, 64), False), ((32,), False)])
 def test_only_the_usual_shape_runs_in_place(make_ball_field, hidden, fused):
     field = make_ball_field(1, density_hidden=hidden)
-    assert (evaluator(field, wp.get_device("cuda:0")).in_place is not None) == fused
+    assert (evaluators(field, wp.get_device("cuda:0"))[1] is not None) == fused
 
 
 def test_the_usual_shape():

@@ -35,7 +35,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "TorchNetworks",
             "basis_of",
             "basis_vector",
-            "evaluator",
+            "evaluators",
             "networks_kernel",
         ],
         "occupancy": [

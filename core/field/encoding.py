@@ -26,8 +26,7 @@ from ..geometry import (
     path_nodes,
 )
 from ..wide import load_wide_half, vec4h
-from .hashing import hash_address, hash_products, products_entry
-from .layout import Layout
+from .layout import Layout, hash_address, hash_products, products_entry
 
 mat43ui = wp.types.matrix((4, 3), wp.uint32)
 PREFETCH_SAMPLES = wp.constant(8)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from .hashing import hash_address, hash_entry
+from .layout import hash_address, hash_entry
 from .networks import BASIS_COUNT, GEOMETRY_FEATURES
 
 RESOLUTIONS = (16, 28, 49, 84, 147, 256, 446, 776)  # cells across the contracted cube

@@ -1,7 +1,9 @@
 """The places of each level's entries in the table of features.
 
 A level whose vertices fit its table is dense: each vertex has an entry of its own, the rank
-of its address in lexicographic order.  The other levels are hashed (hashing.py).
+of its address in lexicographic order.  The other levels are hashed, with Instant-NGP's hash
+(Müller et al. 2022, Eq. 4): (x·1) xor (y·2654435761) xor (z·805459861) in uint32, then masked
+to a table of 2^n entries.
 
 Shapes: T tets, L levels, D of them dense, F = 4 features per entry, n_l nodes of a tet (the
 corners of all its descendants) at level l.
@@ -10,11 +12,14 @@ corners of all its descendants) at level l.
 from dataclasses import dataclass
 
 import numpy as np
+import warp as wp
 
 from ..geometry import TetMesh, path_nodes
 
 FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
 MOST_ENTRIES = 2**27  # 2 GiB in float32; a full-size model has about 2^21
+PRIMES = (1, 2654435761, 805459861)
+_PRIME_Y, _PRIME_Z = (wp.constant(wp.uint32(prime)) for prime in PRIMES[1:])
 MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
 
 
@@ -94,3 +99,40 @@ def node_table(layout: Layout, table):
     starts = layout.offsets
     levels = [table[starts[k] + ids.ravel()] for k, ids in enumerate(layout.node_ids)]
     return np.concatenate([*levels, np.zeros((1, table.shape[1]), table.dtype)])
+
+
+def hash_products(addresses):
+    """Coordinates times their primes, linear in the address modulo 2^32.
+
+    [..., 3] int -> [..., 3] uint32
+    """
+    return np.asarray(addresses).astype(np.uint32) * np.array(PRIMES, np.uint32)
+
+
+def hash_address(addresses, entry_count: int):
+    """Entry of each address in a table.  [..., 3] int -> [...] int64
+
+    `entry_count` is a power of two.
+    """
+    product = hash_products(addresses)
+    hashed = product[..., 0] ^ product[..., 1] ^ product[..., 2]
+    return (hashed & np.uint32(entry_count - 1)).astype(np.int64)
+
+
+@wp.func
+def products_entry(products: wp.vec3ui, mask: int):
+    """Entry of the address with these `hash_products`."""
+    return int((products[0] ^ products[1] ^ products[2]) & wp.uint32(mask))
+
+
+@wp.func
+def hash_entry(address: wp.vec3i, mask: int):
+    """Entry of an address in a table of mask + 1 entries, a power of two."""
+    return products_entry(
+        wp.vec3ui(
+            wp.uint32(address[0]),
+            wp.uint32(address[1]) * _PRIME_Y,
+            wp.uint32(address[2]) * _PRIME_Z,
+        ),
+        mask,
+    )

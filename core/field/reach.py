@@ -17,8 +17,7 @@ import numpy as np
 import warp as wp
 
 from ..geometry import TetMesh, path_corners, path_nodes
-from .hashing import hash_address, hash_entry
-from .layout import Layout
+from .layout import Layout, hash_address, hash_entry
 from .occupancy import LEVELS, unpack_mask
 
 NODES_PER_LAUNCH = 1 << 22  # between checks whether all entries of the level are reached

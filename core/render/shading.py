@@ -1,6 +1,6 @@
 """Density and color of samples: features from the tables, then the networks.
 
-The field's `evaluator` decides how the networks run on the device.
+The field's `evaluators` decide how the networks run on the device.
 
 Shapes: N packed samples, L levels.
 """
@@ -13,7 +13,7 @@ from ..field import (
     TetField,
     basis_vector,
     encode_kernel,
-    evaluator,
+    evaluators,
     make_tables,
     node_table,
 )
@@ -27,8 +27,7 @@ class Shading:
     """Density and color of samples of one field on one device.
 
     Attributes:
-        evaluate_slots: `Evaluator.in_place`, for rounds that do not wait for the host; None
-            where the device or the networks' shape does not allow it.
+        evaluate_slots: The `evaluators`' `in_place`, for rounds that do not wait for the host.
     """
 
     def __init__(self, field: TetField, rotations, device):
@@ -40,8 +39,7 @@ class Shading:
         self._field, self._rotations, self.device = field, rotations, device
         self.tables = make_tables(field.mesh, field.layout, device)
         self._table = self._half_tables = None
-        networks = evaluator(field, device)
-        self._evaluate, self.evaluate_slots = networks.packed, networks.in_place
+        self._evaluate, self.evaluate_slots = evaluators(field, device)
         if not device.is_cuda:
             self._upload_table()
 

@@ -13,8 +13,6 @@ Training evaluates its networks itself: TorchNetworks.evaluate.
 Shapes: N samples, L levels, l <= L of them encoded.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
@@ -23,25 +21,17 @@ from . import mma
 from .cpu import CpuNetworks
 
 
-@dataclass(frozen=True)
-class Evaluator:
-    """Both networks of a field on a device.
+def evaluators(field, device):
+    """Functions that evaluate both networks of a field (TetField) on a Warp device.
 
-    Attributes:
+    Returns:
         packed: packed(features [N, l] vec4, basis [N] basis_vector, half) -> sigma [N], rgb
             [N]: Warp arrays.  With `half`, in half precision if the device gains by it.
         in_place: mma.TensorCoreNetworks.evaluate, which allocates nothing and waits for
             nothing; None where only `packed` is there.
     """
-
-    packed: Callable
-    in_place: Callable | None = None
-
-
-def evaluator(field, device) -> Evaluator:
-    """The Evaluator of a field's (TetField) networks on a Warp device."""
     if not device.is_cuda:
-        return Evaluator(_in_numpy(field))
+        return _in_numpy(field), None
     in_place = None
     if mma.fits(field, device):
         in_place = mma.TensorCoreNetworks(field, device).evaluate
@@ -53,7 +43,7 @@ def evaluator(field, device) -> Evaluator:
     def packed(features, basis, half):
         return networks()(features, basis, half)
 
-    return Evaluator(packed, in_place)
+    return packed, in_place
 
 
 def _torch_finds_a_gpu() -> bool:
@@ -80,16 +70,13 @@ def _in_numpy(field):
 
 
 def _in_torch(field, device):
-    made = {}  # networks by `half`
-
+    @cache
     def networks(half):
         from .torch import TorchNetworks
 
-        if half not in made:
-            whole = TorchNetworks(field.density_layers, field.color_layers)
-            whole = whole.to(f"cuda:{device.ordinal}")
-            made[half] = whole.half() if half else whole
-        return made[half]
+        whole = TorchNetworks(field.density_layers, field.color_layers)
+        whole = whole.to(f"cuda:{device.ordinal}")
+        return whole.half() if half else whole
 
     def packed(features, basis, half):
         import torch
