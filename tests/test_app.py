@@ -28,7 +28,6 @@ def app(window, ball, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     made = App(*window, Log())
     made.load(ball, "ball", "cpu")
-    made.scene.settings.automatic_resolution = False
     made.scene.settings.fixed_resolution = 0.5
     frames(made, 3)
     yield made

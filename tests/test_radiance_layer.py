@@ -131,7 +131,6 @@ def test_each_change_is_rendered_once(stage, change):
 
 
 def test_a_fixed_resolution_is_kept(stage):
-    stage.scene.settings.automatic_resolution = False
     stage.scene.settings.fixed_resolution = 0.25
     stage.frame()
     assert stage.layer.depth_image().shape == (30, 40)

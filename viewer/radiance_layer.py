@@ -104,11 +104,11 @@ class RadianceLayer:
             whole: Render all pixels at once, however long it takes, but each only once.
         """
         scene, settings = self._scene, self._scene.settings
-        fixed = None if settings.automatic_resolution else settings.fixed_resolution
         seen = (
             camera.camera_to_world.tobytes(),
             (camera.focal, camera.width, camera.height),
-            (scene.revision, settings.mode, settings.background, fixed, self.most_samples),
+            (scene.revision, settings.mode, settings.background),
+            (settings.fixed_resolution, self.most_samples),
         )
         self._renderer.stage.seconds = {} if settings.time_rendering else None
         now = self._clock()
@@ -118,8 +118,8 @@ class RadianceLayer:
                 with self._times.part("render"):
                     self._renderer.set_vertices(scene.solver.vertices)
                 self._pose = scene.revision
-            if whole or fixed is not None:
-                self._render_at(1.0 if whole else fixed, camera)
+            if whole or settings.fixed_resolution is not None:
+                self._render_at(1.0 if whole else settings.fixed_resolution, camera)
             else:
                 self._render_moving(camera)
         elif whole and self.refined < 1.0:

@@ -14,8 +14,7 @@ class Settings:
     checkerboard: bool = False  # behind the object instead of the background
     grab_radius: float = 0.08  # what a drag takes along, in object sizes
     soft_grab: bool = False  # pull by springs, weaker towards the radius, not exactly
-    automatic_resolution: bool = True  # while things move, follow target_fps
-    fixed_resolution: float = 1.0  # the factor otherwise
+    fixed_resolution: float | None = None  # a factor; without it, what target_fps allows
     target_fps: float = TARGET_FPS
     accumulate: bool = True  # at rest, go on to the mean of shifted images
     show_handles: bool = True

@@ -155,10 +155,8 @@ def fitted(image, width: int, height: int):
     rows, columns = image.shape[:2]
     if (columns & ~1, rows & ~1) == (width, height):
         return np.ascontiguousarray(image[:height, :width])
-    canvas = np.empty((height, width, 3), np.uint8)
-    canvas[:] = image[0, 0]
-    h, w = min(rows, height), min(columns, width)
-    top, left = (height - h) // 2, (width - w) // 2
-    y, x = (rows - h) // 2, (columns - w) // 2
-    canvas[top : top + h, left : left + w] = image[y : y + h, x : x + w]
-    return canvas
+    from PIL import Image
+
+    canvas = Image.new("RGB", (width, height), tuple(image[0, 0].tolist()))
+    canvas.paste(Image.fromarray(image), (int((width - columns) / 2), int((height - rows) / 2)))
+    return np.asarray(canvas)

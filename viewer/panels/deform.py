@@ -5,7 +5,7 @@ from imgui_bundle import imgui
 from ...core.deform import COMPLIANCE_FLOOR, LOWEST_POISSON_RATIO, PRESETS
 from ..actions import label_of
 from ..scene import EARTH
-from .widgets import LOGARITHMIC, button, checkbox, number_setting, setting, slider
+from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider
 
 YOUNG_MODULI = 1e3, 1e9  # Pa
 POISSON_RATIOS = 0.0, 0.49
@@ -61,10 +61,11 @@ def name_of(material) -> str:
 
 
 def _material(scene):
-    names = [*PRESETS, CUSTOM]
-    changed, chosen = imgui.combo("material", names.index(name_of(scene.material)), names)
-    if changed and names[chosen] != CUSTOM:
-        scene.set_material(**vars(PRESETS[names[chosen]]))
+    def choose(name):
+        if name != CUSTOM:
+            scene.set_material(**vars(PRESETS[name]))
+
+    combo("material", name_of(scene.material), [*PRESETS, CUSTOM], choose)
     modulus = f"{si(scene.material.young_modulus)}Pa"
     _material_slider(
         scene, "stiffness", "young_modulus", YOUNG_MODULI, modulus, LOGARITHMIC, "Young's modulus"

@@ -8,9 +8,7 @@ from imgui_bundle import imgui
 from ..actions import INPUTS
 from ..loading import STAGES
 from .deform import deform_panel
-from .record import record_panel
-from .stats import stats_panel
-from .view import model_panel, view_panel
+from .view import model_panel, record_panel, time_panel, view_panel
 
 PANEL_WIDTH = 330.0
 BAR_WIDTH = 360.0
@@ -34,7 +32,7 @@ SECTIONS = (
     ("Bend", deform_panel, True),
     ("View", view_panel, True),
     ("Record", record_panel, True),
-    ("Time", stats_panel, False),
+    ("Time", time_panel, False),
     ("Mouse", hints_panel, True),
 )
 

@@ -1,13 +1,19 @@
-"""The section on the view: model, view mode, and resolution."""
+"""The sections on model, view, recording and time."""
 
+from functools import partial
+
+import numpy as np
 from imgui_bundle import imgui
 
 from ...core.render import MODES, caption
 from ..actions import label_of
-from .widgets import LOGARITHMIC, button, number_setting, setting
+from .widgets import LOGARITHMIC, button, combo, number_setting, setting
 
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
 TARGETS = 2.0, 120.0  # frames a second
+RECORDING_RED = (0.80, 0.10, 0.10, 1.0)
+STAGES_TOOLTIP = """of the last image or strip; measuring waits after each stage and so takes time,
+and on the CPU the times of all threads are added up"""
 
 
 def model_panel(app):
@@ -32,12 +38,9 @@ def view_panel(app):
 
 
 def _mode(scene):
-    settings = scene.settings
-    changed, chosen = imgui.combo("show", MODES.index(settings.mode), list(MODES))
-    imgui.set_item_tooltip(f"next one: {label_of('next_mode')}")
-    if changed:
-        settings.mode = MODES[chosen]
-    line = caption(settings.mode, scene.depth_range)
+    change = partial(setattr, scene.settings, "mode")
+    combo("show", scene.settings.mode, MODES, change, f"next one: {label_of('next_mode')}")
+    line = caption(scene.settings.mode, scene.depth_range)
     if line:
         imgui.text_disabled(line)
 
@@ -56,17 +59,14 @@ def _background(settings):
 
 
 def _resolution(app):
+    def choose(name):
+        settings.fixed_resolution = RESOLUTIONS[name]
+
     settings = app.scene.settings
-    wanted = None if settings.automatic_resolution else settings.fixed_resolution
-    names = list(RESOLUTIONS)
-    current = list(RESOLUTIONS.values()).index(wanted)
-    changed, chosen = imgui.combo("resolution", current, names)
-    imgui.set_item_tooltip("while things move; at rest the image is refined to full resolution")
-    if changed:
-        factor = RESOLUTIONS[names[chosen]]
-        settings.automatic_resolution = factor is None
-        settings.fixed_resolution = factor or 1.0
-    if settings.automatic_resolution:
+    names = {factor: name for name, factor in RESOLUTIONS.items()}
+    tooltip = "while things move; at rest the image is refined to full resolution"
+    combo("resolution", names[settings.fixed_resolution], RESOLUTIONS, choose, tooltip)
+    if settings.fixed_resolution is None:
         flags = LOGARITHMIC | imgui.SliderFlags_.always_clamp.value
         tooltip = "the resolution while things move follows it"
         number_setting("target", settings, "target_fps", TARGETS, "%.0f frames/s", flags, tooltip)
@@ -86,3 +86,42 @@ def shown_lines(image, times) -> tuple[str, str]:
     if image.sample_count < 2:
         return pixels, "full"
     return pixels, f"full + {image.sample_count}/{image.most_samples} samples"
+
+
+def record_panel(app):
+    settings, video = app.scene.settings, app.recorder.video
+    button("Screenshot", app, "screenshot", label_of("screenshot"))
+    imgui.same_line()
+    button("Stop recording" if video else "Record", app, "record", label_of("record"))
+    if video:
+        imgui.text_colored(RECORDING_RED, f"{video.seconds:.1f} s")
+        imgui.same_line()
+        imgui.text(
+            f"{video.frame_count} frames, {video.repeated_count} repeated, "
+            f"{video.dropped_count} left out"
+        )
+    setting("transparent screenshots of the field alone", settings, "transparent_screenshots")
+    setting("vertices in clips and screenshots", settings, "handles_in_clips")
+    setting("panel in screenshots", settings, "panel_in_screenshots")
+
+
+def time_panel(app):
+    times, settings = app.times, app.scene.settings
+    mean = times.frame_seconds()
+    imgui.text(f"{1e3 * mean:.1f} ms a frame, {1.0 / max(mean, 1e-6):.0f} frames a second")
+    frames = 1e3 * np.array(times.frames, np.float32)
+    imgui.plot_lines("##frames", frames, scale_min=0.0, graph_size=(-1.0, 40.0))
+    _rows(times.medians())
+    setting("stages of rendering", settings, "time_rendering", STAGES_TOOLTIP)
+    if settings.time_rendering:
+        _rows(times.rendering)
+    imgui.text_disabled(f"renders on {app.radiance.device.name}")
+    imgui.text_disabled(f"draws on {app.ctx.info['GL_RENDERER']}")
+    imgui.text_disabled(f"frames go by {app.radiance.path}")
+
+
+def _rows(seconds_of):
+    for name, seconds in seconds_of.items():
+        imgui.text_disabled(name)
+        imgui.same_line(100.0)
+        imgui.text(f"{1e3 * seconds:.2f} ms")

@@ -30,6 +30,15 @@ def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
         change(value)
 
 
+def combo(label, value, values, change, tooltip="") -> None:
+    """A box to choose one of several strings in; calls `change` with a new one."""
+    values = list(values)
+    changed, chosen = imgui.combo(label, values.index(value), values)
+    _tooltip(tooltip)
+    if changed:
+        change(values[chosen])
+
+
 def checkbox(label, value, change, tooltip="") -> None:
     """A box; calls `change` with True or False when it is clicked."""
     changed, value = imgui.checkbox(label, value)
