@@ -1,7 +1,4 @@
-"""The Warp modules that rendering needs, so that a viewer can compile them before the first frame.
-
-Warp compiles all kernels of a Python module at once, when the first of them is launched.
-"""
+"""The Warp modules of rendering, so that a viewer can compile them before the first frame."""
 
 import warp as wp
 
@@ -14,10 +11,7 @@ from .rounds import resolve_kernel
 
 
 def kernel_modules(device) -> list[str]:
-    """Names of the Warp modules whose kernels rendering launches on a device.
-
-    Rendering is `Renderer`, `render_mode` and `RunningMean`.
-    """
+    """Names of those that `Renderer`, `render_mode` and `RunningMean` launch on a device."""
     names = [owner.__module__ for owner in (Renderer, Pose, Overlap, PieceMerger)]
     names += [module.__name__ for module in (modes, subpixel)]
     kernels = [camera_rays_kernel, march_kernel, resolve_kernel, encode_kernel]

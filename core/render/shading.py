@@ -1,7 +1,5 @@
 """Density and color of samples: features from the tables, then the networks.
 
-The field's `evaluators` decide how the networks run on the device.
-
 Shapes: N packed samples, L levels.
 """
 
@@ -31,11 +29,7 @@ class Shading:
     """
 
     def __init__(self, field: TetField, rotations, device):
-        """Upload the tables and the networks.
-
-        Args:
-            rotations: Q of each tet.  The renderer writes each new pose to this array.
-        """
+        """`rotations`: Q of each tet; the renderer writes each new pose to this array."""
         self._field, self._rotations, self.device = field, rotations, device
         self.tables = make_tables(field.mesh, field.layout, device)
         self._table = self._half_tables = None
@@ -44,15 +38,7 @@ class Shading:
             self._upload_table()
 
     def shade(self, rays: Rays, found: RaySamples, options, stage):
-        """Density and color of packed samples.
-
-        Args:
-            options: RenderOptions.
-            stage: StageTimer.
-
-        Returns:
-            sigma [N] and rgb [N], Warp arrays.
-        """
+        """Density and color of packed samples: sigma [N] and rgb [N], Warp arrays."""
         if self.evaluate_slots is not None and options.half:
             return self._shade_half(rays, found, options, stage)
         with stage("encode"):
@@ -85,36 +71,19 @@ class Shading:
         count = len(samples.tet)
         level_count = level_count or self._field.layout.level_count
         features = wp.empty((count, level_count), dtype=wp.vec4, device=self.device)
-        wp.launch(
-            encode_kernel,
-            dim=count,
-            inputs=[self.tables, self._table, samples.tet, samples.bary, level_count],
-            outputs=[features],
-            device=self.device,
-        )
+        inputs = [self.tables, self._table, samples.tet, samples.bary, level_count]
+        wp.launch(encode_kernel, count, inputs=inputs, outputs=[features], device=self.device)
         return features
 
     def basis(self, rays: Rays, found: RaySamples):
         """Spherical harmonics of the samples' rest directions.  [N] basis_vector"""
-        count = len(found.samples.tet)
+        tet, device = found.samples.tet, self.device
         if not self._field.options.view_dependence:
             constant = basis_vector(CONSTANT_BASIS)
-            return wp.full(count, constant, dtype=basis_vector, device=self.device)
-        basis = wp.empty(count, dtype=basis_vector, device=self.device)
-        wp.launch(
-            basis_kernel,
-            dim=len(found.ids),
-            inputs=[
-                rays,
-                self._rotations,
-                found.ids,
-                found.counts,
-                found.ends,
-                found.samples.tet,
-            ],
-            outputs=[basis],
-            device=self.device,
-        )
+            return wp.full(len(tet), constant, dtype=basis_vector, device=device)
+        basis = wp.empty(len(tet), dtype=basis_vector, device=device)
+        inputs = [rays, self._rotations, found.ids, found.counts, found.ends, tet]
+        wp.launch(basis_kernel, len(found.ids), inputs=inputs, outputs=[basis], device=device)
         return basis
 
     def half_tables(self):
@@ -122,8 +91,7 @@ class Shading:
         if self._half_tables is None:
             table = self._field.table.astype(np.float16)
             tables = table, node_table(self._field.layout, table)
-            tables = tuple(wp.array(a, dtype=vec4h, device=self.device) for a in tables)
-            self._half_tables = tables
+            self._half_tables = [wp.array(a, dtype=vec4h, device=self.device) for a in tables]
         return self._half_tables
 
     def _upload_table(self):

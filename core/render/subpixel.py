@@ -70,12 +70,8 @@ class RunningMean:
         height, width = image.color.shape
         assert width == self._sums.shape[1], (width, self._sums.shape)
         assert first_row + height <= self._sums.shape[0], (first_row, height, self._sums.shape)
-        wp.launch(
-            add_kernel,
-            dim=image.color.shape,
-            inputs=[image.color, first_row, self._sums],
-            device=self._sums.device,
-        )
+        inputs = [image.color, first_row, self._sums]
+        wp.launch(add_kernel, dim=image.color.shape, inputs=inputs, device=self._sums.device)
 
     def color(self, count: int) -> wp.array:
         """The mean of the `count` images added.  [H, W] vec4ub"""

@@ -54,10 +54,9 @@ class PieceMerger:
             self._revision = self._pose.revision
 
     def render(self, rays: Rays, ids, pixels: Pixels, options) -> int:
-        """Fill the pixels of the rays `ids` [M]; `prepare` comes before.
+        """Fill the pixels of the rays `ids` [M]; returns the number of samples.
 
-        Returns:
-            The number of samples.
+        `prepare` comes before.
         """
         count = len(ids)
         if count == 0:
@@ -82,36 +81,18 @@ class PieceMerger:
         self._find_pieces(rays, ids, WRITE, counts, pieces, options)
         sigma, rgb = self._shading.shade(rays, pieces.found, options, self._untimed)
         if device.is_cuda and total:
-            wp.utils.segmented_sort_pairs(
-                pieces.places,
-                pieces.switches,
-                2 * total,
-                pieces.first_switches,
-                pieces.last_switches,
-            )
+            first, last = pieces.first_switches, pieces.last_switches
+            wp.utils.segmented_sort_pairs(pieces.places, pieces.switches, 2 * total, first, last)
         elif total:  # on a CPU that function takes 60 µs per ray
             wp.launch(sort_kernel, dim=len(ids), inputs=[pieces], device=device)
         inputs = [pieces, sigma, rgb]
         wp.launch(merge_kernel, dim=len(ids), inputs=inputs, outputs=[pixels], device=device)
 
     def _find_pieces(self, rays, ids, purpose, counts, pieces, options):
+        pose, boxes = self._pose, self._boxes.id
         step = self._march_step * options.step_factor
-        wp.launch(
-            pieces_kernel,
-            dim=len(ids),
-            inputs=[
-                self._pose.geometry,
-                self._occupancy,
-                self._boxes.id,
-                rays,
-                ids,
-                step,
-                purpose,
-                counts,
-            ],
-            outputs=[pieces],
-            device=self._pose.device,
-        )
+        inputs = [pose.geometry, self._occupancy, boxes, rays, ids, step, purpose, counts]
+        wp.launch(pieces_kernel, len(ids), inputs, [pieces], device=pose.device)
 
 
 @wp.struct

@@ -82,23 +82,14 @@ class Overlap:
             return
         self._searched = pose.revision
         self._counts.zero_()
-        self._launch(
-            tangled_tets_kernel,
-            len(pose.tets),
-            [pose.geometry],
-            [self._counts, self._tangled_tets],
-        )
-        self._launch(
-            crossed_edges_kernel, len(self._edges), [pose.geometry, self._edges], [self._counts]
-        )
+        found = [self._counts, self._tangled_tets]
+        self._launch(tangled_tets_kernel, len(pose.tets), [pose.geometry], found)
+        inputs = [pose.geometry, self._edges]
+        self._launch(crossed_edges_kernel, len(self._edges), inputs, [self._counts])
         if len(self._part_tets) > 1:
             pose.refresh_face_boxes()
-            self._launch(
-                nested_parts_kernel,
-                len(self._part_tets),
-                [pose.geometry, self._part_tets],
-                [self._counts],
-            )
+            inputs = [pose.geometry, self._part_tets]
+            self._launch(nested_parts_kernel, len(self._part_tets), inputs, [self._counts])
         wp.copy(self._host_counts, self._counts)
 
     def sort_rays(self, rays: Rays, count: int):
@@ -110,19 +101,10 @@ class Overlap:
         counts = wp.zeros(2, dtype=int, device=device)
         plain = wp.empty(count, dtype=int, device=device)
         tangled = wp.empty(count, dtype=int, device=device)
-        self._launch(
-            sort_rays_kernel,
-            count,
-            [
-                self._pose.geometry,
-                rays.origins,
-                rays.directions,
-                self._tangled_boxes.id if self._tangled_boxes else 0,
-                self._tangled_tets,
-                int(self._shells_overlap),
-            ],
-            [counts, plain, tangled],
-        )
+        boxes = self._tangled_boxes.id if self._tangled_boxes else 0
+        inputs = [self._pose.geometry, rays.origins, rays.directions, boxes]
+        inputs += [self._tangled_tets, int(self._shells_overlap)]
+        self._launch(sort_rays_kernel, count, inputs, [counts, plain, tangled])
         plain_count, tangled_count = counts.numpy()
         return plain[: int(plain_count)], tangled[: int(tangled_count)]
 

@@ -244,18 +244,9 @@ class Pose:
         self.revision += 1
         geometry = self.geometry
         geometry.mirrored_count.zero_()
-        wp.launch(
-            tet_frames_kernel,
-            dim=len(self.tets),
-            inputs=[self.tets, self.vertices, self._rest_edges, self._rest_edges_inverse],
-            outputs=[
-                geometry.rows,
-                geometry.shapes,
-                geometry.rotations,
-                geometry.mirrored_count,
-            ],
-            device=self.device,
-        )
+        inputs = [self.tets, self.vertices, self._rest_edges, self._rest_edges_inverse]
+        frames = [geometry.rows, geometry.shapes, geometry.rotations, geometry.mirrored_count]
+        wp.launch(tet_frames_kernel, len(self.tets), inputs, frames, device=self.device)
 
     def refresh_face_boxes(self) -> None:
         """Bring the BVH `geometry.face_boxes` up to date; only some paths of rendering need it."""

@@ -37,11 +37,7 @@ class HostRounds:
         self._middle = wp.full(1, MIDDLE, dtype=int, device=pose.device)
 
     def render(self, rays: Rays, alive, pixels: Pixels, options, stage) -> int:
-        """Add to the pixels of the rays `alive` until each has left the mesh or is opaque.
-
-        Returns:
-            The number of samples.
-        """
+        """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
         sample_count, round_ = 0, 0
         while len(alive):
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
@@ -52,12 +48,9 @@ class HostRounds:
                 still_alive = wp.empty(len(alive), dtype=int, device=self._pose.device)
                 still_alive_count = wp.zeros(1, dtype=int, device=self._pose.device)
                 closing = int(not options.conformance)
-                self._launch(
-                    accumulate_kernel,
-                    len(alive),
-                    [sigma, rgb, found, rays.tet, options.stop, closing, pixels],
-                    [still_alive, still_alive_count],
-                )
+                inputs = [sigma, rgb, found, rays.tet, options.stop, closing, pixels]
+                outputs = [still_alive, still_alive_count]
+                self._launch(accumulate_kernel, len(alive), inputs, outputs)
                 alive = still_alive[: int(still_alive_count.numpy()[0])]
             sample_count += len(sigma)
             round_ += 1
@@ -65,28 +58,16 @@ class HostRounds:
 
     def march(self, rays, alive, slot_count, options) -> RaySamples:
         """One round's samples of the rays `alive`."""
-        count, device = len(alive), self._pose.device
+        pose, count, device = self._pose, len(alive), self._pose.device
         slots = empty_samples(count * slot_count, device)
         found = RaySamples()
         found.ids = alive
         found.counts = wp.empty(count, dtype=int, device=device)
         found.ends = wp.empty(count, dtype=int, device=device)
-        self._launch(
-            march_kernel,
-            count,
-            [
-                self._pose.geometry,
-                self._occupancy,
-                rays,
-                alive,
-                self._march_step * options.step_factor,
-                slot_count,
-                self._middle,
-                FILL_SLOTS,
-                found.ends,
-            ],
-            [slots, found.counts],
-        )
+        step = self._march_step * options.step_factor
+        inputs = [pose.geometry, self._occupancy, rays, alive, step, slot_count]
+        inputs += [self._middle, FILL_SLOTS, found.ends]
+        self._launch(march_kernel, count, inputs, [slots, found.counts])
         wp.utils.array_scan(found.counts, found.ends, inclusive=True)
         found.samples = empty_samples(int(found.ends[count - 1 : count].numpy()[0]), device)
         self._launch(pack_kernel, count, [slots, slot_count], [found])

@@ -38,38 +38,28 @@ class Wavefront:
     """
 
     def __init__(self, pose: Pose, occupancy, shading: Shading, options, capacity: int):
-        """Allocate everything.
-
-        Args:
-            options: FieldOptions.
-        """
+        """Allocate everything; `options` are the field's."""
         self.capacity = capacity
         self._pose, self._occupancy = pose, occupancy
         self._tables, self._evaluate = shading.tables, shading.evaluate_slots
         self._table, self._nodes = shading.half_tables()
-        self._view_dependence = options.view_dependence
+        self._constant_direction = int(not options.view_dependence)
         self._march_step, self._level_count = options.march_step, options.level_count
         self.device = device = pose.device
         slot_count = min(int(SLOTS_PER_PIXEL * capacity), MOST_SLOTS_IN_ALL)
         self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
         self.buffers = slots.empty_buffers(capacity, slot_count, options.level_count, device)
-        self._host_state = wp.zeros(
-            slots.STATE_SIZE, dtype=int, device="cpu", pinned=device.is_cuda
-        )
+        pinned = device.is_cuda
+        self._host_state = wp.zeros(slots.STATE_SIZE, dtype=int, device="cpu", pinned=pinned)
         self._last_background = None
         self._graphs = {}  # of one round each, by step, stop and levels
         self._likely_rounds = 4
 
     def render(self, camera: DeviceCamera, rows, options, stage) -> int:
-        """Fill `color` and `depth` of the buffers with the rows first..last-1.
+        """Fill `color` and `depth` of the buffers; returns the number of samples.
 
         Args:
-            rows: (first, last)
-            options: RenderOptions.
-            stage: StageTimer.
-
-        Returns:
-            The number of samples.
+            rows: (first, last): the rows first..last-1 of the camera's image.
         """
         self._begin(camera, rows, options, stage)
         rounds = self._likely_rounds
@@ -96,11 +86,9 @@ class Wavefront:
         with stage("begin"):
             self._pose.refresh_face_boxes()
             self.buffers.state.zero_()
-            self._launch(
-                slots.begin_kernel,
-                tiles * slots.TILE_WIDTH * slots.TILE_HEIGHT,
-                [self._pose.geometry, camera, rows[0], row_count, self.buffers],
-            )
+            inputs = [self._pose.geometry, camera, rows[0], row_count, self.buffers]
+            thread_count = tiles * slots.TILE_WIDTH * slots.TILE_HEIGHT
+            self._launch(slots.begin_kernel, thread_count, inputs)
 
     def _round(self, options, stage):
         """One round, recorded as a CUDA graph unless its stages are timed."""
@@ -120,26 +108,13 @@ class Wavefront:
         step = self._march_step * options.step_factor
         with stage("march"):
             self._launch(slots.advance_kernel, 1, [self._slot_count, buffers.state])
-            self._launch(
-                slots.march_slots_kernel,
-                len(buffers.counts),
-                [geometry, self._occupancy, step, buffers],
-            )
+            inputs = [geometry, self._occupancy, step, buffers]
+            self._launch(slots.march_slots_kernel, len(buffers.counts), inputs)
         with stage("encode"):
-            self._launch(
-                slots.encode_slots_kernel,
-                self._slot_count,
-                [
-                    self._tables,
-                    self._table,
-                    self._nodes,
-                    geometry.rotations,
-                    level_count,
-                    options.level_count or level_count,
-                    int(not self._view_dependence),
-                    buffers,
-                ],
-            )
+            used_level_count = options.level_count or level_count
+            inputs = [self._tables, self._table, self._nodes, geometry.rotations]
+            inputs += [level_count, used_level_count, self._constant_direction, buffers]
+            self._launch(slots.encode_slots_kernel, self._slot_count, inputs)
         with stage("networks"):
             total = buffers.state[slots.TOTAL : slots.TOTAL + 1]
             self._evaluate(buffers.features, buffers.basis, total, buffers.sigma, buffers.rgb)
