@@ -36,9 +36,9 @@ def test_a_reference_is_the_image(ball):
 def test_the_reference_differs_from_itself_by_nothing(ball):
     camera = pictures.view(ball, 0.3, 16)
     picture = pictures.picture(ball, ball.mesh.rest_vertices, camera, 100)
-    same = pictures.discretization(ball, [picture], part=1)
+    same = pictures.discretization(ball, [picture], 100, part=1)
     assert (same.psnr, same.largest) == (pictures.PEAK_DB, 0.0)
-    coarse, fine = (pictures.discretization(ball, [picture], part) for part in (2, 16))
+    coarse, fine = (pictures.discretization(ball, [picture], 100, part) for part in (2, 16))
     assert coarse.psnr >= fine.psnr > 20.0 and fine.largest > 0.0
 
 

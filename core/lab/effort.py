@@ -4,32 +4,19 @@ from typing import NamedTuple
 
 
 class Effort(NamedTuple):
-    """Sizes and repeats of the measurements.
+    """Sizes and repeats of the measurements."""
 
-    Attributes:
-        size: Width and height of the images that compare settings [pixels].
-        view_count: Number of views from all around.
-        pixel_count: Pixels per view that are compared with the reference.
-        turns: Repeats of each setting's time.
-        photo_count: Number of test views.
-        photo_pixels: Compared pixels per test view.
-        frame_size: Width and height of the images that measure omissions [pixels].
-        frame_turns, step_turns, start_turns: Repeats with and without each omission, of
-            frames, solver steps and starts.
-        compilations: Repeats of compiling kernels, which takes long.
-    """
-
-    size: int
-    view_count: int
-    pixel_count: int
-    turns: int
-    photo_count: int
-    photo_pixels: int
-    frame_size: int
-    frame_turns: int
+    size: int  # width and height of the images that compare settings [pixels]
+    view_count: int  # from all around
+    pixel_count: int  # of each view, compared with the reference
+    turns: int  # repeats of each setting's time
+    photo_count: int  # test views
+    photo_pixels: int  # of each, compared
+    frame_size: int  # width and height of the images that measure omissions [pixels]
+    frame_turns: int  # repeats with and without each omission, as the next two
     step_turns: int
     start_turns: int
-    compilations: int
+    compilations: int  # of kernels, which takes long
 
 
 EFFORTS = {  # (on a CPU, quick)

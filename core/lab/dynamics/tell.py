@@ -8,7 +8,7 @@ from typing import Annotated
 from ...deform import PRESETS, TIME_STEP, Material
 from ...geometry import TetMesh
 from .. import rule
-from ..report import INK, Figure, Section, Table, log_scale, new_figure, png
+from ..report import INK, Figure, Section, Table, label, new_figure, png
 from ..stopwatch import Timing
 from . import measure as study
 from .measure import BOUND, DEFAULT_COUNT, SCENES, Body, load_cases, measure
@@ -208,8 +208,8 @@ def plot(rows) -> bytes:
         for index, compliance in enumerate(dict.fromkeys(r.compliance for r in rows)):
             line = [r for r in rows if (r.scene, r.compliance) == (scene, compliance)]
             counts, errors = [r.count for r in line], [r.of_size for r in line]
-            label = compliance if scene == "static" else None
-            right.plot(counts, errors, style, color=f"C{index}", label=label, **marks)
+            name = compliance if scene == "static" else None
+            right.plot(counts, errors, style, color=f"C{index}", label=name, **marks)
     for row in rows:
         if row.default:
             left.plot(row.frame.median, row.of_motion, "*", color="black", markersize=12)
@@ -217,13 +217,8 @@ def plot(rows) -> bytes:
             ring = {"markersize": 13, "markerfacecolor": "none", "color": "black"}
             left.plot(row.frame.median, row.of_motion, "o", **ring)
     left.axhline(100.0 * BOUND, color=INK, linewidth=0.8, linestyle="--")
-    for axis, label in ((left, "ms a frame"), (right, "substeps")):
-        log_scale(axis.xaxis)
-        log_scale(axis.yaxis)
-        axis.set_xlabel(label)
-        axis.grid(True, which="major", linewidth=0.4)
+    label(left, "ms a frame", "RMS error [% of the motion]", log="xy")
+    label(right, "substeps", "RMS error [% of the size]", log="xy")
     left.legend(fontsize=7, frameon=False)
     right.legend(fontsize=7, frameon=False, title="compliance [m/N]", title_fontsize=7)
-    left.set_ylabel("RMS error [% of the motion]")
-    right.set_ylabel("RMS error [% of the size]")
     return png(figure)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from ...deform import XpbdOptions
 from ...field import TetField
 from ..effort import Effort
-from ..report import INK, Figure, Section, Table, new_figure, png
+from ..report import INK, Figure, Section, Table, label, new_figure, png
 from .measure import parts
 from .rows import COSTS, ENOUGH_TURNS, NONE, NOT_MEASURED, NOTHING, SAVES, Omission
 
@@ -148,9 +148,7 @@ def _bars(rows) -> bytes:
     axes.set_yticks(range(len(rows)), [row.name for row in rows], fontsize=8)
     axes.invert_yaxis()
     axes.margins(x=0.09, y=0.01)
-    axes.set_xlabel("saved, % of what it is a part of", color=INK)
-    axes.grid(axis="x", linewidth=0.4)
-    axes.set_axisbelow(True)
+    label(axes, "saved, % of what it is a part of", grid="x")
     axes.spines[["top", "right", "left"]].set_visible(False)
-    axes.tick_params(left=False, colors=INK)
+    axes.tick_params(left=False)
     return png(figure)

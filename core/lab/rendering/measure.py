@@ -35,7 +35,6 @@ STEP_FACTORS = (4.0, 2.0, 1.5, 0.5, 0.25)
 TERMINATIONS = (0.0, 1e-3, 5e-3, 1e-2, 2e-2, 3e-2, 5e-2, 0.1, 0.2)
 SCALES = (2, 4)
 SPARED_LEVELS = (1, 2, 3)
-DISCRETIZATION_PIXELS = 500
 DEFAULT = RenderOptions()
 FULL = np.uint64(2**64 - 1)  # a tet's mask without an empty sub-tet
 
@@ -141,17 +140,6 @@ class RenderingStudy:
     def half(self) -> bool:
         """Whether default mode evaluates networks in half precision here."""
         return self._renderer.shading.evaluate_slots is not None
-
-    def reference_error(self) -> pictures.ImageError:
-        """The reference's error against its limit of short steps; see pictures."""
-        rng, parts = np.random.default_rng(0), []
-        for picture in self.pictures:
-            count = min(DISCRETIZATION_PIXELS // len(self.pictures), len(picture.pixels))
-            some = rng.choice(len(picture.pixels), count, replace=False)
-            parts.append(
-                replace(picture, pixels=picture.pixels[some], expected=picture.expected[some])
-            )
-        return pictures.discretization(self.field, parts)
 
     def measure(
         self,

@@ -8,10 +8,10 @@ import numpy as np
 
 from ...field import TetField
 from ..effort import Effort
-from ..report import INK, Figure, Section, Table, log_scale, new_figure, png
+from ..report import INK, Figure, Section, Table, label, new_figure, png
 from ..stopwatch import Timing
 from .measure import BOUND, LARGEST, SUSPECTS, RenderingStudy, settings
-from .pictures import Photographs
+from .pictures import Photographs, discretization
 
 COLORS = {
     "termination": "tab:blue",
@@ -25,6 +25,7 @@ COLORS = {
     "several": "tab:pink",
 }
 LABEL_SIZE = (90.0, 12.0)  # pixels, of a point's name
+DISCRETIZATION_PIXELS = 500
 ENOUGH = 12  # turns that resolve differences of some percent
 
 
@@ -50,7 +51,7 @@ def section(
 
 def section_of(study: RenderingStudy, turns, photos=None, step=lambda share: None) -> Section:
     """`section` for views whose references are known."""
-    own_error = study.reference_error()
+    own_error = discretization(study.field, study.pictures, DISCRETIZATION_PIXELS)
     stages = [StageRow(name, time) for name, time in study.stages(turns).items()]
     rows = study.measure(settings(study.field.layout.level_count, study.half), turns, photos, step)
     default = rows[0]
@@ -186,10 +187,7 @@ def plot(rows) -> bytes:
         if row.chosen:
             axis.scatter(*place, label="the rule's choice", **ring)
     axis.axhline(BOUND, color=INK, linewidth=0.8, linestyle="--")
-    log_scale(axis.xaxis)
-    axis.set_xlabel("ms a view")
-    axis.set_ylabel("PSNR to the float64 reference [dB]")
-    axis.grid(True, which="major", linewidth=0.4)
+    label(axis, "ms a view", "PSNR to the float64 reference [dB]", log="x")
     figure.legend(fontsize=7, frameon=False, loc="outside right upper")
     figure.draw_without_rendering()  # where the layout puts the axis
     labeled = []

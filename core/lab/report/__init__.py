@@ -7,7 +7,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submodules=["machine"],
     submod_attrs={
         "parts": ["Figure", "Report", "Section", "Table"],
-        "plots": ["INK", "log_scale", "new_figure", "png"],
+        "plots": ["INK", "label", "new_figure", "png"],
         "writing": ["is_complete", "write"],
     },
 )

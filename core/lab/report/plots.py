@@ -17,15 +17,22 @@ def new_figure(width: float, height: float):
     return figure
 
 
-def log_scale(axis):
-    """Make an axis logarithmic, with ticks at 1, 2 and 5 that are written as plain numbers."""
+def label(axes, x: str, y="", log="", grid="both"):
+    """Name both axes and draw a grid.
+
+    Args:
+        log: The axes that are logarithmic: ticks at 1, 2 and 5 are written as plain numbers.
+        grid: The axes that have lines.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-    scale = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
-    scale("log")
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_locator(NullLocator())
+    axes.set(xlabel=x, ylabel=y, **{f"{name}scale": "log" for name in log})
+    for axis in (getattr(axes, f"{name}axis") for name in log):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_locator(NullLocator())
+    axes.grid(axis=grid, linewidth=0.4)
+    axes.set_axisbelow(True)
 
 
 def png(figure) -> bytes:

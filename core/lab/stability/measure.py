@@ -26,7 +26,6 @@ STAYS = 2.0  # s for which a body must have recovered
 CHECK = 0.1  # s between measurements
 SOFT = 1e4  # Pa
 FLAT = 1e-6  # of the mean volume; a flatter rest tet has no sign
-UNKNOWN = float("nan")
 
 
 class Solid(NamedTuple):
@@ -76,15 +75,12 @@ def aligned_error(vertices, rest):
 
 
 class Measures(NamedTuple):
-    """A pose beside the rest shape."""
+    """A pose beside the rest shape; the defaults are those of a pose that isn't finite."""
 
-    error: float = UNKNOWN  # % of the size
+    error: float = np.nan  # % of the size
     inverted: int = 0  # tets whose volume hasn't the sign that it has at rest
-    smallest_volume: float = UNKNOWN  # the least V/V0
-    largest_strain: float = UNKNOWN  # the largest |length/rest length − 1| of an edge [%]
-
-
-NOT_FINITE = Measures()
+    smallest_volume: float = np.nan  # the least V/V0
+    largest_strain: float = np.nan  # the largest |length/rest length − 1| of an edge [%]
 
 
 class Shape:
@@ -150,7 +146,7 @@ def run_case(
             solver.step(case.dt)
         solver.release()
     limit = recovery_limit(material.young_modulus)
-    seen, last = _watch(solver, Shape(rest, tets), case.dt, limit)
+    seen = _watch(solver, Shape(rest, tets), case.dt, limit)
     return StressResult(
         material=solid.name,
         case=case.name,
@@ -159,7 +155,6 @@ def run_case(
         nan_count=int((~np.isfinite(solver.vertices.numpy())).sum()),
         seed=seed,
         wall_seconds=time.perf_counter() - begin,
-        **last._asdict(),
         **seen,
     )
 
@@ -168,7 +163,7 @@ def _watch(solver, shape, dt, limit):
     """Step until the body has recovered and stayed so, or its time is over.
 
     Returns:
-        What was seen from letting go on, by its names in StressResult; the last Measures.
+        What was seen from letting go on, and the last Measures, by their names in StressResult.
     """
     seen = {
         "finite": True,
@@ -182,7 +177,7 @@ def _watch(solver, shape, dt, limit):
     while True:
         x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
         if not (np.isfinite(x).all() and np.isfinite(v).all()):
-            return seen | {"finite": False}, NOT_FINITE
+            return seen | {"finite": False} | Measures()._asdict()
         now = shape.measure(x)
         seen["peak_strain"] = max(seen["peak_strain"], now.largest_strain)
         seen["most_inverted"] = max(seen["most_inverted"], now.inverted)
@@ -192,7 +187,7 @@ def _watch(solver, shape, dt, limit):
             recovered = (frame - good_frames + frames_between) * dt
             if good_frames > 0 and recovered <= limit:
                 seen["recovery_seconds"] = recovered
-            return seen, now
+            return seen | now._asdict()
         for _ in range(frames_between):
             solver.step(dt)
             seen["rescues"] += solver.rescuing and not was_rescuing

@@ -6,7 +6,7 @@ from ...deform import Material, XpbdSolver
 from ...field import TetField
 from ...render import Renderer
 from ..rendering import BOUND, LARGEST
-from ..report import INK, Figure, Section, Table, log_scale, new_figure, png
+from ..report import INK, Figure, Section, Table, label, new_figure, png
 from . import poses
 from .measure import Solid, recovery_limit, run_case
 from .stress import CASES
@@ -147,10 +147,9 @@ def plot(rows) -> bytes:
         limits = [row.limit for row in lost]
         axis.scatter(limits, [places[r.case] for r in lost], s=60, marker="x", **style)
     axis.axvline(recovery_limit(1e6), color=INK, linewidth=0.8, linestyle="--")
-    log_scale(axis.xaxis)
+    x = "simulated seconds until it is back (dashed: the limit from E = 10⁴ Pa on)"
+    label(axis, x, log="x", grid="x")
     axis.set_yticks(range(len(names)), names)
     axis.invert_yaxis()
-    axis.set_xlabel("simulated seconds until it is back (dashed: the limit from E = 10⁴ Pa on)")
-    axis.grid(True, axis="x", which="major", linewidth=0.4)
     figure.legend(fontsize=7, frameon=False, loc="outside right upper")
     return png(figure)

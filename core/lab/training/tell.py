@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ...field import TetField
-from ..report import INK, Figure, Section, Table, new_figure, png
+from ..report import Figure, Section, Table, label, new_figure, png
 
 COLORS = {1: "#e07a1f", 2: "#2a6f97"}  # of the stages
 TEST_COLOR = "#7b2d8b"
@@ -117,10 +117,7 @@ def picture(meta: dict, moments: list[Moment]) -> bytes:
         axes.axhline(psnr, color=TEST_COLOR, linestyle="--", linewidth=1.0)
         axes.plot([end], [psnr], "D", color=TEST_COLOR, label=f"test views, {psnr:.2f} dB")
     axes.set_xlim(0.0, 1.02 * end)
-    axes.set_xlabel("seconds of training", color=INK)
-    axes.set_ylabel("PSNR [dB]", color=INK)
-    axes.tick_params(colors=INK)
-    axes.grid(alpha=0.3)
+    label(axes, "seconds of training", "PSNR [dB]")
     axes.legend(loc="lower right", frameon=False)
     return png(figure)
 
