@@ -22,7 +22,7 @@ class Panel:
             on_key_press=lambda s, m: self.seen.append("key") or True,
         )
         self.gui = Gui(window)
-        self.gui.listen()
+        window.push_handlers(self.gui)
         for _ in range(3):
             self.frame()
 

@@ -7,8 +7,7 @@ from deformrf.core.render import MODES, Renderer, RenderOptions, render_mode, sh
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer.gl import Canvas, depth_terms
 from deformrf.viewer.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceLayer
-from deformrf.viewer.refinement import SAMPLE_COUNT
-from deformrf.viewer.resolution import CPU_LADDER
+from deformrf.viewer.resolution import CPU_LADDER, SAMPLE_COUNT
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.times import FrameTimes
 

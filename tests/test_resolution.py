@@ -6,16 +6,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from deformrf.viewer.refinement import STRIP_SECONDS, Picture, finer, size_at
 from deformrf.viewer.resolution import (
     CPU_LADDER,
     FACTORS,
     LADDER,
     RECOGNIZABLE,
+    STRIP_SECONDS,
     TOO_SLOW,
     MovingResolution,
+    Picture,
     Rung,
-    render_budget,
+    finer,
 )
 
 EDGES = 0.1 / 2.0 ** np.arange(6)  # of six levels
@@ -111,9 +112,10 @@ def test_a_rung_saves_on_what_it_names_and_on_nothing_else():
 
 
 def test_what_else_takes_time_is_taken_from_rendering_but_not_all_of_it():
-    assert render_budget(10, 0.0) == pytest.approx(0.1)
-    assert render_budget(10, 0.03) == pytest.approx(0.07)
-    assert render_budget(10, 0.5) == pytest.approx(0.04)
+    moving = MovingResolution(1.0)
+    for other_seconds, target_seconds in ((0.0, 0.1), (0.03, 0.07), (0.5, 0.04)):
+        moving.aim(10, other_seconds)
+        assert moving.target_seconds == pytest.approx(target_seconds)
 
 
 def image(row_count):
@@ -138,10 +140,6 @@ def test_strips_keep_to_their_budget():
     seconds_per_row = 0.2 * STRIP_SECONDS / (last - first)
     first, last = picture.strip()
     assert (last - first) * seconds_per_row == pytest.approx(STRIP_SECONDS)
-
-
-def test_no_size_is_empty():
-    assert size_at(0.1, 12, 300) == (8, 30)
 
 
 @pytest.mark.parametrize("factor", FACTORS[1:])

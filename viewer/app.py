@@ -78,7 +78,7 @@ class App:
         # The handlers that are pushed last are asked first.
         self.window.push_handlers(self.controls)
         if self.gui is not None:
-            self.gui.listen()
+            self.window.push_handlers(self.gui)
         self.window.push_handlers(**dict.fromkeys(self.window.event_types, self._note_event))
 
     def _show_progress(self, title):

@@ -41,12 +41,10 @@ OTHER_KEYS = {  # pyglet's names -> ImGui's
     "PAGEUP": "page_up",
     "PAGEDOWN": "page_down",
 }
-
-
-def key_map():
-    """pyglet's key symbols -> ImGui's keys."""
-    names = {name.upper(): name for name in SAME_KEYS} | OTHER_KEYS
-    return {getattr(key, name): getattr(imgui.Key, value) for name, value in names.items()}
+KEYS = {  # pyglet's symbols -> ImGui's keys
+    getattr(key, name): getattr(imgui.Key, value)
+    for name, value in ({name.upper(): name for name in SAME_KEYS} | OTHER_KEYS).items()
+}
 
 
 def apply_style() -> None:
@@ -103,7 +101,6 @@ class Gui:
         platform.platform_set_clipboard_text_fn = lambda context, text: window.set_clipboard_text(
             text
         )
-        self._keys = key_map()
         self._time = time.perf_counter()
         self._rectangles = []  # of the panels in the last frame: left, top, right, bottom
         self._building = []
@@ -112,10 +109,6 @@ class Gui:
         self._failed = set()
 
     # -- events: True means that the view does not get them -------------------------------
-
-    def listen(self) -> None:
-        """Be asked for the window's events before every handler that was pushed so far."""
-        self.window.push_handlers(self)
 
     def covers(self, x: float, y: float) -> bool:
         """Whether a panel is at that position of the window, or a popup is open."""
@@ -189,8 +182,8 @@ class Gui:
             # X11 reports modifiers as before the event, which is wrong for their own keys.
             held = down if symbol in own_keys else bool(modifiers & bit)
             self._io.add_key_event(name, held)
-        if symbol in self._keys:
-            self._io.add_key_event(self._keys[symbol], down)
+        if symbol in KEYS:
+            self._io.add_key_event(KEYS[symbol], down)
 
     # -- frame ---------------------------------------------------------------------------
 

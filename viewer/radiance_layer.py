@@ -1,8 +1,8 @@
 """The field's image in the window: rendered when something has changed, refined at rest.
 
 While camera or vertices change, the image is rendered with as many pixels as the target
-frame rate allows (resolution.py).  At rest finer images follow, up to the full resolution,
-and then shifted images whose mean is shown, a strip of rows per frame (refinement.py).
+frame rate allows.  At rest finer images follow, up to the full resolution, and then shifted
+images whose mean is shown, a strip of rows per frame (resolution.py).
 The depth is that of the unshifted image: other things in the scene hide behind the object.
 """
 
@@ -15,8 +15,7 @@ import warp as wp
 from ..core.field import level_edges
 from ..core.render import RenderOptions, render_mode
 from . import gl
-from .refinement import SAMPLE_COUNT, Picture, Sampling, finer, size_at
-from .resolution import CPU_LADDER, LADDER, MovingResolution, render_budget
+from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Picture, Sampling, finer
 from .upload import ImageTexture
 
 REST_SECONDS = 0.15  # without a change, before refining begins
@@ -138,7 +137,7 @@ class RadianceLayer:
         scene, moving, rung = self._scene, self._moving, self._moving.rung
         # On CUDA, flip is the wait for the screen, and costs rendering nothing.
         others = (*OTHER_PARTS, "flip") if self.device.is_cpu else OTHER_PARTS
-        moving.target_seconds = render_budget(scene.settings.target_fps, self._times.recent(others))
+        moving.aim(scene.settings.target_fps, self._times.recent(others))
         pixel = scene.orbit.distance / (camera.focal * rung.factor)
         start = time.perf_counter()
         self._render_at(rung.factor, camera, rung.savings(self._level_edges, pixel))
@@ -172,7 +171,7 @@ class RadianceLayer:
 
     def _picture(self, factor, camera, texture, cheaper=None):
         """A picture without rows yet, in this texture if it fits."""
-        size = size_at(factor, camera.width, camera.height)
+        size = max(8, round(camera.width * factor)), max(8, round(camera.height * factor))
         if texture is not None and texture.size != size:
             texture.release()
             texture = None

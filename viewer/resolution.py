@@ -1,20 +1,28 @@
-"""Chooses the number of rendered pixels while things move.
+"""How many pixels are rendered: as many as there is time for while things move, all at rest.
 
-The factors are powers of √½ of the window's size, so that one step halves or doubles the
-pixels, and with them about the time.  Below about a third of the width a picture is a mosaic;
-before that, a slow renderer makes its rays take longer steps and leaves out levels finer than
-a pixel.  After a change the time has to leave a band around the target before the next one,
-or the picture would flicker between two.
+While things move, the factors are powers of √½ of the window's size, so that one step halves or
+doubles the pixels, and with them about the time.  Below about a third of the width a picture is
+a mosaic; before that, a slow renderer makes its rays take longer steps and leaves out levels
+finer than a pixel.  After a change the time has to leave a band around the target before the
+next one, or the picture would flicker between two.
+
+At rest the full resolution comes in strips of rows, so that the window answers meanwhile, and
+then images shifted by parts of a pixel, of which the mean is shown.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..core.field import below_pixel
+from ..core.render import RunningMean, shifted
+from .upload import ImageTexture
 
 FACTORS = tuple(0.5 ** (0.5 * step) for step in range(7))  # 1 .. 0.125
 TOO_SLOW, FITS = 1.25, 1.1  # of the target: what leads to less, what more may be expected to take
 SMALLEST_SHARE = 0.4  # of a frame that rendering gets, whatever else takes time
 RECOGNIZABLE = 0.35  # the factor below which pixels are the last thing to save on
+STRIP_SECONDS = 0.045  # rendering a strip
+SMALLEST_STRIP = 4  # rows
+SAMPLE_COUNT = 16  # images whose mean is shown in the end
 
 
 @dataclass(frozen=True)
@@ -54,11 +62,6 @@ CPU_LADDER = (
 )
 
 
-def render_budget(target_fps: float, other_seconds: float) -> float:
-    """Seconds that rendering may take for so many frames a second, beside everything else."""
-    return max(1.0 / target_fps - other_seconds, SMALLEST_SHARE / target_fps)
-
-
 @dataclass
 class MovingResolution:
     """Chooses the rung from the measured times of the frames drawn while things move."""
@@ -71,6 +74,10 @@ class MovingResolution:
     @property
     def rung(self) -> Rung:
         return self.ladder[self.step]
+
+    def aim(self, target_fps: float, other_seconds: float) -> None:
+        """Leave rendering what everything else leaves of a frame, at so many frames a second."""
+        self.target_seconds = max(1.0 / target_fps - other_seconds, SMALLEST_SHARE / target_fps)
 
     def measured(self, seconds: float) -> None:
         """Take account of one frame that was rendered as the present rung says.
@@ -89,3 +96,74 @@ class MovingResolution:
         if self._patience == 3:
             self.step -= 1
             self._patience = 0
+
+
+def finer(factor: float) -> float:
+    """The factor to refine to: the full one, by way of another if it is far off."""
+    return 4.0 * factor if 4.0 * factor < 0.6 else 1.0
+
+
+@dataclass
+class Picture:
+    """An image of the field, perhaps not all of its rows yet."""
+
+    height: int
+    factor: float = 1.0  # its size relative to the window's
+    texture: ImageTexture | None = None  # that its rows are put into
+    cheaper: dict = field(default_factory=dict)  # what it saves on, for RenderOptions
+    images: list = field(default_factory=list)  # the renderer's, from top to bottom
+    next_row: int = 0
+    seconds_per_row: float | None = None
+
+    @property
+    def done(self) -> bool:
+        return self.next_row >= self.height
+
+    def strip(self) -> tuple[int, int]:
+        """The next rows that take about STRIP_SECONDS: the first, and the one after the last."""
+        rows = SMALLEST_STRIP
+        if self.seconds_per_row is not None:
+            rows = max(rows, int(STRIP_SECONDS / max(self.seconds_per_row, 1e-9)))
+        return self.next_row, min(self.next_row + rows, self.height)
+
+    def add(self, image, seconds: float) -> None:
+        """Take the rows that follow, an Image of core/render, and how long they took."""
+        rows = image.color.shape[0]
+        self.images.append(image)
+        self.next_row += rows
+        self.seconds_per_row = seconds / rows
+
+
+class Sampling:
+    """The mean of a full image and shifted ones."""
+
+    def __init__(self, picture: Picture, device):
+        """Begin with a whole picture at the full resolution."""
+        self.count = 0  # whole images in the mean
+        self.color = None  # the mean, if it is of several images.  [H, W] vec4ub
+        self._mean = RunningMean(*picture.texture.size, device)
+        self._picture = picture  # that is being rendered, or the last one
+        self._add_images()
+
+    def step(self, camera, render) -> bool:
+        """Render a strip; whether an image is complete and `color` new.
+
+        Args:
+            render: Called with a Picture and a camera; renders the strip that follows.
+        """
+        if self._picture.done:
+            seconds_per_row = self._picture.seconds_per_row
+            self._picture = Picture(camera.height, seconds_per_row=seconds_per_row)
+        render(self._picture, shifted(camera, self.count))
+        if not self._picture.done:
+            return False
+        self._add_images()
+        self.color = self._mean.color(self.count)
+        return True
+
+    def _add_images(self):
+        row = 0
+        for image in self._picture.images:
+            self._mean.add(image, row)
+            row += image.color.shape[0]
+        self.count += 1
