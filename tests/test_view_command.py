@@ -103,7 +103,7 @@ def test_without_a_display_it_says_what_to_do(ball_file):
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("step", ["load", "run_offline"])
+@pytest.mark.parametrize("step", ["load", "frame"])
 def test_a_missing_optional_package_is_named(capfd, monkeypatch, window, ball_file, tmp_path, step):
     """At the start as in a frame."""
     from deformrf.viewer.app import App

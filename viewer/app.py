@@ -12,7 +12,6 @@ import pyglet
 from pyglet.window import key
 
 from . import orbit as orbits
-from . import script
 from .actions import ACTIONS, action_of
 from .controls import Controls
 from .events import state_of
@@ -152,21 +151,6 @@ class App:
             and not self.recorder.wants_screenshot
             and self.recorder.video is None
         )
-
-    def run_offline(self, frame_count: int, fps: int, drag=None, screenshot=None):
-        """Render frames one after another, each in full; yields the number of each.
-
-        The screenshot shows the last frame, or the last one before a drag is let go.
-        """
-        shot = frame_count - 1 if drag is None else script.hold_ends(frame_count) - 1
-        for number in range(frame_count):
-            if drag is not None:
-                script.play(drag, self.scene, number, frame_count)
-            if screenshot is not None and number == shot:
-                self.recorder.screenshot(screenshot)
-            self.window.switch_to()
-            self.frame(1.0 / fps, whole=True)
-            yield number
 
     # -- a frame -------------------------------------------------------------------------
 

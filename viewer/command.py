@@ -24,7 +24,6 @@ from ..core.render import Mode
 PROGRAM = "deformrf-view"
 SLOW_START = 1.5  # s after which the user is told what takes so long
 WINDOW_SIZE, HEADLESS_SIZE = (1200, 800), (400, 400)
-HEADLESS_FRAMES = 90
 SMALLEST_SIDE, LARGEST_SIDE = 32, 8192
 
 AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
@@ -178,40 +177,23 @@ def _open(chosen):
 
 def _show(app, chosen, drag):
     """Show frames until the end, and write the files; returns the exit code."""
+    from .script import render_files
+
+    run = chosen.run
     try:
-        if chosen.run.headless:
-            _render_files(app, chosen, drag)
+        if run.headless:
+            render_files(app, run, chosen.fps, drag)
         else:
-            _show_window(app, chosen.run)
+            if run.record is not None:
+                app.frame(0.0)  # the canvas has its size from the first frame
+                app.recorder.start(run.record)
+            app.run(run.frames)
+            if run.screenshot is not None:
+                app.recorder.screenshot(run.screenshot)
+                app.frame(0.0, whole=True)
     finally:
         app.close()
     return FAILED if app.recorder.failed else 0
-
-
-def _show_window(app, run):
-    if run.record is not None:
-        app.frame(0.0)  # the canvas has its size from the first frame
-        app.recorder.start(run.record)
-    app.run(run.frames)
-    if run.screenshot is not None:
-        app.recorder.screenshot(run.screenshot)
-        app.frame(0.0, whole=True)
-
-
-def _render_files(app, chosen, drag):
-    from rich.console import Console
-    from rich.progress import track
-
-    run = chosen.run
-    count = run.frames or HEADLESS_FRAMES
-    app.canvas.use(frame_size(chosen))
-    if run.record is not None:
-        app.recorder.start(run.record, live=False)
-    frames = app.run_offline(count, chosen.fps, drag, run.screenshot)
-    console = Console(stderr=True)
-    hidden = not console.is_terminal
-    for _ in track(frames, "rendering", total=count, console=console, disable=hidden):
-        pass
 
 
 @contextmanager

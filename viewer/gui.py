@@ -82,11 +82,7 @@ def apply_style() -> None:
 
 
 class Gui:
-    """ImGui attached to one window.
-
-    Attributes:
-        mouse_on_panel: Whether the mouse was last seen over a panel.
-    """
+    """ImGui attached to one window."""
 
     def __init__(self, window):
         self.window = window
@@ -104,7 +100,7 @@ class Gui:
         self._time = time.perf_counter()
         self._rectangles = []  # of the panels in the last frame: left, top, right, bottom
         self._building = []
-        self.mouse_on_panel = False
+        self.mouse_on_panel = False  # when it was last seen
         self._captured = set()  # buttons that were pressed on a panel
         self._failed = set()
 

@@ -36,7 +36,6 @@ class Progress:
 
     @property
     def stage(self) -> str:
-        """The present stage, in words."""
         if self.seconds:
             return STAGES[min(len(self.seconds), len(STAGES) - 1)]
         verb = "compiling" if self.compiling else "loading"

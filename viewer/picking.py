@@ -10,11 +10,7 @@ from ..core.render import Camera
 
 
 def project(camera: Camera, points):
-    """Project points [N, 3] to the image.
-
-    Returns:
-        Pixels [N, 2] and distances t [N]; behind the camera, pixels are NaN and t is -inf.
-    """
+    """Pixels [N, 2] and distances t [N] of points [N, 3]; NaN and -inf behind the camera."""
     offsets = np.asarray(points, float) - camera.position
     local = offsets @ camera.camera_to_world[:3, :3]
     in_front = local[:, 2] < -1e-9
@@ -43,8 +39,7 @@ def onto_view_plane(camera: Camera, pixel, point):
 def depth_at(depth_image, camera: Camera, pixels):
     """The depth at pixels [N, 2] of `camera`; inf outside the image.  [N]
 
-    Args:
-        depth_image: The same view's depth, perhaps with fewer pixels than the camera.  [h, w]
+    The depth image [h, w] is of the same view, but may have fewer pixels than the camera.
     """
     height, width = depth_image.shape
     scale = np.array([width / camera.width, height / camera.height])
@@ -68,16 +63,12 @@ def _inside(camera, pixels):
 
 
 def pick_sphere(camera: Camera, pixel, centers, radius: float, shown, slack: float) -> int | None:
-    """The sphere under a pixel: of those that cover it, the nearest to the eye.
+    """The index of the sphere under a pixel, the nearest to the eye of those that cover it.
 
     Args:
-        centers: Centers of the spheres.  [N, 3]
-        radius: Radius of every sphere, model units.
+        centers, radius: Of the spheres, model units.  [N, 3], one radius for all
         shown: Spheres that can be picked.  [N] bool
         slack: Pixels by which a pick may miss a sphere.
-
-    Returns:
-        Its index, or None.
     """
     pixels, t = project(camera, centers)
     reach = camera.focal * radius / np.maximum(t, 1e-9) + slack

@@ -96,11 +96,9 @@ class RadianceLayer:
     # -- rendering -----------------------------------------------------------------------
 
     def update(self, camera, whole=False) -> None:
-        """Render what has changed since the last call.
+        """Render what has changed since the last call, for a camera at full resolution.
 
-        Args:
-            camera: The camera at full resolution.
-            whole: Render all pixels at once, however long it takes, but each only once.
+        If `whole`, all pixels are rendered at once, however long it takes, but each only once.
         """
         scene, settings = self._scene, self._scene.settings
         seen = (

@@ -115,14 +115,9 @@ def stamped(stem: str, suffix: str) -> Path:
 
 
 def without_background(image, background):
-    """An image over a background color as straight color and alpha.
+    """An image of color over a background [3] (0..1) and opacity, with its own color instead.
 
-    Args:
-        image: Color over the background, and opacity.  [H, W, 4] uint8
-        background: 0..1.  [3]
-
-    Returns:
-        [H, W, 4] uint8, black where nothing is.
+    Images are [H, W, 4] uint8; the color is black where nothing is.
     """
     color, opacity = image[..., :3].astype(np.float32), image[..., 3:] / np.float32(255.0)
     own = color - 255.0 * np.float32(background) * (1.0 - opacity)

@@ -148,8 +148,7 @@ class Sampling:
     def step(self, camera, render) -> bool:
         """Render a strip; whether an image is complete and `color` new.
 
-        Args:
-            render: Called with a Picture and a camera; renders the strip that follows.
+        `render` is called with a Picture and a camera, and adds the strip that follows.
         """
         if self._picture.done:
             seconds_per_row = self._picture.seconds_per_row

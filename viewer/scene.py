@@ -60,11 +60,7 @@ class Scene:
     """An object that can be bent."""
 
     def __init__(self, field, name: str, device: str, surface=None):
-        """Take a field at rest.
-
-        Args:
-            surface: Points that can be seen [N, 3]; the mesh's vertices by default.
-        """
+        """Take a field at rest, and points that can be seen [N, 3], by default its vertices."""
         self.field = field
         self.name = name
         self.settings = Settings()

@@ -1,18 +1,20 @@
-"""The drag of --drag: out in the first third of the frames, held in the second, then let go."""
+"""A run without a window: frames go into files, while --drag moves a vertex.
+
+It goes out in the first third of the frames, is held in the second, and then let go.
+"""
 
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+FRAME_COUNT = 90  # by default
 TOP = "top"  # in place of an id
 LONGEST_OFFSET = 2.0  # model units; farther away, the vertex leaves the picture
 
 
 @dataclass(frozen=True)
 class DragScript:
-    """The drag of --drag."""
-
     vertex: int | str  # an id, or TOP until `resolved` has put an id there
     offset: tuple[float, float, float]  # from where the vertex is, model units
 
@@ -83,3 +85,27 @@ def play(script: DragScript, scene, frame: int, frame_count: int) -> None:
     smooth = out * out * (3.0 - 2.0 * out)
     start = scene.grabbed.before[0][script.vertex]
     scene.drag_to(start + smooth * np.array(script.offset))
+
+
+def render_files(app, run, fps: int, drag: DragScript | None) -> None:
+    """Render the frames of the command's RunArguments, one after another, each in full.
+
+    The screenshot shows the last frame, or the last one before a drag is let go.
+    """
+    from rich.console import Console
+    from rich.progress import track
+
+    count = run.frames or FRAME_COUNT
+    shot = count - 1 if drag is None else hold_ends(count) - 1
+    app.canvas.use(app.size)
+    if run.record is not None:
+        app.recorder.start(run.record, live=False)
+    console = Console(stderr=True)
+    hidden = not console.is_terminal
+    for frame in track(range(count), "rendering", console=console, disable=hidden):
+        if drag is not None:
+            play(drag, app.scene, frame, count)
+        if run.screenshot is not None and frame == shot:
+            app.recorder.screenshot(run.screenshot)
+        app.window.switch_to()
+        app.frame(1.0 / fps, whole=True)

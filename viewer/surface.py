@@ -16,13 +16,9 @@ MAX_POINTS = 4000
 
 
 def visible_points(renderer, vertices):
-    """Points on the opaque surface; the vertices [V, 3] themselves if nothing is opaque.
+    """At most MAX_POINTS points on the opaque surface; the vertices if nothing is opaque.
 
-    Args:
-        renderer: A Renderer that has the pose of `vertices`.
-
-    Returns:
-        [N, 3] float64, N at most MAX_POINTS.
+    The Renderer has the pose of the vertices [V, 3].  Points are [N, 3] float64.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     radius = 0.5 * float(np.linalg.norm(high - low))

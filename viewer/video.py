@@ -22,14 +22,9 @@ class VideoWriter:
     """An H.264 file that is being written."""
 
     def __init__(self, path: Path, size: tuple[int, int], fps: int, clock=None):
-        """Open the file.
+        """Open the file, whose name ends in .mp4; a clock is a function that returns seconds.
 
-        Args:
-            path: The file to write, ending in .mp4.
-            size: Width and height of the images; an odd last column or row is cut off, as
-                4:2:0 pictures have even sizes.
-            fps: Frames per second.
-            clock: A function that returns seconds, or None.
+        An odd last column or row of the images is cut off, as 4:2:0 pictures have even sizes.
         """
         import av
 
@@ -72,7 +67,7 @@ class VideoWriter:
             RuntimeError: The encoder failed.
         """
         if self._error:
-            raise RuntimeError(self._failure()) from self._error
+            raise self._failure() from self._error
         image = fitted(image, self.width, self.height)
         if not self._clock:
             self._queue.put((image, 1))
@@ -98,15 +93,15 @@ class VideoWriter:
         self._thread.join()
         if self._error:
             self.part.unlink(missing_ok=True)
-            raise RuntimeError(self._failure()) from self._error
+            raise self._failure() from self._error
         os.replace(self.part, self.path)
         return self.path
 
     def _failure(self):
         """The error of the encoder's thread, in one sentence."""
         if isinstance(self._error, OSError) and self._error.strerror:
-            return f"can't write {self.path}: {self._error.strerror}"
-        return f"the video encoder failed: {self._error}"
+            return RuntimeError(f"can't write {self.path}: {self._error.strerror}")
+        return RuntimeError(f"the video encoder failed: {self._error}")
 
     def _now(self):
         """The number of the frame that the clock is at."""

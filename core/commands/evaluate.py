@@ -13,7 +13,7 @@ from .. import field as fields
 from .. import render, training
 from ..arguments import Count, File, writable_file
 from ..device import Choice, device_name
-from .running import INTERRUPTED, complain, require, run, warn_of_missing
+from .running import INTERRUPTED, complain, load_views, require, run
 
 PROGRAM = "deformrf-eval"
 SPLITS = ("train", "val", "test")
@@ -47,7 +47,6 @@ class EvaluateArguments:
 
 
 def main():
-    """The command deformrf-eval."""
     arguments = tyro.cli(EvaluateArguments, prog=PROGRAM)
     sys.exit(run(PROGRAM, lambda: prepare(arguments)))
 
@@ -58,10 +57,7 @@ def prepare(arguments: EvaluateArguments):
         raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
     if arguments.split not in SPLITS:
         raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
-    dataset = training.load_dataset(
-        arguments.data, arguments.split, arguments.image_size, arguments.views
-    )
-    warn_of_missing(dataset)
+    dataset = load_views(arguments.data, arguments.split, arguments.image_size, arguments.views)
     for lens in dataset.lenses:
         training.check_size(lens.height, lens.width)
         if arguments.lpips_weights:

@@ -18,11 +18,8 @@ from ..arguments import plain_message
 FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
 
-OUT_OF_MEMORY = (
-    "Failed to allocate",
-    "out of memory",
-    "DefaultCPUAllocator",
-)  # in the errors of Warp and torch
+# In the errors of Warp and torch.
+OUT_OF_MEMORY = ("Failed to allocate", "out of memory", "DefaultCPUAllocator")
 WHOLE = "deformrf (in a checkout: make venv)"
 # Packages that may be missing ("make demo" installs only what viewing needs): what each does,
 # and what to install.
@@ -83,8 +80,9 @@ def require(*packages: str):
             raise ModuleNotFoundError(f"No module named '{name}'", name=name)
 
 
-def warn_of_missing(dataset):
-    """Say how many images were skipped."""
+def load_views(*arguments, **options):
+    """`training.load_dataset`; says how many images were skipped."""
+    dataset = training.load_dataset(*arguments, **options)
     if dataset.missing and is_first():
         total = len(dataset.missing) + dataset.view_count
         print(
@@ -92,6 +90,7 @@ def warn_of_missing(dataset):
             f"skipped, first {dataset.missing[0]}",
             file=sys.stderr,
         )
+    return dataset
 
 
 def is_first() -> bool:

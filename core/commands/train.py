@@ -11,15 +11,7 @@ from .. import field as fields
 from .. import training
 from ..arguments import Count, at_least, writable_file
 from ..device import Choice, device_name
-from .running import (
-    FAILED,
-    INTERRUPTED,
-    complain,
-    is_first,
-    require,
-    run,
-    warn_of_missing,
-)
+from .running import FAILED, INTERRUPTED, complain, is_first, load_views, require, run
 
 PROGRAM = "deformrf-train"
 SAME_NAMED = ("seed", "aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")
@@ -77,7 +69,6 @@ class TrainArguments:
 
 
 def main():
-    """The command deformrf-train."""
     arguments = tyro.cli(TrainArguments, prog=PROGRAM)
     sys.exit(run(PROGRAM, lambda: prepare(arguments)))
 
@@ -89,10 +80,7 @@ def prepare(arguments: TrainArguments):
     checkpoint_path = output.with_suffix(".checkpoint")
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
     options = resumed.options if resumed else train_options(arguments)
-    train_views = training.load_dataset(
-        arguments.data, "train", arguments.image_size, for_training=True
-    )
-    warn_of_missing(train_views)
+    train_views = load_views(arguments.data, "train", arguments.image_size, for_training=True)
     if resumed:
         check_resumed_views(resumed.report, train_views)
     # It raises an error here if there is no box, or a bad one.
@@ -142,14 +130,13 @@ def prepare(arguments: TrainArguments):
 def load_test_views(arguments: TrainArguments):
     """The views that score the model; None without a split for them, or without its images."""
     try:
-        views = training.load_dataset(arguments.data, "test", arguments.image_size)
+        views = load_views(arguments.data, "test", arguments.image_size)
     except training.NoSplitError:
         return None
     except training.NoImagesError as error:
         if is_first():
             print(f"The model will not be scored: {error}", file=sys.stderr)
         return None
-    warn_of_missing(views)
     for lens in views.lenses:
         training.check_size(lens.height, lens.width)
     return views

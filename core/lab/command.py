@@ -66,7 +66,6 @@ class Job(NamedTuple):
 
 
 def main():
-    """The command deformrf-report."""
     arguments = tyro.cli(ReportArguments, prog=PROGRAM, config=(tyro.conf.FlagCreatePairsOff,))
     sys.exit(run(PROGRAM, lambda: prepare(arguments)))
 

@@ -47,7 +47,6 @@ def _time_buttons(app):
 
 
 def state_line(scene) -> str:
-    """The state of the simulation."""
     if scene.solver.rescuing:
         return "rescuing ..."
     if scene.solver.given_up:

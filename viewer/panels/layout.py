@@ -80,7 +80,6 @@ def _floating(name, place, flags=0):
 
 
 def help_overlay(app):
-    """The help overlay: gestures and keys."""
     if imgui.begin_table("inputs", 2, imgui.TableFlags_.sizing_fixed_fit.value):
         for entry in INPUTS:
             imgui.table_next_row()
