@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from deformrf.core.field import below_pixel, level_edges
+from deformrf.core.field import level_edges
 from deformrf.core.render import (
     MODES,
     Renderer,
@@ -54,18 +54,6 @@ def tet_colors_reference(tet):
     h = h * modes.PRIMES[1] & 0xFFFFFFFF
     h ^= h >> 13
     return np.stack([64 + (h >> shift & 255) * 3 // 4 for shift in (0, 8, 16)], -1).astype(np.uint8)
-
-
-def levels_reference(t, edges, focal):
-    """The finest level that is not finer than a pixel at distance t, or 0.  [...] int
-
-    Args:
-        t: Distances, inf where nothing is.  [...]
-        edges: `level_edges` of the model.  [L]
-        focal: In pixels.
-    """
-    resolved = ~below_pixel(edges, np.asarray(t, float) / focal)
-    return np.maximum(resolved.sum(axis=-1) - 1, 0)
 
 
 def heat_reference(x):
@@ -172,10 +160,10 @@ def test_levels_are_those_that_a_pixel_can_show(shown):
     renderer, t = shown.renderer, shown("color").depth_array()
     count = renderer.field.layout.level_count
     edges = level_edges(renderer.field.mesh, count)
-    levels = levels_reference(t, edges, shown.view.focal)
+    levels = modes.levels_reference(t, edges, shown.view.focal)
     seen = np.isfinite(t)
     # Where the level changes, depths are rounded to either side.
-    changing = levels_reference(1.0001 * t, edges, shown.view.focal) != levels
+    changing = modes.levels_reference(1.0001 * t, edges, shown.view.focal) != levels
     image = shown("levels")
     color, there = picture(image)
     np.testing.assert_array_equal(there, seen)
@@ -186,7 +174,7 @@ def test_levels_are_those_that_a_pixel_can_show(shown):
 def test_half_the_distance_shows_one_level_more():
     t = np.array([np.inf, 8.0, 4.0, 2.0, 1.0, 1e-3])
     edges = 0.1 / 2.0 ** np.arange(6)
-    assert levels_reference(t, edges, 40.0).tolist() == [0, 0, 0, 1, 2, 5]
+    assert modes.levels_reference(t, edges, 40.0).tolist() == [0, 0, 0, 1, 2, 5]
 
 
 def test_few_tets_share_a_color():

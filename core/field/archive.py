@@ -33,10 +33,21 @@ class ModelFileError(ValueError):
 
 def read_arrays(path) -> dict:
     """All arrays of a file by name."""
-    if not path.is_file():
-        raise ModelFileError(f"there is no model file at {path}")
+    check(path.is_file(), f"there is no model file at {path}")
     try:
-        return _read_arrays(path)
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+            check(
+                size <= MAX_BYTES,
+                f"{path} would unpack to {size / 2**30:.1f} GiB; models have less than "
+                f"{MAX_BYTES / 2**30:.0f} GiB",
+            )
+            for entry in archive.infolist():
+                _check_header(archive, entry)
+        with np.load(path, allow_pickle=False) as archive:
+            named = "meta" in archive.files
+            check(named, f"{path} is not a deformrf model: it has no 'meta' array")
+            return {name: archive[name] for name in archive.files}
     except ModelFileError:
         raise
     except UNREADABLE as error:
@@ -62,12 +73,7 @@ def check(condition, sentence):
 
 
 def array(arrays, name, dtypes, shape):
-    """The named array, checked.
-
-    Args:
-        dtypes: The allowed type, or a tuple of them.
-        shape: The expected shape; None stands for any length.
-    """
+    """The named array of that type (or one of a tuple) and shape; None there is any length."""
     dtypes = dtypes if isinstance(dtypes, tuple) else (dtypes,)
     check(name in arrays, f"the array '{name}' is missing")
     found = arrays[name]
@@ -85,22 +91,6 @@ def array(arrays, name, dtypes, shape):
     return found
 
 
-def _read_arrays(path):
-    with zipfile.ZipFile(path) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-        if size > MAX_BYTES:
-            raise ModelFileError(
-                f"{path} would unpack to {size / 2**30:.1f} GiB; models have less than "
-                f"{MAX_BYTES / 2**30:.0f} GiB"
-            )
-        for entry in archive.infolist():
-            _check_header(archive, entry)
-    with np.load(path, allow_pickle=False) as archive:
-        if "meta" not in archive.files:
-            raise ModelFileError(f"{path} is not a deformrf model: it has no 'meta' array")
-        return {name: archive[name] for name in archive.files}
-
-
 def _check_header(archive, entry):
     """Refuse an array whose header declares more than the zip holds."""
     with archive.open(entry) as stream:
@@ -109,5 +99,7 @@ def _check_header(archive, entry):
             version, np.lib.format.read_array_header_2_0
         )
         shape, _, dtype = read(stream)
-    if math.prod(shape) * dtype.itemsize > entry.file_size:
-        raise ModelFileError(f"'{entry.filename}' declares {shape}, more than the file holds")
+    check(
+        math.prod(shape) * dtype.itemsize <= entry.file_size,
+        f"'{entry.filename}' declares {shape}, more than the file holds",
+    )

@@ -35,15 +35,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
 def encode_reference(mesh: TetMesh, layout: Layout, table, tet, bary, level_count=None):
-    """The definition, in NumPy and in the table's precision.
-
-    Args:
-        table: [entries, F]
-        tet, bary: Samples.  [N], [N, 4]
-
-    Returns:
-        Features [N, L·F].
-    """
+    """The definition, in NumPy and in the table's precision: features [N, L·F] of samples."""
     corners = mesh.addresses[mesh.tets[tet]].astype(np.int64)  # [N, 4, 3]
     path = np.zeros(len(tet), np.int64)
     alpha = bary
@@ -140,11 +132,9 @@ def hashed_entries(
 
 @wp.func
 def corner_entries(tables: Tables, level: int, tet: int, x: wp.vec3, products: mat43ui):
-    """Entries of the corners of the descendant that holds a point, and their weights.
+    """Entries of the corners of the descendant that holds a lattice_point x, and their weights.
 
-    Args:
-        x: lattice_point of the sample.
-        products: tables.products[tet].
+    `products` is tables.products[tet].
     """
     cell, fraction = lattice_cell(x, level)
     first, last = lattice_axes(fraction)
@@ -181,13 +171,7 @@ def encoded_half(
     x: wp.vec3,
     products: mat43ui,
 ):
-    """A level's features of a point, from tables in half precision.
-
-    Args:
-        table, nodes: Entries, and `node_table` of them.
-        x: lattice_point of the sample.
-        products: tables.products[tet].
-    """
+    """A level's features of a point, from a table in half precision and its `node_table`."""
     cell, fraction = lattice_cell(x, level)
     first, last = lattice_axes(fraction)
     weights = lattice_weights(fraction)

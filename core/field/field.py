@@ -74,22 +74,16 @@ class TetField:
         assert self.table.shape == (self.layout.offsets[-1], FEATURES), self.table.shape
 
     def evaluate(self, tet, bary, directions):
-        """Density and color in float64: the reference.
+        """Density [N] per unit of rest length and color [N, 3] in float64: the reference.
 
-        Args:
-            tet, bary: Samples.  [N], [N, 4]
-            directions: Unit vectors, turned back to rest.  [N, 3]
-
-        Returns:
-            sigma [N] per unit of rest length, rgb [N, 3].
+        Directions are unit vectors, turned back to rest.
         """
         double = [
             tuple((w.astype(np.float64), b.astype(np.float64)) for w, b in layers)
             for layers in (self.density_layers, self.color_layers)
         ]
-        features = encode_reference(
-            self.mesh, self.layout, self.table.astype(np.float64), tet, bary
-        )
+        table = self.table.astype(np.float64)
+        features = encode_reference(self.mesh, self.layout, table, tet, bary)
         return evaluate(features, spherical_harmonics(directions), *double)
 
 
@@ -112,10 +106,7 @@ def random_field(mesh: TetMesh, neighbours, options: FieldOptions, seed=0, contr
     def layers(widths):
         bound = [np.sqrt(6.0 / fan_in) for fan_in in widths[:-1]]
         return tuple(
-            (
-                rng.uniform(-b, b, (i, o)).astype(np.float32),
-                np.zeros(o, np.float32),
-            )
+            (rng.uniform(-b, b, (i, o)).astype(np.float32), np.zeros(o, np.float32))
             for b, i, o in zip(bound, widths[:-1], widths[1:], strict=True)
         )
 

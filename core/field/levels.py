@@ -30,14 +30,9 @@ def level_edges(mesh: TetMesh, level_count: int):
 
 
 def below_pixel(edges, pixel):
-    """Whether each level is finer than a pixel.
+    """Whether each level is finer than a pixel of that width where it meets the object.
 
-    Args:
-        edges: `level_edges`.  [L]
-        pixel: Width of a pixel where it meets the object.  [...]
-
-    Returns:
-        [..., L] bool
+    `level_edges` [L], [...] -> [..., L] bool
     """
     return np.asarray(edges) < np.asarray(pixel)[..., None]
 

@@ -167,8 +167,7 @@ def read_meta(text: str) -> dict:
     """The values of a `meta` entry of a version that this program reads.
 
     Raises:
-        ModelFileError: It is not that of a model, or of another version.
-        ValueError: It is no JSON.
+        ModelFileError, or ValueError if it is no JSON.
     """
     try:
         meta = json.loads(text)

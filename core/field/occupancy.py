@@ -63,11 +63,7 @@ def exit_distance(alpha: wp.vec4, slope: wp.vec4):
 
 @wp.func
 def subtet_ahead(bary: wp.vec4, slope: wp.vec4):
-    """The sub-tet that holds a point of a line, and the distance to the line's exit from it.
-
-    Args:
-        slope: Change of `bary` per unit of the line.
-    """
+    """The sub-tet that holds a point of a line, and the distance to the line's exit from it."""
     k1 = child_of(bary)
     alpha = into_child(k1, bary)
     direction = into_child(k1, slope, 0.0)

@@ -66,15 +66,10 @@ def unpack_mesh(arrays, spacing, level_count: int):
 
 
 def pack_tables(table, layout: Layout, reached, entry_bits=16):
-    """The tables' arrays.
-
-    Args:
-        table: [entries, F]
-        reached: [entries] bool
-        entry_bits: 16 or 8.
+    """The arrays of a table [entries, F] of which `reached` [entries] is stored.
 
     Raises:
-        ValueError: entry_bits is neither.
+        ValueError: entry_bits is neither 16 nor 8.
     """
     if entry_bits not in ENTRY_BITS:
         raise ValueError(f"the entries can't have {entry_bits} bits; give 8 or 16")

@@ -36,11 +36,7 @@ def occupied_cells(occupancy, level: int):
 def reached_reference(mesh: TetMesh, layout: Layout, occupancy):
     """The definition, for small meshes: every corner of every such descendant.
 
-    Args:
-        occupancy: [T] uint64
-
-    Returns:
-        [entries] bool, the levels one after another as in the table.
+    [T] uint64 -> [entries] bool, the levels one after another as in the table.
     """
     reached = np.zeros(layout.offsets[-1], bool)
     for level in range(layout.level_count):
@@ -85,15 +81,7 @@ def mark_nodes_kernel(
 
 
 def reached_entries(mesh: TetMesh, layout: Layout, occupancy, device="cpu"):
-    """`reached_reference` for large meshes.
-
-    Args:
-        occupancy: [T] uint64
-        device: A Warp device.
-
-    Returns:
-        [entries] bool
-    """
+    """`reached_reference` for large meshes, on a Warp device."""
     parts = []
     for level, entry_count in enumerate(layout.entry_counts):
         if level < layout.dense_level_count:
@@ -122,13 +110,9 @@ def _reached_hashed(mesh, occupancy, level, entry_count, device):
     size = 2 ** (level - cell_level)
     chunk = max(1, NODES_PER_LAUNCH // ((size + 1) * (size + 2) * (size + 3) // 6))
     for first in range(0, len(tet), chunk):
-        wp.launch(
-            mark_nodes_kernel,
-            dim=min(chunk, len(tet) - first),
-            inputs=[corners, first, size, entry_count - 1],
-            outputs=[reached],
-            device=device,
-        )
+        inputs = [corners, first, size, entry_count - 1]
+        count = min(chunk, len(tet) - first)
+        wp.launch(mark_nodes_kernel, count, inputs=inputs, outputs=[reached], device=device)
         if reached.numpy().all():
             break
     return reached.numpy() > 0

@@ -29,10 +29,6 @@ SEARCH_STEPS = 600  # per number of colors; 400 already find the fewest
 def color_order(constraints, rest_vertices):
     """The order that groups constraints by color, and where each group begins.
 
-    Args:
-        constraints: Vertex ids.  [C, n]
-        rest_vertices: [V, 3]
-
     Returns:
         Indices of the constraints, within a color in the given order [C]; offsets: color c
         is order[offsets[c]:offsets[c + 1]] [color_count + 1]; and the class of each constraint
@@ -66,13 +62,7 @@ def lattice_colors(constraints, rest_vertices):
 
 
 def complete_colors(constraints, colors, vertex_count):
-    """The given colors; each -1 becomes the lowest color that no neighbor has so far.  [C] int
-
-    Args:
-        constraints: Vertex ids.  [C, n]
-        colors: [C] int
-        vertex_count: One more than the highest id.
-    """
+    """The given colors; each -1 becomes the lowest color that no neighbor has so far.  [C] int"""
     used = [0] * vertex_count  # bit c: a constraint of color c touches this vertex
     colors = colors.copy()
     missing = np.flatnonzero(colors < 0)
@@ -97,9 +87,6 @@ def complete_colors(constraints, colors, vertex_count):
 
 def lattice_addresses(rest_vertices):
     """The lattice that a mesh was cut from, axes along those of space.
-
-    Args:
-        rest_vertices: [V, 3]
 
     Returns:
         The lattice, integer addresses modulo its cell [V, 3], and which vertices are on it
@@ -147,10 +134,7 @@ def _best_shift(lattice, addresses):
 
 
 def periodic_classes(lattice: Lattice, addresses):
-    """Color and class of constraints; the translates of a constraint share one class.
-
-    Args:
-        addresses: Addresses of their vertices.  [C, n, 3] int
+    """Color and class of constraints by their vertices' addresses [C, n, 3]; translates share them.
 
     Returns:
         Two arrays [C] int; -1 for constraints that are not of the lattice.

@@ -111,8 +111,7 @@ def best_corner_order(corners):
         corners: Corner positions, exact if they are integers.  [T, 4, 3]
 
     Returns:
-        An even permutation of each tet's corners.  Of equally good ones it is the first, so
-        the best order stays as it is.  [T, 4]
+        An even permutation of each tet's corners; of equally good ones the first.  [T, 4]
     """
     ends = corners[:, EDGES]
     squared = ((ends[:, :, 0] - ends[:, :, 1]) ** 2).sum(axis=-1)

@@ -67,11 +67,7 @@ def tet_neighbours(tets):
 
 
 def boundary_faces(tets, neighbours):
-    """Faces that belong to one tet only, normals outward.
-
-    Returns:
-        Vertex ids [B, 3] int32 and the tet behind each face [B] int32.
-    """
+    """Faces of one tet only, normals outward: vertex ids [B, 3] and their tets [B], int32."""
     tet, face = np.nonzero(neighbours < 0)
     return tets[tet[:, None], FACES[face]].astype(np.int32), tet.astype(np.int32)
 
@@ -84,13 +80,9 @@ def edges(tets):
 def components(vertex_count, tets):
     """A label 0..C-1 per vertex; vertices that share a tet have the same one.  [V] int32
 
-    Labels rise with the lowest vertex of each component.  The function does without
-    scipy.sparse.csgraph because the viewer calls it at start, and viewing is installed
-    without scipy.
-
-    Args:
-        vertex_count: V
-        tets: Vertex ids, or other groups of ids that belong together.  [T, n]
+    Labels rise with the lowest vertex of each component.  `tets` are vertex ids, or other groups
+    of ids that belong together [T, n].  Not by scipy.sparse.csgraph, because the viewer calls
+    this, and viewing is installed without scipy.
     """
     labels = np.arange(vertex_count)
     while True:  # each round halves the longest chain of labels, so there are few
@@ -105,17 +97,10 @@ def components(vertex_count, tets):
 
 
 def face_components(neighbours, keep=None):
-    """A label 0..C-1 per kept tet; tets that are joined through faces have the same one.
+    """A label 0..C-1 per tet; tets that are joined through faces have the same one.  [T] int32
 
     Parts that touch only along an edge or at a vertex get different labels: they would swing
-    like on a hinge.
-
-    Args:
-        neighbours: [T, 4]
-        keep: [T] bool; None keeps all.
-
-    Returns:
-        [T] int32, -1 for tets that are not kept.
+    like on a hinge.  Tets that are not in `keep` [T] have the label -1.
     """
     keep = np.ones(len(neighbours), bool) if keep is None else keep
     new_ids = np.cumsum(keep) - 1
@@ -129,14 +114,7 @@ def face_components(neighbours, keep=None):
 def fill_enclosed(occupied, neighbours):
     """Add the empty tets that no path through empty tets joins to the outside.
 
-    The result is solid, as dynamics needs it; the image does not change.
-
-    Args:
-        occupied: [T] bool
-        neighbours: [T, 4]
-
-    Returns:
-        [T] bool
+    [T] bool -> [T] bool.  The result is solid, as dynamics needs it; the image does not change.
     """
     labels = face_components(neighbours, ~occupied)
     at_border = (neighbours < 0).any(axis=1)
@@ -144,11 +122,7 @@ def fill_enclosed(occupied, neighbours):
 
 
 def extract(mesh: TetMesh, keep):
-    """The sub-mesh of the tets in `keep` ([T] bool), without unused vertices.
-
-    Returns:
-        The mesh, and the old id of each new vertex [V'].
-    """
+    """The mesh of the tets in `keep` ([T] bool), and the old id of each vertex in use [V']."""
     tets = mesh.tets[keep]
     used, new_ids = np.unique(tets, return_inverse=True)
     return TetMesh(

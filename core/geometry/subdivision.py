@@ -53,14 +53,7 @@ CHILD_FROM_PARENT = np.linalg.inv(PARENT_FROM_CHILD)  # [8, 4, 4], the paper's C
 
 
 def descend(alpha):
-    """The child that holds each point, and the point's coordinates in it.
-
-    Args:
-        alpha: Coordinates in the parent.  [N, 4]
-
-    Returns:
-        The child k in 0..7, [N], and the coordinates in child k, [N, 4].
-    """
+    """The child k in 0..7 that holds each point [N], and the point's coordinates in it [N, 4]."""
     corner = alpha.argmax(axis=-1)
     inner = 4 + 1 * (alpha[:, 1] + alpha[:, 2] >= 0.5) + 2 * (alpha[:, 2] + alpha[:, 3] >= 0.5)
     k = np.where(alpha.max(axis=-1) >= 0.5, corner, inner)
@@ -78,11 +71,9 @@ def child_path(alpha, levels: int):
 
 @cache
 def path_corners(levels: int):
-    """Corners of every descendant after `levels` levels, as integer coordinates.
+    """Corners of every descendant after `levels` levels, by path.  [8^levels, corner, 4] int64
 
-    Returns:
-        [8^levels, 4 corners, 4] int64; barycentric coordinates in the coarse tet times
-        2^levels, indexed by path.
+    They are barycentric coordinates in the coarse tet, times 2^levels.
     """
     corners = np.eye(4, dtype=np.int64)[None]  # [paths, corner, 4]
     for _ in range(levels):

@@ -26,7 +26,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from ..field import level_edges
+from ..field import below_pixel, level_edges
 from .rays import DeviceCamera, camera_ray, device_camera
 from .render import Image
 from .render_options import MODES, Mode, RenderOptions
@@ -57,6 +57,18 @@ def caption(mode: str, depth_range=(0.0, 1.0)) -> str:
         "samples": f"samples a pixel: 0 dark to {SAMPLES_SHOWN} yellow",
         "error": f"{ERROR_GAIN:.0f} times the error of the default mode",
     }[mode]
+
+
+def levels_reference(t, edges, focal):
+    """The finest level that is not finer than a pixel at distance t, or 0.  [...] int
+
+    Args:
+        t: Distances, inf where nothing is.  [...]
+        edges: `level_edges` of the model.  [L]
+        focal: In pixels.
+    """
+    resolved = ~below_pixel(edges, np.asarray(t, float) / focal)
+    return np.maximum(resolved.sum(axis=-1) - 1, 0)
 
 
 @wp.struct
@@ -145,7 +157,7 @@ def heated(heat: wp.array(dtype=wp.vec3), x: float):
 
 @wp.func
 def level_color(rendered: Rendered, t: float):
-    """The color of the finest level that is not finer than a pixel at distance t."""
+    """The color of `levels_reference`."""
     level_count = rendered.edge_pixels.shape[0]
     level = int(0)
     while level + 1 < level_count and rendered.edge_pixels[level + 1] >= t:
@@ -198,14 +210,10 @@ def picture_kernel(
 def render_mode(
     renderer, camera, mode: Mode = "color", options=None, rows=None, depth_range=(0.0, 1.0)
 ) -> Image:
-    """Render in a view mode; the arguments that are not named here are Renderer.render's.
+    """Renderer.render in a view mode: color is the mode's picture, depth the field's in any mode.
 
     Args:
-        mode: One of MODES.
         depth_range: Distances from the eye that mode "depth" shows white and black.
-
-    Returns:
-        An Image whose color is the mode's picture; depth is the field's in any mode.
     """
     options = options or RenderOptions()
     if mode == "color":

@@ -64,11 +64,7 @@ class Renderer:
     """
 
     def __init__(self, field: TetField, device="cpu", part_of=visible_part):
-        """Upload the field's visible part.
-
-        Args:
-            part_of: Chooses the tets that rays visit, as visible_part does.
-        """
+        """`part_of` chooses the tets that rays visit, as visible_part does."""
         self.field = field
         self.device = wp.get_device(device)
         self.stage = StageTimer(self.device)
@@ -90,14 +86,10 @@ class Renderer:
             self.pose.set_vertices(vertices)
 
     def render(self, camera: Camera, options: RenderOptions | None = None, rows=None) -> Image:
-        """Render the rows first..last-1 (all by default) as `camera` sees them.
+        """The image, or a strip of it, as `camera` sees the field; its world is model space.
 
         Args:
-            camera: Its world is model space.
-            rows: (first, last) for a strip of the image.
-
-        Returns:
-            An Image of last - first rows.
+            rows: (first, last) for the strip first..last-1.
 
         Raises:
             ValueError: See render_options.checked.
@@ -163,13 +155,10 @@ class Renderer:
 
     def _render_tiles(self, camera, options, rows) -> Image:
         first_pixel, count = rows[0] * camera.width, (rows[1] - rows[0]) * camera.width
-        arrays = {
-            "color": wp.empty(count, dtype=wp.vec4ub, device=self.device),
-            "depth": wp.empty(count, dtype=float, device=self.device),
-        }
+        types = {"color": wp.vec4ub, "depth": float}
         if options.details:
-            arrays["tet"] = wp.empty(count, dtype=int, device=self.device)
-            arrays["samples"] = wp.empty(count, dtype=int, device=self.device)
+            types |= {"tet": int, "samples": int}
+        arrays = {k: wp.empty(count, dtype=t, device=self.device) for k, t in types.items()}
 
         def render_tile(first):
             part = slice(first, min(first + tile_rays, count))

@@ -18,12 +18,9 @@ from ..geometry import morton_order
 
 
 def visible_part(field: TetField):
-    """The field without its empty tets; one tet stays if all are empty.
+    """The field without its empty tets, and the old id of each of its tets [K] int32.
 
-    The part keeps all vertices, so that poses of the field fit it.
-
-    Returns:
-        The part, and the old id of each of its tets [K] int32.
+    One tet stays if all are empty.  All vertices stay, so that poses of the field fit the part.
     """
     mesh = field.mesh
     seen = field.occupancy != 0

@@ -30,15 +30,7 @@ class CpuNetworks:
         self._rgb_bias = np.tile(bias + self._color.missing @ self._rgb_weights, (BLOCK, 1))
 
     def evaluate(self, features, basis):
-        """Density and color of samples.
-
-        Args:
-            features: Features of all levels, or of the coarser ones.  [N, l·F]
-            basis: [N, 16]
-
-        Returns:
-            sigma [N] and rgb [N, 3].
-        """
+        """sigma [N] and rgb [N, 3] of samples, from features [N, l·F] and Y(d) [N, 16]."""
         count = len(features)
         sigma, rgb = np.empty(count, np.float32), np.empty((count, 3), np.float32)
         joined = np.empty((BLOCK, GEOMETRY_FEATURES + BASIS_COUNT), np.float32)

@@ -27,11 +27,7 @@ Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
 
 
 def has_usual_shape(shapes) -> bool:
-    """Whether networks have the shape that the fused kernels are written for.
-
-    Args:
-        shapes: (in, out) of the density network's layers, then of the color network's.
-    """
+    """Whether the layers' shapes (in, out), density's first, are those of the fused kernels."""
     shapes = [tuple(shape) for shape in shapes]
     feature_count = shapes[0][0]
     usual = [
@@ -125,15 +121,7 @@ def basis_of(d: wp.vec3):
 
 
 def evaluate(features, basis, density_layers: Layers, color_layers: Layers):
-    """Density and color of samples.
-
-    Args:
-        features: Encoding.  [N, L·F]
-        basis: `spherical_harmonics` of the samples' directions.  [N, 16]
-
-    Returns:
-        sigma [N] and rgb [N, 3].
-    """
+    """sigma [N] and rgb [N, 3] of samples, from features [N, L·F] and Y(d) [N, 16]."""
     h = mlp(features, density_layers)
     rgb = sigmoid(mlp(np.concatenate([h, basis], axis=1), color_layers))
     return sigma_from(h), rgb

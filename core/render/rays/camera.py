@@ -111,11 +111,7 @@ def view_projection(camera: Camera, near: float, far: float):
 
 
 def camera_rays(camera: Camera):
-    """One ray per pixel, row by row, in NumPy.
-
-    Returns:
-        origins [H·W, 3] and unit directions [H·W, 3], float64.
-    """
+    """One ray per pixel, row by row: origins and unit directions, each [H·W, 3] float64."""
     lens, camera_to_world = camera.lens, np.asarray(camera.camera_to_world, float)
     u, v = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
     x, y = undistort(

@@ -90,12 +90,10 @@ def has_rays(lens: Lens) -> bool:
     The distortion must also grow monotonically up to the border: beyond a turning point the
     lens would show one direction at two pixels.
     """
-    u = np.concatenate([np.linspace(0, lens.width, 33)] * 2 + [np.full(33, x) for x in (0, 1)])
-    v = np.concatenate([np.full(33, y) for y in (0, 1)] + [np.linspace(0, lens.height, 33)] * 2)
-    u[66:] *= lens.width
-    v[:66] *= lens.height
-    x_d = (u - lens.center[0]) / lens.focal[0]
-    y_d = (v - lens.center[1]) / lens.focal[1]
+    along, low, high = np.linspace(0, 1, 33), np.zeros(33), np.ones(33)
+    u, v = np.concatenate([along, along, low, high]), np.concatenate([low, high, along, along])
+    x_d = (u * lens.width - lens.center[0]) / lens.focal[0]
+    y_d = (v * lens.height - lens.center[1]) / lens.focal[1]
     with np.errstate(all="ignore"):
         x, y = undistort(lens, x_d, y_d)
         grown = [distort(lens, s * x, s * y) for s in np.linspace(0, 1, 33)]

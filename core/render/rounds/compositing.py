@@ -24,12 +24,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
 def composite_reference(sigma, rgb, length, t, counts):
-    """Color, opacity, depth and distortion per ray, in NumPy.
-
-    Returns:
-        color [R, 3] (no background), opacity [R], depth [R] (0 without opacity),
-        distortion [R].
-    """
+    """color [R, 3] (no background), opacity [R], depth [R] (0 without opacity), distortion [R]."""
     ends = np.cumsum(counts)
     color, opacity = np.zeros((len(counts), 3)), np.zeros(len(counts))
     depth, distortion = np.zeros(len(counts)), np.zeros(len(counts))

@@ -31,11 +31,7 @@ SLOT_MULTIPLE = 4096  # a multiple of every stride's alignment
 
 
 class Wavefront:
-    """Renders images of up to `capacity` pixels in default mode into its `buffers`.
-
-    `shading.evaluate_slots` fills arrays: evaluate(features [S · L] vec4h, basis [4 S] vec4h,
-    total [1], sigma [S], rgb [S]), without waiting or allocating.
-    """
+    """Renders images of up to `capacity` pixels in default mode into its `buffers`."""
 
     def __init__(self, pose: Pose, occupancy, shading: Shading, options, capacity: int):
         """Allocate everything; `options` are the field's."""
