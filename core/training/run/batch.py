@@ -16,6 +16,9 @@ from ...render import COUNT, WRITE, Pose, basis_kernel, empty_rays, empty_sample
 from ..data import Drawn, RayBank
 
 MAX_RAY_SAMPLES = 2048  # beyond, a ray is cut off; √3/Δ and one for each tet are far fewer
+# Threads of a block of the march on CUDA.  A block keeps its registers until its slowest ray is
+# done, and what learns at the same time waits for them.
+MARCH_BLOCK = 64
 
 wp.set_module_options({"enable_backward": False})
 
@@ -109,7 +112,11 @@ class Batch:
         common = [pose.geometry, mask, self._rays, self._everyone, step, MAX_RAY_SAMPLES, self.seed]
         nowhere = empty_samples(0, self.device)
         self._launch(
-            march_kernel, self.ray_count, [*common, COUNT, self.ends], [nowhere, self.counts]
+            march_kernel,
+            self.ray_count,
+            [*common, COUNT, self.ends],
+            [nowhere, self.counts],
+            MARCH_BLOCK,
         )
         wp.utils.array_scan(self.counts, self.ends, inclusive=True)
         if self.capacity is None:
@@ -122,7 +129,11 @@ class Batch:
             [self.counts, self._fits, self.sample_count],
         )
         self._launch(
-            march_kernel, self.ray_count, [*common, WRITE, self.ends], [self.samples, self.counts]
+            march_kernel,
+            self.ray_count,
+            [*common, WRITE, self.ends],
+            [self.samples, self.counts],
+            MARCH_BLOCK,
         )
         self._launch(mark_unused_kernel, room, [self.sample_count], [self.samples.tet])
         if not view_dependence:
@@ -149,8 +160,15 @@ class Batch:
         self._basis = wp.zeros(capacity, dtype=basis_vector, device=self.device)
         self.basis = wp.to_torch(self._basis)
 
-    def _launch(self, kernel, dim, inputs, outputs):
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+    def _launch(self, kernel, dim, inputs, outputs, block_dim=256):
+        wp.launch(
+            kernel,
+            dim=dim,
+            inputs=inputs,
+            outputs=outputs,
+            device=self.device,
+            block_dim=block_dim,
+        )
 
 
 def looks(bank: RayBank, device, most: int, size: int):

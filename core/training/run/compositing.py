@@ -1,21 +1,79 @@
 """The volume-rendering sum of training rays and its gradients; formulas in render/rounds.
 
-A thread has a ray.  A step of training waits for the longest rays, and they wait for memory.
-So a thread loads LOADED samples at once; their sums keep their order.
+On CUDA the 32 lanes of a warp take 32 samples of a ray at a time, because a step waits for its
+longest rays.  On the CPU one lane takes one sample after another.  The kernels are the same:
+`sum_before`, `product_before` and `last_lane` combine what the lanes have.
 
 Shapes: R rays, N packed samples; ray r owns samples ends[r] - counts[r] .. ends[r] - 1.
 """
 
 import warp as wp
 
-LOADED = 8
-loaded_vector = wp.types.vector(LOADED, wp.float32)
+wp.set_module_options({"enable_backward": False})
 
-wp.set_module_options({"enable_backward": False, "max_unroll": LOADED})
+
+def lane_count(device) -> int:
+    """Threads that a ray has on the device: launch kernels with as many times R."""
+    return 32 if wp.get_device(device).is_cuda else 1
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    float sum = x;
+    for (int distance = 1; distance < 32; distance *= 2) {
+        float other = __shfl_up_sync(0xffffffffu, sum, distance);
+        if ((threadIdx.x & 31) >= distance) sum += other;
+    }
+    sum = __shfl_up_sync(0xffffffffu, sum, 1);
+    return (threadIdx.x & 31) == 0 ? start : start + sum;
+#else
+    return start;
+#endif
+""")
+def sum_before(start: float, x: float) -> float:
+    """`start` plus the x of all lanes before this one."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    float product = x;
+    for (int distance = 1; distance < 32; distance *= 2) {
+        float other = __shfl_up_sync(0xffffffffu, product, distance);
+        if ((threadIdx.x & 31) >= distance) product *= other;
+    }
+    product = __shfl_up_sync(0xffffffffu, product, 1);
+    return (threadIdx.x & 31) == 0 ? start : start * product;
+#else
+    return start;
+#endif
+""")
+def product_before(start: float, x: float) -> float:
+    """`start` times the x of all lanes before this one."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __shfl_sync(0xffffffffu, x, 31);
+#else
+    return x;
+#endif
+""")
+def last_lane(x: float) -> float:
+    """The x of the last lane."""
+    ...
+
+
+@wp.func
+def total(x: float) -> float:
+    """The sum of all lanes."""
+    return last_lane(sum_before(0.0, x) + x)
 
 
 @wp.kernel
 def composite_kernel(
+    lanes: int,
     sigma: wp.array(dtype=float),  # [N]
     rgb: wp.array(dtype=wp.vec3),  # [N]
     length: wp.array(dtype=float),  # [N]
@@ -29,45 +87,50 @@ def composite_kernel(
     distortion: wp.array(dtype=float),  # [R] out
 ):
     """`composite_reference`, with weights."""
-    ray = wp.tid()
+    ray = wp.tid() // lanes
+    lane = wp.tid() - ray * lanes
     end = ends[ray]
-    n = end - counts[ray]
+    first = end - counts[ray]
     transmittance = float(1.0)
-    c = wp.vec3()
-    total = float(0.0)  # Σ w_j and Σ w_j t_j of the pieces so far
+    total_w = float(0.0)  # Σ w_j and Σ w_j t_j of the pieces so far
     total_t = float(0.0)
+    c = wp.vec3()  # sums of this lane's pieces
     loss = float(0.0)
-    sigmas, lengths, ts = loaded_vector(), loaded_vector(), loaded_vector()
-    reds, greens, blues = loaded_vector(), loaded_vector(), loaded_vector()
-    while n < end:
-        for k in range(LOADED):
-            i = wp.min(n + k, end - 1)
-            sigmas[k] = sigma[i]
-            lengths[k] = length[i]
-            ts[k] = t[i]
-            reds[k] = rgb[i][0]
-            greens[k] = rgb[i][1]
-            blues[k] = rgb[i][2]
-        for k in range(LOADED):
-            if n + k < end:
-                remaining = wp.exp(-sigmas[k] * lengths[k])
-                w = transmittance * (1.0 - remaining)
-                weights[n + k] = w
-                c += w * wp.vec3(reds[k], greens[k], blues[k])
-                # Samples are ordered in t, so |t_i - t_j| needs no absolute value.
-                loss += 2.0 * w * (ts[k] * total - total_t) + w * w * lengths[k] / 3.0
-                total += w
-                total_t += w * ts[k]
-                transmittance *= remaining
-        n += LOADED
-    color[ray] = c
-    opacity[ray] = total
-    weighted_t[ray] = total_t
-    distortion[ray] = loss
+    while first < end:
+        n = first + lane
+        remaining = float(1.0)
+        w = float(0.0)
+        at = float(0.0)
+        extent = float(0.0)
+        if n < end:
+            at = t[n]
+            extent = length[n]
+            remaining = wp.exp(-sigma[n] * extent)
+        before = product_before(transmittance, remaining)
+        if n < end:
+            w = before * (1.0 - remaining)
+            weights[n] = w
+            c += w * rgb[n]
+        w_before = sum_before(total_w, w)
+        t_before = sum_before(total_t, w * at)
+        # Samples are ordered in t, so |t_i - t_j| needs no absolute value.
+        loss += 2.0 * w * (at * w_before - t_before) + w * w * extent / 3.0
+        transmittance = last_lane(before * remaining)
+        total_w = last_lane(w_before + w)
+        total_t = last_lane(t_before + w * at)
+        first += lanes
+    c = wp.vec3(total(c[0]), total(c[1]), total(c[2]))
+    loss = total(loss)
+    if lane == 0:
+        color[ray] = c
+        opacity[ray] = total_w
+        weighted_t[ray] = total_t
+        distortion[ray] = loss
 
 
 @wp.kernel
 def composite_backward_kernel(
+    lanes: int,
     rgb: wp.array(dtype=wp.vec3),  # [N]
     length: wp.array(dtype=float),  # [N]
     t: wp.array(dtype=float),  # [N]
@@ -83,42 +146,44 @@ def composite_backward_kernel(
     rgb_grad: wp.array(dtype=wp.vec3),  # [N] out
 ):
     """dL/dτ_i = T_{i+1} v_i - Σ_{j>i} w_j v_j with v = dL/dw; then τ = σ·length."""
-    ray = wp.tid()
+    ray = wp.tid() // lanes
+    lane = wp.tid() - ray * lanes
+    last = ends[ray] - 1
     first = ends[ray] - counts[ray]
     gc = color_grad[ray]
     go = opacity_grad[ray]
     gd = distortion_grad[ray]
-    total = opacity[ray]
+    total_w = opacity[ray]
     total_t = weighted_t[ray]
     # Backwards, so that the sums behind piece i are known at piece i.
     behind = float(0.0)  # Σ_{j>i} w_j v_j
     after = float(0.0)  # Σ_{j>i} w_j
     after_t = float(0.0)
-    transmittance = float(1.0) - total  # T behind the last piece
-    lengths, ts, ws = loaded_vector(), loaded_vector(), loaded_vector()
-    reds, greens, blues = loaded_vector(), loaded_vector(), loaded_vector()
-    n = ends[ray] - 1
-    while n >= first:
-        for k in range(LOADED):
-            i = wp.max(n - k, first)
-            lengths[k] = length[i]
-            ts[k] = t[i]
-            ws[k] = weights[i]
-            reds[k] = rgb[i][0]
-            greens[k] = rgb[i][1]
-            blues[k] = rgb[i][2]
-        for k in range(LOADED):
-            if n - k >= first:
-                w = ws[k]
-                before = total - after - w
-                before_t = total_t - after_t - w * ts[k]
-                pull = ts[k] * before - before_t + after_t - ts[k] * after
-                seen = wp.dot(gc, wp.vec3(reds[k], greens[k], blues[k]))
-                v = seen + go + gd * (2.0 * pull + 2.0 * w * lengths[k] / 3.0)
-                sigma_grad[n - k] = lengths[k] * (transmittance * v - behind)
-                rgb_grad[n - k] = w * gc
-                behind += w * v
-                after += w
-                after_t += w * ts[k]
-                transmittance += w
-        n -= LOADED
+    transmittance = float(1.0) - total_w  # T behind the last piece
+    while last >= first:
+        n = last - lane
+        w = float(0.0)
+        at = float(0.0)
+        extent = float(0.0)
+        seen = float(0.0)
+        if n >= first:
+            w = weights[n]
+            at = t[n]
+            extent = length[n]
+            seen = wp.dot(gc, rgb[n])
+        w_after = sum_before(after, w)
+        t_after = sum_before(after_t, w * at)
+        w_before = total_w - w_after - w
+        t_before = total_t - t_after - w * at
+        pull = at * w_before - t_before + t_after - at * w_after
+        v = seen + go + gd * (2.0 * pull + 2.0 * w * extent / 3.0)
+        wv_after = sum_before(behind, w * v)
+        t_behind = sum_before(transmittance, w)
+        if n >= first:
+            sigma_grad[n] = extent * (t_behind * v - wv_after)
+            rgb_grad[n] = w * gc
+        behind = last_lane(wv_after + w * v)
+        after = last_lane(w_after + w)
+        after_t = last_lane(t_after + w * at)
+        transmittance = last_lane(t_behind + w)
+        last -= lanes

@@ -11,7 +11,7 @@ import warp as wp
 
 from ...field import FEATURES, Tables, encode_backward_kernel, encode_kernel
 from ...wide import vec4h
-from .compositing import composite_backward_kernel, composite_kernel
+from .compositing import composite_backward_kernel, composite_kernel, lane_count
 
 
 def on_warp_stream(device):
@@ -76,10 +76,11 @@ class Composite(torch.autograd.Function):
         opacity = torch.empty(ray_count, device=sigma.device)
         weighted_t, distortion = torch.empty_like(opacity), torch.empty_like(opacity)
         sigma, rgb = sigma.contiguous(), rgb.contiguous()
+        lanes = lane_count(device)
         wp.launch(
             composite_kernel,
-            dim=ray_count,
-            inputs=[_float(sigma), _vec3(rgb), length, t, counts, ends],
+            dim=ray_count * lanes,
+            inputs=[lanes, _float(sigma), _vec3(rgb), length, t, counts, ends],
             outputs=[
                 _float(weights),
                 _vec3(color),
@@ -100,10 +101,13 @@ class Composite(torch.autograd.Function):
         length, t, counts, ends = ctx.samples
         # Zeros: samples that belong to no ray get nothing.
         sigma_grad, rgb_grad = torch.zeros_like(weights), torch.zeros_like(rgb)
+        device = wp.device_from_torch(weights.device)
+        lanes = lane_count(device)
         wp.launch(
             composite_backward_kernel,
-            dim=len(counts),
+            dim=len(counts) * lanes,
             inputs=[
+                lanes,
                 _vec3(rgb),
                 length,
                 t,
@@ -117,7 +121,7 @@ class Composite(torch.autograd.Function):
                 _float(distortion_grad),
             ],
             outputs=[_float(sigma_grad), _vec3(rgb_grad)],
-            device=wp.device_from_torch(weights.device),
+            device=device,
         )
         return sigma_grad, rgb_grad, None, None, None, None
 

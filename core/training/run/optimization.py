@@ -129,12 +129,13 @@ class Optimization:
         self._shown = self.number
         while self.number < self.step_count:
             if self.number % PAUSE_INTERVAL == 0 and self.number > self._shown:
-                sample_count = self._examine(progress, task, note)
+                # Launched before the look at the loss, which waits for the device.
+                self._make_whole()
                 self.field.update_occupancy(
                     1 if self.number < OCCUPANCY_WARM_UP else OCCUPANCY_PARTS
                 )
-                self._adapt_ray_count(sample_count)
                 self._average_weights()
+                self._adapt_ray_count(self._examine(progress, task, note))
                 after_pause()
                 self.workers.stop_if_interrupted()
             rate = learning_rate(self.number, self.step_count, self.options.learning_rate)
@@ -143,6 +144,7 @@ class Optimization:
                 self.step(rate, white)
             except ALLOCATION_ERRORS as error:
                 self._halve_room(progress, error)
+        self._make_whole()
         self._examine(progress, task, note)
         self._average_weights()
         self.field.set_weights(self._average)
@@ -171,8 +173,7 @@ class Optimization:
 
         It waits for the device, and for the other workers.
         """
-        ends = self.batch.ends
-        return self.workers.total(int(ends[len(ends) - 1 :].numpy()[0]))
+        return self.workers.total(int(wp.to_torch(self.batch.ends)[-1]))
 
     def set_ray_count(self, ray_count: int):
         """Make room for that many rays; on CUDA the next step records new graphs."""
@@ -249,12 +250,15 @@ class Optimization:
             self.field.device, self._batches, self._prepare, self._march, self._parts()
         )
 
-    def _examine(self, progress, task, note) -> int:
-        """Show, note and judge the last step's error; return the number of its samples."""
+    def _make_whole(self):
+        """Prepare for a change of the occupancy, and for a look at weights."""
         if self._recorded:
-            self._recorded.wait_until_prepared()  # what follows may change the occupancy
+            self._recorded.wait_until_prepared()
         if self._exchange:
             self._exchange.make_whole()
+
+    def _examine(self, progress, task, note) -> int:
+        """Show, note and judge the last step's error; return the number of its samples."""
         error, sample_count = float(self.error), self.sample_count()
         progress.advance(task, self.number - self._shown, error, sample_count)
         note(self.number, error)

@@ -8,7 +8,9 @@ Within a recorded step nothing waits for the host: it has a fixed number of rays
 room for samples; learning rate, background and seed are values on the device.
 """
 
+import gc
 from collections.abc import Callable
+from contextlib import contextmanager
 
 import torch
 import warp as wp
@@ -48,19 +50,20 @@ class RecordedSteps:
         self._prepared = [torch.cuda.Event() for _ in self._streams]
         self._next = None  # the step whose batch was marched ahead
         self._march, self.learn, pool = [], [], None
-        for batch in batches:
-            graph = recorded(device, march, batch)
-            self._march.append(graph)
-            learn = {}
-            for name, (function, records) in parts.items():
-                if records:
-                    # Graphs of learning share one pool: no two of them run at the same time.
-                    graph = recorded(device, function, batch, pool)
-                    pool = graph.pool()
-                    learn[name] = graph.replay
-                else:
-                    learn[name] = lambda function=function, batch=batch: function(batch)
-            self.learn.append(learn)
+        with no_garbage_collected():
+            for batch in batches:
+                graph = recorded(device, march, batch)
+                self._march.append(graph)
+                learn = {}
+                for name, (function, records) in parts.items():
+                    if records:
+                        # Graphs of learning share one pool: no two of them run at the same time.
+                        graph = recorded(device, function, batch, pool)
+                        pool = graph.pool()
+                        learn[name] = graph.replay
+                    else:
+                        learn[name] = lambda function=function, batch=batch: function(batch)
+                self.learn.append(learn)
 
     def run(self, number: int):
         """Step `number`; one that doesn't follow the last step marches its batches anew."""
@@ -89,6 +92,19 @@ class RecordedSteps:
         """Make the main stream wait until all batches under way have copied what they read."""
         for event in self._prepared:
             self._main.wait_event(event)
+
+
+@contextmanager
+def no_garbage_collected():
+    """Context in which no device memory is freed by chance, which a recording does not survive."""
+    gc.collect()
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def recorded(device, function: Callable[[Batch], None], batch: Batch, pool=None):

@@ -158,7 +158,8 @@ class TrainingField:
             measure, self._chunk, SMALLEST_CHUNK, "sub-tets at once", self.workers, self.device
         )
         self.thickness *= OCCUPANCY_DECAY ** (1.0 / parts)
-        flat[every] = torch.maximum(flat[every], found)
+        # Weights that became infinite are given up soon after; the occupancy goes on.
+        flat[every] = torch.maximum(flat[every], found.nan_to_num(0.0, 0.0))
         threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
         self._occupy((self.thickness > threshold) & ~self.hidden)
 
