@@ -12,6 +12,7 @@ import pyglet
 from pyglet.window import key
 
 from . import orbit as orbits
+from . import panels
 from .actions import ACTIONS, action_of
 from .controls import Controls
 from .events import state_of
@@ -81,14 +82,12 @@ class App:
         self.window.push_handlers(**dict.fromkeys(self.window.event_types, self._note_event))
 
     def _show_progress(self, title):
-        from .panels import loading_window
-
         self.window.switch_to()
         self.window.dispatch_events()
         self.canvas.use(self.size)
         self.ctx.clear(0.94, 0.94, 0.95, 1.0)
         self.gui.begin()
-        loading_window(title, self.progress)
+        panels.loading_window(title, self.progress)
         self.gui.end()
         self.canvas.show(self.size)
         self.window.flip()
@@ -200,10 +199,8 @@ class App:
     def _draw_panels(self):
         if self.gui is None:
             return
-        from .panels import draw_panels
-
         self.gui.begin()
-        draw_panels(self)
+        panels.draw_panels(self)
         self.gui.end()
         if self.scene.settings.panel_in_screenshots:
             self.recorder.save_screenshot()

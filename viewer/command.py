@@ -15,10 +15,11 @@ from typing import Annotated, Literal
 
 import tyro
 
+from ..core import field as fields
 from ..core.arguments import Count, File, at_least, writable_file
 from ..core.commands import FAILED, run
-from ..core.device import Choice
-from ..core.paths import DEFAULT_MODEL
+from ..core.device import Choice, device_name
+from ..core.paths import DEFAULT_MODEL, program_version
 from ..core.render import Mode
 
 PROGRAM = "deformrf-view"
@@ -135,8 +136,6 @@ def frame_size(arguments: ViewArguments) -> tuple[int, int]:
 def prepare(chosen: ViewArguments) -> Callable[[], int]:
     """Check the arguments, and show the model in its first pose; returns the work."""
     if chosen.version:
-        from ..core.paths import program_version
-
         print(f"deformrf {program_version()}")
         return lambda: 0
     if chosen.doctor:
@@ -144,12 +143,10 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
 
         return lambda: report(chosen.run.headless)
     check(chosen)
-    from ..core.device import device_name
-    from ..core.field import load
     from .script import parse_drag, resolved
 
     drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
-    field, device = load(chosen.model), device_name(chosen.device)
+    field, device = fields.load(chosen.model), device_name(chosen.device)
     app = _open(chosen)
     try:
         with _told_if_slow(app):
