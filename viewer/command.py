@@ -115,11 +115,7 @@ def check(arguments: ViewArguments) -> None:
 
 
 def frame_size(arguments: ViewArguments) -> tuple[int, int]:
-    """Width and height of window or frames.
-
-    Raises:
-        ValueError: --size is no size, or one that no window has.
-    """
+    """Width and height of window or frames; a ValueError if none can have --size."""
     if arguments.size is None:
         return HEADLESS_SIZE if arguments.run.headless else WINDOW_SIZE
     width, _, height = arguments.size.lower().partition("x")

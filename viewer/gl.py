@@ -24,12 +24,9 @@ def full_screen(ctx: moderngl.Context, name: str) -> moderngl.VertexArray:
 def set_uniforms(program: moderngl.Program, **values) -> None:
     """Set uniforms, except those that the compiler removed; matrices are [rows, columns]."""
     for name, value in values.items():
-        if name not in program:
-            continue
-        if getattr(value, "ndim", 0) == 2:
-            program[name].write(value.T.astype("f4").tobytes())  # OpenGL stores columns
-        else:
-            program[name].value = value if isinstance(value, int | float) else tuple(value)
+        if name in program:
+            numbers = np.transpose(value).flatten().tolist()  # OpenGL stores columns
+            program[name].value = tuple(numbers) if np.ndim(value) else value
 
 
 def depth_terms(near: float, far: float) -> tuple[float, float]:

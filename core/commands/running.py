@@ -53,20 +53,21 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
             raise
         purpose, target = PACKAGES[name]
         sentence = f"{name}, which {purpose}, is not installed: pip install {target}"
-        return _refuse(program, sentence)
     except (ValueError, OSError, MemoryError) as error:
         if job and not isinstance(error, (training.DatasetError, MemoryError)):
             raise
         sentence = plain_message(error) or "the memory is too small"  # Python's own is empty
-        return _refuse(program, sentence)
     except RuntimeError as error:
         if not any(words in str(error) for words in OUT_OF_MEMORY):
             raise
-        return _refuse(program, f"the device's memory is too small ({plain_message(error)})")
+        sentence = f"the device's memory is too small ({plain_message(error)})"
     except KeyboardInterrupt:
         if is_first():
             print(f"{program}: interrupted", file=sys.stderr)
         return INTERRUPTED
+    if is_first() or _outlives_first():
+        complain(program, sentence)
+    return INPUT_ERROR
 
 
 def require(*packages: str):
@@ -102,12 +103,6 @@ def complain(program: str, sentence: str) -> int:
     """Print a sentence on stderr, its beginning in red on a terminal; returns INPUT_ERROR."""
     red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
     print(f"{red}{program}:{plain} {sentence}", file=sys.stderr)
-    return INPUT_ERROR
-
-
-def _refuse(program, sentence):
-    if is_first() or _outlives_first():
-        complain(program, sentence)
     return INPUT_ERROR
 
 
