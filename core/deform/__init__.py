@@ -19,5 +19,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "volume_constraints",
             "volume_gradients",
         ],
+        "rescue": ["distortion"],
     },
 )

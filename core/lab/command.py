@@ -180,22 +180,15 @@ def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos)
 
 def measured(jobs: list[Job]):
     """The sections, one by one, under a progress bar."""
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import Progress
 
     whole = sum(job.seconds for job in jobs)
     about = f"{whole:.0f} s" if whole < LONG else f"{whole / 60:.0f} min"
     print(f"This takes about {about}.", flush=True)
-    title = TextColumn("{task.description:10}")
-    with Progress(title, BarColumn(), TaskProgressColumn(), TimeRemainingColumn()) as bar:
+    with Progress() as bar:
         task, before = bar.add_task("", total=whole), 0.0
         for job in jobs:
-            bar.update(task, description=job.title)
+            bar.update(task, description=f"{job.title:10}")
 
             def step(share, before=before, job=job):
                 bar.update(task, completed=before + share * job.seconds)

@@ -49,7 +49,7 @@ class ImageError:
     largest: float  # difference of a channel [1/255]
 
 
-def view(field: TetField, yaw: float, width: int, height: int | None = None) -> Camera:
+def view(field: TetField, yaw: float, size: int) -> Camera:
     """A camera that sees all visible tets of the object at rest, as large as the image."""
     mesh = field.mesh
     seen = field.occupancy != 0
@@ -58,16 +58,15 @@ def view(field: TetField, yaw: float, width: int, height: int | None = None) -> 
     center = 0.5 * (points.min(axis=0) + points.max(axis=0))
     flat = np.cos(ELEVATION)
     toward = np.array([np.cos(yaw) * flat, np.sin(yaw) * flat, np.sin(ELEVATION)])
-    height = height or width
     pose = look_at(center + toward, center)
     right, up = pose[:3, 0], pose[:3, 1]
     # A point is in sight from this distance on: its offset aside over the tangent, plus its
     # offset towards the eye.
-    tangents = FILLED * np.tan(0.5 * FIELD_OF_VIEW) * np.array([1.0, height / width])
-    aside = np.abs((points - center) @ np.stack([right, up], axis=1)) / tangents
+    tangent = FILLED * np.tan(0.5 * FIELD_OF_VIEW)
+    aside = np.abs((points - center) @ np.stack([right, up], axis=1)) / tangent
     distance = (aside.max(axis=1) + (points - center) @ toward).max()
     pose = look_at(center + distance * toward, center)
-    return from_field_of_view(pose, FIELD_OF_VIEW, width, height)
+    return from_field_of_view(pose, FIELD_OF_VIEW, size, size)
 
 
 def views(field: TetField, count: int, size: int) -> list[Camera]:

@@ -1,14 +1,11 @@
 """Recovery of the solver from stress cases: its distance to rest and its time.
 
-    error      max_i |R (x_i − x̄) − (X_i − X̄)| / size,   R the best proper rotation of each
-               component, as free components have no place beside each other
+    error      the largest distance to the rest shape / size, after the best proper rotation of
+               each component (rescue.distortion), as they have no place beside each other
     recovered  error < 1 % and every tet's V has its sign at rest, and both stay so
     limit      10 s of simulated time for E ≥ 1e4 Pa, 40 s below
 
-R is Kabsch's: with X̂ᵀx̂ = U S Wᵀ, R = U diag(1, 1, det(U Wᵀ)) Wᵀ (Acta Cryst. A32, 1976),
-so that a mirrored body is not aligned with its rest pose.
-
-X rest, x current vertices [m].  Shapes: V vertices, T tets, E edges.
+Shapes: V vertices, T tets, E edges.
 """
 
 import time
@@ -17,7 +14,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from ...deform import Material, XpbdSolver, lowest_pins, lumped_masses
+from ...deform import Material, XpbdSolver, distortion, lowest_pins, lumped_masses
 from ...geometry import components, edges, signed_volumes
 from .stress import STARTS, StressCase, uneven_masses, with_broken_tets
 
@@ -66,14 +63,6 @@ def recovery_limit(young_modulus):
     return 10.0 if young_modulus >= SOFT else 40.0
 
 
-def aligned_error(vertices, rest):
-    """The largest distance to the rest pose [V, 3] after the best proper rotation.  [m]"""
-    x, goal = vertices - vertices.mean(axis=0), rest - rest.mean(axis=0)
-    u, _, wt = np.linalg.svd(goal.T @ x)
-    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ wt))]) @ wt
-    return float(np.linalg.norm(x @ turn.T - goal, axis=1).max())
-
-
 class Measures(NamedTuple):
     """A pose beside the rest shape; the defaults are those of a pose that isn't finite."""
 
@@ -105,7 +94,7 @@ class Shape:
         """Measures of finite vertices [V, 3]."""
         ratios = signed_volumes(vertices, self.tets) / self.volumes
         strains = _lengths(vertices, self.edges) / self.lengths - 1.0
-        error = max(aligned_error(vertices[part], self.rest[part]) for part in self.parts)
+        error = max(distortion(self.rest[part], vertices[part]) for part in self.parts)
         return Measures(
             error=100.0 * error / self.size,
             inverted=int((ratios <= 0).sum()),
