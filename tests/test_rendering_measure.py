@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.lab import rule
+from deformrf.core.lab.effort import EFFORTS
 from deformrf.core.lab.rendering import measure as rendering
 from deformrf.core.lab.rendering import pictures
 from deformrf.core.lab.rendering.measure import (
@@ -20,12 +21,13 @@ from deformrf.core.lab.rendering.pictures import Photographs
 from deformrf.core.render import Renderer, RenderOptions, camera_rays
 from deformrf.core.render.render_options import checked
 
-SIZE, VIEWS, PIXELS, TURNS = 24, 2, 60, 2
+SIZE, PIXELS, TURNS = 24, 60, 2
+EFFORT = EFFORTS[True, True]._replace(size=SIZE, view_count=2, pixel_count=PIXELS)
 
 
 @pytest.fixture
 def study(make_ball_field, device):
-    return RenderingStudy(make_ball_field(7), device, SIZE, VIEWS, PIXELS)
+    return RenderingStudy(make_ball_field(7), device, EFFORT)
 
 
 @pytest.fixture
@@ -133,7 +135,7 @@ def test_one_pixel_far_off_is_too_much(measured, study):
 
 def test_what_random_pixels_miss_is_too_much_as_well(make_ball_field, device):
     """A ray's early end is seen in the object; the only pixel compared is beside it."""
-    study = RenderingStudy(make_ball_field(7), device, SIZE, VIEWS, PIXELS)
+    study = RenderingStudy(make_ball_field(7), device, EFFORT)
     study.pictures = [
         pictures.picture_of(study.field, p.vertices, p.camera, np.array([0]))
         for p in study.pictures
@@ -188,7 +190,7 @@ def test_without_a_mask_a_full_one_is_not_missed(make_ball_field, device, full):
     field = make_ball_field(7)
     if full:
         field = replace(field, occupancy=np.full_like(field.occupancy, rendering.FULL))
-    study = RenderingStudy(field, device, SIZE, VIEWS, PIXELS)
+    study = RenderingStudy(field, device, EFFORT)
     compared = [Setting("default", "default"), Setting("no mask", "mask", masked=False)]
     masked, unmasked = study.measure(compared, 1)
     if full:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.core.lab.effort import EFFORTS
 from deformrf.core.lab.rendering import pictures
 from deformrf.core.lab.rendering import tell as rendering
 from deformrf.core.lab.rendering.measure import (
@@ -24,14 +25,18 @@ from deformrf.core.render import Renderer, camera_rays
 TURNS = 2
 
 
+def study_of(field, **sizes):
+    return RenderingStudy(field, "cpu", EFFORTS[True, True]._replace(**sizes))
+
+
 @pytest.fixture(scope="module")
 def study(ball):
-    return RenderingStudy(ball, "cpu", 24, 2, 60)
+    return study_of(ball, size=24, view_count=2, pixel_count=60)
 
 
 @pytest.fixture(scope="module")
 def section(study):
-    return rendering.section_of(study, TURNS)
+    return rendering.section(study, TURNS)
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +114,7 @@ def test_a_good_image_passes(section):
 @pytest.mark.parametrize("pixels, amount", [(1, 10.0), (60, 2.0)])
 def test_beyond_either_bound_it_does_not(ball, pixels, amount):
     """Some pixels should be something else than what is shown: by so much, in 1/255."""
-    study = RenderingStudy(ball, "cpu", 12, 1, 60)
+    study = study_of(ball, size=12, view_count=1, pixel_count=60)
     [picture] = study.pictures
     renderer = Renderer(ball)
     renderer.set_vertices(picture.vertices)
@@ -117,23 +122,23 @@ def test_beyond_either_bound_it_does_not(ball, pixels, amount):
     expected = shown[picture.pixels] / 255.0
     expected[:pixels] += np.where(expected[:pixels] < 0.5, amount, -amount) / 255.0
     study.pictures = [replace(picture, expected=expected)]
-    wrong = rendering.section_of(study, 1)
+    wrong = rendering.section(study, 1)
     default = rows_of(wrong)[0]
     assert (default.worst_psnr < BOUND) != (default.largest > LARGEST)
     assert wrong.passed is False
 
 
 def test_where_nothing_is_good_enough_it_says_so(ball):
-    study = RenderingStudy(ball, "cpu", 12, 1, 60)
+    study = study_of(ball, size=12, view_count=1, pixel_count=60)
     study.pictures = [replace(p, expected=1.0 - p.expected) for p in study.pictures]
-    wrong = rendering.section_of(study, 1)
+    wrong = rendering.section(study, 1)
     assert wrong.passed is False and "gives nothing here" in wrong.findings[1]
     assert opened(wrong.figures[0].png).std() > 10.0
 
 
 def test_photographs_have_a_finding_and_a_column(study, photos):
     shares = []
-    section = rendering.section_of(study, 1, photos, shares.append)
+    section = rendering.section(study, 1, photos, shares.append)
     assert section.tables[0].headings["photo_psnr"] == "photographs [dB]"
     known = [row for row in rows_of(section) if row.photo_psnr is not None]
     best = max(known, key=lambda row: row.photo_psnr)

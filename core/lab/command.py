@@ -165,7 +165,9 @@ def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos)
 
     quick, model = arguments.quick, arguments.model
     sections = {
-        "rendering": lambda step: rendering.section(field, device, effort, photos, step),
+        "rendering": lambda step: rendering.section(
+            rendering.RenderingStudy(field, device, effort), effort.turns, photos, step
+        ),
         "dynamics": lambda step: dynamics.section(field.mesh, device, quick, step),
         "training": lambda step: training.section(field),
         "stability": lambda step: stability.section(field, device, quick, step),

@@ -20,9 +20,8 @@ def cheapest(times, errors, bound: float, base=0) -> int | None:
     """The index of the setting that the rule chooses; None if no error is within the bound.
 
     Args:
-        times: Time of each setting in each turn, in any unit.  [S, R]
-        errors: Error of each setting; less is better.  [S]
-        bound: The largest allowed error.
+        times: In any unit.  [S, R]
+        errors: Less is better.  [S]
         base: The setting that the others are compared with.
     """
     errors = np.asarray(errors, float)
@@ -34,11 +33,7 @@ def cheapest(times, errors, bound: float, base=0) -> int | None:
 
 
 def front(times, errors):
-    """The Pareto front: settings that no other beats in both time and error.  [S] bool
-
-    Args:
-        times: One time per setting, in any unit.  [S]
-    """
+    """The Pareto front: settings that no other beats in both time [S] and error [S].  [S] bool"""
     times, errors = np.asarray(times, float), np.asarray(errors, float)
     on_front = np.zeros(len(times), bool)
     least = np.inf

@@ -111,7 +111,7 @@ def matrix(arguments):
 
 
 def seed_count(case, quick):
-    if not case.seeded:
+    if not (case.start == "random" or case.drive or case.broken_tets or case.uneven):
         return 1
     if case.name == "random":
         return 2 if quick else 10

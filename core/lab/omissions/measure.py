@@ -39,12 +39,7 @@ class Part(NamedTuple):
 
 
 def parts(field: TetField, model_path, device: str, effort: Effort) -> list[Part]:
-    """All parts, in order; nothing is measured before they run.
-
-    Args:
-        field: The field of the file at `model_path`.
-        device: "cpu" or "cuda:0".
-    """
+    """All parts of a field and its file, in order; nothing is measured before they run."""
     frames = Frames(field, device, effort.frame_size, effort.view_count)
     rendering = Bench(RENDERING, device, effort.frame_turns, frames.change)
     dynamics = Bench(DYNAMICS, device, effort.step_turns, change)

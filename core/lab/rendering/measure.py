@@ -24,6 +24,7 @@ from PIL import Image
 from ...field import TetField
 from ...render import Renderer, RenderOptions
 from .. import rule
+from ..effort import Effort
 from ..stopwatch import WARM_UP, Share, Timing, held_back, milliseconds, timing_of
 from . import pictures
 from .pictures import Photographs, differences
@@ -124,15 +125,15 @@ class RenderingStudy:
         times: Time of each measured setting in each turn [ms].  name -> [R]
     """
 
-    def __init__(self, field: TetField, device, size: int, view_count: int, pixel_count: int):
-        """Compute the references of `pixel_count` pixels of each view of size x size pixels."""
+    def __init__(self, field: TetField, device, effort: Effort):
+        """Compute the references."""
         self.field, rest = field, field.mesh.rest_vertices
         self._renderer = Renderer(field, device)
         self._renderer.set_vertices(rest)
         self.device = self._renderer.device
         self.pictures = [
-            pictures.picture(field, rest, camera, pixel_count, seed)
-            for seed, camera in enumerate(pictures.views(field, view_count, size))
+            pictures.picture(field, rest, camera, effort.pixel_count, seed)
+            for seed, camera in enumerate(pictures.views(field, effort.view_count, effort.size))
         ]
         self.times = {}
 

@@ -6,8 +6,6 @@ from typing import Annotated
 
 import numpy as np
 
-from ...field import TetField
-from ..effort import Effort
 from ..report import INK, Figure, Section, Table, label, new_figure, png
 from ..stopwatch import Timing
 from .measure import BOUND, LARGEST, SUSPECTS, RenderingStudy, settings
@@ -38,19 +36,12 @@ class StageRow:
 
 
 def section(
-    field: TetField,
-    device,
-    effort: Effort,
+    study: RenderingStudy,
+    turns: int,
     photos: Photographs | None = None,
     step: Callable[[float], None] = lambda share: None,
 ) -> Section:
     """Measure all settings; `step` is called with the finished share."""
-    study = RenderingStudy(field, device, effort.size, effort.view_count, effort.pixel_count)
-    return section_of(study, effort.turns, photos, step)
-
-
-def section_of(study: RenderingStudy, turns, photos=None, step=lambda share: None) -> Section:
-    """`section` for views whose references are known."""
     own_error = discretization(study.field, study.pictures, DISCRETIZATION_PIXELS)
     stages = [StageRow(name, time) for name, time in study.stages(turns).items()]
     rows = study.measure(settings(study.field.layout.level_count, study.half), turns, photos, step)

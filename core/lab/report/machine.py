@@ -39,10 +39,10 @@ def section(device, seeds: dict, command: str, model: Path | None = None) -> Sec
     """The machine as it is now.
 
     Args:
-        device: The measured device, "cpu" or "cuda:0".
+        device: The measured one, "cpu" or "cuda:0".
         seeds: Purpose of random numbers -> seed.
-        command: The command line; folders in it are left out.
-        model: The model's file; a hash identifies its contents.
+        command: Folders in it are left out.
+        model: A file, which a hash identifies.
     """
     device = wp.get_device(device)
     facts = _cpu() | (_gpu(device) if device.is_cuda else {}) | _software()

@@ -109,29 +109,14 @@ def uneven_masses(masses, rng):
 
 @dataclass(frozen=True)
 class StressCase:
-    """One way to break a body.
-
-    Attributes:
-        name: Name in tables.
-        start: Initial positions, a key of STARTS.
-        drive: Moves handles of the body, whose foot is then pinned: (solver, dt, generator),
-            yields before each step.  Without it the body is free.
-        dt: Length of a frame [s].
-        broken_tets: Put degenerate and inverted rest tets into the mesh.
-        uneven: Masses differ by 1e6; then it is enough that the body stays finite.
-    """
+    """One way to break a body."""
 
     name: str
-    start: str = "at rest"
-    drive: Callable | None = None
-    dt: float = TIME_STEP
+    start: str = "at rest"  # a key of STARTS
+    drive: Callable | None = None  # moves handles, as drag_far; the foot is pinned, else free
+    dt: float = TIME_STEP  # of a frame [s]
     broken_tets: bool = False
-    uneven: bool = False
-
-    @property
-    def seeded(self) -> bool:
-        """Whether the case depends on random numbers."""
-        return self.start == "random" or bool(self.drive or self.broken_tets or self.uneven)
+    uneven: bool = False  # masses differ by 1e6; then it is enough that the body stays finite
 
     def suits(self, tets) -> bool:
         """Whether a body has enough tets: to hold some and drag others, or break some."""

@@ -47,33 +47,27 @@ class StageTime:
 def section(field: TetField) -> Section:
     """The section on the training that the model's `meta` describes."""
     meta, moments = field.meta, history(field.meta)
-    known = {key: meta.get(key) for key in ("data", "device", "workers", "seconds")}
-    known |= {"test_psnr": _test_psnr(meta), "test_view_count": meta.get("test_view_count")}
+    keys = ("data", "device", "workers", "seconds", "test_psnr", "test_view_count")
+    known = {key: meta.get(key) for key in keys} | {"test_psnr": _test_psnr(meta)}
     if not moments:
         said = ["the model keeps no history of its training", _duration(meta), _test(meta)]
         return Section("training", TITLE, [_sentence(said)], values=known)
-
     stages = stage_times(meta, moments)
     told = {share: _by(moments, share) for share in TOLD}
     gain = told[100].psnr - told[50].psnr if told[50] else None
+    known |= {
+        "stages": stages,
+        "psnr_at_percent": {str(share): row and row.psnr for share, row in told.items()},
+        "last_half_gain_db": gain,
+    }
     caption = "What was last known after each tenth of the training time."
-    return Section(
-        "training",
-        TITLE,
-        _findings(meta, stages, told, gain),
-        METHOD,
-        tables=[
-            Table("training_tenths", caption, tenths(moments)),
-            Table("training", "All rows of the history.", moments, first=3),
-        ],
-        figures=[Figure("training", _caption(meta), picture(meta, moments))],
-        values={
-            **known,
-            "stages": stages,
-            "psnr_at_percent": {str(share): row and row.psnr for share, row in told.items()},
-            "last_half_gain_db": gain,
-        },
-    )
+    tables = [
+        Table("training_tenths", caption, tenths(moments)),
+        Table("training", "All rows of the history.", moments, first=3),
+    ]
+    figure = Figure("training", _caption(meta), picture(meta, moments))
+    findings = _findings(meta, stages, told, gain)
+    return Section("training", TITLE, findings, METHOD, tables, [figure], values=known)
 
 
 def history(meta: dict) -> list[Moment]:
