@@ -18,54 +18,33 @@ from .networks import BASIS_COUNT, GEOMETRY_FEATURES, Layers, evaluate, spherica
 
 @dataclass(frozen=True)
 class FieldOptions:
-    """The shape of a field: its arrays' sizes and meaning follow from it.
+    """The shape of a field: its arrays' sizes and meaning follow from it."""
 
-    Attributes:
-        level_count: Nested levels, the coarse mesh included (the paper's L = 6).
-        table_size: Entries of a hashed level, T_h; a power of two.
-        density_hidden: Widths of the density network's hidden layers.
-        color_hidden: Widths of the color network's hidden layers.
-        march_step: Δ, the rest length of a quadrature piece, in model units.
-        view_dependence: Whether color depends on the direction; if not, the color network's
-            weights for all but the constant spherical harmonic are zero.
-        dense_levels: Whether levels that fit their table have an entry per vertex; if not, all
-            are hashed.
-    """
-
-    level_count: int = 6
-    table_size: int = 2**18
-    density_hidden: tuple[int, ...] = (64,)
+    level_count: int = 6  # nested levels, the coarse mesh included (the paper's L = 6)
+    table_size: int = 2**18  # entries of a hashed level, T_h; a power of two
+    density_hidden: tuple[int, ...] = (64,)  # widths of the network's hidden layers
     color_hidden: tuple[int, ...] = (64, 64)
-    march_step: float = 0.002
+    march_step: float = 0.002  # Δ, the rest length of a quadrature piece, in model units
+    # If color does not depend on the direction, the color network's weights for all but the
+    # constant spherical harmonic are zero.
     view_dependence: bool = True
-    dense_levels: bool = True
+    dense_levels: bool = True  # an entry per vertex where they fit the table; else all are hashed
 
 
 @dataclass(frozen=True)
 class TetField:
-    """A trained field.
+    """A trained field."""
 
-    Attributes:
-        mesh: Rest mesh in model space, the unit cube.
-        neighbours: Tet across each face.  [T, 4] int32
-        occupancy: Bit p is set if the sub-tet with path p may hold density.  [T] uint64
-        table: Features of all levels, one after another.  [entries, F] float32
-        density_layers, color_layers: Networks, (weights [in, out], bias [out]) per layer.
-        world_to_model: Uniform scale and translation from the data's space.  [4, 4]
-        meta: Provenance and metrics, plain JSON values (`training` in docs/model-format.md).
-        surroundings: The surroundings of the object, if the model keeps them.
-    """
-
-    mesh: TetMesh
-    neighbours: np.ndarray
-    occupancy: np.ndarray
+    mesh: TetMesh  # at rest, in model space, the unit cube
+    neighbours: np.ndarray  # [T, 4] int32: the tet across each face
+    occupancy: np.ndarray  # [T] uint64: bit p is set if sub-tet p may hold density
     layout: Layout
-    table: np.ndarray
+    table: np.ndarray  # [entries, F] float32: features of all levels, one after another
     density_layers: Layers
     color_layers: Layers
     options: FieldOptions
-    world_to_model: np.ndarray
-    meta: dict = field(default_factory=dict)
+    world_to_model: np.ndarray  # [4, 4] uniform scale and translation from the data's space
+    meta: dict = field(default_factory=dict)  # JSON: `training` in docs/model-format.md
     surroundings: Surroundings | None = None
 
     def __post_init__(self):

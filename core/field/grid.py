@@ -19,7 +19,7 @@ import numpy as np
 import warp as wp
 
 from .layout import hash_address, hash_entry
-from .networks import BASIS_COUNT, GEOMETRY_FEATURES
+from .networks import BASIS_COUNT, GEOMETRY_FEATURES, Layers
 
 RESOLUTIONS = (16, 28, 49, 84, 147, 256, 446, 776)  # cells across the contracted cube
 GRID_LEVELS = len(RESOLUTIONS)
@@ -31,20 +31,13 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The learned surroundings, as arrays.
+    """The learned surroundings, as arrays."""
 
-    Attributes:
-        box: The object's box inside the grid, model space.  [2, 3]
-        table: [G·E, F] float32
-        density_layers, color_layers: (weights [in, out], bias [out]) per layer.
-        sky: Color at infinity, 0..1.  [3]
-    """
-
-    box: np.ndarray
-    table: np.ndarray
-    density_layers: tuple
-    color_layers: tuple
-    sky: np.ndarray
+    box: np.ndarray  # [2, 3] the object's box inside the grid, model space
+    table: np.ndarray  # [G·E, F] float32
+    density_layers: Layers
+    color_layers: Layers
+    sky: np.ndarray  # [3] color at infinity, 0..1
 
 
 def surroundings_widths():

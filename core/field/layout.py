@@ -25,17 +25,11 @@ MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
 
 @dataclass(frozen=True)
 class Layout:
-    """The places of each level's entries in the table.
+    """The places of each level's entries in the table."""
 
-    Attributes:
-        entry_counts: Entries per level; a power of two where hashed.  [L]
-        dense_level_count: Levels 0..D-1 are dense.
-        node_ids: Per dense level, the entry of each node of each tet.  D x [T, n_l]
-    """
-
-    entry_counts: tuple[int, ...]
-    dense_level_count: int
-    node_ids: tuple[np.ndarray, ...]
+    entry_counts: tuple[int, ...]  # [L] per level; a power of two where hashed
+    dense_level_count: int  # levels 0..D-1 are dense
+    node_ids: tuple[np.ndarray, ...]  # D x [T, n_l] the entry of each node of each tet
 
     @property
     def level_count(self) -> int:

@@ -37,19 +37,12 @@ from .mesh import EDGES, TetMesh
 
 @dataclass(frozen=True)
 class Lattice:
-    """One cell of a lattice and the rule for its edges, in units of dx.
+    """One cell of a lattice and the rule for its edges, in units of dx."""
 
-    Attributes:
-        cell_edge: A whole divisor of MARGIN.
-        cell_vertices: [C, 3] int
-        squared_lengths: Squared edge lengths.
-        monotone: Whether an edge must not rise along one axis and fall along another.
-    """
-
-    cell_edge: int
-    cell_vertices: tuple
-    squared_lengths: tuple
-    monotone: bool = False
+    cell_edge: int  # a whole divisor of MARGIN
+    cell_vertices: tuple  # [C, 3] int
+    squared_lengths: tuple  # of edges
+    monotone: bool = False  # whether no edge rises along one axis and falls along another
 
     def joins(self, differences):
         """Whether an edge joins vertices with these differences.  [..., 3] int -> [...] bool"""

@@ -17,17 +17,11 @@ EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # [6, 2], Be
 
 @dataclass(frozen=True)
 class TetMesh:
-    """Rest geometry and topology; deformation changes neither.
+    """Rest geometry and topology; deformation changes neither."""
 
-    Attributes:
-        rest_vertices: Undeformed positions, model space.  [V, 3] float64
-        addresses: Integer lattice coordinates of the vertices at level 0.  [V, 3] int32
-        tets: Vertex ids, positive rest volume.  [T, 4] int32
-    """
-
-    rest_vertices: np.ndarray
-    addresses: np.ndarray
-    tets: np.ndarray
+    rest_vertices: np.ndarray  # [V, 3] float64: undeformed positions, model space
+    addresses: np.ndarray  # [V, 3] int32: lattice coordinates of the vertices at level 0
+    tets: np.ndarray  # [T, 4] int32: vertex ids, positive rest volume
 
     def __post_init__(self):
         assert self.rest_vertices.shape == (self.vertex_count, 3), self.rest_vertices.shape

@@ -60,13 +60,7 @@ def caption(mode: str, depth_range=(0.0, 1.0)) -> str:
 
 
 def levels_reference(t, edges, focal):
-    """The finest level that is not finer than a pixel at distance t, or 0.  [...] int
-
-    Args:
-        t: Distances, inf where nothing is.  [...]
-        edges: `level_edges` of the model.  [L]
-        focal: In pixels.
-    """
+    """The finest level that is not finer than a pixel at distance t [...], or 0.  [...] int"""
     resolved = ~below_pixel(edges, np.asarray(t, float) / focal)
     return np.maximum(resolved.sum(axis=-1) - 1, 0)
 

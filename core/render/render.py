@@ -103,10 +103,7 @@ class Renderer:
         return image
 
     def render_rays(self, origins, directions, options: RenderOptions | None = None):
-        """Render rays given one by one, without rounding to bytes.
-
-        Args:
-            origins, directions: Model space, directions of length one.  [R, 3]
+        """Render rays given one by one [R, 3] in model space, without rounding to bytes.
 
         Returns:
             color [R, 3] over the background, opacity [R], depth [R] (0 without opacity),

@@ -17,14 +17,9 @@ wp.set_module_options({"enable_backward": False})
 
 @dataclass(frozen=True)
 class Camera:
-    """A lens with a pose.
+    """A lens with a pose."""
 
-    Attributes:
-        camera_to_world: Rigid pose, OpenGL's axes.  [4, 4] float64
-        lens: Image size, intrinsics and distortion.
-    """
-
-    camera_to_world: np.ndarray
+    camera_to_world: np.ndarray  # [4, 4] float64: rigid, OpenGL's axes
     lens: Lens
 
     @property
@@ -99,15 +94,13 @@ def in_space(poses, matrix):
 def view_projection(camera: Camera, near: float, far: float):
     """World space to OpenGL clip space, without the lens's distortion.  [4, 4]"""
     (fx, fy), (cx, cy) = camera.lens.focal, camera.lens.center
-    projection = np.zeros((4, 4))
-    projection[0, 0] = 2.0 * fx / camera.width
-    projection[1, 1] = 2.0 * fy / camera.height
-    projection[0, 2] = 1.0 - 2.0 * cx / camera.width
-    projection[1, 2] = 2.0 * cy / camera.height - 1.0
-    projection[2, 2] = (far + near) / (near - far)
-    projection[2, 3] = 2.0 * far * near / (near - far)
-    projection[3, 2] = -1.0
-    return projection @ np.linalg.inv(camera.camera_to_world)
+    projection = [
+        [2.0 * fx / camera.width, 0.0, 1.0 - 2.0 * cx / camera.width, 0.0],
+        [0.0, 2.0 * fy / camera.height, 2.0 * cy / camera.height - 1.0, 0.0],
+        [0.0, 0.0, (far + near) / (near - far), 2.0 * far * near / (near - far)],
+        [0.0, 0.0, -1.0, 0.0],
+    ]
+    return np.array(projection) @ np.linalg.inv(camera.camera_to_world)
 
 
 def camera_rays(camera: Camera):

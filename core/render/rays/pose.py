@@ -182,14 +182,9 @@ def box_tree(vertices, groups, ids=None, old: wp.Bvh | None = None) -> wp.Bvh:
 
 
 class Pose:
-    """The mesh in its current shape on one device.
+    """The mesh in its current shape on one device: `geometry` for kernels, and its arrays.
 
-    Attributes:
-        geometry: For kernels.
-        vertices: Current positions.  [V] vec3
-        tets: Vertex ids.  [T] vec4i
-        boundary_faces: Vertex ids, in NumPy.  [B, 3]
-        revision: Counts the changes of the vertices.
+    `boundary_faces` are vertex ids, in NumPy [B, 3]; `revision` counts changes of the vertices.
     """
 
     def __init__(self, mesh: TetMesh, neighbours, device):

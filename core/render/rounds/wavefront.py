@@ -47,7 +47,6 @@ class Wavefront:
         self.buffers = slots.empty_buffers(capacity, slot_count, options.level_count, device)
         pinned = device.is_cuda
         self._host_state = wp.zeros(slots.STATE_SIZE, dtype=int, device="cpu", pinned=pinned)
-        self._last_background = None
         self._graphs = {}  # of one round each, by step, stop and levels
         self._likely_rounds = 4
 
@@ -73,10 +72,7 @@ class Wavefront:
         return int(state[slots.SAMPLES])
 
     def _begin(self, camera, rows, options, stage):
-        background = tuple(options.background)
-        if background != self._last_background:
-            self.buffers.background.fill_(wp.vec3(*background))
-            self._last_background = background
+        self.buffers.background.fill_(wp.vec3(*options.background))
         row_count = rows[1] - rows[0]
         tiles = -(-camera.lens.width // slots.TILE_WIDTH) * -(-row_count // slots.TILE_HEIGHT)
         with stage("begin"):
