@@ -144,7 +144,7 @@ class RadianceLayer:
     def _render_at(self, factor, camera, cheaper=None):
         """Render a whole picture."""
         picture = self._picture(factor, camera, self.shown.texture, cheaper)
-        self._add_rows(picture, (0, picture.height), camera)
+        self._add_rows(picture, camera, (0, picture.height))
         self.shown, self._coming, self._sampling, self._host_depth = picture, None, None, None
         self.render_count += 1
 
@@ -153,7 +153,7 @@ class RadianceLayer:
         if self._coming is None:
             self._coming = self._picture(finer(self.factor), camera, self._spare)
             self._spare = self._coming.texture
-        self._add_strip(self._coming, camera)
+        self._add_rows(self._coming, camera)
         if self._coming.done:
             self._spare = self.shown.texture
             self.shown, self._coming, self._host_depth = self._coming, None, None
@@ -163,7 +163,7 @@ class RadianceLayer:
         if self._sampling is None:
             self._sampling = Sampling(self.shown, self.device)
         camera = camera.resized(*self.shown.texture.size)  # at least 8 × 8, unlike the window
-        if self._sampling.step(camera, self._add_strip):
+        if self._sampling.step(camera, self._add_rows):
             with self._times.part("upload"):
                 self.shown.texture.write_color(self._sampling.color)
 
@@ -176,12 +176,9 @@ class RadianceLayer:
         texture = texture or ImageTexture(self._ctx, size, self.device, self.path)
         return Picture(size[1], factor, texture, cheaper or {})
 
-    def _add_strip(self, picture, camera):
-        self._add_rows(picture, picture.strip(), camera)
-
-    def _add_rows(self, picture, rows, camera):
-        """Render rows of a picture and put them into its texture, if it has one."""
-        scene, start = self._scene, time.perf_counter()
+    def _add_rows(self, picture, camera, rows=None):
+        """Render rows of a picture, or its next strip; put them into its texture, if it has one."""
+        scene, start, rows = self._scene, time.perf_counter(), rows or picture.strip()
         options = RenderOptions(background=tuple(scene.settings.background), **picture.cheaper)
         if picture.texture is not None:
             camera = camera.resized(*picture.texture.size)

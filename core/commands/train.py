@@ -157,13 +157,8 @@ def announce(arguments: TrainArguments, device: str, checkpoint_path: Path):
 def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> dict | None:
     """Write the model; if it is complete, score it and write it again with its scores.
 
-    The first writing keeps the model if the evaluation is interrupted.
-
-    Returns:
-        The report of the evaluation, None without one.
-
-    Raises:
-        OSError: The model can't be written.
+    The first writing keeps the model if the evaluation is interrupted; an OSError says that it
+    failed.  Returns the report of the evaluation, None without one.
     """
     kept = trained.field
     if not arguments.keep_surroundings:
