@@ -75,7 +75,7 @@ def test_each_way_has_a_renderer_of_its_own(ball):
 
 
 def test_a_full_mask_leaves_nothing_out(ball, frames, device):
-    ball = replace(ball, occupancy=np.full_like(ball.occupancy, bench.ALL_SUBTETS))
+    ball = replace(ball, occupancy=np.full_like(ball.occupancy, bench.FULL))
     for name in ROWS[:2]:
         assert measured(frames(ball, device), name).change == NONE
 
@@ -96,7 +96,7 @@ def test_filling_the_mask_brings_no_empty_tet_back(make_ball_field, frames):
     switch = bench.frame_switches(few)[0]
     filled, usual = (make().renderer.part.occupancy for make in (switch.with_it, switch.without))
     assert len(filled) == len(usual) == (field.occupancy != 0).sum() < field.mesh.tet_count
-    assert (filled == bench.ALL_SUBTETS).all() and (usual != bench.ALL_SUBTETS).any()
+    assert (filled == bench.FULL).all() and (usual != bench.FULL).any()
     share = 100.0 * (1.0 - occupied_share(usual))
     assert f"{share:.0f} % of the sub-tets" in switch.why and "never trained" in switch.why
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.lab.rendering import pictures
-from deformrf.core.lab.rendering.pictures import photographs
+from deformrf.core.lab.rendering.pictures import photo_psnr, photographs
 from deformrf.core.render import Camera, Renderer, RenderOptions, pinhole
 from deformrf.core.training.data import datasets
 
@@ -30,9 +30,9 @@ def dataset_of(field, device="cpu"):
 
 def test_a_model_is_what_it_shows(ball, device):
     dataset, renderer = dataset_of(ball, device), Renderer(ball, device)
-    assert photographs(ball, dataset, 200).psnr(renderer, RenderOptions()) > 45.0
+    assert photo_psnr(photographs(ball, dataset, 200), renderer, RenderOptions()) > 45.0
     negative = replace(dataset, pixels=dataset.pixels ^ np.uint8([255, 255, 255, 0]))
-    assert photographs(ball, negative, 200).psnr(renderer, RenderOptions()) < 15.0
+    assert photo_psnr(photographs(ball, negative, 200), renderer, RenderOptions()) < 15.0
 
 
 def test_it_is_the_model_at_rest(ball):
@@ -40,12 +40,12 @@ def test_it_is_the_model_at_rest(ball):
     renderer = Renderer(ball)
     renderer.set_vertices(ball.mesh.rest_vertices + 0.3)
     photos = photographs(ball, dataset_of(ball), 200)
-    assert photos.psnr(renderer, RenderOptions()) > 45.0
+    assert photo_psnr(photos, renderer, RenderOptions()) > 45.0
 
 
 def test_options_are_those_that_are_rendered(ball):
     photos, renderer = photographs(ball, dataset_of(ball), 200), Renderer(ball)
-    assert photos.psnr(renderer, RenderOptions(level_count=1)) < 40.0
+    assert photo_psnr(photos, renderer, RenderOptions(level_count=1)) < 40.0
 
 
 def test_poses_are_taken_to_model_space(ball):
@@ -57,9 +57,9 @@ def test_poses_are_taken_to_model_space(ball):
     there[:, :3, 3] = 2.0 * there[:, :3, 3] + larger[:3, 3]
     field = replace(ball, world_to_model=np.linalg.inv(larger))
     photos = photographs(field, replace(dataset, poses=there), 200)
-    assert photos.psnr(Renderer(field), RenderOptions()) > 45.0
+    assert photo_psnr(photos, Renderer(field), RenderOptions()) > 45.0
     lost = photographs(ball, replace(dataset, poses=there), 200)
-    assert lost.psnr(Renderer(ball), RenderOptions()) < 30.0
+    assert photo_psnr(lost, Renderer(ball), RenderOptions()) < 30.0
 
 
 def test_what_is_transparent_is_white(ball):
@@ -67,7 +67,7 @@ def test_what_is_transparent_is_white(ball):
     image[:4, :, 3], image[4:, :, 3] = 0, 255
     pose = pictures.view(ball, 0.0, 8).camera_to_world
     dataset = datasets.from_images([image], [pose], [pinhole(9.0, 8, 8)], ["a"], "test")
-    colors = photographs(ball, dataset, 64).colors
+    colors = photographs(ball, dataset, 64)[0].colors
     white = (colors == 1.0).all(axis=1)
     assert white.sum() == 32
     opaque = np.unique(np.round(255.0 * colors[~white]).astype(int), axis=0)
@@ -79,25 +79,22 @@ def test_so_many_pixels_of_every_view(ball, asked, found):
     """None twice, and no more than there are."""
     dataset = dataset_of(ball)
     photos = photographs(ball, dataset, asked)
-    assert photos.view_count == 3
-    assert photos.origins.shape == photos.directions.shape == photos.colors.shape == (found, 3)
-    rays = np.concatenate([photos.origins, photos.directions], axis=1)
+    assert len(photos) == 3
+    origins, directions, colors = (np.concatenate(part) for part in zip(*photos, strict=True))
+    assert origins.shape == directions.shape == colors.shape == (found, 3)
+    rays = np.concatenate([origins, directions], axis=1)
     assert len(np.unique(rays, axis=0)) == found
-    np.testing.assert_allclose(np.linalg.norm(photos.directions, axis=1), 1.0)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
     again = photographs(ball, dataset, asked)
-    np.testing.assert_array_equal(again.colors, photos.colors)
+    np.testing.assert_array_equal(np.concatenate([photo.colors for photo in again]), colors)
 
 
 def test_the_psnr_is_the_mean_of_the_views(ball):
     """One view that is all wrong costs its share of decibels, and no more."""
     dataset, renderer = dataset_of(ball), Renderer(ball)
     whole = photographs(ball, dataset, 200)
-    right = [
-        replace(whole, **{k: getattr(whole, k)[whole.views == v] for k in vars(whole)})
-        for v in range(3)
-    ]
-    single = [photos.psnr(renderer, RenderOptions()) for photos in right]
-    assert whole.psnr(renderer, RenderOptions()) == pytest.approx(np.mean(single))
-    colors = np.where((whole.views == 1)[:, None], 1.0 - whole.colors, whole.colors)
-    wrong = replace(whole, colors=colors).psnr(renderer, RenderOptions())
+    single = [photo_psnr([photo], renderer, RenderOptions()) for photo in whole]
+    assert photo_psnr(whole, renderer, RenderOptions()) == pytest.approx(np.mean(single))
+    whole[1] = whole[1]._replace(colors=1.0 - whole[1].colors)
+    wrong = photo_psnr(whole, renderer, RenderOptions())
     assert np.mean(single) / 3 < wrong < np.mean(single) - 5.0

@@ -17,7 +17,7 @@ from deformrf.core.lab.rendering.measure import (
     RenderingStudy,
     Setting,
 )
-from deformrf.core.lab.rendering.pictures import Photographs
+from deformrf.core.lab.rendering.pictures import Photograph
 from deformrf.core.render import Renderer, RenderOptions, camera_rays
 from deformrf.core.render.render_options import checked
 
@@ -203,7 +203,7 @@ def test_without_a_mask_a_full_one_is_not_missed(make_ball_field, device, full):
 def test_photographs_are_compared_in_whole_images(measured, study):
     picture = study.pictures[0]
     origins, directions = (array[picture.pixels] for array in camera_rays(picture.camera))
-    photos = Photographs(np.zeros(len(origins)), origins, directions, picture.expected)
+    photos = [Photograph(origins, directions, picture.expected)]
     rows = measured("default", "1 level less", "1/2 of the pixels a side", photos=photos)
     assert rows["default"].photo_psnr > BOUND > rows["1 level less"].photo_psnr
     assert rows["1/2 of the pixels a side"].photo_psnr is None

@@ -17,7 +17,7 @@ from deformrf.core.lab.rendering.measure import (
     RenderingStudy,
     settings,
 )
-from deformrf.core.lab.rendering.pictures import Photographs
+from deformrf.core.lab.rendering.pictures import Photograph
 from deformrf.core.lab.report.parts import record
 from deformrf.core.lab.stopwatch import Share, Timing
 from deformrf.core.render import Renderer, camera_rays
@@ -43,7 +43,8 @@ def section(study):
 def photos(study):
     picture = study.pictures[0]
     origins, directions = (array[picture.pixels] for array in camera_rays(picture.camera))
-    return Photographs(np.arange(len(origins)) % 5, origins, directions, picture.expected)
+    colors = picture.expected
+    return [Photograph(origins[i::5], directions[i::5], colors[i::5]) for i in range(5)]
 
 
 def rows_of(section):

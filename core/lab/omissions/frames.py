@@ -15,10 +15,8 @@ import numpy as np
 
 from ...field import TetField, below_pixel, level_edges, narrowest_pixel, occupied_share
 from ...render import Renderer, RenderOptions, visible_part
-from ..rendering import views
+from ..rendering import FULL, views
 from .rows import Switch, image_change
-
-ALL_SUBTETS = 2**64 - 1  # the mask of a full tet
 
 
 class Way(NamedTuple):
@@ -76,7 +74,7 @@ def frame_switches(frames: Frames) -> list[Switch]:
     def waiting():  # float32 runs in rounds that the host waits for
         return way(path="host")
 
-    filled = np.where(field.occupancy == 0, field.occupancy, np.uint64(ALL_SUBTETS))
+    filled = np.where(field.occupancy == 0, field.occupancy, FULL)
     empty_subtets = 100.0 * (1.0 - occupied_share(visible_part(field)[0].occupancy))
     empty_tets = 100.0 * (field.occupancy == 0).mean()
     switches = [
@@ -172,5 +170,5 @@ def _view_switch(frames):
 
 def every_tet(field: TetField):
     """All tets, in the order of visible_part."""
-    part, ids = visible_part(replace(field, occupancy=np.full_like(field.occupancy, ALL_SUBTETS)))
+    part, ids = visible_part(replace(field, occupancy=np.full_like(field.occupancy, FULL)))
     return replace(part, occupancy=field.occupancy[ids]), ids

@@ -27,7 +27,7 @@ from .. import rule
 from ..effort import Effort
 from ..stopwatch import WARM_UP, Share, Timing, held_back, milliseconds, timing_of
 from . import pictures
-from .pictures import Photographs, differences
+from .pictures import Photograph, differences
 
 BOUND = 45.0  # dB, of default mode
 LARGEST = 8.0  # 1/255
@@ -146,7 +146,7 @@ class RenderingStudy:
         self,
         compared: list[Setting],
         turns: int,
-        photos: Photographs | None = None,
+        photos: list[Photograph] | None = None,
         step: Callable[[float], None] = lambda share: None,
     ) -> list[RenderingRow]:
         """A row for each setting, the first of which is the default; see section() in tell.py."""
@@ -169,9 +169,9 @@ class RenderingStudy:
             suspected = pictures.picture_error(images, suspects).largest
             anywhere = float(max(map(np.max, differences(images, exact))))
             photo_psnr = None
-            if photos is not None and setting.scale == 1:
+            if photos and setting.scale == 1:
                 renderer = self._renderer if setting.masked else self._unmasked
-                photo_psnr = photos.psnr(renderer, setting.options)
+                photo_psnr = pictures.photo_psnr(photos, renderer, setting.options)
             row = RenderingRow(
                 setting=setting.name,
                 family=setting.family,

@@ -8,6 +8,7 @@ Shapes: V vertices, N pixels.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -138,37 +139,31 @@ def _expected(field, vertices, camera, pixels):
     return np.clip(color, 0.0, 1.0)
 
 
-@dataclass(frozen=True)
-class Photographs:
-    """Random pixels of photographs, over white."""
+class Photograph(NamedTuple):
+    """Random pixels of a photograph, over white."""
 
-    views: np.ndarray  # the view of each pixel [N] int
     origins: np.ndarray  # of rays in model space [N, 3]
     directions: np.ndarray  # [N, 3]
     colors: np.ndarray  # [N, 3], 0..1
 
-    @property
-    def view_count(self) -> int:
-        """The number of views with pixels."""
-        return len(np.unique(self.views))
 
-    def psnr(self, renderer: Renderer, options: RenderOptions) -> float:
-        """PSNR of the model at rest: the mean over the views, as in deformrf-eval [dB]."""
-        renderer.set_vertices(renderer.field.mesh.rest_vertices)
-        color, _, _ = renderer.render_rays(self.origins, self.directions, options)
-        color = np.clip(color, 0.0, 1.0)
-        of_views = [self.views == view for view in np.unique(self.views)]
-        return float(np.mean([image_error([color[v]], [self.colors[v]]).psnr for v in of_views]))
-
-
-def photographs(field: TetField, dataset: Dataset, pixel_count: int, seed=0) -> Photographs:
+def photographs(field: TetField, dataset: Dataset, pixel_count: int, seed=0) -> list[Photograph]:
     """Draw `pixel_count` random pixels of every view of a data set."""
-    rng = np.random.default_rng(seed)
+    rng, found = np.random.default_rng(seed), []
     poses = in_space(dataset.poses, field.world_to_model)
-    parts = []
     for view, (pose, lens) in enumerate(zip(poses, dataset.lenses, strict=True)):
         origins, directions = camera_rays(Camera(pose, lens))
         some = rng.choice(len(origins), min(pixel_count, len(origins)), replace=False)
         colors = white_composite(dataset.image(view)).reshape(-1, 3)
-        parts.append((np.full(len(some), view), origins[some], directions[some], colors[some]))
-    return Photographs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        found.append(Photograph(origins[some], directions[some], colors[some]))
+    return found
+
+
+def photo_psnr(photos: list[Photograph], renderer: Renderer, options: RenderOptions) -> float:
+    """PSNR of the model at rest: the mean over the views, as in deformrf-eval [dB]."""
+    renderer.set_vertices(renderer.field.mesh.rest_vertices)
+    found = []
+    for photo in photos:
+        color, _, _ = renderer.render_rays(photo.origins, photo.directions, options)
+        found.append(image_error([np.clip(color, 0.0, 1.0)], [photo.colors]).psnr)
+    return float(np.mean(found))

@@ -9,7 +9,7 @@ import numpy as np
 from ..report import INK, Figure, Section, Table, label, new_figure, png
 from ..stopwatch import Timing
 from .measure import BOUND, LARGEST, SUSPECTS, RenderingStudy, settings
-from .pictures import Photographs, discretization
+from .pictures import Photograph, discretization
 
 COLORS = {
     "termination": "tab:blue",
@@ -38,7 +38,7 @@ class StageRow:
 def section(
     study: RenderingStudy,
     turns: int,
-    photos: Photographs | None = None,
+    photos: list[Photograph] | None = None,
     step: Callable[[float], None] = lambda share: None,
 ) -> Section:
     """Measure all settings; `step` is called with the finished share."""
@@ -86,11 +86,12 @@ def _findings(study, rows, pixels, photos):
         f"{default.largest:.1f}/255 off in {pixels} random pixels and the suspects.",
         _verdict(default, next((row for row in rows if row.chosen), None)),
     ]
-    if photos is not None:
+    if photos:
         known = [row for row in rows if row.photo_psnr is not None]
         best = max(known, key=lambda row: row.photo_psnr)
+        compared = sum(len(photo.colors) for photo in photos)
         found.append(
-            f"Against {len(photos.colors)} random pixels of {photos.view_count} test views the "
+            f"Against {compared} random pixels of {len(photos)} test views the "
             f"model has {default.photo_psnr:.2f} dB by default and {best.photo_psnr:.2f} dB at "
             f"best (“{best.setting}”)."
         )

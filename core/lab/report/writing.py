@@ -99,11 +99,8 @@ def as_json(report: Report) -> dict:
 def table_as_csv(table: Table) -> str:
     """All rows of a table, with a line of names above them."""
     records = [record(row) for row in table.rows]
-    names = dict.fromkeys(name for values in records for name in values)
-    # Where a timing is missing in some rows, its columns are those of the others.
-    header = [name for name in names if f"{name}_ms" not in names]
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, header, extrasaction="ignore", lineterminator="\n")
+    writer = csv.DictWriter(stream, records[0] if records else [], lineterminator="\n")
     writer.writeheader()
     writer.writerows(records)
     return stream.getvalue()
