@@ -77,17 +77,15 @@ def make_tables(mesh: TetMesh, layout: Layout, device) -> Tables:
     node_ids = [ids.ravel() for ids in layout.node_ids]
     node_starts = np.cumsum([0, *map(len, node_ids)])[:-1].astype(np.int32)
     node_ids = np.concatenate([*node_ids, np.zeros(1, np.int32)])  # not empty without any
+    node_counts = np.array([ids.shape[1] for ids in layout.node_ids], np.int32)
     tables = Tables()
-    tables.products = wp.array(hash_products(corners), dtype=mat43ui, device=device)
-    tables.node_ids = wp.array(node_ids, dtype=int, device=device)
-    tables.node_starts = wp.array(node_starts, dtype=int, device=device)
-    tables.node_counts = wp.array(
-        np.array([ids.shape[1] for ids in layout.node_ids], np.int32), dtype=int, device=device
-    )
-    tables.entry_starts = wp.array(layout.offsets[:-1].astype(np.int32), dtype=int, device=device)
-    tables.entry_masks = wp.array(
-        np.array(layout.entry_counts, np.int32) - 1, dtype=int, device=device
-    )
+    with wp.ScopedDevice(device):
+        tables.products = wp.array(hash_products(corners), dtype=mat43ui)
+        tables.node_ids = wp.array(node_ids, dtype=int)
+        tables.node_starts = wp.array(node_starts, dtype=int)
+        tables.node_counts = wp.array(node_counts, dtype=int)
+        tables.entry_starts = wp.array(layout.offsets[:-1].astype(np.int32), dtype=int)
+        tables.entry_masks = wp.array(np.array(layout.entry_counts, np.int32) - 1, dtype=int)
     tables.dense_level_count = layout.dense_level_count
     return tables
 

@@ -122,11 +122,6 @@ def products_entry(products: wp.vec3ui, mask: int):
 @wp.func
 def hash_entry(address: wp.vec3i, mask: int):
     """Entry of an address in a table of mask + 1 entries, a power of two."""
-    return products_entry(
-        wp.vec3ui(
-            wp.uint32(address[0]),
-            wp.uint32(address[1]) * _PRIME_Y,
-            wp.uint32(address[2]) * _PRIME_Z,
-        ),
-        mask,
-    )
+    y = wp.uint32(address[1]) * _PRIME_Y
+    z = wp.uint32(address[2]) * _PRIME_Z
+    return products_entry(wp.vec3ui(wp.uint32(address[0]), y, z), mask)

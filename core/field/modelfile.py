@@ -1,9 +1,9 @@
 """model.npz <-> TetField.  docs/model-format.md describes the format field by field.
 
-A file is checked before a field is built: archive.py checks the zip and its arrays, packing.py
-mesh, tables and networks.  The entry `meta` is JSON text.  Its keys that fix the field's shape
-have to be right.  Its entry `training` only says where a model comes from: the reader keeps what
-has the documented type there and drops the rest, as any key may be missing.
+A file is checked before a field is built (packing.py).  The entry `meta` is JSON text.  Its keys
+that fix the field's shape have to be right.  Its entry `training` only says where a model comes
+from: the reader keeps what has the documented type there and drops the rest, as any key may be
+missing.
 """
 
 import json
@@ -14,14 +14,16 @@ import numpy as np
 
 from ..geometry import tet_neighbours
 from ..paths import program_version, whole_file
-from .archive import ModelFileError, check, read_arrays
 from .field import FieldOptions, TetField, layer_widths
 from .layout import FEATURES, MOST_ENTRIES, make_layout
 from .packing import (
+    ModelFileError,
+    check,
     pack_layers,
     pack_mesh,
     pack_surroundings,
     pack_tables,
+    read_arrays,
     unpack_layers,
     unpack_mesh,
     unpack_surroundings,

@@ -72,25 +72,12 @@ class TensorCoreNetworks:
         self._threads = device.sm_count * BLOCKS_PER_PROCESSOR * BLOCK_SIZE
 
     def evaluate(self, features, basis, total, sigma, rgb):
-        """Fill sigma and rgb, without an allocation and without waiting for the host.
-
-        Args:
-            features: L entries per sample, one sample after another.  [N · L] vec4h
-            basis: Spherical harmonics, 4 entries per sample.  [4 N] vec4h
-            total: Number of existing samples, at most N.  [1] int
-            sigma, rgb: [N] float and vec3, out.
-        """
+        """Fill sigma and rgb by `networks_kernel`, without an allocation or a wait of the host."""
+        columns = 4 * (len(features) // max(len(sigma), 1))
         wp.launch(
             networks_kernel,
             dim=self._threads,
-            inputs=[
-                features,
-                basis,
-                self._fragments,
-                self._biases,
-                total,
-                4 * (len(features) // max(len(sigma), 1)),
-            ],
+            inputs=[features, basis, self._fragments, self._biases, total, columns],
             outputs=[sigma, rgb],
             device=self.device,
             block_dim=BLOCK_SIZE,
@@ -236,11 +223,11 @@ def evaluate_native(
 
 @wp.kernel
 def networks_kernel(
-    features: wp.array(dtype=vec4h),  # [N · L]
-    basis: wp.array(dtype=vec4h),  # [4 N]
+    features: wp.array(dtype=vec4h),  # [N · L] one sample after another
+    basis: wp.array(dtype=vec4h),  # [4 N] spherical harmonics
     weights: wp.array(dtype=vec4h),  # `fragments` of all layers
     biases: wp.array(dtype=float),
-    total: wp.array(dtype=int),  # [1]
+    total: wp.array(dtype=int),  # [1] existing samples, at most N
     columns: int,  # 4 L
     sigma: wp.array(dtype=float),  # [N] out
     rgb: wp.array(dtype=wp.vec3),  # [N] out

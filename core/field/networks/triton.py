@@ -47,19 +47,12 @@ INTERPRETER_PROGRAMS = 3  # where Triton's interpreter runs the kernels, on the 
 
 @dataclass(frozen=True)
 class Launch:
-    """Launch parameters of a kernel.
+    """Launch parameters of a kernel."""
 
-    Attributes:
-        block: Samples that a program takes at once.
-        warps: Warps per program.
-        stages: Blocks whose samples are in flight, the present one included.
-        programs: Programs per processor, at most.
-    """
-
-    block: int
-    warps: int
-    stages: int
-    programs: int
+    block: int  # samples that a program takes at once
+    warps: int  # per program
+    stages: int  # blocks whose samples are in flight, the present one included
+    programs: int  # per processor, at most
 
 
 # Chosen by registers, shared memory (99 KB on most GPUs) and spills of the compiled kernels.

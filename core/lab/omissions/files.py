@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...field import modelfile
-from ...field.archive import read_arrays
-from ...field.packing import pack_tables
+from ...field.packing import pack_tables, read_arrays
 from ...field.reach import reached_entries
 from ...geometry import lattice_spacing, lattice_vertices
 from ..stopwatch import in_turns
