@@ -89,7 +89,7 @@ class App:
         self.gui.begin()
         panels.loading_window(title, self.progress)
         self.gui.end()
-        self.canvas.show(self.size)
+        self.canvas.show()
         self.window.flip()
         time.sleep(0.05)
 
@@ -172,11 +172,11 @@ class App:
             self.handles.draw(camera, clip_range)
             if scene.settings.handles_in_clips:
                 self._record_view()
-        with times.part("panel"):
-            self._draw_panels()
-        with times.part("flip"):
-            if self.gui is not None:
-                self.canvas.show(size)
+        if self.gui is not None:
+            with times.part("panel"):
+                self._draw_panels()
+            with times.part("flip"):
+                self.canvas.show()
                 self.window.flip()
         times.end_frame()
         self._log_state()
@@ -197,8 +197,6 @@ class App:
         return self.recorder.wants_screenshot and self.scene.settings.transparent_screenshots
 
     def _draw_panels(self):
-        if self.gui is None:
-            return
         self.gui.begin()
         panels.draw_panels(self)
         self.gui.end()

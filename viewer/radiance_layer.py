@@ -41,7 +41,6 @@ class RadianceLayer:
         self._coming: Picture | None = None  # a finer one, as far as it is
         self._spare: ImageTexture | None = None  # for the next finer one
         self._sampling: Sampling | None = None  # once shifted images are rendered
-        self._host_depth = None
         self._seen = self._pose = None  # what was rendered last
         self._changed_at = 0.0
 
@@ -83,9 +82,7 @@ class RadianceLayer:
 
     def depth_image(self):
         """The depths [h, w] of the last whole picture, at its own resolution; None before it."""
-        if self._host_depth is None and self.shown.images:
-            self._host_depth = np.concatenate([i.depth_array() for i in self.shown.images])
-        return self._host_depth
+        return self.shown.depth if self.shown.images else None
 
     def color_image(self):
         """The colors of the last whole picture, opacity as alpha.  [h, w, 4] uint8"""
@@ -145,7 +142,7 @@ class RadianceLayer:
         """Render a whole picture."""
         picture = self._picture(factor, camera, self.shown.texture, cheaper)
         self._add_rows(picture, camera, (0, picture.height))
-        self.shown, self._coming, self._sampling, self._host_depth = picture, None, None, None
+        self.shown, self._coming, self._sampling = picture, None, None
         self.render_count += 1
 
     def _refine(self, camera):
@@ -156,7 +153,7 @@ class RadianceLayer:
         self._add_rows(self._coming, camera)
         if self._coming.done:
             self._spare = self.shown.texture
-            self.shown, self._coming, self._host_depth = self._coming, None, None
+            self.shown, self._coming = self._coming, None
 
     def _sample(self, camera):
         """Render the next strip of a shifted image; a whole one joins the mean."""

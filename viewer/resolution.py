@@ -11,6 +11,9 @@ then images shifted by parts of a pixel, of which the mean is shown.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
 
 from ..core.field import below_pixel
 from ..core.render import RunningMean, shifted
@@ -118,6 +121,11 @@ class Picture:
     @property
     def done(self) -> bool:
         return self.next_row >= self.height
+
+    @cached_property
+    def depth(self):
+        """The depths of a whole picture, on the host.  [height, w]"""
+        return np.concatenate([image.depth_array() for image in self.images])
 
     def strip(self) -> tuple[int, int]:
         """The next rows that take about STRIP_SECONDS: the first, and the one after the last."""
