@@ -24,25 +24,15 @@ from ...geometry import signed_volumes
 
 @dataclass(frozen=True)
 class Energy:
-    """Springs and volumes between vertices that have masses.
+    """Springs and volumes between vertices that have masses."""
 
-    Attributes:
-        masses: [V] kg
-        edges: Ends of each spring.  [E, 2]
-        lengths: At rest.  [E] m
-        stiffnesses: k.  [E] N/m
-        tets: [T, 4]; T may be 0.
-        volumes: 6 V0.  [T] m³
-        volume_stiffnesses: κ.  [T] N/m⁵
-    """
-
-    masses: np.ndarray
-    edges: np.ndarray
-    lengths: np.ndarray
-    stiffnesses: np.ndarray
-    tets: np.ndarray
-    volumes: np.ndarray
-    volume_stiffnesses: np.ndarray
+    masses: np.ndarray  # [V] kg
+    edges: np.ndarray  # ends of each spring [E, 2]
+    lengths: np.ndarray  # at rest [E] m
+    stiffnesses: np.ndarray  # k [E] N/m
+    tets: np.ndarray  # [T, 4]; T may be 0
+    volumes: np.ndarray  # 6 V0 [T] m³
+    volume_stiffnesses: np.ndarray  # κ [T] N/m⁵
 
     def value(self, x):
         """Elastic energy at positions x [V, 3], in J."""
@@ -90,8 +80,8 @@ class Energy:
     def _tet_blocks(self, x):
         """Hessian of each volume's energy.  [T, 4, 4, 3, 3]"""
         gradients = volume_gradients(x, self.tets)
-        origin, *others = (x[self.tets[:, i]] for i in range(4))
-        e1, e2, e3 = (_cross_matrices(corner - origin) for corner in others)
+        along = x[self.tets[:, 1:]] - x[self.tets[:, :1]]
+        e1, e2, e3 = np.cross(np.eye(3), along[:, :, None]).swapaxes(0, 1)  # e1 @ u = e1 × u
         second = np.zeros((len(self.tets), 4, 4, 3, 3))  # of 6 V = e1 · (e2 × e3)
         for (a, b), matrix in {(1, 2): -e3, (2, 3): -e1, (1, 3): e2}.items():
             second[:, a, b], second[:, b, a] = matrix, -matrix
@@ -115,14 +105,6 @@ class Energy:
         count = self.tets.size
         places = self.tets.ravel(), np.arange(count)
         return sparse.csr_array((np.ones(count), places), shape=(len(self.masses), count))
-
-
-def _cross_matrices(vectors):
-    """[v]× for each v, so that [v]× u = v × u.  [N, 3, 3]"""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def material_energy(rest_vertices, tets, material, compliance=None) -> Energy:

@@ -73,12 +73,7 @@ class Measures(NamedTuple):
 
 
 class Shape:
-    """The rest shape to recover, without flat tets and edges of length 0.
-
-    Args:
-        rest: [V, 3]
-        tets: [T, 4]
-    """
+    """The rest shape [V, 3] to recover, without flat tets and edges of length 0."""
 
     def __init__(self, rest, tets):
         volumes, pairs = signed_volumes(rest, tets), edges(tets)
