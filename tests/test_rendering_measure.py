@@ -151,9 +151,9 @@ def test_what_random_pixels_miss_is_too_much_as_well(make_ball_field, device):
 
 
 def test_the_worst_channel_of_each_pixel_counts():
-    images = [np.full((2, 3, 3), 200, np.uint8), np.zeros((2, 3, 3), np.uint8)]
-    others = [image.copy() for image in images]
-    assert not any(off.any() for off in rendering.differences(images, others))
+    images = np.uint8([np.full((2, 3, 3), 200), np.zeros((2, 3, 3))])
+    others = images.copy()
+    assert not rendering.differences(images, others).any()
     others[0][1, 2], others[1][0, 0, 2] = (210, 197, 200), 17
     for pair in ((images, others), (others, images)):
         one, other = rendering.differences(*pair)

@@ -10,7 +10,7 @@ view has at least BOUND dB and no channel of any pixel is more than LARGEST off,
 conformance mode or, of random pixels and suspects, from the reference.  (PSNR alone would
 allow single pixels that sparkle when the object moves: docs/design/005-rendering.md.)
 
-Shapes: S settings, R turns.
+Shapes: S settings, R turns, P views.
 """
 
 from collections.abc import Callable
@@ -135,7 +135,7 @@ class RenderingStudy:
             pictures.picture(field, rest, camera, effort.pixel_count, seed)
             for seed, camera in enumerate(pictures.views(field, effort.view_count, effort.size))
         ]
-        self.times = {}
+        self.size, self.times = effort.size, {}
 
     @property
     def half(self) -> bool:
@@ -165,9 +165,9 @@ class RenderingStudy:
         for number, (setting, (images, samples)) in enumerate(zip(compared, found, strict=True)):
             together = pictures.picture_error(images, self.pictures)
             pairs = zip(images, self.pictures, strict=True)
-            single = [pictures.picture_error([image], [picture]) for image, picture in pairs]
+            single = [pictures.picture_error([image], [picture]).psnr for image, picture in pairs]
             suspected = pictures.picture_error(images, suspects).largest
-            anywhere = float(max(map(np.max, differences(images, exact))))
+            anywhere = float(differences(images, exact).max())
             photo_psnr = None
             if photos and setting.scale == 1:
                 renderer = self._renderer if setting.masked else self._unmasked
@@ -176,7 +176,7 @@ class RenderingStudy:
                 setting=setting.name,
                 family=setting.family,
                 psnr=together.psnr,
-                worst_psnr=min(error.psnr for error in single),
+                worst_psnr=min(single),
                 largest=max(together.largest, suspected),
                 largest_anywhere=None if setting.options.conformance else anywhere,
                 photo_psnr=photo_psnr,
@@ -211,16 +211,14 @@ class RenderingStudy:
 
     def _suspects(self, compared, shown, exact):
         """A Picture of each view: the pixels where candidates differ most from conformance."""
-        chosen = [set() for _ in self.pictures]
-        for setting, images in zip(compared, shown, strict=True):
-            if setting.candidate or setting is compared[0]:
-                for pixels, off in zip(chosen, differences(images, exact), strict=True):
-                    pixels.update(np.argsort(off.ravel())[-SUSPECTS:].tolist())
+        worst = [
+            np.argsort(differences(images, exact).reshape(len(exact), -1))[:, -SUSPECTS:]
+            for setting, images in zip(compared, shown, strict=True)
+            if setting.candidate or setting is compared[0]
+        ]
         return [
-            pictures.picture_of(
-                self.field, picture.vertices, picture.camera, np.array(sorted(pixels), int)
-            )
-            for picture, pixels in zip(self.pictures, chosen, strict=True)
+            pictures.picture_of(self.field, picture.vertices, picture.camera, np.unique(pixels))
+            for picture, *pixels in zip(self.pictures, *worst, strict=True)
         ]
 
     def _times(self, compared, turns, step):
@@ -239,25 +237,18 @@ class RenderingStudy:
     def _rendered(self, setting, count=None):
         """Images of the first `count` views (default: all), before they are enlarged."""
         renderer = self._renderer if setting.masked else self._unmasked
-        scale = setting.scale
-        cameras = [picture.camera for picture in self.pictures[:count]]
+        side = self.size // setting.scale
         return [
-            renderer.render(
-                camera.resized(camera.width // scale, camera.height // scale), setting.options
-            )
-            for camera in cameras
+            renderer.render(picture.camera.resized(side, side), setting.options)
+            for picture in self.pictures[:count]
         ]
 
     def _images(self, setting):
-        """The colors of every view [H, W, 3], and samples per pixel."""
-        images, samples, pixel_count = [], 0, 0
-        for picture, image in zip(self.pictures, self._rendered(setting), strict=True):
-            width, height = picture.camera.width, picture.camera.height
-            color = image.color_array()[..., :3]
-            images.append(color if setting.scale == 1 else enlarged(color, width, height))
-            samples += image.sample_count
-            pixel_count += width * height
-        return images, samples / pixel_count
+        """The colors of all views [P, H, W, 3], and samples per pixel."""
+        images, size = self._rendered(setting), self.size
+        colors = [enlarged(image.color_array()[..., :3], size, size) for image in images]
+        samples = sum(image.sample_count for image in images)
+        return np.stack(colors), samples / (len(images) * size**2)
 
     @cached_property
     def _unmasked(self) -> Renderer:

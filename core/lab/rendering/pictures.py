@@ -126,9 +126,8 @@ def image_error(images, expected) -> ImageError:
 
 
 def differences(images, others):
-    """Error of each pixel's worst channel [1/255], for uint8 [H, W, 3].  [H, W] each"""
-    pairs = zip(images, others, strict=True)
-    return [np.abs(a.astype(int) - b).max(axis=-1) for a, b in pairs]
+    """Error of each pixel's worst channel [1/255], for uint8 [..., 3].  [...]"""
+    return np.abs(images.astype(int) - others).max(axis=-1)
 
 
 def _expected(field, vertices, camera, pixels):

@@ -75,7 +75,7 @@ def measure(renderer: Renderer, name: str, vertices, pixel_count: int, repeats: 
 
     image = render().color_array()[..., :3]
     exact = renderer.render(camera, RenderOptions(conformance=True)).color_array()[..., :3]
-    [off] = differences([image], [exact])
+    off = differences(image, exact)
     order = np.random.default_rng(0).permutation(SIZE * SIZE)
     shown = order[(image.reshape(-1, 3)[order] < WHITE).any(axis=1)]
     half = pixel_count // 2
