@@ -56,17 +56,8 @@ def ray_pieces(field: TetField, vertices, origins, directions):
         bary = alpha[tet][owner] + (0.5 * (low + high))[:, None] * slope[tet][owner]
         rate = fades[tet] * speed
         rest_direction = np.einsum("tji,j->ti", rotations[tet], d)
-        found.append(
-            (
-                np.full(len(owner), ray),
-                tet[owner],
-                bary,
-                low,
-                high,
-                rest_direction[owner],
-                rate[owner],
-            )
-        )
+        pieces = np.full(len(owner), ray), tet[owner], bary, low, high
+        found.append((*pieces, rest_direction[owner], rate[owner]))
     pieces = [np.concatenate(column) for column in zip(*found, strict=True)]
     keep = is_occupied_reference(field.occupancy, pieces[1], pieces[2])
     return [column[keep] for column in pieces]

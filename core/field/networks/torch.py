@@ -66,16 +66,12 @@ class TorchNetworks(nn.Module):
 
     def layers(self):
         """Density and color layers as NumPy arrays (weights [in, out], bias [out])."""
-        return tuple(
-            tuple(
-                (
-                    layer.weight.detach().float().t().contiguous().cpu().numpy(),
-                    layer.bias.detach().float().cpu().numpy().copy(),
-                )
-                for layer in part
-            )
-            for part in (self.density, self.color)
-        )
+
+        def arrays(layer):
+            weight, bias = (p.detach().float().cpu().numpy() for p in (layer.weight, layer.bias))
+            return weight.T.copy(), bias.copy()
+
+        return tuple(tuple(map(arrays, part)) for part in (self.density, self.color))
 
 
 def _linear(weights, bias):
