@@ -6,6 +6,9 @@ from typing import Annotated
 import tyro
 
 Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
+AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
+    tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
+]
 File = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
 
 

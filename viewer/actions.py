@@ -4,6 +4,7 @@ INPUTS is the only list: key bindings, tooltips, hints, the help overlay and REA
 """
 
 from dataclasses import dataclass
+from operator import attrgetter
 
 from ..core.render import MODES
 
@@ -42,12 +43,12 @@ INPUTS = (
 )
 
 
-def _toggle(name):
-    """A function that switches one of the Settings."""
+def _toggle(name, owner_of=attrgetter("scene.settings")):
+    """A function that switches an attribute, one of the Settings by default."""
 
     def toggle(app):
-        settings = app.scene.settings
-        setattr(settings, name, not getattr(settings, name))
+        owner = owner_of(app)
+        setattr(owner, name, not getattr(owner, name))
 
     return toggle
 
@@ -60,10 +61,6 @@ def _toggle_handles(app):
 def _reset(app):
     app.controls.cancel()
     app.scene.reset()
-
-
-def _pause(app):
-    app.scene.paused = not app.scene.paused
 
 
 def _next_mode(app):
@@ -79,7 +76,7 @@ ACTIONS = {  # functions of the App
     "focus": lambda app: app.scene.focus(),
     "home": lambda app: app.scene.home(),
     "reset": _reset,
-    "pause": _pause,
+    "pause": _toggle("paused", attrgetter("scene")),
     "single_step": lambda app: app.scene.single_step(),
     "next_mode": _next_mode,
     "toggle_handles": _toggle_handles,

@@ -10,13 +10,12 @@ import threading
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from ..core import field as fields
-from ..core.arguments import Count, File, at_least, writable_file
+from ..core.arguments import AnyModel, Count, File, at_least, writable_file
 from ..core.commands import FAILED, run
 from ..core.device import Choice, device_name
 from ..core.paths import DEFAULT_MODEL, program_version
@@ -27,9 +26,6 @@ SLOW_START = 1.5  # s after which the user is told what takes so long
 WINDOW_SIZE, HEADLESS_SIZE = (1200, 800), (400, 400)
 SMALLEST_SIDE, LARGEST_SIDE = 32, 8192
 
-AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
-    tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
-]
 Size = Annotated[str | None, tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
 Drag = Annotated[str | None, tyro.conf.arg(metavar="VERTEX:DX,DY,DZ", help_behavior_hint="")]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]

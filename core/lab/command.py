@@ -16,7 +16,7 @@ from typing import Annotated, NamedTuple
 
 import tyro
 
-from ..arguments import File, plain_message, writable_file
+from ..arguments import AnyModel, File, plain_message, writable_file
 from ..commands import complain, require, run
 from ..device import Choice, device_name
 from ..paths import DEFAULT_MODEL
@@ -35,9 +35,6 @@ GROWING = ("dynamics", "stability")  # with the number of tets
 LONG = 150  # seconds: what takes longer is told in minutes
 TEST_SPLIT = "test"
 
-Model = Annotated[
-    tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
-]
 Folder = Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
 
 
@@ -45,7 +42,7 @@ Folder = Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
 class ReportArguments:
     """Measure a model on this machine: error against run time, stability, what was left out."""
 
-    model: Model = DEFAULT_MODEL
+    model: AnyModel = DEFAULT_MODEL
     """Model file, an .npz; the bundled one by default."""
     output: Folder = Path("report")
     """Folder of report.html, report.md, report.json, tables and pictures."""
