@@ -5,9 +5,11 @@ import pytest
 import torch
 import warp as wp
 
+from deformrf.core.field import FieldOptions
 from deformrf.core.field.networks.reference import spherical_harmonics
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.render import Pose
+from deformrf.core.training.run import TrainingField
 from deformrf.core.training.run.batch import MAX_RAY_SAMPLES, Batch
 from deformrf.core.training.train_options import PRESETS
 
@@ -94,6 +96,20 @@ def test_no_room_at_all_is_no_sample(make_ball_field, device):
     batch.march(pose, mask, field.options.march_step)
     assert int(batch.sample_count.numpy()[0]) == 0
     assert batch.fits.item() == 0.0
+
+
+def test_a_batch_is_marched_through_its_own_occupancy(make_ball_field, device):
+    """What is marched ahead keeps the occupancy that it was given."""
+    ball = make_ball_field(1)
+    field = TrainingField(ball.mesh, FieldOptions(2, 2**8, march_step=0.05), device)
+    batch = Batch(1, None, device)
+    batch.origins.copy_(torch.tensor([[0.5, 0.5, 3.0]]))
+    batch.directions.copy_(torch.tensor([[0.0, 0.0, -1.0]]))
+    field.march(batch)
+    assert int(batch.sample_count.numpy()[0]) > 0
+    batch.mask = wp.zeros_like(field.mask)
+    field.march(batch)
+    assert int(batch.sample_count.numpy()[0]) == 0
 
 
 def test_the_basis_is_that_of_each_samples_ray(scene, device):

@@ -81,18 +81,22 @@ def test_pauses_come_every_few_steps(run):
     assert numbers == [16, 32, 48]
 
 
-def test_a_loss_that_is_no_number_ends_the_run_with_good_weights(run, monkeypatch):
+@pytest.mark.parametrize("network", ["density", "color"])
+def test_a_loss_that_is_no_number_ends_the_run_with_good_weights(run, monkeypatch, network):
+    """And with an occupancy that such weights did not change."""
     step = Optimization.step
 
     def spoiled(self, rate, white):
         step(self, rate, white)
         if run.number == 40:
             with torch.no_grad():
-                self.field.networks.color[0].weight[0, 0] = float("nan")
+                getattr(self.field.networks, network)[0].weight[0, 0] = float("nan")
 
     monkeypatch.setattr(Optimization, "step", spoiled)
     with pytest.raises(Diverged, match=r"the loss became nan at step 48 of 50.* of step 32"):
         go(run)
+    assert run.field.thickness.isfinite().all()
+    assert run.field.occupied.any()
     assert all(bool(p.isfinite().all()) for p in run.field.parameters())
 
 

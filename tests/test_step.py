@@ -1,5 +1,8 @@
 """The training step: it learns, and on CUDA the recorded one is the one that was written."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import torch
@@ -80,6 +83,21 @@ def test_marching_ahead_draws_what_each_step_would_draw(gray_disc):
             assert torch.equal(runs[0].batch.directions, runs[1].batch.directions)
             assert torch.equal(runs[0].batch.background, runs[1].batch.background)
             assert runs[0].sample_count() == runs[1].sample_count() > 0
+
+
+@pytest.mark.gpu
+def test_what_a_recorded_run_holds_is_freed_with_it(gray_disc):
+    """At once: the stage after it needs the memory."""
+    with on_warp_stream("cuda:0"):
+        run = make_run(gray_disc, "cuda:0")
+        run.step(0.0, white=False)
+        alive = weakref.ref(run)
+        gc.disable()
+        try:
+            del run
+            assert alive() is None
+        finally:
+            gc.enable()
 
 
 @pytest.mark.gpu

@@ -16,10 +16,6 @@ from ...render import COUNT, WRITE, Pose, basis_kernel, empty_rays, empty_sample
 from ..data import Drawn, RayBank
 
 MAX_RAY_SAMPLES = 2048  # beyond, a ray is cut off; √3/Δ and one for each tet are far fewer
-# Threads of a block of the march on CUDA.  A block keeps its registers until its slowest ray is
-# done, and what learns at the same time waits for them.
-MARCH_BLOCK = 64
-
 wp.set_module_options({"enable_backward": False})
 
 
@@ -112,11 +108,7 @@ class Batch:
         common = [pose.geometry, mask, self._rays, self._everyone, step, MAX_RAY_SAMPLES, self.seed]
         nowhere = empty_samples(0, self.device)
         self._launch(
-            march_kernel,
-            self.ray_count,
-            [*common, COUNT, self.ends],
-            [nowhere, self.counts],
-            MARCH_BLOCK,
+            march_kernel, self.ray_count, [*common, COUNT, self.ends], [nowhere, self.counts]
         )
         wp.utils.array_scan(self.counts, self.ends, inclusive=True)
         if self.capacity is None:
@@ -129,11 +121,7 @@ class Batch:
             [self.counts, self._fits, self.sample_count],
         )
         self._launch(
-            march_kernel,
-            self.ray_count,
-            [*common, WRITE, self.ends],
-            [self.samples, self.counts],
-            MARCH_BLOCK,
+            march_kernel, self.ray_count, [*common, WRITE, self.ends], [self.samples, self.counts]
         )
         self._launch(mark_unused_kernel, room, [self.sample_count], [self.samples.tet])
         if not view_dependence:
@@ -160,15 +148,8 @@ class Batch:
         self._basis = wp.zeros(capacity, dtype=basis_vector, device=self.device)
         self.basis = wp.to_torch(self._basis)
 
-    def _launch(self, kernel, dim, inputs, outputs, block_dim=256):
-        wp.launch(
-            kernel,
-            dim=dim,
-            inputs=inputs,
-            outputs=outputs,
-            device=self.device,
-            block_dim=block_dim,
-        )
+    def _launch(self, kernel, dim, inputs, outputs):
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
 
 def looks(bank: RayBank, device, most: int, size: int):

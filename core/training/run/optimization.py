@@ -156,7 +156,7 @@ class Optimization:
             self._rate.fill_(rate)
             if self._recorded is None:
                 self._record()
-            self._recorded.run(self.number)
+            self._recorded.run(self.number, self._prepare)
         else:
             for group in self.optimizer.param_groups:
                 group["lr"] = rate
@@ -246,9 +246,7 @@ class Optimization:
                 batch = self._batches[run % len(self._batches)]
                 self._draw_and_learn(batch, RECORDING_SEED + run)
             self._has_recorded = True
-        self._recorded = RecordedSteps(
-            self.field.device, self._batches, self._prepare, self._march, self._parts()
-        )
+        self._recorded = RecordedSteps(self.field.device, self._batches, self._march, self._parts())
 
     def _make_whole(self):
         """Prepare for a change of the occupancy, and for a look at weights."""

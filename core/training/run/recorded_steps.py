@@ -29,8 +29,6 @@ class RecordedSteps:
     Args:
         device: A CUDA Warp device, whose current stream is torch's too.
         batches: AHEAD + 1 of them; step n has batch n % (AHEAD + 1).
-        prepare: Called with a batch and a step's number, before the batch is marched: copies
-            what the march reads and later steps may change.
         march: Called with a batch, recorded.
         parts: The parts of the update, in order: name -> (function of a batch, whether to
             record it).
@@ -40,11 +38,10 @@ class RecordedSteps:
         self,
         device,
         batches: list[Batch],
-        prepare: Callable[[Batch, int], None],
         march: Callable[[Batch], None],
         parts: dict[str, tuple[Callable[[Batch], None], bool]],
     ):
-        self._batches, self._prepare = batches, prepare
+        self._batches = batches
         self._main = wp.stream_to_torch(wp.get_stream(device))
         self._streams = [torch.cuda.Stream(self._main.device) for _ in batches[1:]]
         self._prepared = [torch.cuda.Event() for _ in self._streams]
@@ -65,26 +62,31 @@ class RecordedSteps:
                         learn[name] = lambda function=function, batch=batch: function(batch)
                 self.learn.append(learn)
 
-    def run(self, number: int):
-        """Step `number`; one that doesn't follow the last step marches its batches anew."""
+    def run(self, number: int, prepare: Callable[[Batch, int], None]):
+        """Step `number`; one that doesn't follow the last step marches its batches anew.
+
+        Args:
+            prepare: Called with a batch and a step's number, before the batch is marched: copies
+                what the march reads and later steps may change.
+        """
         ahead = len(self._streams)
         if self._next != number:
             for stream in self._streams:
                 self._main.wait_stream(stream)
             for coming in range(number, number + ahead):
-                self._march_ahead(coming)
+                self._march_ahead(coming, prepare)
         self._main.wait_stream(self._streams[number % ahead])
-        self._march_ahead(number + ahead)
+        self._march_ahead(number + ahead, prepare)
         for part in self.learn[number % len(self._batches)].values():
             part()
         self._next = number + 1
 
-    def _march_ahead(self, number):
+    def _march_ahead(self, number, prepare):
         way, place = number % len(self._streams), number % len(self._batches)
         stream = self._streams[way]
         stream.wait_stream(self._main)  # the batch's last step has to be over
         with torch.cuda.stream(stream):
-            self._prepare(self._batches[place], number)
+            prepare(self._batches[place], number)
             self._prepared[way].record()
             self._march[place].replay()
 
@@ -96,8 +98,7 @@ class RecordedSteps:
 
 @contextmanager
 def no_garbage_collected():
-    """Context in which no device memory is freed by chance, which a recording does not survive."""
-    gc.collect()
+    """Context in which no device memory is freed by chance, which a recording doesn't survive."""
     enabled = gc.isenabled()
     gc.disable()
     try:
