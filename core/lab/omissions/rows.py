@@ -107,10 +107,9 @@ def verdict(with_it: Timing, without: Timing, saving: Timing) -> str:
 
 def image_change(with_it, without) -> str:
     """The difference of two lists of images ([H, W, 3 or 4] uint8 each), in words."""
-    pairs = zip(with_it, without, strict=True)
-    if all(np.array_equal(a, b) for a, b in pairs):
+    if np.array_equal(with_it, without):
         return NONE
-    error = image_error(*([image[..., :3] / 255.0 for image in way] for way in (with_it, without)))
+    error = image_error(*(np.stack(way)[..., :3] / 255.0 for way in (with_it, without)))
     return f"{error.psnr:.1f} dB, at most {error.largest:.0f}/255"
 
 
