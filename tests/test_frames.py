@@ -7,7 +7,7 @@ import pytest
 
 from deformrf.core.field import occupied_share
 from deformrf.core.lab.omissions import frames as bench
-from deformrf.core.lab.omissions.rows import NONE, RENDERING, SAVES, Bench
+from deformrf.core.lab.omissions.measure import NONE, RENDERING, SAVES, Bench
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ CUDA_ROWS = ("single precision", "rounds that")
 def measured(frames, name):
     """The row whose name begins like this."""
     [switch] = [s for s in bench.frame_switches(frames) if s.name.startswith(name)]
-    return switch.measured(Bench(RENDERING, frames.device, 3, frames.change))
+    return switch.measured(Bench(RENDERING, frames.device, 3, 1.0, frames.change))
 
 
 def test_these_are_all_rows(ball, frames):

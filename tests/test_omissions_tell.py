@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from deformrf.core.lab.effort import EFFORTS
-from deformrf.core.lab.omissions import rows as omitted
+from deformrf.core.lab.omissions import measure as omitted
 from deformrf.core.lab.omissions.steps import Drag
 from deformrf.core.lab.omissions.tell import section_of
 from deformrf.core.lab.report.parts import record

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from deformrf.core.lab.omissions import starts
-from deformrf.core.lab.omissions.rows import NONE, NOT_MEASURED, NOTHING, SAVES
+from deformrf.core.lab.omissions.measure import NONE, NOT_MEASURED, NOTHING, SAVES
 
 BALLAST = 600_000_000  # bytes
 

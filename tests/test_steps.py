@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.lab.omissions import steps
-from deformrf.core.lab.omissions.rows import DYNAMICS, NONE, NOT_MEASURED, SAVES, Bench
+from deformrf.core.lab.omissions.measure import DYNAMICS, NONE, NOT_MEASURED, SAVES, Bench
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ ROWS = (
 def measured(field, device, repeats, name):
     """The row whose name begins like this."""
     [switch] = [s for s in steps.step_switches(field, device) if s.name.startswith(name)]
-    return switch.measured(Bench(DYNAMICS, device, repeats, steps.change))
+    return switch.measured(Bench(DYNAMICS, device, repeats, 1.0, steps.change))
 
 
 def test_these_are_all_rows(ball):

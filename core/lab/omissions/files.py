@@ -17,7 +17,7 @@ from ...field.reach import reached_entries
 from ...geometry import lattice_spacing, lattice_vertices
 from ..stopwatch import in_turns
 from .frames import Frames
-from .rows import FILE, Omission, not_measured, omission, pose_change
+from .measure import FILE, Omission, not_measured, omission, pose_change
 
 FIRST_VERSION = 2  # the first format version with omissions
 OLDER = "This file is of an older format that stores it; writing the model again leaves it out."

@@ -16,7 +16,7 @@ import numpy as np
 from ...field import TetField, below_pixel, level_edges, narrowest_pixel, occupied_share
 from ...render import Renderer, RenderOptions, visible_part
 from ..rendering import FULL, views
-from .rows import Switch, image_change
+from .measure import Switch, image_change
 
 
 class Way(NamedTuple):

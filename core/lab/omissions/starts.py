@@ -13,7 +13,7 @@ import sys
 import tempfile
 
 from ..stopwatch import in_turns
-from .rows import NONE, START, Omission, not_measured, omission
+from .measure import NONE, START, Omission, not_measured, omission
 
 VIEW_SIZE = 64  # pixels
 WARM_UP = 1  # turns

@@ -25,7 +25,7 @@ from ...deform import (
 )
 from ...field import TetField
 from ...geometry import components
-from .rows import Switch, pose_change
+from .measure import Switch, pose_change
 
 GRAB_RADIUS = 0.08  # object sizes, the viewer's
 SWING = 0.1  # object sizes, to each side

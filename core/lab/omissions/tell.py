@@ -4,13 +4,31 @@ If an omission saves nothing or costs time, the text gives the reason for it.
 """
 
 from collections.abc import Callable
+from pathlib import Path
 
 from ...deform import XpbdOptions
 from ...field import TetField
 from ..effort import Effort
 from ..report import INK, Figure, Section, Table, label, new_figure, png
-from .measure import parts
-from .rows import COSTS, ENOUGH_TURNS, NONE, NOT_MEASURED, NOTHING, SAVES, Omission
+from .files import file_rows
+from .frames import Frames, frame_switches
+from .measure import (
+    COSTS,
+    DYNAMICS,
+    ENOUGH_TURNS,
+    FILE,
+    NONE,
+    NOT_MEASURED,
+    NOTHING,
+    RENDERING,
+    SAVES,
+    START,
+    Bench,
+    Omission,
+    Part,
+)
+from .starts import import_rows, kernel_row
+from .steps import change, step_switches
 
 COLORS = {SAVES: "#4477aa", NOTHING: "#999999", COSTS: "#cc3311"}
 ALL_OF_IT = 0.05  # below this share of the time remaining, the part was skipped entirely
@@ -32,6 +50,23 @@ def section(
         done += part.seconds
         step(done / whole)
     return section_of(rows, effort)
+
+
+def parts(field: TetField, model_path, device: str, effort: Effort) -> list[Part]:
+    """All parts of a field and its file, in order; nothing is measured before they run."""
+    frames = Frames(field, device, effort.frame_size, effort.view_count)
+    rendering = Bench(RENDERING, device, effort.frame_turns, 6.0, frames.change)
+    dynamics = Bench(DYNAMICS, device, effort.step_turns, 1.2, change)
+    path = Path(model_path).absolute()  # so that errors can be said without folders
+    turns, compilations = effort.start_turns, effort.compilations
+    others, kernels = "starts with what others import", "kernels of another device"
+    return [
+        *(switch.part(rendering) for switch in frame_switches(frames)),
+        *(switch.part(dynamics) for switch in step_switches(field, device)),
+        Part("the model file", FILE, 1.5, lambda: file_rows(frames, path)),
+        Part(others, START, 16.0, lambda: import_rows(path, device, turns)),
+        Part(kernels, START, 15.0, lambda: [kernel_row(device, compilations)]),
+    ]
 
 
 def section_of(rows: list[Omission], effort: Effort) -> Section:
