@@ -42,11 +42,10 @@ class Energy:
     def gradient(self, x):
         """∂ energy / ∂x, minus the force [N].  [V, 3]"""
         directions, _, stretches = self._stretches(x)
-        result = self._edge_sums @ ((self.stiffnesses * stretches)[:, None] * directions)
-        if len(self.tets):
-            pushes = (self.volume_stiffnesses * self._growth(x))[:, None, None]
-            result += self._tet_sums @ (pushes * volume_gradients(x, self.tets)).reshape(-1, 3)
-        return result
+        pulls = (self.stiffnesses * stretches)[:, None] * directions
+        pushes = (self.volume_stiffnesses * self._growth(x))[:, None, None]
+        of_tets = (pushes * volume_gradients(x, self.tets)).reshape(-1, 3)
+        return self._sums @ np.concatenate([pulls, -pulls, of_tets])
 
     def hessian(self, x):
         """∂² energy / ∂x².  [3V, 3V] sparse, CSR"""
@@ -92,18 +91,11 @@ class Energy:
         return scale * (outer + self._growth(x)[:, None, None, None, None] * second)
 
     @cached_property
-    def _edge_sums(self):
-        """+1 at an edge's first end and −1 at its second.  [V, E] sparse"""
-        count = len(self.edges)
-        signs = np.tile([1.0, -1.0], count)
-        places = self.edges.ravel(), np.repeat(np.arange(count), 2)
-        return sparse.csr_array((signs, places), shape=(len(self.masses), count))
-
-    @cached_property
-    def _tet_sums(self):
-        """1 at each corner of each tet.  [V, 4T] sparse"""
-        count = self.tets.size
-        places = self.tets.ravel(), np.arange(count)
+    def _sums(self):
+        """1 at both ends of each edge and at each corner of each tet.  [V, 2E + 4T] sparse"""
+        vertices = np.concatenate([self.edges.T.ravel(), self.tets.ravel()])
+        count = len(vertices)
+        places = vertices, np.arange(count)
         return sparse.csr_array((np.ones(count), places), shape=(len(self.masses), count))
 
 
