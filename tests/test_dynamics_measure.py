@@ -10,7 +10,6 @@ from deformrf.core.deform import Material, lowest_pins
 from deformrf.core.geometry import A15, BCC, components
 from deformrf.core.lab.dynamics import measure as dynamics
 from deformrf.core.lab.dynamics.measure import (
-    Body,
     LoadCase,
     load_cases,
     measure,
@@ -24,7 +23,7 @@ def column():
     """A stout beam that stands on its clamp, so that the push bends it."""
     body = beam(A15, 1 / 8, width=0.5)
     upright = replace(body.mesh, rest_vertices=body.mesh.rest_vertices[:, [1, 2, 0]])
-    return Body(standing(upright).mesh, body.clamped)
+    return standing(upright)._replace(held=body.clamped)
 
 
 def largest(way):
@@ -32,14 +31,14 @@ def largest(way):
 
 
 def size_of(body):
-    return np.ptp(body.mesh.rest_vertices, axis=0).max()
+    return np.ptp(body.rest, axis=0).max()
 
 
 def test_a_body_stands_on_its_foot_where_float32_has_it():
     mesh = ball(BCC, 1 / 4)
     mesh = replace(mesh, rest_vertices=mesh.rest_vertices / 3.0)
     body = standing(mesh)
-    rest = body.mesh.rest_vertices
+    rest = body.rest
     np.testing.assert_array_equal(rest, rest.astype(np.float32))
     np.testing.assert_allclose(rest, mesh.rest_vertices, rtol=1e-7)
     np.testing.assert_array_equal(body.held, lowest_pins(rest, mesh.tets))
@@ -49,7 +48,7 @@ def test_a_body_stands_on_its_foot_where_float32_has_it():
 def test_the_response_balances_the_load(column):
     """K u = M e on the free vertices; the held ones stay."""
     case = LoadCase(column, "static", (0.0, 0.0, 0.0))
-    rest, held = column.mesh.rest_vertices, column.held
+    rest, held = column.rest, column.held
     direction = np.random.default_rng().normal(size=3)
     moved = response(case.energy, rest, held, direction)
     assert np.all(moved[held] == 0.0) and np.all(moved[~held] != 0.0)
@@ -63,7 +62,7 @@ def test_the_response_is_linear(column):
     a, b = np.random.default_rng().normal(size=(2, 3))
 
     def moved(direction):
-        return response(energy, column.mesh.rest_vertices, column.held, direction)
+        return response(energy, column.rest, column.held, direction)
 
     both = moved(2.0 * a - b)
     np.testing.assert_allclose(2.0 * moved(a) - moved(b), both, atol=1e-9 * largest(both))
@@ -73,18 +72,20 @@ def test_the_response_is_linear(column):
 @pytest.mark.parametrize("scale", [0.1, 1.0])
 def test_a_linear_body_moves_by_the_push(column, young_modulus, scale):
     """However stiff and large it is; both scenes have the same push, sideways."""
-    mesh = replace(column.mesh, rest_vertices=scale * column.mesh.rest_vertices)
-    body, material = Body(mesh, column.held), Material(young_modulus=young_modulus)
+    body, material = (
+        column._replace(rest=scale * column.rest),
+        Material(young_modulus=young_modulus),
+    )
     still, falling = load_cases(body, material)
     assert (still.scene, falling.scene) == ("static", "dynamic")
     assert still.gravity == falling.gravity and still.gravity[0] > 0.0 == still.gravity[2]
-    moved = response(still.energy, mesh.rest_vertices, body.held, still.gravity)
+    moved = response(still.energy, body.rest, body.held, still.gravity)
     assert largest(moved) == pytest.approx(dynamics.PUSH * size_of(body))
 
 
 def test_a_stout_body_moves_nearly_as_far(column):
     case = load_cases(column)[0]
-    moved = case.reference[0][0] - column.mesh.rest_vertices
+    moved = case.reference[0][0] - column.rest
     assert case.reference[1] < 1e-9
     assert largest(moved) == pytest.approx(dynamics.PUSH * size_of(column), rel=0.1)
     assert moved[:, 0].min() > -0.2 * largest(moved)  # to where it is pushed

@@ -47,9 +47,10 @@ DEFAULT_MATERIAL = Material()
 
 
 class Body(NamedTuple):
-    """A mesh, its rest vertices rounded to float32 as the solver's are, and what holds it."""
+    """A mesh and what holds it."""
 
-    mesh: TetMesh
+    rest: np.ndarray  # [V, 3] float64, rounded to float32 as the solver's
+    tets: np.ndarray  # [T, 4]
     held: np.ndarray  # [V] bool
 
 
@@ -71,7 +72,7 @@ class LoadCase:
     @property
     def energy(self) -> Energy:
         """The energy that the solver minimizes."""
-        rest, tets = self.body.mesh.rest_vertices, self.body.mesh.tets
+        rest, tets, _ = self.body
         return material_energy(rest, tets, self.material, self.compliance)
 
     @cached_property
@@ -84,7 +85,7 @@ class LoadCase:
         Raises:
             NoEquilibrium: Newton's method finds no rest.
         """
-        rest, held = self.body.mesh.rest_vertices, self.body.held
+        rest, _, held = self.body
         if self.compliance == 0.0:
             return rest[None], 0.0
         if self.scene == "static":
@@ -102,9 +103,8 @@ class LoadCase:
 
     def solver(self, substep_count, device) -> XpbdSolver:
         """The program's solver, ready to step."""
-        (mesh, held), options = self.body, self.options(substep_count)
-        body = mesh.rest_vertices, mesh.tets, self.material, held
-        solver = XpbdSolver(*body, options, device=device)
+        (rest, tets, held), options = self.body, self.options(substep_count)
+        solver = XpbdSolver(rest, tets, self.material, held, options, device)
         if self.compliance is not None:
             solver.set_compliances(self.compliance, None)
         return solver
@@ -131,7 +131,7 @@ class DynamicsRow:
 def standing(mesh: TetMesh) -> Body:
     """A mesh that stands on its foot, as the solver's float32 has it."""
     rest = mesh.rest_vertices.astype(np.float32).astype(np.float64)
-    return Body(replace(mesh, rest_vertices=rest), lowest_pins(rest, mesh.tets))
+    return Body(rest, mesh.tets, lowest_pins(rest, mesh.tets))
 
 
 def response(energy: Energy, rest, held, direction):
@@ -154,9 +154,9 @@ def load_cases(body: Body, material=DEFAULT_MATERIAL) -> list[LoadCase]:
     Raises:
         RuntimeError: Some of the body can move without resistance.
     """
-    rest = body.mesh.rest_vertices
-    energy = material_energy(rest, body.mesh.tets, material)
-    most = np.linalg.norm(response(energy, rest, body.held, ASIDE), axis=1).max()
+    rest, tets, held = body
+    energy = material_energy(rest, tets, material)
+    most = np.linalg.norm(response(energy, rest, held, ASIDE), axis=1).max()
     strength = PUSH * float(np.ptp(rest, axis=0).max()) / float(most)
     gravity = tuple((strength * ASIDE).tolist())
     return [LoadCase(body, scene, gravity, solid=material) for scene in SCENES]
@@ -174,7 +174,7 @@ def measure(
     Raises:
         NoEquilibrium: There is no reference.
     """
-    rest, (reference, reference_error) = case.body.mesh.rest_vertices, case.reference
+    rest, (reference, reference_error) = case.body.rest, case.reference
     solver = solver or case.solver(substep_count, device)
     size = float(np.ptp(rest, axis=0).max())
     times = []
