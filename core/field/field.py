@@ -6,6 +6,7 @@ color.  A field knows the rest shape only; the renderer holds the current vertic
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise, starmap
 
 import numpy as np
 
@@ -82,14 +83,12 @@ def random_field(mesh: TetMesh, neighbours, options: FieldOptions, seed=0, contr
     rng = np.random.default_rng(seed)
     layout = make_layout(mesh, options.level_count, options.table_size, options.dense_levels)
 
-    def layers(widths):
-        bound = [np.sqrt(6.0 / fan_in) for fan_in in widths[:-1]]
-        return tuple(
-            (rng.uniform(-b, b, (i, o)).astype(np.float32), np.zeros(o, np.float32))
-            for b, i, o in zip(bound, widths[:-1], widths[1:], strict=True)
-        )
+    def layer(fan_in, fan_out):
+        bound = np.sqrt(6.0 / fan_in)
+        weights = rng.uniform(-bound, bound, (fan_in, fan_out)).astype(np.float32)
+        return weights, np.zeros(fan_out, np.float32)
 
-    density, color = (layers(widths) for widths in layer_widths(options))
+    density, color = (tuple(starmap(layer, pairwise(w))) for w in layer_widths(options))
     table = rng.uniform(-contrast, contrast, (layout.offsets[-1], FEATURES)).astype(np.float32)
     occupancy = np.full(mesh.tet_count, 2**64 - 1, np.uint64)
     return TetField(mesh, neighbours, occupancy, layout, table, density, color, options, np.eye(4))
