@@ -180,11 +180,13 @@ class Renderer:
         count = len(tile["color"])
         rays = empty_rays(count, self.device)
         inputs = [device_camera(camera), first_pixel]
-        self._launch(camera_rays_kernel, count, inputs, [rays.origins, rays.directions])
+        outputs = [rays.origins, rays.directions]
+        wp.launch(camera_rays_kernel, count, inputs, outputs, device=self.device)
         pixels, sample_count = self._trace(rays, options)
         resolve(pixels, options.background, tile["color"], tile["depth"])
         if options.details:
-            self._launch(old_ids_kernel, count, [self._tet_ids, pixels.tet], [tile["tet"]])
+            inputs = [self._tet_ids, pixels.tet]
+            wp.launch(old_ids_kernel, count, inputs, [tile["tet"]], device=self.device)
             wp.copy(tile["samples"], pixels.sample_count)
         return sample_count
 
@@ -215,9 +217,6 @@ class Renderer:
                 self.pose, self._occupancy, self.shading, self.field.options, capacity
             )
         return self._wavefront
-
-    def _launch(self, kernel, dim, inputs, outputs):
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
 
 @wp.kernel

@@ -126,7 +126,8 @@ class WayRenderer(Renderer):
         found = self._defined_march(rays, *rest)
         if self.length == "current":
             inputs = self._inputs(rays, self._rest_from_current, found)
-            self._launch(current_length_kernel, len(found.ids), inputs, [found.samples.length])
+            outputs = [found.samples.length]
+            wp.launch(current_length_kernel, len(found.ids), inputs, outputs, device=self.device)
         return found
 
     def _basis(self, rays, found):
@@ -135,7 +136,7 @@ class WayRenderer(Renderer):
         turns = {"d": self._still, "F⁻¹d": self._rest_from_current}[self.direction]
         basis = wp.empty(len(found.samples.tet), dtype=basis_vector, device=self.device)
         inputs = self._inputs(rays, turns, found)
-        self._launch(turned_basis_kernel, len(found.ids), inputs, [basis])
+        wp.launch(turned_basis_kernel, len(found.ids), inputs, [basis], device=self.device)
         return basis
 
     def _inputs(self, rays, turns, found):

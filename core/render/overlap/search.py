@@ -77,19 +77,21 @@ class Overlap:
 
     def search(self) -> None:
         """Start the search on the device if the vertices have changed; does not wait."""
-        pose = self._pose
+        pose, device = self._pose, self._pose.device
         if self._searched == pose.revision:
             return
         self._searched = pose.revision
         self._counts.zero_()
         found = [self._counts, self._tangled_tets]
-        self._launch(tangled_tets_kernel, len(pose.tets), [pose.geometry], found)
+        wp.launch(tangled_tets_kernel, len(pose.tets), [pose.geometry], found, device=device)
         inputs = [pose.geometry, self._edges]
-        self._launch(crossed_edges_kernel, len(self._edges), inputs, [self._counts])
+        wp.launch(crossed_edges_kernel, len(self._edges), inputs, [self._counts], device=device)
         if len(self._part_tets) > 1:
             pose.refresh_face_boxes()
             inputs = [pose.geometry, self._part_tets]
-            self._launch(nested_parts_kernel, len(self._part_tets), inputs, [self._counts])
+            wp.launch(
+                nested_parts_kernel, len(self._part_tets), inputs, [self._counts], device=device
+            )
         wp.copy(self._host_counts, self._counts)
 
     def sort_rays(self, rays: Rays, count: int):
@@ -104,12 +106,9 @@ class Overlap:
         boxes = self._tangled_boxes.id if self._tangled_boxes else 0
         inputs = [self._pose.geometry, rays.origins, rays.directions, boxes]
         inputs += [self._tangled_tets, int(self._shells_overlap)]
-        self._launch(sort_rays_kernel, count, inputs, [counts, plain, tangled])
+        wp.launch(sort_rays_kernel, count, inputs, [counts, plain, tangled], device=device)
         plain_count, tangled_count = counts.numpy()
         return plain[: int(plain_count)], tangled[: int(tangled_count)]
-
-    def _launch(self, kernel, dim, inputs, outputs):
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self._pose.device)
 
 
 @wp.kernel

@@ -38,19 +38,19 @@ class HostRounds:
 
     def render(self, rays: Rays, alive, pixels: Pixels, options, stage) -> int:
         """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
-        sample_count, round_ = 0, 0
+        sample_count, round_, device = 0, 0, self._pose.device
         while len(alive):
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
             with stage("march"):
                 found = self.march(rays, alive, slot_count, options)
             sigma, rgb = self._shading.shade(rays, found, options, stage)
             with stage("accumulate"):
-                still_alive = wp.empty(len(alive), dtype=int, device=self._pose.device)
-                still_alive_count = wp.zeros(1, dtype=int, device=self._pose.device)
+                still_alive = wp.empty(len(alive), dtype=int, device=device)
+                still_alive_count = wp.zeros(1, dtype=int, device=device)
                 closing = int(not options.conformance)
                 inputs = [sigma, rgb, found, rays.tet, options.stop, closing, pixels]
                 outputs = [still_alive, still_alive_count]
-                self._launch(accumulate_kernel, len(alive), inputs, outputs)
+                wp.launch(accumulate_kernel, len(alive), inputs, outputs, device=device)
                 alive = still_alive[: int(still_alive_count.numpy()[0])]
             sample_count += len(sigma)
             round_ += 1
@@ -67,11 +67,8 @@ class HostRounds:
         step = self._march_step * options.step_factor
         inputs = [pose.geometry, self._occupancy, rays, alive, step, slot_count]
         inputs += [self._middle, FILL_SLOTS, found.ends]
-        self._launch(march_kernel, count, inputs, [slots, found.counts])
+        wp.launch(march_kernel, count, inputs, [slots, found.counts], device=device)
         wp.utils.array_scan(found.counts, found.ends, inclusive=True)
         found.samples = empty_samples(int(found.ends[count - 1 : count].numpy()[0]), device)
-        self._launch(pack_kernel, count, [slots, slot_count], [found])
+        wp.launch(pack_kernel, count, [slots, slot_count], [found], device=device)
         return found
-
-    def _launch(self, kernel, dim, inputs, outputs):
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self._pose.device)
