@@ -72,12 +72,11 @@ def section(field: TetField) -> Section:
 
 def history(meta: dict) -> list[Moment]:
     """The rows of a model's history, none where there is none."""
-    names = "seconds", "stage", "step", "psnr"
-    rows = [row for row in meta.get("history") or () if all(name in row for name in names)]
+    rows = meta.get("history") or []
     total = rows and (meta.get("seconds") or rows[-1]["seconds"])
     return [
-        Moment(row["seconds"], 100.0 * row["seconds"] / total, *(row[name] for name in names[1:]))
-        for row in rows
+        Moment(r["seconds"], 100.0 * r["seconds"] / total, r["stage"], r["step"], r["psnr"])
+        for r in rows
     ]
 
 
