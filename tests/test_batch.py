@@ -112,6 +112,28 @@ def test_a_batch_is_marched_through_its_own_occupancy(make_ball_field, device):
     assert int(batch.sample_count.numpy()[0]) == 0
 
 
+def test_rays_that_are_not_in_use_have_no_samples(scene, device):
+    rays = random_rays()
+    whole = marched(scene, 20_000, device, rays)
+    field, pose, mask = scene
+    batch = Batch(RAYS, 20_000, device)
+    batch.seed.fill_(5)
+    for used in (RAYS // 3, RAYS // 2, RAYS):
+        batch.use(used)
+        batch.origins.copy_(whole.origins)
+        batch.directions.copy_(whole.directions)
+        batch.march(pose, mask, field.options.march_step)
+        counts = whole.counts.numpy().copy()
+        counts[used:] = 0
+        np.testing.assert_array_equal(batch.counts.numpy(), counts)
+        assert batch.fits.cpu().tolist() == [1.0] * used + [0.0] * (RAYS - used)
+        count = int(batch.sample_count.numpy()[0])
+        assert count == counts.sum() > 0
+        np.testing.assert_array_equal(
+            batch.samples.t.numpy()[:count], whole.samples.t.numpy()[:count]
+        )
+
+
 def test_the_basis_is_that_of_each_samples_ray(scene, device):
     rays = random_rays()
     batch = marched(scene, None, device, rays)

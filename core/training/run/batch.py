@@ -22,6 +22,7 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel
 def fit_kernel(
     ends: wp.array(dtype=int),  # [R] inclusive scan of counts
+    tets: wp.array(dtype=int),  # [R] where rays begin, -2 for those that are not in use
     capacity: int,  # N
     counts: wp.array(dtype=int),  # [R] in, out: 0 for rays that don't fit
     fits: wp.array(dtype=float),  # [R] out: 1 or 0
@@ -32,7 +33,7 @@ def fit_kernel(
         sample_count[0] = 0
     fits[i] = 0.0
     if ends[i] <= capacity:
-        fits[i] = 1.0
+        fits[i] = wp.where(tets[i] > -2, 1.0, 0.0)
         is_last = i == ends.shape[0] - 1
         if not is_last:
             is_last = ends[i + 1] > capacity
@@ -58,7 +59,7 @@ class Batch:
         counts, ends: Number of each ray's samples, and its inclusive scan.  [R]
         drawn: The rays, and the colors that they should see.
         basis: Spherical harmonics of the samples' directions.  torch [N, 16]
-        fits: 1 where a ray's samples fit, else 0.  torch [R]
+        fits: 1 where a ray is in use and its samples fit, else 0.  torch [R]
         sample_count: Number of samples.  wp int [1]
         mask: The occupancy that its rays are marched through; None is the field's at that time.
     """
@@ -72,6 +73,7 @@ class Batch:
         self.capacity = capacity
         self._rays = empty_rays(ray_count, device)
         self._rays.first = first_ray
+        self._used = ray_count
         self.drawn = Drawn(
             self._rays.origins,
             self._rays.directions,
@@ -100,6 +102,14 @@ class Batch:
     def ray_count(self) -> int:
         return len(self.counts)
 
+    def use(self, count: int):
+        """Use the first rays only; the others have no samples and don't fit."""
+        if count != self._used:
+            begins = wp.to_torch(self._rays.tet)
+            begins[:count].fill_(-1)
+            begins[count:].fill_(-2)
+            self._used = count
+
     def march(self, pose: Pose, mask, step: float, view_dependence=True):
         """Find the samples of the rays, jittered by `seed`.
 
@@ -117,7 +127,7 @@ class Batch:
         self._launch(
             fit_kernel,
             self.ray_count,
-            [self.ends, room],
+            [self.ends, self._rays.tet, room],
             [self.counts, self._fits, self.sample_count],
         )
         self._launch(

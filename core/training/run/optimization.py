@@ -42,6 +42,8 @@ OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
 OCCUPANCY_PARTS = 4  # later it looks at every fourth
 AVERAGED_SHARE = 0.02  # of the steps, over which the weights that are kept are averaged
 RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
+RAY_ROOM = 1.5  # times the rays of a step that graphs are recorded for, so that more fit later
+LEAST_USED = 0.25  # of that room; with fewer rays new graphs are recorded
 FILLED = 0.9  # share of a step's room for samples that the number of rays aims at
 SMALLEST_ROOM = 1 << 13  # samples a step; with fewer, training would take hours
 SEED_STRIDE = 15_485_863  # a prime: runs of a million steps stay apart
@@ -175,16 +177,21 @@ class Optimization:
         """
         return self.workers.total(int(wp.to_torch(self.batch.ends)[-1]))
 
-    def set_ray_count(self, ray_count: int):
-        """Make room for that many rays; on CUDA the next step records new graphs."""
+    def set_ray_count(self, ray_count: int, room: int | None = None):
+        """Take that many rays for a step; on CUDA the next step records new graphs.
+
+        Args:
+            room: Rays that the graphs are for, by default `ray_count`.
+        """
         device = self.field.device
         self._forget_batches()
-        room, copies = None, 1  # the CPU makes room for what each march finds
+        samples, copies = None, 1  # the CPU makes room for what each march finds
         if device.is_cuda:
-            room = -(-self.samples_per_step // self.workers.count)
+            samples = -(-self.samples_per_step // self.workers.count)
             copies = recorded_steps.AHEAD + 1
-        rays = self.workers.share(ray_count)
-        self._batches = [Batch(len(rays), room, device, rays.start) for _ in range(copies)]
+        self._ray_room = room or ray_count
+        rays = self.workers.share(self._ray_room)
+        self._batches = [Batch(len(rays), samples, device, rays.start) for _ in range(copies)]
         if device.is_cuda:
             for batch in self._batches:
                 batch.mask = wp.clone(self.field.mask)
@@ -197,7 +204,8 @@ class Optimization:
         self._batches, self._recorded = [], None
 
     def _prepare(self, batch, number):
-        """Randomness for step `number`, never 0, which means no jitter; and today's occupancy."""
+        """Rays, occupancy and randomness (never 0, which means no jitter) for step `number`."""
+        batch.use(min(len(self.workers.share(self.ray_count)), batch.ray_count))
         wp.to_torch(batch.seed).fill_(self._first_seed + number + 1)
         if batch.mask is not None:
             wp.to_torch(batch.mask).copy_(wp.to_torch(self.field.mask))
@@ -270,7 +278,13 @@ class Optimization:
 
     def _adapt_ray_count(self, sample_count):
         ray_count = next_ray_count(self.ray_count, sample_count, self.samples_per_step)
-        if ray_count != self.ray_count:
+        if ray_count == self.ray_count:
+            return
+        if self._recorded and LEAST_USED * self._ray_room <= ray_count <= self._ray_room:
+            self.ray_count = ray_count  # of the batches that are marched from now on
+        elif self.field.device.is_cuda and not self.field.surroundings:
+            self.set_ray_count(ray_count, int(RAY_ROOM * ray_count))
+        else:  # surroundings are evaluated for rays that are not in use as well
             self.set_ray_count(ray_count)
 
     @torch.no_grad()
@@ -349,7 +363,7 @@ def next_ray_count(ray_count, sample_count, room):
     """The number of rays whose samples fill the room without overflowing it.
 
     The count changes only if the room is less than 80 % full or overflows, because CUDA
-    graphs must be recorded again.
+    graphs may have to be recorded again.
     """
     filled = sample_count / room
     if 0.8 <= filled <= 1.0:
