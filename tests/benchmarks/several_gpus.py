@@ -137,10 +137,14 @@ def main():
         on_warp_stream(device),
         TrainingProgress(False) as progress,
     ):
+        begin = time.perf_counter()
         run = fine_run(views, options, device, workers, progress)
+        if workers.is_first:
+            steps = options.coarse_steps + run.number
+            print(f"{steps} steps from the start: {time.perf_counter() - begin:.1f} s")
         for ahead in arguments.ahead:
             recorded_steps.AHEAD = ahead
-            run.set_ray_count(run.ray_count)
+            run.set_ray_count(run.ray_count, int(optimization.RAY_ROOM * run.ray_count))
             run.step(1e-4, white=True)  # records
             ms = as_run(run, progress, arguments.seconds)
             samples, shares = run.sample_count(), parts(run)
