@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from deformrf.core.deform import COMPLIANCE_FLOOR, PRESETS, Material
+from deformrf.core.deform import PRESETS, SOFTENED_BELOW, Material
 
 pytestmark = pytest.mark.gl
 
@@ -100,13 +100,13 @@ def test_a_material_that_was_changed_is_custom_and_choosing_that_changes_nothing
 
 
 def test_it_is_said_when_the_solver_softens_the_material(panel):
-    panel.scene.stiffness = 1.01 * COMPLIANCE_FLOOR, 2e5
+    panel.scene.stiffness = 1.01 * SOFTENED_BELOW, 2e5
     panel.frame()
     assert panel.texts == []
-    panel.scene.stiffness = 0.99 * COMPLIANCE_FLOOR, 1.5e5
+    panel.scene.stiffness = 0.99 * SOFTENED_BELOW, 1.5e5
     panel.frame()
     assert panel.texts == ["softened: take more substeps"]
-    assert f"r = {0.99 * COMPLIANCE_FLOOR:.2g}, holds 150 kPa" in panel.dim
+    assert f"r = {0.99 * SOFTENED_BELOW:.2g}, holds 150 kPa" in panel.dim
 
 
 def test_it_is_said_which_poisson_ratio_is_held(panel):

@@ -13,7 +13,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "arrays": ["upload"],
         "constraints": [
             "COMPLIANCE_FLOOR",
+            "SOFTENED_BELOW",
             "STEP_LIMIT",
+            "SWEEP_SOFTENING",
             "edge_constraints",
             "lumped_masses",
             "volume_constraints",

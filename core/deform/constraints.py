@@ -4,16 +4,18 @@ A substep of length h projects every constraint once, from multiplier 0, so no m
 stored (XPBD, Macklin 2016, eq. 18; n substeps of one iteration, Macklin 2019).  With
 compliance α, inverse masses w and gradients g_i = ∂C/∂x_i
 
-    Δλ = −C / (Σ w_i |g_i|² + a),   x_i += w_i Δλ g_i,   a = max(α/h², r_min · w̄)
+    Δλ = −C / (Σ w_i |g_i|² + a),   x_i += w_i Δλ g_i,   a = max(α/h² − ½ w̄, r_min · w̄)
 
     edge:   C = |x_i − x_j| − L,   α = 1/k_e,    k_e = 15 μ f V_e / L²,   w̄ = w_i + w_j
     volume: C = 6 (V − V0),        α = 36 V0 / K,  w̄ = Σ w_i |g_i|² at rest
     spring: C = |x_i − target|,    α = 1/k, with a force of at most F
 
-The floor r_min · w̄ keeps a stiff system from tangling.  An edge of length 0 takes a fixed
-pseudo-random direction; without it a collapsed body would never open.  The factor f makes a
-lattice equally stiff in all directions (isotropy.py).  A volume projection moves no vertex
-farther than STEP_LIMIT · (6 V0)^(1/3).
+To project constraints one after another softens each as ½ w̄ h² of compliance would, to first
+order; so ½ w̄ is subtracted (docs/design/002-dynamics.md).  A spring is projected last and needs
+no correction.  The floor r_min · w̄ keeps a stiff system from tangling.  An edge of length 0
+takes a fixed pseudo-random direction; without it a collapsed body would never open.  The factor
+f makes a lattice equally stiff in all directions (isotropy.py).  A volume projection moves no
+vertex farther than STEP_LIMIT · (6 V0)^(1/3).
 
 Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and springs,
 [m⁴/kg] for volumes.  Shapes: V vertices, E edges, T tets, both sorted by color, K handles.
@@ -28,6 +30,8 @@ from .bracing import hinge_braces
 from .isotropy import edge_factors
 
 COMPLIANCE_FLOOR = 0.05  # r_min
+SWEEP_SOFTENING = 0.5  # of w̄: what a sweep over all constraints adds to the compliance of each
+SOFTENED_BELOW = SWEEP_SOFTENING + COMPLIANCE_FLOOR  # r of a constraint that is at its floor
 STEP_LIMIT = 0.5
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
 BRACE_VOLUME = 0.25  # V_e of a brace, in means over edges; a hinge has many braces
@@ -51,10 +55,17 @@ class EdgeConstraints:
         """α = L² / (15 μ f V_e) [m/N].  [E]"""
         return self.rest_lengths**2 / (15.0 * shear_modulus * self.factors * self.volumes)
 
-    def regularization(self, compliances, inverse_masses, substep, floor=COMPLIANCE_FLOOR):
-        """a = max(α/h², r_min (w_i + w_j)) [1/kg].  [E]"""
+    def regularization(
+        self,
+        compliances,
+        inverse_masses,
+        substep,
+        floor=COMPLIANCE_FLOOR,
+        softening=SWEEP_SOFTENING,
+    ):
+        """a = max(α/h² − ½ w̄, r_min w̄) [1/kg] with w̄ = w_i + w_j.  [E]"""
         weights = inverse_masses[self.vertices].sum(axis=1)
-        return np.maximum(compliances / substep**2, floor * weights)
+        return _regularization(compliances, weights, substep, floor, softening)
 
 
 @dataclass(frozen=True)
@@ -71,10 +82,21 @@ class VolumeConstraints:
         """α = 36 V0 / K [m⁵/N].  [T]"""
         return 6.0 * self.rest_volumes / bulk_modulus
 
-    def regularization(self, compliances, inverse_masses, substep, floor=COMPLIANCE_FLOOR):
-        """a = max(α/h², r_min Σ w_i |g_i|² at rest) [m⁴/kg].  [T]"""
+    def regularization(
+        self,
+        compliances,
+        inverse_masses,
+        substep,
+        floor=COMPLIANCE_FLOOR,
+        softening=SWEEP_SOFTENING,
+    ):
+        """a = max(α/h² − ½ w̄, r_min w̄) [m⁴/kg] with w̄ = Σ w_i |g_i|² at rest.  [T]"""
         weights = (inverse_masses[self.vertices] * self.rest_gradients_squared).sum(axis=1)
-        return np.maximum(compliances / substep**2, floor * weights)
+        return _regularization(compliances, weights, substep, floor, softening)
+
+
+def _regularization(compliances, weights, substep, floor, softening):
+    return np.maximum(compliances / substep**2 - softening * weights, floor * weights)
 
 
 def edge_constraints(rest_vertices, tets) -> EdgeConstraints:

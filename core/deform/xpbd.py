@@ -218,8 +218,8 @@ class XpbdSolver:
     def stiffness_ratio(self) -> float:
         """The median of r = α/(w h²) over edges that can move; nan if none can.
 
-        Below 1 the substeps, not Young's modulus, decide how stiff the object is; below
-        COMPLIANCE_FLOOR the floor softens it.
+        Below SOFTENED_BELOW the substeps, not Young's modulus, decide how stiff the
+        object is.
         """
         w = np.where(self.pinned, 0.0, self._holds.free_inverse_masses)
         w = w[self.edges.vertices].sum(axis=1)

@@ -21,6 +21,7 @@ import warp as wp
 
 from deformrf.core.deform import (
     STEP_LIMIT,
+    SWEEP_SOFTENING,
     edge_constraints,
     lumped_masses,
     upload,
@@ -192,7 +193,9 @@ class IterationSolver:
             if alpha is None:
                 continue
             w_on_host = self._host_inverse_masses
-            regularization = table.regularization(alpha, w_on_host, h, self.floor)
+            # Many sweeps with stored multipliers solve for the compliances as they are.
+            softening = SWEEP_SOFTENING if self.iteration_count == 1 else 0.0
+            regularization = table.regularization(alpha, w_on_host, h, self.floor, softening)
             multipliers = wp.zeros(len(rest), dtype=float, device=self.device)
             arrays = [
                 upload(a, t, self.device) for a, t in ((table.vertices, dtype), (rest, float))

@@ -2,7 +2,7 @@
 
 from imgui_bundle import imgui
 
-from ...core.deform import COMPLIANCE_FLOOR, LOWEST_POISSON_RATIO, PRESETS
+from ...core.deform import LOWEST_POISSON_RATIO, PRESETS, SOFTENED_BELOW
 from ..actions import label_of
 from ..scene import EARTH
 from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider
@@ -15,7 +15,7 @@ SUBSTEPS = 1, 60
 GRAVITIES = 0.1, 3.0 * EARTH
 CUSTOM = "custom"  # the name of a material that is none of PRESETS
 SUBSTEPS_TOOLTIP = f"""compliance against inertia in a substep:
-below 1 more substeps make it stiffer, below {COMPLIANCE_FLOOR} it is softer than asked for"""
+below {SOFTENED_BELOW} it is softer than asked for, and more substeps make it stiffer"""
 
 
 def deform_panel(app):
@@ -93,7 +93,7 @@ def _substeps(scene):
     ratio, modulus = scene.stiffness
     imgui.text_disabled(f"r = {ratio:.2g}, holds {si(modulus)}Pa")
     imgui.set_item_tooltip(SUBSTEPS_TOOLTIP)
-    if ratio < COMPLIANCE_FLOOR:
+    if ratio < SOFTENED_BELOW:
         imgui.text("softened: take more substeps")
 
 

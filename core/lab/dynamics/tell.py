@@ -117,14 +117,15 @@ def held_materials(body: Body, device, rows, chosen) -> list[MaterialRow]:
     """The number of substeps that each preset needs.
 
     The first guess comes from the default material's error e with the rule's number n of
-    substeps.  Errors are about c/r with r ∝ ρ n² / μ (see Material.young_modulus_at), so that
-    n' = n √(e c' μ' ρ / (BOUND c μ ρ')).  The number grows until both scenes are within BOUND.
+    substeps.  Errors are about (c/r)² / 2 with r ∝ ρ n² / μ (see Material.young_modulus_at), so
+    that n' = n √(c' μ' ρ / (c μ ρ')) (e / BOUND)^¼.  The number grows until both scenes are
+    within BOUND.
     """
     own = [row for row in rows if _is_own(row) and row.count == chosen]  # in the order of SCENES
     standard, error = Material(), max(row.of_motion for row in own) / 100.0
     found = [("default", standard, chosen, own)]
     for preset, material in PRESETS.items():
-        ratio = softness(material) / softness(standard) * error / BOUND
+        ratio = softness(material) / softness(standard) * math.sqrt(error / BOUND)
         count, measured = max(1, math.ceil(chosen * math.sqrt(ratio))), []
         cases = load_cases(body, material)  # which keep their references
         while count <= MOST_SUBSTEPS:
@@ -149,7 +150,7 @@ def held_materials(body: Body, device, rows, chosen) -> list[MaterialRow]:
 
 
 def softness(material: Material) -> float:
-    """c μ / ρ: the error with n substeps is proportional to it, see held_materials."""
+    """c μ / ρ: the error with n substeps grows with its square, see held_materials."""
     return material.softening * material.shear_modulus / material.density
 
 
