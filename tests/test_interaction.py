@@ -89,6 +89,28 @@ def test_a_force_limit_is_not_exceeded(device):
     assert np.abs(speed[1:]).max() < 0.01 * speed[0]
 
 
+def test_what_is_thrown_flies_on(device):
+    """Handles that are released keep the velocity of their way."""
+    x = solver(ONE, free(ONE), device, Material(damping=0.0))
+    everything = np.arange(len(x.rest_vertices))
+    x.grab(everything)
+    velocity = np.array([1.5, -0.5, 1.0])
+    for frame in range(1, 31):
+        x.move(x.rest_vertices + frame * DT * velocity)
+        x.step(DT)
+    np.testing.assert_allclose(x.velocities.numpy() - velocity, 0.0, atol=1e-4)
+    x.release()
+    before = positions(x)
+    run(x, 1.0)
+    np.testing.assert_allclose(positions(x) - before - velocity, 0.0, atol=1e-3)
+    x.grab(everything)
+    run(x, 2 * DT)
+    x.release()
+    before = positions(x)
+    run(x, 1.0)
+    np.testing.assert_allclose(positions(x), before, atol=1e-6)
+
+
 def test_a_spring_with_an_unreachable_target_stays_finite(device):
     x = solver(ONE, foot(ONE), device)
     ids = head(ONE)

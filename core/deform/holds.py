@@ -64,7 +64,14 @@ class Holds:
             self._state.targets[self._ids(self.handles[free])].assign(targets[free])
 
     def set_rescued(self, mask):
-        """Make these vertices kinematic, and release those of the rescue before.  [V] bool"""
+        """Make these vertices kinematic, and release those of the rescue before.  [V] bool
+
+        What is released stands still.
+        """
+        released = np.flatnonzero(self.rescued & ~mask)
+        if len(released):
+            still = wp.zeros(len(released), dtype=wp.vec3, device=self._state.velocities.device)
+            wp.copy(self._state.velocities[self._ids(released)], still)
         self.rescued = mask
         self._update()
 

@@ -157,13 +157,15 @@ auto finish = [&](int i, int substep, Vector& d) {
     return times(per_h, plus(d, -1.0f, from));
 };
 
-// The frame ends: vertex i's position, velocity, and what the addition rounded away.
+// The frame ends: vertex i's position, velocity, and what the addition rounded away.  A kinematic
+// vertex has the velocity of its way, which it keeps when it is released.
 auto store = [&](int i, Vector d, Vector v) {
     const float deltas[3] = {d.x, d.y, d.z}, velocities[3] = {v.x, v.y, v.z};
+    const float per_frame = per_h / substep_count;
     for (int j = 0; j < 3; ++j) {
         const int k = 3 * i + j;
         const float start = x[k];
-        velocity[k] = velocities[j];
+        velocity[k] = d.w > 0.0f ? velocities[j] : per_frame * (target[k] - start);
         x[k] = d.w > 0.0f ? start + deltas[j] : target[k];
         rest_delta[k] = d.w > 0.0f ? (start - x[k]) + deltas[j] : 0.0f;
         anchor[k] = target[k];
