@@ -25,6 +25,7 @@ from .rescue import Rescue, distortion, ways_back
 from .xpbd_options import TIME_STEP, XpbdOptions
 
 PINS_OFF = 0.01  # object sizes by which pins may have moved relative to each other
+LONGEST_TIME = 1e6  # s, of a step; the squares of longer ones leave float32
 EVERYWHERE = slice(None)
 
 
@@ -235,8 +236,9 @@ class XpbdSolver:
 
     def step(self, dt):
         """Advance by one frame of dt seconds; a dt other than before costs new coefficients."""
-        if not (math.isfinite(dt) and dt > 0.0):
-            raise ValueError(f"a time step of {dt} s; give a positive number")
+        if not 0.0 < dt <= LONGEST_TIME:
+            most = f"{LONGEST_TIME:g}"
+            raise ValueError(f"a time step of {dt} s; give a positive number up to {most}")
         self._read_feedback()
         if self.settled:
             return
