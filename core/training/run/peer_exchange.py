@@ -12,6 +12,8 @@ read them.  The links between the GPUs are busy while their own memory is.
 A worker rounds its gradient to bfloat16 once, and the sums are float32.
 """
 
+import os
+
 import torch
 import torch.distributed as dist
 import warp as wp
@@ -80,9 +82,12 @@ class PeerMemory:
 
         self._empty, self._meet = symmetric_memory.empty, symmetric_memory.rendezvous
         self.workers, self.device, self._barrier = workers, device, None
+        if torch.cuda.device_count() < workers.count:
+            raise RuntimeError("not all workers' GPUs are of one host and visible to all workers")
         others = set(range(workers.count)) - {device.index}
         if not all(torch.cuda.can_device_access_peer(device.index, other) for other in others):
             raise RuntimeError("the GPUs have no access to each other's memory")
+        os.environ.setdefault("TORCH_SYMM_MEM_DISABLE_MULTICAST", "1")  # it is not used
 
     def share(self, like) -> list:
         """Each worker's tensor of that shape and type; this one's has the values of `like`."""
