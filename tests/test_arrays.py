@@ -14,7 +14,7 @@ MESH = a15_grid(0.2)
 
 def test_a_selection_keeps_colors_separate(device):
     edges = constraints.edge_constraints(MESH.rest_vertices, MESH.tets)
-    chosen = ConstraintList(edges, edges.rest_lengths, MESH.vertex_count, wp.get_device(device))
+    chosen = ConstraintList(edges, MESH.vertex_count, wp.get_device(device))
     room = len(chosen.arrays.vertices)
     movable = np.random.default_rng().uniform(size=MESH.vertex_count) < 0.3
     assert chosen.select(movable)
@@ -31,7 +31,7 @@ def test_a_selection_keeps_colors_separate(device):
     used = ends[:, 0] < MESH.vertex_count
     np.testing.assert_array_equal(ids[used], chosen.in_use)
     np.testing.assert_array_equal(ends[used], edges.vertices[chosen.in_use])
-    np.testing.assert_array_equal(lengths[used], np.float32(edges.rest_lengths[chosen.in_use]))
+    np.testing.assert_array_equal(lengths[used], np.float32(edges.rest_values[chosen.in_use]))
     np.testing.assert_array_equal(regularization[used], np.float32(a[chosen.in_use]))
     assert (regularization[~used] == 1).all()
     assert (ends[~used] == MESH.vertex_count).all()
@@ -44,7 +44,7 @@ def test_a_selection_keeps_colors_separate(device):
 
 def test_selecting_nothing_and_then_everything_restores_the_list(device):
     tets = constraints.volume_constraints(MESH.rest_vertices, MESH.tets)
-    chosen = ConstraintList(tets, tets.rest_volumes, MESH.vertex_count, wp.get_device(device))
+    chosen = ConstraintList(tets, MESH.vertex_count, wp.get_device(device))
     names = "vertices", "ids", "rest_values", "regularization", "offsets"
     arrays = [getattr(chosen.arrays, name) for name in names]
     before = [array.numpy().copy() for array in arrays]

@@ -5,7 +5,7 @@ import pytest
 from beams import ball, beam
 
 from deformrf.core.deform import lumped_masses
-from deformrf.core.deform.bracing import hinge_braces
+from deformrf.core.deform.constraints import hinge_braces
 from deformrf.core.geometry import A15, BCC, KUHN, components, signed_volumes, tet_neighbours
 
 lattices = pytest.mark.parametrize("lattice", [A15, BCC, KUHN], ids=["a15", "bcc", "kuhn"])

@@ -1,11 +1,12 @@
-"""Constraints: energies of a solid, momentum, limits.  Kernels are in test_frame.py."""
+"""Constraints: energies of a solid, momentum, limits, braces.  Kernels are in test_frame.py."""
 
 import numpy as np
 import pytest
 
 from deformrf.core.deform import constraints
+from deformrf.core.deform.constraints import hinge_braces
 from deformrf.core.deform.frame import reference
-from deformrf.core.geometry import a15_grid, signed_volumes
+from deformrf.core.geometry import a15_grid, face_components, signed_volumes, tet_neighbours
 
 UNIT_TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
 MESH = a15_grid(0.1)  # no hinges, so no braces
@@ -44,7 +45,7 @@ def test_volumes_and_masses_add_up():
     tets = constraints.volume_constraints(MESH.rest_vertices, MESH.tets)
     masses = constraints.lumped_masses(MESH.rest_vertices, MESH.tets, 800.0)
     assert edges.volumes.sum() == pytest.approx(total)
-    assert tets.rest_volumes.sum() / 6 == pytest.approx(total)
+    assert tets.rest_values.sum() / 6 == pytest.approx(total)
     assert masses.sum() == pytest.approx(800.0 * total)
 
 
@@ -56,13 +57,13 @@ def test_a_dilation_stores_the_energy_of_a_solid():
     mu, bulk, strain = 3.0, 5.0, 1e-4
     total = np.abs(signed_volumes(MESH.rest_vertices, MESH.tets)).sum()
     edges = constraints.edge_constraints(MESH.rest_vertices, MESH.tets)
-    stretch = strain * edges.rest_lengths
+    stretch = strain * edges.rest_values
     energy = (0.5 * stretch**2 / edges.compliances(mu)).sum()
     mean_factor = (edges.factors * edges.volumes).sum() / edges.volumes.sum()
     assert mean_factor == pytest.approx(1.0, abs=0.03)
     assert energy == pytest.approx(0.5 * (5 / 3 * mu) * (3 * strain) ** 2 * total * mean_factor)
     tets = constraints.volume_constraints(MESH.rest_vertices, MESH.tets)
-    growth = 3 * strain * tets.rest_volumes
+    growth = 3 * strain * tets.rest_values
     energy = (0.5 * growth**2 / tets.compliances(bulk)).sum()
     assert energy == pytest.approx(0.5 * bulk * (3 * strain) ** 2 * total)
 
@@ -72,7 +73,7 @@ def test_inverted_tets_are_reoriented_and_flat_ones_left_out():
     tets = np.array([[0, 2, 1, 3], [0, 1, 4, 2]])  # inverted; flat
     volumes = constraints.volume_constraints(vertices, tets)
     assert volumes.vertices.tolist() == [[0, 2, 3, 1]]
-    assert volumes.rest_volumes.tolist() == [1.0]
+    assert volumes.rest_values.tolist() == [1.0]
     edges = constraints.edge_constraints(vertices, tets)
     assert np.isfinite(edges.compliances(1.0)).all()
 
@@ -153,3 +154,29 @@ def test_regularization_has_a_floor():
         np.testing.assert_allclose(a, expected * w_of_edge)
     tets = constraints.volume_constraints(UNIT_TET, np.array([[0, 1, 2, 3]]))
     np.testing.assert_allclose(tets.regularization(0.0, w, 1e-3), floor * (3 * 1 + 2 + 3))
+
+
+def test_a_grid_needs_no_braces():
+    tets = a15_grid(0.1).tets
+    assert (face_components(tet_neighbours(tets)) == 0).all()
+    assert len(hinge_braces(tets)) == 0
+
+
+def test_tets_that_share_a_face_need_no_braces():
+    assert len(hinge_braces(np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))) == 0
+
+
+def test_separate_tets_are_not_braced():
+    tets = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
+    assert len(np.unique(face_components(tet_neighbours(tets)))) == 2
+    assert len(hinge_braces(tets)) == 0
+
+
+def test_a_hinge_at_an_edge_is_braced():
+    braces = hinge_braces(np.array([[0, 1, 2, 3], [0, 1, 4, 5]]))
+    assert braces.tolist() == [[2, 4], [2, 5], [3, 4], [3, 5]]
+
+
+def test_a_hinge_at_a_vertex_is_braced():
+    braces = hinge_braces(np.array([[0, 1, 2, 3], [0, 4, 5, 6]]))
+    assert braces.tolist() == [[a, b] for a in (1, 2, 3) for b in (4, 5, 6)]

@@ -130,7 +130,13 @@ def test_a_spring_alone_follows_backward_eulers_closed_form():
     """One free mass on a spring of stiffness k: x ← (x + h v) / (1 + h² k w)."""
     k, w, h, n = 50.0, 2.0, 0.01, 40
     no_edges = constraints.EdgeConstraints(
-        np.empty((0, 2), np.int32), *[np.empty(0)] * 3, np.array([0]), np.empty(0)
+        vertices=np.empty((0, 2), np.int32),
+        rest_values=np.empty(0),
+        rest_gradients_squared=np.empty((0, 2)),
+        offsets=np.array([0]),
+        classes=np.empty(0),
+        volumes=np.empty(0),
+        factors=np.empty(0),
     )
     springs = constraints.spring_coefficients([k], [np.inf], np.array([w]), h)
     timing = Timing(h, 1.0, 1e9, 0.0, 0.0, 0.0)

@@ -277,7 +277,7 @@ def test_pins_that_stretch_a_body_are_no_tangle(device):
         assert not x.rescuing
     ends = x.edges.vertices
     now = x.vertices.numpy()[ends]
-    stretched = np.linalg.norm(now[:, 0] - now[:, 1], axis=1) / x.edges.rest_lengths
+    stretched = np.linalg.norm(now[:, 0] - now[:, 1], axis=1) / x.edges.rest_values
     assert (stretched > 2.0).sum() > 5
 
 

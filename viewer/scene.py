@@ -163,7 +163,7 @@ class Scene:
             pull = falloff(self.field.mesh.rest_vertices, vertex, ids, radius)
             ids, pull = ids[pull >= LEAST_PULL], pull[pull >= LEAST_PULL]
             share = self.stiffness[1] * self.solver.object_size * pull / pull.sum()
-            radius = max(radius, self.solver.edges.rest_lengths.mean())
+            radius = max(radius, self.solver.edges.rest_values.mean())
             self.solver.grab(ids, SOFT_STIFFNESS * share, SOFT_FORCE * radius * share)
         else:
             self.solver.grab(ids)

@@ -10,7 +10,7 @@ Shapes: V vertices, C constraints of one type, n = 2 (edges) or 4 (tets) vertice
 import numpy as np
 import warp as wp
 
-from .constraints import NO_SPRING
+from .constraints import NO_SPRING, Constraints
 from .pace import MOST_THREADS
 from .xpbd_options import Timing
 
@@ -83,16 +83,15 @@ class ConstraintList:
     """The constraints of one type that are in use, on the device.
 
     Attributes:
-        constraints: All of them, an EdgeConstraints or a VolumeConstraints.
+        constraints: All of them.
         in_use: Their indices, by color.  [N] int
         arrays: ConstraintArrays with room for all constraints.
     """
 
-    def __init__(self, constraints, rest_values, vertex_count, device, by_class=False):
+    def __init__(self, constraints: Constraints, vertex_count, device, by_class=False):
         """Use all constraints; `by_class` puts translates side by side within a color."""
         self.constraints = constraints
         self._by_class = by_class
-        self._rest_values = rest_values
         self._unused = vertex_count
         self._group = CUDA_GROUP if device.is_cuda else CPU_GROUP
         offsets = constraints.offsets
@@ -126,7 +125,7 @@ class ConstraintList:
         self._places = np.repeat(starts[:-1], counts) + within
         self._put(self.arrays.vertices, self.constraints.vertices[in_use], self._unused)
         self._put(self.arrays.ids, in_use)
-        self._put(self.arrays.rest_values, self._rest_values[in_use])
+        self._put(self.arrays.rest_values, self.constraints.rest_values[in_use])
         self.arrays.offsets.assign(starts.astype(np.int32))
         return True
 

@@ -18,15 +18,15 @@ f makes a lattice equally stiff in all directions (isotropy.py).  A volume proje
 vertex farther than STEP_LIMIT · (6 V0)^(1/3).
 
 Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and springs,
-[m⁴/kg] for volumes.  Shapes: V vertices, E edges, T tets, both sorted by color, K handles.
+[m⁴/kg] for volumes.  Shapes: V vertices, E edges, B braces, T tets, K handles.
 """
 
 from dataclasses import dataclass
+from itertools import combinations, product
 
 import numpy as np
 
-from ..geometry import EDGES, color_order, signed_volumes
-from .bracing import hinge_braces
+from ..geometry import EDGES, color_order, face_components, signed_volumes, tet_neighbours
 from .isotropy import edge_factors
 
 COMPLIANCE_FLOOR = 0.05  # r_min
@@ -41,19 +41,18 @@ UNLIMITED = 3e38  # a longest move that no spring reaches
 
 
 @dataclass(frozen=True)
-class EdgeConstraints:
-    """Every edge and every brace once."""
+class Constraints:
+    """All constraints of one type, C of them with n vertices each, sorted by color."""
 
-    vertices: np.ndarray  # [E, 2] int32, the ends
-    rest_lengths: np.ndarray  # [E] L
-    volumes: np.ndarray  # [E] V_e, a sixth of the volume of the tets around the edge
-    factors: np.ndarray  # [E] f
+    vertices: np.ndarray  # [C, n] int32; the corners of a tet are in positive order
+    rest_values: np.ndarray  # [C] L or 6 V0
+    rest_gradients_squared: np.ndarray  # [C, n] |g_i|² at rest: 1, or of a tet in m⁴
     offsets: np.ndarray  # color c is offsets[c]:offsets[c + 1]
-    classes: np.ndarray  # [E] the same for translates in a lattice (coloring.py)
+    classes: np.ndarray  # [C] the same for translates in a lattice (coloring.py)
 
-    def compliances(self, shear_modulus):
-        """α = L² / (15 μ f V_e) [m/N].  [E]"""
-        return self.rest_lengths**2 / (15.0 * shear_modulus * self.factors * self.volumes)
+    def weights(self, inverse_masses):
+        """w̄ = Σ w_i |g_i|² at rest.  [C]"""
+        return (inverse_masses[self.vertices] * self.rest_gradients_squared).sum(axis=1)
 
     def regularization(
         self,
@@ -63,40 +62,29 @@ class EdgeConstraints:
         floor=COMPLIANCE_FLOOR,
         softening=SWEEP_SOFTENING,
     ):
-        """a = max(α/h² − ½ w̄, r_min w̄) [1/kg] with w̄ = w_i + w_j.  [E]"""
-        weights = inverse_masses[self.vertices].sum(axis=1)
-        return _regularization(compliances, weights, substep, floor, softening)
+        """a = max(α/h² − ½ w̄, r_min w̄).  [C]"""
+        weights = self.weights(inverse_masses)
+        return np.maximum(compliances / substep**2 - softening * weights, floor * weights)
 
 
 @dataclass(frozen=True)
-class VolumeConstraints:
-    """Every tet that has a volume."""
+class EdgeConstraints(Constraints):
+    """Every edge and every brace once."""
 
-    vertices: np.ndarray  # [T, 4] int32, the corners in positive order
-    rest_volumes: np.ndarray  # [T] 6 V0
-    rest_gradients_squared: np.ndarray  # [T, 4] |g_i|² at rest, m⁴
-    offsets: np.ndarray  # color c is offsets[c]:offsets[c + 1]
-    classes: np.ndarray  # [T] the same for translates in a lattice (coloring.py)
+    volumes: np.ndarray  # [E] V_e, a sixth of the volume of the tets around the edge
+    factors: np.ndarray  # [E] f
+
+    def compliances(self, shear_modulus):
+        """α = L² / (15 μ f V_e) [m/N].  [E]"""
+        return self.rest_values**2 / (15.0 * shear_modulus * self.factors * self.volumes)
+
+
+class VolumeConstraints(Constraints):
+    """Every tet that has a volume."""
 
     def compliances(self, bulk_modulus):
         """α = 36 V0 / K [m⁵/N].  [T]"""
-        return 6.0 * self.rest_volumes / bulk_modulus
-
-    def regularization(
-        self,
-        compliances,
-        inverse_masses,
-        substep,
-        floor=COMPLIANCE_FLOOR,
-        softening=SWEEP_SOFTENING,
-    ):
-        """a = max(α/h² − ½ w̄, r_min w̄) [m⁴/kg] with w̄ = Σ w_i |g_i|² at rest.  [T]"""
-        weights = (inverse_masses[self.vertices] * self.rest_gradients_squared).sum(axis=1)
-        return _regularization(compliances, weights, substep, floor, softening)
-
-
-def _regularization(compliances, weights, substep, floor, softening):
-    return np.maximum(compliances / substep**2 - softening * weights, floor * weights)
+        return 6.0 * self.rest_values / bulk_modulus
 
 
 def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
@@ -122,7 +110,36 @@ def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
     order, offsets, classes = color_order(ends, rest_vertices)
     ends, volumes, factors = ends[order], volumes[order], factors[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
-    return EdgeConstraints(ends.astype(np.int32), lengths, volumes, factors, offsets, classes)
+    common = ends.astype(np.int32), lengths, np.ones(ends.shape), offsets, classes
+    return EdgeConstraints(*common, volumes, factors)
+
+
+def hinge_braces(tets):
+    """Extra edges that make hinges stiff, as pairs of vertices.  [B, 2] int
+
+    A mesh that was cut from a grid by occupancy has tets that are joined to the rest by one
+    edge or one vertex only.  No edge length resists their rotation there: after a drag they
+    would stay turned.  So two tets that share a vertex but aren't connected through faces get
+    braces, edges from every corner of one to every corner of the other.
+    """
+    labels = face_components(tet_neighbours(tets))
+    shared = np.unique(np.stack([tets.ravel(), np.repeat(labels, 4)], axis=1), axis=0)[:, 0]
+    hinges = np.unique(shared[1:][shared[1:] == shared[:-1]])
+    corner_order = np.argsort(tets.ravel(), kind="stable")
+    begin, end = (
+        np.searchsorted(tets.ravel()[corner_order], hinges, side=side) for side in ("left", "right")
+    )
+    braces = set()
+    for first, last in zip(begin, end, strict=True):
+        around = corner_order[first:last] // 4
+        for one, other in combinations(around, 2):
+            if labels[one] != labels[other]:
+                pairs = product(tets[one].tolist(), tets[other].tolist())
+                braces.update((min(pair), max(pair)) for pair in pairs if pair[0] != pair[1])
+    if not braces:  # as with most meshes, which then need no set of all edges
+        return np.empty((0, 2), np.int64)
+    braces -= set(map(tuple, np.sort(tets[:, EDGES].reshape(-1, 2), axis=1).tolist()))
+    return np.array(sorted(braces), np.int64).reshape(-1, 2)
 
 
 def volume_constraints(rest_vertices, tets) -> VolumeConstraints:

@@ -93,8 +93,8 @@ class XpbdSolver:
         device, edges, volumes = self.device, self.edges, self.volumes
         count = len(self.rest_vertices)
         common = count, device, device.is_cuda and runs_in_block(count)
-        self._edge_list = ConstraintList(edges, edges.rest_lengths, *common)
-        self._volume_list = ConstraintList(volumes, volumes.rest_volumes, *common)
+        self._edge_list = ConstraintList(edges, *common)
+        self._volume_list = ConstraintList(volumes, *common)
         arrays = frame_arrays(count, self._edge_list.arrays, self._volume_list.arrays, device)
         self._state, self._timing = arrays.state, arrays.timing
         self.vertices, self.velocities = arrays.state.vertices, arrays.state.velocities
@@ -223,7 +223,7 @@ class XpbdSolver:
         object is.
         """
         w = np.where(self.pinned, 0.0, self._holds.free_inverse_masses)
-        w = w[self.edges.vertices].sum(axis=1)
+        w = self.edges.weights(w)
         h = self._dt / self.options.substeps(self._dt)
         ratios = self._compliances[0][w > 0] / (w[w > 0] * h * h)
         return float(np.median(ratios)) if len(ratios) else math.nan

@@ -186,20 +186,19 @@ class IterationSolver:
         frame = [self._launch(predict_kernel, len(x), inputs)]
         sweep, self._kept = [], []  # a recorded launch doesn't keep its arrays alive
         kinds = [
-            (edges_kernel, self.edges, self.edges.rest_lengths, wp.vec2i),
-            (volumes_kernel, self.volumes, self.volumes.rest_volumes, wp.vec4i),
+            (edges_kernel, self.edges, wp.vec2i),
+            (volumes_kernel, self.volumes, wp.vec4i),
         ]
-        for (kernel, table, rest, dtype), alpha in zip(kinds, self._compliances, strict=True):
+        for (kernel, table, dtype), alpha in zip(kinds, self._compliances, strict=True):
             if alpha is None:
                 continue
             w_on_host = self._host_inverse_masses
             # Many sweeps with stored multipliers solve for the compliances as they are.
             softening = SWEEP_SOFTENING if self.iteration_count == 1 else 0.0
             regularization = table.regularization(alpha, w_on_host, h, self.floor, softening)
-            multipliers = wp.zeros(len(rest), dtype=float, device=self.device)
-            arrays = [
-                upload(a, t, self.device) for a, t in ((table.vertices, dtype), (rest, float))
-            ]
+            multipliers = wp.zeros(len(table.vertices), dtype=float, device=self.device)
+            kept = (table.vertices, dtype), (table.rest_values, float)
+            arrays = [upload(a, t, self.device) for a, t in kept]
             inputs = [x, d, w, *arrays, upload(regularization, float, self.device), multipliers]
             self._kept += inputs
             offsets = table.offsets if self.device.is_cuda else table.offsets[[0, -1]]

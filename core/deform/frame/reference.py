@@ -83,12 +83,12 @@ def _projected(frame, x):
     w, edges, tets = frame.inverse_masses, frame.edges, frame.volumes
     for first, last in zip(edges.offsets[:-1], edges.offsets[1:], strict=True):
         color, a = slice(first, last), frame.edge_regularization[first:last]
-        ends, lengths = edges.vertices[color], edges.rest_lengths[color]
+        ends, lengths = edges.vertices[color], edges.rest_values[color]
         x = project_edges(x, w, ends, lengths, a, np.arange(first, last))
     if tets is not None:
         for first, last in zip(tets.offsets[:-1], tets.offsets[1:], strict=True):
             color, a = slice(first, last), frame.volume_regularization[first:last]
-            x = project_volumes(x, w, tets.vertices[color], tets.rest_volumes[color], a)
+            x = project_volumes(x, w, tets.vertices[color], tets.rest_values[color], a)
     return x
 
 

@@ -115,10 +115,10 @@ def material_energy(rest_vertices, tets, material, compliance=None) -> Energy:
     return Energy(
         masses=lumped_masses(rest_vertices, tets, material.density),
         edges=edges.vertices,
-        lengths=edges.rest_lengths,
+        lengths=edges.rest_values,
         stiffnesses=1.0 / compliances,
         tets=volumes.vertices[:count],
-        volumes=volumes.rest_volumes[:count],
+        volumes=volumes.rest_values[:count],
         volume_stiffnesses=1.0 / volumes.compliances(material.bulk_modulus)
         if has_volumes
         else np.empty(0),
