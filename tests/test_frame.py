@@ -1,4 +1,4 @@
-"""Native frames in hard cases: tangled and collapsed meshes, threads, blocks, many colors."""
+"""Native frames in hard cases: tangled and collapsed meshes, threads, blocks, many colors, pace."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,7 +10,6 @@ from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
 from deformrf.core.deform.frame import cpu as frame_cpu
 from deformrf.core.deform.frame import cuda as frame_cuda
 from deformrf.core.deform.frame import reference
-from deformrf.core.deform.pace import MOST_THREADS
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
@@ -188,7 +187,8 @@ def test_two_solvers_may_step_in_two_threads():
     mesh = ball(0.06)
     solvers = [make_solver(mesh, "cpu", options=XpbdOptions()) for _ in range(2)]
     for solver in solvers:
-        solver._frame._pace.thread_count = MOST_THREADS  # together more than there are helpers
+        # Together more than there are helpers.
+        solver._frame._pace.thread_count = frame_cpu.MOST_THREADS
         solver._frame._pace.note = lambda seconds: None
         solver.set_state(shaken(mesh))
         solver.step(DT)
@@ -271,3 +271,43 @@ def test_translates_have_different_banks():
 def test_meshes_of_no_lattice_get_slots():
     points = np.random.default_rng().uniform(size=(50, 3))
     assert frame_cuda.bank_slots(points).tolist() == list(range(50))
+
+
+def thread_counts(paced, seconds, frame_count):
+    """Thread counts of so many frames that last what `seconds` says for each count."""
+    counts = []
+    for _ in range(frame_count):
+        counts.append(paced.thread_count)
+        paced.note(seconds[paced.thread_count] * np.random.default_rng().uniform(1.0, 1.05))
+    return np.array(counts)
+
+
+def test_threads_that_help_are_kept():
+    counts = thread_counts(frame_cpu.Pace(4), {1: 2.0, 4: 1.0}, 2000)
+    assert (counts == 4).mean() > 0.95
+    assert (counts == 1).sum() >= frame_cpu.TRIAL
+
+
+def test_slower_threads_are_dropped_and_tried_less_often():
+    counts = thread_counts(frame_cpu.Pace(4), {1: 1.0, 4: 50.0}, 4000)
+    assert (counts == 4).sum() <= 8 * frame_cpu.TRIAL
+    assert counts[-100:].max() == 1
+
+
+def test_a_machine_that_gets_busy_or_free_is_noticed():
+    paced = frame_cpu.Pace(2)
+    thread_counts(paced, {1: 2.0, 2: 1.0}, 200)
+    assert paced.thread_count == 2
+    thread_counts(paced, {1: 2.0, 2: 30.0}, 20)
+    assert paced.thread_count == 1
+    thread_counts(paced, {1: 2.0, 2: 1.0}, frame_cpu.LONGEST_PAUSE + 20)
+    assert paced.thread_count == 2
+
+
+def test_one_thread_stays_one():
+    assert set(thread_counts(frame_cpu.Pace(1), {1: 1.0}, 50)) == {1}
+
+
+def test_small_meshes_have_one_thread():
+    assert frame_cpu.thread_limit(500) == 1
+    assert 1 <= frame_cpu.thread_limit(10**6) <= frame_cpu.MOST_THREADS

@@ -11,11 +11,11 @@ import numpy as np
 import warp as wp
 
 from .constraints import NO_SPRING, Constraints
-from .pace import MOST_THREADS
 from .xpbd_options import Timing
 
 CPU_GROUP = 8  # constraints that a CPU projects at once
 CUDA_GROUP = 32  # threads of a warp
+MOST_THREADS = 8  # of a frame on a CPU
 
 
 @wp.struct
@@ -57,18 +57,21 @@ class FrameArrays:
     motion: wp.array(dtype=float)  # [MOST_THREADS] the farthest move of a vertex, by thread [m]
 
 
+def zeros(struct, device, **shapes):
+    """A struct of arrays of these shapes, filled with zeros."""
+    arrays = struct()
+    for name, shape in shapes.items():
+        dtype = struct.vars[name].type.dtype
+        setattr(arrays, name, wp.zeros(shape, dtype=dtype, device=device))
+    return arrays
+
+
 def frame_arrays(vertex_count, edges: ConstraintArrays, volumes: ConstraintArrays, device):
     """FrameArrays at rest in the origin, without springs."""
-    frame = FrameArrays()
-    for name in ("vertices", "deltas", "velocities", "anchors", "targets"):
-        setattr(frame.state, name, wp.zeros(vertex_count, dtype=wp.vec3, device=device))
-    frame.state.inverse_masses = wp.zeros(vertex_count, dtype=float, device=device)
-    frame.state.springs = wp.full(
-        vertex_count, wp.vec2(NO_SPRING, 0.0), dtype=wp.vec2, device=device
-    )
+    frame = zeros(FrameArrays, device, timing=len(Timing._fields), motion=MOST_THREADS)
+    frame.state = zeros(VertexArrays, device, **dict.fromkeys(VertexArrays.vars, vertex_count))
+    frame.state.springs.fill_(wp.vec2(NO_SPRING, 0.0))
     frame.edges, frame.volumes = edges, volumes
-    frame.timing = wp.zeros(len(Timing._fields), dtype=float, device=device)
-    frame.motion = wp.zeros(MOST_THREADS, dtype=float, device=device)
     return frame
 
 
@@ -97,13 +100,15 @@ class ConstraintList:
         offsets = constraints.offsets
         self._colors = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
         room = int(self._whole_groups(np.diff(offsets)).sum())
-        corner_count = constraints.vertices.shape[1]
-        self.arrays = ConstraintArrays()
-        self.arrays.vertices = wp.zeros((room, corner_count), dtype=int, device=device)
-        self.arrays.ids = wp.zeros(room, dtype=int, device=device)
-        self.arrays.rest_values = wp.zeros(room, dtype=float, device=device)
-        self.arrays.regularization = wp.zeros(room, dtype=float, device=device)
-        self.arrays.offsets = wp.zeros(len(offsets), dtype=int, device=device)
+        self.arrays = zeros(
+            ConstraintArrays,
+            device,
+            vertices=(room, constraints.vertices.shape[1]),
+            ids=room,
+            rest_values=room,
+            regularization=room,
+            offsets=len(offsets),
+        )
         self.in_use = None
         self.select(np.ones(vertex_count, bool))
 

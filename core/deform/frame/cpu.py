@@ -17,12 +17,15 @@ from time import perf_counter
 
 import warp as wp
 
-from ..arrays import FrameArrays
-from ..pace import MOST_THREADS, Pace, thread_limit
-from .native import native_kernel, native_source
+from ...device import thread_count as usable_threads
+from ..arrays import MOST_THREADS, FrameArrays, zeros
+from .native import native_kernel
 
 LINE = 16  # ints of a cache line, or half of one
 EVERYONE = 2**30  # more arrivals than any barrier waits for
+TETS_PER_THREAD = 2000  # with fewer, barriers cost more than a thread saves
+TRIAL = 3  # frames with the other number of threads, to compare
+FIRST_PAUSE, LONGEST_PAUSE = 120, 4000  # frames between trials
 
 
 @wp.struct
@@ -36,9 +39,7 @@ class CpuScratch:
     arrivals: wp.array(dtype=int)  # [LINE · MOST_THREADS] barriers that each thread has reached
 
 
-frame_kernel = native_kernel(
-    native_source("cpu.cpp", LINE=LINE), CpuScratch, module=wp.get_module(__name__)
-)
+frame_kernel = native_kernel("cpu.cpp", CpuScratch, {"LINE": LINE}, module=wp.get_module(__name__))
 
 
 class CpuFrame:
@@ -48,13 +49,16 @@ class CpuFrame:
         self._frame = frame
         vertex_count = len(frame.state.vertices)
         edge_room, tet_room = len(frame.edges.ids), len(frame.volumes.ids)
-        self._scratch = scratch = CpuScratch()
-        scratch.bodies = wp.zeros(vertex_count + 1, dtype=wp.vec4, device="cpu")
-        scratch.previous = wp.zeros(vertex_count, dtype=wp.vec4, device="cpu")
-        scratch.spans = wp.zeros(3 * edge_room + 9 * tet_room, dtype=float, device="cpu")
-        scratch.lanes = wp.zeros(2 * edge_room + 4 * tet_room, dtype=int, device="cpu")
-        scratch.arrivals = wp.zeros(LINE * MOST_THREADS, dtype=int, device="cpu")
-        self._arrivals = scratch.arrivals.numpy()
+        self._scratch = zeros(
+            CpuScratch,
+            "cpu",
+            bodies=vertex_count + 1,
+            previous=vertex_count,
+            spans=3 * edge_room + 9 * tet_room,
+            lanes=2 * edge_room + 4 * tet_room,
+            arrivals=LINE * MOST_THREADS,
+        )
+        self._arrivals = self._scratch.arrivals.numpy()
         self._launches = {}
         self._pace = Pace(thread_limit(tet_room))
 
@@ -104,3 +108,47 @@ _ONE_AT_A_TIME = Lock()
 def _helpers():
     """The threads beside the calling one."""
     return ThreadPoolExecutor(MOST_THREADS - 1, "solver")
+
+
+class Pace:
+    """Chooses the faster of two numbers of threads, one or the limit, while frames run.
+
+    Threads wait for each other about 40 times a substep.  Where another program keeps a
+    core busy, each wait may cost a time slice, and one thread is faster.
+    """
+
+    def __init__(self, limit: int):
+        self._limit = limit
+        self.thread_count = limit
+        self._seconds = {1: [], limit: []}  # per substep, in the newest trial of each
+        self._frames = 0  # with this number of threads since the last trial
+        self._pause = FIRST_PAUSE
+
+    def note(self, seconds: float) -> None:
+        """Take a frame's time per substep; `thread_count` may change."""
+        if self._limit == 1:
+            return
+        times = self._seconds[self.thread_count]
+        times.append(seconds)
+        del times[:-TRIAL]
+        self._frames += 1
+        if len(times) < TRIAL:
+            return
+        other = self._limit if self.thread_count == 1 else 1
+        if len(self._seconds[other]) < TRIAL:
+            self._change(other)
+        elif min(self._seconds[other]) < min(times):
+            self._pause = min(2 * self._pause, LONGEST_PAUSE) if other == 1 else FIRST_PAUSE
+            self._change(other)
+        elif self._frames >= self._pause:
+            self._seconds[other].clear()
+            self._change(other)
+
+    def _change(self, thread_count):
+        self.thread_count = thread_count
+        self._frames = 0
+
+
+def thread_limit(tet_count: int) -> int:
+    """The largest number of threads that a mesh may use on this machine."""
+    return max(1, min(usable_threads(), tet_count // TETS_PER_THREAD, MOST_THREADS))

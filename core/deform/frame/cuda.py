@@ -21,8 +21,8 @@ import numpy as np
 import warp as wp
 
 from ...geometry import lattice_addresses
-from ..arrays import FrameArrays
-from .native import native_kernel, native_source
+from ..arrays import FrameArrays, zeros
+from .native import native_kernel
 
 wp.set_module_options({"enable_backward": False})
 
@@ -49,14 +49,13 @@ class CudaScratch:
 
 def _kernel(grid, threads):
     """The kernel for one block or for a grid of them."""
-    source = native_source(
-        "cuda.cu",
-        GRID=int(grid),
-        THREADS=threads,
-        SHARED_VERTICES=SHARED_VERTICES,
-        MOST_COLORS=MOST_COLORS,
-    )
-    return native_kernel(source, CudaScratch, module="unique", launch_bounds=threads)
+    values = {
+        "GRID": int(grid),
+        "THREADS": threads,
+        "SHARED_VERTICES": SHARED_VERTICES,
+        "MOST_COLORS": MOST_COLORS,
+    }
+    return native_kernel("cuda.cu", CudaScratch, values, module="unique", launch_bounds=threads)
 
 
 @wp.kernel(grid_stride=False)
@@ -113,19 +112,20 @@ class CudaFrame:
         self._in_block = runs_in_block(count)
         edge_room, tet_room = len(frame.edges.ids), len(frame.volumes.ids)
 
-        def zeros(size, dtype):
-            return wp.zeros(size, dtype=dtype, device=device)
-
+        self._scratch = zeros(
+            CudaScratch,
+            device,
+            slots=count,
+            bodies=1 if self._in_block else count,
+            previous=count,
+            edge_slots=edge_room,
+            edge_spans=edge_room,
+            tet_slots=tet_room,
+            tet_spans=3 * tet_room,
+            arrivals=1,
+        )
         slots = bank_slots(rest_vertices) if self._in_block else np.arange(count)
-        self._scratch = scratch = CudaScratch()
-        scratch.slots = wp.array(slots.astype(np.int32), device=device)
-        scratch.bodies = zeros(1 if self._in_block else count, wp.vec4)
-        scratch.previous = zeros(count, wp.vec3)
-        scratch.edge_slots = zeros(edge_room, wp.vec2i)
-        scratch.edge_spans = zeros(edge_room, wp.vec4)
-        scratch.tet_slots = zeros(tet_room, wp.vec4i)
-        scratch.tet_spans = zeros(3 * tet_room, wp.vec4)
-        scratch.arrivals = zeros(1, int)
+        self._scratch.slots.assign(slots.astype(np.int32))
 
     def run(self, substep_count: int, volumes: bool, springs: bool, ground: bool) -> None:
         """Run one frame with the given parts of a substep."""

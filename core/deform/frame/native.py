@@ -11,24 +11,20 @@ FOLDER = Path(__file__).parent
 SHARED = "substep.h"
 
 
-def native_source(name: str, **values) -> str:
-    """A file's text with substep.h in its place and a value for each @NAME."""
-    text = (FOLDER / name).read_text(encoding="utf-8")
-    shared = (FOLDER / SHARED).read_text(encoding="utf-8")
-    text = text.replace(f'#include "{SHARED}"\n', shared)
-    values |= {"COLLAPSED": f"{COLLAPSED}f", "STEP_LIMIT": f"{STEP_LIMIT}f"}
-    for key, value in values.items():
-        text = text.replace(f"@{key}", str(value))
-    return text
-
-
-def native_kernel(source: str, scratch_type, **options):
-    """A kernel whose body is the source.
+def native_kernel(name: str, scratch_type, values: dict, **options):
+    """A kernel whose body is a file's text, with substep.h in its place.
 
     Args:
-        scratch_type: A struct of arrays that the source uses besides FrameArrays.
+        scratch_type: A struct of arrays that the file uses besides FrameArrays.
+        values: What stands for @NAME in the text, by NAME.
         options: Options of wp.kernel.
     """
+    source = (FOLDER / name).read_text(encoding="utf-8")
+    shared = (FOLDER / SHARED).read_text(encoding="utf-8")
+    source = source.replace(f'#include "{SHARED}"\n', shared)
+    limits = {"COLLAPSED": f"{COLLAPSED}f", "STEP_LIMIT": f"{STEP_LIMIT}f"}
+    for key, value in (values | limits).items():
+        source = source.replace(f"@{key}", str(value))
 
     @wp.func_native(source)
     def frame_native(
