@@ -112,31 +112,75 @@ def count_wrapped_kernel(
         wp.atomic_add(counts, 1, parts[first], 1)
 
 
-class TangleCounter:
-    """Counts tangles on a device; the first count builds the mesh's fans.
+class Feedback:
+    """Results of a frame on their way to the host: the vertices' motion, and counts of tangles.
 
-    Attributes:
-        counts: Inverted tets and wrapped edges of each part.  [2, P] int on the device
+    The host reads them when the next frame begins.  On CUDA the frame has ended by then, so the
+    host doesn't wait for the device.
     """
 
-    def __init__(self, rest_vertices, tets, parts, device):
-        """Take tets that all have a volume [T, 4], and the part of each vertex [V]."""
-        self._device = device
+    def __init__(self, rest_vertices, tets, parts, motion):
+        """Take a mesh, and the array that frames write their motion to (FrameArrays).
+
+        Args:
+            tets: Those that have a volume.  [T, 4]
+            parts: The part of each vertex.  [V]
+        """
+        self._device = device = motion.device
         self._mesh = rest_vertices, tets
         self._tets = upload(tets, wp.vec4i, device)
         self._parts = upload(parts, int, device)
-        self._fans = None
-        self.counts = wp.zeros((2, int(parts.max()) + 1), dtype=int, device=device)
+        self._fans = None  # the first count builds them
+        self._motion = motion
+        self._counts = wp.zeros((2, int(parts.max()) + 1), dtype=int, device=device)
+        self._copies = [
+            wp.zeros_like(source, device="cpu", pinned=device.is_cuda)
+            for source in (motion, self._counts)
+        ]
+        self._expected = 0  # how many of them are on their way
+        self._copied = wp.Event(device) if device.is_cuda else None
 
-    def count(self, vertices, overlong=False):
-        """Count in this state ([V] vec3 on the device); overlong edges as wrapped if asked for."""
+    def begin(self):
+        """A frame begins."""
+        self._motion.zero_()
+
+    def end(self, vertices, count: bool, overlong: bool = False):
+        """A frame ends in this state.
+
+        Args:
+            vertices: [V] vec3 on the device
+            count: Whether to count tangles in it.
+            overlong: Whether overlong edges count as wrapped.
+        """
+        if count:
+            self._count(vertices, STRETCH if overlong else UNLIMITED)
+        self._expected = 2 if count else 1
+        sources = self._motion, self._counts
+        for copy, source in zip(self._copies[: self._expected], sources, strict=False):
+            wp.copy(copy, source)
+        if self._copied is not None:
+            self._device.stream.record_event(self._copied)
+
+    def read(self):
+        """Motion [m]; inverted tets and wrapped edges [2, P].  None for what isn't new."""
+        if self._expected and self._copied is not None:
+            wp.synchronize_event(self._copied)
+        expected, self._expected = self._expected, 0
+        motion, counts = (copy.numpy() for copy in self._copies)
+        motion = float(motion.max()) if expected > 0 else None
+        return motion, counts.copy() if expected > 1 else None
+
+    def drop(self):
+        """Forget copies that are on their way: the state that they are about has changed."""
+        self._expected = 0
+
+    def _count(self, vertices, stretch):
         if self._fans is None:
             dtypes = Fans(wp.vec2i, int, wp.vec2i, float, float)
             pairs = zip(fans(*self._mesh), dtypes, strict=True)
             self._fans = Fans(*(upload(array, dtype, self._device) for array, dtype in pairs))
-        self.counts.zero_()
-        inputs = [vertices, self._tets, self._parts, self.counts]
+        self._counts.zero_()
+        inputs = [vertices, self._tets, self._parts, self._counts]
         wp.launch(count_inverted_kernel, len(self._tets), inputs, device=self._device)
-        stretch = STRETCH if overlong else UNLIMITED
-        inputs = [vertices, *self._fans, stretch, self._parts, self.counts]
+        inputs = [vertices, *self._fans, stretch, self._parts, self._counts]
         wp.launch(count_wrapped_kernel, len(self._fans.ends), inputs, device=self._device)

@@ -15,13 +15,13 @@ import numpy as np
 import warp as wp
 
 from ..geometry import components
-from . import checks, constraints, tangles
+from . import checks, constraints
 from .arrays import ConstraintList, frame_arrays
-from .feedback import Feedback
 from .frame import CpuFrame, CudaFrame, runs_in_block
 from .holds import Holds
 from .material import Material
 from .rescue import Rescue, distortion, ways_back
+from .tangles import Feedback
 from .xpbd_options import TIME_STEP, XpbdOptions
 
 PINS_OFF = 0.01  # object sizes by which pins may have moved relative to each other
@@ -99,8 +99,8 @@ class XpbdSolver:
         self._state, self._timing = arrays.state, arrays.timing
         self.vertices, self.velocities = arrays.state.vertices, arrays.state.velocities
         self._holds = Holds(pinned, arrays.state)
-        counter = tangles.TangleCounter(self.rest_vertices, volumes.vertices, self._part_of, device)
-        self._feedback = Feedback(counter, arrays.motion)
+        mesh = self.rest_vertices, volumes.vertices, self._part_of
+        self._feedback = Feedback(*mesh, arrays.motion)
         self._frame = (
             CudaFrame(arrays, self.rest_vertices, device) if device.is_cuda else CpuFrame(arrays)
         )
@@ -356,4 +356,4 @@ def kernel_modules(device) -> list[str]:
     that is not among them.
     """
     frame = CudaFrame if wp.get_device(device).is_cuda else CpuFrame
-    return [tangles.__name__, frame.__module__]
+    return [Feedback.__module__, frame.__module__]
