@@ -293,7 +293,7 @@ def test_constraints_of_untouched_parts_are_left_out(device):
     x.grab(ids)
     x.move(x.rest_vertices[ids] + [0.1, 0, 0])
     x.step(DT)
-    in_use = x.edges.vertices[x._edge_list.in_use]
+    in_use = x.edges.vertices[x._lists[0].in_use]
     assert left[in_use].all() and len(in_use) < 0.6 * len(x.edges.vertices)
     assert (~foot(TWO)[in_use]).any(axis=1).all()  # nor what lies between pins
     x.release()
@@ -304,7 +304,7 @@ def test_constraints_of_untouched_parts_are_left_out(device):
     ids = head(TWO)[~left[head(TWO)]]
     x.grab(ids)
     x.step(DT)
-    assert not left[x.edges.vertices[x._edge_list.in_use]].any()
+    assert not left[x.edges.vertices[x._lists[0].in_use]].any()
 
 
 def test_leaving_a_part_out_does_not_change_the_others(device):
@@ -326,14 +326,14 @@ def test_leaving_a_part_out_does_not_change_the_others(device):
 def test_gravity_wakes_all_parts_and_a_freed_pin_its_own(device):
     x = solver(TWO, foot(TWO), device, gravity=(0, 0, -G))
     run(x, 0.1)
-    assert len(np.unique(x._part_of[x.edges.vertices[x._edge_list.in_use]])) == 2
+    assert len(np.unique(x._part_of[x.edges.vertices[x._lists[0].in_use]])) == 2
     x.set_options(XpbdOptions())
     run(x, 9.0)
     assert x.settled
     pins = foot(TWO) & (TWO.rest_vertices[:, 0] < 0.5)
     x.set_pinned(pins)
     x.step(DT)
-    in_use = x.edges.vertices[x._edge_list.in_use]
+    in_use = x.edges.vertices[x._lists[0].in_use]
     assert (TWO.rest_vertices[in_use, 0] > 0.5).all()
 
 

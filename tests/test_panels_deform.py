@@ -23,7 +23,8 @@ class Panel:
             set_material=self.set_material,
             settings=SimpleNamespace(grab_radius=0.1, soft_grab=False),
             solver=SimpleNamespace(
-                options=SimpleNamespace(substep_count=20), rescuing=False, given_up=False
+                options=SimpleNamespace(substep_count=20),
+                rescue=SimpleNamespace(running=False, given_up=False),
             ),
             stiffness=(1.0, 5e5),
             gravity=0.0,
@@ -117,11 +118,11 @@ def test_it_is_said_which_poisson_ratio_is_held(panel):
 
 
 def test_a_rescue_and_its_failure_are_said(panel):
-    solver = panel.scene.solver
-    solver.rescuing, solver.given_up, panel.scene.moving = True, True, True
+    rescue = panel.scene.solver.rescue
+    rescue.running, rescue.given_up, panel.scene.moving = True, True, True
     panel.frame()
     assert "rescuing ..." in panel.dim
-    solver.rescuing, panel.scene.moving = False, False
+    rescue.running, panel.scene.moving = False, False
     panel.frame()
     assert "tangled: take Reset" in panel.dim
 

@@ -115,14 +115,14 @@ class ConstraintList:
     def _whole_groups(self, counts):
         return -(-counts // self._group) * self._group
 
-    def select(self, movable) -> bool:
-        """Use the constraints that have a movable vertex ([V] bool); True if these are others."""
+    def select(self, movable):
+        """Use the constraints that have a movable vertex.  [V] bool"""
         in_use = np.flatnonzero(movable[self.constraints.vertices].any(axis=1))
         if self._by_class:
             keys = in_use, self.constraints.classes[in_use], self._colors[in_use]
             in_use = in_use[np.lexsort(keys)]
         if self.in_use is not None and np.array_equal(in_use, self.in_use):
-            return False
+            return
         self.in_use = in_use
         counts = np.bincount(self._colors[in_use], minlength=len(self.arrays.offsets) - 1)
         starts = np.append(0, np.cumsum(self._whole_groups(counts)))
@@ -132,7 +132,6 @@ class ConstraintList:
         self._put(self.arrays.ids, in_use)
         self._put(self.arrays.rest_values, self.constraints.rest_values[in_use])
         self.arrays.offsets.assign(starts.astype(np.int32))
-        return True
 
     def set_regularization(self, values):
         """Take a of all constraints.  [C]

@@ -42,7 +42,7 @@ class XpbdSolver:
         vertices: Current positions, always in the same array.  [V] vec3 on the device
         velocities: [V] vec3 on the device
         object_size: The longest side of the rest pose's bounding box [m].
-        inverted_count: Number of inverted tets at the last count.
+        rescue: What is done about tangles: whether a try is `running`, or all are `given_up`.
     """
 
     def __init__(
@@ -76,34 +76,29 @@ class XpbdSolver:
         self.object_size = float(np.ptp(self.rest_vertices, axis=0).max())
         self.edges = constraints.edge_constraints(self.rest_vertices, self.tets)
         self.volumes = constraints.volume_constraints(self.rest_vertices, self.tets)
-        self.inverted_count = 0
         self._part_of = components(count, self.tets)  # [V]
         self._active = np.zeros(self._part_of.max() + 1, bool)  # by part
         self._dt = TIME_STEP
-        self._rescue = Rescue()
+        self.rescue = Rescue()
         self._pins_fit = None  # whether pins are to each other as at rest; None if unknown
         self._softened = None  # the Rescue.ratio that the coefficients are for
         self._rescue_path = None  # where targets start and end, each [V, 3]
 
-        self._allocate(pinned)
-        self.set_material(material)
-        self.reset()
-
-    def _allocate(self, pinned):
-        device, edges, volumes = self.device, self.edges, self.volumes
-        count = len(self.rest_vertices)
-        common = count, device, device.is_cuda and runs_in_block(count)
-        self._edge_list = ConstraintList(edges, *common)
-        self._volume_list = ConstraintList(volumes, *common)
-        arrays = frame_arrays(count, self._edge_list.arrays, self._volume_list.arrays, device)
+        common = count, self.device, self.device.is_cuda and runs_in_block(count)
+        self._lists = [ConstraintList(part, *common) for part in (self.edges, self.volumes)]
+        arrays = frame_arrays(count, *(part.arrays for part in self._lists), self.device)
         self._state, self._timing = arrays.state, arrays.timing
         self.vertices, self.velocities = arrays.state.vertices, arrays.state.velocities
         self._holds = Holds(pinned, arrays.state)
-        mesh = self.rest_vertices, volumes.vertices, self._part_of
+        mesh = self.rest_vertices, self.volumes.vertices, self._part_of
         self._feedback = Feedback(*mesh, arrays.motion)
         self._frame = (
-            CudaFrame(arrays, self.rest_vertices, device) if device.is_cuda else CpuFrame(arrays)
+            CudaFrame(arrays, self.rest_vertices, self.device)
+            if self.device.is_cuda
+            else CpuFrame(arrays)
         )
+        self.set_material(material)
+        self.reset()
 
     # -- material, masses --------------------------------------------------------------
 
@@ -186,7 +181,7 @@ class XpbdSolver:
         self.set_state(self.rest_vertices)
         # Without gravity the rest pose is an equilibrium.
         if not any(self.options.gravity) and len(self._holds.handles) == 0:
-            self._rescue.report(np.zeros(1, int))
+            self.rescue.report(np.zeros(1, int))
             self._fall_asleep()
 
     def set_state(self, vertices, velocities=None):
@@ -204,17 +199,9 @@ class XpbdSolver:
     @property
     def settled(self) -> bool:
         """Whether the solver sleeps: nothing is grabbed and nothing moves."""
-        return len(self._holds.handles) == 0 and self._asleep
-
-    @property
-    def rescuing(self) -> bool:
-        """Whether a rescue of tangled parts is under way."""
-        return self._rescue.running
-
-    @property
-    def given_up(self) -> bool:
-        """Whether tangles remain after all rescues, until the user changes something."""
-        return self._rescue.given_up
+        done = self.rescue.may_sleep or not self.options.rescue
+        still = self._still_frames >= self.options.sleep_frames
+        return done and still and len(self._holds.handles) == 0
 
     def stiffness_ratio(self) -> float:
         """The median of r = α/(w h²) over edges that can move; nan if none can.
@@ -247,7 +234,7 @@ class XpbdSolver:
             self._stale = True
         count_due = False
         if self.options.rescue and len(self._holds.handles) == 0:
-            count_due = self._rescue.advance(dt)
+            count_due = self.rescue.advance(dt)
         self._follow_rescue()
         if self._stale:
             self._prepare()
@@ -263,13 +250,13 @@ class XpbdSolver:
     def _read_feedback(self):
         """Take the results of the frame before."""
         motion, counts = self._feedback.read()
-        if motion is not None:
-            still = motion <= self.options.sleep_motion * self.object_size
-            self._still_frames = self._still_frames + 1 if still else 0
         if counts is not None:
-            self.inverted_count = int(counts[0].sum())
-            self._rescue.report(counts.sum(axis=0))
-        if motion is not None and self.settled:
+            self.rescue.report(counts.sum(axis=0))
+        if motion is None:
+            return
+        still = motion <= self.options.sleep_motion * self.object_size
+        self._still_frames = self._still_frames + 1 if still else 0
+        if self.settled:
             self._fall_asleep()
 
     def _returns_to_rest(self):
@@ -282,7 +269,7 @@ class XpbdSolver:
         return self._pins_fit
 
     def _follow_rescue(self):
-        rescue = self._rescue
+        rescue = self.rescue
         if rescue.ratio != self._softened:
             self._softened = rescue.ratio
             self._activate()
@@ -302,11 +289,6 @@ class XpbdSolver:
             self._holds.set_rescued(np.zeros(len(self.pinned), bool))
             self._stale = True
 
-    @property
-    def _asleep(self):
-        done = self._rescue.may_sleep or not self.options.rescue
-        return done and self._still_frames >= self.options.sleep_frames
-
     def _fall_asleep(self):
         """Nothing moves: no part is worked on until the user touches it."""
         self._still_frames = self.options.sleep_frames
@@ -316,10 +298,10 @@ class XpbdSolver:
 
     def _touch(self, vertices=EVERYWHERE):
         """The user did something to these vertices (ids or a mask): wake their parts."""
-        self._still_frames = self.inverted_count = 0
+        self._still_frames = 0
         self._pins_fit = None
         self._feedback.drop()
-        self._rescue.touch()
+        self.rescue.touch()
         self._end_rescue()
         self._activate(vertices)
 
@@ -338,8 +320,7 @@ class XpbdSolver:
         self._timing.assign(options.timing(self._dt, self.material.damping, self.object_size))
         movable = (self._holds.free_inverse_masses > 0) & ~self.pinned
         movable &= self._active[self._part_of]
-        lists = self._edge_list, self._volume_list
-        for part, compliances in zip(lists, self._compliances, strict=True):
+        for part, compliances in zip(self._lists, self._compliances, strict=True):
             part.select(movable)
             regularization = part.constraints.regularization
             if self._softened is not None:

@@ -47,9 +47,9 @@ def _time_buttons(app):
 
 
 def state_line(scene) -> str:
-    if scene.solver.rescuing:
+    if scene.solver.rescue.running:
         return "rescuing ..."
-    if scene.solver.given_up:
+    if scene.solver.rescue.given_up:
         return "tangled: take Reset"
     return "paused" if scene.paused else "moving" if scene.moving else "at rest"
 

@@ -174,6 +174,6 @@ def _watch(solver, shape, dt, limit):
             return seen | now._asdict()
         for _ in range(frames_between):
             solver.step(dt)
-            seen["rescues"] += solver.rescuing and not was_rescuing
-            was_rescuing = solver.rescuing
+            seen["rescues"] += solver.rescue.running and not was_rescuing
+            was_rescuing = solver.rescue.running
         frame += frames_between
