@@ -126,8 +126,8 @@ class ConstraintList:
         self.in_use = in_use
         counts = np.bincount(self._colors[in_use], minlength=len(self.arrays.offsets) - 1)
         starts = np.append(0, np.cumsum(self._whole_groups(counts)))
-        within = np.arange(len(in_use)) - np.repeat(np.append(0, np.cumsum(counts))[:-1], counts)
-        self._places = np.repeat(starts[:-1], counts) + within
+        unused_before = starts[:-1] - (np.cumsum(counts) - counts)  # entries before each color
+        self._places = np.arange(len(in_use)) + np.repeat(unused_before, counts)
         self._put(self.arrays.vertices, self.constraints.vertices[in_use], self._unused)
         self._put(self.arrays.ids, in_use)
         self._put(self.arrays.rest_values, self.constraints.rest_values[in_use])

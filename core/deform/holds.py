@@ -12,35 +12,28 @@ from .constraints import NO_SPRING, spring_coefficients
 
 
 class Holds:
-    """Keeps inverse masses, targets and springs on the device up to date.
-
-    Attributes:
-        pinned, rescued: [V] bool
-        handles: Vertex ids.  [K]
-        springs: Stiffness and force limit of each handle [K, 2]; None: handles are exact.
-        free_inverse_masses: w of vertices that nothing holds.  [V]
-        inverse_masses: w, 0 for kinematic vertices.  [V]
-    """
+    """Keeps inverse masses, targets and springs on the device up to date."""
 
     def __init__(self, pinned, state: VertexArrays):
         self._state = state
-        self.pinned, self.rescued = pinned, np.zeros(len(pinned), bool)
-        self.free_inverse_masses = np.zeros(len(pinned))
-        self.handles, self.springs = np.empty(0, np.int64), None
+        self.pinned, self.rescued = pinned, np.zeros(len(pinned), bool)  # [V]
+        self.free_inverse_masses = np.zeros(len(pinned))  # w of vertices that nothing holds  [V]
+        self.inverse_masses = self.free_inverse_masses  # w, 0 for kinematic vertices  [V]
+        self.handles = np.empty(0, np.int64)  # vertex ids  [K]
+        self.springs = None  # stiffness and force limit of each handle [K, 2]; None: exact
         self._targets = None  # of the handles, as last given to move()
 
     def set_masses(self, masses):
         """Take masses [kg]; a vertex of mass 0 stays where it is.  [V]"""
-        self._stop((masses == 0.0) & (self.free_inverse_masses > 0.0))
+        self._stop(np.flatnonzero((masses == 0.0) & (self.free_inverse_masses > 0.0)))
         self.free_inverse_masses = np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
         self._update()
 
     def pin(self, mask):
         """Pin these vertices, and free all others.  [V] bool"""
-        held_anew = mask & ~self.pinned
+        self._stop(np.flatnonzero(mask & ~self.pinned))
         self.pinned = mask
         self._targets = None  # freed vertices have not received the last ones
-        self._stop(held_anew)
         self._update()
 
     def grab(self, ids, stiffness, force_limit):
@@ -49,9 +42,7 @@ class Holds:
             None if stiffness is None else checks.springs(stiffness, force_limit, len(ids))
         )
         self.handles, self._targets = ids, None
-        held_anew = np.zeros(len(self.pinned), bool)
-        held_anew[ids] = True
-        self._stop(held_anew & ~self.pinned)
+        self._stop(ids[~self.pinned[ids]])
         self._update()
 
     def move(self, targets):
@@ -70,8 +61,7 @@ class Holds:
         """
         released = np.flatnonzero(self.rescued & ~mask)
         if len(released):
-            still = wp.zeros(len(released), dtype=wp.vec3, device=self._state.velocities.device)
-            wp.copy(self._state.velocities[self._ids(released)], still)
+            self._state.velocities[self._ids(released)].zero_()
         self.rescued = mask
         self._update()
 
@@ -89,10 +79,10 @@ class Holds:
             springs[self.handles] = spring_coefficients(*self.springs.T, w, substep)
             self._state.springs.assign(springs.astype(np.float32))
 
-    def _stop(self, held_anew):
-        """Let the targets of these vertices [V] bool be where the vertices are."""
-        if held_anew.any():
-            ids = self._ids(np.flatnonzero(held_anew))
+    def _stop(self, ids):
+        """Let the targets of these vertices be where the vertices are."""
+        if len(ids):
+            ids = self._ids(ids)
             for goals in (self._state.anchors, self._state.targets):
                 wp.copy(goals[ids], self._state.vertices[ids])
 

@@ -22,23 +22,18 @@ class Material:
     """An elastic solid.  Model space is one meter wide.
 
     The default is stiff enough that a thin neck straightens again within a few seconds,
-    and soft enough that 30 substeps hold its stiffness on a grid of edge 0.045.
-
-    Attributes:
-        young_modulus: E [Pa].
-        poisson_ratio: ν, below 1/2.  Springs and volume constraints can't represent a ratio
-            below 1/4; 1/4 is held instead, with a warning.
-        density: Mass per rest volume [kg/m³].
-        damping: Rate at which all velocities decay [1/s], independent of the substeps.
+    and soft enough that 30 substeps hold its stiffness on a grid of edge 0.045.  Springs and
+    volume constraints can't represent a Poisson's ratio below 1/4; 1/4 is held instead, with a
+    warning.
 
     Raises:
         ValueError: A value is out of range.
     """
 
-    young_modulus: float = 5e5
-    poisson_ratio: float = 0.35
-    density: float = 1000.0
-    damping: float = 3.0
+    young_modulus: float = 5e5  # E [Pa]
+    poisson_ratio: float = 0.35  # ν, below 1/2
+    density: float = 1000.0  # mass per rest volume [kg/m³]
+    damping: float = 3.0  # rate at which all velocities decay [1/s], whatever the substeps
 
     def __post_init__(self):
         checks.number("material's young_modulus", self.young_modulus, positive=True)

@@ -140,10 +140,6 @@ class Feedback:
         self._expected = 0  # how many of them are on their way
         self._copied = wp.Event(device) if device.is_cuda else None
 
-    def begin(self):
-        """A frame begins."""
-        self._motion.zero_()
-
     def end(self, vertices, count: bool, overlong: bool = False):
         """A frame ends in this state.
 
@@ -158,6 +154,7 @@ class Feedback:
         sources = self._motion, self._counts
         for copy, source in zip(self._copies[: self._expected], sources, strict=False):
             wp.copy(copy, source)
+        self._motion.zero_()  # for the next frame
         if self._copied is not None:
             self._device.stream.record_event(self._copied)
 

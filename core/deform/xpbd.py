@@ -238,7 +238,6 @@ class XpbdSolver:
         self._follow_rescue()
         if self._stale:
             self._prepare()
-        self._feedback.begin()
         self._frame.run(
             self.options.substeps(dt),
             self._compliances[1] is not None or self._softened is not None,
@@ -315,9 +314,9 @@ class XpbdSolver:
     def _prepare(self):
         """Update the lists and coefficients that follow from all settings."""
         self._stale = False
-        options, w = self.options, self._holds.inverse_masses
-        h = self._dt / options.substeps(self._dt)
-        self._timing.assign(options.timing(self._dt, self.material.damping, self.object_size))
+        timing = self.options.timing(self._dt, self.material.damping, self.object_size)
+        self._timing.assign(timing)
+        w, h = self._holds.inverse_masses, timing.substep
         movable = (self._holds.free_inverse_masses > 0) & ~self.pinned
         movable &= self._active[self._part_of]
         for part, compliances in zip(self._lists, self._compliances, strict=True):

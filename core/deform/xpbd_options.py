@@ -30,29 +30,20 @@ class Timing(NamedTuple):
 class XpbdOptions:
     """Options of time steps and of the object's surroundings.
 
-    Attributes:
-        substep_count: Substeps per 1/60 s; the highest stiffness grows with its square.
-        gravity: g [m/s²].
-        ground: Height of a ground that nothing falls through [m]; None for none.
-        friction: Coulomb's coefficient on the ground.
-        speed_limit: v_max in object sizes per second.  Without a limit, the release after an
-            extreme drag throws vertices through each other.
-        sleep_motion: Object sizes; a frame is still if no vertex moves farther in it.
-        sleep_frames: The solver sleeps after this many still frames.
-        rescue: Whether parts that stay tangled are taken back to their rest shape (rescue.py).
-
     Raises:
         ValueError: A value is out of range.
     """
 
-    substep_count: int = 30
-    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ground: float | None = None
-    friction: float = 0.5
+    substep_count: int = 30  # per 1/60 s; the highest stiffness grows with its square
+    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # g [m/s²]
+    ground: float | None = None  # height of a ground that nothing falls through [m]
+    friction: float = 0.5  # Coulomb's coefficient on the ground
+    # v_max in object sizes per second.  Without a limit, the release after an extreme drag
+    # throws vertices through each other.
     speed_limit: float = 20.0
-    sleep_motion: float = 1e-5
-    sleep_frames: int = 30
-    rescue: bool = True
+    sleep_motion: float = 1e-5  # object sizes; a frame is still if no vertex moves farther in it
+    sleep_frames: int = 30  # the solver sleeps after so many still frames
+    rescue: bool = True  # whether parts that stay tangled get their rest shape back (rescue.py)
 
     def __post_init__(self):
         counts = ("substep_count", "substeps a frame", 1), ("sleep_frames", "frames to sleep", 0)

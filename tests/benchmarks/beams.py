@@ -27,21 +27,13 @@ from deformrf.core.geometry.lattice import morton_order
 
 @dataclass(frozen=True)
 class Beam:
-    """Along x, clamped at x ≤ 0 and free at x = length; z is up.
+    """Along x, clamped at x ≤ 0 and free at x = length; z is up."""
 
-    Attributes:
-        mesh: A little of it is inside the clamp, x < 0.
-        length: ℓ.
-        clamped: [V] bool
-        area: A.
-        second_moment: I, for bending in the xz plane.
-    """
-
-    mesh: TetMesh
-    length: float
-    clamped: np.ndarray
-    area: float
-    second_moment: float
+    mesh: TetMesh  # a little of it is inside the clamp, x < 0
+    length: float  # ℓ
+    clamped: np.ndarray  # [V] bool
+    area: float  # A
+    second_moment: float  # I, for bending in the xz plane
 
     def tip(self, vertices):
         """Where the beam's free end is: the mean over its last twentieth, carried on to ℓ.  [3]"""

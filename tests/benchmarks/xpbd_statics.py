@@ -36,20 +36,13 @@ DENSITIES = {"stable": stable, "split": split}
 
 @dataclass(frozen=True)
 class Solids:
-    """A mesh of one material.
+    """A mesh of one material."""
 
-    Attributes:
-        rest: [V, 3]
-        tets: Of positive volume.  [T, 4]
-        density: Energy per volume; see stable.
-        mu, lame: μ, λ [Pa].
-    """
-
-    rest: np.ndarray
-    tets: np.ndarray
-    density: Callable
-    mu: float
-    lame: float
+    rest: np.ndarray  # [V, 3]
+    tets: np.ndarray  # [T, 4], of positive volume
+    density: Callable  # energy per volume; see stable
+    mu: float  # [Pa]
+    lame: float  # λ [Pa]
 
     def rest_pose(self, start, held, weights, device):
         """The equilibrium near a pose whose held vertices are where they shall be.  [V, 3]
