@@ -143,7 +143,6 @@ class ConstraintList:
 
     def _put(self, array, values, unused=1):
         """Fill an array; 1 in unused entries avoids a division by zero."""
-        kind = np.float32 if np.issubdtype(values.dtype, np.floating) else np.int32
-        filled = np.full(array.shape, unused, kind)
+        filled = np.full(array.shape, unused, wp.dtype_to_numpy(array.dtype))
         filled[self._places] = values
         array.assign(filled)

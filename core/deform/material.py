@@ -65,6 +65,12 @@ class Material:
         # λ − μ = μ (4ν − 1) / (1 − 2ν), which is exactly 0 at 1/4.
         return self.shear_modulus * (4.0 * ratio - 1.0) / (1.0 - 2.0 * ratio)
 
+    def compliances(self, edges, volumes):
+        """α of edge constraints [m/N], and of volume constraints [m⁵/N] or None if K is 0."""
+        bulk = self.bulk_modulus
+        of_volumes = volumes.compliances(bulk) if bulk > 0 else None
+        return edges.compliances(self.shear_modulus), of_volumes
+
     def young_modulus_at(self, stiffness_ratio: float) -> float:
         """The E that a load meets at r = α/(w h²) [Pa]: E r / √(r² + c²).
 

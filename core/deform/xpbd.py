@@ -105,11 +105,7 @@ class XpbdSolver:
     def set_material(self, material: Material):
         """Take another material; positions and velocities stay."""
         self.material = material
-        bulk = material.bulk_modulus
-        self._compliances = (
-            self.edges.compliances(material.shear_modulus),
-            self.volumes.compliances(bulk) if bulk > 0 else None,
-        )
+        self._compliances = material.compliances(self.edges, self.volumes)
         self.set_masses(constraints.lumped_masses(self.rest_vertices, self.tets, material.density))
 
     def set_compliances(self, edges, volumes):

@@ -156,11 +156,7 @@ class IterationSolver:
             wp.zeros(len(rest), dtype=wp.vec3, device=self.device) for _ in range(3)
         )
         self._inverse_masses = upload(self._host_inverse_masses, float, self.device)
-        bulk = material.bulk_modulus
-        self.set_compliances(
-            self.edges.compliances(material.shear_modulus),
-            self.volumes.compliances(bulk) if bulk > 0 else None,
-        )
+        self.set_compliances(*material.compliances(self.edges, self.volumes))
 
     def set_compliances(self, edges, volumes):
         """α of edges [m/N] and of volumes [m⁵/N], each a number or one a constraint."""

@@ -37,11 +37,7 @@ class PlainSolver:
         self._substep_count = options.substep_count
         self._positions, self._velocities = rest, np.zeros_like(rest)
         self.vertices = wp.array(rest, dtype=wp.vec3, device="cpu")
-        bulk = material.bulk_modulus
-        self.set_compliances(
-            self.edges.compliances(material.shear_modulus),
-            self.volumes.compliances(bulk) if bulk > 0 else None,
-        )
+        self.set_compliances(*material.compliances(self.edges, self.volumes))
 
     def set_compliances(self, edges, volumes):
         """α of edges [m/N] and of volumes [m⁵/N], each a number or one a constraint."""
