@@ -36,7 +36,7 @@ class ConstraintArrays:
     """One entry per constraint in use, sorted by color.
 
     A color begins at a multiple of a group (CPU_GROUP, CUDA_GROUP) and fills whole groups.
-    The vertices of unused entries are V, one more than the last vertex.
+    The vertices of unused entries are V, one more than the last vertex, and have no mass.
     """
 
     vertices: wp.array2d(dtype=int)  # [C, n]

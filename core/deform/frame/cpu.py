@@ -5,8 +5,6 @@ vector, and each thread takes a part of a color.  Between colors the threads wai
 other at a barrier that spins: waiting for the operating system would take longer than a
 color.  The result doesn't depend on the number of threads.
 
-Unused entries of constraint lists (arrays.py) refer to a vertex V that has no mass.
-
 reference.py defines the substep.  Shapes: V vertices.
 """
 
