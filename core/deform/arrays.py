@@ -86,8 +86,7 @@ class ConstraintList:
     """The constraints of one type that are in use, on the device.
 
     Attributes:
-        constraints: All of them.
-        in_use: Their indices, by color.  [N] int
+        in_use: Indices of constraints, by color.  [N] int
         arrays: ConstraintArrays with room for all constraints.
     """
 

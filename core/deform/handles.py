@@ -1,6 +1,7 @@
 """Vertices by role: pins that hold an object, handles to drag it by, and those near a handle.
 
-Shapes: V vertices, T tets.  Positions are rest positions in model space, z up.
+Shapes: V vertices [V, 3], T tets [T, 4], K ids.  Positions are rest positions in model space,
+z up.
 """
 
 import numpy as np
@@ -16,8 +17,6 @@ def lowest_pins(vertices, tets, fraction=0.05):
     """The default pins: the lowest part of each connected component.  [V] bool
 
     Args:
-        vertices: [V, 3]
-        tets: [T, 4]
         fraction: Share of the component's height; raised where its lowest vertices are a point
             or a line.
     """
@@ -46,11 +45,6 @@ def _foot(vertices, fraction):
 
 def control_vertices(rest_vertices, tets, count=24):
     """Vertices to drag the object by, spread over it by farthest-point sampling.
-
-    Args:
-        rest_vertices: [V, 3]
-        tets: [T, 4]
-        count: Number of handles; fewer if the mesh has fewer vertices.
 
     Returns:
         Vertex ids; the first one is the farthest from the middle.  [min(count, V)]

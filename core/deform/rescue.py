@@ -126,8 +126,8 @@ def goals(rest_vertices, vertices, held):
     """The rest shape of one part, moved and turned to where the part is.  [V, 3]
 
     Args:
-        vertices: Current positions; those that aren't finite don't count.  [V, 3]
-        held: Vertices that should stay where they are, as far as possible.  [V] bool
+        vertices: Those that aren't finite don't count.  [V, 3]
+        held: Those that should stay where they are, as far as possible.  [V] bool
     """
     known = np.isfinite(vertices).all(axis=1)
     if not known.any():
@@ -143,13 +143,8 @@ def goals(rest_vertices, vertices, held):
 def ways_back(rest_vertices, vertices, held, part_of, parts):
     """Starts and ends of the free vertices of these parts ([P] bool).  2 × [V, 3]
 
-    A vertex whose position isn't finite starts at its goal; entries of others are copies of
-    `vertices`.
-
-    Args:
-        vertices: Current positions.  [V, 3]
-        held: [V] bool
-        part_of: [V]
+    A vertex whose position isn't finite starts at its goal.  Held vertices ([V] bool) and those
+    of other parts stay where they are.
     """
     start, goal = vertices.copy(), vertices.copy()
     for part in np.flatnonzero(parts):

@@ -161,14 +161,7 @@ def runs_in_block(vertex_count: int) -> bool:
 
 
 def bank_slots(rest_vertices):
-    """Slots of vertices in shared memory; neighboring threads then access different banks.
-
-    Args:
-        rest_vertices: [V, 3]
-
-    Returns:
-        Slots, each once; a few are empty.  [V] int
-    """
+    """Slots of vertices in shared memory, by banks as above; a few stay empty.  [V] int"""
     count = len(rest_vertices)
     found = lattice_addresses(rest_vertices)
     if found is None:
