@@ -18,8 +18,8 @@ from deformrf.core.training.run import (
     History,
     Optimization,
     TrainingField,
-    history,
     load_checkpoint,
+    monitoring,
     optimization,
 )
 
@@ -90,7 +90,7 @@ def test_a_model_file_tells_how_its_error_fell(trained, tmp_path):
 
 
 def test_rows_are_as_many_as_there_may_be_and_no_more(views, monkeypatch):
-    monkeypatch.setattr(history, "MOST_ROWS", 2)
+    monkeypatch.setattr(monitoring, "MOST_ROWS", 2)
     rows = trainer.train(views, OPTIONS, "cpu", "ball").report["history"]
     assert places(rows) == [(1, 32), (1, 40), (2, 32), (2, 60)]
 
@@ -99,7 +99,7 @@ def test_rows_are_as_many_as_there_may_be_and_no_more(views, monkeypatch):
 def test_rows_span_the_same_number_of_steps_to_the_end(step_count):
     looks = -(-step_count // 16)
     steps = column(filled(step_count, np.full(looks, 0.1)), "step")
-    assert min(looks, history.MOST_ROWS // 2) <= len(steps) <= history.MOST_ROWS
+    assert min(looks, monitoring.MOST_ROWS // 2) <= len(steps) <= monitoring.MOST_ROWS
     assert steps[-1] == step_count and len(set(np.diff(steps[:-1]))) <= 1
 
 

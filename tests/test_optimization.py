@@ -20,8 +20,8 @@ from deformrf.core.training.run import (
     TrainingProgress,
     Workers,
     looks,
-    loss_watch,
     memory,
+    monitoring,
     optimization,
 )
 
@@ -145,7 +145,7 @@ def test_a_run_ends_with_averaged_weights_and_exports_them_before(run, monkeypat
 
 
 def test_a_weight_that_no_ray_meets_is_watched_too(run, monkeypatch):
-    monkeypatch.setattr(loss_watch, "SNAPSHOT_INTERVAL", 16)
+    monkeypatch.setattr(monitoring, "SNAPSHOT_INTERVAL", 16)
     step = Optimization.step
 
     def spoiled(self, rate, white):

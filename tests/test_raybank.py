@@ -6,13 +6,18 @@ import warp as wp
 from deformrf.core.render import Camera, Lens, camera_rays, in_space, look_at
 from deformrf.core.training import world_to_unit_cube
 from deformrf.core.training.data.datasets import from_images
-from deformrf.core.training.data.raybank import RayBank, empty_drawn
+from deformrf.core.training.data.raybank import Drawn, RayBank
 
 LENSES = (
     Lens(7, 5, (9.0, 8.0), (3.2, 2.6), (0.05, -0.08, 0.01, 0.0), (-1e-3, 2e-3)),
     Lens(4, 9, (11.0, 11.0), (2.0, 4.5)),
     Lens(6, 6, (8.0, 8.5), (2.5, 3.5), (-0.2, 0.03, 0.0, 0.0)),
 )
+
+
+def empty_drawn(count, device):
+    kinds = (wp.vec3, wp.vec3, wp.vec4, wp.vec3)
+    return Drawn(*(wp.empty(count, dtype=kind, device=device) for kind in kinds))
 
 
 def views():
@@ -30,7 +35,8 @@ def test_rays_are_those_of_the_cameras(device):
     assert bank.pixel_count == 7 * 5 + 4 * 9 + 6 * 6
     chosen = np.random.default_rng().permutation(bank.pixel_count).astype(np.int32)
     drawn = empty_drawn(len(chosen), device)
-    bank.look_up(wp.array(chosen, dtype=int, device=device), drawn)
+    seed = wp.zeros(1, dtype=int, device=device)
+    bank.draw(seed, drawn, wp.array(chosen, dtype=int, device=device))
     poses = in_space(dataset.poses, world_to_model)
     rays = [camera_rays(Camera(pose, lens)) for lens, pose in zip(LENSES, poses, strict=True)]
     origins, directions = (np.concatenate(part)[chosen] for part in zip(*rays, strict=True))

@@ -9,7 +9,7 @@ from PIL import Image
 
 from deformrf.core.lab.report.parts import record
 from deformrf.core.lab.training import tell as training
-from deformrf.core.training.run.history import History
+from deformrf.core.training.run.monitoring import History
 
 
 def row(seconds, stage, step, psnr):

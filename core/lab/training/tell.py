@@ -1,6 +1,6 @@
 """The section on training: the error over time, from the history in the model file.
 
-A history's rows (training/run/history.py) give the PSNR of the training rays after so many
+A history's rows (training/run/monitoring.py) give the PSNR of the training rays after so many
 seconds and steps.  Any key may be missing: older models keep figures of the end alone, and
 fields that were never trained keep nothing.
 """

@@ -12,7 +12,6 @@ import numpy as np
 from ...render import Lens
 from .posed_images import (
     DatasetError,
-    ImageList,
     PosedImage,
     checked_lens,
     from_opencv,
@@ -36,8 +35,8 @@ def sparse_folder(folder) -> Path | None:
     return None
 
 
-def read(folder, split) -> ImageList:
-    """The images of a split; ModuleNotFoundError without pycolmap."""
+def read(folder, split):
+    """The images of a split, those missing, no box; ModuleNotFoundError without pycolmap."""
     import pycolmap
 
     sparse = sparse_folder(folder)
@@ -60,7 +59,7 @@ def read(folder, split) -> ImageList:
             found.append(PosedImage(path, turn @ pose, lens))
         else:
             missing.append(f"images/{image.name}")
-    return ImageList(split, tuple(found), tuple(missing))
+    return found, missing, None
 
 
 def pose_of(image):

@@ -22,7 +22,7 @@ from rich.console import Console
 from ...device import thread_count
 from ...render import Lens
 from . import colmap, nsvf, transforms
-from .posed_images import DatasetError, ImageList, NoSplitError
+from .posed_images import IMAGE_ENDINGS, DatasetError, NoImagesError, NoSplitError
 
 PIXELS_MAX = 2**31 - 1  # that a RayBank takes: Warp's arrays and kernels count in int32
 UNREADABLE = (OSError, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError)
@@ -103,8 +103,14 @@ def load_dataset(folder, split, image_size=None, view_count=None, for_training=F
     for name, value in (("image size", image_size), ("number of views", view_count)):
         if value is not None and value < 1:
             raise DatasetError(f"The {name} is {value}: it has to be at least 1")
-    listed = list_images(Path(folder), split)
-    images = listed.images
+    images, missing, bounds = list_images(Path(folder), split)
+    if not images and not missing:
+        raise NoSplitError(f"the data set names no {split} images")
+    if not images:
+        raise NoImagesError(
+            f"none of the {len(missing)} {split} images is there: "
+            f"{missing[0]} (tried as it is, and with {', '.join(IMAGE_ENDINGS)})"
+        )
     if view_count is not None and view_count < len(images):
         chosen = np.linspace(0, len(images) - 1, view_count).round().astype(int)
         images = [images[i] for i in chosen]
@@ -119,11 +125,11 @@ def load_dataset(folder, split, image_size=None, view_count=None, for_training=F
     pixels = read_images([image.path for image in images], lenses)
     poses = np.stack([image.camera_to_world for image in images])
     names = tuple(image.path.stem for image in images)
-    return Dataset(pixels, poses, tuple(lenses), names, split, listed.missing, listed.bounds)
+    return Dataset(pixels, poses, tuple(lenses), names, split, tuple(missing), bounds)
 
 
-def list_images(folder, split) -> ImageList:
-    """The images of a split, from a folder in any supported layout."""
+def list_images(folder, split):
+    """What the layout's reader finds; see posed_images.py."""
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder: give the one that holds the data set")
     if transforms.transforms_path(folder, split):

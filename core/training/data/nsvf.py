@@ -17,7 +17,6 @@ from ...render import Lens
 from .posed_images import (
     IMAGE_ENDINGS,
     DatasetError,
-    ImageList,
     NoSplitError,
     PosedImage,
     checked_lens,
@@ -32,8 +31,8 @@ def is_here(folder) -> bool:
     return (folder / "rgb").is_dir() and (folder / "pose").is_dir()
 
 
-def read(folder, split) -> ImageList:
-    """The images of a split."""
+def read(folder, split):
+    """The images of a split, those missing, and the object's box."""
     images = [p for p in (folder / "rgb").iterdir() if p.suffix.lower() in IMAGE_ENDINGS]
     by_stem = {path.stem: path for path in sorted(images)}
     prefix = "0_" if split == "train" else "1_"
@@ -56,7 +55,7 @@ def read(folder, split) -> ImageList:
         if len(values) < 6:
             raise DatasetError(f"{folder / 'bbox.txt'} has to begin with the six numbers of a box")
         bounds = values[:6].reshape(2, 3)
-    return ImageList(split, tuple(found), tuple(missing), bounds)
+    return found, missing, bounds
 
 
 def numbers(path, shape=None):

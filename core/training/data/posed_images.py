@@ -1,6 +1,8 @@
 """Paths, poses and lenses of a data set, known before any image is read.
 
-One reader for each layout (transforms.py, nsvf.py, colmap.py) makes an `ImageList`.
+Each layout's `read(folder, split)` (transforms.py, nsvf.py, colmap.py) returns the images of the
+split that exist, the names of those that do not, and the lowest and highest corner of the object's
+box [2, 3], None without one.
 """
 
 from collections.abc import Callable
@@ -40,36 +42,6 @@ class PosedImage:
     path: Path
     camera_to_world: np.ndarray
     lens: Callable[[int, int], Lens]
-
-
-@dataclass(frozen=True)
-class ImageList:
-    """The images of one split.
-
-    Attributes:
-        split: "train", "test", ...
-        images: Those that exist, at least one.
-        missing: Names of those that do not.
-        bounds: Lowest and highest corner of the object's box, if the files have one.  [2, 3]
-
-    Raises:
-        NoSplitError: The list is empty.
-        NoImagesError: No image exists.
-    """
-
-    split: str
-    images: tuple[PosedImage, ...]
-    missing: tuple[str, ...] = ()
-    bounds: np.ndarray | None = None
-
-    def __post_init__(self):
-        if not self.images and not self.missing:
-            raise NoSplitError(f"the data set names no {self.split} images")
-        if not self.images:
-            raise NoImagesError(
-                f"none of the {len(self.missing)} {self.split} images is there: "
-                f"{self.missing[0]} (tried as it is, and with {', '.join(IMAGE_ENDINGS)})"
-            )
 
 
 def is_of_split(index: int, count: int, split: str) -> bool:

@@ -47,15 +47,6 @@ class Drawn:
     first: int = 0
 
 
-def empty_drawn(count: int, device) -> Drawn:
-    return Drawn(
-        wp.empty(count, dtype=wp.vec3, device=device),
-        wp.empty(count, dtype=wp.vec3, device=device),
-        wp.empty(count, dtype=wp.vec4, device=device),
-        wp.empty(count, dtype=wp.vec3, device=device),
-    )
-
-
 @wp.func
 def view_of(first_pixels: wp.array(dtype=int), pixel: int):
     """The view that a pixel belongs to, by bisection."""
@@ -122,25 +113,21 @@ class RayBank:
             self.bank.first_pixels = wp.array(dataset.first_pixels.astype(np.int32), dtype=int)
             self.bank.cameras = wp.array(cameras, dtype=DeviceCamera)
             self._random = wp.empty(0, dtype=int)
-            self._no_seed = wp.zeros(1, dtype=int)
 
     @property
     def pixel_count(self) -> int:
         return len(self.bank.pixels)
 
-    def draw(self, seed, drawn: Drawn):
-        """Fill with random rays; the same seed (int [1] on the device) draws the same."""
-        self._launch(self._random, seed, drawn)
+    def draw(self, seed, drawn: Drawn, chosen=None):
+        """Fill with random rays; the same seed (int [1] on the device) draws the same.
 
-    def look_up(self, chosen, drawn: Drawn):
-        """Fill with the rays of given pixels, numbered view by view, row by row.  [R] int"""
-        self._launch(chosen, self._no_seed, drawn)
-
-    def _launch(self, chosen, seed, drawn):
+        Args:
+            chosen: Pixels to take instead, numbered view by view, row by row.  [R] int
+        """
         wp.launch(
             draw_kernel,
             dim=len(drawn.origins),
-            inputs=[self.bank, chosen, seed, drawn.first],
+            inputs=[self.bank, self._random if chosen is None else chosen, seed, drawn.first],
             outputs=[drawn.origins, drawn.directions, drawn.rgba, drawn.background],
             device=self.device,
         )

@@ -18,7 +18,6 @@ from ...render import Lens
 from .posed_images import (
     IMAGE_ENDINGS,
     DatasetError,
-    ImageList,
     NoSplitError,
     PosedImage,
     checked_lens,
@@ -38,8 +37,8 @@ def transforms_path(folder, split) -> Path | None:
     return common if common.is_file() and not (folder / "transforms_train.json").is_file() else None
 
 
-def read(folder, split) -> ImageList:
-    """The images of a split."""
+def read(folder, split):
+    """The images of a split, those missing, no box."""
     path = transforms_path(folder, split)
     try:
         scene = json.loads(path.read_text(encoding="utf-8"))
@@ -63,7 +62,7 @@ def read(folder, split) -> ImageList:
             found.append(PosedImage(image, pose, lens_reader({**scene, **frame}, path)))
         else:
             missing.append(name)
-    return ImageList(split, tuple(found), tuple(missing))
+    return found, missing, None
 
 
 def frames_of(scene, frames, split):

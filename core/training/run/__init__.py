@@ -9,11 +9,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "checkpoint": ["Checkpoint", "load_checkpoint", "save_checkpoint"],
         "differentiable": ["on_warp_stream"],
         "distributed": ["ALONE", "Workers", "torchrun_workers"],
-        "history": ["History"],
-        "loss_watch": ["Diverged"],
         "memory": ["ALLOCATION_ERRORS", "OutOfMemory", "give_memory_back", "lacks_memory"],
+        "monitoring": ["Diverged", "History", "TrainingProgress"],
         "optimization": ["Optimization"],
-        "progress": ["TrainingProgress"],
         "surroundings": [
             "LearnedSurroundings",
             "over",

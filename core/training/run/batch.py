@@ -164,17 +164,12 @@ class Batch:
 
 def looks(bank: RayBank, device, most: int, size: int):
     """Batches of `size` rays through all training pixels, or through `most` random ones."""
-    if bank.pixel_count > most:
-        seed = wp.zeros(1, dtype=int, device=device)
-        for number in range(-(-most // size)):
-            batch = Batch(size, None, device)
-            seed.fill_(number)
-            bank.draw(seed, batch.drawn)
-            yield batch
-    else:
-        everything = np.arange(bank.pixel_count, dtype=np.int32)
-        for first in range(0, bank.pixel_count, size):
-            chosen = wp.array(everything[first : first + size], dtype=int, device=device)
-            batch = Batch(len(chosen), None, device)
-            bank.look_up(chosen, batch.drawn)
-            yield batch
+    seed, chosen = wp.zeros(1, dtype=int, device=device), None
+    for number, first in enumerate(range(0, min(most, bank.pixel_count), size)):
+        if bank.pixel_count <= most:
+            pixels = np.arange(first, min(first + size, bank.pixel_count), dtype=np.int32)
+            chosen = wp.array(pixels, dtype=int, device=device)
+        batch = Batch(size if chosen is None else len(chosen), None, device)
+        seed.fill_(number)
+        bank.draw(seed, batch.drawn, chosen)
+        yield batch

@@ -6,10 +6,7 @@ there are; on CUDA the steps are recorded (recorded_steps.py).  Several workers 
 share of the rays and of the room for samples, and exchange gradients (exchange.py).
 
 Every few steps the occupancy is renewed, the number of rays adapted to the room for samples,
-and the loss examined (loss_watch.py).  Where memory is too small, the room is halved.
-
-Ownership: the TrainingField owns weights and occupancy; the Optimization owns the optimizer,
-the batches and their graphs, the average of the weights, and the watch over the loss.
+and the loss examined (monitoring.py).  Where memory is too small, the room is halved.
 """
 
 from collections.abc import Callable
@@ -25,10 +22,9 @@ from ..train_options import TrainOptions
 from . import recorded_steps
 from .batch import Batch
 from .loss import training_loss
-from .loss_watch import Diverged, LossWatch
 from .memory import ALLOCATION_ERRORS, give_memory_back, halved, memory_name
+from .monitoring import Diverged, LossWatch, TrainingProgress
 from .peer_exchange import make_exchange
-from .progress import TrainingProgress
 from .recorded_steps import RecordedSteps
 from .training_field import TrainingField
 

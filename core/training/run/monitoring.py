@@ -1,0 +1,153 @@
+"""What is done with a run's error every few steps: it is shown, noted and judged.
+
+The history of a run has at most 100 rows a stage.  A row is plain JSON:
+
+    {"seconds": of the run so far, "stage": 1 or 2, "step": of the stage, "psnr": [dB]}
+
+`psnr` comes from the training rays' mean squared error since the row before; a value that is
+read counts for the steps since the last reading.  The last row of a stage grows until it spans
+its share of the steps, so a resumed run needs nothing but the rows.
+"""
+
+import time
+from collections.abc import Callable
+from math import isfinite, log10
+
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from .training_field import TrainingField
+
+MOST_ROWS = 100  # of a stage
+LEAST_ERROR = 1e-12  # of equal images, whose PSNR would be infinite
+SNAPSHOT_INTERVAL = 512  # steps from one set of good weights to the next
+DIVERGED_FACTOR = 20.0  # of the smoothed loss over the lowest so far
+SMOOTHING = 0.8  # of the loss, from one look to the next
+
+
+def psnr_of(mse: float) -> float:
+    """PSNR of a mean squared error of values in [0, 1].  [dB]"""
+    return -10.0 * log10(max(mse, LEAST_ERROR))
+
+
+class TrainingProgress:
+    """A bar per stage, if it is to be `shown`: PSNR, samples per second, time left.
+
+    A context manager.
+    """
+
+    def __init__(self, shown=True):
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+            TextColumn("{task.fields[psnr]}"),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+            disable=not shown,
+        )
+
+    def __enter__(self):
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_):
+        self._bar.stop()
+
+    def begin(self, title: str, step_count: int, done: int = 0):
+        self._since = time.perf_counter()
+        return self._bar.add_task(title, total=step_count, completed=done, psnr="", rate="")
+
+    def say(self, sentence: str):
+        """A line above the bar."""
+        self._bar.console.print(sentence)
+
+    def advance(self, task, step_count: int, mse: float, sample_count: int):
+        """Count steps; `mse` and `sample_count` are those of the last one."""
+        now = time.perf_counter()
+        rate = step_count * sample_count / max(now - self._since, 1e-9)
+        self._since = now
+        self._bar.update(
+            task,
+            advance=step_count,
+            psnr=f"{psnr_of(mse):.2f} dB" if isfinite(mse) else "lost",
+            rate=f"{rate / 1e6:.1f} M samples/s",
+        )
+
+
+class History:
+    """The part of a run's history that one stage writes.
+
+    Args:
+        rows: Rows of the run so far; new rows are appended, and the last one is replaced.
+        step_count: Number of steps of the stage.
+        seconds: The run's clock.
+    """
+
+    def __init__(self, rows: list[dict], stage: int, step_count: int, seconds: Callable[[], float]):
+        self.rows, self.stage, self.seconds = rows, stage, seconds
+        self.span = -(-step_count // MOST_ROWS)  # steps of a row, at least
+
+    def note(self, step: int, mse: float):
+        """Add the error after that many steps of the stage, if it is finite."""
+        mine = [row for row in self.rows[-2:] if row["stage"] == self.stage]
+        last = mine[-1]["step"] if mine else 0
+        # A run that was interrupted at a stage's end notes its last step twice.
+        if step <= last or not isfinite(mse):
+            return
+        begin = mine[0]["step"] if len(mine) == 2 else 0  # of the last row
+        kept = len(self.rows)
+        if mine and last - begin < self.span:
+            total = (last - begin) * 10.0 ** (-0.1 * mine[-1]["psnr"]) + (step - last) * mse
+            mse = total / (step - begin)
+            kept -= 1
+        row = {"seconds": self.seconds(), "stage": self.stage, "step": step, "psnr": psnr_of(mse)}
+        self.rows[kept:] = [row]  # one assignment, because Ctrl-C comes at any time
+
+
+class Diverged(Exception):
+    """The loss diverged: the message is one sentence, the field has its last good weights."""
+
+
+class LossWatch:
+    """Keeps good weights of a field, to return to when its loss diverges."""
+
+    def __init__(self, field: TrainingField):
+        self.field = field
+        self._smooth = self._lowest = None
+        self._good, self._good_number = None, 0
+
+    def examine(self, error: float, number: int, step_count: int):
+        """Keep the weights of step `number` from time to time.
+
+        Raises:
+            Diverged: The error isn't finite or far above its lowest value, or a weight isn't
+                finite.
+        """
+        if not isfinite(error):
+            self._give_up(f"the loss became {error}", number, step_count)
+        if self._smooth is None:
+            self._smooth = self._lowest = error
+        self._smooth = SMOOTHING * self._smooth + (1.0 - SMOOTHING) * error
+        self._lowest = min(self._lowest, self._smooth)
+        if self._smooth > DIVERGED_FACTOR * self._lowest:
+            what = f"the loss rose from {self._lowest:.2g} to {self._smooth:.2g}"
+            self._give_up(what, number, step_count)
+        # Early on, when much is learned in few steps, more often.
+        if number - self._good_number >= min(SNAPSHOT_INTERVAL, max(self._good_number, 1)):
+            if not self.keep_good(number):
+                self._give_up("a weight became infinite", number, step_count)
+
+    def keep_good(self, number: int) -> bool:
+        """Keep the weights of step `number`, if they are finite; whether they are."""
+        weights = [p.detach() for p in self.field.parameters()]
+        finite = all(bool(w.isfinite().all()) for w in weights)
+        if finite:
+            self._good, self._good_number = [w.clone() for w in weights], number
+        return finite
+
+    def _give_up(self, what, number, step_count):
+        self.field.set_weights(self._good)
+        raise Diverged(
+            f"{what} at step {number} of {step_count}; the model has the weights of "
+            f"step {self._good_number}"
+        )
