@@ -1,7 +1,6 @@
 """A model against images that it has not seen: PSNR, SSIM and opacity, view by view.
 
-Render and truth are composited over white.  The alpha error is the mean of |α − α_truth|; it
-is None where the data have no alpha.  Seconds are those of one render and of its copy to
+Render and truth are composited over white.  Seconds are those of one render and of its copy to
 the host, without the first compilation of the kernels.
 """
 
@@ -48,7 +47,6 @@ def evaluate(
     Args:
         out_dir: Folder of report.json and an image per view: render, truth, their difference
             and the render's accumulation (opacity).
-        device: "cpu" or "cuda:0".
         options: RenderOptions; their background is replaced by white.
         model_path: The file that the field came from; the report then says its size.
         lpips: An Lpips with its weights; None leaves that metric out.
@@ -70,7 +68,11 @@ def evaluate(
     renderer = Renderer(field, device=device)
     poses = in_space(dataset.poses, field.world_to_model)
     views = [Camera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True)]
-    around = learned_surroundings(field, device)
+    around = None
+    if field.surroundings is not None:
+        from .run import LearnedSurroundings  # with torch
+
+        around = LearnedSurroundings(field.surroundings, device)
     small = Camera(poses[0], dataset.lenses[0].resized(8, 8))
     render_view(renderer, around, small, options)  # compiles the kernels
     has_alpha = dataset.has_alpha
@@ -150,21 +152,11 @@ def check_replaceable(report_path: Path, *picture_paths: Path):
 
 
 def is_report(path: Path) -> bool:
-    """Whether a file is a report that `evaluate` wrote."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return False
     return isinstance(content, dict) and content.keys() >= REPORT_KEYS
-
-
-def learned_surroundings(field, device):
-    """The surroundings on a device, or None; torch is imported only for them."""
-    if field.surroundings is None:
-        return None
-    from .run import LearnedSurroundings
-
-    return LearnedSurroundings(field.surroundings, device)
 
 
 def render_view(renderer, around, camera, options):
@@ -255,7 +247,6 @@ def side_by_side(rendered, truth):
 
 
 def write_report(report: dict, path: Path):
-    """Write a report of `evaluate` to another file."""
     with whole_file(path) as partial:
         partial.write_text(as_json(report), encoding="utf-8")
 

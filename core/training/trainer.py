@@ -22,18 +22,9 @@ import torch
 import warp as wp
 
 from ..field import FieldOptions, TetField, below_pixel, level_edges, narrowest_pixel
-from ..geometry import (
-    TetMesh,
-    a15_grid,
-)
+from ..geometry import TetMesh, a15_grid
 from ..render import in_space
-from .data import (
-    Dataset,
-    RayBank,
-    learns_surroundings,
-    object_box,
-    world_to_unit_cube,
-)
+from .data import Dataset, RayBank, learns_surroundings, object_box, world_to_unit_cube
 from .run import (
     ALLOCATION_ERRORS,
     ALONE,
@@ -113,8 +104,8 @@ def train(
         on_pause: Called every few steps with the stage's number, the seconds so far and a
             function that exports the field as it stands, for use within the call.  The run's
             clock stops meanwhile; memory that the call takes is counted.
-        workers: Who trains together; all make the same call, each with its own device.  All
-            get the field, the first writes checkpoints and calls `on_pause`.
+        workers: Who trains together; all make the same call, each with its own device, and all
+            get the field.  The first writes checkpoints and calls `on_pause`.
 
     Raises:
         DatasetError: Stage 1 found nothing in the scene box.
@@ -131,15 +122,7 @@ def train(
         TrainingProgress(workers.is_first) as progress,
     ):
         run = _Run(
-            dataset,
-            options,
-            device,
-            name,
-            checkpoint_path,
-            resumed,
-            on_pause,
-            workers,
-            progress,
+            dataset, options, device, name, checkpoint_path, resumed, on_pause, workers, progress
         )
         return run.train()
 
@@ -233,7 +216,7 @@ class _Run:
         return kept_mesh(self.field)
 
     def _train_fine(self, mesh) -> str | None:
-        """Stage 2; a sentence if one worker lacks the memory to hide what no image sees."""
+        """Stage 2; a sentence if a single worker lacks the memory to hide what no image sees."""
         self._train_stage(2, mesh, field_options(self.options), self.options.fine_steps)
         try:
             self._hide_unseen(FINE_LOOK, UNSEEN_WEIGHT)
@@ -306,30 +289,19 @@ class _Run:
             except ALLOCATION_ERRORS as second:
                 if not lacks_memory(second):
                     raise
-        parts = [str(OutOfMemory.of(error))]
-        if consequence:
-            parts.append(consequence)
-        if self.resumable:
-            parts.append(f"with more memory, --resume continues from {self.checkpoint_path}")
-        return OutOfMemory("; ".join(parts))
+        resume = f"with more memory, --resume continues from {self.checkpoint_path}"
+        parts = (str(OutOfMemory.of(error)), consequence, self.resumable and resume)
+        return OutOfMemory("; ".join(filter(None, parts)))
 
     def _save(self, ends=False):
-        """Write a checkpoint; say so if that fails.
-
-        Args:
-            ends: Whether the run ends here.
-        """
+        """Write a checkpoint; say so if that fails.  `ends`: whether the run ends here."""
         if self.optimization is None:
             return
         state = self.optimization.state()  # every worker has a part of it
         place = self.stage, self.optimization.number
         if self.checkpoint_path is None or self.saved_place == place:
             return
-        report = {
-            **self.report,
-            "seconds": self._seconds(),
-            "peak_memory_bytes": self.memory,
-        }
+        report = {**self.report, "seconds": self._seconds(), "peak_memory_bytes": self.memory}
         checkpoint = Checkpoint(
             self.options, self.stage, self.field.mesh, state, self.world_to_model, report
         )

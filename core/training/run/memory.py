@@ -7,7 +7,6 @@ import torch
 from .distributed import Workers
 
 ADVICE = "shrink the images with --image-size, or take --preset tiny"
-GPU, COMPUTER = "GPU's memory", "computer's memory"
 ALLOCATION_ERRORS = (RuntimeError, MemoryError)  # some of them; `lacks_memory` tells which
 CPU_ALLOCATOR = "DefaultCPUAllocator"  # torch's, in its messages
 
@@ -31,10 +30,10 @@ def lacks_memory(error) -> bool:
 
 
 def memory_name(error) -> str:
-    """The memory in which an allocation failed: GPU or COMPUTER."""
+    """The memory in which an allocation failed, in words."""
     said = str(error)
     on_cpu = isinstance(error, MemoryError) or CPU_ALLOCATOR in said or "on device 'cpu'" in said
-    return COMPUTER if on_cpu else GPU
+    return "computer's memory" if on_cpu else "GPU's memory"
 
 
 def halved(error, size: int, least: int, what: str, workers: Workers) -> int:

@@ -13,7 +13,7 @@ Shapes: R rays, K_f + K_b pieces per ray.
 """
 
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, starmap
 
 import numpy as np
 import torch
@@ -166,12 +166,7 @@ def surrounded_cost(weight, distortion, opacity, front_opacity):
 
 
 class LearnedSurroundings(torch.nn.Module):
-    """The surroundings on a device, for training and for evaluation.
-
-    Args:
-        start: Initial values; see `random_surroundings`.
-        device: A Warp device.
-    """
+    """The surroundings on a device, for training and for evaluation."""
 
     def __init__(self, start: Surroundings, device):
         super().__init__()
@@ -214,19 +209,16 @@ class LearnedSurroundings(torch.nn.Module):
         )
         features = GridEncode.apply(self.table, points, self._resolutions)
         sigma, rgb = self.networks(features, basis)
-        split = rays * FRONT_PIECES
-        front = self._composite(sigma[:split], rgb[:split], length[:split], t[:split], FRONT_PIECES)
-        behind = self._composite(
-            sigma[split:], rgb[split:], length[split:], t[split:], BEHIND_PIECES
-        )
+        samples, split = (sigma, rgb, length, t), rays * FRONT_PIECES
+        front = self._composite(rays, FRONT_PIECES, [array[:split] for array in samples])
+        color, opacity = self._composite(rays, BEHIND_PIECES, [array[split:] for array in samples])
         sky = torch.sigmoid(self.sky_logit)
-        return front, behind[0] + (1.0 - behind[1][:, None]) * sky
+        return front, color + (1.0 - opacity[:, None]) * sky
 
-    def _composite(self, sigma, rgb, length, t, pieces):
-        rays = len(length) // pieces
-        ends = torch.arange(1, rays + 1, dtype=torch.int32, device=sigma.device) * pieces
+    def _composite(self, rays, pieces, samples):
+        ends = torch.arange(1, rays + 1, dtype=torch.int32, device=self.table.device) * pieces
         counts = wp.from_torch(torch.full_like(ends, pieces))
-        return Composite.apply(sigma, rgb, length, t, counts, wp.from_torch(ends))[:2]
+        return Composite.apply(*samples, counts, wp.from_torch(ends))[:2]
 
     def export(self) -> Surroundings:
         density, color = self.networks.layers()
@@ -243,22 +235,12 @@ def random_surroundings(box, seed=0) -> Surroundings:
     """The surroundings that learning begins with: thin gray fog."""
     rng = np.random.default_rng(seed)
 
-    def layers(*widths):
-        return tuple(
-            (
-                rng.uniform(-1, 1, (i, o)).astype(np.float32) * np.float32(np.sqrt(6.0 / i)),
-                np.zeros(o, np.float32),
-            )
-            for i, o in pairwise(widths)
-        )
+    def layer(fan_in, fan_out):
+        weights = rng.uniform(-1, 1, (fan_in, fan_out)).astype(np.float32)
+        return weights * np.float32(np.sqrt(6.0 / fan_in)), np.zeros(fan_out, np.float32)
 
     table = rng.uniform(-1, 1, (GRID_LEVELS * GRID_ENTRIES, 4)) * INITIAL_CONTRAST
-    density, color = (layers(*widths) for widths in surroundings_widths())
+    table, sky = table.astype(np.float32), np.full(3, 0.5, np.float32)
+    density, color = (tuple(starmap(layer, pairwise(w))) for w in surroundings_widths())
     density[-1][1][0] = INITIAL_LOG_SIGMA
-    return Surroundings(
-        np.asarray(box, float),
-        table.astype(np.float32),
-        density,
-        color,
-        np.full(3, 0.5, np.float32),
-    )
+    return Surroundings(np.asarray(box, float), table, density, color, sky)
