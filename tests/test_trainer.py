@@ -52,17 +52,7 @@ def test_half_precision_in_the_file_costs_nothing_visible(ball_data, trained, tm
 @pytest.mark.parametrize("after", [5, 75])
 def test_an_interrupt_leaves_the_field_as_it_is(ball_data, monkeypatch, after):
     """In stage 1 and in stage 2."""
-    draws = 0
-    draw = RayBank.draw
-
-    def interrupting(self, seed, drawn):
-        nonlocal draws
-        draws += 1
-        if draws > after:
-            raise KeyboardInterrupt
-        draw(self, seed, drawn)
-
-    monkeypatch.setattr(RayBank, "draw", interrupting)
+    Interrupting(monkeypatch, after)
     trained = trainer.train(ball_data[0], SMALL, "cpu", "ball")
     assert trained.interrupted
     assert trained.report["interrupted"]

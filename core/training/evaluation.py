@@ -137,12 +137,9 @@ def output_paths(out_dir, dataset: Dataset) -> list[Path]:
 
 
 def check_replaceable(report_path: Path, *picture_paths: Path):
-    """Raise ValueError if a file with content exists that `evaluate` did not write.
-
-    A report of `evaluate` shows that the pictures beside it are its own too.
-    """
+    """Raise ValueError if a file with content exists that `evaluate` did not write."""
     if is_report(report_path):
-        return
+        return  # the pictures beside it are ours too
     for path in (report_path, *picture_paths):
         if path.exists() and path.stat().st_size:
             raise ValueError(

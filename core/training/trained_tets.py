@@ -17,7 +17,7 @@ def boxed(mesh: TetMesh, box, spacing) -> TetMesh:
 
 
 def kept_mesh(field: TrainingField) -> TetMesh:
-    """The tets that stage 2 is about: occupied, their neighbours, enclosed; no floaters.
+    """The tets of stage 2: occupied, their neighbours, enclosed; no floaters.
 
     Raises:
         DatasetError: Nothing is occupied.

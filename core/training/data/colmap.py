@@ -10,13 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...render import Lens
-from .posed_images import (
-    DatasetError,
-    PosedImage,
-    checked_lens,
-    from_opencv,
-    is_of_split,
-)
+from .posed_images import DatasetError, PosedImage, checked_lens, from_opencv, is_of_split
 
 # Where each model has fx, fy, cx, cy, k1, k2, p1, p2 among its parameters; None is zero.
 PARAMETERS = {

@@ -170,10 +170,7 @@ def shrunk_size(size, image_size):
 
 
 def check_pixel_count(sizes):
-    """Raise DatasetError if images of these widths and heights have too many pixels to train on.
-
-    The message says to which longer side they have to be shrunk.
-    """
+    """DatasetError, which names an --image-size, if these are too many pixels to train on."""
 
     def count(image_size=None):
         return sum(width * height for width, height in (shrunk_size(s, image_size) for s in sizes))

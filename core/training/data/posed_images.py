@@ -86,8 +86,7 @@ def checked_lens(lens: Lens, where) -> Lens:
     """The lens, if a camera can have it.
 
     Raises:
-        DatasetError: A number is not finite, the focal length not positive, the principal
-            point far outside the image, or a pixel has no ray.
+        DatasetError: No camera has such numbers, or a pixel has no ray.
     """
     numbers = np.array([*lens.focal, *lens.center, *lens.radial, *lens.tangential])
     size = np.array([lens.width, lens.height])

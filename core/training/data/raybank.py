@@ -93,11 +93,7 @@ def draw_kernel(
 
 
 class RayBank:
-    """Draws pixels of a data set as rays with their straight-alpha color.
-
-    Raises:
-        DatasetError: The data set has more pixels than an array can index.
-    """
+    """Draws pixels of a data set; DatasetError if these are more than an array can index."""
 
     def __init__(self, dataset: Dataset, world_to_model, device):
         check_pixel_count([(lens.width, lens.height) for lens in dataset.lenses])

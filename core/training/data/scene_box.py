@@ -22,8 +22,7 @@ def world_to_unit_cube(dataset: Dataset, aabb=None, radius=None):
     """The similarity from the data's space to model space.  [4, 4]
 
     Args:
-        aabb: Lowest and highest corner of the object's box.  [6]
-        radius: Half the edge of a cube around the origin.
+        aabb, radius: The user's; see TrainOptions.
 
     Raises:
         DatasetError: The box is empty, or the cameras don't look at one place.
@@ -49,11 +48,7 @@ def object_box(world_to_model, aabb=None):
 
 
 def learns_surroundings(choice: str, dataset: Dataset) -> bool:
-    """Whether the object's surroundings are learned from these images.
-
-    Args:
-        choice: TrainOptions.surroundings.
-    """
+    """Whether surroundings are learned from these images, by TrainOptions.surroundings."""
     if choice == "auto":
         return not dataset.has_alpha and not has_white_border(dataset)
     return choice == "learnt"
@@ -86,11 +81,7 @@ def box_to_unit_cube(box, name):
 
 
 def focus(poses):
-    """The point with the least squared distance to all cameras' axes.  [3]
-
-    Raises:
-        DatasetError: The axes are nearly parallel, so there is no such point.
-    """
+    """The point with the least squared distance to all cameras' axes.  [3]"""
     origins, axes = poses[:, :3, 3], poses[:, :3, 2]
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # projectors across each axis
     mean = across.mean(axis=0)

@@ -12,11 +12,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "memory": ["ALLOCATION_ERRORS", "OutOfMemory", "give_memory_back", "lacks_memory"],
         "monitoring": ["Diverged", "History", "TrainingProgress"],
         "optimization": ["Optimization"],
-        "surroundings": [
-            "LearnedSurroundings",
-            "over",
-            "random_surroundings",
-        ],
+        "surroundings": ["LearnedSurroundings", "over", "random_surroundings"],
         "training_field": ["TrainingField"],
     },
 )

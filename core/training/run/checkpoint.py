@@ -27,23 +27,14 @@ class CheckpointError(ValueError):
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The state of a run.
-
-    Attributes:
-        options: Options of the run.
-        stage: 1 or 2.
-        mesh: The stage's mesh.
-        fit: `Optimization.state()`: steps done, weights, optimizer, occupancy.
-        world_to_model: [4, 4]
-        report: Figures of the run so far.
-    """
+    """The state of a run."""
 
     options: TrainOptions
-    stage: int
-    mesh: TetMesh
-    fit: dict
-    world_to_model: np.ndarray
-    report: dict
+    stage: int  # 1 or 2
+    mesh: TetMesh  # of the stage
+    fit: dict  # `Optimization.state()`: steps done, weights, optimizer, occupancy
+    world_to_model: np.ndarray  # [4, 4]
+    report: dict  # figures of the run so far
 
 
 def save_checkpoint(checkpoint: Checkpoint, path):

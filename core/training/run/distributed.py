@@ -23,12 +23,7 @@ PATIENCE = timedelta(minutes=30)  # with a worker that works alone, as when it e
 
 
 class Workers:
-    """All workers, as one of them sees them.
-
-    Attributes:
-        rank: This worker's index.
-        count: Number of workers.
-    """
+    """All `count` workers, as the one with index `rank` sees them."""
 
     def __init__(self, rank=0, count=1, device="cpu"):
         self.rank, self.count = rank, count
@@ -130,11 +125,7 @@ ALONE = Workers()
 
 @contextmanager
 def torchrun_workers(device):
-    """The Workers that torchrun has started, or ALONE without it.
-
-    Args:
-        device: This worker's, a Warp device.
-    """
+    """The Workers that torchrun has started, or ALONE; `device` is this worker's."""
     count = int(os.environ.get("WORLD_SIZE", 1))
     if count == 1:
         yield ALONE

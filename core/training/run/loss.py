@@ -2,9 +2,8 @@
 
     loss = mean over rays of (squared error + distortion weight · distortion)
 
-Images with alpha are composited on a random background per ray or on white, as the caller
-says, so that empty space learns to be empty.  Where the surroundings are learned beside the
-object, `surrounded_cost` replaces the second term.
+Images with alpha are composited on a random background per ray or on white, so that empty
+space learns to be empty.  Where surroundings are learned, `surrounded_cost` is the second term.
 """
 
 import torch
@@ -17,12 +16,11 @@ from .training_field import TrainingField
 def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: float):
     """The loss of a marched batch, to be differentiated, and its mean squared error.
 
+    Rays whose samples didn't fit the batch have no part in them.
+
     Args:
         white: 1 for a white background, 0 for each ray's random one.  torch [1]
         distortion_weight: Weight of the distortion loss (Mip-NeRF 360, Eq. 15).
-
-    Returns:
-        loss [], error [].  Rays whose samples didn't fit the batch have no part in them.
     """
     color, opacity, distortion, _ = field.composite(batch)
     target, alpha = batch.rgba[:, :3], batch.rgba[:, 3:]

@@ -41,8 +41,7 @@ def halved(error, size: int, least: int, what: str, workers: Workers) -> int:
 
     Args:
         error: Why `size` was too much; anything but a lack of memory is raised again.
-        size: Number of items per pass, on all GPUs together.
-        least: The smallest size that makes sense.
+        size, least: Items per pass, on all GPUs together, and the fewest that make sense.
         what: The size's unit, for messages.
 
     Raises:
@@ -64,12 +63,7 @@ def halved(error, size: int, least: int, what: str, workers: Workers) -> int:
 
 
 def within_memory(work: Callable, size: int, least: int, what: str, workers: Workers, device):
-    """`work(size)`, with half the size as often as that is too much for the memory.
-
-    Args:
-        size, least, what, workers: See `halved`.
-        device: A Warp device.
-    """
+    """`work(size)`, with half the size as often as memory is too small; see `halved`."""
     while True:
         try:
             return work(size)

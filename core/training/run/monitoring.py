@@ -30,10 +30,7 @@ def psnr_of(mse: float) -> float:
 
 
 class TrainingProgress:
-    """A bar per stage, if it is to be `shown`: PSNR, samples per second, time left.
-
-    A context manager.
-    """
+    """A bar per stage, if it is to be `shown`; a context manager."""
 
     def __init__(self, shown=True):
         self._bar = Progress(
@@ -75,16 +72,10 @@ class TrainingProgress:
 
 
 class History:
-    """The part of a run's history that one stage writes.
+    """The part of a run's history that one stage writes into the rows of the run so far."""
 
-    Args:
-        rows: Rows of the run so far; new rows are appended, and the last one is replaced.
-        step_count: Number of steps of the stage.
-        seconds: The run's clock.
-    """
-
-    def __init__(self, rows: list[dict], stage: int, step_count: int, seconds: Callable[[], float]):
-        self.rows, self.stage, self.seconds = rows, stage, seconds
+    def __init__(self, rows: list[dict], stage: int, step_count: int, clock: Callable[[], float]):
+        self.rows, self.stage, self.clock = rows, stage, clock
         self.span = -(-step_count // MOST_ROWS)  # steps of a row, at least
 
     def note(self, step: int, mse: float):
@@ -100,7 +91,7 @@ class History:
             total = (last - begin) * 10.0 ** (-0.1 * mine[-1]["psnr"]) + (step - last) * mse
             mse = total / (step - begin)
             kept -= 1
-        row = {"seconds": self.seconds(), "stage": self.stage, "step": step, "psnr": psnr_of(mse)}
+        row = {"seconds": self.clock(), "stage": self.stage, "step": step, "psnr": psnr_of(mse)}
         self.rows[kept:] = [row]  # one assignment, because Ctrl-C comes at any time
 
 
@@ -117,11 +108,10 @@ class LossWatch:
         self._good, self._good_number = None, 0
 
     def examine(self, error: float, number: int, step_count: int):
-        """Keep the weights of step `number` from time to time.
+        """Judge the error of step `number`; keep its weights from time to time.
 
         Raises:
-            Diverged: The error isn't finite or far above its lowest value, or a weight isn't
-                finite.
+            Diverged: The error isn't finite or far above its lowest, or a weight isn't finite.
         """
         if not isfinite(error):
             self._give_up(f"the loss became {error}", number, step_count)

@@ -114,8 +114,7 @@ class Optimization:
 
         Args:
             after_pause: Called every few steps.
-            note: Called every few steps with the number of steps and the last one's error,
-                which may be infinite or NaN.
+            note: The same, with the number of steps and the last one's error, finite or not.
 
         Raises:
             Diverged: See there.
@@ -167,18 +166,11 @@ class Optimization:
         return self._batches[max(self.number - 1, 0) % len(self._batches)]
 
     def sample_count(self) -> int:
-        """Samples that the last step's rays had, those left out included.
-
-        It waits for the device, and for the other workers.
-        """
+        """Samples of the last step's rays, those left out too; waits for device and workers."""
         return self.workers.total(int(wp.to_torch(self.batch.ends)[-1]))
 
     def set_ray_count(self, ray_count: int, room: int | None = None):
-        """Take that many rays for a step; on CUDA the next step records new graphs.
-
-        Args:
-            room: Rays that the graphs are for, by default `ray_count`.
-        """
+        """Take that many rays for a step; on CUDA the next step records new graphs, for `room`."""
         device = self.field.device
         self._forget_batches()
         samples, copies = None, 1  # the CPU makes room for what each march finds
@@ -358,8 +350,7 @@ class Optimization:
 def next_ray_count(ray_count, sample_count, room):
     """The number of rays whose samples fill the room without overflowing it.
 
-    The count changes only if the room is less than 80 % full or overflows, because CUDA
-    graphs may have to be recorded again.
+    It stays while the room is 80 to 100 % full: CUDA graphs may have to be recorded again.
     """
     filled = sample_count / room
     if 0.8 <= filled <= 1.0:

@@ -252,7 +252,7 @@ class TrainingField:
 
     @torch.no_grad()
     def load_state(self, state: dict):
-        """Go on from `state`, which has to be that of a field with this mesh and options."""
+        """Go on from the state of a field with this mesh and options."""
         self.set_weights(state["parameters"])
         for name in ("thickness", "occupied", "hidden"):
             getattr(self, name).copy_(state[name])
