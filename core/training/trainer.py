@@ -57,23 +57,14 @@ CHECKPOINT_SECONDS = 60.0
 
 @dataclass
 class Trained:
-    """The result of `train`.
+    """The result of `train`."""
 
-    Attributes:
-        field: The trained field, perhaps unfinished.
-        report: Figures of the run, plain JSON values.
-        interrupted: Ctrl-C ended it early.
-        diverged: Why it ended early, a sentence, or None.
-        out_of_memory: If memory was too small to hide what no image sees at the end, a sentence.
-        resumable: Whether `checkpoint_path` holds a checkpoint of this run.
-    """
-
-    field: TetField
-    report: dict
-    interrupted: bool
-    diverged: str | None = None
-    out_of_memory: str | None = None
-    resumable: bool = False
+    field: TetField  # perhaps unfinished
+    report: dict  # figures of the run, plain JSON values
+    interrupted: bool  # by Ctrl-C
+    diverged: str | None = None  # why it ended early, a sentence
+    out_of_memory: str | None = None  # a sentence, if what no image sees could not be hidden
+    resumable: bool = False  # whether `checkpoint_path` holds a checkpoint of this run
 
     @property
     def complete(self) -> bool:

@@ -8,11 +8,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "datasets": ["Dataset", "load_dataset", "track", "white_composite"],
         "posed_images": ["DatasetError", "NoImagesError", "NoSplitError"],
         "raybank": ["Drawn", "RayBank"],
-        "scene_box": [
-            "has_white_border",
-            "learns_surroundings",
-            "object_box",
-            "world_to_unit_cube",
-        ],
+        "scene_box": ["learns_surroundings", "object_box", "world_to_unit_cube"],
     },
 )

@@ -31,17 +31,11 @@ class NoImagesError(DatasetError):
 
 @dataclass(frozen=True)
 class PosedImage:
-    """An image that exists, its camera's pose and lens.
-
-    Attributes:
-        path: The image's file.
-        camera_to_world: OpenGL's axes: the camera looks along -z, y is up.  [4, 4]
-        lens: The lens for an image of that width and height on disk.
-    """
+    """An image that exists, its camera's pose and lens."""
 
     path: Path
-    camera_to_world: np.ndarray
-    lens: Callable[[int, int], Lens]
+    camera_to_world: np.ndarray  # [4, 4] OpenGL's axes: the camera looks along -z, y is up
+    lens: Callable[[int, int], Lens]  # for an image of that width and height on disk
 
 
 def is_of_split(index: int, count: int, split: str) -> bool:

@@ -81,7 +81,7 @@ def box_to_unit_cube(box, name):
 
 
 def focus(poses):
-    """The point with the least squared distance to all cameras' axes.  [3]"""
+    """The point nearest to all cameras' axes by squared distance; they can't be parallel.  [3]"""
     origins, axes = poses[:, :3, 3], poses[:, :3, 2]
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # projectors across each axis
     mean = across.mean(axis=0)

@@ -14,7 +14,7 @@ from .training_field import TrainingField
 
 
 def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: float):
-    """The loss of a marched batch, to be differentiated, and its mean squared error.
+    """The loss [] of a marched batch, to be differentiated, and its mean squared error [].
 
     Rays whose samples didn't fit the batch have no part in them.
 

@@ -170,7 +170,7 @@ class Optimization:
         return self.workers.total(int(wp.to_torch(self.batch.ends)[-1]))
 
     def set_ray_count(self, ray_count: int, room: int | None = None):
-        """Take that many rays for a step; on CUDA the next step records new graphs, for `room`."""
+        """Take that many rays a step; on CUDA the next one records graphs for `room` of them."""
         device = self.field.device
         self._forget_batches()
         samples, copies = None, 1  # the CPU makes room for what each march finds
