@@ -108,7 +108,7 @@ def test_what_is_thrown_flies_on(device):
     x.release()
     before = positions(x)
     run(x, 1.0)
-    np.testing.assert_allclose(positions(x), before, atol=1e-6)
+    np.testing.assert_allclose(positions(x), before, atol=1e-5)  # roundings of 1 s
 
 
 def test_a_spring_with_an_unreachable_target_stays_finite(device):
