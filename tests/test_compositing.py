@@ -9,7 +9,7 @@ from deformrf.core.render.rounds.compositing import composite_reference
 from deformrf.core.training.run.differentiable import Composite
 
 
-def random_samples(ray_count=40, longest=30):
+def random_samples(ray_count=40, longest=100):
     """Packed samples of rays, some of which have none."""
     rng = np.random.default_rng()
     counts = rng.integers(0, longest, ray_count)
@@ -76,7 +76,7 @@ def test_forward_kernel_matches_the_reference(device):
 
 
 def test_gradients_match_finite_differences_of_the_reference(device):
-    sigma, rgb, length, t, counts = samples = random_samples(ray_count=12, longest=20)
+    sigma, rgb, length, t, counts = samples = random_samples(ray_count=12, longest=45)
     rng = np.random.default_rng()
     weights = [rng.normal(size=s) for s in ((12, 3), 12, 12)]
 
