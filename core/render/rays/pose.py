@@ -171,8 +171,9 @@ def box_tree(vertices, groups, ids=None, old: wp.Bvh | None = None) -> wp.Bvh:
     device = vertices.device
     ids = wp.empty(0, dtype=int, device=device) if ids is None else ids
     count = len(ids) or len(groups)
-    boxes = [wp.empty(count, dtype=wp.vec3, device=device) for _ in range(2)]
-    if old:
+    if old is None:
+        boxes = [wp.empty(count, dtype=wp.vec3, device=device) for _ in range(2)]
+    else:
         boxes = [old.lowers, old.uppers]
     wp.launch(boxes_kernel, count, inputs=[vertices, groups, ids], outputs=boxes, device=device)
     if old is None:

@@ -1,8 +1,8 @@
 """Several processes that learn one field, each with a GPU of its own.
 
-torchrun starts them.  Each draws its share of a step's rays; the weights are the same on all
-of them after each step (exchange.py).  So is what decides how a run goes on: it is summed, or
-taken from the first worker.
+torchrun starts them.  Each draws its share of a step's rays; the weights that rays are rendered
+with are the same on all of them after each step (exchange.py, peer_exchange.py).  So is what
+decides how a run goes on: it is summed, or taken from the first worker.
 
 A process by itself is a worker as well, ALONE, and exchanges nothing.
 """

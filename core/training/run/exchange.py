@@ -6,13 +6,14 @@ The table holds nearly all weights, so each worker updates one part of it:
     all-reduce       the sums of all other gradients and errors, and the number of rays
     all-gather       the parts of the table after their update
 
-All other weights are few; every worker makes the same update of all of them.
+Every worker makes the same update of all other weights.
 
 On CUDA a table gradient travels as bfloat16, which has the range of float32 and rounds a value
-by at most 2⁻⁸ of it.  Each of N workers rounds its gradient, and the reduction rounds each of
-its N − 1 sums.  So the error of a sum is at most about N · 2⁻⁸ · Σ |gradient|; where gradients
-of opposite signs cancel, that is much of the sum.  The table travels as the float16 values that
-the encoder reads in any case.  So the float32 table is whole on no worker until `make_whole`.
+by at most 2⁻⁸ of it.  Each of N workers rounds its gradient, and the reduce-scatter rounds each
+of its N − 1 sums (peers' sums are float32, see peer_exchange.py).  So the error of a sum is at
+most about N · 2⁻⁸ · Σ |gradient|; where gradients of opposite signs cancel, that is much of the
+sum.  The table travels as the float16 values that the encoder reads in any case.  So the float32
+table is whole on no worker until `make_whole`.
 """
 
 import torch

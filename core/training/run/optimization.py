@@ -141,6 +141,8 @@ class Optimization:
                 self.step(rate, white)
             except ALLOCATION_ERRORS as error:
                 self._halve_room(progress, error)
+        if self._recorded:
+            self._recorded.wait()  # whoever takes the batches' memory next must not meet a march
         self._make_whole()
         self._examine(progress, task, note)
         self._average_weights()
@@ -268,12 +270,13 @@ class Optimization:
         ray_count = next_ray_count(self.ray_count, sample_count, self.samples_per_step)
         if ray_count == self.ray_count:
             return
-        if self._recorded and LEAST_USED * self._ray_room <= ray_count <= self._ray_room:
-            self.ray_count = ray_count  # of the batches that are marched from now on
-        elif self.field.device.is_cuda and not self.field.surroundings:
-            self.set_ray_count(ray_count, int(RAY_ROOM * ray_count))
-        else:  # surroundings are evaluated for rays that are not in use as well
+        # Surroundings are evaluated for rays that are not in use as well.
+        if self._recorded is None or self.field.surroundings:
             self.set_ray_count(ray_count)
+        elif LEAST_USED * self._ray_room <= ray_count <= self._ray_room:
+            self.ray_count = ray_count  # of the batches that are marched from now on
+        else:
+            self.set_ray_count(ray_count, int(RAY_ROOM * ray_count))
 
     @torch.no_grad()
     def _average_weights(self):

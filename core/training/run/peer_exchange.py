@@ -13,6 +13,7 @@ A worker rounds its gradient to bfloat16 once, and the sums are float32.
 """
 
 import os
+from contextlib import suppress
 
 import torch
 import torch.distributed as dist
@@ -21,7 +22,11 @@ import warp as wp
 from ...wide import load_wide, load_wide_bfloat, store_wide, store_wide_half, vec4b, vec4h
 from .distributed import Workers
 from .exchange import Exchange
+from .memory import lacks_memory
 from .training_field import TrainingField
+
+# What another PyTorch raises, or GPUs that cannot share memory.
+NO_PEERS = (ImportError, AttributeError, TypeError, RuntimeError)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -73,16 +78,18 @@ class PeerMemory:
     """Memory of the GPUs of one host that all of them can use.
 
     Raises:
+        ImportError, AttributeError, TypeError: This PyTorch has no such memory.
         RuntimeError: A GPU cannot use another one's.
     """
 
     def __init__(self, workers: Workers, device):
-        # Not a public interface of PyTorch yet; whatever fails here, collectives remain.
+        # Not a public interface of PyTorch yet.
         import torch.distributed._symmetric_memory as symmetric_memory
 
         self._empty, self._meet = symmetric_memory.empty, symmetric_memory.rendezvous
         self.workers, self.device, self._barrier = workers, device, None
-        if torch.cuda.device_count() < workers.count:
+        of_one_host = os.environ.get("LOCAL_WORLD_SIZE") == os.environ.get("WORLD_SIZE")
+        if not of_one_host or torch.cuda.device_count() < workers.count:
             raise RuntimeError("not all workers' GPUs are of one host and visible to all workers")
         others = set(range(workers.count)) - {device.index}
         if not all(torch.cuda.can_device_access_peer(device.index, other) for other in others):
@@ -170,10 +177,15 @@ class PeerExchange(Exchange):
 
 def make_exchange(field: TrainingField, error) -> Exchange:
     """The quickest exchange that the workers' GPUs allow, the same for all workers."""
-    exchange = None
+    workers, memory, exchange = field.workers, None, None
     if field.device.is_cuda:
-        try:
-            exchange = PeerExchange(field, error, PeerMemory(field.workers, error.device))
-        except (ImportError, RuntimeError):
-            pass  # memory that one GPU cannot share, or another PyTorch
-    return Exchange(field, error) if field.workers.any(exchange is None) else exchange
+        with suppress(*NO_PEERS):
+            memory = PeerMemory(workers, error.device)
+    if workers.any(memory is None):  # before the workers wait for each other's memory
+        return Exchange(field, error)
+    try:
+        exchange = PeerExchange(field, error, memory)
+    except NO_PEERS as failure:
+        if lacks_memory(failure):
+            raise
+    return Exchange(field, error) if workers.any(exchange is None) else exchange

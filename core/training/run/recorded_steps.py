@@ -71,8 +71,7 @@ class RecordedSteps:
         """
         ahead = len(self._streams)
         if self._next != number:
-            for stream in self._streams:
-                self._main.wait_stream(stream)
+            self.wait()
             for coming in range(number, number + ahead):
                 self._march_ahead(coming, prepare)
         self._main.wait_stream(self._streams[number % ahead])
@@ -89,6 +88,11 @@ class RecordedSteps:
             prepare(self._batches[place], number)
             self._prepared[way].record()
             self._march[place].replay()
+
+    def wait(self):
+        """Make the main stream wait for the marches that are under way."""
+        for stream in self._streams:
+            self._main.wait_stream(stream)
 
     def wait_until_prepared(self):
         """Make the main stream wait until all batches under way have copied what they read."""
