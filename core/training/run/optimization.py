@@ -142,7 +142,7 @@ class Optimization:
             except ALLOCATION_ERRORS as error:
                 self._halve_room(progress, error)
         if self._recorded:
-            self._recorded.wait()  # whoever takes the batches' memory next must not meet a march
+            self._recorded.wait()  # the batches may be freed after this, and marches write to them
         self._make_whole()
         self._examine(progress, task, note)
         self._average_weights()
@@ -247,7 +247,7 @@ class Optimization:
         self._recorded = RecordedSteps(self.field.device, self._batches, self._march, self._parts())
 
     def _make_whole(self):
-        """Prepare for a change of the occupancy, and for a look at weights."""
+        """Let marches finish their copies of the occupancy; gather the workers' float32 table."""
         if self._recorded:
             self._recorded.wait_until_prepared()
         if self._exchange:

@@ -2,12 +2,12 @@
 
 Collectives send gradients, wait, update, send weights, and wait again.  Here one kernel does all
 of it for a worker's part of the table: it reads the gradients where the workers have left them,
-makes Adam's update (Kingma and Ba 2015), and writes the new values to where each of them will
-read them.  The links between the GPUs are busy while their own memory is.
+makes Adam's update (Kingma and Ba 2015), and writes the new values into the tables of all
+workers.  So transfers between GPUs overlap with accesses to each GPU's own memory.
 
-    barrier          all gradients are there, and nobody reads the table any more
-    update           of this worker's part of the table, and of all other weights
-    barrier          the table is there
+    barrier          all workers have left their gradients, and none reads the table any more
+    update           each worker updates its part of the table, and all other weights
+    barrier          all workers have written their parts
 
 A worker rounds its gradient to bfloat16 once, and the sums are float32.
 """
@@ -34,7 +34,7 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel
 def update_table_kernel(
     gradients: wp.array(dtype=wp.uint64),  # [workers] addresses of bfloat16 [rows, 4]
-    weight: wp.array(dtype=float),  # [1] that divides their sum
+    weight: wp.array(dtype=float),  # [1] number of rays, which divides their sum
     first: int,  # this worker's first row
     rate: wp.array(dtype=float),  # [1]
     step: wp.array(dtype=float),  # [1] number of this update, from 1
@@ -47,7 +47,7 @@ def update_table_kernel(
     rows: int,
     tables: wp.array(dtype=wp.uint64),  # [workers] addresses of float16 [rows, 4], out
 ):
-    """Adam's update of a worker's rows from all workers' gradients, and for all of them."""
+    """Update this worker's rows by Adam, and write them into the tables of all workers."""
     i = wp.tid()
     g = wp.vec4()
     worker = int(0)
