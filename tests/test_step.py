@@ -85,11 +85,11 @@ def test_marching_ahead_draws_what_each_step_would_draw(gray_disc):
             assert runs[0].sample_count() == runs[1].sample_count() > 0
 
 
-@pytest.mark.gpu
-def test_what_a_recorded_run_holds_is_freed_with_it(gray_disc):
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+def test_what_a_run_holds_is_freed_with_it(gray_disc, device):
     """At once: the stage after it needs the memory."""
-    with on_warp_stream("cuda:0"):
-        run = make_run(gray_disc, "cuda:0")
+    with on_warp_stream(device):
+        run = make_run(gray_disc, device)
         run.step(0.0, white=False)
         alive = weakref.ref(run)
         gc.disable()

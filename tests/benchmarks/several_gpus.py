@@ -68,8 +68,14 @@ def fine_run(views, options, device, workers, progress):
 
 
 def as_run(run, progress, seconds):
-    """ms per step of training, in at least that many seconds."""
-    steps, elapsed = 0, 0.0
+    """ms and samples of a step of training, means over at least that many seconds."""
+    steps, elapsed, counts, examine = 0, 0.0, [], run._examine
+
+    def examined(*arguments):
+        counts.append(examine(*arguments))
+        return counts[-1]
+
+    run._examine = examined
     while elapsed < seconds:
         run.step_count += SETTLING_STEPS
         torch.cuda.synchronize()
@@ -80,7 +86,8 @@ def as_run(run, progress, seconds):
         elapsed += time.perf_counter() - begin
         steps += run.number - first
         elapsed = run.workers.total(int(1e6 * elapsed)) / 1e6 / run.workers.count
-    return 1e3 * elapsed / steps
+    run._examine = examine
+    return 1e3 * elapsed / steps, float(np.mean(counts))
 
 
 def timed(function, times):
@@ -146,13 +153,13 @@ def main():
             recorded_steps.AHEAD = ahead
             run.set_ray_count(run.ray_count, int(optimization.RAY_ROOM * run.ray_count))
             run.step(1e-4, white=True)  # records
-            ms = as_run(run, progress, arguments.seconds)
-            samples, shares = run.sample_count(), parts(run)
+            ms, samples = as_run(run, progress, arguments.seconds)
+            shares = parts(run)
             if not workers.is_first:
                 continue
             print(
                 f"{workers.count} x {torch.cuda.get_device_name()}, {ahead} ahead: "
-                f"{samples} samples of {run.ray_count} rays, {ms:.3f} ms a step, "
+                f"{samples:.0f} samples of {run.ray_count} rays, {ms:.3f} ms a step, "
                 f"{samples / ms / 1e3:.1f} M samples/s"
             )
             print("    " + ", ".join(f"{name} {value:.3f}" for name, value in shares.items()))

@@ -28,7 +28,8 @@ class Workers:
     def __init__(self, rank=0, count=1, device="cpu"):
         self.rank, self.count = rank, count
         self._device = torch.device(device)
-        self._interrupted = False
+        self._interrupted = False  # this worker
+        self._all_stop = False  # any worker, when last heard of
 
     @property
     def is_first(self) -> bool:
@@ -83,12 +84,14 @@ class Workers:
         return whole
 
     def total(self, number: int) -> int:
-        """The sum of all workers' numbers; waits for them."""
+        """The sum of all workers' numbers; waits for them, and hears of interrupts."""
         if self.count == 1:
             return number
-        numbers = torch.tensor([number], device=self._device)
+        numbers = torch.tensor([number, self._interrupted], device=self._device)
         self.sum_(numbers)
-        return int(numbers)
+        total, interrupts = numbers.tolist()
+        self._all_stop = interrupts > 0
+        return total
 
     def any(self, mine: bool) -> bool:
         """Whether `mine` is true for any worker; waits for all of them."""
@@ -103,7 +106,7 @@ class Workers:
         if self.count == 1:
             yield
             return
-        self._interrupted = False
+        self._interrupted = self._all_stop = False
         before = {s: signal.signal(s, self._note) for s in (signal.SIGINT, signal.SIGTERM)}
         try:
             yield
@@ -115,8 +118,8 @@ class Workers:
         self._interrupted = True
 
     def stop_if_interrupted(self):
-        """Raise KeyboardInterrupt in all workers if any was interrupted."""
-        if self.count > 1 and self.any(self._interrupted):
+        """Raise KeyboardInterrupt in all workers if any was interrupted before the last `total`."""
+        if self._all_stop:
             raise KeyboardInterrupt
 
 

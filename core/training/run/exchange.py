@@ -16,6 +16,8 @@ sum.  The table travels as the float16 values that the encoder reads in any case
 table is whole on no worker until `make_whole`.
 """
 
+from collections.abc import Callable
+
 import torch
 
 from .training_field import TrainingField
@@ -40,6 +42,7 @@ class Exchange:
         self._part = torch.nn.Parameter(self.workers.part_of(field.rows))  # the same memory
         self._part_gradient = torch.zeros_like(self._part, requires_grad=False)
         self._others = field.parameters()[1:]
+        self._side_stream = torch.cuda.Stream(error.device) if error.is_cuda else None
         self.parameters = [self._part, *self._others]
         # All other gradients, the error and the weight: this worker's, and of all workers.
         size = sum(parameter.numel() for parameter in self._others) + 2
@@ -52,6 +55,19 @@ class Exchange:
         shaped = [g.view_as(p) for g, p in zip(gradients, self._others, strict=True)]
         return shaped, error, weight
 
+    def side_by_side(self, small: Callable[[], None], large: Callable[[], None]):
+        """Call both; on CUDA what `small` launches, by torch alone, runs beside the other."""
+        stream, main = self._side_stream, torch.cuda.current_stream
+        if stream is None:
+            small()
+            large()
+            return
+        stream.wait_stream(main())
+        with torch.cuda.stream(stream):
+            small()
+        large()
+        main().wait_stream(stream)
+
     @torch.no_grad()
     def collect(self, gradients, weight):
         """Take this worker's gradients and error; CUDA graphs can hold it.
@@ -61,11 +77,17 @@ class Exchange:
             weight: Number of those rays.  torch []
         """
         table, *others = gradients
-        torch.mul(table, weight, out=self._table_gradient[: len(table)])
         shared, error, shared_weight = self._split(self._mine)
-        torch._foreach_copy_(shared, torch._foreach_mul(others, weight))
-        error.copy_(self.error * weight)
-        shared_weight.copy_(weight)
+
+        def collect_others():
+            torch._foreach_copy_(shared, torch._foreach_mul(others, weight))
+            error.copy_(self.error * weight)
+            shared_weight.copy_(weight)
+
+        def collect_table():
+            torch.mul(table, weight, out=self._table_gradient[: len(table)])
+
+        self.side_by_side(collect_others, collect_table)
 
     def parts(self, optimizer) -> dict:
         """The parts of an update after `collect`: name -> (function, whether a graph holds it)."""
@@ -96,13 +118,17 @@ class Exchange:
         Returns:
             The number of those rays, at least 1.  torch [1]
         """
-        gradients, error, weight = self._split(self._sums)
-        weight = weight.clamp(min=1.0)
+        weight = self._split(self._sums)[2].clamp_(min=1.0)
         self._sums[:-1] /= weight
+        self._hand_out()
+        return weight
+
+    def _hand_out(self):
+        """Give the means in `_sums` to the parameters and the error."""
+        gradients, error, _ = self._split(self._sums)
         for parameter, gradient in zip(self._others, gradients, strict=True):
             parameter.grad = gradient
         self.error.copy_(error[0])
-        return weight
 
     def gather(self):
         """Make the table that the encoder reads whole."""
@@ -110,7 +136,7 @@ class Exchange:
         self.workers.gather_parts_(rows)
 
     def make_whole(self):
-        """Make the float32 table whole, for everything but the encoder."""
+        """Make the float32 table whole, for everything but the encoder; waits for all workers."""
         self.workers.gather_parts_(self.field.rows)
 
     def whole(self, part):

@@ -100,10 +100,14 @@ class Diverged(Exception):
 
 
 class LossWatch:
-    """Keeps good weights of a field, to return to when its loss diverges."""
+    """Keeps good weights of a field, to return to when its loss diverges.
 
-    def __init__(self, field: TrainingField):
-        self.field = field
+    Args:
+        make_whole: Makes the weights whole on several workers, who all call it together.
+    """
+
+    def __init__(self, field: TrainingField, make_whole: Callable[[], None]):
+        self.field, self._make_whole = field, make_whole
         self._smooth = self._lowest = None
         self._good, self._good_number = None, 0
 
@@ -129,6 +133,7 @@ class LossWatch:
 
     def keep_good(self, number: int) -> bool:
         """Keep the weights of step `number`, if they are finite; whether they are."""
+        self._make_whole()
         weights = [p.detach() for p in self.field.parameters()]
         finite = all(bool(w.isfinite().all()) for w in weights)
         if finite:

@@ -98,8 +98,9 @@ class Optimization:
             fused=True,
             capturable=device.type == "cuda",
         )
-        self._watch = LossWatch(field)
-        self._average = None  # of the parameters, exponentially weighted
+        self._make_whole = self._exchange.make_whole if several else lambda: None
+        self._watch = LossWatch(field, self._make_whole)
+        self._average = None  # of what this worker updates, exponentially weighted
         self._batches, self._recorded, self._has_recorded = [], None, False
         self.set_ray_count(RAYS_AT_START)
 
@@ -127,7 +128,8 @@ class Optimization:
         while self.number < self.step_count:
             if self.number % PAUSE_INTERVAL == 0 and self.number > self._shown:
                 # Launched before the look at the loss, which waits for the device.
-                self._make_whole()
+                if self._recorded:
+                    self._recorded.wait_until_prepared()  # marches have copied the occupancy
                 self.field.update_occupancy(
                     1 if self.number < OCCUPANCY_WARM_UP else OCCUPANCY_PARTS
                 )
@@ -143,10 +145,9 @@ class Optimization:
                 self._halve_room(progress, error)
         if self._recorded:
             self._recorded.wait()  # the batches may be freed after this, and marches write to them
-        self._make_whole()
         self._examine(progress, task, note)
         self._average_weights()
-        self.field.set_weights(self._average)
+        self.field.set_weights(self._whole_average())
 
     def step(self, rate: float, white: bool):
         """Do one step with that learning rate, on white or on random backgrounds."""
@@ -246,13 +247,6 @@ class Optimization:
             self._has_recorded = True
         self._recorded = RecordedSteps(self.field.device, self._batches, self._march, self._parts())
 
-    def _make_whole(self):
-        """Let marches finish their copies of the occupancy; gather the workers' float32 table."""
-        if self._recorded:
-            self._recorded.wait_until_prepared()
-        if self._exchange:
-            self._exchange.make_whole()
-
     def _examine(self, progress, task, note) -> int:
         """Show, note and judge the last step's error; return the number of its samples."""
         error, sample_count = float(self.error), self.sample_count()
@@ -280,17 +274,25 @@ class Optimization:
 
     @torch.no_grad()
     def _average_weights(self):
-        parameters = self.field.parameters()
+        parameters = self._exchange.parameters if self._exchange else self.field.parameters()
         if self._average is None:
             self._average = [p.clone() for p in parameters]
         span = AVERAGED_SHARE * self.step_count / PAUSE_INTERVAL
         torch._foreach_lerp_(self._average, parameters, 1.0 / max(span, 1.0))
 
+    def _whole_average(self):
+        """The averages of the field's parameters, or None; waits for all workers."""
+        if self._average is None or self._exchange is None:
+            return self._average
+        part, *others = self._average
+        return [self._exchange.whole(part), *others]
+
     @contextmanager
     def averaged(self):
-        """Context in which the field has its averaged weights, as at the end of a run."""
+        """Context in which the field has its averaged weights; all workers have to enter it."""
+        self._make_whole()
         raw = [p.detach().clone() for p in self.field.parameters()]
-        self.field.set_weights(self._average)
+        self.field.set_weights(self._whole_average())
         try:
             yield
         finally:
@@ -309,6 +311,7 @@ class Optimization:
 
     def state(self) -> dict:
         """The state to resume from with any number of workers; waits for all of them."""
+        self._make_whole()
         state = self.optimizer.state_dict()["state"]
         if self._exchange and state:
             state = {**state, 0: self._map_moments(state[0], self._exchange.whole)}
@@ -320,7 +323,7 @@ class Optimization:
                 "samples_per_step": self.samples_per_step,
             },
             "stage": self.field.state(),
-            "average": self._average,
+            "average": self._whole_average(),
         }
 
     @staticmethod
@@ -348,6 +351,8 @@ class Optimization:
         if state["average"] is not None:
             device = self.field.torch_device
             self._average = [weights.to(device) for weights in state["average"]]
+            if self._exchange:
+                self._average[0] = self._exchange.part(self._average[0])
 
 
 def next_ray_count(ray_count, sample_count, room):

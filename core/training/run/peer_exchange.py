@@ -32,6 +32,28 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
+def add_up_kernel(
+    theirs: wp.array(dtype=wp.uint64),  # [workers] addresses of float32 [n]
+    sums: wp.array(dtype=float),  # [n] out: means over all rays, last the number of rays
+    step: wp.array(dtype=float),  # [1] in, out: counts the updates
+):
+    """Add up what is not the table's: gradients, error, and number of rays, which divides them."""
+    i = wp.tid()
+    n = sums.shape[0]
+    total, weight = float(0.0), float(0.0)
+    worker = int(0)
+    while worker < theirs.shape[0]:  # in the same order on all workers
+        values = wp.array(ptr=theirs[worker], shape=(n,), dtype=float)
+        total += values[i]
+        weight += values[n - 1]
+        worker += 1
+    weight = wp.max(weight, 1.0)
+    sums[i] = wp.where(i == n - 1, weight, total / weight)
+    if i == 0:
+        step[0] = step[0] + 1.0
+
+
+@wp.kernel
 def update_table_kernel(
     gradients: wp.array(dtype=wp.uint64),  # [workers] addresses of bfloat16 [rows, 4]
     weight: wp.array(dtype=float),  # [1] number of rays, which divides their sum
@@ -128,7 +150,7 @@ class PeerExchange(Exchange):
         self._mine = self._sums_of_all[rank]
         self._addresses = [
             wp.array([t.data_ptr() for t in tensors], dtype=wp.uint64, device=field.device)
-            for tensors in (self._gradients, self._tables)
+            for tensors in (self._gradients, self._tables, self._sums_of_all)
         ]
 
     def parts(self, optimizer) -> dict:
@@ -141,38 +163,48 @@ class PeerExchange(Exchange):
 
     @torch.no_grad()
     def update(self, optimizer):
-        self._sums.copy_(self._sums_of_all[0])
-        for sums in self._sums_of_all[1:]:
-            self._sums += sums  # in the same order on all workers
-        weight = self._spread()
-        optimizer.step()  # the part of the table has no gradient
-        (group,) = optimizer.param_groups
         state = optimizer.state[self._part]
         if not state:
             state["step"] = torch.zeros((), device=self.error.device)
             state["exp_avg"] = torch.zeros_like(self._part, requires_grad=False)
             state["exp_avg_sq"] = torch.zeros_like(state["exp_avg"])
-        state["step"] += 1
-        rate = torch.as_tensor(group["lr"], device=self.error.device).view(1)
-        rows, gradients, tables = len(self.field.rows), *self._addresses
-        vectors = (state["exp_avg"], state["exp_avg_sq"], self._part.detach())
+        gradients, tables, sums_of_all = self._addresses
+        step = wp.from_torch(state["step"].view(1))
         wp.launch(
-            update_table_kernel,
-            dim=len(self._part),
-            inputs=[
-                gradients,
-                wp.from_torch(weight),
-                self.workers.rank * len(self._part),
-                wp.from_torch(rate),
-                wp.from_torch(state["step"].view(1)),
-                *group["betas"],
-                group["eps"],
-                *(wp.from_torch(vector, dtype=wp.vec4) for vector in vectors),
-                rows,
-                tables,
-            ],
+            add_up_kernel,
+            dim=len(self._sums),
+            inputs=[sums_of_all],
+            outputs=[wp.from_torch(self._sums), step],
             device=self.field.device,
         )
+
+        def update_others():
+            self._hand_out()
+            optimizer.step()  # the part of the table has no gradient
+
+        def update_table():
+            (group,) = optimizer.param_groups
+            rate = torch.as_tensor(group["lr"], device=self.error.device).view(1)
+            vectors = (state["exp_avg"], state["exp_avg_sq"], self._part.detach())
+            wp.launch(
+                update_table_kernel,
+                dim=len(self._part),
+                inputs=[
+                    gradients,
+                    wp.from_torch(self._sums[-1:]),
+                    self.workers.rank * len(self._part),
+                    wp.from_torch(rate),
+                    step,
+                    *group["betas"],
+                    group["eps"],
+                    *(wp.from_torch(vector, dtype=wp.vec4) for vector in vectors),
+                    len(self.field.rows),
+                    tables,
+                ],
+                device=self.field.device,
+            )
+
+        self.side_by_side(update_others, update_table)
 
 
 def make_exchange(field: TrainingField, error) -> Exchange:
