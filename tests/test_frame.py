@@ -49,6 +49,7 @@ def reference_step(solver, start):
         edges.regularization(of_edges, w, h),
         volumes if has_volumes else None,
         volumes.regularization(of_volumes, w, h) if has_volumes else None,
+        free_parts=np.zeros(len(w), int) if material.damping else None,
     )
     return reference.step(frame, start, np.zeros_like(start))[0]
 

@@ -26,12 +26,13 @@ FOOT = MESH.rest_vertices[:, 2] < 0.26
 HEAD = np.flatnonzero(MESH.rest_vertices[:, 2] > 0.7)
 
 
-def frame_of(options, material, springs=None, targets=None, anchors=None, exact=()):
-    """The reference's input for the same options and material."""
+def frame_of(options, material, springs=None, targets=None, anchors=None, exact=(), w=None):
+    """The reference's input for the same options and material; held by its foot without `w`."""
     rest = MESH.rest_vertices.astype(np.float32).astype(np.float64)
-    w = 1.0 / constraints.lumped_masses(rest, MESH.tets, material.density)
-    w[FOOT] = 0.0
-    w[list(exact)] = 0.0
+    if w is None:
+        w = 1.0 / constraints.lumped_masses(rest, MESH.tets, material.density)
+        w[FOOT] = 0.0
+        w[list(exact)] = 0.0
     edges = constraints.edge_constraints(rest, MESH.tets)
     volumes = constraints.volume_constraints(rest, MESH.tets)
     h = DT / options.substeps(DT)
@@ -60,6 +61,8 @@ def random_case():
         gravity=tuple(random.uniform(-10, 10, 3)),
         ground=random.choice([None, 0.35]),
         friction=random.uniform(0, 2),
+        air_drag=random.choice([0.0, 3.0]),
+        wind=tuple(random.uniform(-5, 5, 3)),
         speed_limit=random.choice([3.0, 20.0]),
     )
     material = Material(
@@ -98,6 +101,19 @@ def test_a_frame_with_exact_handles_agrees_with_the_reference(device, trial):
     targets[FOOT] = start[FOOT]
     frame = frame_of(options, material, exact=HEAD, targets=targets, anchors=start)
     assert_agrees(solver, frame, start, velocities)
+
+
+@pytest.mark.parametrize("trial", range(4))
+def test_a_frame_of_a_free_body_agrees_with_the_reference(device, trial):
+    options, material, start, velocities, _ = random_case()
+    nothing = np.zeros(MESH.vertex_count, bool)
+    solver = XpbdSolver(MESH.rest_vertices, MESH.tets, material, nothing, options, device)
+    solver.set_state(start, velocities)
+    solver.step(DT)
+    w = 1.0 / constraints.lumped_masses(solver.rest_vertices, MESH.tets, material.density)
+    frame = frame_of(options, material, targets=start, anchors=start, w=w)
+    parts = None if material.damping == 0.0 else np.zeros(MESH.vertex_count, int)
+    assert_agrees(solver, replace(frame, free_parts=parts), start, velocities)
 
 
 @pytest.mark.parametrize("trial", range(4))

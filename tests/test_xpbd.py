@@ -113,13 +113,13 @@ def test_a_free_body_keeps_its_momentum(device):
 
 
 def test_free_fall_follows_its_closed_form(device):
-    mesh, damping, n = ball(), 0.8, XpbdOptions().substep_count
-    xpbd = solver(mesh, free(mesh), device, Material(damping=damping), gravity=(0, 0, -9.81))
+    mesh, drag, n = ball(), 0.8, XpbdOptions().substep_count
+    xpbd = solver(mesh, free(mesh), device, gravity=(0, 0, -9.81), air_drag=drag)
     assert not xpbd.settled
     run(xpbd, 0.5)
     h, steps = DT / n, 30 * n
-    decay = np.exp(-damping * h)
-    speeds = -9.81 * h * (1 - decay ** np.arange(1, steps + 1)) / (1 - decay)
+    left = np.exp(-drag * h)
+    speeds = -9.81 * h * left * (1 - left ** np.arange(1, steps + 1)) / (1 - left)
     fallen = positions(xpbd) - mesh.rest_vertices
     np.testing.assert_allclose(fallen[:, 2], h * speeds.sum(), rtol=1e-5)
     np.testing.assert_allclose(fallen[:, :2], 0.0, atol=1e-5)

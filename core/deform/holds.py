@@ -71,6 +71,13 @@ class Holds:
         self._state.targets.assign(vertices)
         self._targets = None
 
+    @property
+    def held(self):
+        """Whether each vertex is kinematic or has a spring.  [V] bool"""
+        held = self.inverse_masses == 0.0
+        held[self.handles] = True
+        return held
+
     def prepare_springs(self, substep):
         """Update the springs' coefficients for substeps of this length [s]."""
         if self.springs is not None:

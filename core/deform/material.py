@@ -33,7 +33,9 @@ class Material:
     young_modulus: float = 5e5  # E [Pa]
     poisson_ratio: float = 0.35  # ν, below 1/2
     density: float = 1000.0  # mass per rest volume [kg/m³]
-    damping: float = 3.0  # rate at which all velocities decay [1/s], whatever the substeps
+    # Rate at which velocities decay [1/s], whatever the substeps.  It spares the rigid motion of
+    # parts that nothing holds.
+    damping: float = 3.0
 
     def __post_init__(self):
         checks.number("material's young_modulus", self.young_modulus, positive=True)

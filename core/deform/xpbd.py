@@ -21,6 +21,7 @@ from .frame import CpuFrame, CudaFrame, runs_in_block
 from .holds import Holds
 from .material import Material
 from .rescue import Rescue, distortion, ways_back
+from .rigid_motion import FreeParts
 from .tangles import Feedback
 from .xpbd_options import TIME_STEP, XpbdOptions
 
@@ -90,6 +91,7 @@ class XpbdSolver:
         self._state, self._timing = arrays.state, arrays.timing
         self.vertices, self.velocities = arrays.state.vertices, arrays.state.velocities
         self._holds = Holds(pinned, arrays.state)
+        self._free_parts = FreeParts(arrays.state, self._part_of)
         mesh = self.rest_vertices, self.volumes.vertices, self._part_of
         self._feedback = Feedback(*mesh, arrays.motion)
         self._frame = (
@@ -239,6 +241,7 @@ class XpbdSolver:
             self._compliances[1] is not None or self._softened is not None,
             self._holds.springs is not None,
             self.options.ground is not None,
+            self._free_parts.damp(),
         )
         self._feedback.end(self.vertices, count_due, count_due and self._returns_to_rest())
 
@@ -323,6 +326,10 @@ class XpbdSolver:
             elif compliances is not None:
                 part.set_regularization(regularization(compliances, w, h))
         self._holds.prepare_springs(h)
+        held = np.bincount(self._part_of, self._holds.held)
+        free = self._active & (held == 0) & (self.material.damping > 0.0)
+        self._state.free.assign(free[self._part_of].astype(np.int32))
+        self._free_parts.select(free, math.exp(-self.material.damping * self._dt))
 
 
 def kernel_modules(device) -> list[str]:
@@ -332,4 +339,4 @@ def kernel_modules(device) -> list[str]:
     that is not among them.
     """
     frame = CudaFrame if wp.get_device(device).is_cuda else CpuFrame
-    return [Feedback.__module__, frame.__module__]
+    return [Feedback.__module__, FreeParts.__module__, frame.__module__]

@@ -24,6 +24,10 @@ class Timing(NamedTuple):
     gravity_z: float
     ground: float = NO_GROUND  # its height z [m]
     friction: float = 0.0  # Coulomb's coefficient on the ground
+    air: float = 1.0  # exp(-c h), c the air's drag
+    gust_x: float = 0.0  # (1 - air) times the wind's velocity [m/s]
+    gust_y: float = 0.0
+    gust_z: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class XpbdOptions:
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # g [m/s²]
     ground: float | None = None  # height of a ground that nothing falls through [m]
     friction: float = 0.5  # Coulomb's coefficient on the ground
+    air_drag: float = 0.0  # c, the rate at which velocities relative to the wind decay [1/s]
+    wind: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the air's velocity [m/s]
     # v_max in object sizes per second.  Without a limit, the release after an extreme drag
     # throws vertices through each other.
     speed_limit: float = 20.0
@@ -51,13 +57,16 @@ class XpbdOptions:
             value = getattr(self, name)
             if not (value >= least and int(value) == value):
                 raise ValueError(f"{value} {words}; give a whole number from {least} on")
-        if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
-            raise ValueError(f"gravity is {self.gravity}; give three finite numbers")
+        for name in ("gravity", "wind"):
+            value = getattr(self, name)
+            if np.shape(value) != (3,) or not np.isfinite(value).all():
+                raise ValueError(f"{name} is {value}; give three finite numbers")
         if self.ground is not None and not math.isfinite(self.ground):
             raise ValueError(f"the ground's height is {self.ground}; give a number, or None")
         checks.number("speed limit", self.speed_limit)
         checks.number("sleep motion", self.sleep_motion)
         checks.number("friction", self.friction)
+        checks.number("air drag", self.air_drag)
 
     def substeps(self, dt: float) -> int:
         """n for a step of dt [s].  It keeps h, and so the pose, independent of the frame rate."""
@@ -67,6 +76,7 @@ class XpbdOptions:
     def timing(self, dt: float, damping: float, object_size: float) -> Timing:
         """The kernels' numbers for steps of dt [s]; damping [1/s], object_size [m]."""
         h = dt / self.substeps(dt)
+        air = math.exp(-self.air_drag * h)
         return Timing(
             h,
             math.exp(-damping * h),
@@ -74,4 +84,6 @@ class XpbdOptions:
             *self.gravity,
             NO_GROUND if self.ground is None else self.ground,
             self.friction,
+            air,
+            *((1.0 - air) * np.asarray(self.wind)),
         )

@@ -60,10 +60,10 @@ class CpuFrame:
         self._launches = {}
         self._pace = Pace(thread_limit(tet_room))
 
-    def run(self, substep_count: int, volumes: bool, springs: bool, ground: bool) -> None:
-        """Run one frame with the given parts of a substep."""
+    def run(self, substep_count: int, *parts: bool) -> None:
+        """Run one frame with these parts of a substep: volumes, springs, ground, free parts."""
         thread_count = self._pace.thread_count
-        key = thread_count, substep_count, volumes, springs, ground
+        key = thread_count, substep_count, *parts
         if key not in self._launches:
             self._launches[key] = [
                 wp.launch(

@@ -127,9 +127,9 @@ class CudaFrame:
         slots = bank_slots(rest_vertices) if self._in_block else np.arange(count)
         self._scratch.slots.assign(slots.astype(np.int32))
 
-    def run(self, substep_count: int, volumes: bool, springs: bool, ground: bool) -> None:
-        """Run one frame with the given parts of a substep."""
-        key = substep_count, volumes, springs, ground
+    def run(self, substep_count: int, *parts: bool) -> None:
+        """Run one frame with these parts of a substep: volumes, springs, ground, free parts."""
+        key = substep_count, *parts
         if key not in self._launches:
             threads = BLOCK_THREADS if self._in_block else GRID_THREADS
             # A power of two, all of which run at once: they wait for each other.
@@ -138,7 +138,7 @@ class CudaFrame:
                 wp.launch(
                     begin_kernel,
                     max(len(self._frame.edges.ids), len(self._frame.volumes.ids)),
-                    [self._frame, self._scratch, int(volumes)],
+                    [self._frame, self._scratch, int(parts[0])],
                     device=self._device,
                     record_cmd=True,
                 ),

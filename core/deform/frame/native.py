@@ -34,6 +34,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
         has_volumes: int,
         has_springs: int,
         has_ground: int,
+        has_free: int,
         thread: int,
         thread_count: int,
     ): ...
@@ -46,6 +47,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
         has_volumes: int,
         has_springs: int,
         has_ground: int,
+        has_free: int,
         thread: int,  # of a CPU; a GPU ignores it
         thread_count: int,
     ):
@@ -56,6 +58,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
             has_volumes,
             has_springs,
             has_ground,
+            has_free,
             thread,
             thread_count,
         )

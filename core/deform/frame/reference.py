@@ -3,21 +3,24 @@
 A frame is n substeps of length h.  The order within a substep is part of the definition:
 
 1.  Prediction.  kinematic:  x ← start + (s + 1)/n · (target − start),   s = 0..n−1
-                 free:       v ← v exp(−δ h) + h g,  |v| ≤ v_max,  x ← x + h v
+                 free:       v ← v exp(−δ h) + h g,   v ← wind + (v − wind) exp(−c h),
+                             |v| ≤ v_max,  x ← x + h v
 2.  Edges color by color, then volumes color by color (constraints.py).
 3.  Springs.     u = anchor + (s + 1)/n · (target − anchor) − x,   a = 1/(k h²),
                  x ← x + u min(w/(w + a), w F h²/|u|)
 4.  Ground.      A vertex that is p below it moves up by p, and back along the ground by at
                  most friction · p of its way in this substep.
 5.  Velocities.  v ← (x − x before the substep)/h
-At the frame's end: anchor ← target.
+At the frame's end: anchor ← target.  In parts that nothing holds, damping acts once, at the
+frame's start, and spares their rigid motion (rigid_motion.py); there δ is 0 in 1.
 
 In float32 the kernels (substep.h) keep x as the position at the frame's start plus a small
 delta d, and a difference x_i − x_j as its span at the frame's start plus d_i − d_j.  With x
 itself, the roundings of 20 substeps shake a resting body by 0.2 % of its size for ever
 (measured).
 
-Units: x [m], v [m/s], h [s], δ damping [1/s], g [m/s²], k [N/m], F [N], w [1/kg].
+Units: x [m], v [m/s], h [s], δ damping [1/s], c air drag [1/s], g [m/s²], k [N/m], F [N],
+w [1/kg].
 Shapes: V vertices, E edges, T tets.
 """
 
@@ -33,6 +36,7 @@ from ..constraints import (
     VolumeConstraints,
     volume_gradients,
 )
+from ..rigid_motion import rigid_velocities
 from ..xpbd_options import Timing
 
 TINY = 1e-200  # in place of a length of 0
@@ -52,11 +56,14 @@ class Frame:
     volumes: VolumeConstraints | None = None  # None leaves them out
     volume_regularization: np.ndarray | None = None  # [T] a
     springs: np.ndarray | None = None  # [V, 2] a, negative without a spring; the longest move
+    free_parts: np.ndarray | None = None  # [V] each vertex's part, -1 if something holds it
 
 
 def step(frame: Frame, vertices, velocities):
     """Positions and velocities after one frame.  2 × [V, 3]"""
     x, v = vertices, velocities
+    if frame.free_parts is not None:
+        v = _damped(frame, x, v)
     for substep in range(frame.substep_count):
         fraction = (substep + 1) / frame.substep_count
         before = x
@@ -69,10 +76,24 @@ def step(frame: Frame, vertices, velocities):
     return x, v
 
 
+def _damped(frame, x, v):
+    """Velocities at the frame's start, those of free parts damped.  [V, 3]"""
+    v = v.copy()
+    for part in np.unique(frame.free_parts[frame.free_parts >= 0]):
+        members = frame.free_parts == part
+        rigid = rigid_velocities(x[members], v[members], 1.0 / frame.inverse_masses[members])
+        v[members] = rigid + frame.timing.decay**frame.substep_count * (v[members] - rigid)
+    return v
+
+
 def _predicted(frame, x, v, start, fraction):
     timing = frame.timing
     gravity = np.array([timing.gravity_x, timing.gravity_y, timing.gravity_z])
-    v = timing.decay * v + timing.substep * gravity
+    decay = timing.decay
+    if frame.free_parts is not None:
+        decay = np.where(frame.free_parts >= 0, 1.0, decay)[:, None]
+    v = decay * v + timing.substep * gravity
+    v = timing.air * v + np.array([timing.gust_x, timing.gust_y, timing.gust_z])
     speed = np.linalg.norm(v, axis=1, keepdims=True)
     v = np.where(speed > timing.speed_limit, timing.speed_limit / np.maximum(speed, TINY), 1.0) * v
     way = start + fraction * (frame.targets - start)

@@ -20,6 +20,9 @@
 const float* const timing = frame.timing.data;  // xpbd_options.Timing
 const float h = timing[0], per_h = 1.0f / h, decay = timing[1], limit = timing[2];
 const Vector fall = {h * timing[3], h * timing[4], h * timing[5], 0.0f};
+const float air = timing[8];  // what it leaves of velocities
+const bool has_air = air < 1.0f;
+const Vector gust = {timing[9], timing[10], timing[11], 0.0f};
 const int vertex_count = frame.state.vertices.shape[0];
 float* const x = reinterpret_cast<float*>(frame.state.vertices.data);
 float* const velocity = reinterpret_cast<float*>(frame.state.velocities.data);
@@ -105,7 +108,9 @@ auto project_tet = [&](Body& p0, Body& p1, Body& p2, Body& p3, const real (&span
 auto predict = [&](int i, int substep, Vector d, Vector v) {
     if (d.w > 0.0f) {
         keep_before(i, d);
-        v = plus(fall, decay, v);
+        // Free parts are damped once a frame (rigid_motion.py).
+        v = plus(fall, has_free && frame.state.free.data[i] ? 1.0f : decay, v);
+        if (has_air) v = plus(gust, air, v);
         const float squared = v.x * v.x + v.y * v.y + v.z * v.z;
         if (squared > limit * limit) v = times(limit / sqrt(squared), v);
         d = plus(d, h, v);
