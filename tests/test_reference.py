@@ -125,7 +125,7 @@ def test_two_frames_with_springs_agree_with_the_reference(device, trial):
     solver = make_solver(options, material, device)
     solver.set_state(start, velocities)
     solver.grab(HEAD, stiffness, limit)
-    x, v, anchors = start, velocities, start
+    x, v, anchors, presses = start, velocities, start, None
     for move in way:
         targets = start.copy()
         targets[HEAD] = (start[HEAD] + move).astype(np.float32)
@@ -136,10 +136,10 @@ def test_two_frames_with_springs_agree_with_the_reference(device, trial):
         springs[HEAD] = constraints.spring_coefficients(
             stiffness, limit, frame.inverse_masses[HEAD], frame.timing.substep
         )
-        frame = replace(frame, springs=springs)
+        frame = replace(frame, springs=springs, presses=presses)
         assert_agrees(solver, frame, x, v)
         x, v = (array.numpy().astype(np.float64) for array in (solver.vertices, solver.velocities))
-        anchors = targets
+        anchors, presses = targets, solver._state.presses.numpy().astype(np.float64)
 
 
 def test_a_spring_alone_follows_backward_eulers_closed_form():

@@ -310,7 +310,7 @@ def test_only_tangled_parts_are_taken_back(device):
         x.step(DT)
     assert x.rescue.running
     moving = x.velocities.numpy()[len(REST) :]
-    np.testing.assert_allclose(moving[:, 1], 0.5 * np.exp(-x.material.damping * 70 * DT), rtol=1e-3)
+    np.testing.assert_allclose(moving[:, 1], 0.5, rtol=1e-3)
     for _ in range(400):
         x.step(DT)
     assert from_rest(x.vertices.numpy()[: len(REST)], FREE) < 0.01

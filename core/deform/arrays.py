@@ -29,6 +29,7 @@ class VertexArrays:
     anchors: wp.array(dtype=wp.vec3)  # targets at the frame's start, for springs
     targets: wp.array(dtype=wp.vec3)  # of kinematic vertices and springs at the frame's end
     springs: wp.array(dtype=wp.vec2)  # a = 1/(k h²) or NO_SPRING, and the longest move w F h²
+    presses: wp.array(dtype=float)  # how far the ground pushes in a substep, a running mean [m]
     free: wp.array(dtype=int)  # 1 in parts that nothing holds (rigid_motion.py), else 0
 
 

@@ -35,6 +35,7 @@ SOFTENED_BELOW = SWEEP_SOFTENING + COMPLIANCE_FLOOR  # r of a constraint that is
 STEP_LIMIT = 0.5
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
 BRACE_VOLUME = 0.25  # V_e of a brace, in means over edges; a hinge has many braces
+PRESS_SHARE = 1.0 / 16.0  # of a substep in the mean of a vertex's pushes, which bounds friction
 COLLAPSED = 1e-12  # of L; a shorter edge counts as one of length 0
 NO_SPRING = -1.0  # in place of a, which is never negative
 UNLIMITED = 3e38  # a longest move that no spring reaches

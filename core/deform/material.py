@@ -30,7 +30,7 @@ class Material:
         ValueError: A value is out of range.
     """
 
-    young_modulus: float = 5e5  # E [Pa]
+    young_modulus: float = 1e6  # E [Pa]
     poisson_ratio: float = 0.35  # ν, below 1/2
     density: float = 1000.0  # mass per rest volume [kg/m³]
     # Rate at which velocities decay [1/s], whatever the substeps.  It spares the rigid motion of

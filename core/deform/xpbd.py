@@ -188,6 +188,7 @@ class XpbdSolver:
         self.vertices.assign(vertices)
         self._holds.set_positions(vertices)
         self._state.deltas.zero_()
+        self._state.presses.zero_()
         self.velocities.zero_()
         if velocities is not None:
             velocities = checks.vectors(velocities, len(self.pinned), "velocity", "vertex")

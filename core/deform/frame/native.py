@@ -5,7 +5,7 @@ from pathlib import Path
 import warp as wp
 
 from ..arrays import FrameArrays
-from ..constraints import COLLAPSED, STEP_LIMIT
+from ..constraints import COLLAPSED, PRESS_SHARE, STEP_LIMIT
 
 FOLDER = Path(__file__).parent
 SHARED = "substep.h"
@@ -22,9 +22,10 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
     source = (FOLDER / name).read_text(encoding="utf-8")
     shared = (FOLDER / SHARED).read_text(encoding="utf-8")
     source = source.replace(f'#include "{SHARED}"\n', shared)
-    limits = {"COLLAPSED": f"{COLLAPSED}f", "STEP_LIMIT": f"{STEP_LIMIT}f"}
-    for key, value in (values | limits).items():
-        source = source.replace(f"@{key}", str(value))
+    limits = {"COLLAPSED": COLLAPSED, "STEP_LIMIT": STEP_LIMIT, "PRESS_SHARE": PRESS_SHARE}
+    values = values | {name: f"{value}f" for name, value in limits.items()}
+    for name, value in values.items():
+        source = source.replace(f"@{name}", str(value))
 
     @wp.func_native(source)
     def frame_native(

@@ -8,8 +8,9 @@ A frame is n substeps of length h.  The order within a substep is part of the de
 2.  Edges color by color, then volumes color by color (constraints.py).
 3.  Springs.     u = anchor + (s + 1)/n · (target − anchor) − x,   a = 1/(k h²),
                  x ← x + u min(w/(w + a), w F h²/|u|)
-4.  Ground.      A vertex that is p below it moves up by p, and back along the ground by at
-                 most friction · p of its way in this substep.
+4.  Ground.      A vertex that is p below it moves up by p; p = 0 above it.  With the running
+                 mean p̄ ← p̄ + (p − p̄) PRESS_SHARE it moves back along the ground by at most
+                 friction · p̄ of its way in this substep.
 5.  Velocities.  v ← (x − x before the substep)/h
 At the frame's end: anchor ← target.  In parts that nothing holds, damping acts once, at the
 frame's start, and spares their rigid motion (rigid_motion.py); there δ is 0 in 1.
@@ -31,6 +32,7 @@ import numpy as np
 from ...geometry import signed_volumes
 from ..constraints import (
     COLLAPSED,
+    PRESS_SHARE,
     STEP_LIMIT,
     EdgeConstraints,
     VolumeConstraints,
@@ -56,12 +58,14 @@ class Frame:
     volumes: VolumeConstraints | None = None  # None leaves them out
     volume_regularization: np.ndarray | None = None  # [T] a
     springs: np.ndarray | None = None  # [V, 2] a, negative without a spring; the longest move
+    presses: np.ndarray | None = None  # [V] p̄ at the frame's start; None is 0
     free_parts: np.ndarray | None = None  # [V] each vertex's part, -1 if something holds it
 
 
 def step(frame: Frame, vertices, velocities):
     """Positions and velocities after one frame.  2 × [V, 3]"""
     x, v = vertices, velocities
+    presses = np.zeros(len(x)) if frame.presses is None else frame.presses
     if frame.free_parts is not None:
         v = _damped(frame, x, v)
     for substep in range(frame.substep_count):
@@ -71,7 +75,7 @@ def step(frame: Frame, vertices, velocities):
         x = _projected(frame, x)
         if frame.springs is not None:
             x = _pulled(frame, x, fraction)
-        x = _above_ground(frame, x, before)
+        x, presses = _above_ground(frame, x, before, presses)
         v = (x - before) / frame.timing.substep
     return x, v
 
@@ -123,16 +127,17 @@ def _pulled(frame, x, fraction):
     return x + shorter[:, None] * move
 
 
-def _above_ground(frame, x, before):
+def _above_ground(frame, x, before, presses):
     free = frame.inverse_masses > 0
     push = np.where(free, np.maximum(frame.timing.ground - x[:, 2], 0.0), 0.0)
+    presses = presses + PRESS_SHARE * (push - presses)
     along = (x - before)[:, :2]
     length = np.linalg.norm(along, axis=1)
-    undone = np.minimum(1.0, frame.timing.friction * push / np.maximum(length, TINY))
+    undone = np.minimum(1.0, frame.timing.friction * presses / np.maximum(length, TINY))
     x = x.copy()
     x[:, 2] += push
-    x[:, :2] -= undone[:, None] * along
-    return x
+    x[:, :2] -= np.where(free, undone, 0.0)[:, None] * along
+    return x, presses
 
 
 def project_edges(vertices, inverse_masses, ends, rest_lengths, regularization, ids):

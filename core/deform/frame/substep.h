@@ -148,12 +148,17 @@ auto finish = [&](int i, int substep, Vector& d) {
         d.x += part * ux; d.y += part * uy; d.z += part * uz;
     }
     if (has_ground) {
-        const float push = (timing[6] - x[3 * i + 2]) - d.z;
-        if (push > 0.0f) {
-            d.z += push;
+        // The mean of pushes bounds friction: a vertex that is pushed by fits and starts would
+        // slide while it is not, and the body would creep.
+        const float below = (timing[6] - x[3 * i + 2]) - d.z;
+        const float push = below > 0.0f ? below : 0.0f;
+        float* const press = frame.state.presses.data + i;
+        *press += @PRESS_SHARE * (push - *press);
+        d.z += push;
+        if (*press > 0.0f) {
             const float sx = d.x - from.x, sy = d.y - from.y;
             const float slid = sqrt(sx * sx + sy * sy);
-            const float most = timing[7] * push;
+            const float most = timing[7] * *press;
             const float held = slid > most ? most / slid : 1.0f;
             d.x -= held * sx;
             d.y -= held * sy;

@@ -8,7 +8,7 @@ from ...render import Renderer
 from ..rendering import BOUND, LARGEST
 from ..report import INK, Figure, Section, Table, label, new_figure, png
 from . import poses
-from .measure import Solid, recovery_limit, run_case
+from .measure import AIR_DRAG, Solid, recovery_limit, run_case
 from .stress import CASES
 
 SEED = 0
@@ -85,7 +85,8 @@ def _method(quick):
     return [
         "A free body begins squeezed into a plane, a line or a point, mirrored, or with each "
         "vertex anywhere in its box (random; dt names frames of 1/5 and 1 s). Or its foot is "
-        "pinned, and one vertex is dragged 100 sizes away, or all handles are shaken at 30 Hz. In "
+        "pinned, and one vertex is dragged 100 sizes away, or all handles are shaken at 30 Hz. Air "
+        f"brakes free bodies ({AIR_DRAG:g}/s), which would stay stretched as long as they turn. In "
         "broken tets every twentieth tet is inside out at rest, others are flat or name a corner "
         "twice. With the mass ratio half of the vertices are a million times as heavy; then the "
         "body only has to stay finite, and only the default material is tried.",
