@@ -24,7 +24,7 @@ class Panel:
             settings=SimpleNamespace(grab_radius=0.1, soft_grab=False),
             solver=SimpleNamespace(
                 options=SimpleNamespace(substep_count=20),
-                rescue=SimpleNamespace(running=False, given_up=False),
+                rescue=SimpleNamespace(running=False, given_up=False, held_by=None),
             ),
             stiffness=(1.0, 5e5),
             gravity=0.0,

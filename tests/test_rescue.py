@@ -1,5 +1,7 @@
 """The rescue: when it begins and ends, and that every tangled body returns to its rest shape."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,15 +26,15 @@ class Body:
     """Stands in for the solver: `counts` says how many tangles each part has after each frame."""
 
     def __init__(self, *counts):
-        self.rescue, self.counts = Rescue(), np.array(counts)
+        self.rescue, self.counts, self.load, self.lost = Rescue(), np.array(counts), None, False
         self.progress = []  # of every frame; 0 while there is no rescue
 
     def run(self, seconds, dt=DT):
         for _ in range(round(seconds / dt)):
-            counted = self.rescue.advance(dt)
+            counted = self.rescue.advance(dt, self.load)
             self.progress.append(self.rescue.progress if self.rescue.parts is not None else 0.0)
             if counted:
-                self.rescue.report(self.counts)
+                self.rescue.report(self.counts, self.lost)
 
 
 FRAMES = pytest.mark.parametrize("dt", [1 / 144, 1 / 60, 1 / 5, 1.0])
@@ -121,6 +123,37 @@ def test_a_body_that_tangles_by_its_weight_is_given_up():
     body.counts[:] = 3
     run_until(body, "ratio")  # as if nothing had been
     run_until(body, "parts")
+
+
+def test_what_gives_way_under_its_weight_is_not_pulled():
+    body = Body(0)
+    body.load = "weight"
+    body.run(1.0)
+    assert body.rescue.held_by is None
+    body.counts[:] = 3
+    body.run(30.0)
+    assert not any(body.progress) and body.rescue.ratio is None
+    assert body.rescue.held_by == "weight" and body.rescue.may_sleep and not body.rescue.given_up
+    body.load = None  # gravity is taken away: now nothing holds it
+    run_until(body, "ratio")
+    assert body.rescue.held_by is None
+
+
+def test_what_a_drag_tangled_is_rescued_under_its_weight_too():
+    body = Body(3)
+    body.load = "weight"
+    run_until(body, "ratio")
+    run_until(body, "parts")
+
+
+def test_what_pins_bend_is_not_pulled_but_what_is_lost_comes_back():
+    body = Body(3, 5)
+    body.load = "pins"
+    body.run(30.0)
+    assert not any(body.progress) and body.rescue.held_by == "pins" and body.rescue.may_sleep
+    body.lost = np.array([False, True])
+    run_until(body, "parts")
+    np.testing.assert_array_equal(body.rescue.parts, [False, True])
 
 
 def turned(vertices):
@@ -281,6 +314,17 @@ def test_pins_that_stretch_a_body_are_no_tangle(device):
     assert (stretched > 2.0).sum() > 5
 
 
+def test_a_body_that_falls_over_its_pins_is_left_lying(device):
+    """Too soft for its weight: it tangles, and nothing pulls it up."""
+    x = make_solver(device, Material(young_modulus=3e4))
+    x.set_options(replace(x.options, gravity=(0.0, 0.0, -9.81)))
+    for _ in range(1200):
+        x.step(DT)
+        assert not x.rescue.running
+    assert x.rescue.held_by == "weight"
+    assert from_rest(x.vertices.numpy().astype(np.float64), FOOT) > 0.1
+
+
 def test_a_rescue_is_reported_and_the_solver_stays_awake(device):
     x = make_solver(device, Material(poisson_ratio=0.25), FREE)
     x.set_state(start_of("mirrored"))  # without volumes that is an equilibrium
@@ -360,6 +404,6 @@ def test_inverted_tets_are_counted(device):
     moved[np.random.default_rng().integers(len(moved), size=5)] += 0.3
     x.set_state(moved, velocities=np.zeros_like(moved))
     x._feedback.end(x.vertices, count=True)
-    _, (inverted, _) = x._feedback.read()
+    _, (inverted, *_) = x._feedback.read()
     expected = (signed_volumes(moved.astype(np.float32), MESH.tets) <= 0).sum()
     assert inverted.sum() == expected > 0

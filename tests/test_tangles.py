@@ -24,7 +24,9 @@ def wheel(tet_count, turns):
 def counted(feedback, x, overlong=False):
     vertices = wp.array(x.astype(np.float32), dtype=wp.vec3, device=feedback._device)
     feedback.end(vertices, count=True, overlong=overlong)
-    return feedback.read()[1]
+    inverted, wrapped, lost = feedback.read()[1]
+    assert not lost.any() or np.isnan(x).any()
+    return inverted, wrapped
 
 
 def counts(rest, x, tets, device, parts=None):
@@ -82,3 +84,16 @@ def test_inverted_flat_and_nan_tets_count_in_their_part(device):
         x[mesh.vertex_count :] = spoil(x[mesh.vertex_count :])
         inverted, _ = counts(rest, x, tets, device, parts)
         np.testing.assert_array_equal(inverted, [0, mesh.tet_count])
+
+
+def test_tets_that_are_not_finite_are_counted_beside(device):
+    mesh = a15_grid(0.25)
+    x = mesh.rest_vertices.copy()
+    x[mesh.tets[0, 0]] = np.nan
+    feedback = tangles.Feedback(
+        mesh.rest_vertices, mesh.tets, np.zeros(len(x), int), wp.zeros(1, device=device)
+    )
+    feedback.end(wp.array(x.astype(np.float32), dtype=wp.vec3, device=device), count=True)
+    _, (inverted, _, lost) = feedback.read()
+    expected = (mesh.tets == mesh.tets[0, 0]).any(axis=1).sum()
+    assert lost[0] == inverted[0] == expected

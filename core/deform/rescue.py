@@ -15,8 +15,13 @@ is grabbed:
 The goal is the rest shape in the part's present position and rotation (Kabsch 1976; used as
 in shape matching, Müller et al., "Meshless Deformations Based on Shape Matching", 2005).
 Held vertices weigh HELD times as much as free ones, and pull the released, untangled body to
-them.  If a part tangles again, by its pins or its weight, TRIES times within FORGET of each
-other, the solver leaves it alone until the user does something.
+them.  If a part tangles again TRIES times within FORGET of each other, the solver leaves it
+alone until the user does something.
+
+A load can hold a body in a shape that counts as tangled, and no rescue would last.  So what
+fell or buckled under its weight (it was sound after the user's last act) is not rescued, nor
+what is bent by pins that are not to each other as at rest.  Vertices that aren't finite are
+rescued in any case.
 
 Times are simulated seconds.  Shapes: V vertices, P parts (connected components).
 """
@@ -38,6 +43,8 @@ class Rescue:
 
     Attributes:
         counts: Tangles of each part when last counted [P]; None since the user did something.
+        load: What may hold the body in another shape than its rest shape: "weight", "pins" or
+            None.
         ratio: The r of all constraints in this frame; None for the material's.
         parts: Those that bypass the constraints [P] bool; None if none does.
         progress: The share of their way that is done at the end of this frame, 0 to 1.
@@ -48,21 +55,21 @@ class Rescue:
 
     def touch(self):
         """The user did something: forget all counts and tries."""
-        self.counts = self.parts = self.ratio = None
-        self._is_news = False
+        self.counts = self.parts = self.ratio = self.load = self._lost = None
+        self._is_news = self._was_sound = False
         self._tangled_for = self._sound_for = 0.0
         self._since_count = COUNT_INTERVAL
         self._tries = 0
         self._time = self.progress = 0.0
 
-    def report(self, counts):
-        """Take the number of tangles of each part.  [P]"""
-        self.counts = counts
+    def report(self, counts, lost=False):
+        """Take the number of tangles of each part, and whether it has lost vertices.  [P]"""
+        self.counts, self._lost = counts, np.broadcast_to(lost, counts.shape)
         self._is_news = True
         if counts.any():
             self._sound_for = 0.0
         else:
-            self._tangled_for = 0.0
+            self._tangled_for, self._was_sound = 0.0, True
 
     @property
     def running(self) -> bool:
@@ -70,9 +77,22 @@ class Rescue:
         return self.parts is not None or self.ratio is not None
 
     @property
+    def _curable(self):
+        """Tangles of each part that a rescue may resolve.  [P]"""
+        if self.load == "pins" or (self.load == "weight" and self._was_sound):
+            return np.where(self._lost, self.counts, 0)
+        return self.counts
+
+    @property
+    def held_by(self) -> str | None:
+        """The load that holds something in a shape that counts as tangled."""
+        held = self.counts is not None and not self.running and (self.counts > self._curable).any()
+        return self.load if held else None
+
+    @property
     def given_up(self) -> bool:
         """Whether something is tangled and all tries are used up."""
-        tangled = self.counts is not None and bool(self.counts.any())
+        tangled = self.counts is not None and bool(self._curable.any())
         return tangled and self._tries >= TRIES and not self.running
 
     @property
@@ -80,10 +100,11 @@ class Rescue:
         """Whether the solver may sleep: no try is under way or to come, and tangles are known."""
         if self.running or self.counts is None:
             return False
-        return self.given_up or not self.counts.any()
+        return self.given_up or not self._curable.any()
 
-    def advance(self, dt: float) -> bool:
+    def advance(self, dt: float, load: str | None = None) -> bool:
         """Begin a frame of dt in which nothing is grabbed; True to count tangles after it."""
+        self.load = load
         self._sound_for += dt
         if self._sound_for >= FORGET:
             self._tries = 0
@@ -92,7 +113,7 @@ class Rescue:
         if softened or returned:
             self.ratio = self.parts = None
             self._tangled_for = 0.0
-        elif not self.running and self.counts is not None and self.counts.any():
+        elif not self.running and self.counts is not None and self._curable.any():
             # Only on a new count: a part may have untangled itself since the last one.
             if self._is_news and self._tangled_for >= PATIENCE - 1e-6 and self._tries < TRIES:
                 self._begin()
@@ -119,7 +140,7 @@ class Rescue:
         if self._tries == 1:
             self.ratio = RATIO
         else:
-            self.parts = self.counts > 0
+            self.parts = self._curable > 0
 
 
 def goals(rest_vertices, vertices, held):

@@ -76,15 +76,18 @@ def count_inverted_kernel(
     vertices: wp.array(dtype=wp.vec3),  # [V]
     tets: wp.array(dtype=wp.vec4i),  # [T]
     parts: wp.array(dtype=int),  # [V]
-    counts: wp.array2d(dtype=int),  # [2, P] in and out
+    counts: wp.array2d(dtype=int),  # [3, P] in and out
 ):
     corners = tets[wp.tid()]
     origin = vertices[corners[0]]
     e1 = vertices[corners[1]] - origin
     e2 = vertices[corners[2]] - origin
     e3 = vertices[corners[3]] - origin
-    if not wp.dot(wp.cross(e1, e2), e3) > 0.0:  # NaN counts as inverted
+    volume = wp.dot(wp.cross(e1, e2), e3)
+    if not volume > 0.0:  # NaN counts as inverted
         wp.atomic_add(counts, 0, parts[corners[0]], 1)
+    if not wp.isfinite(volume):
+        wp.atomic_add(counts, 2, parts[corners[0]], 1)
 
 
 @wp.kernel(grid_stride=False)
@@ -97,7 +100,7 @@ def count_wrapped_kernel(
     lengths: wp.array(dtype=float),  # [E]
     stretch: float,  # longer edges, in rest lengths, count too
     parts: wp.array(dtype=int),  # [V]
-    counts: wp.array2d(dtype=int),  # [2, P] in and out
+    counts: wp.array2d(dtype=int),  # [3, P] in and out
 ):
     edge = wp.tid()
     first = ends[edge][0]
@@ -132,7 +135,7 @@ class Feedback:
         self._parts = upload(parts, int, device)
         self._fans = None  # the first count builds them
         self._motion = motion
-        self._counts = wp.zeros((2, int(parts.max()) + 1), dtype=int, device=device)
+        self._counts = wp.zeros((3, int(parts.max()) + 1), dtype=int, device=device)
         self._copies = [
             wp.zeros_like(source, device="cpu", pinned=device.is_cuda)
             for source in (motion, self._counts)
@@ -159,7 +162,10 @@ class Feedback:
             self._device.stream.record_event(self._copied)
 
     def read(self):
-        """Motion [m]; inverted tets and wrapped edges [2, P].  None for what isn't new."""
+        """Motion [m]; inverted tets, wrapped edges, tets that aren't finite [3, P].
+
+        None for what isn't new.
+        """
         if self._expected and self._copied is not None:
             wp.synchronize_event(self._copied)
         expected, self._expected = self._expected, 0

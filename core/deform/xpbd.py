@@ -233,7 +233,7 @@ class XpbdSolver:
             self._stale = True
         count_due = False
         if self.options.rescue and len(self._holds.handles) == 0:
-            count_due = self.rescue.advance(dt)
+            count_due = self.rescue.advance(dt, self._load())
         self._follow_rescue()
         if self._stale:
             self._prepare()
@@ -244,13 +244,13 @@ class XpbdSolver:
             self.options.ground is not None,
             self._free_parts.damp(),
         )
-        self._feedback.end(self.vertices, count_due, count_due and self._returns_to_rest())
+        self._feedback.end(self.vertices, count_due, count_due and self._load() is None)
 
     def _read_feedback(self):
         """Take the results of the frame before."""
         motion, counts = self._feedback.read()
         if counts is not None:
-            self.rescue.report(counts.sum(axis=0))
+            self.rescue.report(counts[:2].sum(axis=0), counts[2] > 0)
         if motion is None:
             return
         still = motion <= self.options.sleep_motion * self.object_size
@@ -258,14 +258,14 @@ class XpbdSolver:
         if self.settled:
             self._fall_asleep()
 
-    def _returns_to_rest(self):
-        """Whether the body has to return to rest: no gravity, and pins are as at rest."""
-        if any(self.options.gravity):
-            return False
+    def _load(self):
+        """What keeps the body from returning to rest; see Rescue.load."""
         if self._pins_fit is None:
             held, rest = (a[self.pinned] for a in (self._state.targets.numpy(), self.rest_vertices))
             self._pins_fit = distortion(rest, held) < PINS_OFF * self.object_size
-        return self._pins_fit
+        if not self._pins_fit:
+            return "pins"
+        return "weight" if any(self.options.gravity) else None
 
     def _follow_rescue(self):
         rescue = self.rescue

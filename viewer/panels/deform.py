@@ -51,6 +51,8 @@ def state_line(scene) -> str:
         return "rescuing ..."
     if scene.solver.rescue.given_up:
         return "tangled: take Reset"
+    if scene.solver.rescue.held_by:
+        return f"folded by its {scene.solver.rescue.held_by}"
     return "paused" if scene.paused else "moving" if scene.moving else "at rest"
 
 
