@@ -111,7 +111,28 @@ class ConstraintList:
             offsets=len(offsets),
         )
         self.in_use = None
+        self._rest_values = constraints.rest_values.copy()  # of all, as last known
         self.select(np.ones(vertex_count, bool))
+
+    @property
+    def rest_values(self):
+        """L or 6 V0 of all constraints, as they are on the device.  [C]"""
+        if self.in_use is not None:
+            on_device = self.arrays.rest_values.numpy()[self._places]
+            changed = on_device != self._rest_values[self.in_use].astype(np.float32)
+            self._rest_values[self.in_use[changed]] = on_device[changed]
+        return self._rest_values
+
+    def set_rest_values(self, values):
+        """Take rest values of all constraints.  [C]"""
+        self._rest_values = values.copy()
+        self._put(self.arrays.rest_values, values[self.in_use])
+
+    def in_order(self, values):
+        """Values of all constraints [C] in the order of the arrays, 1 in unused entries."""
+        filled = np.ones(len(self.arrays.ids), np.float32)
+        filled[self._places] = values[self.in_use]
+        return filled
 
     def _whole_groups(self, counts):
         return -(-counts // self._group) * self._group
@@ -124,6 +145,7 @@ class ConstraintList:
             in_use = in_use[np.lexsort(keys)]
         if self.in_use is not None and np.array_equal(in_use, self.in_use):
             return
+        rest_values = self.rest_values
         self.in_use = in_use
         counts = np.bincount(self._colors[in_use], minlength=len(self.arrays.offsets) - 1)
         starts = np.append(0, np.cumsum(self._whole_groups(counts)))
@@ -131,7 +153,7 @@ class ConstraintList:
         self._places = np.arange(len(in_use)) + np.repeat(unused_before, counts)
         self._put(self.arrays.vertices, self.constraints.vertices[in_use], self._unused)
         self._put(self.arrays.ids, in_use)
-        self._put(self.arrays.rest_values, self.constraints.rest_values[in_use])
+        self._put(self.arrays.rest_values, rest_values[in_use])
         self.arrays.offsets.assign(starts.astype(np.int32))
 
     def set_regularization(self, values):

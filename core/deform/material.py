@@ -36,11 +36,14 @@ class Material:
     # Rate at which velocities decay [1/s], whatever the substeps.  It spares the rigid motion of
     # parts that nothing holds.
     damping: float = 3.0
+    yield_strain: float = math.inf  # edges keep what exceeds it (plasticity.py); inf: none do
 
     def __post_init__(self):
         checks.number("material's young_modulus", self.young_modulus, positive=True)
         checks.number("material's density", self.density, positive=True)
         checks.number("material's damping", self.damping)
+        if not 0.0 < self.yield_strain:
+            raise ValueError(f"the yield strain is {self.yield_strain}; give a positive number")
         if not -1.0 < self.poisson_ratio < 0.5:
             raise ValueError(f"Poisson's ratio is {self.poisson_ratio}; give one in (-1, 0.5)")
         if self.poisson_ratio < LOWEST_POISSON_RATIO:

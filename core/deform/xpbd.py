@@ -21,6 +21,7 @@ from .frame import CpuFrame, CudaFrame, runs_in_block
 from .holds import Holds
 from .material import Material
 from .rescue import Rescue, distortion, ways_back
+from .rest_shape import RestShape
 from .rigid_motion import FreeParts
 from .tangles import Feedback
 from .xpbd_options import TIME_STEP, XpbdOptions
@@ -90,10 +91,11 @@ class XpbdSolver:
         arrays = frame_arrays(count, *(part.arrays for part in self._lists), self.device)
         self._state, self._timing = arrays.state, arrays.timing
         self.vertices, self.velocities = arrays.state.vertices, arrays.state.velocities
+        self._rest_shape = RestShape(self.rest_vertices, *self._lists, self.vertices)
         self._holds = Holds(pinned, arrays.state)
         self._free_parts = FreeParts(arrays.state, self._part_of)
-        mesh = self.rest_vertices, self.volumes.vertices, self._part_of
-        self._feedback = Feedback(*mesh, arrays.motion)
+        self._motion = arrays.motion
+        self._feedback = self._make_feedback()
         self._frame = (
             CudaFrame(arrays, self.rest_vertices, self.device)
             if self.device.is_cuda
@@ -132,6 +134,29 @@ class XpbdSolver:
         """Take other options; positions and velocities stay."""
         self.options = options
         self._touch()
+
+    def set_rest_shape(self, vertices=None):
+        """Take these positions as the shape to which the body returns; None is the mesh's own.
+
+        Positions and velocities stay, and so do the constraints' stiffnesses.
+
+        Args:
+            vertices: [V, 3] m
+        """
+        if vertices is None:
+            vertices = self.rest_vertices
+        vertices = checks.vectors(vertices, len(self.pinned), "position", "vertex")
+        self._rest_shape.take(vertices)
+        self._feedback = self._make_feedback()
+        self._touch()
+
+    def _make_feedback(self):
+        return Feedback(self.rest_shape, self.volumes.vertices, self._part_of, self._motion)
+
+    @property
+    def rest_shape(self):
+        """The shape to which the body returns; set_rest_shape() changes it.  [V, 3]"""
+        return self._rest_shape.vertices
 
     # -- pins, handles -----------------------------------------------------------------
 
@@ -175,8 +200,9 @@ class XpbdSolver:
     # -- state -------------------------------------------------------------------------
 
     def reset(self):
-        """Return to the rest pose at zero velocity; handles stay grabbed there."""
-        self.set_state(self.rest_vertices)
+        """Return to the rest shape at zero velocity; handles stay grabbed there."""
+        self._rest_shape.restore()
+        self.set_state(self.rest_shape)
         # Without gravity the rest pose is an equilibrium.
         if not any(self.options.gravity) and len(self._holds.handles) == 0:
             self.rescue.report(np.zeros(1, int))
@@ -244,7 +270,10 @@ class XpbdSolver:
             self.options.ground is not None,
             self._free_parts.damp(),
         )
-        self._feedback.end(self.vertices, count_due, count_due and self._load() is None)
+        if not self.rescue.running:
+            self._rest_shape.flow()
+        returns = count_due and self._load() is None and not self._rest_shape.yields
+        self._feedback.end(self.vertices, count_due, returns)
 
     def _read_feedback(self):
         """Take the results of the frame before."""
@@ -261,7 +290,7 @@ class XpbdSolver:
     def _load(self):
         """What keeps the body from returning to rest; see Rescue.load."""
         if self._pins_fit is None:
-            held, rest = (a[self.pinned] for a in (self._state.targets.numpy(), self.rest_vertices))
+            held, rest = (a[self.pinned] for a in (self._state.targets.numpy(), self.rest_shape))
             self._pins_fit = distortion(rest, held) < PINS_OFF * self.object_size
         if not self._pins_fit:
             return "pins"
@@ -276,7 +305,7 @@ class XpbdSolver:
             self._end_rescue()
             return
         if not self._holds.rescued.any():
-            mesh = self.rest_vertices, self.vertices.numpy(), self.pinned, self._part_of
+            mesh = self.rest_shape, self.vertices.numpy(), self.pinned, self._part_of
             self._rescue_path = ways_back(*mesh, rescue.parts)
             self._holds.set_rescued(rescue.parts[self._part_of] & ~self.pinned)
             self._activate(self._holds.rescued)
@@ -327,6 +356,7 @@ class XpbdSolver:
             elif compliances is not None:
                 part.set_regularization(regularization(compliances, w, h))
         self._holds.prepare_springs(h)
+        self._rest_shape.prepare(self.material.yield_strain)
         held = np.bincount(self._part_of, self._holds.held)
         free = self._active & (held == 0) & (self.material.damping > 0.0)
         self._state.free.assign(free[self._part_of].astype(np.int32))
