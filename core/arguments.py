@@ -1,5 +1,6 @@
 """Arguments that the commands share: their appearance in --help, and their checks."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
 AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
     tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
 ]
+Meters = Annotated[float | None, tyro.conf.arg(metavar="METERS", help_behavior_hint="")]
 File = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
 
 
@@ -24,6 +26,18 @@ def at_least(smallest: int, name: str, value: int) -> int:
     if value < smallest:
         raise ValueError(f"{name} is {value}: it has to be at least {smallest}")
     return value
+
+
+def positive(name: str, value: float | None) -> float | None:
+    """The value; a ValueError that calls it by its name if it isn't a positive number."""
+    if value is not None and not 0.0 < value < float("inf"):
+        raise ValueError(f"{name} is {value}: it has to be a positive number")
+    return value
+
+
+def with_size(field, meters: float | None):
+    """A TetField that states the length of the object's longest side [m], if one is given."""
+    return field if meters is None else replace(field, meta={**field.meta, "size": meters})
 
 
 def writable_file(path: Path, ending: str) -> Path:

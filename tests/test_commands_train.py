@@ -54,6 +54,14 @@ def test_training_writes_the_model_with_its_test_scores(call, trainer, data, tmp
     assert str(output) in result.out and "1.5 minutes" in result.out
 
 
+def test_a_model_states_the_size_that_was_given(call, trainer, data, tmp_path):
+    output = tmp_path / "m.npz"
+    call(train.main, data, "-o", output, "--device", "cpu", "--size", 0.3)
+    assert modelfile.load(output).meta["size"] == 0.3
+    call(train.main, data, "-o", output, "--device", "cpu")
+    assert "size" not in modelfile.load(output).meta
+
+
 def test_training_needs_no_test_split(call, trainer, data, tmp_path):
     (data / "transforms_test.json").unlink()
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
@@ -177,6 +185,7 @@ def test_the_command_line_knows_every_preset():
         (["-o", "m.npz", "--seed", -1], "--seed is -1: it has to be at least 0"),
         (["-o", "m.npz", "--image-size", 0], "image size is 0"),
         (["-o", "m.npz", "--scene-radius", 0], "--scene-radius is 0.0"),
+        (["-o", "m.npz", "--size", "inf"], "--size is inf: it has to be a positive number"),
         (
             ["-o", "m.npz", "--leave-out", "distortion", "stage"],
             "no 'stage' to leave out; choose from coarse-stage, subtet-mask, dense-levels, ",

@@ -1,6 +1,4 @@
-"""The solver's options at work: springs, ground, frame rates, compliances, masses, parts."""
-
-from dataclasses import replace
+"""The solver's options at work: springs, frame rates, compliances, masses, parts."""
 
 import numpy as np
 import pytest
@@ -138,67 +136,6 @@ def test_springs_and_exact_handles_can_alternate_and_pins_win(device):
     x.move(x.rest_vertices[ids] + 0.05)
     x.step(DT)
     np.testing.assert_allclose(positions(x)[ids], x.rest_vertices[ids] + 0.05, atol=1e-6)
-
-
-# -- ground --------------------------------------------------------------------------------
-
-
-def test_a_body_lands_on_the_ground_and_lies_there(device):
-    x = solver(SLAB, free(SLAB), device, gravity=(0, 0, -G), ground=0.0)
-    low = x.rest_vertices[:, 2].min()
-    assert low > 0.1
-    run(x, 5.0)
-    now = positions(x)
-    np.testing.assert_allclose(now[:, 2], x.rest_vertices[:, 2] - low, atol=0.02)
-    np.testing.assert_allclose(now[:, :2], x.rest_vertices[:, :2], atol=0.3)  # it bounces
-    assert abs(now[:, 2].min()) < 1e-6
-    assert np.linalg.norm(x.velocities.numpy(), axis=1).max() < 0.01
-
-
-@pytest.mark.parametrize("friction", [0.2, 0.5])
-def test_a_body_slides_down_a_slope_beyond_coulombs_angle(device, friction):
-    """Gravity turns within a second to 2° less than that angle: it stays; to 2° more: it slides."""
-    critical, low = np.degrees(np.arctan(friction)), SLAB.rest_vertices[:, 2].min()
-    x = solver(SLAB, free(SLAB), device, gravity=(0, 0, -G), ground=low, friction=friction)
-    bottom = SLAB.rest_vertices[:, 2] < low + 1e-6
-
-    def turn(start, end, seconds):
-        """How far the bottom goes meanwhile."""
-        before = positions(x)[bottom].mean(axis=0)
-        for i in range(round(seconds / DT)):
-            angle = np.radians(start + (end - start) * min(1.0, (i + 1) * DT))
-            x.set_options(replace(x.options, gravity=(G * np.sin(angle), 0, -G * np.cos(angle))))
-            x.step(DT)
-        return (positions(x)[bottom].mean(axis=0) - before)[0]
-
-    run(x, 1.0)
-    turn(0.0, critical - 2.0, 2.0)
-    assert abs(turn(critical - 2.0, critical - 2.0, 1.0)) < 2e-3
-    turn(critical - 2.0, critical + 2.0, 1.0)
-    angle = np.radians(critical + 2.0)
-    pull = G * (np.sin(angle) - friction * np.cos(angle))
-    assert turn(critical + 2.0, critical + 2.0, 1.0) > 0.5 * pull
-
-
-def test_friction_stops_a_sliding_body_where_coulomb_says(device):
-    """v²/(2 μ g) on, and without friction it doesn't stop."""
-    speed, low = 1.0, SLAB.rest_vertices[:, 2].min()
-    for friction in (0.0, 0.3):
-        x = solver(
-            SLAB,
-            free(SLAB),
-            device,
-            gravity=(0, 0, -G),
-            ground=low,
-            friction=friction,
-        )
-        run(x, 1.0)
-        settled = positions(x)
-        x.set_state(settled, np.full(settled.shape, [speed, 0, 0]))
-        run(x, 1.0)
-        way = (positions(x) - settled).mean(axis=0)
-        expected = speed**2 / (2 * friction * G) if friction else speed
-        assert way[0] == pytest.approx(expected, rel=0.1)
 
 
 # -- time ----------------------------------------------------------------------------------

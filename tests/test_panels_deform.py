@@ -19,20 +19,27 @@ class Panel:
 
         self.choice, self.texts = None, []
         self.scene = SimpleNamespace(
-            material=Material(),
-            set_material=self.set_material,
+            body=SimpleNamespace(
+                material=Material(),
+                set_material=self.set_material,
+                stiffness=(1.0, 5e5),
+                gravity=0.0,
+                air_drag=0.0,
+                meters=1.0,
+                rests_elsewhere=False,
+                set_options=self.called("options"),
+                set_meters=self.called("meters"),
+                set_air_drag=self.called("air drag"),
+            ),
             settings=SimpleNamespace(grab_radius=0.1, soft_grab=False),
             solver=SimpleNamespace(
                 options=SimpleNamespace(substep_count=20),
                 rescue=SimpleNamespace(running=False, given_up=False, held_by=None),
             ),
-            stiffness=(1.0, 5e5),
-            gravity=0.0,
             on_ground=False,
             set_gravity=self.called("gravity"),
             set_ground=self.called("ground"),
             hold=self.called("hold"),
-            set_substeps=self.called("substeps"),
             paused=False,
             moving=False,
             held=True,
@@ -54,7 +61,7 @@ class Panel:
         return (True, not value) if self.boxes.pop(label, False) else (False, value)
 
     def set_material(self, **values):
-        self.scene.material = Material(**values)
+        self.scene.body.material = Material(**values)
 
     def combo(self, label, current, names):
         assert label == "material"
@@ -87,24 +94,24 @@ def test_a_material_is_chosen_by_its_name(panel, name):
     assert panel.shown == "custom"
     panel.choice = name
     panel.frame()
-    assert panel.scene.material == PRESETS[name]
+    assert panel.scene.body.material == PRESETS[name]
     panel.frame()
     assert panel.shown == name
 
 
 def test_a_material_that_was_changed_is_custom_and_choosing_that_changes_nothing(panel):
-    panel.scene.material = Material(**{**vars(PRESETS["wood"]), "damping": 1.0})
+    panel.scene.body.material = Material(**{**vars(PRESETS["wood"]), "damping": 1.0})
     panel.choice = "custom"
     panel.frame()
     assert panel.shown == "custom"
-    assert panel.scene.material.damping == 1.0
+    assert panel.scene.body.material.damping == 1.0
 
 
 def test_it_is_said_when_the_solver_softens_the_material(panel):
-    panel.scene.stiffness = 1.01 * SOFTENED_BELOW, 2e5
+    panel.scene.body.stiffness = 1.01 * SOFTENED_BELOW, 2e5
     panel.frame()
     assert panel.texts == []
-    panel.scene.stiffness = 0.99 * SOFTENED_BELOW, 1.5e5
+    panel.scene.body.stiffness = 0.99 * SOFTENED_BELOW, 1.5e5
     panel.frame()
     assert panel.texts == ["softened: take more substeps"]
     assert f"r = {0.99 * SOFTENED_BELOW:.2g}, holds 150 kPa" in panel.dim
@@ -112,7 +119,7 @@ def test_it_is_said_when_the_solver_softens_the_material(panel):
 
 def test_it_is_said_which_poisson_ratio_is_held(panel):
     with pytest.warns(UserWarning, match="is held instead"):
-        panel.scene.material = Material(poisson_ratio=0.1)
+        panel.scene.body.material = Material(poisson_ratio=0.1)
     panel.frame()
     assert panel.texts == ["0.25 is held: springs can't follow a lower ratio"]
 
@@ -128,13 +135,13 @@ def test_a_rescue_and_its_failure_are_said(panel):
 
 
 def test_boxes_switch_what_surrounds_the_object(panel):
-    from deformrf.viewer.scene import EARTH
+    from deformrf.viewer.body import EARTH
 
     for label, call in (("gravity", EARTH), ("ground", True), ("held", False)):
         panel.boxes[label] = True
         panel.frame()
         assert panel.calls.pop() == ({"held": "hold"}.get(label, label), call)
-    panel.scene.gravity = 5.0
+    panel.scene.body.gravity = 5.0
     panel.boxes = {"gravity": True, "soft grab": True}
     panel.frame()
     assert panel.calls == [("gravity", 0.0)]

@@ -110,14 +110,14 @@ def test_another_number_of_substeps_keeps_the_pose(scene):
     scene.drag_to(scene.positions[vertex] + 0.1)
     scene.advance(TIME_STEP)
     before = scene.positions.copy()
-    scene.set_substeps(7)
+    scene.body.set_options(substep_count=7)
     assert scene.solver.options.substep_count == 7
     assert scene.positions == pytest.approx(before, abs=1e-6)
 
 
 def test_another_number_of_substeps_does_not_end_a_drag(scene):
     vertex = grab_free(scene)
-    scene.set_substeps(7)
+    scene.body.set_options(substep_count=7)
     target = scene.positions[vertex] + np.array([0.05, 0.02, 0.0])
     scene.drag_to(target)
     scene.advance(4 * TIME_STEP)
@@ -155,7 +155,7 @@ def test_gravity_and_ground_come_and_go(scene):
     scene.hold(False)
     scene.set_gravity(10.0)
     scene.set_ground(True)
-    assert scene.gravity == 10.0 and scene.on_ground
+    assert scene.body.gravity == 10.0 and scene.on_ground
     for _ in range(60):
         scene.advance(TIME_STEP)
     lowest = scene.field.mesh.rest_vertices[:, 2].min()
@@ -207,32 +207,32 @@ def test_a_poisson_ratio_below_the_limit_raises_no_warning(scene):
     """The panel says it, and a slider would say it a hundred times."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        scene.set_material(poisson_ratio=0.1)
-    assert scene.material.held_poisson_ratio == 0.25
+        scene.body.set_material(poisson_ratio=0.1)
+    assert scene.body.material.held_poisson_ratio == 0.25
 
 
 def test_the_held_stiffness_follows_material_and_substeps(scene):
-    ratio, modulus = scene.stiffness
+    ratio, modulus = scene.body.stiffness
     assert (ratio, modulus) == (scene.solver.stiffness_ratio(), scene.solver.held_young_modulus())
-    scene.set_substeps(2 * scene.solver.options.substep_count)
-    assert scene.stiffness[0] == pytest.approx(4.0 * ratio)
-    scene.set_material(young_modulus=1e9)
-    assert scene.stiffness[1] < 0.5e9
+    scene.body.set_options(substep_count=2 * scene.solver.options.substep_count)
+    assert scene.body.stiffness[0] == pytest.approx(4.0 * ratio)
+    scene.body.set_material(young_modulus=1e9)
+    assert scene.body.stiffness[1] < 0.5e9
 
 
 def test_the_held_stiffness_follows_the_pins(scene):
     """An edge of two pins can't move and has no stiffness ratio: other pins, another median."""
-    before = scene.stiffness
+    before = scene.body.stiffness
     rest = scene.field.mesh.rest_vertices
     scene.solver.set_pinned(rest[:, 2] < np.median(rest[:, 2]))
     held = scene.solver.stiffness_ratio(), scene.solver.held_young_modulus()
-    assert scene.stiffness == held != before
+    assert scene.body.stiffness == held != before
 
 
 def test_the_material_changes_one_value_at_a_time(scene):
-    scene.set_material(young_modulus=2e4)
+    scene.body.set_material(young_modulus=2e4)
     assert scene.solver.material.young_modulus == 2e4
-    assert scene.solver.material.damping == scene.material.damping
+    assert scene.solver.material.damping == scene.body.material.damping
 
 
 @pytest.fixture
@@ -301,7 +301,38 @@ def test_a_speck_has_no_handles(ball):
     rest = np.concatenate([mesh.rest_vertices, speck])
     tets = np.concatenate([mesh.tets, count + np.arange(4)[None]]).astype(np.int32)
     field = SimpleNamespace(
-        mesh=SimpleNamespace(rest_vertices=rest, tets=tets, vertex_count=len(rest))
+        mesh=SimpleNamespace(rest_vertices=rest, tets=tets, vertex_count=len(rest)), meta={}
     )
     scene = Scene(field, "ball with a speck", "cpu")
     assert len(scene.control_ids) > 10 and scene.control_ids.max() < count
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_a_drag_is_pinned_with_its_patch_where_it_is(scene, soft):
+    scene.settings.soft_grab, scene.settings.grab_radius = soft, 0.3
+    vertex = grab_free(scene)
+    held = scene.grabbed.ids
+    scene.drag_to(scene.grabbed.target + np.array([0.1, 0.0, 0.1]))
+    for _ in range(30):
+        scene.advance(TIME_STEP)
+    before = scene.positions.copy()
+    scene.pin_grab()
+    patch = scene.solver.pinned & ~scene.pins
+    assert scene.grabbed is None and patch[vertex]
+    assert 1 < patch.sum() <= len(held) and set(np.flatnonzero(patch)) <= set(held)
+    for _ in range(30):
+        scene.advance(TIME_STEP)
+    np.testing.assert_allclose(scene.positions[patch], before[patch], atol=1e-6)
+
+
+def test_a_patch_is_freed_as_one_and_other_pins_stay(scene):
+    first, second = (int(i) for i in scene.control_ids[[0, -1]])
+    scene.set_pin(first, True)
+    one = scene.solver.pinned & ~scene.pins
+    scene.set_pin(second, True)
+    assert (scene.solver.pinned & ~scene.pins).sum() > one.sum()
+    scene.set_pin(int(np.flatnonzero(one)[-1]), False)  # any of them
+    assert not scene.solver.pinned[first] and scene.solver.pinned[second]
+    assert scene.solver.pinned[scene.pins].all()
+    scene.set_pin(second, False)
+    np.testing.assert_array_equal(scene.solver.pinned, scene.pins)

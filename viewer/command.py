@@ -15,7 +15,16 @@ from typing import Annotated, Literal
 import tyro
 
 from ..core import field as fields
-from ..core.arguments import AnyModel, Count, File, at_least, writable_file
+from ..core.arguments import (
+    AnyModel,
+    Count,
+    File,
+    Meters,
+    at_least,
+    positive,
+    with_size,
+    writable_file,
+)
 from ..core.commands import FAILED, run
 from ..core.device import Choice, device_name
 from ..core.paths import DEFAULT_MODEL, program_version
@@ -62,6 +71,9 @@ class ViewArguments:
     size: Size = None
     """Size of the window [points], 1200x800 by default, or, headless, of the frames [pixels],
     400x400 by default."""
+    object_size: Meters = None
+    """The object's longest side [m]; by default what the model says, else one model unit is 1 m.
+    The same material is stiffer for its weight where the object is smaller."""
     mode: Mode = "color"
     """View mode; error is the difference from the exact mode of rendering."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
@@ -94,6 +106,7 @@ def check(arguments: ViewArguments) -> None:
     run = arguments.run
     frame_size(arguments)
     at_least(1, "--fps", arguments.fps)
+    positive("--object-size", arguments.object_size)
     if run.frames is not None:
         at_least(1, "--frames", run.frames)
     if run.drag is not None and not run.headless:
@@ -138,7 +151,8 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
     from .script import parse_drag, resolved
 
     drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
-    field, device = fields.load(chosen.model), device_name(chosen.device)
+    field = with_size(fields.load(chosen.model), chosen.object_size)
+    device = device_name(chosen.device)
     app = _open(chosen)
     try:
         with _told_if_slow(app):

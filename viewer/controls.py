@@ -108,6 +108,15 @@ class Controls:
             self._log("cancel", vertex=vertex)
         self.mode, self._button = "", 0
 
+    def pin(self) -> None:
+        """End the drag: what is held is pinned where it is."""
+        if self.mode != "grab" or self.scene.grabbed is None:
+            return
+        vertex = self.scene.grabbed.vertex
+        self.scene.pin_grab()
+        self._log("pin", vertex=vertex, position=self.scene.positions[vertex])
+        self.mode, self._button = "", 0
+
     # -- what is under the mouse ---------------------------------------------------------
 
     def pick(self, pixel, ids=None) -> int | None:

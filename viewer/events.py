@@ -44,7 +44,7 @@ def state_of(app) -> dict:
         "yaw": scene.orbit.yaw,
         "pitch": scene.orbit.pitch,
         "distance": scene.orbit.distance,
-        "young_modulus": scene.material.young_modulus,
+        "young_modulus": scene.body.material.young_modulus,
     }
 
 

@@ -4,16 +4,12 @@ The solver always steps by 1/60 s, since another length would make it compute it
 anew; a frame takes as many steps as fit in it.  Positions are model space, V vertices.
 """
 
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..core.deform import (
     TIME_STEP,
-    Material,
-    XpbdOptions,
-    XpbdSolver,
     control_vertices,
     falloff,
     lowest_pins,
@@ -21,6 +17,7 @@ from ..core.deform import (
 )
 from ..core.geometry import components
 from . import orbit as orbits
+from .body import Body, stored_size
 from .settings import CPU_TARGET_FPS, Settings
 from .surface import bounds, nearest_vertices
 
@@ -32,7 +29,7 @@ SPECK = 0.02  # of the vertices: components smaller than that have no handles
 MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
 DEPTH_PART = 0.75  # of its size, that the object may reach from its center towards the eye
 HANDLE_RADIUS = 0.0135  # of its size
-EARTH = 9.81  # m/s²
+PATCH_PART = 0.75  # of a soft grab's radius, that is pinned; beyond it, pulls are weak
 # A patch of radius R of an elastic body with Young's modulus E (the one that the substeps
 # hold) resists a pull like a spring of at most 2 E R: 0.8 E times the size for the largest
 # grab radius.  Springs of 4 E times the size together therefore follow the mouse closely.
@@ -59,14 +56,19 @@ class Grab:
 class Scene:
     """An object that can be bent."""
 
-    def __init__(self, field, name: str, device: str, surface=None):
-        """Take a field at rest, and points that can be seen [N, 3], by default its vertices."""
+    def __init__(self, field, name: str, device: str, surface=None, meters=None):
+        """Take a field at rest.
+
+        Args:
+            surface: Points that can be seen, by default its vertices.  [N, 3]
+            meters: The longest side of what can be seen; by default what the model says, else
+                one unit is a meter.
+        """
         self.field = field
         self.name = name
         self.settings = Settings()
         if device == "cpu":
             self.settings.target_fps = CPU_TARGET_FPS
-        self.material = Material()
         rest, tets = field.mesh.rest_vertices, field.mesh.tets
         self._surface = rest if surface is None else surface
         low, high = bounds(self._surface)
@@ -78,7 +80,10 @@ class Scene:
         # do: they may be specks below the object.
         self.pins = lowest_pins(rest, tets)
         self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
-        self.solver = XpbdSolver(rest, tets, self.material, self.pins, XpbdOptions(), device)
+        self._patches = np.zeros(len(rest), int)  # of pins that were set together; 0: none
+        meters = stored_size(field.meta) if meters is None else meters
+        self.body = Body(rest, tets, self.pins, self.size, meters, device)
+        self.solver = self.body.solver
         self._nearest = nearest_vertices(self._surface, rest)  # [N], of each point
         near = np.unique(self._nearest)
         self._near = near[_of_the_object(rest, tets)[near]]
@@ -90,7 +95,6 @@ class Scene:
         self.revision = 0  # counts the changes of the pose
         self._time = 0.0  # s that frames have lasted and no step has covered
         self._host = None  # the revision, and its positions
-        self._stiffness = None  # what `stiffness` depends on, and its value
         self.home()
 
     # -- pose ----------------------------------------------------------------------------
@@ -162,7 +166,8 @@ class Scene:
         if self.settings.soft_grab:
             pull = falloff(self.field.mesh.rest_vertices, vertex, ids, radius)
             ids, pull = ids[pull >= LEAST_PULL], pull[pull >= LEAST_PULL]
-            share = self.stiffness[1] * self.solver.object_size * pull / pull.sum()
+            modulus = self.solver.held_young_modulus()
+            share = modulus * self.solver.object_size * pull / pull.sum()
             radius = max(radius, self.solver.edges.rest_values.mean())
             self.solver.grab(ids, SOFT_STIFFNESS * share, SOFT_FORCE * radius * share)
         else:
@@ -178,6 +183,12 @@ class Scene:
         if self.grabbed is not None:
             self.solver.release()
             self.grabbed = None
+
+    def pin_grab(self) -> None:
+        """Let go, and pin the patch that was held where it is."""
+        vertex = self.grabbed.vertex
+        self.release()
+        self.set_pin(vertex, True)
 
     def cancel_grab(self) -> None:
         """Let go, and restore the pose and velocities from before the grab."""
@@ -212,48 +223,27 @@ class Scene:
     def hold(self, held: bool) -> None:
         """Pin the lowest part of the object where it is, or let all of it float."""
         self.solver.set_pinned((self.pins | self.solver.pinned) & held)
+        self._patches[:] = 0
         self._keep_in_sight()
 
     def set_pin(self, vertex: int, pinned: bool) -> None:
-        """Pin a vertex where it is, or free it."""
+        """Pin a vertex and its patch where they are; or free it, and what was pinned with it."""
         pins = self.solver.pinned.copy()
-        pins[vertex] = pinned
+        if pinned:
+            part = PATCH_PART if self.settings.soft_grab else 1.0
+            radius = part * self.settings.grab_radius * self.size
+            patch = vertices_within(self.field.mesh.rest_vertices, vertex, radius)
+            patch = patch[~pins[patch]]
+            self._patches[patch] = self._patches.max() + 1
+            pins[patch] = True
+        else:
+            patch = self._patches == self._patches[vertex] if self._patches[vertex] else vertex
+            pins[patch], self._patches[patch] = False, 0
         self.solver.set_pinned(pins)
         self.hover = None
         self._keep_in_sight()
 
-    def set_material(self, **changes) -> None:
-        """Change some attributes of the material."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the panel says what is held
-            self.material = replace(self.material, **changes)
-        self.solver.set_material(self.material)
-
-    @property
-    def stiffness(self) -> tuple[float, float]:
-        """The stiffness with these substeps: the median r = α/(w h²), and Young's modulus [Pa]."""
-        key = self.solver.options, self.material, self.solver.pinned.tobytes()
-        if self._stiffness is None or self._stiffness[0] != key:
-            solver = self.solver
-            self._stiffness = key, (solver.stiffness_ratio(), solver.held_young_modulus())
-        return self._stiffness[1]
-
-    def set_substeps(self, count: int) -> None:
-        """Solve with that many substeps per 1/60 s."""
-        self.solver.set_options(replace(self.solver.options, substep_count=int(count)))
-
     # -- what surrounds it ---------------------------------------------------------------
-
-    @property
-    def gravity(self) -> float:
-        """Downwards [m/s²]; 0 without gravity."""
-        return -self.solver.options.gravity[2]
-
-    def set_gravity(self, strength: float) -> None:
-        """Set gravity, downwards [m/s²]."""
-        options = replace(self.solver.options, gravity=(0.0, 0.0, -strength))
-        self.solver.set_options(options)
-        self._keep_in_sight()
 
     @property
     def on_ground(self) -> bool:
@@ -261,12 +251,16 @@ class Scene:
 
     def set_ground(self, on: bool) -> None:
         """Put a ground under the visible object at rest, or take it away."""
-        ground = float(self._surface[:, 2].min()) if on else None
-        self.solver.set_options(replace(self.solver.options, ground=ground))
+        self.body.set_options(ground=float(self._surface[:, 2].min()) if on else None)
+
+    def set_gravity(self, strength: float) -> None:
+        """Set gravity, downwards [m/s²]."""
+        self.body.set_gravity(strength)
+        self._keep_in_sight()
 
     def _keep_in_sight(self):
         """Put a ground under an object that falls and is not held: it would leave the view."""
-        if self.gravity > 0.0 and not self.held and not self.on_ground:
+        if self.body.gravity > 0.0 and not self.held and not self.on_ground:
             self.set_ground(True)
 
     # -- camera --------------------------------------------------------------------------

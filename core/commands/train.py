@@ -9,7 +9,7 @@ import tyro
 
 from .. import field as fields
 from .. import training
-from ..arguments import Count, at_least, writable_file
+from ..arguments import Count, Meters, at_least, positive, with_size, writable_file
 from ..device import Choice, device_name
 from .running import FAILED, INTERRUPTED, complain, is_first, load_views, require, run
 
@@ -64,6 +64,9 @@ class TrainArguments:
     (tets are occupied as a whole), dense-levels (all are hashed), distortion (no such loss)."""
     entry_bits: Literal[8, 16] = 8
     """Bits of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
+    size: Meters = None
+    """The object's longest side [m], which the model states: the viewer's material and gravity
+    follow it. By default one model unit, about the width of the box, is 1 m."""
     resume: bool = False
     """Continue the interrupted run that was to write MODEL."""
 
@@ -76,6 +79,7 @@ def main():
 def prepare(arguments: TrainArguments):
     """Check the arguments and read the images; returns the work."""
     require("torch")
+    positive("--size", arguments.size)
     output = writable_file(arguments.output, ".npz")
     checkpoint_path = output.with_suffix(".checkpoint")
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
@@ -160,7 +164,7 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
     The first writing keeps the model if the evaluation is interrupted; an OSError says that it
     failed.  Returns the report of the evaluation, None without one.
     """
-    kept = trained.field
+    kept = with_size(trained.field, arguments.size)
     if not arguments.keep_surroundings:
         kept = replace(kept, surroundings=None)
     fields.save(kept, path, entry_bits=arguments.entry_bits)
@@ -189,9 +193,7 @@ def train_options(arguments: TrainArguments):
     """The preset, and what the flags change in it."""
     if arguments.seed is not None:
         at_least(0, "--seed", arguments.seed)
-    radius = arguments.scene_radius
-    if radius is not None and not 0.0 < radius < float("inf"):
-        raise ValueError(f"--scene-radius is {radius}: it has to be positive")
+    positive("--scene-radius", arguments.scene_radius)
     values = {name: getattr(arguments, name) for name in SAME_NAMED}
     if arguments.seed is None:
         del values["seed"]

@@ -1,10 +1,12 @@
 """The section on dynamics: material, surroundings, and time."""
 
+import math
+
 from imgui_bundle import imgui
 
 from ...core.deform import LOWEST_POISSON_RATIO, PRESETS, SOFTENED_BELOW
 from ..actions import label_of
-from ..scene import EARTH
+from ..body import EARTH
 from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider
 
 YOUNG_MODULI = 1e3, 1e9  # Pa
@@ -13,15 +15,24 @@ DAMPINGS = 0.0, 20.0  # 1/s
 GRAB_RADII = 0.0, 0.4  # object sizes
 SUBSTEPS = 1, 60
 GRAVITIES = 0.1, 3.0 * EARTH
+SIZES = 0.01, 100.0  # m
+YIELD_STRAINS = 0.0, 0.5
+AIR_DRAGS = 0.0, 10.0  # 1/s
+WINDS = -20.0, 20.0  # m/s
 CUSTOM = "custom"  # the name of a material that is none of PRESETS
 SUBSTEPS_TOOLTIP = f"""compliance against inertia in a substep:
 below {SOFTENED_BELOW} it is softer than asked for, and more substeps make it stiffer"""
+
+SIZE = "longest side: what is smaller is stiffer for its weight, and moves faster"
+YIELD = "how far edges are strained before they stay so"
+AIR = "how fast it brakes what moves"
 
 
 def deform_panel(app):
     scene = app.scene
     _time_buttons(app)
     _material(scene)
+    _shape(app)
     _grab(scene.settings)
     _substeps(scene)
     _surroundings(scene)
@@ -64,24 +75,42 @@ def name_of(material) -> str:
 def _material(scene):
     def choose(name):
         if name != CUSTOM:
-            scene.set_material(**vars(PRESETS[name]))
+            scene.body.set_material(**vars(PRESETS[name]))
 
-    combo("material", name_of(scene.material), [*PRESETS, CUSTOM], choose)
-    modulus = f"{si(scene.material.young_modulus)}Pa"
+    combo("material", name_of(scene.body.material), [*PRESETS, CUSTOM], choose)
+    modulus = f"{si(scene.body.material.young_modulus)}Pa"
     _material_slider(
         scene, "stiffness", "young_modulus", YOUNG_MODULI, modulus, LOGARITHMIC, "Young's modulus"
     )
     _material_slider(scene, "Poisson ratio", "poisson_ratio", POISSON_RATIOS, "%.2f")
-    if scene.material.poisson_ratio < LOWEST_POISSON_RATIO:
+    if scene.body.material.poisson_ratio < LOWEST_POISSON_RATIO:
         imgui.text(f"{LOWEST_POISSON_RATIO} is held: springs can't follow a lower ratio")
     _material_slider(scene, "damping", "damping", DAMPINGS, "%.1f per s")
+    slider("size", scene.body.meters, SIZES, "%.3g m", scene.body.set_meters, LOGARITHMIC, SIZE)
 
 
 def _material_slider(scene, label, name, bounds, text, flags=0, tooltip=""):
     def change(value):
-        scene.set_material(**{name: value})
+        scene.body.set_material(**{name: value})
 
-    slider(label, getattr(scene.material, name), bounds, text, change, flags, tooltip)
+    slider(label, getattr(scene.body.material, name), bounds, text, change, flags, tooltip)
+
+
+def _shape(app):
+    """What the object keeps of a pose."""
+
+    def change(strain):
+        body.set_material(yield_strain=strain or math.inf)
+
+    body = app.scene.body
+    strain = 0.0 if math.isinf(body.material.yield_strain) else body.material.yield_strain
+    text = "strain %.2f" if strain else "never"
+    slider("yields", strain, YIELD_STRAINS, text, change, tooltip=YIELD)
+    button("Rest here", app, "rest_here", f"return to this pose ({label_of('rest_here')})")
+    if body.rests_elsewhere:
+        imgui.same_line()
+        key = label_of("undo_rest_here")
+        button("Undo", app, "undo_rest_here", f"return to the shape before ({key})")
 
 
 def _grab(settings):
@@ -91,8 +120,11 @@ def _grab(settings):
 
 
 def _substeps(scene):
-    slider("substeps", scene.solver.options.substep_count, SUBSTEPS, "%d", scene.set_substeps)
-    ratio, modulus = scene.stiffness
+    def change(count):
+        scene.body.set_options(substep_count=count)
+
+    slider("substeps", scene.solver.options.substep_count, SUBSTEPS, "%d", change)
+    ratio, modulus = scene.body.stiffness
     imgui.text_disabled(f"r = {ratio:.2g}, holds {si(modulus)}Pa")
     imgui.set_item_tooltip(SUBSTEPS_TOOLTIP)
     if ratio < SOFTENED_BELOW:
@@ -104,10 +136,14 @@ def _surroundings(scene):
     imgui.same_line()
     checkbox("ground", scene.on_ground, scene.set_ground, "under the object at rest")
     imgui.same_line()
-    on = scene.gravity > 0.0
+    on = scene.body.gravity > 0.0
     checkbox("gravity", on, lambda wanted: scene.set_gravity(EARTH if wanted else 0.0))
     if on:
-        slider("strength", scene.gravity, GRAVITIES, "%.1f m/s²", scene.set_gravity)
+        slider("strength", scene.body.gravity, GRAVITIES, "%.1f m/s²", scene.set_gravity)
+    body = scene.body
+    slider("air drag", body.air_drag, AIR_DRAGS, "%.1f per s", body.set_air_drag, tooltip=AIR)
+    if body.air_drag:
+        slider("wind", body.wind, WINDS, "%.1f m/s", body.set_wind, tooltip="along x")
 
 
 def si(value: float) -> str:

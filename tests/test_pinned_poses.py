@@ -1,0 +1,48 @@
+"""The bundled model: bent by a drag and pinned there, it stays; under its weight it stands."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform import TIME_STEP
+from deformrf.core.field import load
+from deformrf.core.paths import DEFAULT_MODEL
+from deformrf.viewer.body import EARTH
+from deformrf.viewer.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def field():
+    return load(DEFAULT_MODEL)
+
+
+@pytest.mark.parametrize("trial", range(6))
+def test_a_pinned_pose_stays_without_a_jerk(field, trial):
+    """Bent by a quarter or a half of its size; from 2 s on no frame moves anything by 0.1 %."""
+    random = np.random.default_rng()
+    scene = Scene(field, "model", "cpu")
+    vertex, way = int(random.choice(scene.control_ids)), random.normal(size=3)
+    way *= random.choice([0.25, 0.5]) * scene.size / np.linalg.norm(way)
+    start = scene.positions[vertex].astype(float)
+    scene.grab(vertex)
+    for frame in range(90):
+        scene.drag_to(start + way * min(1.0, (frame + 1) / 60))
+        scene.advance(TIME_STEP)
+    scene.pin_grab()
+    for frame in range(300):
+        before = scene.solver.vertices.numpy().copy()
+        scene.solver.step(TIME_STEP)
+        assert not scene.solver.rescue.running
+        moved = np.linalg.norm(scene.solver.vertices.numpy() - before, axis=1).max()
+        assert frame < 120 or moved < 1e-3 * scene.size
+
+
+def test_the_model_stands_under_its_weight(field):
+    """Gravity comes suddenly; for a minute it neither falls nor is rescued."""
+    scene = Scene(field, "model", "cpu")
+    scene.set_gravity(EARTH)
+    for _ in range(3600):
+        scene.solver.step(TIME_STEP)
+        assert not scene.solver.rescue.running
+    away = np.linalg.norm(scene.solver.vertices.numpy() - field.mesh.rest_vertices, axis=1)
+    assert 0.0 < away[np.unique(field.mesh.tets)].max() < 0.1 * scene.size
+    assert scene.solver.rescue.held_by is None

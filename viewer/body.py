@@ -1,0 +1,129 @@
+"""The body that the solver moves, in real units: its size, material and surroundings.
+
+One unit of model space is S meters long.  The solver, which takes a unit for a meter, moves as
+the real object does if it gets E/S², gravity/S and wind/S, and the same density.
+"""
+
+import math
+import warnings
+from dataclasses import replace
+
+from ..core.deform import Material, XpbdOptions, XpbdSolver
+
+EARTH = 9.81  # m/s²
+FLOATING_DRAG = 1.0  # 1/s, without gravity: there a thrown object would never stop
+
+
+class Body:
+    """A solver, and the real values of what it is given.
+
+    Attributes:
+        material: The real one; change it by set_material.
+        gravity: Downwards [m/s²]; 0 without gravity.
+        wind: The air's speed along x [m/s].
+    """
+
+    def __init__(self, rest_vertices, tets, pinned, size, meters, device):
+        """Take a mesh at rest whose visible part has the longest side `size` [units].
+
+        Args:
+            meters: The length of that side; None: a unit is a meter.
+        """
+        self._size = size
+        self._meters_per_unit = 1.0 if meters is None else meters / size  # S
+        self.material = Material()
+        self.gravity, self.wind, self._air_drag = 0.0, 0.0, None
+        options = XpbdOptions(**self._surroundings())
+        self.solver = XpbdSolver(rest_vertices, tets, self._scaled(), pinned, options, device)
+        self._stiffness = None  # what `stiffness` depends on, and its value
+        self._rest_shapes = []  # those before the present one
+
+    @property
+    def meters(self) -> float:
+        """The longest side of what can be seen."""
+        return self._meters_per_unit * self._size
+
+    def set_meters(self, meters: float) -> None:
+        """Take the object for that large."""
+        self._meters_per_unit = meters / self._size
+        self.set_material()
+        self.set_options(**self._surroundings())
+
+    # -- material ------------------------------------------------------------------------
+
+    def set_material(self, **changes) -> None:
+        """Change some attributes of the material."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the panel says what is held
+            self.material = replace(self.material, **changes)
+            self.solver.set_material(self._scaled())
+
+    def _scaled(self):
+        modulus = self.material.young_modulus / self._meters_per_unit**2
+        return replace(self.material, young_modulus=modulus)
+
+    @property
+    def stiffness(self) -> tuple[float, float]:
+        """The stiffness with these substeps: the median r = α/(w h²), and Young's modulus [Pa]."""
+        key = self.solver.options, self.solver.material, self.solver.pinned.tobytes()
+        if self._stiffness is None or self._stiffness[0] != key:
+            held = self.solver.held_young_modulus() * self._meters_per_unit**2
+            self._stiffness = key, (self.solver.stiffness_ratio(), held)
+        return self._stiffness[1]
+
+    def set_options(self, **changes) -> None:
+        """Change some of the solver's XpbdOptions."""
+        self.solver.set_options(replace(self.solver.options, **changes))
+
+    # -- rest shape ----------------------------------------------------------------------
+
+    def rest_at(self, positions) -> None:
+        """Make a pose [V, 3] the shape to which the object returns."""
+        self._rest_shapes.append(self.solver.rest_shape)
+        self.solver.set_rest_shape(positions)
+
+    @property
+    def rests_elsewhere(self) -> bool:
+        """Whether `rest_at` can be undone."""
+        return bool(self._rest_shapes)
+
+    def undo_rest_at(self) -> None:
+        """Return to the shape from before the last `rest_at`, if there was one."""
+        if self._rest_shapes:
+            self.solver.set_rest_shape(self._rest_shapes.pop())
+
+    # -- what surrounds it ---------------------------------------------------------------
+
+    def set_gravity(self, strength: float) -> None:
+        self.gravity = strength
+        self.set_options(**self._surroundings())
+
+    @property
+    def air_drag(self) -> float:
+        """The rate at which the air brakes [1/s]; by default only what floats without gravity."""
+        if self._air_drag is None:
+            return 0.0 if self.gravity else FLOATING_DRAG
+        return self._air_drag
+
+    def set_air_drag(self, rate: float) -> None:
+        self._air_drag = rate
+        self.set_options(**self._surroundings())
+
+    def set_wind(self, speed: float) -> None:
+        """Let the air move; without air drag it moves nothing."""
+        self.wind = speed
+        self.set_options(**self._surroundings())
+
+    def _surroundings(self):
+        return {
+            "gravity": (0.0, 0.0, -self.gravity / self._meters_per_unit),
+            "wind": (self.wind / self._meters_per_unit, 0.0, 0.0),
+            "air_drag": self.air_drag,
+        }
+
+
+def stored_size(meta: dict) -> float | None:
+    """The longest side [m] that a model states; None if it states none that can be one."""
+    size = meta.get("size")
+    known = isinstance(size, int | float) and not isinstance(size, bool)
+    return float(size) if known and math.isfinite(size) and size > 0 else None
