@@ -186,7 +186,8 @@ def test_what_was_measured_is_another_measure_s(materials):
 
 
 def test_stiff_and_light_materials_take_more_substeps(materials):
-    assert materials["jelly"].substeps < materials["rubber"].substeps < materials["wood"].substeps
+    counts = [materials[name].substeps for name in ("jelly", "rubber", "stiff")]
+    assert counts[0] <= counts[1] < counts[2]
     standard = dynamics.softness(Material())
     for factor in (4.0, 100.0):
         stiff = Material(young_modulus=factor * Material().young_modulus)

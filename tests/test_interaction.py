@@ -210,14 +210,14 @@ def test_a_body_sags_by_the_held_modulus(device, ratio):
     np.testing.assert_allclose(sags[1:], sags[0], rtol=0.15)
 
 
-def test_20_substeps_cannot_hold_the_stiffness_of_wood():
-    x = solver(ONE, foot(ONE), material=PRESETS["wood"])
-    assert x.held_young_modulus() < 0.1 * PRESETS["wood"].young_modulus
+def test_20_substeps_cannot_hold_what_is_called_stiff():
+    x = solver(ONE, foot(ONE), material=PRESETS["stiff"])
+    assert x.held_young_modulus() < 0.1 * PRESETS["stiff"].young_modulus
     soft = solver(ONE, foot(ONE), material=PRESETS["plush"])
     assert soft.held_young_modulus() > 0.5 * PRESETS["plush"].young_modulus
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", sorted(set(PRESETS) - {"clay"}))  # which keeps its shape
 def test_every_preset_can_be_dragged_and_returns(device, name):
     x = solver(ONE, foot(ONE), device, PRESETS[name])
     ids = head(ONE)

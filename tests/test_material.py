@@ -28,7 +28,7 @@ def test_a_ratio_below_a_quarter_is_raised_with_a_warning():
 
 
 def test_presets_give_no_warning():
-    assert set(PRESETS) == {"jelly", "rubber", "plush", "wood"}
+    assert set(PRESETS) == {"jelly", "rubber", "plush", "clay", "stiff"}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for material in PRESETS.values():

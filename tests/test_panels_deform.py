@@ -100,7 +100,7 @@ def test_a_material_is_chosen_by_its_name(panel, name):
 
 
 def test_a_material_that_was_changed_is_custom_and_choosing_that_changes_nothing(panel):
-    panel.scene.body.material = Material(**{**vars(PRESETS["wood"]), "damping": 1.0})
+    panel.scene.body.material = Material(**{**vars(PRESETS["stiff"]), "damping": 1.0})
     panel.choice = "custom"
     panel.frame()
     assert panel.shown == "custom"

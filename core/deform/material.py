@@ -96,5 +96,9 @@ PRESETS = {
     "jelly": Material(young_modulus=1e5, poisson_ratio=0.45, density=1000.0, damping=2.5),
     "rubber": Material(young_modulus=1e6, poisson_ratio=0.40, density=1100.0, damping=3.0),
     "plush": Material(young_modulus=1e5, poisson_ratio=0.30, density=300.0, damping=6.0),
-    "wood": Material(young_modulus=1e9, poisson_ratio=0.35, density=600.0, damping=4.0),
+    "clay": Material(
+        young_modulus=1e6, poisson_ratio=0.40, density=1500.0, damping=8.0, yield_strain=0.03
+    ),
+    # As stiff as the substeps allow: 30 of them hold some 5 MPa of the bundled model.
+    "stiff": Material(young_modulus=1e9, poisson_ratio=0.35, density=600.0, damping=4.0),
 }

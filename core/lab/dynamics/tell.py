@@ -125,6 +125,7 @@ def held_materials(body: Body, device, rows, chosen) -> list[MaterialRow]:
     standard, error = Material(), max(row.of_motion for row in own) / 100.0
     found = [("default", standard, chosen, own)]
     for preset, material in PRESETS.items():
+        material = replace(material, yield_strain=math.inf)
         ratio = softness(material) / softness(standard) * math.sqrt(error / BOUND)
         count, measured = max(1, math.ceil(chosen * math.sqrt(ratio))), []
         cases = load_cases(body, material)  # which keep their references
