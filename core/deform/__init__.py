@@ -5,6 +5,7 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "colliders": ["Box", "Sphere"],
         "handles": ["control_vertices", "falloff", "lowest_pins", "vertices_within"],
         "material": ["LOWEST_POISSON_RATIO", "Material", "PRESETS"],
         "xpbd": ["XpbdSolver", "kernel_modules"],

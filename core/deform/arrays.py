@@ -10,6 +10,7 @@ Shapes: V vertices, C constraints of one type, n = 2 (edges) or 4 (tets) vertice
 import numpy as np
 import warp as wp
 
+from .colliders import COLLIDER_SIZE, MOST_COLLIDERS
 from .constraints import NO_SPRING, Constraints
 from .xpbd_options import Timing
 
@@ -56,6 +57,7 @@ class FrameArrays:
     edges: ConstraintArrays
     volumes: ConstraintArrays
     timing: wp.array(dtype=float)  # the numbers of a Timing
+    colliders: wp.array2d(dtype=float)  # [MOST_COLLIDERS, COLLIDER_SIZE] see colliders.py
     motion: wp.array(dtype=float)  # [MOST_THREADS] the farthest move of a vertex, by thread [m]
 
 
@@ -70,7 +72,13 @@ def zeros(struct, device, **shapes):
 
 def frame_arrays(vertex_count, edges: ConstraintArrays, volumes: ConstraintArrays, device):
     """FrameArrays at rest in the origin, without springs."""
-    frame = zeros(FrameArrays, device, timing=len(Timing._fields), motion=MOST_THREADS)
+    frame = zeros(
+        FrameArrays,
+        device,
+        timing=len(Timing._fields),
+        colliders=(MOST_COLLIDERS, COLLIDER_SIZE),
+        motion=MOST_THREADS,
+    )
     frame.state = zeros(VertexArrays, device, **dict.fromkeys(VertexArrays.vars, vertex_count))
     frame.state.springs.fill_(wp.vec2(NO_SPRING, 0.0))
     frame.edges, frame.volumes = edges, volumes

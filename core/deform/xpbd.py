@@ -17,6 +17,7 @@ import warp as wp
 from ..geometry import components
 from . import checks, constraints
 from .arrays import ConstraintList, frame_arrays
+from .colliders import ColliderRows
 from .frame import CpuFrame, CudaFrame, runs_in_block
 from .holds import Holds
 from .material import Material
@@ -95,6 +96,8 @@ class XpbdSolver:
         self._holds = Holds(pinned, arrays.state)
         self._free_parts = FreeParts(arrays.state, self._part_of)
         self._motion = arrays.motion
+        self._colliders = ColliderRows(arrays.colliders)
+        self._colliders.put(self.options.colliders)
         self._feedback = self._make_feedback()
         self._frame = (
             CudaFrame(arrays, self.rest_vertices, self.device)
@@ -131,8 +134,14 @@ class XpbdSolver:
         self._touch()
 
     def set_options(self, options: XpbdOptions):
-        """Take other options; positions and velocities stay."""
+        """Take other options; positions and velocities stay.  Colliders stand where they are."""
         self.options = options
+        self._colliders.put(options.colliders)
+        self._touch()
+
+    def move_colliders(self, centers):
+        """Set the centers of the options' colliders after the next step [m].  [C, 3]"""
+        self._colliders.move(centers)
         self._touch()
 
     def set_rest_shape(self, vertices=None):
@@ -269,7 +278,9 @@ class XpbdSolver:
             self._holds.springs is not None,
             self.options.ground is not None,
             self._free_parts.damp(),
+            self._colliders.begin(),
         )
+        self._colliders.end()
         if not self.rescue.running:
             self._rest_shape.flow()
         returns = count_due and self._load() is None and not self._rest_shape.yields

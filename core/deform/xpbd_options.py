@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import checks
+from .colliders import MOST_COLLIDERS, Collider
 
 TIME_STEP = 1.0 / 60.0  # s; XpbdOptions.substep_count is the number of substeps in it
 LONGEST_STEPS = 6  # of TIME_STEP; in a longer step the substeps are longer, not more
@@ -41,7 +42,8 @@ class XpbdOptions:
     substep_count: int = 30  # per 1/60 s; the highest stiffness grows with its square
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # g [m/s²]
     ground: float | None = None  # height of a ground that nothing falls through [m]
-    friction: float = 0.5  # Coulomb's coefficient on the ground
+    friction: float = 0.5  # Coulomb's coefficient on the ground and on colliders
+    colliders: tuple[Collider, ...] = ()  # XpbdSolver.move_colliders moves them
     air_drag: float = 0.0  # c, the rate at which velocities relative to the wind decay [1/s]
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the air's velocity [m/s]
     # v_max in object sizes per second.  Without a limit, the release after an extreme drag
@@ -67,6 +69,8 @@ class XpbdOptions:
         checks.number("sleep motion", self.sleep_motion)
         checks.number("friction", self.friction)
         checks.number("air drag", self.air_drag)
+        if len(self.colliders) > MOST_COLLIDERS:
+            raise ValueError(f"{len(self.colliders)} colliders; {MOST_COLLIDERS} are the most")
 
     def substeps(self, dt: float) -> int:
         """n for a step of dt [s].  It keeps h, and so the pose, independent of the frame rate."""

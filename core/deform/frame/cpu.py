@@ -60,8 +60,13 @@ class CpuFrame:
         self._launches = {}
         self._pace = Pace(thread_limit(tet_room))
 
-    def run(self, substep_count: int, *parts: bool) -> None:
-        """Run one frame with these parts of a substep: volumes, springs, ground, free parts."""
+    def run(self, substep_count: int, *parts: int) -> None:
+        """Run one frame.
+
+        Args:
+            parts: Whether there are volumes, springs, a ground and free parts, and the number of
+                colliders.
+        """
         thread_count = self._pace.thread_count
         key = thread_count, substep_count, *parts
         if key not in self._launches:

@@ -127,8 +127,13 @@ class CudaFrame:
         slots = bank_slots(rest_vertices) if self._in_block else np.arange(count)
         self._scratch.slots.assign(slots.astype(np.int32))
 
-    def run(self, substep_count: int, *parts: bool) -> None:
-        """Run one frame with these parts of a substep: volumes, springs, ground, free parts."""
+    def run(self, substep_count: int, *parts: int) -> None:
+        """Run one frame.
+
+        Args:
+            parts: Whether there are volumes, springs, a ground and free parts, and the number of
+                colliders.
+        """
         key = substep_count, *parts
         if key not in self._launches:
             threads = BLOCK_THREADS if self._in_block else GRID_THREADS

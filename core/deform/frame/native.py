@@ -5,6 +5,7 @@ from pathlib import Path
 import warp as wp
 
 from ..arrays import FrameArrays
+from ..colliders import COLLIDER_SIZE
 from ..constraints import COLLAPSED, PRESS_SHARE, STEP_LIMIT
 
 FOLDER = Path(__file__).parent
@@ -24,6 +25,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
     source = source.replace(f'#include "{SHARED}"\n', shared)
     limits = {"COLLAPSED": COLLAPSED, "STEP_LIMIT": STEP_LIMIT, "PRESS_SHARE": PRESS_SHARE}
     values = values | {name: f"{value}f" for name, value in limits.items()}
+    values["COLLIDER_SIZE"] = COLLIDER_SIZE
     for name, value in values.items():
         source = source.replace(f"@{name}", str(value))
 
@@ -36,6 +38,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
         has_springs: int,
         has_ground: int,
         has_free: int,
+        collider_count: int,
         thread: int,
         thread_count: int,
     ): ...
@@ -49,6 +52,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
         has_springs: int,
         has_ground: int,
         has_free: int,
+        collider_count: int,
         thread: int,  # of a CPU; a GPU ignores it
         thread_count: int,
     ):
@@ -60,6 +64,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
             has_springs,
             has_ground,
             has_free,
+            collider_count,
             thread,
             thread_count,
         )

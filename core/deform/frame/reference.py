@@ -11,7 +11,9 @@ A frame is n substeps of length h.  The order within a substep is part of the de
 4.  Ground.      A vertex that is p below it moves up by p; p = 0 above it.  With the running
                  mean p̄ ← p̄ + (p − p̄) PRESS_SHARE it moves back along the ground by at most
                  friction · p̄ of its way in this substep.
-5.  Velocities.  v ← (x − x before the substep)/h
+5.  Colliders.   One after another: a vertex that is p inside moves out by p, and back across
+                 that way by at most friction · p of its way relative to the collider.
+6.  Velocities.  v ← (x − x before the substep)/h
 At the frame's end: anchor ← target.  In parts that nothing holds, damping acts once, at the
 frame's start, and spares their rigid motion (rigid_motion.py); there δ is 0 in 1.
 
@@ -30,6 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry import signed_volumes
+from ..colliders import way_out
 from ..constraints import (
     COLLAPSED,
     PRESS_SHARE,
@@ -58,6 +61,7 @@ class Frame:
     volumes: VolumeConstraints | None = None  # None leaves them out
     volume_regularization: np.ndarray | None = None  # [T] a
     springs: np.ndarray | None = None  # [V, 2] a, negative without a spring; the longest move
+    colliders: np.ndarray | tuple = ()  # rows as on the device, see colliders.py
     presses: np.ndarray | None = None  # [V] p̄ at the frame's start; None is 0
     free_parts: np.ndarray | None = None  # [V] each vertex's part, -1 if something holds it
 
@@ -76,6 +80,8 @@ def step(frame: Frame, vertices, velocities):
         if frame.springs is not None:
             x = _pulled(frame, x, fraction)
         x, presses = _above_ground(frame, x, before, presses)
+        for row in frame.colliders:
+            x = _outside(frame, row, x, before, fraction)
         v = (x - before) / frame.timing.substep
     return x, v
 
@@ -138,6 +144,17 @@ def _above_ground(frame, x, before, presses):
     x[:, 2] += push
     x[:, :2] -= np.where(free, undone, 0.0)[:, None] * along
     return x, presses
+
+
+def _outside(frame, row, x, before, fraction):
+    way = np.subtract(row[4:7], row[1:4])
+    units, push = way_out(row, row[1:4] + fraction * way, x)
+    push = np.where(frame.inverse_masses > 0, push, 0.0)[:, None]
+    x = x + push * units
+    slid = x - before - way / frame.substep_count
+    slid -= (slid * units).sum(axis=1, keepdims=True) * units
+    length = np.linalg.norm(slid, axis=1, keepdims=True)
+    return x - np.minimum(1.0, frame.timing.friction * push / np.maximum(length, TINY)) * slid
 
 
 def project_edges(vertices, inverse_masses, ends, rest_lengths, regularization, ids):

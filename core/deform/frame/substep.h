@@ -129,7 +129,44 @@ auto first_prediction = [&](int i) {
                    Vector{v[0], v[1], v[2], 0.0f});
 };
 
-// A substep ends: vertex i's spring, the ground, and its velocity.
+// Pushes vertex i out of collider c (colliders.py), with friction relative to the collider.
+auto leave_collider = [&](int i, int c, int substep, Vector& d, Vector from) {
+    const float* const row = frame.colliders.data + @COLLIDER_SIZE * c;
+    const float step = 1.0f / substep_count, share = step * (substep + 1.0f);
+    const float wx = row[4] - row[1], wy = row[5] - row[2], wz = row[6] - row[3];
+    const float px = (x[3 * i] - (row[1] + share * wx)) + d.x;
+    const float py = (x[3 * i + 1] - (row[2] + share * wy)) + d.y;
+    const float pz = (x[3 * i + 2] - (row[3] + share * wz)) + d.z;
+    float nx = 0.0f, ny = 0.0f, nz = 0.0f, push;
+    if (row[0] == 0.0f) {  // a sphere
+        const float length = sqrt(px * px + py * py + pz * pz);
+        push = row[7] - length;
+        if (length > 0.0f) {
+            nx = px / length; ny = py / length; nz = pz / length;
+        } else {
+            nz = 1.0f;
+        }
+    } else {
+        const float ax = row[7] - (px < 0.0f ? -px : px);
+        const float ay = row[8] - (py < 0.0f ? -py : py);
+        const float az = row[9] - (pz < 0.0f ? -pz : pz);
+        push = ax < ay ? (ax < az ? ax : az) : (ay < az ? ay : az);
+        if (push == ax) nx = px < 0.0f ? -1.0f : 1.0f;
+        else if (push == ay) ny = py < 0.0f ? -1.0f : 1.0f;
+        else nz = pz < 0.0f ? -1.0f : 1.0f;
+    }
+    if (!(push > 0.0f)) return;
+    d.x += push * nx; d.y += push * ny; d.z += push * nz;
+    float sx = d.x - from.x - step * wx, sy = d.y - from.y - step * wy;
+    float sz = d.z - from.z - step * wz;
+    const float along = nx * sx + ny * sy + nz * sz;
+    sx -= along * nx; sy -= along * ny; sz -= along * nz;
+    const float slid = sqrt(sx * sx + sy * sy + sz * sz), most = timing[7] * push;
+    const float held = slid > most ? most / slid : 1.0f;
+    d.x -= held * sx; d.y -= held * sy; d.z -= held * sz;
+};
+
+// A substep ends: vertex i's spring, the ground, colliders, and its velocity.
 auto finish = [&](int i, int substep, Vector& d) {
     if (!(d.w > 0.0f)) return Vector{0.0f, 0.0f, 0.0f, 0.0f};
     const Vector from = before(i);
@@ -164,6 +201,7 @@ auto finish = [&](int i, int substep, Vector& d) {
             d.y -= held * sy;
         }
     }
+    for (int c = 0; c < collider_count; ++c) leave_collider(i, c, substep, d, from);
     return times(per_h, plus(d, -1.0f, from));
 };
 
