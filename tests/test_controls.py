@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deformrf.core.deform import TIME_STEP
 from deformrf.viewer import actions as a
 from deformrf.viewer import controls as c
 from deformrf.viewer import picking
@@ -257,3 +258,36 @@ def test_the_readme_says_what_the_inputs_are():
 
 def test_escape_does_not_quit():
     assert a.action_of("ESCAPE", ctrl=False) == "cancel"
+
+
+def test_a_ball_pushes_what_is_under_the_mouse(controls, scene, events):
+    """It starts before the surface, goes with the mouse, and is gone when the button is up."""
+    scene.settings.push = True
+    pixel = pixel_of(controls, front_vertex(controls))
+    controls.press(pixel, "left")
+    assert controls.mode == "push" and scene.grabbed is None
+    start = scene.ball.target.copy()
+    side, _, forward = controls.camera.camera_to_world[:3, :3].T
+    for _ in range(20):
+        controls.drag(pixel + np.array([60.0, 0.0]), 0, 0)
+        scene.advance(TIME_STEP)
+    moved = scene.ball.reached - start
+    assert moved @ side > 0.05 and abs(moved @ forward) < 1e-6
+    inside = np.linalg.norm(scene.positions - scene.ball.reached, axis=1) < 0.99 * scene.ball.radius
+    assert not inside[~scene.solver.pinned].any()
+    controls.release("left")
+    assert scene.ball is None and not scene.solver.options.colliders
+    assert [name for name, _ in events] == ["push", "end_push"]
+
+
+def test_escape_and_reset_take_the_ball_away(controls, scene):
+    scene.settings.push = True
+    pixel = pixel_of(controls, front_vertex(controls))
+    controls.press(pixel, "left")
+    controls.cancel()
+    assert scene.ball is None and controls.mode == ""
+    controls.press(pixel, "left")
+    scene.reset()
+    controls.drag(pixel + np.array([20.0, 0.0]), 0, 0)  # the button is still down
+    controls.release("left")
+    assert scene.ball is None and not scene.solver.options.colliders

@@ -31,7 +31,7 @@ class Panel:
                 set_meters=self.called("meters"),
                 set_air_drag=self.called("air drag"),
             ),
-            settings=SimpleNamespace(grab_radius=0.1, soft_grab=False),
+            settings=SimpleNamespace(grab_radius=0.1, soft_grab=False, push=False),
             solver=SimpleNamespace(
                 options=SimpleNamespace(substep_count=20),
                 rescue=SimpleNamespace(running=False, given_up=False, held_by=None),

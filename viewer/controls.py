@@ -25,13 +25,13 @@ class Controls:
     def __init__(self, scene, depth_image: Callable, log: Callable):
         """Take the scene, a function that returns the depth image or None, and the event log."""
         self.scene = scene
-        self.mode = ""  # "orbit", "pan" or "grab" while a button is held
+        self.mode = ""  # "orbit", "pan", "grab" or "push" while a button is held
         self.size = (1, 1)  # of the image
         self.ratio = 1.0  # image pixels per point
         self._depth_image = depth_image
         self._log = log
         self._button = 0
-        self._miss = np.zeros(2)  # from the center of the grabbed vertex to the press
+        self._miss = np.zeros(2)  # from the center of the grabbed vertex or ball to the press
         self._pin = None  # that a click would free, and where it was pressed
 
     @property
@@ -53,6 +53,9 @@ class Controls:
             return  # a second button does not interrupt what the first one does
         self._button = button
         pixel = self._pixel(x, y)
+        if button == LEFT and self.scene.settings.push:
+            self._push(pixel)
+            return
         vertex = self.pick(pixel) if button == LEFT else None
         if vertex is not None and modifiers & SHIFT:
             self._set_pin(vertex, True)
@@ -69,7 +72,11 @@ class Controls:
             if np.linalg.norm(pixel - self._pin[1]) <= CLICK_SLACK * self.ratio:
                 return
             self._pin = None
-        if self.mode == "grab":
+        if self.mode == "push":
+            if scene.ball is not None:
+                center = scene.ball.target
+                scene.push_to(picking.onto_view_plane(self.camera, pixel - self._miss, center))
+        elif self.mode == "grab":
             if scene.grabbed is not None:  # a reset lets go while the button is still down
                 plane = scene.grabbed.target
                 scene.drag_to(picking.onto_view_plane(self.camera, pixel - self._miss, plane))
@@ -81,7 +88,10 @@ class Controls:
         if button != self._button:
             return
         scene = self.scene
-        if self.mode == "grab":
+        if self.mode == "push":
+            scene.end_push()
+            self._log("end_push")
+        elif self.mode == "grab":
             if scene.grabbed is not None:
                 vertex = scene.grabbed.vertex
                 scene.release()
@@ -100,6 +110,9 @@ class Controls:
 
     def cancel(self) -> None:
         """Give up the drag: the vertex goes back to where it was taken from."""
+        if self.mode == "push":
+            self.scene.end_push()
+            self.mode, self._button = "", 0
         if self.mode != "grab":
             return
         if self.scene.grabbed is not None:
@@ -154,6 +167,16 @@ class Controls:
         scene.hover = vertex
         self.mode = "grab"
         self._log("grab", vertex=vertex, position=scene.positions[vertex], pixel=center)
+
+    def _push(self, pixel):
+        """Put the ball on the surface under the mouse."""
+        scene, point = self.scene, self._surface_at(pixel)
+        towards_eye = self.camera.position - point
+        scene.push(point, towards_eye / np.linalg.norm(towards_eye))
+        (center,), _ = picking.project(self.camera, scene.ball.target[None])
+        self._miss = pixel - center
+        self.mode = "push"
+        self._log("push", position=scene.ball.target)
 
     def _set_pin(self, vertex, pinned):
         self.scene.set_pin(vertex, pinned)

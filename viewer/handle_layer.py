@@ -13,6 +13,7 @@ from . import gl
 from . import orbit as orbits
 
 RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
+BALL_GRAY = (0.72, 0.72, 0.75)
 PIN_BLUE = (0.42, 0.50, 0.62)
 HOVER_SCALE, PIN_SCALE = 1.35, 0.6
 WIRE_TINT = (0.10, 0.12, 0.16, 0.45)
@@ -25,7 +26,7 @@ class HandleLayer:
     def __init__(self, ctx: moderngl.Context, scene):
         self._ctx, self._scene = ctx, scene
         mesh = scene.field.mesh
-        size = 4 * SPHERE_FLOATS * mesh.vertex_count
+        size = 4 * SPHERE_FLOATS * (mesh.vertex_count + 1)  # and the ball
         self._sphere_buffer = ctx.buffer(reserve=size, dynamic=True)
         layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
         self._spheres = ctx.vertex_array(gl.program(ctx, "handles"), [layout])
@@ -91,5 +92,8 @@ def sphere_instances(scene):
         instances[ids == scene.hover, 4:] = ORANGE
     if scene.grabbed is not None:
         instances[ids == scene.grabbed.vertex, 4:] = YELLOW
+    if scene.ball is not None:
+        ball = np.array([[*scene.ball.reached, scene.ball.radius, *BALL_GRAY]], np.float32)
+        instances = np.concatenate([instances, ball])
     away = np.linalg.norm(instances[:, :3] - orbits.pose(scene.orbit)[:3, 3], axis=1)
     return instances[np.argsort(-away)]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.deform import (
     TIME_STEP,
+    Sphere,
     control_vertices,
     falloff,
     lowest_pins,
@@ -24,6 +25,7 @@ from .surface import bounds, nearest_vertices
 MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
 VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 CONTROL_COUNT = 40
+SMALLEST_BALL = 0.02  # object sizes
 PINNED_PART = 0.05  # of the object's height
 SPECK = 0.02  # of the vertices: components smaller than that have no handles
 MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
@@ -51,6 +53,15 @@ class Grab:
     target: np.ndarray  # target position of `vertex`  [3]
     reached: np.ndarray  # target of the steps so far  [3]
     before: tuple[np.ndarray, np.ndarray]  # positions and velocities of all vertices
+
+
+@dataclass
+class Ball:
+    """A ball that the mouse pushes with."""
+
+    radius: float
+    target: np.ndarray  # of its center  [3]
+    reached: np.ndarray  # its center after the steps so far  [3]
 
 
 class Scene:
@@ -91,6 +102,7 @@ class Scene:
         self._controls = controls[~self.pins[controls]]
         self.hover: int | None = None  # the vertex under the mouse
         self.grabbed: Grab | None = None
+        self.ball: Ball | None = None
         self.paused = False
         self.revision = 0  # counts the changes of the pose
         self._time = 0.0  # s that frames have lasted and no step has covered
@@ -135,12 +147,14 @@ class Scene:
         self._step(1)
 
     def _step(self, count):
-        grab = self.grabbed
-        way = None if grab is None else grab.target - grab.reached
-        for remaining in range(count, 0, -1):
-            if grab is not None:  # each step takes its part of the way
-                grab.reached = grab.target - way * ((remaining - 1) / count)
+        grab, ball = self.grabbed, self.ball
+        for remaining in range(count, 0, -1):  # each step takes its part of the way
+            if grab is not None:
+                grab.reached = grab.reached + (grab.target - grab.reached) / remaining
                 self.solver.move(grab.reached + grab.offsets)
+            if ball is not None and (ball.target != ball.reached).any():
+                ball.reached = ball.reached + (ball.target - ball.reached) / remaining
+                self.solver.move_colliders(ball.reached[None])
             self.solver.step(TIME_STEP)
         # The pose counts as changed when it differs visibly from the one that was last shown.
         now = self.solver.vertices.numpy()
@@ -151,6 +165,7 @@ class Scene:
     def reset(self) -> None:
         """Back to the rest pose, nothing grabbed."""
         self.release()
+        self.end_push()
         self.solver.reset()
         self.revision += 1
 
@@ -196,6 +211,25 @@ class Scene:
         self.release()
         self.solver.set_state(*before)
         self.revision += 1
+
+    # -- the ball ------------------------------------------------------------------------
+
+    def push(self, point, towards_eye) -> None:
+        """Put a ball before a point of the surface [3], in a direction [3]."""
+        radius = max(self.settings.grab_radius, SMALLEST_BALL) * self.size
+        center = np.asarray(point, float) + radius * np.asarray(towards_eye)
+        self.ball = Ball(radius, center, center)
+        self.body.set_options(colliders=(Sphere(tuple(center), radius),))
+
+    def push_to(self, center) -> None:
+        """Send the ball's center to a point [3], which it reaches in the next frame."""
+        self.ball.target = np.asarray(center, float)
+
+    def end_push(self) -> None:
+        """Take the ball away."""
+        if self.ball is not None:
+            self.ball = None
+            self.body.set_options(colliders=())
 
     def displacements(self):
         """Distance of each vertex from its rest position, in object sizes.  [V]"""

@@ -117,6 +117,9 @@ def _grab(settings):
     number_setting("grab radius", settings, "grab_radius", GRAB_RADII, "%.2f of the size")
     tooltip = "pull with springs, weaker towards the radius, instead of moving exactly"
     setting("soft grab", settings, "soft_grab", tooltip)
+    imgui.same_line()
+    tooltip = f"left drags push with a ball of the grab radius ({label_of('toggle_push')})"
+    setting("push with a ball", settings, "push", tooltip)
 
 
 def _substeps(scene):
