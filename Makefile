@@ -27,12 +27,13 @@ export XDG_CACHE_HOME := $(CURDIR)/.cache
 export WARP_CACHE_PATH := $(CURDIR)/.cache/warp
 endif
 
-.PHONY: help demo test soak lint venv debian-packages
+.PHONY: help demo test soak random-use lint venv debian-packages
 
 help:
 	@echo "make demo   open the bundled model (set-up included: what viewing needs)"
 	@echo "make test   run the tests (set-up included; PYTEST_ARGS='-k camera' for some of them)"
 	@echo "make soak   run the tests with new random inputs"
+	@echo "make random-use   a million frames of random use of the solver (some ten minutes)"
 	@echo "make lint   check style and formatting"
 	@echo "make venv   set-up alone: $(VENV) with everything, in the versions of constraints.txt"
 	@echo "make debian-packages   install OpenGL and a virtual screen on Debian or Ubuntu (uses sudo)"
@@ -59,6 +60,9 @@ soak: venv
 	echo "Random inputs of seed $$seed; to repeat this run: $$again"; \
 	DEFORMRF_TEST_SEED=$$seed $(BIN)/python -m pytest $(PYTEST_ARGS) \
 	|| { echo "To repeat this run: $$again"; exit 1; }
+
+random-use: venv
+	$(BIN)/python tests/benchmarks/random_use.py
 
 lint: venv
 	$(BIN)/ruff check .
