@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import TIME_STEP, XpbdOptions, XpbdSolver, lowest_pins
-from deformrf.viewer.body import EARTH, FLOATING_DRAG, Body, stored_size
+from deformrf.viewer.body import EARTH, FLOATING_DRAG, MOST_PAINTED, Body, stored_size
 
 
 def make_body(field, meters=None):
@@ -95,3 +95,23 @@ def test_a_model_that_states_no_size_is_a_meter_a_unit(wrong):
 def test_a_model_may_state_its_size():
     assert stored_size({"size": 0.3}) == 0.3
     assert stored_size({"size": 2}) == 2.0
+
+
+def test_paint_is_bounded_and_can_be_cleared(ball):
+    body = make_body(ball, 0.5)
+    ids = np.arange(10)
+    for _ in range(100):
+        body.paint(ids, np.ones(10), 2.0)
+        body.paint(ids + 10, np.ones(10), 0.5)
+    assert body.factors[:10].max() == MOST_PAINTED
+    assert body.factors[10:20].min() == 1.0 / MOST_PAINTED
+    assert (body.factors[20:] == 1.0).all()
+    body.set_material(young_modulus=2e5)  # keeps the paint
+    edges = body.solver.edges
+    expected = edges.compliances(body.solver.material.shear_modulus)
+    expected = edges.softened(expected, body.factors)
+    np.testing.assert_allclose(body.solver._compliances[0], expected)
+    body.clear_paint()
+    assert body.factors is None
+    expected = edges.compliances(body.solver.material.shear_modulus)
+    np.testing.assert_allclose(body.solver._compliances[0], expected)

@@ -180,3 +180,18 @@ def test_a_hinge_at_an_edge_is_braced():
 def test_a_hinge_at_a_vertex_is_braced():
     braces = hinge_braces(np.array([[0, 1, 2, 3], [0, 4, 5, 6]]))
     assert braces.tolist() == [[a, b] for a in (1, 2, 3) for b in (4, 5, 6)]
+
+
+def test_stiffness_factors_divide_compliances_by_their_mean_at_the_vertices():
+    edges = constraints.edge_constraints(MESH.rest_vertices, MESH.tets)
+    volumes = constraints.volume_constraints(MESH.rest_vertices, MESH.tets)
+    random = np.random.default_rng()
+    for part in (edges, volumes):
+        alphas = random.uniform(1, 2, len(part.vertices))
+        np.testing.assert_allclose(
+            part.softened(alphas, np.full(MESH.vertex_count, 4.0)), alphas / 4
+        )
+        factors = random.uniform(0.5, 2.0, MESH.vertex_count)
+        k = int(random.integers(len(part.vertices)))
+        mean = np.mean([factors[i] for i in part.vertices[k]])
+        assert part.softened(alphas, factors)[k] == pytest.approx(alphas[k] / mean)

@@ -262,7 +262,7 @@ def test_escape_does_not_quit():
 
 def test_a_ball_pushes_what_is_under_the_mouse(controls, scene, events):
     """It starts before the surface, goes with the mouse, and is gone when the button is up."""
-    scene.settings.push = True
+    scene.settings.tool = "push"
     pixel = pixel_of(controls, front_vertex(controls))
     controls.press(pixel, "left")
     assert controls.mode == "push" and scene.grabbed is None
@@ -281,7 +281,7 @@ def test_a_ball_pushes_what_is_under_the_mouse(controls, scene, events):
 
 
 def test_escape_and_reset_take_the_ball_away(controls, scene):
-    scene.settings.push = True
+    scene.settings.tool = "push"
     pixel = pixel_of(controls, front_vertex(controls))
     controls.press(pixel, "left")
     controls.cancel()
@@ -291,3 +291,27 @@ def test_escape_and_reset_take_the_ball_away(controls, scene):
     controls.drag(pixel + np.array([20.0, 0.0]), 0, 0)  # the button is still down
     controls.release("left")
     assert scene.ball is None and not scene.solver.options.colliders
+
+
+@pytest.mark.parametrize("tool, stiffer", [("stiffen", True), ("soften", False)])
+def test_a_brush_changes_what_the_mouse_passes(controls, scene, tool, stiffer):
+    scene.settings.tool, scene.settings.grab_radius = tool, 0.2
+    vertex = front_vertex(controls)
+    point = scene.positions[vertex].astype(float)
+    controls._surface_at = lambda pixel, beside=True: point
+    pixel = pixel_of(controls, vertex)
+    controls.press(pixel, "left")
+    for _ in range(5):
+        controls.drag(pixel, 0, 0)
+    controls.release("left")
+    factor = scene.body.factors[vertex]
+    assert factor == pytest.approx(1.2**6 if stiffer else 1.2**-6)
+    assert scene.grabbed is None and controls.mode == ""
+
+
+def test_a_brush_beside_the_object_paints_nothing(controls, scene):
+    scene.settings.tool = "stiffen"
+    controls._surface_at = lambda pixel, beside=True: None
+    controls.press((5, 5), "left")
+    controls.release("left")
+    assert scene.body.factors is None

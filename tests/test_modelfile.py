@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deformrf.core import paths
-from deformrf.core.field import ModelFileError, modelfile
+from deformrf.core.field import ModelFileError, load, modelfile, save
 from deformrf.core.field.reach import reached_entries
 from deformrf.core.render import Renderer, from_field_of_view, look_at
 
@@ -139,6 +139,20 @@ def test_a_mesh_that_is_no_lattice_keeps_its_rest_vertices(field, tmp_path):
     rewrite(tmp_path / "moved.npz", rest_vertices=set_entry(np.nan))
     with pytest.raises(ModelFileError, match="NaN"):
         modelfile.load(tmp_path / "moved.npz")
+
+
+def test_a_stiffness_is_saved_and_checked(field, tmp_path):
+    factors = np.geomspace(1e-2, 1e2, field.mesh.vertex_count)
+    save(replace(field, stiffness=factors), tmp_path / "m.npz")
+    np.testing.assert_allclose(load(tmp_path / "m.npz").stiffness, factors, rtol=1e-3)
+    for wrong in (0.0, -1.0, 1e4, np.nan):
+        factors[3] = wrong
+        save(replace(field, stiffness=factors), tmp_path / "m.npz")
+        with pytest.raises(ModelFileError, match="'stiffness'"):
+            load(tmp_path / "m.npz")
+    save(replace(field, stiffness=np.ones(3)), tmp_path / "m.npz")
+    with pytest.raises(ModelFileError, match="'stiffness' is float16"):
+        load(tmp_path / "m.npz")
 
 
 def test_an_unknown_entry_size_is_refused(field, tmp_path):

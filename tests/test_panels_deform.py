@@ -27,11 +27,12 @@ class Panel:
                 air_drag=0.0,
                 meters=1.0,
                 rests_elsewhere=False,
+                factors=None,
                 set_options=self.called("options"),
                 set_meters=self.called("meters"),
                 set_air_drag=self.called("air drag"),
             ),
-            settings=SimpleNamespace(grab_radius=0.1, soft_grab=False, push=False),
+            settings=SimpleNamespace(grab_radius=0.1, soft_grab=False, tool="grab"),
             solver=SimpleNamespace(
                 options=SimpleNamespace(substep_count=20),
                 rescue=SimpleNamespace(running=False, given_up=False, held_by=None),
@@ -64,6 +65,8 @@ class Panel:
         self.scene.body.material = Material(**values)
 
     def combo(self, label, current, names):
+        if label == "tool":
+            return False, current
         assert label == "material"
         self.shown = names[current]
         chosen, self.choice = self.choice, None

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import TIME_STEP
+from deformrf.core.field import load, save
 from deformrf.viewer.scene import MAX_STEPS, Scene
 
 
@@ -301,7 +302,9 @@ def test_a_speck_has_no_handles(ball):
     rest = np.concatenate([mesh.rest_vertices, speck])
     tets = np.concatenate([mesh.tets, count + np.arange(4)[None]]).astype(np.int32)
     field = SimpleNamespace(
-        mesh=SimpleNamespace(rest_vertices=rest, tets=tets, vertex_count=len(rest)), meta={}
+        mesh=SimpleNamespace(rest_vertices=rest, tets=tets, vertex_count=len(rest)),
+        meta={},
+        stiffness=None,
     )
     scene = Scene(field, "ball with a speck", "cpu")
     assert len(scene.control_ids) > 10 and scene.control_ids.max() < count
@@ -336,3 +339,22 @@ def test_a_patch_is_freed_as_one_and_other_pins_stay(scene):
     assert scene.solver.pinned[scene.pins].all()
     scene.set_pin(second, False)
     np.testing.assert_array_equal(scene.solver.pinned, scene.pins)
+
+
+def test_what_is_painted_is_stored_in_a_model_and_used_again(scene, tmp_path):
+    """Around a point of the surface as it is now, less towards the radius."""
+    scene.settings.grab_radius = 0.3
+    vertex = int(scene.control_ids[0])
+    scene.paint(scene.positions[vertex], 8.0)
+    factors = scene.body.factors
+    assert factors[vertex] == pytest.approx(8.0) and factors.min() == 1.0
+    assert ((factors > 1.0) & (factors < 8.0)).any()
+    save(scene.stiffened_field(), tmp_path / "m.npz")
+    again = Scene(load(tmp_path / "m.npz"), "again", "cpu")
+    np.testing.assert_allclose(again.body.factors, factors, rtol=1e-3)
+    np.testing.assert_allclose(
+        again.solver._compliances[0], scene.solver._compliances[0], rtol=1e-3
+    )
+    again.body.clear_paint()
+    save(again.stiffened_field(), tmp_path / "n.npz")
+    assert load(tmp_path / "n.npz").stiffness is None

@@ -26,6 +26,8 @@ INPUTS = (
     Input("Shift+click on a red vertex", "pin it and what is around it"),
     Input("P", "while dragging: pin there what is held", "P", "pin_grab"),
     Input("B", "push with a ball instead: left drag", "B", "toggle_push"),
+    Input("Ctrl+E", "equally stiff everywhere: forget what was painted", "CTRL+E", "clear_paint"),
+    Input("Ctrl+S", "write a copy of the model with its stiffness", "CTRL+S", "save_stiffness"),
     Input("T", "rest here: return to this pose from now on", "T", "rest_here"),
     Input("Ctrl+T", "return to the shape before", "CTRL+T", "undo_rest_here"),
     Input("middle or right drag", "pan"),
@@ -72,6 +74,11 @@ def _next_mode(app):
     settings.mode = MODES[(MODES.index(settings.mode) + 1) % len(MODES)]
 
 
+def _toggle_push(app):
+    settings = app.scene.settings
+    settings.tool = "grab" if settings.tool == "push" else "push"
+
+
 def _quit(app):
     app.window.has_exit = True
 
@@ -83,7 +90,9 @@ ACTIONS = {  # functions of the App
     "pause": _toggle("paused", attrgetter("scene")),
     "single_step": lambda app: app.scene.single_step(),
     "pin_grab": lambda app: app.controls.pin(),
-    "toggle_push": _toggle("push"),
+    "toggle_push": _toggle_push,
+    "clear_paint": lambda app: app.scene.body.clear_paint(),
+    "save_stiffness": lambda app: app.recorder.save_model(app.scene.stiffened_field()),
     "rest_here": lambda app: app.scene.body.rest_at(app.scene.positions),
     "undo_rest_here": lambda app: app.scene.body.undo_rest_at(),
     "next_mode": _next_mode,

@@ -8,8 +8,11 @@ import math
 import warnings
 from dataclasses import replace
 
+import numpy as np
+
 from ..core.deform import Material, XpbdOptions, XpbdSolver
 
+MOST_PAINTED = 100.0  # times stiffer or softer
 EARTH = 9.81  # m/s²
 FLOATING_DRAG = 1.0  # 1/s, without gravity: there a thrown object would never stop
 
@@ -21,13 +24,15 @@ class Body:
         material: The real one; change it by set_material.
         gravity: Downwards [m/s²]; 0 without gravity.
         wind: The air's speed along x [m/s].
+        factors: Of Young's modulus at the vertices, or None: 1 everywhere.  [V]
     """
 
-    def __init__(self, rest_vertices, tets, pinned, size, meters, device):
+    def __init__(self, rest_vertices, tets, pinned, size, meters, device, factors=None):
         """Take a mesh at rest whose visible part has the longest side `size` [units].
 
         Args:
             meters: The length of that side; None: a unit is a meter.
+            factors: Of Young's modulus at the vertices; None: 1.  [V]
         """
         self._size = size
         self._meters_per_unit = 1.0 if meters is None else meters / size  # S
@@ -35,6 +40,9 @@ class Body:
         self.gravity, self.wind, self._air_drag = 0.0, 0.0, None
         options = XpbdOptions(**self._surroundings())
         self.solver = XpbdSolver(rest_vertices, tets, self._scaled(), pinned, options, device)
+        self.factors = factors
+        if factors is not None:
+            self.solver.set_stiffness(factors)
         self._stiffness = None  # what `stiffness` depends on, and its value
         self._rest_shapes = []  # those before the present one
 
@@ -74,6 +82,19 @@ class Body:
     def set_options(self, **changes) -> None:
         """Change some of the solver's XpbdOptions."""
         self.solver.set_options(replace(self.solver.options, **changes))
+
+    def paint(self, ids, shares, factor):
+        """Multiply the stiffness of these vertices [K], by `factor` where the share is 1.  [K]"""
+        if self.factors is None:
+            self.factors = np.ones(len(self.solver.rest_vertices))
+        painted = self.factors[ids] * factor**shares
+        self.factors[ids] = np.clip(painted, 1.0 / MOST_PAINTED, MOST_PAINTED)
+        self.solver.set_stiffness(self.factors)
+
+    def clear_paint(self):
+        """Make the object equally stiff everywhere."""
+        self.factors = None
+        self.solver.set_stiffness(None)
 
     # -- rest shape ----------------------------------------------------------------------
 

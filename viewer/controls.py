@@ -14,6 +14,7 @@ from . import picking
 # pyglet's numbers; the modules that name them can't be imported without a display.
 LEFT, MIDDLE, RIGHT = 1, 2, 4
 SHIFT = 1
+PAINTED = {"stiffen": 1.2, "soften": 1.0 / 1.2}  # factors of stiffness at each event of the mouse
 ZOOM_PER_NOTCH = 0.88
 CLICK_SLACK = 3.0  # points that the mouse may move during a click
 PICK_SLACK = 5.0  # points around a sphere that still count as on it
@@ -25,7 +26,7 @@ class Controls:
     def __init__(self, scene, depth_image: Callable, log: Callable):
         """Take the scene, a function that returns the depth image or None, and the event log."""
         self.scene = scene
-        self.mode = ""  # "orbit", "pan", "grab" or "push" while a button is held
+        self.mode = ""  # "orbit", "pan", "grab", "push" or "paint" while a button is held
         self.size = (1, 1)  # of the image
         self.ratio = 1.0  # image pixels per point
         self._depth_image = depth_image
@@ -53,8 +54,12 @@ class Controls:
             return  # a second button does not interrupt what the first one does
         self._button = button
         pixel = self._pixel(x, y)
-        if button == LEFT and self.scene.settings.push:
+        if button == LEFT and self.scene.settings.tool == "push":
             self._push(pixel)
+            return
+        if button == LEFT and self.scene.settings.tool in PAINTED:
+            self.mode = "paint"
+            self._paint(pixel)
             return
         vertex = self.pick(pixel) if button == LEFT else None
         if vertex is not None and modifiers & SHIFT:
@@ -76,6 +81,8 @@ class Controls:
             if scene.ball is not None:
                 center = scene.ball.target
                 scene.push_to(picking.onto_view_plane(self.camera, pixel - self._miss, center))
+        elif self.mode == "paint":
+            self._paint(pixel)
         elif self.mode == "grab":
             if scene.grabbed is not None:  # a reset lets go while the button is still down
                 plane = scene.grabbed.target
@@ -91,6 +98,8 @@ class Controls:
         if self.mode == "push":
             scene.end_push()
             self._log("end_push")
+        elif self.mode == "paint":
+            self._log("paint", factors=scene.body.factors is not None)
         elif self.mode == "grab":
             if scene.grabbed is not None:
                 vertex = scene.grabbed.vertex
@@ -150,14 +159,17 @@ class Controls:
         points = scene.positions[ids]
         return picking.visible(self.camera, points, self._depth_image(), scene.handle_bias)
 
-    def _surface_at(self, pixel):
-        """The object's point under a pixel; beside the object, one as far away as its target."""
+    def _surface_at(self, pixel, beside=True):
+        """The object's point under a pixel; beside the object, one as far away as its target.
+
+        Without `beside` there is none beside the object: None.
+        """
         camera, depth = self.camera, self._depth_image()
         if depth is not None:
             t = picking.depth_at(depth, camera, pixel[None])[0]
             if np.isfinite(t):
                 return camera.position + t * picking.ray_direction(camera, pixel)
-        return picking.onto_view_plane(camera, pixel, self.scene.orbit.target)
+        return picking.onto_view_plane(camera, pixel, self.scene.orbit.target) if beside else None
 
     def _grab(self, vertex, pixel):
         scene = self.scene
@@ -177,6 +189,12 @@ class Controls:
         self._miss = pixel - center
         self.mode = "push"
         self._log("push", position=scene.ball.target)
+
+    def _paint(self, pixel):
+        """Change the stiffness around the point under the mouse, if the object is there."""
+        point = self._surface_at(pixel, beside=False)
+        if point is not None:
+            self.scene.paint(point, PAINTED[self.scene.settings.tool])
 
     def _set_pin(self, vertex, pinned):
         self.scene.set_pin(vertex, pinned)

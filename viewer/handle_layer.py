@@ -13,6 +13,7 @@ from . import gl
 from . import orbit as orbits
 
 RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
+STIFF_BLUE, SOFT_PINK = (0.10, 0.12, 0.50), (1.0, 0.75, 0.72)
 BALL_GRAY = (0.72, 0.72, 0.75)
 PIN_BLUE = (0.42, 0.50, 0.62)
 HOVER_SCALE, PIN_SCALE = 1.35, 0.6
@@ -87,6 +88,8 @@ def sphere_instances(scene):
     instances[:, 4:] = RED
     instances[: len(pin_ids), 3] *= PIN_SCALE
     instances[: len(pin_ids), 4:] = PIN_BLUE
+    if scene.body.factors is not None:
+        instances[len(pin_ids) :, 4:] = stiffness_tints(scene.body.factors[scene.control_ids])
     if scene.hover is not None:
         instances[ids == scene.hover, 3] = HOVER_SCALE * scene.handle_radius
         instances[ids == scene.hover, 4:] = ORANGE
@@ -97,3 +100,10 @@ def sphere_instances(scene):
         instances = np.concatenate([instances, ball])
     away = np.linalg.norm(instances[:, :3] - orbits.pose(scene.orbit)[:3, 3], axis=1)
     return instances[np.argsort(-away)]
+
+
+def stiffness_tints(factors):
+    """Colors of vertices whose stiffness is multiplied: dark if stiff, pale if soft.  [N, 3]"""
+    share = np.clip(np.log10(factors), -1.0, 1.0)[:, None]
+    to = np.where(share > 0.0, STIFF_BLUE, SOFT_PINK)
+    return (1.0 - np.abs(share)) * np.array(RED) + np.abs(share) * to

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.field import save
 from ..core.paths import whole_file
 from .video import VideoWriter
 
@@ -77,6 +78,15 @@ class Recorder:
         path, self._screenshot = self._screenshot, None
         try:
             self._finished(save_png(path, self._canvas.read() if image is None else image))
+        except OSError as error:
+            self._fail(f"can't write {path}: {error.strerror or error}")
+
+    def save_model(self, field) -> None:
+        """Write a TetField as a model file into the current folder."""
+        path = stamped("model", ".npz")
+        try:
+            save(field, path, entry_bits=8)
+            self._finished(path)
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 

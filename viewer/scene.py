@@ -93,7 +93,8 @@ class Scene:
         self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
         self._patches = np.zeros(len(rest), int)  # of pins that were set together; 0: none
         meters = stored_size(field.meta) if meters is None else meters
-        self.body = Body(rest, tets, self.pins, self.size, meters, device)
+        factors = None if field.stiffness is None else field.stiffness.astype(float)
+        self.body = Body(rest, tets, self.pins, self.size, meters, device, factors)
         self.solver = self.body.solver
         self._nearest = nearest_vertices(self._surface, rest)  # [N], of each point
         near = np.unique(self._nearest)
@@ -211,6 +212,21 @@ class Scene:
         self.release()
         self.solver.set_state(*before)
         self.revision += 1
+
+    # -- stiffness -----------------------------------------------------------------------
+
+    def paint(self, point, factor) -> None:
+        """Multiply the stiffness around a point of the surface as it is now [3]."""
+        near = self.positions[self._near] - np.asarray(point, float)
+        vertex = int(self._near[(near**2).sum(axis=1).argmin()])
+        rest, radius = self.field.mesh.rest_vertices, self.settings.grab_radius * self.size
+        ids = vertices_within(rest, vertex, radius)
+        self.body.paint(ids, falloff(rest, vertex, ids, radius), factor)
+
+    def stiffened_field(self):
+        """The field, with the stiffness as it is painted now."""
+        factors = self.body.factors
+        return replace(self.field, stiffness=None if factors is None else factors.copy())
 
     # -- the ball ------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+TOOLS = "grab", "push", "stiffen", "soften"
 TARGET_FPS, CPU_TARGET_FPS = 60.0, 10.0
 
 
@@ -14,7 +15,7 @@ class Settings:
     checkerboard: bool = False  # behind the object instead of the background
     grab_radius: float = 0.08  # what a drag takes along, in object sizes
     soft_grab: bool = False  # pull by springs, weaker towards the radius, not exactly
-    push: bool = False  # a drag pushes with a ball as large as the grab radius
+    tool: str = "grab"  # what a left drag does, one of TOOLS
     fixed_resolution: float | None = None  # a factor; without it, what target_fps allows
     target_fps: float = TARGET_FPS
     accumulate: bool = True  # at rest, go on to the mean of shifted images

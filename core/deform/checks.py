@@ -36,6 +36,16 @@ def vectors(values, count, what, of):
     return np.clip(values, -FARTHEST, FARTHEST)
 
 
+def factors(values, vertex_count):
+    """Positive factors of the stiffness.  [V]"""
+    values = per_vertex(values, vertex_count, "stiffness factors")
+    wrong = np.flatnonzero(~(np.isfinite(values) & (values > 0.0)))
+    if len(wrong):
+        value = values[wrong[0]]
+        raise ValueError(f"vertex {wrong[0]} has a stiffness factor of {value}; give positive ones")
+    return values
+
+
 def masses(values, vertex_count):
     """Masses of 0 or more, in float64.  [V]"""
     values = per_vertex(values, vertex_count, "masses")

@@ -55,6 +55,10 @@ class Constraints:
         """w̄ = Σ w_i |g_i|² at rest.  [C]"""
         return (inverse_masses[self.vertices] * self.rest_gradients_squared).sum(axis=1)
 
+    def softened(self, compliances, factors):
+        """Compliances [C] where Young's modulus is multiplied by factors at the vertices.  [V]"""
+        return compliances / factors[self.vertices].mean(axis=1)
+
     def regularization(
         self,
         compliances,

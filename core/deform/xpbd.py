@@ -85,6 +85,7 @@ class XpbdSolver:
         self.rescue = Rescue()
         self._pins_fit = None  # whether pins are to each other as at rest; None if unknown
         self._softened = None  # the Rescue.ratio that the coefficients are for
+        self._stiffness = None  # factors of Young's modulus  [V]
         self._rescue_path = None  # where targets start and end, each [V, 3]
 
         common = count, self.device, self.device.is_cuda and runs_in_block(count)
@@ -112,8 +113,19 @@ class XpbdSolver:
     def set_material(self, material: Material):
         """Take another material; positions and velocities stay."""
         self.material = material
-        self._compliances = material.compliances(self.edges, self.volumes)
+        edges, volumes = material.compliances(self.edges, self.volumes)
+        if self._stiffness is not None:
+            edges = self.edges.softened(edges, self._stiffness)
+            volumes = None if volumes is None else self.volumes.softened(volumes, self._stiffness)
+        self._compliances = edges, volumes
         self.set_masses(constraints.lumped_masses(self.rest_vertices, self.tets, material.density))
+
+    def set_stiffness(self, factors):
+        """Multiply Young's modulus by these numbers at the vertices; None: by 1.  [V]"""
+        if factors is not None:
+            factors = checks.factors(factors, len(self.pinned))
+        self._stiffness = factors
+        self.set_material(self.material)
 
     def set_compliances(self, edges, volumes):
         """Take these instead of the material's, until set_material is called.

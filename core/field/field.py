@@ -47,6 +47,7 @@ class TetField:
     world_to_model: np.ndarray  # [4, 4] uniform scale and translation from the data's space
     meta: dict = field(default_factory=dict)  # JSON: `training` in docs/model-format.md
     surroundings: Surroundings | None = None
+    stiffness: np.ndarray | None = None  # [V] factors of Young's modulus; None: 1 everywhere
 
     def __post_init__(self):
         assert self.neighbours.shape == (self.mesh.tet_count, 4), self.neighbours.shape

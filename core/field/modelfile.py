@@ -26,6 +26,7 @@ from .packing import (
     read_arrays,
     unpack_layers,
     unpack_mesh,
+    unpack_stiffness,
     unpack_surroundings,
     unpack_tables,
 )
@@ -44,6 +45,7 @@ TRAINING_TYPES = {
     "interrupted": bool,
     "seconds": float,
     "stage_1_seconds": float,
+    "size": float,
     "occupied_share": float,
     "workers": int,
     "view_count": int,
@@ -87,6 +89,8 @@ def pack(field: TetField, metadata_: dict | None = None, entry_bits=16) -> dict:
     arrays |= pack_layers("color", field.color_layers)
     if field.surroundings:
         arrays |= pack_surroundings(field.surroundings)
+    if field.stiffness is not None:
+        arrays["stiffness"] = field.stiffness.astype(np.float16)
     meta = meta_text(field, spacing, {**field.meta, **(metadata_ or {})})
     return arrays | {"meta": np.frombuffer(meta.encode(), np.uint8)}
 
@@ -144,6 +148,7 @@ def _build(arrays) -> TetField:
         world_to_model=world_to_model,
         meta=read_training(meta.get("training")),
         surroundings=unpack_surroundings(arrays),
+        stiffness=unpack_stiffness(arrays, mesh.vertex_count),
     )
 
 

@@ -44,6 +44,7 @@ UNREADABLE = (
 )
 ENTRY_BITS = (8, 16)
 LARGEST_INT8 = 127
+STIFFNESS_RANGE = 1e-3, 1e3
 LARGEST_SCALE = 1e3  # values then reach as far as float16's
 INTEGERS = (np.uint16, np.int32)
 
@@ -241,6 +242,16 @@ def pack_surroundings(surroundings: Surroundings) -> dict:
         **pack_layers("surroundings_density", surroundings.density_layers),
         **pack_layers("surroundings_color", surroundings.color_layers),
     }
+
+
+def unpack_stiffness(arrays, vertex_count):
+    """The factors of Young's modulus [V], checked; None if the file has none."""
+    if "stiffness" not in arrays:
+        return None
+    factors = array(arrays, "stiffness", np.float16, (vertex_count,)).astype(np.float32)
+    low, high = STIFFNESS_RANGE
+    check(((low <= factors) & (factors <= high)).all(), f"'stiffness' leaves {low:g}..{high:g}")
+    return factors
 
 
 def unpack_surroundings(arrays) -> Surroundings | None:

@@ -1,12 +1,14 @@
 """The section on dynamics: material, surroundings, and time."""
 
 import math
+from functools import partial
 
 from imgui_bundle import imgui
 
 from ...core.deform import LOWEST_POISSON_RATIO, PRESETS, SOFTENED_BELOW
 from ..actions import label_of
 from ..body import EARTH
+from ..settings import TOOLS
 from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider
 
 YOUNG_MODULI = 1e3, 1e9  # Pa
@@ -23,6 +25,8 @@ CUSTOM = "custom"  # the name of a material that is none of PRESETS
 SUBSTEPS_TOOLTIP = f"""compliance against inertia in a substep:
 below {SOFTENED_BELOW} it is softer than asked for, and more substeps make it stiffer"""
 
+TOOL = f"""what a left drag does: grab a vertex, push with a ball ({label_of("toggle_push")}),
+or make stiffer or softer what the mouse passes, within the grab radius"""
 SIZE = "longest side: what is smaller is stiffer for its weight, and moves faster"
 YIELD = "how far edges are strained before they stay so"
 AIR = "how fast it brakes what moves"
@@ -33,6 +37,7 @@ def deform_panel(app):
     _time_buttons(app)
     _material(scene)
     _shape(app)
+    _tool(app)
     _grab(scene.settings)
     _substeps(scene)
     _surroundings(scene)
@@ -113,13 +118,20 @@ def _shape(app):
         button("Undo", app, "undo_rest_here", f"return to the shape before ({key})")
 
 
+def _tool(app):
+    settings, body = app.scene.settings, app.scene.body
+    combo("tool", settings.tool, TOOLS, partial(setattr, settings, "tool"), TOOL)
+    if body.factors is not None:
+        button("Even", app, "clear_paint", f"equally stiff ({label_of('clear_paint')})")
+        imgui.same_line()
+        key = label_of("save_stiffness")
+        button("Save stiffness", app, "save_stiffness", f"in a copy of the model, here ({key})")
+
+
 def _grab(settings):
     number_setting("grab radius", settings, "grab_radius", GRAB_RADII, "%.2f of the size")
     tooltip = "pull with springs, weaker towards the radius, instead of moving exactly"
     setting("soft grab", settings, "soft_grab", tooltip)
-    imgui.same_line()
-    tooltip = f"left drags push with a ball of the grab radius ({label_of('toggle_push')})"
-    setting("push with a ball", settings, "push", tooltip)
 
 
 def _substeps(scene):
