@@ -43,8 +43,8 @@ class Rescue:
 
     Attributes:
         counts: Tangles of each part when last counted [P]; None since the user did something.
-        load: What may hold the body in another shape than its rest shape: "weight", "pins" or
-            None.
+        load: What may hold the body in another shape than its rest shape: "pins", "weight",
+            "wind", "colliders" or None.
         ratio: The r of all constraints in this frame; None for the material's.
         parts: Those that bypass the constraints [P] bool; None if none does.
         progress: The share of their way that is done at the end of this frame, 0 to 1.
@@ -79,7 +79,7 @@ class Rescue:
     @property
     def _curable(self):
         """Tangles of each part that a rescue may resolve.  [P]"""
-        if self.load == "pins" or (self.load == "weight" and self._was_sound):
+        if self.load == "pins" or (self.load and self._was_sound):
             return np.where(self._lost, self.counts, 0)
         return self.counts
 

@@ -21,13 +21,12 @@ from .colliders import ColliderRows
 from .frame import CpuFrame, CudaFrame, runs_in_block
 from .holds import Holds
 from .material import Material
-from .rescue import Rescue, distortion, ways_back
+from .recovery import Recovery
 from .rest_shape import RestShape
 from .rigid_motion import FreeParts
 from .tangles import Feedback
 from .xpbd_options import TIME_STEP, XpbdOptions
 
-PINS_OFF = 0.01  # object sizes by which pins may have moved relative to each other
 LONGEST_TIME = 1e6  # s, of a step; the squares of longer ones leave float32
 EVERYWHERE = slice(None)
 
@@ -82,11 +81,7 @@ class XpbdSolver:
         self._part_of = components(count, self.tets)  # [V]
         self._active = np.zeros(self._part_of.max() + 1, bool)  # by part
         self._dt = TIME_STEP
-        self.rescue = Rescue()
-        self._pins_fit = None  # whether pins are to each other as at rest; None if unknown
-        self._softened = None  # the Rescue.ratio that the coefficients are for
         self._stiffness = None  # factors of Young's modulus  [V]
-        self._rescue_path = None  # where targets start and end, each [V, 3]
 
         common = count, self.device, self.device.is_cuda and runs_in_block(count)
         self._lists = [ConstraintList(part, *common) for part in (self.edges, self.volumes)]
@@ -96,6 +91,9 @@ class XpbdSolver:
         self._rest_shape = RestShape(self.rest_vertices, *self._lists, self.vertices)
         self._holds = Holds(pinned, arrays.state)
         self._free_parts = FreeParts(arrays.state, self._part_of)
+        body = self._rest_shape, self._part_of, self.object_size
+        self._recovery = Recovery(arrays.state, self._holds, *body)
+        self.rescue = self._recovery.rescue
         self._motion = arrays.motion
         self._colliders = ColliderRows(arrays.colliders)
         self._colliders.put(self.options.colliders)
@@ -245,9 +243,10 @@ class XpbdSolver:
     @property
     def settled(self) -> bool:
         """Whether the solver sleeps: nothing is grabbed and nothing moves."""
-        done = self.rescue.may_sleep or not self.options.rescue
         still = self._still_frames >= self.options.sleep_frames
-        return done and still and len(self._holds.handles) == 0
+        if not still or len(self._holds.handles) > 0:
+            return False
+        return not self.options.rescue or self._recovery.may_sleep()
 
     def stiffness_ratio(self) -> float:
         """The median of r = α/(w h²) over edges that can move; nan if none can.
@@ -280,13 +279,16 @@ class XpbdSolver:
             self._stale = True
         count_due = False
         if self.options.rescue and len(self._holds.handles) == 0:
-            count_due = self.rescue.advance(dt, self._load())
-        self._follow_rescue()
+            load = self.options.load
+            count_due = self._recovery.begin(dt, load, self.material.damping)
+        concerned = self._recovery.follow()
+        if concerned is not None:
+            self._activate(concerned)
         if self._stale:
             self._prepare()
         self._frame.run(
             self.options.substeps(dt),
-            self._compliances[1] is not None or self._softened is not None,
+            self._compliances[1] is not None or self._recovery.softened is not None,
             self._holds.springs is not None,
             self.options.ground is not None,
             self._free_parts.damp(),
@@ -295,50 +297,20 @@ class XpbdSolver:
         self._colliders.end()
         if not self.rescue.running:
             self._rest_shape.flow()
-        returns = count_due and self._load() is None and not self._rest_shape.yields
+        returns = count_due and self._recovery.returns_to_rest
         self._feedback.end(self.vertices, count_due, returns)
 
     def _read_feedback(self):
         """Take the results of the frame before."""
         motion, counts = self._feedback.read()
         if counts is not None:
-            self.rescue.report(counts[:2].sum(axis=0), counts[2] > 0)
+            self._recovery.report(counts)
         if motion is None:
             return
         still = motion <= self.options.sleep_motion * self.object_size
         self._still_frames = self._still_frames + 1 if still else 0
         if self.settled:
             self._fall_asleep()
-
-    def _load(self):
-        """What keeps the body from returning to rest; see Rescue.load."""
-        if self._pins_fit is None:
-            held, rest = (a[self.pinned] for a in (self._state.targets.numpy(), self.rest_shape))
-            self._pins_fit = distortion(rest, held) < PINS_OFF * self.object_size
-        if not self._pins_fit:
-            return "pins"
-        return "weight" if any(self.options.gravity) else None
-
-    def _follow_rescue(self):
-        rescue = self.rescue
-        if rescue.ratio != self._softened:
-            self._softened = rescue.ratio
-            self._activate()
-        if rescue.parts is None:
-            self._end_rescue()
-            return
-        if not self._holds.rescued.any():
-            mesh = self.rest_shape, self.vertices.numpy(), self.pinned, self._part_of
-            self._rescue_path = ways_back(*mesh, rescue.parts)
-            self._holds.set_rescued(rescue.parts[self._part_of] & ~self.pinned)
-            self._activate(self._holds.rescued)
-        start, goal = self._rescue_path
-        self._state.targets.assign(start + rescue.progress * (goal - start))
-
-    def _end_rescue(self):
-        if self._holds.rescued.any():
-            self._holds.set_rescued(np.zeros(len(self.pinned), bool))
-            self._stale = True
 
     def _fall_asleep(self):
         """Nothing moves: no part is worked on until the user touches it."""
@@ -350,10 +322,8 @@ class XpbdSolver:
     def _touch(self, vertices=EVERYWHERE):
         """The user did something to these vertices (ids or a mask): wake their parts."""
         self._still_frames = 0
-        self._pins_fit = None
         self._feedback.drop()
-        self.rescue.touch()
-        self._end_rescue()
+        self._recovery.touch()
         self._activate(vertices)
 
     def _activate(self, vertices=EVERYWHERE):
@@ -374,8 +344,8 @@ class XpbdSolver:
         for part, compliances in zip(self._lists, self._compliances, strict=True):
             part.select(movable)
             regularization = part.constraints.regularization
-            if self._softened is not None:
-                part.set_regularization(regularization(0.0, w, h, floor=self._softened))
+            if self._recovery.softened is not None:
+                part.set_regularization(regularization(0.0, w, h, floor=self._recovery.softened))
             elif compliances is not None:
                 part.set_regularization(regularization(compliances, w, h))
         self._holds.prepare_springs(h)

@@ -72,6 +72,15 @@ class XpbdOptions:
         if len(self.colliders) > MOST_COLLIDERS:
             raise ValueError(f"{len(self.colliders)} colliders; {MOST_COLLIDERS} are the most")
 
+    @property
+    def load(self) -> str | None:
+        """What may hold a body in another shape than its rest shape; see Rescue.load."""
+        if any(self.gravity):
+            return "weight"
+        if self.air_drag and any(self.wind):
+            return "wind"
+        return "colliders" if self.colliders else None
+
     def substeps(self, dt: float) -> int:
         """n for a step of dt [s].  It keeps h, and so the pose, independent of the frame rate."""
         count = round(dt / TIME_STEP * self.substep_count)

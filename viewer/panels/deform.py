@@ -28,6 +28,12 @@ below {SOFTENED_BELOW} it is softer than asked for, and more substeps make it st
 TOOL = f"""what a left drag does: grab a vertex, push with a ball ({label_of("toggle_push")}),
 or make stiffer or softer what the mouse passes, within the grab radius"""
 SIZE = "longest side: what is smaller is stiffer for its weight, and moves faster"
+HELD_BY = {
+    "pins": "its pins",
+    "weight": "its weight",
+    "wind": "the wind",
+    "colliders": "what it touches",
+}
 YIELD = "how far edges are strained before they stay so"
 AIR = "how fast it brakes what moves"
 
@@ -68,7 +74,7 @@ def state_line(scene) -> str:
     if scene.solver.rescue.given_up:
         return "tangled: take Reset"
     if scene.solver.rescue.held_by:
-        return f"folded by its {scene.solver.rescue.held_by}"
+        return f"folded by {HELD_BY[scene.solver.rescue.held_by]}"
     return "paused" if scene.paused else "moving" if scene.moving else "at rest"
 
 

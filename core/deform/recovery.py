@@ -1,0 +1,141 @@
+"""Recovery of a body: what the rescue is told about it, and what it does to the vertices.
+
+Besides tangles (tangles.py), parts count that are stuck: nothing holds them, damping takes their
+motion away, and yet they stay in another shape than their rest shape.  A part that hangs on a
+small hinge can fold over it into a minimum of the energy in which no tet is inverted.  It is
+stuck if within STUCK_INTERVAL the distance to its rest shape has not shrunk.
+
+Shapes: V vertices, P parts (connected components).
+"""
+
+import numpy as np
+
+from .holds import Holds
+from .rescue import Rescue, distortion, ways_back
+from .rest_shape import RestShape
+
+PINS_OFF = 0.01  # object sizes by which pins may have moved relative to each other
+STUCK_INTERVAL = 5.0  # s between looks
+STUCK_OFF = 0.02  # object sizes by which a part that is stuck is away from its rest shape
+STUCK_SHRINKS = 0.995  # of that distance is left at most if the part returns, however slowly
+LEAST_DAMPING = 1.0  # 1/s; with less, a motion may go on for that long
+
+
+class Recovery:
+    """The rescue of one body.
+
+    Attributes:
+        rescue: What is tried, when, and on which parts.
+        softened: The r of all constraints in this frame; None for the material's.
+
+    Args:
+        part_of: [V]
+        size: The longest side of the body [m].
+    """
+
+    def __init__(self, state, holds: Holds, rest_shape: RestShape, part_of, size):
+        self.rescue, self.softened = Rescue(), None
+        self._state, self._holds, self._rest_shape = state, holds, rest_shape
+        self._part_of, self._size = part_of, size
+        self._path = None  # where targets start and end, each [V, 3]
+        self.touch()
+
+    def touch(self):
+        """The user did something: forget what is known."""
+        self._pins_fit = None  # None if unknown
+        self._load, self._is_damped = None, False
+        self.rescue.touch()
+        self._look_again()
+        self._stop()
+
+    def begin(self, dt, load: str | None, damping) -> bool:
+        """Begin a frame of dt [s] in which nothing is grabbed; True to count tangles after it.
+
+        Args:
+            load: What holds the body besides its pins, see Rescue.load.
+            damping: Of the material [1/s].
+        """
+        self._load = load if self._pins_are_as_at_rest() else "pins"
+        self._is_damped = damping >= LEAST_DAMPING
+        if self.rescue.running or not (self.returns_to_rest and self._is_damped):
+            self._look_again()
+        self._since_look += dt
+        return self.rescue.advance(dt, self._load)
+
+    @property
+    def returns_to_rest(self) -> bool:
+        """Whether nothing keeps the body from its rest shape."""
+        return self._load is None and not self._rest_shape.yields
+
+    def may_sleep(self) -> bool:
+        """Whether a body that is still may sleep; looks at its shape if that matters."""
+        if not self.rescue.may_sleep:
+            return False
+        if self.rescue.given_up or not (self.returns_to_rest and self._is_damped):
+            return True
+        if self._is_far is None:
+            self._is_far = bool((self._distances() > STUCK_OFF * self._size).any())
+        return not self._is_far
+
+    def report(self, counts):
+        """Take inverted tets, wrapped edges and lost tets of each part.  [3, P]"""
+        tangles = counts[:2].sum(axis=0)
+        if self._since_look >= STUCK_INTERVAL and not tangles.any():
+            self._look()
+        self.rescue.report(tangles + self._stuck, counts[2] > 0)
+
+    def follow(self):
+        """Do what the rescue wants in this frame; the vertices that it concerns, or None.  [V]"""
+        rescue, concerned = self.rescue, None
+        if rescue.ratio != self.softened:
+            self.softened = rescue.ratio
+            concerned = np.ones(len(self._part_of), bool)
+        if rescue.parts is None:
+            return self._stop() if concerned is None else concerned
+        if not self._holds.rescued.any():
+            pinned = self._holds.pinned
+            mesh = self._rest_shape.vertices, self._state.vertices.numpy(), pinned, self._part_of
+            self._path = ways_back(*mesh, rescue.parts)
+            self._holds.set_rescued(rescue.parts[self._part_of] & ~pinned)
+            concerned = self._holds.rescued
+        start, goal = self._path
+        self._state.targets.assign(start + rescue.progress * (goal - start))
+        return concerned
+
+    def _stop(self):
+        """Release what is taken back; an empty mask if something was, as no part wakes by it."""
+        if not self._holds.rescued.any():
+            return None
+        nobody = np.zeros(len(self._part_of), bool)
+        self._holds.set_rescued(nobody)
+        return nobody
+
+    def _pins_are_as_at_rest(self):
+        """Whether pins are to each other as at rest."""
+        if self._pins_fit is None:
+            pinned, rest = self._holds.pinned, self._rest_shape.vertices
+            held = self._state.targets.numpy()[pinned]
+            self._pins_fit = distortion(rest[pinned], held) < PINS_OFF * self._size
+        return self._pins_fit
+
+    def _look_again(self):
+        self._since_look, self._away, self._stuck = 0.0, None, 0
+        self._is_far = None
+
+    def _distances(self):
+        """How far each part is from its rest shape, where and as it lies.  [P]"""
+        rest, now = self._rest_shape.vertices, self._state.vertices.numpy()
+        every = np.ones(self._part_of.max() + 1, bool)
+        _, goal = ways_back(rest, now, self._holds.pinned, self._part_of, every)
+        away = np.zeros(len(every))
+        np.maximum.at(away, self._part_of, np.linalg.norm(goal - now, axis=1))
+        return away
+
+    def _look(self):
+        """Compare the parts' distances to their rest shape with those of the look before."""
+        away = self._distances()
+        before, self._away, self._since_look = self._away, away, 0.0
+        self._is_far = None
+        if before is not None:
+            far = away > STUCK_OFF * self._size
+            self._stuck = (far & (away > STUCK_SHRINKS * before)).astype(int)

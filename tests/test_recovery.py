@@ -1,0 +1,83 @@
+"""Recovery of bodies that are stuck: held by nothing, sound, and yet not in their rest shape."""
+
+import numpy as np
+import pytest
+from random_use import Session, bodies
+
+from deformrf.core.deform import Material, Sphere, XpbdOptions, XpbdSolver
+from deformrf.core.deform.recovery import STUCK_INTERVAL
+from deformrf.core.geometry import a15_grid
+
+DT = 1.0 / 60.0
+MESH = a15_grid(0.25)
+REST = MESH.rest_vertices
+BENT = REST * [1.0, 1.0, 1.1]  # sound, but 10 % longer
+NOBODY = np.zeros(MESH.vertex_count, bool)
+
+
+def make_solver(material=None, pinned=NOBODY, **options):
+    return XpbdSolver(REST, MESH.tets, material or Material(), pinned, XpbdOptions(**options))
+
+
+def hold_still(solver, shape, seconds):
+    """Let time pass in which the body stays in a shape, as in a minimum of its energy.
+
+    Returns:
+        The seconds after which a rescue ran, or None.
+    """
+    solver.set_state(shape)
+    for frame in range(round(seconds / DT)):
+        solver.step(DT)
+        if solver.rescue.running:
+            return frame * DT
+        solver.vertices.assign(shape.astype(np.float32))
+        solver.velocities.zero_()
+    return None
+
+
+def test_a_part_that_does_not_return_is_rescued():
+    after = hold_still(make_solver(), BENT, 20.0)
+    assert 2 * STUCK_INTERVAL <= after <= 2 * STUCK_INTERVAL + 3.0
+
+
+@pytest.mark.parametrize(
+    "material, pinned, options",
+    [
+        (Material(), NOBODY, {"gravity": (0.0, 0.0, -1.0)}),
+        (Material(), NOBODY, {"wind": (1.0, 0.0, 0.0), "air_drag": 1.0}),
+        (Material(), NOBODY, {"colliders": (Sphere((0.0, 0.0, 3.0), 0.1),)}),
+        (Material(), REST[:, 2] > -1.0, {}),  # all of it is pinned, as it is bent
+        (Material(damping=0.0), NOBODY, {}),
+        (Material(yield_strain=0.5), NOBODY, {}),
+    ],
+    ids=["weight", "wind", "collider", "pins", "undamped", "yields"],
+)
+def test_what_something_holds_is_not_stuck(material, pinned, options):
+    assert hold_still(make_solver(material, pinned, **options), BENT, 16.0) is None
+
+
+def test_at_rest_nothing_is_stuck():
+    assert hold_still(make_solver(), REST, 16.0) is None
+
+
+def test_a_still_body_in_another_shape_stays_awake():
+    """Else it would sleep there for ever."""
+    solver = make_solver()
+    solver.set_state(BENT)
+    for _ in range(120):
+        solver.step(DT)
+        assert not solver.settled
+        solver.vertices.assign(BENT.astype(np.float32))
+        solver._feedback._motion.zero_()
+        solver.velocities.zero_()
+    solver.set_state(REST)
+    for _ in range(120):
+        solver.step(DT)
+    assert solver.settled
+
+
+@pytest.mark.parametrize("number", [155, 677])
+def test_a_body_that_random_use_folded_over_its_hinge_returns(number):
+    """It was stuck 64 % of its size away, on the machine that found it."""
+    mesh = list(bodies())[number % 3]
+    assert Session(mesh, [1262718852, number], "cpu").run() is None
