@@ -178,7 +178,7 @@ def test_given_compliances_hold_until_the_material_is_set(device):
     other.set_material(Material(young_modulus=1e3, poisson_ratio=0.25))
     other.set_compliances(
         one.edges.compliances(material.shear_modulus),
-        one.volumes.compliances(material.bulk_modulus),
+        one.volumes.compliances(material.bulk_modulus, material.shear_modulus),
     )
     other.grab(head(ONE))
     one.grab(head(ONE))

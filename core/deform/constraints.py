@@ -7,14 +7,15 @@ compliance α, inverse masses w and gradients g_i = ∂C/∂x_i
     Δλ = −C / (Σ w_i |g_i|² + a),   x_i += w_i Δλ g_i,   a = max(α/h² − ½ w̄, r_min · w̄)
 
     edge:   C = |x_i − x_j| − L,   α = 1/k_e,    k_e = 15 μ f V_e / L²,   w̄ = w_i + w_j
-    volume: C = 6 (V − V0),        α = 36 V0 / K,  w̄ = Σ w_i |g_i|² at rest
+    volume: C = 6 (V − V0),        α = 36 V0 / K_t,   w̄ = Σ w_i |g_i|² at rest
     spring: C = |x_i − target|,    α = 1/k, with a force of at most F
 
 To project constraints one after another softens each as ½ w̄ h² of compliance would, to first
 order; so ½ w̄ is subtracted (docs/design/002-dynamics.md).  A spring is projected last and needs
 no correction.  The floor r_min · w̄ keeps a stiff system from tangling.  An edge of length 0
 takes a fixed pseudo-random direction; without it a collapsed body would never open.  The factor
-f makes a lattice equally stiff in all directions (isotropy.py).  A volume projection moves no
+f makes a lattice equally stiff in all directions (isotropy.py).  A tet's bulk modulus K_t is
+the material's K; on A15, few tets hold what exceeds 2 μ (locking.py).  A volume projection moves no
 vertex farther than STEP_LIMIT · (6 V0)^(1/3).
 
 Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and springs,
@@ -28,6 +29,7 @@ import numpy as np
 
 from ..geometry import EDGES, color_order, face_components, signed_volumes, tet_neighbours
 from .isotropy import edge_factors
+from .locking import SPREAD_FROM, volume_shares
 
 COMPLIANCE_FLOOR = 0.05  # r_min
 SWEEP_SOFTENING = 0.5  # of w̄: what a sweep over all constraints adds to the compliance of each
@@ -84,12 +86,19 @@ class EdgeConstraints(Constraints):
         return self.rest_values**2 / (15.0 * shear_modulus * self.factors * self.volumes)
 
 
+@dataclass(frozen=True)
 class VolumeConstraints(Constraints):
     """Every tet that has a volume."""
 
-    def compliances(self, bulk_modulus):
-        """α = 36 V0 / K [m⁵/N].  [T]"""
-        return 6.0 * self.rest_values / bulk_modulus
+    shares: np.ndarray  # [T] of what exceeds the bulk modulus of each tet (locking.py)
+
+    def compliances(self, bulk_modulus, shear_modulus):
+        """α = 36 V0 / K_t [m⁵/N].  [T]"""
+        of_each = min(bulk_modulus, SPREAD_FROM * shear_modulus)
+        moduli = np.full(len(self.shares), bulk_modulus)
+        if of_each < bulk_modulus:
+            moduli = bulk_modulus * self.shares + of_each * (1.0 - self.shares)
+        return 6.0 * self.rest_values / moduli
 
 
 def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
@@ -156,8 +165,9 @@ def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
     order, offsets, classes = color_order(tets, rest_vertices)
     tets, volumes = tets[order], volumes[order]
     gradients = volume_gradients(rest_vertices, tets)
+    shares = volume_shares(rest_vertices, tets, volumes)
     return VolumeConstraints(
-        tets.astype(np.int32), volumes, (gradients**2).sum(-1), offsets, classes
+        tets.astype(np.int32), volumes, (gradients**2).sum(-1), offsets, classes, shares
     )
 
 

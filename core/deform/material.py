@@ -2,7 +2,7 @@
 
 Averaged over directions, a network of springs with k_e L²/V_e = 15 μ on every edge is an
 isotropic solid with Lamé constants λ = μ, that is, with Poisson's ratio 1/4.  Volume
-constraints of bulk modulus K = λ − μ ≥ 0 add the rest.
+constraints of bulk modulus K = λ − μ ≥ 0 add the rest (locking.py says which tets hold it).
 
     E Young's modulus [Pa], ν Poisson's ratio, μ = E / (2 (1 + ν)) [Pa]
     λ = E ν / ((1 + ν)(1 − 2ν)) [Pa], K [Pa]
@@ -73,7 +73,7 @@ class Material:
     def compliances(self, edges, volumes):
         """α of edge constraints [m/N], and of volume constraints [m⁵/N] or None if K is 0."""
         bulk = self.bulk_modulus
-        of_volumes = volumes.compliances(bulk) if bulk > 0 else None
+        of_volumes = volumes.compliances(bulk, self.shear_modulus) if bulk > 0 else None
         return edges.compliances(self.shear_modulus), of_volumes
 
     def young_modulus_at(self, stiffness_ratio: float) -> float:
