@@ -1,12 +1,11 @@
-"""Constraints: energies of a solid, momentum, limits, braces.  Kernels are in test_frame.py."""
+"""Constraints: energies of a solid, momentum, limits.  Kernels are in test_frame.py."""
 
 import numpy as np
 import pytest
 
 from deformrf.core.deform import constraints
-from deformrf.core.deform.constraints import hinge_braces
 from deformrf.core.deform.frame import reference
-from deformrf.core.geometry import a15_grid, face_components, signed_volumes, tet_neighbours
+from deformrf.core.geometry import a15_grid, signed_volumes
 
 UNIT_TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
 MESH = a15_grid(0.1)  # no hinges, so no braces
@@ -154,32 +153,6 @@ def test_regularization_has_a_floor():
         np.testing.assert_allclose(a, expected * w_of_edge)
     tets = constraints.volume_constraints(UNIT_TET, np.array([[0, 1, 2, 3]]))
     np.testing.assert_allclose(tets.regularization(0.0, w, 1e-3), floor * (3 * 1 + 2 + 3))
-
-
-def test_a_grid_needs_no_braces():
-    tets = a15_grid(0.1).tets
-    assert (face_components(tet_neighbours(tets)) == 0).all()
-    assert len(hinge_braces(tets)) == 0
-
-
-def test_tets_that_share_a_face_need_no_braces():
-    assert len(hinge_braces(np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))) == 0
-
-
-def test_separate_tets_are_not_braced():
-    tets = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
-    assert len(np.unique(face_components(tet_neighbours(tets)))) == 2
-    assert len(hinge_braces(tets)) == 0
-
-
-def test_a_hinge_at_an_edge_is_braced():
-    braces = hinge_braces(np.array([[0, 1, 2, 3], [0, 1, 4, 5]]))
-    assert braces.tolist() == [[2, 4], [2, 5], [3, 4], [3, 5]]
-
-
-def test_a_hinge_at_a_vertex_is_braced():
-    braces = hinge_braces(np.array([[0, 1, 2, 3], [0, 4, 5, 6]]))
-    assert braces.tolist() == [[a, b] for a in (1, 2, 3) for b in (4, 5, 6)]
 
 
 def test_stiffness_factors_divide_compliances_by_their_mean_at_the_vertices():

@@ -23,11 +23,11 @@ Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and
 """
 
 from dataclasses import dataclass
-from itertools import combinations, product
 
 import numpy as np
 
-from ..geometry import EDGES, color_order, face_components, signed_volumes, tet_neighbours
+from ..geometry import EDGES, color_order, signed_volumes
+from .hinges import LONG_STIFFNESS, SHORT_VOLUME, hinge_braces
 from .isotropy import edge_factors
 from .locking import SPREAD_FROM, volume_shares
 
@@ -36,7 +36,6 @@ SWEEP_SOFTENING = 0.5  # of w̄: what a sweep over all constraints adds to the c
 SOFTENED_BELOW = SWEEP_SOFTENING + COMPLIANCE_FLOOR  # r of a constraint that is at its floor
 STEP_LIMIT = 0.5
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
-BRACE_VOLUME = 0.25  # V_e of a brace, in means over edges; a hinge has many braces
 PRESS_SHARE = 1.0 / 16.0  # of a substep in the mean of a vertex's pushes, which bounds friction
 COLLAPSED = 1e-12  # of L; a shorter edge counts as one of length 0
 NO_SPRING = -1.0  # in place of a, which is never negative
@@ -116,44 +115,22 @@ def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
         raise ValueError(f"no tet has a volume; all {len(tets)} are flat")
     # An edge between flat tets alone would have no stiffness.
     volumes = np.maximum(volumes, SMALLEST_SHARE * volumes.mean())
-    factors = edge_factors(np.linalg.norm(np.diff(rest_vertices[ends], axis=1)[:, 0], axis=1))
-    braces = hinge_braces(tets)
-    ends = np.concatenate([ends, braces])
-    volumes = np.append(volumes, np.full(len(braces), BRACE_VOLUME * volumes.mean()))
-    factors = np.append(factors, np.ones(len(braces)))
+    lengths = np.linalg.norm(np.diff(rest_vertices[ends], axis=1)[:, 0], axis=1)
+    factors = edge_factors(lengths)
+    short, far = hinge_braces(rest_vertices, tets, lengths.mean())
+    # A long brace is as stiff as a mean edge: its ends could not bear more.
+    spans = np.linalg.norm(np.diff(rest_vertices[far], axis=1)[:, 0], axis=1)
+    of_braces = np.append(
+        np.full(len(short), SHORT_VOLUME), LONG_STIFFNESS * (spans / lengths.mean()) ** 2
+    )
+    volumes = np.append(volumes, of_braces * volumes.mean())
+    ends = np.concatenate([ends, short, far])
+    factors = np.append(factors, np.ones(len(of_braces)))
     order, offsets, classes = color_order(ends, rest_vertices)
     ends, volumes, factors = ends[order], volumes[order], factors[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
     common = ends.astype(np.int32), lengths, np.ones(ends.shape), offsets, classes
     return EdgeConstraints(*common, volumes, factors)
-
-
-def hinge_braces(tets):
-    """Extra edges that make hinges stiff, as pairs of vertices.  [B, 2] int
-
-    A mesh that was cut from a grid by occupancy has tets that are joined to the rest by one
-    edge or one vertex only.  No edge length resists their rotation there: after a drag they
-    would stay turned.  So two tets that share a vertex but aren't connected through faces get
-    braces, edges from every corner of one to every corner of the other.
-    """
-    labels = face_components(tet_neighbours(tets))
-    shared = np.unique(np.stack([tets.ravel(), np.repeat(labels, 4)], axis=1), axis=0)[:, 0]
-    hinges = np.unique(shared[1:][shared[1:] == shared[:-1]])
-    corner_order = np.argsort(tets.ravel(), kind="stable")
-    begin, end = (
-        np.searchsorted(tets.ravel()[corner_order], hinges, side=side) for side in ("left", "right")
-    )
-    braces = set()
-    for first, last in zip(begin, end, strict=True):
-        around = corner_order[first:last] // 4
-        for one, other in combinations(around, 2):
-            if labels[one] != labels[other]:
-                pairs = product(tets[one].tolist(), tets[other].tolist())
-                braces.update((min(pair), max(pair)) for pair in pairs if pair[0] != pair[1])
-    if not braces:  # as with most meshes, which then need no set of all edges
-        return np.empty((0, 2), np.int64)
-    braces -= set(map(tuple, np.sort(tets[:, EDGES].reshape(-1, 2), axis=1).tolist()))
-    return np.array(sorted(braces), np.int64).reshape(-1, 2)
 
 
 def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
