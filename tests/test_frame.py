@@ -13,7 +13,7 @@ from deformrf.core.deform.frame import reference
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
-OPTIONS = XpbdOptions(substep_count=1, rescue=False)
+OPTIONS = XpbdOptions(substep_count=1, rescue=False, contact=False)
 
 
 def ball(spacing):
@@ -130,7 +130,7 @@ def test_results_are_bitwise_equal_for_any_number_of_threads():
 
 def test_an_interrupt_of_the_calling_thread_ends_the_helpers(monkeypatch):
     """Ctrl-C before the calling thread's part: the helpers end by themselves."""
-    solver = make_solver(ball(0.04), "cpu", options=XpbdOptions())
+    solver = make_solver(ball(0.04), "cpu", options=XpbdOptions(contact=False))
     solver._frame._pace.thread_count = 2
     solver._frame._pace.note = lambda seconds: None
     solver.set_state(shaken(ball(0.04)))
@@ -154,7 +154,7 @@ def test_an_interrupt_of_the_calling_thread_ends_the_helpers(monkeypatch):
 def test_an_interrupt_while_helpers_start_ends_those_that_run(monkeypatch):
     """Ctrl-C between the helpers: those that run already end by themselves."""
     mesh = ball(0.04)
-    solver = make_solver(mesh, "cpu", options=XpbdOptions())
+    solver = make_solver(mesh, "cpu", options=XpbdOptions(contact=False))
     solver._frame._pace.thread_count = 3
     solver._frame._pace.note = lambda seconds: None
     solver.set_state(shaken(mesh))

@@ -363,6 +363,12 @@ def test_kernel_modules_are_those_that_a_solver_loads(device, monkeypatch):
     xpbd.set_state(TET.rest_vertices)
     drag(xpbd, [0], [0.1, 0.0, 0.0])
     run(xpbd, 1.0)  # tangles are counted
+    two = np.concatenate([TET.rest_vertices, TET.rest_vertices + 2.0])
+    bodies = XpbdSolver(
+        two, np.array([[0, 1, 2, 3], [4, 5, 6, 7]]), Material(), np.zeros(8, bool), device=device
+    )
+    bodies.set_state(two - np.where(np.arange(8) < 4, 0.0, 2.0)[:, None])
+    bodies.step(DT)  # they touch
     names = {name for name in loaded if name.startswith("deformrf.")}
     assert names == set(kernel_modules(device))
 

@@ -4,7 +4,8 @@ A frame reads and writes these arrays and nothing else.  What a user changes (ha
 material, time step, which components are at rest) changes their contents only, so a recorded
 launch stays valid.
 
-Shapes: V vertices, C constraints of one type, n = 2 (edges) or 4 (tets) vertices of each.
+Shapes: V vertices, C constraints of one type, n = 2 (edges) or 4 (tets) vertices of each,
+N contacts.
 """
 
 import numpy as np
@@ -50,12 +51,33 @@ class ConstraintArrays:
 
 
 @wp.struct
+class ContactArrays:
+    """The contacts of a frame (contact/detection.py), and each vertex's share in them.
+
+    A contact is a point (1 − share) x_p + share x_q in front of a triangle a b c, or inside the
+    body behind it.  Its vertices are p, q, a, b, c.
+    """
+
+    count: wp.array(dtype=int)  # [1] the first so many entries are in use
+    vertices: wp.array2d(dtype=int)  # [N, 5]
+    shares: wp.array(dtype=float)  # [N]
+    spans: wp.array2d(dtype=float)  # [N, 9] b − a, c − a, point − a at the frame's start
+    bevels: wp.array2d(dtype=float)  # [N, 3] of the triangle (contact/surface.py)
+    speed: wp.array(dtype=float)  # [1] at which a point leaves a body that it is in [m/s]
+    offsets: wp.array(dtype=int)  # [V + 1] vertex i is in the entries offsets[i]:offsets[i + 1]
+    entries: wp.array(dtype=int)  # [5 N] 8 × contact + place among its vertices, rising
+    results: wp.array2d(dtype=float)  # [N, 12] of a substep: impulse, shift, weights, distance
+    loads: wp.array(dtype=int)  # [V] the sum of a vertex's weights in active contacts
+
+
+@wp.struct
 class FrameArrays:
     """Everything that a frame reads and writes."""
 
     state: VertexArrays
     edges: ConstraintArrays
     volumes: ConstraintArrays
+    contacts: ContactArrays  # empty until contact is first looked for
     timing: wp.array(dtype=float)  # the numbers of a Timing
     colliders: wp.array2d(dtype=float)  # [MOST_COLLIDERS, COLLIDER_SIZE] see colliders.py
     motion: wp.array(dtype=float)  # [MOST_THREADS] the farthest move of a vertex, by thread [m]
@@ -82,7 +104,26 @@ def frame_arrays(vertex_count, edges: ConstraintArrays, volumes: ConstraintArray
     frame.state = zeros(VertexArrays, device, **dict.fromkeys(VertexArrays.vars, vertex_count))
     frame.state.springs.fill_(wp.vec2(NO_SPRING, 0.0))
     frame.edges, frame.volumes = edges, volumes
+    frame.contacts = contact_arrays(1, 0, device)
     return frame
+
+
+def contact_arrays(vertex_count, room, device):
+    """ContactArrays without a contact, with room for so many."""
+    return zeros(
+        ContactArrays,
+        device,
+        count=1,
+        vertices=(room, 5),
+        shares=room,
+        spans=(room, 9),
+        bevels=(room, 3),
+        speed=1,
+        offsets=vertex_count + 1,
+        entries=5 * room,
+        results=(room, 12),
+        loads=vertex_count,
+    )
 
 
 def upload(array, dtype, device):

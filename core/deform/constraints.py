@@ -39,6 +39,9 @@ SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of f
 PRESS_SHARE = 1.0 / 16.0  # of a substep in the mean of a vertex's pushes, which bounds friction
 COLLAPSED = 1e-12  # of L; a shorter edge counts as one of length 0
 NO_SPRING = -1.0  # in place of a, which is never negative
+CONTACT_LOAD_UNIT = 2**20  # in place of 1 where weights are added up as integers
+CONTACT_SHARE_OUT = 0.2  # of the depth by which a point moves out of a body in a substep
+CONTACT_SLACK = 1e-4  # barycentric: a point so far beside a triangle is still behind it
 UNLIMITED = 3e38  # a longest move that no spring reaches
 
 

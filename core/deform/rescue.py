@@ -76,6 +76,14 @@ class Rescue:
         """Whether a try is under way."""
         return self.parts is not None or self.ratio is not None
 
+    def tried(self, parts):
+        """Those of these parts [P] that a try is under way for.  [P] bool"""
+        if self.parts is not None:
+            return parts & self.parts
+        if self.running and self.counts is not None:
+            return parts & (self.counts > 0)
+        return np.zeros_like(parts)
+
     @property
     def _curable(self):
         """Tangles of each part that a rescue may resolve.  [P]"""

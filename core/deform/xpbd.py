@@ -18,6 +18,7 @@ from ..geometry import components
 from . import checks, constraints
 from .arrays import ConstraintList, frame_arrays
 from .colliders import ColliderRows
+from .contact import Contact, contact_modules
 from .frame import CpuFrame, CudaFrame, runs_in_block
 from .holds import Holds
 from .material import Material
@@ -103,6 +104,8 @@ class XpbdSolver:
             if self.device.is_cuda
             else CpuFrame(arrays)
         )
+        mesh = self.rest_vertices, self.volumes.vertices
+        self._contact = Contact(*mesh, self._state, self._frame.set_contacts)
         self.set_material(material)
         self.reset()
 
@@ -235,6 +238,7 @@ class XpbdSolver:
         self._state.deltas.zero_()
         self._state.presses.zero_()
         self.velocities.zero_()
+        self._contact.forget()
         if velocities is not None:
             velocities = checks.vectors(velocities, len(self.pinned), "velocity", "vertex")
             self.velocities.assign(velocities)
@@ -284,6 +288,7 @@ class XpbdSolver:
         concerned = self._recovery.follow()
         if concerned is not None:
             self._activate(concerned)
+        touching = self.options.contact and self._find_contacts()
         if self._stale:
             self._prepare()
         self._frame.run(
@@ -293,12 +298,22 @@ class XpbdSolver:
             self.options.ground is not None,
             self._free_parts.damp(),
             self._colliders.begin(),
+            touching,
         )
+        if self.options.contact:
+            self._contact.watch(dt)
         self._colliders.end()
         if not self.rescue.running:
             self._rest_shape.flow()
         returns = count_due and self._recovery.returns_to_rest
         self._feedback.end(self.vertices, count_due, returns)
+
+    def _find_contacts(self):
+        """Whether parts touch in this frame; wakes those that a part in motion touches."""
+        touched = self._contact.find(self._dt, self._active, self.rescue.tried(self._active))
+        if not self._active[touched].all():
+            self._activate(np.isin(self._part_of, touched))
+        return len(touched) > 0
 
     def _read_feedback(self):
         """Take the results of the frame before."""
@@ -363,4 +378,5 @@ def kernel_modules(device) -> list[str]:
     that is not among them.
     """
     frame = CudaFrame if wp.get_device(device).is_cuda else CpuFrame
-    return [Feedback.__module__, FreeParts.__module__, frame.__module__]
+    of_frames = Feedback.__module__, FreeParts.__module__, frame.__module__
+    return [*of_frames, *contact_modules()]

@@ -24,7 +24,7 @@ class Timing(NamedTuple):
     gravity_y: float
     gravity_z: float
     ground: float = NO_GROUND  # its height z [m]
-    friction: float = 0.0  # Coulomb's coefficient on the ground
+    friction: float = 0.0  # Coulomb's coefficient on the ground, colliders and in contacts
     air: float = 1.0  # exp(-c h), c the air's drag
     gust_x: float = 0.0  # (1 - air) times the wind's velocity [m/s]
     gust_y: float = 0.0
@@ -42,10 +42,11 @@ class XpbdOptions:
     substep_count: int = 30  # per 1/60 s; the highest stiffness grows with its square
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # g [m/s²]
     ground: float | None = None  # height of a ground that nothing falls through [m]
-    friction: float = 0.5  # Coulomb's coefficient on the ground and on colliders
+    friction: float = 0.5  # Coulomb's coefficient on the ground, on colliders and in contacts
     colliders: tuple[Collider, ...] = ()  # XpbdSolver.move_colliders moves them
     air_drag: float = 0.0  # c, the rate at which velocities relative to the wind decay [1/s]
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the air's velocity [m/s]
+    contact: bool = True  # whether the mesh collides with itself (contact/)
     # v_max in object sizes per second.  Without a limit, the release after an extreme drag
     # throws vertices through each other.
     speed_limit: float = 20.0

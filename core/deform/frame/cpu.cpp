@@ -31,6 +31,13 @@ f4* const previous = reinterpret_cast<f4*>(scratch.previous.data);
 auto before = [&](int i) { return previous[i]; };
 auto keep_before = [&](int i, f4 d) { previous[i] = d; };
 #include "substep.h"
+auto body_of = [&](int i) { return bodies[i]; };
+auto before_elsewhere = [&](int i) { return previous[i]; };
+auto seen = [](auto* p) { return *p; };
+auto add_load = [&](int i, int n) {
+    __atomic_fetch_add(frame.contacts.loads.data + i, n, __ATOMIC_RELAXED);
+};
+#include "contact.h"
 
 // -- threads ----------------------------------------------------------------------------------
 #if defined(__linux__)
@@ -168,9 +175,21 @@ for (int substep = 0; substep < substep_count; ++substep) {
         for (int k = part(first, end, thread); k < last; k += 8) project_tets(k);
         meet();
     }
+    if (has_contacts) {
+        if (has_springs) {
+            for (int i = first_vertex; i < last_vertex; ++i) pull(i, substep, bodies[i]);
+            meet();
+        }
+        const int first = part(0, contact_count, thread), last = part(0, contact_count, thread + 1);
+        for (int k = first; k < last; ++k) look_at_contact(k);
+        meet();
+        for (int k = first; k < last; ++k) push_contact(k, substep);
+        meet();
+    }
     const bool over = substep + 1 == substep_count;
     for (int i = first_vertex; i < last_vertex; ++i) {
         f4 d = bodies[i];
+        if (has_contacts) take_contacts(i, d);
         const f4 v = finish(i, substep, d);
         if (!over) {
             bodies[i] = predict(i, substep + 1, d, v);

@@ -16,7 +16,7 @@ from time import perf_counter
 import warp as wp
 
 from ...device import thread_count as usable_threads
-from ..arrays import MOST_THREADS, FrameArrays, zeros
+from ..arrays import MOST_THREADS, ContactArrays, FrameArrays, zeros
 from .native import native_kernel
 
 LINE = 16  # ints of a cache line, or half of one
@@ -60,12 +60,17 @@ class CpuFrame:
         self._launches = {}
         self._pace = Pace(thread_limit(tet_room))
 
+    def set_contacts(self, contacts: ContactArrays) -> None:
+        """Take other arrays of contacts."""
+        self._frame.contacts = contacts
+        self._launches.clear()
+
     def run(self, substep_count: int, *parts: int) -> None:
         """Run one frame.
 
         Args:
-            parts: Whether there are volumes, springs, a ground and free parts, and the number of
-                colliders.
+            parts: Whether there are volumes, springs, a ground and free parts, the number of
+                colliders, and whether there are contacts.
         """
         thread_count = self._pace.thread_count
         key = thread_count, substep_count, *parts

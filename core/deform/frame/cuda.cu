@@ -74,6 +74,14 @@ auto put = [&](int i, float4 b) { bodies[i] = b; };
 auto arrive = [&]() {};
 auto wait = [&]() { __syncthreads(); };
 #endif
+auto body_of = [&](int i) { return get(SLOT(i)); };
+auto before_elsewhere = [&](int i) {
+    return make_float4(__ldcg(previous + 3 * i), __ldcg(previous + 3 * i + 1),
+                       __ldcg(previous + 3 * i + 2), 0.0f);
+};
+auto seen = [](auto* p) { return __ldcg(p); };
+auto add_load = [&](int i, int n) { atomicAdd(frame.contacts.loads.data + i, n); };
+#include "contact.h"
 
 // What this block does of each color; neighbors in the mesh are mostly in one part.
 const int edge_colors = frame.edges.offsets.shape[0] - 1;
@@ -180,11 +188,29 @@ for (int substep = 0; substep < substep_count; ++substep) {
         project(even, c);
         if (c + 1 < color_count) project(odd, c + 1);
     }
+    if (has_contacts) {
+        if (has_springs) {
+            for (int i = first_vertex; i < vertex_count; i += vertex_step) {
+                float4 d = get(SLOT(i));
+                pull(i, substep, d);
+                put(SLOT(i), d);
+            }
+            arrive();
+            wait();
+        }
+        for (int k = first_vertex; k < contact_count; k += vertex_step) look_at_contact(k);
+        arrive();
+        wait();
+        for (int k = first_vertex; k < contact_count; k += vertex_step) push_contact(k, substep);
+        arrive();
+        wait();
+    }
     load(even, 0);
     load(odd, 1);
     const bool over = substep + 1 == substep_count;
     for (int i = first_vertex; i < vertex_count; i += vertex_step) {
         float4 d = get(SLOT(i));
+        if (has_contacts) take_contacts(i, d);
         const float4 v = finish(i, substep, d);
         if (!over) {
             put(SLOT(i), predict(i, substep + 1, d, v));

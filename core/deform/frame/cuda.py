@@ -21,7 +21,7 @@ import numpy as np
 import warp as wp
 
 from ...geometry import lattice_addresses
-from ..arrays import FrameArrays, zeros
+from ..arrays import ContactArrays, FrameArrays, zeros
 from .native import native_kernel
 
 wp.set_module_options({"enable_backward": False})
@@ -127,12 +127,17 @@ class CudaFrame:
         slots = bank_slots(rest_vertices) if self._in_block else np.arange(count)
         self._scratch.slots.assign(slots.astype(np.int32))
 
+    def set_contacts(self, contacts: ContactArrays) -> None:
+        """Take other arrays of contacts."""
+        self._frame.contacts = contacts
+        self._launches.clear()
+
     def run(self, substep_count: int, *parts: int) -> None:
         """Run one frame.
 
         Args:
-            parts: Whether there are volumes, springs, a ground and free parts, and the number of
-                colliders.
+            parts: Whether there are volumes, springs, a ground and free parts, the number of
+                colliders, and whether there are contacts.
         """
         key = substep_count, *parts
         if key not in self._launches:

@@ -6,14 +6,21 @@ import warp as wp
 
 from ..arrays import FrameArrays
 from ..colliders import COLLIDER_SIZE
-from ..constraints import COLLAPSED, PRESS_SHARE, STEP_LIMIT
+from ..constraints import (
+    COLLAPSED,
+    CONTACT_LOAD_UNIT,
+    CONTACT_SHARE_OUT,
+    CONTACT_SLACK,
+    PRESS_SHARE,
+    STEP_LIMIT,
+)
 
 FOLDER = Path(__file__).parent
-SHARED = "substep.h"
+SHARED = "substep.h", "contact.h"
 
 
 def native_kernel(name: str, scratch_type, values: dict, **options):
-    """A kernel whose body is a file's text, with substep.h in its place.
+    """A kernel whose body is a file's text, with substep.h and contact.h in their places.
 
     Args:
         scratch_type: A struct of arrays that the file uses besides FrameArrays.
@@ -21,9 +28,17 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
         options: Options of wp.kernel.
     """
     source = (FOLDER / name).read_text(encoding="utf-8")
-    shared = (FOLDER / SHARED).read_text(encoding="utf-8")
-    source = source.replace(f'#include "{SHARED}"\n', shared)
-    limits = {"COLLAPSED": COLLAPSED, "STEP_LIMIT": STEP_LIMIT, "PRESS_SHARE": PRESS_SHARE}
+    for shared in SHARED:
+        text = (FOLDER / shared).read_text(encoding="utf-8")
+        source = source.replace(f'#include "{shared}"\n', text)
+    limits = {
+        "COLLAPSED": COLLAPSED,
+        "STEP_LIMIT": STEP_LIMIT,
+        "PRESS_SHARE": PRESS_SHARE,
+        "CONTACT_LOAD_UNIT": float(CONTACT_LOAD_UNIT),
+        "CONTACT_SHARE_OUT": CONTACT_SHARE_OUT,
+        "CONTACT_SLACK": CONTACT_SLACK,
+    }
     values = values | {name: f"{value}f" for name, value in limits.items()}
     values["COLLIDER_SIZE"] = COLLIDER_SIZE
     for name, value in values.items():
@@ -39,6 +54,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
         has_ground: int,
         has_free: int,
         collider_count: int,
+        has_contacts: int,
         thread: int,
         thread_count: int,
     ): ...
@@ -53,6 +69,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
         has_ground: int,
         has_free: int,
         collider_count: int,
+        has_contacts: int,
         thread: int,  # of a CPU; a GPU ignores it
         thread_count: int,
     ):
@@ -65,6 +82,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
             has_ground,
             has_free,
             collider_count,
+            has_contacts,
             thread,
             thread_count,
         )

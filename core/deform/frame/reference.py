@@ -8,12 +8,13 @@ A frame is n substeps of length h.  The order within a substep is part of the de
 2.  Edges color by color, then volumes color by color (constraints.py).
 3.  Springs.     u = anchor + (s + 1)/n · (target − anchor) − x,   a = 1/(k h²),
                  x ← x + u min(w/(w + a), w F h²/|u|)
-4.  Ground.      A vertex that is p below it moves up by p; p = 0 above it.  With the running
+4.  Contacts, all at once (contact/reference.py).
+5.  Ground.      A vertex that is p below it moves up by p; p = 0 above it.  With the running
                  mean p̄ ← p̄ + (p − p̄) PRESS_SHARE it moves back along the ground by at most
                  friction · p̄ of its way in this substep.
-5.  Colliders.   One after another: a vertex that is p inside moves out by p, and back across
+6.  Colliders.   One after another: a vertex that is p inside moves out by p, and back across
                  that way by at most friction · p of its way relative to the collider.
-6.  Velocities.  v ← (x − x before the substep)/h
+7.  Velocities.  v ← (x − x before the substep)/h
 At the frame's end: anchor ← target.  In parts that nothing holds, damping acts once, at the
 frame's start, and spares their rigid motion (rigid_motion.py); there δ is 0 in 1.
 
@@ -41,6 +42,7 @@ from ..constraints import (
     VolumeConstraints,
     volume_gradients,
 )
+from ..contact import ContactList, pushed
 from ..rigid_motion import rigid_velocities
 from ..xpbd_options import Timing
 
@@ -64,6 +66,7 @@ class Frame:
     colliders: np.ndarray | tuple = ()  # rows as on the device, see colliders.py
     presses: np.ndarray | None = None  # [V] p̄ at the frame's start; None is 0
     free_parts: np.ndarray | None = None  # [V] each vertex's part, -1 if something holds it
+    contacts: ContactList | None = None
 
 
 def step(frame: Frame, vertices, velocities):
@@ -79,6 +82,10 @@ def step(frame: Frame, vertices, velocities):
         x = _projected(frame, x)
         if frame.springs is not None:
             x = _pulled(frame, x, fraction)
+        if frame.contacts is not None:
+            timing = frame.timing
+            inputs = frame.inverse_masses, timing.substep, timing.friction
+            x, before = pushed(frame.contacts, x, before, *inputs)
         x, presses = _above_ground(frame, x, before, presses)
         for row in frame.colliders:
             x = _outside(frame, row, x, before, fraction)

@@ -166,11 +166,9 @@ auto leave_collider = [&](int i, int c, int substep, Vector& d, Vector from) {
     d.x -= held * sx; d.y -= held * sy; d.z -= held * sz;
 };
 
-// A substep ends: vertex i's spring, the ground, colliders, and its velocity.
-auto finish = [&](int i, int substep, Vector& d) {
-    if (!(d.w > 0.0f)) return Vector{0.0f, 0.0f, 0.0f, 0.0f};
-    const Vector from = before(i);
-    if (has_springs && frame.state.springs.data[i][0] >= 0.0f) {
+// The spring of vertex i.
+auto pull = [&](int i, int substep, Vector& d) {
+    if (d.w > 0.0f && frame.state.springs.data[i][0] >= 0.0f) {
         const float share = (substep + 1.0f) / substep_count;
         auto to_goal = [&](int j, float delta) {
             const float way = target[3 * i + j] - anchor[3 * i + j];
@@ -184,6 +182,13 @@ auto finish = [&](int i, int substep, Vector& d) {
         const float part = bounded ? per_root(most, squared) : whole;
         d.x += part * ux; d.y += part * uy; d.z += part * uz;
     }
+};
+
+// A substep ends: the ground, colliders, and vertex i's velocity.
+auto finish = [&](int i, int substep, Vector& d) {
+    if (!(d.w > 0.0f)) return Vector{0.0f, 0.0f, 0.0f, 0.0f};
+    if (has_springs && !has_contacts) pull(i, substep, d);  // contacts come after springs
+    const Vector from = before(i);
     if (has_ground) {
         // The mean of pushes bounds friction: a vertex that is pushed by fits and starts would
         // slide while it is not, and the body would creep.

@@ -1,0 +1,159 @@
+"""Contact on the host: builds what stays the same, and finds the contacts of each frame.
+
+Shapes: V vertices, T tets, G clusters, P components of the mesh.
+"""
+
+import numpy as np
+import warp as wp
+
+from ...geometry import components, edges
+from ..arrays import VertexArrays, contact_arrays, upload
+from . import boxes, detection, listing
+from .boxes import ASLEEP, AWAKE, OUT, ContactShape
+from .clusters import make_clusters
+from .detection import MOST
+from .surface import exits, make_surface
+
+# In mean edges at rest:
+MARGIN = 0.25  # a point that comes nearer than this to a face within a frame is a contact
+TOLERANCE = 0.1  # a point less deep than this behind a face is in front of it
+REST_GAP = 0.5  # a component's clusters that are nearer to each other at rest don't collide
+SPEED = 10.0  # per second: a point leaves a body that it is in
+
+
+class Contact:
+    """Finds where parts of a mesh touch.
+
+    Attributes:
+        arrays: ContactArrays with the contacts of this frame; None before the first search.
+    """
+
+    def __init__(self, rest_vertices, tets, state: VertexArrays, on_build=None):
+        """Take a mesh at rest; the first search prepares what searches need.
+
+        Args:
+            rest_vertices: [V, 3]
+            tets: Positively oriented, none of them flat.  [T, 4]
+            on_build: Called with `arrays` when they are made.
+        """
+        self._mesh, self._state, self._on_build = (rest_vertices, tets), state, on_build
+        self._device = state.vertices.device
+        self.arrays = None
+        self._dt = None  # of the frame that is watched
+        self._moods_of = None  # the parts that are awake and those that are out, as on the device
+        self._watched = False
+        self._launches = {}
+
+    def find(self, dt: float, awake, out):
+        """List the contacts of the next dt seconds.
+
+        Args:
+            awake, out: Which components are worked on, and which take no part.  2 × [P] bool
+
+        Returns:
+            The components that touch something.  [N]
+        """
+        if self.arrays is None:
+            self._build()
+        self._set_moods(awake, out)
+        if not self._watched or dt != self._dt:
+            self.watch(dt)
+        if self._copied is not None:
+            wp.synchronize_event(self._copied)
+        touched = np.flatnonzero(self._copy.numpy())
+        if len(touched) > 0:
+            self._list()
+        return np.unique(self._parts[touched])
+
+    def watch(self, dt: float):
+        """Look for clusters that touch in the next dt seconds, for the next `find`."""
+        if dt != self._dt:
+            self._dt = dt
+            self._launches.clear()  # they were recorded with the dt before
+        shape, state, count = self._shape, self._state, len(self._parts)
+        self._launch(boxes.box_kernel, count, shape, state, dt, self._margin, self._boxes)
+        inputs = shape, self._moods, self._boxes, self._touched, self._overlaps
+        self._launch(boxes.touch_kernel, count, *inputs)
+        wp.copy(self._copy, self._touched)
+        if self._copied is not None:
+            self._device.stream.record_event(self._copied)
+        self._watched = True
+
+    def forget(self):
+        """Vertices were moved by hand: what `watch` has seen is void."""
+        self._watched = False
+
+    def _build(self):
+        (rest_vertices, tets), device = self._mesh, self._device
+        ends = rest_vertices[edges(tets)]
+        edge = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean())
+        self._margin, self._tolerance = MARGIN * edge, TOLERANCE * edge
+        clusters = make_clusters(rest_vertices, tets, REST_GAP * edge)
+        surface = make_surface(rest_vertices, tets, clusters)
+        self._shape = _on_device(rest_vertices, clusters, surface, device)
+        part_of = components(len(rest_vertices), tets)
+        self._parts = part_of[clusters.vertices[clusters.vertex_offsets[:-1]]]  # [G]
+        count, samples = len(self._parts), len(surface.ends)
+        leaves = len(clusters.tet_offsets) - 1
+        self._boxes = wp.zeros((6, count), dtype=float, device=device)
+        self._small_boxes = [
+            wp.zeros((small, 2), dtype=wp.vec3, device=device)
+            for small in (leaves, len(surface.faces), len(tets))
+        ]
+        integers = {"dtype": int, "device": device}
+        self._moods = wp.zeros(count, **integers)
+        self._overlaps = wp.zeros((count, count), **integers)
+        self._touched = wp.zeros(count, **integers)
+        self._copy = wp.zeros_like(self._touched, device="cpu", pinned=device.is_cuda)
+        self._copied = wp.Event(device) if device.is_cuda else None
+        self._found = wp.zeros(samples, dtype=wp.vec4i, device=device)
+        self._counts, self._ends = (wp.zeros(samples, **integers) for _ in range(2))
+        self.arrays = contact_arrays(len(rest_vertices), MOST * samples, device)
+        self.arrays.speed.fill_(SPEED * edge)
+        if self._on_build is not None:
+            self._on_build(self.arrays)
+
+    def _set_moods(self, awake, out):
+        if self._moods_of is not None and np.array_equal((awake, out), self._moods_of):
+            return
+        self._moods_of = awake.copy(), out.copy()
+        moods = np.where(out, OUT, np.where(awake, AWAKE, ASLEEP))
+        self._moods.assign(moods[self._parts].astype(np.int32))
+        self._watched = False
+
+    def _list(self):
+        shape, state, contacts, counts = self._shape, self._state, self.arrays, self._counts
+        inputs = shape, state, self._touched, self._dt, self._margin, *self._small_boxes
+        self._launch(boxes.small_box_kernel, len(self._parts), *inputs)
+        where = *self._small_boxes, self._touched, self._overlaps
+        inputs = shape, state, *where, self._dt, self._margin, self._tolerance, self._found, counts
+        self._launch(detection.find_kernel, len(counts), *inputs)
+        wp.utils.array_scan(counts, self._ends, inclusive=True)
+        contacts.offsets.zero_()
+        inputs = shape, state, self._found, counts, self._ends, contacts
+        self._launch(listing.list_kernel, len(counts), *inputs)
+        wp.utils.array_scan(contacts.offsets, contacts.offsets, inclusive=True)
+        self._launch(listing.enter_kernel, MOST * len(counts), contacts)
+        self._launch(listing.sort_kernel, len(contacts.loads), contacts)
+
+    def _launch(self, kernel, dim, *inputs):
+        """Launch a kernel; its inputs other than dt are always the same."""
+        if kernel not in self._launches:
+            self._launches[kernel] = wp.launch(
+                kernel, dim, list(inputs), device=self._device, record_cmd=True
+            )
+        self._launches[kernel].launch()
+
+
+def _on_device(rest_vertices, clusters, surface, device) -> ContactShape:
+    values = clusters._asdict() | surface._asdict()
+    values |= {"rest": rest_vertices, "exits": exits(rest_vertices, surface)}
+    shape = ContactShape()
+    for name, variable in ContactShape.vars.items():
+        setattr(shape, name, upload(values[name], variable.type.dtype, device))
+    return shape
+
+
+def contact_modules() -> list[str]:
+    """Names of the Warp modules whose kernels contact launches."""
+    return [boxes.__name__, detection.__name__, listing.__name__]

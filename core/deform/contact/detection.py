@@ -1,0 +1,222 @@
+"""The contacts of each sample of touched clusters, within a frame.
+
+    near  A sample in front of a face comes nearer than the margin to it within the frame.  These
+          contacts are inequalities, which a substep holds as soon as they are violated.
+    deep  A sample is inside a tet.  Its rest position has the same barycentric coordinates, and
+          the face that is nearest to it at rest is where it has to leave the body.  A sample that
+          is less deep than a tolerance behind a near face is in front of it instead.
+
+A sample has the MOST nearest faces at most.  Faces and tets that are inverted don't count: they
+have no outside.  reference.py has the same in float64.
+
+Shapes: G clusters, L leaves, S samples, F faces, T tets.
+"""
+
+import warp as wp
+
+from ..arrays import VertexArrays
+from .boxes import FAR, ContactShape, overlap, way_of
+
+wp.set_module_options({"enable_backward": False})
+
+MOST = 4  # contacts of a sample
+NO_FACE = -1
+DEEP = -2  # a deep contact with face f is listed as DEEP - f
+LEAST_VOLUME = 0.1  # of a tet at rest; a flatter one has no inside
+
+
+@wp.func
+def closest_weights(r: wp.vec3, e1: wp.vec3, e2: wp.vec3):
+    """Barycentric coordinates of the point of the triangle 0, e1, e2 that is nearest to r."""
+    normal = wp.cross(e1, e2)
+    squared = wp.dot(normal, normal)
+    second = wp.dot(wp.cross(r, e2), normal) / squared
+    third = wp.dot(wp.cross(e1, r), normal) / squared
+    weights = wp.vec3(1.0 - second - third, second, third)
+    if wp.min(weights) >= 0.0:
+        return weights
+    s = wp.clamp(wp.dot(r, e1) / wp.dot(e1, e1), 0.0, 1.0)
+    nearest = wp.length_sq(r - s * e1)
+    weights = wp.vec3(1.0 - s, s, 0.0)
+    s = wp.clamp(wp.dot(r, e2) / wp.dot(e2, e2), 0.0, 1.0)
+    away = wp.length_sq(r - s * e2)
+    if away < nearest:
+        nearest = away
+        weights = wp.vec3(1.0 - s, 0.0, s)
+    way = e2 - e1
+    s = wp.clamp(wp.dot(r - e1, way) / wp.dot(way, way), 0.0, 1.0)
+    if wp.length_sq(r - e1 - s * way) < nearest:
+        weights = wp.vec3(0.0, 1.0 - s, s)
+    return weights
+
+
+@wp.func
+def distance_within_frame(
+    shape: ContactShape,
+    state: VertexArrays,
+    face: int,
+    point: wp.vec3,
+    way: wp.vec3,
+    dt: float,
+    margin: float,
+    tolerance: float,
+):
+    """How near the point comes to the front of a face; FAR if not nearer than the margin.
+
+    Also whether it is behind the face already, but less deep than the tolerance.
+    """
+    corners = shape.faces[face]
+    a = state.vertices[corners[0]]
+    e1 = state.vertices[corners[1]] - a
+    e2 = state.vertices[corners[2]] - a
+    normal = wp.cross(e1, e2)
+    area = wp.length(normal)
+    if not area > 0.0:
+        return FAR, False
+    normal /= area
+    if wp.dot(normal, state.vertices[shape.opposite[face]] - a) >= 0.0:
+        return FAR, False
+    r = point - a
+    height = wp.dot(normal, r)
+    if height < -tolerance:
+        return FAR, False
+    w = closest_weights(r, e1, e2)
+    for i in range(3):
+        way -= w[i] * way_of(state, corners[i], dt)
+    closing = wp.max(-wp.dot(normal, way), 0.0)
+    if height - closing > margin:
+        return FAR, False
+    share = float(0.0)
+    if closing > 0.0:
+        share = wp.clamp(height / closing, 0.0, 1.0)
+    r += share * way
+    w = closest_weights(r, e1, e2)
+    distance = wp.length(r - w[1] * e1 - w[2] * e2)
+    if distance > margin:
+        return FAR, False
+    return distance, height < 0.0 and distance <= tolerance
+
+
+@wp.func
+def inside_at_rest(shape: ContactShape, state: VertexArrays, tet: int, point: wp.vec3):
+    """The rest position of a point inside a tet, and 1; 0 if it is outside."""
+    t = shape.tets[tet]
+    a = state.vertices[t[0]]
+    e1 = state.vertices[t[1]] - a
+    e2 = state.vertices[t[2]] - a
+    e3 = state.vertices[t[3]] - a
+    r = point - a
+    volume = wp.dot(wp.cross(e1, e2), e3)
+    b1 = wp.dot(wp.cross(r, e2), e3)
+    b2 = wp.dot(wp.cross(e1, r), e3)
+    b3 = wp.dot(wp.cross(e1, e2), r)
+    if wp.min(wp.min(b1, b2), wp.min(b3, volume - b1 - b2 - b3)) < 0.0:
+        return wp.vec3(), 0
+    origin = shape.rest[t[0]]
+    u1 = shape.rest[t[1]] - origin
+    u2 = shape.rest[t[2]] - origin
+    u3 = shape.rest[t[3]] - origin
+    if not volume > LEAST_VOLUME * wp.dot(wp.cross(u1, u2), u3):
+        return wp.vec3(), 0
+    return origin + (b1 * u1 + b2 * u2 + b3 * u3) / volume, 1
+
+
+@wp.func
+def rest_distance(shape: ContactShape, face: int, point: wp.vec3):
+    corners = shape.faces[face]
+    a = shape.rest[corners[0]]
+    e1 = shape.rest[corners[1]] - a
+    e2 = shape.rest[corners[2]] - a
+    w = closest_weights(point - a, e1, e2)
+    return wp.length(point - a - w[1] * e1 - w[2] * e2)
+
+
+@wp.func
+def exit_of(shape: ContactShape, tet: int, point: wp.vec3):
+    """The exit that is nearest to a rest position in a tet."""
+    best = int(NO_FACE)
+    nearest = float(FAR)
+    for i in range(shape.exits.shape[1]):
+        face = shape.exits[tet, i]
+        if face != NO_FACE:
+            away = rest_distance(shape, face, point)
+            if away < nearest:
+                nearest = away
+                best = face
+    return best
+
+
+@wp.kernel(grid_stride=False)
+def find_kernel(
+    shape: ContactShape,
+    state: VertexArrays,
+    leaf_boxes: wp.array2d(dtype=wp.vec3),  # [L, 2]
+    face_boxes: wp.array2d(dtype=wp.vec3),  # [F, 2]
+    tet_boxes: wp.array2d(dtype=wp.vec3),  # [T, 2]
+    touched: wp.array(dtype=int),  # [G]
+    overlaps: wp.array2d(dtype=int),  # [G, G]
+    dt: float,
+    margin: float,
+    tolerance: float,
+    found: wp.array(dtype=wp.vec4i),  # [S] out: faces, DEEP - face, or NO_FACE
+    counts: wp.array(dtype=int),  # [S] out
+):
+    s = wp.tid()
+    cluster = shape.sample_clusters[s]
+    if touched[cluster] == 0:
+        counts[s] = 0
+        return
+    p = shape.ends[s][0]
+    q = shape.ends[s][1]
+    share = shape.shares[s]
+    point = (1.0 - share) * state.vertices[p] + share * state.vertices[q]
+    way = (1.0 - share) * way_of(state, p, dt) + share * way_of(state, q, dt)
+    lower = wp.min(point, point + way)
+    upper = wp.max(point, point + way)
+    distances = wp.vec4(FAR)
+    faces = wp.vec4i(NO_FACE)
+    deep = int(NO_FACE)
+    shallow = bool(False)
+    for k in range(touched[cluster]):
+        other = overlaps[cluster, k]
+        for leaf in range(shape.leaf_offsets[other], shape.leaf_offsets[other + 1]):
+            if not overlap(lower, upper, leaf_boxes, leaf):
+                continue
+            for face in range(shape.face_offsets[leaf], shape.face_offsets[leaf + 1]):
+                if not overlap(lower, upper, face_boxes, face):
+                    continue
+                distance, behind = distance_within_frame(
+                    shape, state, face, point, way, dt, margin, tolerance
+                )
+                if behind:
+                    shallow = True
+                if distance < distances[3]:
+                    new = face
+                    for i in range(4):  # sorted by distance
+                        if distance < distances[i]:
+                            d = distances[i]
+                            f = faces[i]
+                            distances[i] = distance
+                            faces[i] = new
+                            distance = d
+                            new = f
+            if deep == NO_FACE and not shallow:
+                for tet in range(shape.tet_offsets[leaf], shape.tet_offsets[leaf + 1]):
+                    if not overlap(point, point, tet_boxes, tet):
+                        continue
+                    rest, inside = inside_at_rest(shape, state, tet, point)
+                    if inside == 1:
+                        deep = exit_of(shape, tet, rest)
+    if shallow:
+        deep = NO_FACE
+    if deep != NO_FACE:
+        last = int(3)
+        while last > 0 and faces[last - 1] == NO_FACE:
+            last -= 1
+        faces[last] = DEEP - deep
+    found[s] = faces
+    count = int(0)
+    for i in range(4):
+        if faces[i] != NO_FACE:
+            count += 1
+    counts[s] = count

@@ -1,0 +1,201 @@
+"""Contact in float64 NumPy: which contacts a frame has, and what they do in a substep.
+
+Contacts are inequalities.  With the point y = (1 − s) x_p + s x_q, the triangle a b c, its
+normal n and the barycentric coordinates b of y's projection onto it:
+
+    C = n · (y − Σ b_k x_k) ≥ 0,   the gradients are n times (1 − s, s, −b_a, −b_b, −b_c) = n g_i
+
+Where C < 0 and y is in front of the triangle (or deep inside the body), a substep moves
+
+    x_i += w_i g_i λ n,            λ = (min(C', 0) − C)⁺ / D      no further approach
+    x_i −= w_i g_i u_t min(1, μ λ D / |u_t|) / D                  Coulomb's friction
+    x_i += w_i g_i q n / D         q = min(β (−C')⁺, h v)         out of the body, gently
+
+where C' is C at the substep's start, u_t the part along the triangle of the motion Σ g_i Δx_i
+since then, and D = Σ w_i |g_i| s_i.  All contacts are projected at once: s_i is the
+sum of |g_i| over the active contacts of vertex i, which divide its mass among them in proportion
+to |g_i|.  Then contacts between two rigid bodies together undo an approach exactly, however many
+there are.  The last move also moves the vertex's place at the substep's start, so it doesn't
+become a velocity: whatever the depth, a body isn't thrown out.
+
+Shapes: V vertices, N contacts.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..constraints import CONTACT_SHARE_OUT, CONTACT_SLACK
+from .boxes import AWAKE
+from .clusters import Clusters, barycentric
+from .detection import LEAST_VOLUME, MOST
+from .surface import Surface, closest_weights, plane_weights
+
+
+class ContactList(NamedTuple):
+    """The contacts of a frame."""
+
+    vertices: np.ndarray  # [N, 5] p, q, a, b, c
+    shares: np.ndarray  # [N] s
+    bevels: np.ndarray  # [N, 3] of the triangle, NO_BEVEL of a deep contact [m]
+    speed: float  # v, at which a point leaves a body that it is in [m/s]
+
+
+def no_contacts() -> ContactList:
+    return ContactList(np.empty((0, 5), int), np.empty(0), np.empty((0, 3)), 0.0)
+
+
+def pushed(contacts: ContactList, x, before, inverse_masses, substep, friction):
+    """Positions now and at the substep's start, after a projection of all contacts.  2 × [V, 3]"""
+    ids, w = contacts.vertices, inverse_masses
+    s = contacts.shares[:, None]
+    point = (1.0 - s) * x[ids[:, 0]] + s * x[ids[:, 1]]
+    a, b, c = (x[ids[:, i]] for i in (2, 3, 4))
+    normal = np.cross(b - a, c - a)
+    area = np.linalg.norm(normal, axis=1)
+    normal /= np.maximum(area, 1e-300)[:, None]
+    height = (normal * (point - a)).sum(axis=1)
+    weights = plane_weights(point - a, b - a, c - a)
+    room = (weights + CONTACT_SLACK) * area[:, None] ** 2
+    behind = (room >= -(height * area)[:, None] * contacts.bevels).all(axis=1)
+    weights = np.maximum(weights, 0.0)
+    weights /= np.maximum(weights.sum(axis=1), 1e-300)[:, None]
+    g = np.concatenate([1.0 - s, s, -weights], axis=1)
+    active = (height < 0.0) & (area > 0.0) & behind
+    loads = np.bincount(ids[active].ravel(), np.abs(g[active]).ravel(), minlength=len(x))
+    total = (loads[ids] * w[ids] * np.abs(g)).sum(axis=1)
+    active &= total > 0.0
+
+    u = (g[:, :, None] * (x - before)[ids]).sum(axis=1)
+    along = (normal * u).sum(axis=1)
+    deep = np.minimum(height - along, 0.0)
+    push = np.maximum(deep - height, 0.0)
+    out = np.minimum(-CONTACT_SHARE_OUT * deep, substep * contacts.speed)
+    sliding = u - along[:, None] * normal
+    slid = np.linalg.norm(sliding, axis=1)
+    held = np.minimum(1.0, friction * push / np.maximum(slid, 1e-300))
+    per_total = np.where(active, 1.0, 0.0) / np.where(active, total, 1.0)
+    impulse = per_total[:, None] * (push[:, None] * normal - held[:, None] * sliding)
+    shift = per_total[:, None] * out[:, None] * normal
+    x, before = x.copy(), before.copy()
+    for j in range(5):
+        share = (w[ids[:, j]] * g[:, j])[:, None]
+        np.add.at(x, ids[:, j], share * (impulse + shift))
+        np.add.at(before, ids[:, j], share * shift)
+    return x, before
+
+
+def boxes(clusters: Clusters, vertices, steps, margin):
+    """Lowest and highest corners of the clusters' boxes.  2 × [G, 3]
+
+    Args:
+        steps: How far vertices move within a frame at their velocities.  [V, 3]
+    """
+    both = np.stack([vertices, vertices + steps], axis=1)[clusters.vertices].reshape(-1, 3)
+    begins = 2 * clusters.vertex_offsets[:-1]
+    lower, upper = (f.reduceat(both, begins, axis=0) for f in (np.minimum, np.maximum))
+    return lower - margin, upper + margin
+
+
+def overlaps(clusters: Clusters, lower, upper, moods):
+    """The partners that each cluster overlaps.  G lists"""
+    result = []
+    for g in range(len(lower)):
+        others = np.flatnonzero(clusters.partners[g])
+        hit = (lower[g] <= upper[others]).all(axis=1) & (lower[others] <= upper[g]).all(axis=1)
+        result.append(others[hit & (moods[others] + moods[g] > AWAKE)])
+    return result
+
+
+def find(
+    clusters: Clusters,
+    surface: Surface,
+    exits,
+    rest,
+    vertices,
+    ways,
+    partners,
+    margin,
+    tolerance,
+):
+    """The contacts of each sample: faces in front of it by distance, and a face behind it or None.
+
+    Args:
+        exits: surface.exits.  [T, EXITS]
+        rest, vertices: [V, 3]
+        ways: How far vertices will move within the frame.  [V, 3]
+        partners: See `overlaps`.
+        margin, tolerance: See Contact.  [m]
+    """
+    found = []
+    for (p, q), s, g in zip(surface.ends, surface.shares, surface.sample_clusters, strict=True):
+        point = (1.0 - s) * vertices[p] + s * vertices[q]
+        way = (1.0 - s) * ways[p] + s * ways[q]
+        faces = np.concatenate(
+            [_members(clusters, surface.face_offsets, other) for other in [*partners[g], -1]]
+        )
+        distances, shallow = _distances(
+            surface, faces, point, way, vertices, ways, margin, tolerance
+        )
+        order = np.argsort(distances, kind="stable")[:MOST]
+        near = faces[order[np.isfinite(distances[order])]].tolist()
+        tets = np.concatenate(
+            [_members(clusters, clusters.tet_offsets, other) for other in [*partners[g], -1]]
+        )
+        deep = None if shallow else _deep_face(surface, exits, rest, vertices, tets, point)
+        found.append((near, deep))
+    return found
+
+
+def _members(clusters, offsets, group):
+    """What the leaves of a cluster have by these offsets [L + 1]."""
+    if group < 0:
+        return np.empty(0, int)
+    leaves = clusters.leaf_offsets[group : group + 2]
+    return np.arange(*offsets[leaves])
+
+
+def _distances(surface, faces, point, way, vertices, ways, margin, tolerance):
+    """How near a point comes to the front of faces; infinite if not nearer than the margin.
+
+    Also whether it is behind one of them already, but less deep than the tolerance.
+    """
+    corners = surface.faces[faces]
+    a, b, c = (vertices[corners[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    solid = (normal * (vertices[surface.opposite[faces]] - a)).sum(axis=1) < 0.0
+    r = point - a
+    height = (normal * r).sum(axis=1)
+    w = closest_weights(r, b - a, c - a)
+    relative = way - (w[:, :, None] * ways[corners]).sum(axis=1)
+    closing = np.maximum(-(normal * relative).sum(axis=1), 0.0)
+    share = np.clip(height / np.where(closing > 0.0, closing, np.inf), 0.0, 1.0)
+    r = r + share[:, None] * relative
+    w = closest_weights(r, b - a, c - a)
+    distance = np.linalg.norm(r - w[:, 1:2] * (b - a) - w[:, 2:] * (c - a), axis=1)
+    counts = solid & (height >= -tolerance) & (height - closing <= margin) & (distance <= margin)
+    shallow = counts & (height < 0.0) & (distance <= tolerance)
+    return np.where(counts, distance, np.inf), bool(shallow.any())
+
+
+def _deep_face(surface, exits, rest, vertices, tets, point):
+    """The face at which a point inside a tet has to leave, or None."""
+    volumes, rest_volumes = (
+        np.linalg.det(x[surface.tets[tets, 1:]] - x[surface.tets[tets, :1]])
+        for x in (vertices, rest)
+    )
+    tets = tets[volumes > LEAST_VOLUME * rest_volumes]
+    if len(tets) == 0:
+        return None
+    inside = barycentric(point[None], vertices[surface.tets[tets]])[0]
+    hits = np.flatnonzero(inside.min(axis=1) >= 0.0)
+    if len(hits) == 0:
+        return None
+    tet = tets[hits[0]]
+    at_rest = inside[hits[0]] @ rest[surface.tets[tet]]
+    faces = exits[tet][exits[tet] >= 0]
+    a, b, c = (rest[surface.faces[faces, i]] for i in range(3))
+    w = closest_weights(at_rest - a, b - a, c - a)
+    away = at_rest - a - w[:, 1:2] * (b - a) - w[:, 2:] * (c - a)
+    return int(faces[np.linalg.norm(away, axis=1).argmin()])
