@@ -17,8 +17,8 @@ from .surface import exits, make_surface
 # In mean edges at rest:
 MARGIN = 0.25  # a point that comes nearer than this to a face within a frame is a contact
 TOLERANCE = 0.1  # a point less deep than this behind a face is in front of it
-REST_GAP = 0.5  # a component's clusters that are nearer to each other at rest don't collide
-SPEED = 10.0  # per second: a point leaves a body that it is in
+REST_GAP = 1.0  # a component's clusters that are nearer to each other at rest don't collide
+SPEED = 5.0  # per second: a point leaves a body that it is in
 
 
 class Contact:
