@@ -11,7 +11,7 @@ from ..arrays import VertexArrays, contact_arrays, upload
 from . import boxes, detection, listing
 from .boxes import ASLEEP, AWAKE, OUT, ContactShape
 from .clusters import make_clusters
-from .detection import MOST
+from .detection import MOST, NO_FACE
 from .surface import exits, make_surface
 
 # In mean edges at rest:
@@ -82,6 +82,8 @@ class Contact:
     def forget(self):
         """Vertices were moved by hand: what `watch` has seen is void."""
         self._watched = False
+        if self.arrays is not None:
+            self._exits.fill_(NO_FACE)
 
     def _build(self):
         (rest_vertices, tets), device = self._mesh, self._device
@@ -106,6 +108,7 @@ class Contact:
         self._touched = wp.zeros(count, **integers)
         self._copy = wp.zeros_like(self._touched, device="cpu", pinned=device.is_cuda)
         self._copied = wp.Event(device) if device.is_cuda else None
+        self._exits = wp.full(samples, NO_FACE, **integers)
         self._found = wp.zeros(samples, dtype=wp.vec4i, device=device)
         self._counts, self._ends = (wp.zeros(samples, **integers) for _ in range(2))
         self.arrays = contact_arrays(len(rest_vertices), MOST * samples, device)
@@ -126,7 +129,8 @@ class Contact:
         inputs = shape, state, self._touched, self._dt, self._margin, *self._small_boxes
         self._launch(boxes.small_box_kernel, len(self._parts), *inputs)
         where = *self._small_boxes, self._touched, self._overlaps
-        inputs = shape, state, *where, self._dt, self._margin, self._tolerance, self._found, counts
+        limits = self._dt, self._margin, self._tolerance
+        inputs = shape, state, *where, *limits, self._exits, self._found, counts
         self._launch(detection.find_kernel, len(counts), *inputs)
         wp.utils.array_scan(counts, self._ends, inclusive=True)
         contacts.offsets.zero_()

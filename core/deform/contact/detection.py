@@ -2,9 +2,10 @@
 
     near  A sample in front of a face comes nearer than the margin to it within the frame.  These
           contacts are inequalities, which a substep holds as soon as they are violated.
-    deep  A sample is inside a tet.  Its rest position has the same barycentric coordinates, and
-          the face that is nearest to it at rest is where it has to leave the body.  A sample that
-          is less deep than a tolerance behind a near face is in front of it instead.
+    deep  A sample is inside a tet.  It has to leave the body by a face: by the nearest one that it
+          is less deep than a tolerance behind; else its rest position has the same barycentric
+          coordinates in the tet, and it leaves by the face that is nearest to it at rest.  It
+          keeps its face until another one is much nearer, so that it isn't pulled to and fro.
 
 A sample has the MOST nearest faces at most.  Faces and tets that are inverted don't count: they
 have no outside.  reference.py has the same in float64.
@@ -22,6 +23,7 @@ wp.set_module_options({"enable_backward": False})
 MOST = 4  # contacts of a sample
 NO_FACE = -1
 DEEP = -2  # a deep contact with face f is listed as DEEP - f
+KEPT = 1.5  # a point leaves where it left before until another face is so many times nearer
 LEAST_VOLUME = 0.1  # of a tet at rest; a flatter one has no inside
 
 
@@ -132,10 +134,11 @@ def rest_distance(shape: ContactShape, face: int, point: wp.vec3):
 
 
 @wp.func
-def exit_of(shape: ContactShape, tet: int, point: wp.vec3):
-    """The exit that is nearest to a rest position in a tet."""
+def exit_of(shape: ContactShape, tet: int, point: wp.vec3, before: int):
+    """The exit that is nearest to a rest position in a tet, or the one before if nearly so."""
     best = int(NO_FACE)
     nearest = float(FAR)
+    nearest_before = float(FAR)
     for i in range(shape.exits.shape[1]):
         face = shape.exits[tet, i]
         if face != NO_FACE:
@@ -143,6 +146,10 @@ def exit_of(shape: ContactShape, tet: int, point: wp.vec3):
             if away < nearest:
                 nearest = away
                 best = face
+            if face == before:
+                nearest_before = away
+    if nearest_before < KEPT * nearest:
+        best = before
     return best
 
 
@@ -158,6 +165,7 @@ def find_kernel(
     dt: float,
     margin: float,
     tolerance: float,
+    exits: wp.array(dtype=int),  # [S] in and out: the face where a sample leaves, or NO_FACE
     found: wp.array(dtype=wp.vec4i),  # [S] out: faces, DEEP - face, or NO_FACE
     counts: wp.array(dtype=int),  # [S] out
 ):
@@ -165,6 +173,7 @@ def find_kernel(
     cluster = shape.sample_clusters[s]
     if touched[cluster] == 0:
         counts[s] = 0
+        exits[s] = NO_FACE
         return
     p = shape.ends[s][0]
     q = shape.ends[s][1]
@@ -175,8 +184,13 @@ def find_kernel(
     upper = wp.max(point, point + way)
     distances = wp.vec4(FAR)
     faces = wp.vec4i(NO_FACE)
-    deep = int(NO_FACE)
-    shallow = bool(False)
+    before = exits[s]
+    behind = int(NO_FACE)
+    behind_at = float(FAR)
+    before_at = float(FAR)
+    inside = int(0)
+    tet_around = int(0)
+    at_rest = wp.vec3()
     for k in range(touched[cluster]):
         other = overlaps[cluster, k]
         for leaf in range(shape.leaf_offsets[other], shape.leaf_offsets[other + 1]):
@@ -185,11 +199,15 @@ def find_kernel(
             for face in range(shape.face_offsets[leaf], shape.face_offsets[leaf + 1]):
                 if not overlap(lower, upper, face_boxes, face):
                     continue
-                distance, behind = distance_within_frame(
+                distance, is_behind = distance_within_frame(
                     shape, state, face, point, way, dt, margin, tolerance
                 )
-                if behind:
-                    shallow = True
+                if is_behind:
+                    if distance < behind_at:
+                        behind = face
+                        behind_at = distance
+                    if face == before:
+                        before_at = distance
                 if distance < distances[3]:
                     new = face
                     for i in range(4):  # sorted by distance
@@ -200,20 +218,23 @@ def find_kernel(
                             faces[i] = new
                             distance = d
                             new = f
-            if deep == NO_FACE and not shallow:
+            if inside == 0:
                 for tet in range(shape.tet_offsets[leaf], shape.tet_offsets[leaf + 1]):
-                    if not overlap(point, point, tet_boxes, tet):
-                        continue
-                    rest, inside = inside_at_rest(shape, state, tet, point)
-                    if inside == 1:
-                        deep = exit_of(shape, tet, rest)
-    if shallow:
-        deep = NO_FACE
-    if deep != NO_FACE:
-        last = int(3)
-        while last > 0 and faces[last - 1] == NO_FACE:
-            last -= 1
-        faces[last] = DEEP - deep
+                    if inside == 0 and overlap(point, point, tet_boxes, tet):
+                        at_rest, inside = inside_at_rest(shape, state, tet, point)
+                        tet_around = tet
+    leaves_by = int(NO_FACE)
+    if inside == 1:
+        leaves_by = behind
+        if behind == NO_FACE:
+            leaves_by = exit_of(shape, tet_around, at_rest, before)
+        elif before_at < KEPT * behind_at:
+            leaves_by = before
+        place = int(0)
+        while place < 3 and faces[place] != leaves_by and faces[place] != NO_FACE:
+            place += 1
+        faces[place] = DEEP - leaves_by
+    exits[s] = leaves_by
     found[s] = faces
     count = int(0)
     for i in range(4):

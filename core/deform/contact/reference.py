@@ -28,7 +28,7 @@ import numpy as np
 from ..constraints import CONTACT_SHARE_OUT, CONTACT_SLACK
 from .boxes import AWAKE
 from .clusters import Clusters, barycentric
-from .detection import LEAST_VOLUME, MOST
+from .detection import DEEP, KEPT, LEAST_VOLUME, MOST, NO_FACE
 from .surface import Surface, closest_weights, plane_weights
 
 
@@ -117,48 +117,56 @@ def find(
     partners,
     margin,
     tolerance,
+    exits_before,
 ):
-    """The contacts of each sample: faces in front of it by distance, and a face behind it or None.
+    """Each sample's contacts, as detection.py lists them, and where it leaves the body or NO_FACE.
 
     Args:
         exits: surface.exits.  [T, EXITS]
+        exits_before: Where each sample left in the frame before, or NO_FACE.  [S]
         rest, vertices: [V, 3]
         ways: How far vertices will move within the frame.  [V, 3]
         partners: See `overlaps`.
         margin, tolerance: See Contact.  [m]
     """
     found = []
-    for (p, q), s, g in zip(surface.ends, surface.shares, surface.sample_clusters, strict=True):
+    samples = surface.ends, surface.shares, surface.sample_clusters, exits_before
+    for (p, q), s, g, before in zip(*samples, strict=True):
         point = (1.0 - s) * vertices[p] + s * vertices[q]
         way = (1.0 - s) * ways[p] + s * ways[q]
-        faces = np.concatenate(
-            [_members(clusters, surface.face_offsets, other) for other in [*partners[g], -1]]
-        )
-        distances, shallow = _distances(
-            surface, faces, point, way, vertices, ways, margin, tolerance
-        )
+        faces = _members(clusters, surface.face_offsets, partners[g])
+        pose = vertices, ways, margin, tolerance
+        distances, behind = _distances(surface, faces, point, way, *pose)
         order = np.argsort(distances, kind="stable")[:MOST]
-        near = faces[order[np.isfinite(distances[order])]].tolist()
-        tets = np.concatenate(
-            [_members(clusters, clusters.tet_offsets, other) for other in [*partners[g], -1]]
-        )
-        deep = None if shallow else _deep_face(surface, exits, rest, vertices, tets, point)
-        found.append((near, deep))
+        listed = faces[order[np.isfinite(distances[order])]].tolist()
+        tets = _members(clusters, clusters.tet_offsets, partners[g])
+        tet, at_rest = _tet_around(surface, rest, vertices, tets, point)
+        leaves_by = NO_FACE
+        if tet is not None:
+            candidates, away = faces[behind], distances[behind]
+            if len(candidates) == 0:
+                candidates = exits[tet][exits[tet] >= 0]
+                away = _rest_distances(surface, rest, candidates, at_rest)
+            nearest = away.argmin()
+            leaves_by = int(candidates[nearest])
+            if (away[candidates == before] < KEPT * away[nearest]).any():
+                leaves_by = int(before)
+            place = listed.index(leaves_by) if leaves_by in listed else min(len(listed), MOST - 1)
+            listed[place : place + 1] = [DEEP - leaves_by]
+        found.append((listed, leaves_by))
     return found
 
 
-def _members(clusters, offsets, group):
-    """What the leaves of a cluster have by these offsets [L + 1]."""
-    if group < 0:
-        return np.empty(0, int)
-    leaves = clusters.leaf_offsets[group : group + 2]
-    return np.arange(*offsets[leaves])
+def _members(clusters, offsets, groups):
+    """What the leaves of these clusters have by these offsets [L + 1]."""
+    leaves = [offsets[clusters.leaf_offsets[group : group + 2]] for group in groups]
+    return np.concatenate([np.empty(0, int), *(np.arange(*ends) for ends in leaves)])
 
 
 def _distances(surface, faces, point, way, vertices, ways, margin, tolerance):
     """How near a point comes to the front of faces; infinite if not nearer than the margin.
 
-    Also whether it is behind one of them already, but less deep than the tolerance.
+    Also which it is behind already, but less deep than the tolerance.
     """
     corners = surface.faces[faces]
     a, b, c = (vertices[corners[:, i]] for i in range(3))
@@ -175,27 +183,27 @@ def _distances(surface, faces, point, way, vertices, ways, margin, tolerance):
     w = closest_weights(r, b - a, c - a)
     distance = np.linalg.norm(r - w[:, 1:2] * (b - a) - w[:, 2:] * (c - a), axis=1)
     counts = solid & (height >= -tolerance) & (height - closing <= margin) & (distance <= margin)
-    shallow = counts & (height < 0.0) & (distance <= tolerance)
-    return np.where(counts, distance, np.inf), bool(shallow.any())
+    behind = counts & (height < 0.0) & (distance <= tolerance)
+    return np.where(counts, distance, np.inf), behind
 
 
-def _deep_face(surface, exits, rest, vertices, tets, point):
-    """The face at which a point inside a tet has to leave, or None."""
+def _tet_around(surface, rest, vertices, tets, point):
+    """The first of these tets that a point is inside, and its rest position; None, None outside."""
     volumes, rest_volumes = (
         np.linalg.det(x[surface.tets[tets, 1:]] - x[surface.tets[tets, :1]])
         for x in (vertices, rest)
     )
     tets = tets[volumes > LEAST_VOLUME * rest_volumes]
     if len(tets) == 0:
-        return None
+        return None, None
     inside = barycentric(point[None], vertices[surface.tets[tets]])[0]
     hits = np.flatnonzero(inside.min(axis=1) >= 0.0)
     if len(hits) == 0:
-        return None
-    tet = tets[hits[0]]
-    at_rest = inside[hits[0]] @ rest[surface.tets[tet]]
-    faces = exits[tet][exits[tet] >= 0]
+        return None, None
+    return tets[hits[0]], inside[hits[0]] @ rest[surface.tets[tets[hits[0]]]]
+
+
+def _rest_distances(surface, rest, faces, point):
     a, b, c = (rest[surface.faces[faces, i]] for i in range(3))
-    w = closest_weights(at_rest - a, b - a, c - a)
-    away = at_rest - a - w[:, 1:2] * (b - a) - w[:, 2:] * (c - a)
-    return int(faces[np.linalg.norm(away, axis=1).argmin()])
+    w = closest_weights(point - a, b - a, c - a)
+    return np.linalg.norm(point - a - w[:, 1:2] * (b - a) - w[:, 2:] * (c - a), axis=1)
