@@ -49,7 +49,7 @@ def contacts_of(arrays) -> ContactList:
         array.numpy()[:count].astype(kind)
         for array, kind in zip(of_all, (int, float, float), strict=True)
     ]
-    return ContactList(*lists, float(arrays.speed.numpy()[0]))
+    return ContactList(*lists, *map(float, arrays.limits.numpy()))
 
 
 @pytest.mark.parametrize("depth", [-0.01, 0.05])

@@ -63,7 +63,7 @@ class ContactArrays:
     shares: wp.array(dtype=float)  # [N]
     spans: wp.array2d(dtype=float)  # [N, 9] b − a, c − a, point − a at the frame's start
     bevels: wp.array2d(dtype=float)  # [N, 3] of the triangle (contact/surface.py)
-    speed: wp.array(dtype=float)  # [1] at which a point leaves a body that it is in [m/s]
+    limits: wp.array(dtype=float)  # [2] a depth [m] and a speed [m/s], see contact/reference.py
     offsets: wp.array(dtype=int)  # [V + 1] vertex i is in the entries offsets[i]:offsets[i + 1]
     entries: wp.array(dtype=int)  # [5 N] 8 × contact + place among its vertices, rising
     results: wp.array2d(dtype=float)  # [N, 12] of a substep: impulse, shift, weights, distance
@@ -118,7 +118,7 @@ def contact_arrays(vertex_count, room, device):
         shares=room,
         spans=(room, 9),
         bevels=(room, 3),
-        speed=1,
+        limits=2,
         offsets=vertex_count + 1,
         entries=5 * room,
         results=(room, 12),

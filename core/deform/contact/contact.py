@@ -18,6 +18,7 @@ from .surface import exits, make_surface
 MARGIN = 0.25  # a point that comes nearer than this to a face within a frame is a contact
 TOLERANCE = 0.1  # a point less deep than this behind a face is in front of it
 REST_GAP = 1.0  # a component's clusters that are nearer to each other at rest don't collide
+SOFT_DEPTH = 0.1  # a point that is less deep leaves a body more slowly
 SPEED = 5.0  # per second: a point leaves a body that it is in
 
 
@@ -112,7 +113,7 @@ class Contact:
         self._found = wp.zeros(samples, dtype=wp.vec4i, device=device)
         self._counts, self._ends = (wp.zeros(samples, **integers) for _ in range(2))
         self.arrays = contact_arrays(len(rest_vertices), MOST * samples, device)
-        self.arrays.speed.fill_(SPEED * edge)
+        self.arrays.limits.assign(np.array([SOFT_DEPTH, SPEED], np.float32) * edge)
         if self._on_build is not None:
             self._on_build(self.arrays)
 

@@ -9,7 +9,7 @@ Where C < 0 and y is in front of the triangle (or deep inside the body), a subst
 
     x_i += w_i g_i λ n,            λ = (min(C', 0) − C)⁺ / D      no further approach
     x_i −= w_i g_i u_t min(1, μ λ D / |u_t|) / D                  Coulomb's friction
-    x_i += w_i g_i q n / D         q = min(β (−C')⁺, h v)         out of the body, gently
+    x_i += w_i g_i q n / D         q = min(β p min(p/d, 1), h v)  out of the body, gently; p = (−C')⁺
 
 where C' is C at the substep's start, u_t the part along the triangle of the motion Σ g_i Δx_i
 since then, and D = Σ w_i |g_i| s_i.  All contacts are projected at once: s_i is the
@@ -38,11 +38,12 @@ class ContactList(NamedTuple):
     vertices: np.ndarray  # [N, 5] p, q, a, b, c
     shares: np.ndarray  # [N] s
     bevels: np.ndarray  # [N, 3] of the triangle, NO_BEVEL of a deep contact [m]
+    soft_depth: float  # d [m]
     speed: float  # v, at which a point leaves a body that it is in [m/s]
 
 
 def no_contacts() -> ContactList:
-    return ContactList(np.empty((0, 5), int), np.empty(0), np.empty((0, 3)), 0.0)
+    return ContactList(np.empty((0, 5), int), np.empty(0), np.empty((0, 3)), 1.0, 0.0)
 
 
 def pushed(contacts: ContactList, x, before, inverse_masses, substep, friction):
@@ -70,7 +71,8 @@ def pushed(contacts: ContactList, x, before, inverse_masses, substep, friction):
     along = (normal * u).sum(axis=1)
     deep = np.minimum(height - along, 0.0)
     push = np.maximum(deep - height, 0.0)
-    out = np.minimum(-CONTACT_SHARE_OUT * deep, substep * contacts.speed)
+    wanted = -CONTACT_SHARE_OUT * deep * np.minimum(-deep / contacts.soft_depth, 1.0)
+    out = np.minimum(wanted, substep * contacts.speed)
     sliding = u - along[:, None] * normal
     slid = np.linalg.norm(sliding, axis=1)
     held = np.minimum(1.0, friction * push / np.maximum(slid, 1e-300))

@@ -105,8 +105,10 @@ auto push_contact = [&](int k, int substep) {
     const float first = height - along;  // the distance at the substep's start
     const float deep = first < 0.0f ? first : 0.0f;
     const float push = deep > height ? deep - height : 0.0f;
-    const float fastest = h * frame.contacts.speed.data[0];
-    const float wanted = -@CONTACT_SHARE_OUT * deep;
+    const float part_of_limit = -deep / frame.contacts.limits.data[0];
+    const float fastest = h * frame.contacts.limits.data[1];
+    const float wanted =
+        -@CONTACT_SHARE_OUT * deep * (part_of_limit < 1.0f ? part_of_limit : 1.0f);
     const float out = wanted < fastest ? wanted : fastest;
     const float sx = u.x - along * nx, sy = u.y - along * ny, sz = u.z - along * nz;
     const float slid = sqrt(sx * sx + sy * sy + sz * sz), most = timing[7] * push;
