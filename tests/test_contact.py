@@ -166,7 +166,7 @@ def slide(angle, friction, seconds):
     )
     slope, slope_tets = box((12, 4, 1), 0.1)
     block, block_tets = box((2, 2, 1), 0.083)
-    slope, block = slope - [0.6, 0.2, 0.1], block + np.array([-0.3, -0.083, 0.001])
+    slope, block = slope - [0.6, 0.2, 0.1], block + np.array([-0.287, -0.066, 0.001])
     rest, tets, (lower, upper) = joined((slope @ turn.T, slope_tets), (block @ turn.T, block_tets))
     pinned = np.zeros(len(rest), bool)
     pinned[lower] = True

@@ -7,6 +7,8 @@ from deformrf.core.deform.contact.listing import NO_BEVEL
 from deformrf.core.deform.contact.reference import ContactList, no_contacts, pushed
 
 H = 1e-3
+HELD = np.array([[0.0] * 6 + [1.0] * 3])  # bevels of a triangle without sharp edges
+DEEP = np.array([[NO_BEVEL] * 6 + [-NO_BEVEL] * 3])
 LOWER = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 
 
@@ -15,7 +17,7 @@ def one_contact(height, before_height, way=(0.0, 0.0), share=0.0, at=(0.2, 0.3))
     points = np.array([[*at, height], [at[0], at[1], height]])
     before = points + np.array([-way[0], -way[1], before_height - height])
     contacts = ContactList(
-        np.array([[0, 1 if share else 0, 2, 3, 4]]), np.array([share]), np.zeros((1, 3)), 0.01, 1.0
+        np.array([[0, 1 if share else 0, 2, 3, 4]]), np.array([share]), HELD, 0.01, 1.0
     )
     return contacts, np.concatenate([points, LOWER]), np.concatenate([before, LOWER])
 
@@ -38,7 +40,7 @@ def random_contacts():
     shares = np.where(ids[:, 0] == ids[:, 1], 0.0, 0.5)
     x = random.normal(size=(40, 3)) * [1.0, 1.0, 0.1]
     before = x + random.normal(scale=0.01, size=x.shape)
-    bevels = np.full((len(ids), 3), NO_BEVEL)
+    bevels = np.repeat(DEEP, len(ids), axis=0)
     return ContactList(ids, shares, bevels, 0.01, 2.0), x, before, random.uniform(0.1, 2.0, 40)
 
 
@@ -74,7 +76,7 @@ def test_a_point_in_front_or_beside_the_triangle_is_left_alone():
         contacts, x, before = one_contact(height, 0.1, at=at)
         np.testing.assert_array_equal(pushed(contacts, x, before, np.ones(5), H, 1.0)[0], x)
     contacts, x, before = one_contact(-0.01, 0.1, at=(0.7, 0.7))
-    contacts = contacts._replace(bevels=np.full((1, 3), NO_BEVEL))  # deep: beside it, too
+    contacts = contacts._replace(bevels=DEEP)  # deep: beside it, too
     assert np.abs(pushed(contacts, x, before, np.ones(5), H, 1.0)[0] - x).max() > 1e-3
 
 
@@ -82,7 +84,8 @@ def test_a_bevel_gives_a_point_near_an_edge_to_the_face_across_it():
     """At a right angle a point belongs to the face that it is nearer to."""
     for inset, mine in ((0.02, True), (0.005, False)):
         contacts, x, before = one_contact(-0.01, 0.01, at=(0.4, inset))
-        contacts = contacts._replace(bevels=np.array([[0.0, 0.0, 1.0]]))  # of the edge y = 0
+        bevels = HELD + np.eye(9)[2]  # of the edge y = 0
+        contacts = contacts._replace(bevels=bevels)
         moved, _ = pushed(contacts, x, before, np.ones(5), H, 0.0)
         assert (np.abs(moved - x).max() > 1e-3) == mine
 
@@ -128,7 +131,9 @@ def test_rigid_bodies_stop_exactly_however_many_contacts_they_have():
         if v - b > u - a:
             corners = [(a, b), (a + 1, b + 1), (a, b + 1)]
         ids.append([i, i, *(count + 4 * q + p for p, q in corners)])
-    contacts = ContactList(np.array(ids), np.zeros(count), np.zeros((count, 3)), 0.01, 1.0)
+    contacts = ContactList(
+        np.array(ids), np.zeros(count), np.repeat(HELD, count, axis=0), 0.01, 1.0
+    )
     w = np.full(len(x), 2.0)
     moved, _ = pushed(contacts, x, before, w, H, 0.0)
     change = ((moved - x) / w[:, None])[:, 2]

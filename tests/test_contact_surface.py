@@ -80,6 +80,8 @@ def test_bevels_are_those_of_convex_flat_and_concave_edges():
         vertices = np.array(
             [[0, 0, 0], [2.0, 0, 0], [0, 1, 0], [0, -np.cos(angle), -np.sin(angle)]]
         )
-        found = module.bevels(vertices, np.array([[0, 1, 2], [1, 0, 3]]))
+        found, rims, tops = module.bevels(vertices, np.array([[0, 1, 2], [1, 0, 3]]))
         shared = found[0, 2], found[1, 2]  # opposite the third corners
+        assert (rims[0, 2] > 0.0) == (angle > 0.5)
+        assert (tops < 1.0).tolist()[0][:2] == [True, True]  # all other edges are sharp
         np.testing.assert_allclose(shared, 2.0 * np.tan(angle / 2.0), atol=1e-12)

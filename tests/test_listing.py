@@ -34,7 +34,9 @@ def test_contacts_are_listed_in_the_order_of_samples(listed):
     assert np.array_equal(ids[:, 2:], shape.faces.numpy()[face])
     share = shape.shares.numpy()[sample]
     assert np.array_equal(arrays.shares.numpy()[:count], share)
-    bevels = np.where(deep[:, None], NO_BEVEL, shape.bevels.numpy()[face])
+    lists = [array.numpy()[face] for array in (shape.bevels, shape.rims, shape.tops)]
+    bevels = np.concatenate(lists, axis=1)
+    bevels[deep, :6], bevels[deep, 6:] = NO_BEVEL, -NO_BEVEL
     np.testing.assert_allclose(arrays.bevels.numpy()[:count], bevels)
     p, q, a, b, c = np.moveaxis(state[ids], 1, 0)
     point = p + share[:, None] * (q - p)

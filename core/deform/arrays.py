@@ -62,7 +62,7 @@ class ContactArrays:
     vertices: wp.array2d(dtype=int)  # [N, 5]
     shares: wp.array(dtype=float)  # [N]
     spans: wp.array2d(dtype=float)  # [N, 9] b − a, c − a, point − a at the frame's start
-    bevels: wp.array2d(dtype=float)  # [N, 3] of the triangle (contact/surface.py)
+    bevels: wp.array2d(dtype=float)  # [N, 9] and rims and tops (contact/surface.py)
     limits: wp.array(dtype=float)  # [2] a depth [m] and a speed [m/s], see contact/reference.py
     offsets: wp.array(dtype=int)  # [V + 1] vertex i is in the entries offsets[i]:offsets[i + 1]
     entries: wp.array(dtype=int)  # [5 N] 8 × contact + place among its vertices, rising
@@ -117,7 +117,7 @@ def contact_arrays(vertex_count, room, device):
         vertices=(room, 5),
         shares=room,
         spans=(room, 9),
-        bevels=(room, 3),
+        bevels=(room, 9),
         limits=2,
         offsets=vertex_count + 1,
         entries=5 * room,

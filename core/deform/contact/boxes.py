@@ -32,6 +32,8 @@ class ContactShape:
     faces: wp.array(dtype=wp.vec3i)  # [F] by leaf
     opposite: wp.array(dtype=int)  # [F]
     bevels: wp.array(dtype=wp.vec3)  # [F]
+    rims: wp.array(dtype=wp.vec3)  # [F]
+    tops: wp.array(dtype=wp.vec3)  # [F]
     face_offsets: wp.array(dtype=int)  # [L + 1]
     ends: wp.array(dtype=wp.vec2i)  # [S]
     shares: wp.array(dtype=float)  # [S]

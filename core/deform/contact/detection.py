@@ -6,6 +6,7 @@
           is less deep than a tolerance behind; else its rest position has the same barycentric
           coordinates in the tet, and it leaves by the face that is nearest to it at rest.  It
           keeps its face until another one is much nearer, so that it isn't pulled to and fro.
+          Near a sharp edge it is let in until it is clear which face it is behind.
 
 A sample has the MOST nearest faces at most.  Faces and tets that are inverted don't count: they
 have no outside.  reference.py has the same in float64.
@@ -21,6 +22,8 @@ from .boxes import FAR, ContactShape, overlap, way_of
 wp.set_module_options({"enable_backward": False})
 
 MOST = 4  # contacts of a sample
+IN_FRONT, BEHIND, BEHIND_RIM = 0, 1, 2
+BESIDE = 1.01  # times the height: at a larger distance a point is beside the face
 NO_FACE = -1
 DEEP = -2  # a deep contact with face f is listed as DEEP - f
 KEPT = 1.5  # a point leaves where it left before until another face is so many times nearer
@@ -65,7 +68,8 @@ def distance_within_frame(
 ):
     """How near the point comes to the front of a face; FAR if not nearer than the margin.
 
-    Also whether it is behind the face already, but less deep than the tolerance.
+    Also whether it is behind the face already, but less deep than the tolerance: BEHIND, or
+    BEHIND_RIM beside it or where another face may be as near.
     """
     corners = shape.faces[face]
     a = state.vertices[corners[0]]
@@ -74,20 +78,20 @@ def distance_within_frame(
     normal = wp.cross(e1, e2)
     area = wp.length(normal)
     if not area > 0.0:
-        return FAR, False
+        return FAR, IN_FRONT
     normal /= area
     if wp.dot(normal, state.vertices[shape.opposite[face]] - a) >= 0.0:
-        return FAR, False
+        return FAR, IN_FRONT
     r = point - a
     height = wp.dot(normal, r)
     if height < -tolerance:
-        return FAR, False
+        return FAR, IN_FRONT
     w = closest_weights(r, e1, e2)
     for i in range(3):
         way -= w[i] * way_of(state, corners[i], dt)
     closing = wp.max(-wp.dot(normal, way), 0.0)
     if height - closing > margin:
-        return FAR, False
+        return FAR, IN_FRONT
     share = float(0.0)
     if closing > 0.0:
         share = wp.clamp(height / closing, 0.0, 1.0)
@@ -95,8 +99,16 @@ def distance_within_frame(
     w = closest_weights(r, e1, e2)
     distance = wp.length(r - w[1] * e1 - w[2] * e2)
     if distance > margin:
-        return FAR, False
-    return distance, height < 0.0 and distance <= tolerance
+        return FAR, IN_FRONT
+    where = int(IN_FRONT)
+    if height < 0.0 and distance <= tolerance:
+        where = BEHIND
+        if distance > BESIDE * -height:
+            where = BEHIND_RIM
+        for i in range(3):
+            if w[i] < shape.rims[face][i] or w[i] > shape.tops[face][i]:
+                where = BEHIND_RIM
+    return distance, where
 
 
 @wp.func
@@ -188,6 +200,7 @@ def find_kernel(
     behind = int(NO_FACE)
     behind_at = float(FAR)
     before_at = float(FAR)
+    shallow = bool(False)
     inside = int(0)
     tet_around = int(0)
     at_rest = wp.vec3()
@@ -199,10 +212,12 @@ def find_kernel(
             for face in range(shape.face_offsets[leaf], shape.face_offsets[leaf + 1]):
                 if not overlap(lower, upper, face_boxes, face):
                     continue
-                distance, is_behind = distance_within_frame(
+                distance, where = distance_within_frame(
                     shape, state, face, point, way, dt, margin, tolerance
                 )
-                if is_behind:
+                if where != IN_FRONT:
+                    shallow = True
+                if where == BEHIND:
                     if distance < behind_at:
                         behind = face
                         behind_at = distance
@@ -226,10 +241,11 @@ def find_kernel(
     leaves_by = int(NO_FACE)
     if inside == 1:
         leaves_by = behind
-        if behind == NO_FACE:
+        if not shallow:
             leaves_by = exit_of(shape, tet_around, at_rest, before)
-        elif before_at < KEPT * behind_at:
+        elif behind != NO_FACE and before_at < KEPT * behind_at:
             leaves_by = before
+    if leaves_by != NO_FACE:
         place = int(0)
         while place < 3 and faces[place] != leaves_by and faces[place] != NO_FACE:
             place += 1

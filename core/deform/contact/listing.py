@@ -59,6 +59,8 @@ def list_kernel(
             contacts.spans[k, 3 + j] = e2[j]
             contacts.spans[k, 6 + j] = r[j]
             contacts.bevels[k, j] = wp.where(deep, NO_BEVEL, shape.bevels[face][j])
+            contacts.bevels[k, 3 + j] = wp.where(deep, NO_BEVEL, shape.rims[face][j])
+            contacts.bevels[k, 6 + j] = wp.where(deep, -NO_BEVEL, shape.tops[face][j])
             wp.atomic_add(contacts.offsets, corners[j], 1)
         i += 1
 

@@ -9,10 +9,10 @@ Where C < 0 and y is in front of the triangle (or deep inside the body), a subst
 
     x_i += w_i g_i λ n,            λ = (min(C', 0) − C)⁺ / D      no further approach
     x_i −= w_i g_i u_t min(1, μ λ D / |u_t|) / D                  Coulomb's friction
-    x_i += w_i g_i q n / D         q = min(β p min(p/d, 1), h v)  out of the body, gently; p = (−C')⁺
+    x_i += w_i g_i q n / D         q = min(β p min(p/d, 1), h v)  out of the body, gently
 
-where C' is C at the substep's start, u_t the part along the triangle of the motion Σ g_i Δx_i
-since then, and D = Σ w_i |g_i| s_i.  All contacts are projected at once: s_i is the
+where C' is C at the substep's start, p = (−C')⁺, u_t the part along the triangle of the motion
+Σ g_i Δx_i since then, and D = Σ w_i |g_i| s_i.  All contacts are projected at once: s_i is the
 sum of |g_i| over the active contacts of vertex i, which divide its mass among them in proportion
 to |g_i|.  Then contacts between two rigid bodies together undo an approach exactly, however many
 there are.  The last move also moves the vertex's place at the substep's start, so it doesn't
@@ -28,7 +28,7 @@ import numpy as np
 from ..constraints import CONTACT_SHARE_OUT, CONTACT_SLACK
 from .boxes import AWAKE
 from .clusters import Clusters, barycentric
-from .detection import DEEP, KEPT, LEAST_VOLUME, MOST, NO_FACE
+from .detection import BESIDE, DEEP, KEPT, LEAST_VOLUME, MOST, NO_FACE
 from .surface import Surface, closest_weights, plane_weights
 
 
@@ -37,13 +37,13 @@ class ContactList(NamedTuple):
 
     vertices: np.ndarray  # [N, 5] p, q, a, b, c
     shares: np.ndarray  # [N] s
-    bevels: np.ndarray  # [N, 3] of the triangle, NO_BEVEL of a deep contact [m]
+    bevels: np.ndarray  # [N, 9] and rims and tops; infinite where deep
     soft_depth: float  # d [m]
     speed: float  # v, at which a point leaves a body that it is in [m/s]
 
 
 def no_contacts() -> ContactList:
-    return ContactList(np.empty((0, 5), int), np.empty(0), np.empty((0, 3)), 1.0, 0.0)
+    return ContactList(np.empty((0, 5), int), np.empty(0), np.empty((0, 9)), 1.0, 0.0)
 
 
 def pushed(contacts: ContactList, x, before, inverse_masses, substep, friction):
@@ -58,7 +58,9 @@ def pushed(contacts: ContactList, x, before, inverse_masses, substep, friction):
     height = (normal * (point - a)).sum(axis=1)
     weights = plane_weights(point - a, b - a, c - a)
     room = (weights + CONTACT_SLACK) * area[:, None] ** 2
-    behind = (room >= -(height * area)[:, None] * contacts.bevels).all(axis=1)
+    behind = (room >= -(height * area)[:, None] * contacts.bevels[:, :3]).all(axis=1)
+    behind &= (weights >= contacts.bevels[:, 3:6]).all(axis=1)
+    behind &= (weights <= contacts.bevels[:, 6:]).all(axis=1)
     weights = np.maximum(weights, 0.0)
     weights /= np.maximum(weights.sum(axis=1), 1e-300)[:, None]
     g = np.concatenate([1.0 - s, s, -weights], axis=1)
@@ -145,14 +147,17 @@ def find(
         tet, at_rest = _tet_around(surface, rest, vertices, tets, point)
         leaves_by = NO_FACE
         if tet is not None:
-            candidates, away = faces[behind], distances[behind]
-            if len(candidates) == 0:
+            shallow, on_rim = behind
+            candidates = faces[shallow & ~on_rim]
+            away = distances[shallow & ~on_rim]
+            if not shallow.any():
                 candidates = exits[tet][exits[tet] >= 0]
                 away = _rest_distances(surface, rest, candidates, at_rest)
-            nearest = away.argmin()
-            leaves_by = int(candidates[nearest])
-            if (away[candidates == before] < KEPT * away[nearest]).any():
-                leaves_by = int(before)
+            if len(candidates) > 0:
+                leaves_by = int(candidates[away.argmin()])
+                if (away[candidates == before] < KEPT * away.min()).any():
+                    leaves_by = int(before)
+        if leaves_by != NO_FACE:
             place = listed.index(leaves_by) if leaves_by in listed else min(len(listed), MOST - 1)
             listed[place : place + 1] = [DEEP - leaves_by]
         found.append((listed, leaves_by))
@@ -168,7 +173,7 @@ def _members(clusters, offsets, groups):
 def _distances(surface, faces, point, way, vertices, ways, margin, tolerance):
     """How near a point comes to the front of faces; infinite if not nearer than the margin.
 
-    Also which it is behind already, but less deep than the tolerance.
+    Also which it is behind already, but less deep than the tolerance, and which of them at a rim.
     """
     corners = surface.faces[faces]
     a, b, c = (vertices[corners[:, i]] for i in range(3))
@@ -185,8 +190,10 @@ def _distances(surface, faces, point, way, vertices, ways, margin, tolerance):
     w = closest_weights(r, b - a, c - a)
     distance = np.linalg.norm(r - w[:, 1:2] * (b - a) - w[:, 2:] * (c - a), axis=1)
     counts = solid & (height >= -tolerance) & (height - closing <= margin) & (distance <= margin)
-    behind = counts & (height < 0.0) & (distance <= tolerance)
-    return np.where(counts, distance, np.inf), behind
+    shallow = counts & (height < 0.0) & (distance <= tolerance)
+    on_rim = distance > BESIDE * -height
+    on_rim |= ((w < surface.rims[faces]) | (w > surface.tops[faces])).any(axis=1)
+    return np.where(counts, distance, np.inf), (shallow, on_rim)
 
 
 def _tet_around(surface, rest, vertices, tets, point):

@@ -11,9 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry import boundary_faces, tet_neighbours
+from ..constraints import CONTACT_SLACK
 from .clusters import Clusters
 
 STEEPEST = 3.0  # of a bevel
+SHARP, RIM = 0.2, 0.05
 EXITS = 24
 
 
@@ -26,6 +28,8 @@ class Surface(NamedTuple):
     opposite: np.ndarray  # [F] the fourth vertex of a face's tet
     face_tets: np.ndarray  # [F]
     bevels: np.ndarray  # [F, 3] m; see `bevels`
+    rims: np.ndarray  # [F, 3] the same
+    tops: np.ndarray  # [F, 3] the same
     face_offsets: np.ndarray  # [L + 1] a leaf has the faces offsets[leaf]:offsets[leaf + 1]
     ends: np.ndarray  # [S, 2] p and q
     shares: np.ndarray  # [S] of q
@@ -58,7 +62,7 @@ def make_surface(rest_vertices, tets, clusters: Clusters) -> Surface:
         faces,
         opposite.astype(np.int32),
         face_tets,
-        bevels(rest_vertices, faces),
+        *bevels(rest_vertices, faces),
         face_offsets.astype(np.int32),
         ends[order].astype(np.int32),
         shares[order],
@@ -67,12 +71,17 @@ def make_surface(rest_vertices, tets, clusters: Clusters) -> Surface:
 
 
 def bevels(rest_vertices, faces):
-    """How far inside a face a point behind it has to be, for each of its edges.  [F, 3] m
+    """How far inside a face a point behind it has to be, for each of its edges.  3 × [F, 3]
 
     A point inside the body that is δ behind a face is nearer to it than to the face across an
     edge if its projection is more than δ k from that edge, k = tan(θ/2), θ the angle between the
-    normals (negative at a concave edge).  The values are k times the length of the edge opposite
-    each corner.
+    normals (negative at a concave edge).
+
+    Returns:
+        k times the length of the edge opposite each corner, and the least and the largest
+        barycentric coordinate of that corner: a face holds nothing that is nearer than RIM to a
+        sharp edge, or to a corner on one.
+        A body that slides over another one is a little inside it, and would hit its edges there.
     """
     a, b, c = (rest_vertices[faces[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
@@ -89,7 +98,11 @@ def bevels(rest_vertices, faces):
         across = rest_vertices[faces.ravel()[there]] - rest_vertices[faces[f, 0]]
         convex = (normals[f] * across).sum(axis=1) < 0.0
         slopes[here] = np.minimum(slopes[here], np.where(convex, slope, -slope))
-    return (slopes * lengths).reshape(-1, 3)
+    rims = np.where(slopes > SHARP, RIM, -CONTACT_SLACK)
+    on_sharp_edge = np.zeros(len(rest_vertices), bool)
+    on_sharp_edge[ends[slopes > SHARP]] = True
+    tops = np.where(on_sharp_edge[faces], 1.0 - RIM, 1.0 + CONTACT_SLACK)
+    return (slopes * lengths).reshape(-1, 3), rims.reshape(-1, 3), tops
 
 
 def exits(rest_vertices, surface: Surface):

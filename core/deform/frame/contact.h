@@ -46,10 +46,11 @@ auto look_at_contact = [&](int k) {
     const float of_c = ((uy * rz - uz * ry) * nx + (uz * rx - ux * rz) * ny +
                         (ux * ry - uy * rx) * nz) / squared;
     float weight[3] = {1.0f - of_b - of_c, of_b, of_c};
-    const float* const bevel = frame.contacts.bevels.data + 3 * k;
+    const float* const bevel = frame.contacts.bevels.data + 9 * k;
     float sum = 0.0f;
     for (int j = 0; j < 3; ++j) {
-        if ((weight[j] + @CONTACT_SLACK) * squared < -height * bevel[j]) return;
+        if (weight[j] < bevel[3 + j] || weight[j] > bevel[6 + j]) return;
+        if (weight[j] * squared < -height * bevel[j] - @CONTACT_SLACK * squared) return;
         weight[j] = weight[j] > 0.0f ? weight[j] : 0.0f;
         sum += weight[j];
     }
