@@ -165,6 +165,15 @@ def exit_of(shape: ContactShape, tet: int, point: wp.vec3, before: int):
     return best
 
 
+@wp.func
+def known_exit(shape: ContactShape, tet: int, face: int):
+    """The face if it is an exit of the tet, else NO_FACE."""
+    for i in range(shape.exits.shape[1]):
+        if shape.exits[tet, i] == face:
+            return face
+    return NO_FACE
+
+
 @wp.kernel(grid_stride=False)
 def find_kernel(
     shape: ContactShape,
@@ -243,7 +252,9 @@ def find_kernel(
         leaves_by = behind
         if not shallow:
             leaves_by = exit_of(shape, tet_around, at_rest, before)
-        elif behind != NO_FACE and before_at < KEPT * behind_at:
+        elif behind == NO_FACE:
+            leaves_by = known_exit(shape, tet_around, before)
+        elif before_at < KEPT * behind_at:
             leaves_by = before
     if leaves_by != NO_FACE:
         place = int(0)

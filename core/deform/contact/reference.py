@@ -157,6 +157,8 @@ def find(
                 leaves_by = int(candidates[away.argmin()])
                 if (away[candidates == before] < KEPT * away.min()).any():
                     leaves_by = int(before)
+            elif before in exits[tet]:
+                leaves_by = int(before)
         if leaves_by != NO_FACE:
             place = listed.index(leaves_by) if leaves_by in listed else min(len(listed), MOST - 1)
             listed[place : place + 1] = [DEEP - leaves_by]
