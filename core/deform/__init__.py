@@ -7,8 +7,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "colliders": ["Box", "Sphere"],
         "handles": ["control_vertices", "falloff", "lowest_pins", "vertices_within"],
+        "kernels": ["kernel_modules"],
         "material": ["LOWEST_POISSON_RATIO", "Material", "PRESETS"],
-        "xpbd": ["XpbdSolver", "kernel_modules"],
+        "xpbd": ["XpbdSolver"],
         "xpbd_options": ["TIME_STEP", "XpbdOptions"],
         # For solvers beside this one, which the lab compares with it.
         "arrays": ["upload"],

@@ -18,7 +18,7 @@ from ..geometry import components
 from . import checks, constraints
 from .arrays import ConstraintList, frame_arrays
 from .colliders import ColliderRows
-from .contact import Contact, contact_modules
+from .contact import Contact
 from .frame import CpuFrame, CudaFrame, runs_in_block
 from .holds import Holds
 from .material import Material
@@ -104,8 +104,7 @@ class XpbdSolver:
             if self.device.is_cuda
             else CpuFrame(arrays)
         )
-        mesh = self.rest_vertices, self.volumes.vertices
-        self._contact = Contact(*mesh, self._state, self._frame.set_contacts)
+        self._contact = Contact(self.rest_vertices, self.volumes.vertices, self._state, self._frame)
         self.set_material(material)
         self.reset()
 
@@ -369,14 +368,3 @@ class XpbdSolver:
         free = self._active & (held == 0) & (self.material.damping > 0.0)
         self._state.free.assign(free[self._part_of].astype(np.int32))
         self._free_parts.select(free, math.exp(-self.material.damping * self._dt))
-
-
-def kernel_modules(device) -> list[str]:
-    """Names of the Warp modules whose kernels a solver launches on a device.
-
-    On CUDA a frame's main kernel, which depends on the mesh's size, is a module of its own
-    that is not among them.
-    """
-    frame = CudaFrame if wp.get_device(device).is_cuda else CpuFrame
-    of_frames = Feedback.__module__, FreeParts.__module__, frame.__module__
-    return [*of_frames, *contact_modules()]

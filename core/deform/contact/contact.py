@@ -29,15 +29,15 @@ class Contact:
         arrays: ContactArrays with the contacts of this frame; None before the first search.
     """
 
-    def __init__(self, rest_vertices, tets, state: VertexArrays, on_build=None):
+    def __init__(self, rest_vertices, tets, state: VertexArrays, frame=None):
         """Take a mesh at rest; the first search prepares what searches need.
 
         Args:
             rest_vertices: [V, 3]
             tets: Positively oriented, none of them flat.  [T, 4]
-            on_build: Called with `arrays` when they are made.
+            frame: A CpuFrame or CudaFrame, which takes `arrays` when they are made.
         """
-        self._mesh, self._state, self._on_build = (rest_vertices, tets), state, on_build
+        self._mesh, self._state, self._frame = (rest_vertices, tets), state, frame
         self._device = state.vertices.device
         self.arrays = None
         self._dt = None  # of the frame that is watched
@@ -114,8 +114,8 @@ class Contact:
         self._counts, self._ends = (wp.zeros(samples, **integers) for _ in range(2))
         self.arrays = contact_arrays(len(rest_vertices), MOST * samples, device)
         self.arrays.limits.assign(np.array([SOFT_DEPTH, SPEED], np.float32) * edge)
-        if self._on_build is not None:
-            self._on_build(self.arrays)
+        if self._frame is not None:
+            self._frame.set_contacts(self.arrays)
 
     def _set_moods(self, awake, out):
         if self._moods_of is not None and np.array_equal((awake, out), self._moods_of):
