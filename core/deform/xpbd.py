@@ -310,7 +310,7 @@ class XpbdSolver:
     def _find_contacts(self):
         """Whether parts touch in this frame; wakes those that a part in motion touches."""
         touched = self._contact.find(self._dt, self._active, self.rescue.tried(self._active))
-        if not self._active[touched].all():
+        if len(touched) > 0 and not self._active[touched].all():
             self._activate(np.isin(self._part_of, touched))
         return len(touched) > 0
 

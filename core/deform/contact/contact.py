@@ -21,6 +21,8 @@ REST_GAP = 1.0  # a component's clusters that are nearer to each other at rest d
 SOFT_DEPTH = 0.1  # a point that is less deep leaves a body more slowly
 SPEED = 5.0  # per second: a point leaves a body that it is in
 
+NOTHING = np.empty(0, np.int64)
+
 
 class Contact:
     """Finds where parts of a mesh touch.
@@ -61,10 +63,10 @@ class Contact:
             self.watch(dt)
         if self._copied is not None:
             wp.synchronize_event(self._copied)
-        touched = np.flatnonzero(self._copy.numpy())
-        if len(touched) > 0:
-            self._list()
-        return np.unique(self._parts[touched])
+        if not self._on_host.any():
+            return NOTHING
+        self._list()
+        return np.unique(self._parts[self._on_host > 0])
 
     def watch(self, dt: float):
         """Look for clusters that touch in the next dt seconds, for the next `find`."""
@@ -75,8 +77,8 @@ class Contact:
         self._launch(boxes.box_kernel, count, shape, state, dt, self._margin, self._boxes)
         inputs = shape, self._moods, self._boxes, self._touched, self._overlaps
         self._launch(boxes.touch_kernel, count, *inputs)
-        wp.copy(self._copy, self._touched)
         if self._copied is not None:
+            wp.copy(self._copy, self._touched)
             self._device.stream.record_event(self._copied)
         self._watched = True
 
@@ -107,8 +109,11 @@ class Contact:
         self._moods = wp.zeros(count, **integers)
         self._overlaps = wp.zeros((count, count), **integers)
         self._touched = wp.zeros(count, **integers)
-        self._copy = wp.zeros_like(self._touched, device="cpu", pinned=device.is_cuda)
-        self._copied = wp.Event(device) if device.is_cuda else None
+        self._copy, self._copied = self._touched, None
+        if device.is_cuda:
+            self._copy = wp.zeros_like(self._touched, device="cpu", pinned=True)
+            self._copied = wp.Event(device)
+        self._on_host = self._copy.numpy()
         self._exits = wp.full(samples, NO_FACE, **integers)
         self._found = wp.zeros(samples, dtype=wp.vec4i, device=device)
         self._counts, self._ends = (wp.zeros(samples, **integers) for _ in range(2))
@@ -118,9 +123,10 @@ class Contact:
             self._frame.set_contacts(self.arrays)
 
     def _set_moods(self, awake, out):
-        if self._moods_of is not None and np.array_equal((awake, out), self._moods_of):
+        moods_of = awake.tobytes(), out.tobytes()
+        if moods_of == self._moods_of:
             return
-        self._moods_of = awake.copy(), out.copy()
+        self._moods_of = moods_of
         moods = np.where(out, OUT, np.where(awake, AWAKE, ASLEEP))
         self._moods.assign(moods[self._parts].astype(np.int32))
         self._watched = False
