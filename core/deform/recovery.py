@@ -43,21 +43,22 @@ class Recovery:
     def touch(self):
         """The user did something: forget what is known."""
         self._pins_fit = None  # None if unknown
-        self._load, self._is_damped = None, False
+        self._load, self._comes_back = None, False
         self.rescue.touch()
         self._look_again()
         self._stop()
 
-    def begin(self, dt, load: str | None, damping) -> bool:
+    def begin(self, dt, load: str | None, damping, touching) -> bool:
         """Begin a frame of dt [s] in which nothing is grabbed; True to count tangles after it.
 
         Args:
             load: What holds the body besides its pins, see Rescue.load.
             damping: Of the material [1/s].
+            touching: Whether parts may touch each other, which may hold them where they are.
         """
         self._load = load if self._pins_are_as_at_rest() else "pins"
-        self._is_damped = damping >= LEAST_DAMPING
-        if self.rescue.running or not (self.returns_to_rest and self._is_damped):
+        self._comes_back = self.returns_to_rest and damping >= LEAST_DAMPING and not touching
+        if self.rescue.running or not self._comes_back:
             self._look_again()
         self._since_look += dt
         return self.rescue.advance(dt, self._load)
@@ -71,7 +72,7 @@ class Recovery:
         """Whether a body that is still may sleep; looks at its shape if that matters."""
         if not self.rescue.may_sleep:
             return False
-        if self.rescue.given_up or not (self.returns_to_rest and self._is_damped):
+        if self.rescue.given_up or not self._comes_back:
             return True
         if self._is_far is None:
             self._is_far = bool((self._distances() > STUCK_OFF * self._size).any())

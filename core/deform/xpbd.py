@@ -82,6 +82,7 @@ class XpbdSolver:
         self._part_of = components(count, self.tets)  # [V]
         self._active = np.zeros(self._part_of.max() + 1, bool)  # by part
         self._dt = TIME_STEP
+        self._touching = False  # whether parts may have touched in the last frame
         self._stiffness = None  # factors of Young's modulus  [V]
 
         common = count, self.device, self.device.is_cuda and runs_in_block(count)
@@ -282,12 +283,12 @@ class XpbdSolver:
             self._stale = True
         count_due = False
         if self.options.rescue and len(self._holds.handles) == 0:
-            load = self.options.load
-            count_due = self._recovery.begin(dt, load, self.material.damping)
+            held = self.options.load, self.material.damping, self._touching
+            count_due = self._recovery.begin(dt, *held)
         concerned = self._recovery.follow()
         if concerned is not None:
             self._activate(concerned)
-        touching = self.options.contact and self._find_contacts()
+        self._touching = self.options.contact and self._find_contacts()
         if self._stale:
             self._prepare()
         self._frame.run(
@@ -297,7 +298,7 @@ class XpbdSolver:
             self.options.ground is not None,
             self._free_parts.damp(),
             self._colliders.begin(),
-            touching,
+            self._touching,
         )
         if self.options.contact:
             self._contact.watch(dt)
