@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import warp as wp
 from contact_scenes import (
     body_with_arm,
     box,
@@ -16,6 +17,7 @@ from contact_scenes import (
 )
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
+from deformrf.core.deform.contact import contact_modules
 from deformrf.core.deform.contact.clusters import barycentric
 from deformrf.core.deform.contact.reference import ContactList
 from deformrf.core.deform.contact.surface import closest_weights
@@ -261,3 +263,8 @@ def test_bodies_that_start_in_each_other_part_without_being_thrown():
     assert deepest(x, tets) < 0.02
     assert x[upper, 2].mean() - x[lower, 2].mean() > 0.45
     assert fastest < 10.0
+
+
+@pytest.mark.parametrize("name", contact_modules())
+def test_the_gpu_source_compiles_without_a_gpu(name, tmp_path):
+    assert wp.compile_aot_module(wp.get_module(name), arch=90, module_dir=tmp_path)

@@ -34,7 +34,7 @@ class Panel:
             ),
             settings=SimpleNamespace(grab_radius=0.1, soft_grab=False, tool="grab"),
             solver=SimpleNamespace(
-                options=SimpleNamespace(substep_count=20),
+                options=SimpleNamespace(substep_count=20, contact=True),
                 rescue=SimpleNamespace(running=False, given_up=False, held_by=None),
             ),
             on_ground=False,

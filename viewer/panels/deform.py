@@ -157,6 +157,9 @@ def _surroundings(scene):
     imgui.same_line()
     checkbox("ground", scene.on_ground, scene.set_ground, "under the object at rest")
     imgui.same_line()
+    imgui.same_line()
+    contact = partial(_set_contact, scene.body)
+    checkbox("contact", scene.solver.options.contact, contact, "it collides with itself")
     on = scene.body.gravity > 0.0
     checkbox("gravity", on, lambda wanted: scene.set_gravity(EARTH if wanted else 0.0))
     if on:
@@ -165,6 +168,10 @@ def _surroundings(scene):
     slider("air drag", body.air_drag, AIR_DRAGS, "%.1f per s", body.set_air_drag, tooltip=AIR)
     if body.air_drag:
         slider("wind", body.wind, WINDS, "%.1f m/s", body.set_wind, tooltip="along x")
+
+
+def _set_contact(body, on):
+    body.set_options(contact=on)
 
 
 def si(value: float) -> str:

@@ -28,6 +28,7 @@ class ContactShape:
     tets: wp.array(dtype=wp.vec4i)  # [T] by leaf
     tet_offsets: wp.array(dtype=int)  # [L + 1]
     leaf_offsets: wp.array(dtype=int)  # [G + 1]
+    leaf_clusters: wp.array(dtype=int)  # [L]
     exits: wp.array2d(dtype=int)  # [T, EXITS] faces
     faces: wp.array(dtype=wp.vec3i)  # [F] by leaf
     opposite: wp.array(dtype=int)  # [F]
@@ -48,12 +49,24 @@ def way_of(state: VertexArrays, i: int, dt: float):
     return state.targets[i] - state.vertices[i]
 
 
-# Every frame pays for the next two, so they are written for a compiler that finds vectors.
+def lane_count(device) -> int:
+    """Threads that share a cluster: on CUDA those of a warp."""
+    return 32 if device.is_cuda else 1
+
+
+# Every frame pays for the next two.  On a CPU they are written for a compiler that finds vectors,
+# on CUDA the lanes of a warp share the work.
 @wp.func_native("""
     const float* const x = reinterpret_cast<const float*>(state.vertices.data);
     const float* const v = reinterpret_cast<const float*>(state.velocities.data);
     float lower[3] = {1e30f, 1e30f, 1e30f}, upper[3] = {-1e30f, -1e30f, -1e30f};
-    for (int k = shape.vertex_offsets.data[g]; k < shape.vertex_offsets.data[g + 1]; ++k)
+#if defined(__CUDA_ARCH__)
+    const int lane = threadIdx.x & 31, lanes = 32;
+#else
+    const int lane = 0, lanes = 1;
+#endif
+    for (int k = shape.vertex_offsets.data[g] + lane; k < shape.vertex_offsets.data[g + 1];
+         k += lanes)
         for (int j = 0; j < 3; ++j) {
             const int i = 3 * shape.vertices.data[k] + j;
             const float now = x[i], later = now + dt * v[i];
@@ -61,6 +74,14 @@ def way_of(state: VertexArrays, i: int, dt: float):
             lower[j] = low < lower[j] ? low : lower[j];
             upper[j] = high > upper[j] ? high : upper[j];
         }
+#if defined(__CUDA_ARCH__)
+    for (int j = 0; j < 3; ++j)
+        for (int other = 16; other > 0; other /= 2) {
+            lower[j] = fminf(lower[j], __shfl_xor_sync(0xffffffffu, lower[j], other));
+            upper[j] = fmaxf(upper[j], __shfl_xor_sync(0xffffffffu, upper[j], other));
+        }
+    if (lane > 0) return;
+#endif
     for (int j = 0; j < 3; ++j) {
         boxes.data[j * boxes.shape[1] + g] = lower[j] - margin;
         boxes.data[(j + 3) * boxes.shape[1] + g] = upper[j] + margin;
@@ -87,11 +108,24 @@ def make_box(
                (y0 <= box[4 * count + i]) & (box[2 * count + i] <= z1) &
                (z0 <= box[5 * count + i]);
     };
-    int any = 0, found = 0;
+    int found = 0;
+#if defined(__CUDA_ARCH__)
+    const int lane = threadIdx.x & 31;
+    for (int first = 0; first < count; first += 32) {
+        const int i = first + lane;
+        const bool hit = i < count && hits(i) && moods.data[i] + moods.data[g] > awake;
+        const unsigned lanes = __ballot_sync(0xffffffffu, hit);
+        if (hit) overlaps.data[g * count + found + __popc(lanes & ((1u << lane) - 1u))] = i;
+        found += __popc(lanes);
+    }
+    if (lane > 0) return;
+#else
+    int any = 0;
     for (int i = 0; i < count; ++i) any |= hits(i);
     for (int i = 0; any && i < count; ++i)
         if (hits(i) && moods.data[i] + moods.data[g] > awake)
             overlaps.data[g * count + found++] = i;
+#endif
     touched.data[g] = found;
 """)
 def find_overlaps(
@@ -111,9 +145,10 @@ def box_kernel(
     state: VertexArrays,
     dt: float,
     margin: float,
+    lanes: int,  # lane_count
     boxes: wp.array2d(dtype=float),  # [6, G] out: lower x, y, z, upper x, y, z
 ):
-    make_box(shape, state, dt, margin, boxes, wp.tid())
+    make_box(shape, state, dt, margin, boxes, wp.tid() // lanes)
 
 
 @wp.kernel(grid_stride=False)
@@ -121,10 +156,11 @@ def touch_kernel(
     shape: ContactShape,
     moods: wp.array(dtype=int),  # [G] OUT, ASLEEP or AWAKE
     boxes: wp.array2d(dtype=float),  # [6, G]
+    lanes: int,  # lane_count
     touched: wp.array(dtype=int),  # [G] out: how many partners a cluster overlaps
     overlaps: wp.array2d(dtype=int),  # [G, G] out: the first so many of a row are these partners
 ):
-    find_overlaps(shape, moods, boxes, touched, overlaps, AWAKE, wp.tid())
+    find_overlaps(shape, moods, boxes, touched, overlaps, AWAKE, wp.tid() // lanes)
 
 
 @wp.func
@@ -153,36 +189,35 @@ def small_box_kernel(
     face_boxes: wp.array2d(dtype=wp.vec3),  # [F, 2] out, the same
     tet_boxes: wp.array2d(dtype=wp.vec3),  # [T, 2] out, of tets where they are now
 ):
-    g = wp.tid()
-    if touched[g] == 0:
+    leaf = wp.tid()
+    if touched[shape.leaf_clusters[leaf]] == 0:
         return
-    for leaf in range(shape.leaf_offsets[g], shape.leaf_offsets[g + 1]):
-        lowest = wp.vec3(FAR)
-        highest = wp.vec3(-FAR)
-        for face in range(shape.face_offsets[leaf], shape.face_offsets[leaf + 1]):
-            lower = wp.vec3(FAR)
-            upper = wp.vec3(-FAR)
-            for i in range(3):
-                x = state.vertices[shape.faces[face][i]]
-                later = x + way_of(state, shape.faces[face][i], dt)
-                lower = wp.min(lower, wp.min(x, later))
-                upper = wp.max(upper, wp.max(x, later))
-            lower -= wp.vec3(margin)
-            upper += wp.vec3(margin)
-            face_boxes[face, 0] = lower
-            face_boxes[face, 1] = upper
-            lowest = wp.min(lowest, lower)
-            highest = wp.max(highest, upper)
-        for tet in range(shape.tet_offsets[leaf], shape.tet_offsets[leaf + 1]):
-            lower = wp.vec3(FAR)
-            upper = wp.vec3(-FAR)
-            for i in range(4):
-                x = state.vertices[shape.tets[tet][i]]
-                lower = wp.min(lower, x)
-                upper = wp.max(upper, x)
-            tet_boxes[tet, 0] = lower
-            tet_boxes[tet, 1] = upper
-            lowest = wp.min(lowest, lower)
-            highest = wp.max(highest, upper)
-        leaf_boxes[leaf, 0] = lowest
-        leaf_boxes[leaf, 1] = highest
+    lowest = wp.vec3(FAR)
+    highest = wp.vec3(-FAR)
+    for face in range(shape.face_offsets[leaf], shape.face_offsets[leaf + 1]):
+        lower = wp.vec3(FAR)
+        upper = wp.vec3(-FAR)
+        for i in range(3):
+            x = state.vertices[shape.faces[face][i]]
+            later = x + way_of(state, shape.faces[face][i], dt)
+            lower = wp.min(lower, wp.min(x, later))
+            upper = wp.max(upper, wp.max(x, later))
+        lower -= wp.vec3(margin)
+        upper += wp.vec3(margin)
+        face_boxes[face, 0] = lower
+        face_boxes[face, 1] = upper
+        lowest = wp.min(lowest, lower)
+        highest = wp.max(highest, upper)
+    for tet in range(shape.tet_offsets[leaf], shape.tet_offsets[leaf + 1]):
+        lower = wp.vec3(FAR)
+        upper = wp.vec3(-FAR)
+        for i in range(4):
+            x = state.vertices[shape.tets[tet][i]]
+            lower = wp.min(lower, x)
+            upper = wp.max(upper, x)
+        tet_boxes[tet, 0] = lower
+        tet_boxes[tet, 1] = upper
+        lowest = wp.min(lowest, lower)
+        highest = wp.max(highest, upper)
+    leaf_boxes[leaf, 0] = lowest
+    leaf_boxes[leaf, 1] = highest

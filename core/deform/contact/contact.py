@@ -74,9 +74,11 @@ class Contact:
             self._dt = dt
             self._launches.clear()  # they were recorded with the dt before
         shape, state, count = self._shape, self._state, len(self._parts)
-        self._launch(boxes.box_kernel, count, shape, state, dt, self._margin, self._boxes)
-        inputs = shape, self._moods, self._boxes, self._touched, self._overlaps
-        self._launch(boxes.touch_kernel, count, *inputs)
+        lanes = boxes.lane_count(self._device)
+        inputs = shape, state, dt, self._margin, lanes, self._boxes
+        self._launch(boxes.box_kernel, count * lanes, *inputs)
+        inputs = shape, self._moods, self._boxes, lanes, self._touched, self._overlaps
+        self._launch(boxes.touch_kernel, count * lanes, *inputs)
         if self._copied is not None:
             wp.copy(self._copy, self._touched)
             self._device.stream.record_event(self._copied)
@@ -134,7 +136,7 @@ class Contact:
     def _list(self):
         shape, state, contacts, counts = self._shape, self._state, self.arrays, self._counts
         inputs = shape, state, self._touched, self._dt, self._margin, *self._small_boxes
-        self._launch(boxes.small_box_kernel, len(self._parts), *inputs)
+        self._launch(boxes.small_box_kernel, len(self._small_boxes[0]), *inputs)
         where = *self._small_boxes, self._touched, self._overlaps
         limits = self._dt, self._margin, self._tolerance
         inputs = shape, state, *where, *limits, self._exits, self._found, counts
@@ -158,7 +160,12 @@ class Contact:
 
 def _on_device(rest_vertices, clusters, surface, device) -> ContactShape:
     values = clusters._asdict() | surface._asdict()
-    values |= {"rest": rest_vertices, "exits": exits(rest_vertices, surface)}
+    leaf_counts = np.diff(clusters.leaf_offsets)
+    values |= {
+        "rest": rest_vertices,
+        "exits": exits(rest_vertices, surface),
+        "leaf_clusters": np.repeat(np.arange(len(leaf_counts)), leaf_counts),
+    }
     shape = ContactShape()
     for name, variable in ContactShape.vars.items():
         setattr(shape, name, upload(values[name], variable.type.dtype, device))
