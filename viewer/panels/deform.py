@@ -157,7 +157,6 @@ def _surroundings(scene):
     imgui.same_line()
     checkbox("ground", scene.on_ground, scene.set_ground, "under the object at rest")
     imgui.same_line()
-    imgui.same_line()
     contact = partial(_set_contact, scene.body)
     checkbox("contact", scene.solver.options.contact, contact, "it collides with itself")
     on = scene.body.gravity > 0.0
