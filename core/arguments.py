@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+SMALLEST_SIZE, LARGEST_SIZE = 1e-4, 1e4  # m, of an object's longest side
 Count = Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")]
 AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
     tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
@@ -26,6 +27,15 @@ def at_least(smallest: int, name: str, value: int) -> int:
     if value < smallest:
         raise ValueError(f"{name} is {value}: it has to be at least {smallest}")
     return value
+
+
+def object_size(name: str, meters: float | None) -> float | None:
+    """The length [m]; a ValueError that calls it by its name if no object has it."""
+    if meters is not None and not SMALLEST_SIZE <= meters <= LARGEST_SIZE:
+        raise ValueError(
+            f"{name} is {meters}: it has to be from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m"
+        )
+    return meters
 
 
 def positive(name: str, value: float | None) -> float | None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import TIME_STEP, XpbdOptions, XpbdSolver, lowest_pins
-from deformrf.viewer.body import EARTH, FLOATING_DRAG, MOST_PAINTED, Body, stored_size
+from deformrf.core.field import STIFFNESS_RANGE
+from deformrf.viewer.body import EARTH, FLOATING_DRAG, Body, stored_size
 
 
 def make_body(field, meters=None):
@@ -68,7 +69,9 @@ def test_a_rest_shape_can_be_undone(ball):
     body, rest = make_body(ball), ball.mesh.rest_vertices
     assert not body.rests_elsewhere
     for scale in (1.1, 1.2):
-        body.rest_at(rest * scale)
+        assert body.rest_at(rest * scale)
+    for tangled in (rest * [1.0, 1.0, -1.0], rest * np.nan):
+        assert not body.rest_at(tangled)
     np.testing.assert_allclose(body.solver.rest_shape, 1.2 * rest, atol=1e-6)
     body.undo_rest_at()
     np.testing.assert_allclose(body.solver.rest_shape, 1.1 * rest, atol=1e-6)
@@ -86,7 +89,9 @@ def test_a_material_that_yields_is_kept_by_other_changes(ball):
     assert body.solver.material == replace(body.material, young_modulus=3e5 / 0.25)
 
 
-@pytest.mark.parametrize("wrong", ["0.3", 0, -1.0, math.inf, math.nan, True, None, [0.3]])
+@pytest.mark.parametrize(
+    "wrong", ["0.3", 0, -1.0, math.inf, math.nan, True, None, [0.3], 1e-200, 1e9]
+)
 def test_a_model_that_states_no_size_is_a_meter_a_unit(wrong):
     assert stored_size({"size": wrong}) is None
     assert stored_size({}) is None
@@ -103,8 +108,8 @@ def test_paint_is_bounded_and_can_be_cleared(ball):
     for _ in range(100):
         body.paint(ids, np.ones(10), 2.0)
         body.paint(ids + 10, np.ones(10), 0.5)
-    assert body.factors[:10].max() == MOST_PAINTED
-    assert body.factors[10:20].min() == 1.0 / MOST_PAINTED
+    assert body.factors[:10].max() == STIFFNESS_RANGE[1]
+    assert body.factors[10:20].min() == STIFFNESS_RANGE[0]
     assert (body.factors[20:] == 1.0).all()
     body.set_material(young_modulus=2e5)  # keeps the paint
     edges = body.solver.edges

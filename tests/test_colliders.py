@@ -161,3 +161,13 @@ def test_a_collider_stands_still_after_its_move(device):
 def test_what_can_be_no_collider_is_refused(make):
     with pytest.raises(ValueError):
         make()
+
+
+def test_colliders_that_moved_stay_there_when_other_options_change(device):
+    solver = make_solver(device, Sphere((-0.2, 0.5, 0.5), 0.25))
+    solver.move_colliders([[0.0, 0.5, 0.5]])
+    solver.step(DT)
+    solver.set_options(replace(solver.options, friction=0.1))
+    solver.step(DT)
+    row = solver._frame._frame.colliders.numpy()[0]
+    np.testing.assert_allclose(row[1:4], [0.0, 0.5, 0.5], atol=1e-7)

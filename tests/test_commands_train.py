@@ -185,7 +185,7 @@ def test_the_command_line_knows_every_preset():
         (["-o", "m.npz", "--seed", -1], "--seed is -1: it has to be at least 0"),
         (["-o", "m.npz", "--image-size", 0], "image size is 0"),
         (["-o", "m.npz", "--scene-radius", 0], "--scene-radius is 0.0"),
-        (["-o", "m.npz", "--size", "inf"], "--size is inf: it has to be a positive number"),
+        (["-o", "m.npz", "--size", "inf"], "--size is inf: it has to be from 0.0001 to 10000 m"),
         (
             ["-o", "m.npz", "--leave-out", "distortion", "stage"],
             "no 'stage' to leave out; choose from coarse-stage, subtet-mask, dense-levels, ",

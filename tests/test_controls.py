@@ -315,3 +315,14 @@ def test_a_brush_beside_the_object_paints_nothing(controls, scene):
     controls.press((5, 5), "left")
     controls.release("left")
     assert scene.body.factors is None
+
+
+def test_another_tool_may_be_chosen_while_the_brush_is_down(controls, scene):
+    scene.settings.tool = "stiffen"
+    point = scene.positions[front_vertex(controls)].astype(float)
+    controls._surface_at = lambda pixel, beside=True: point
+    controls.press((5, 5), "left")
+    scene.settings.tool = "push"
+    controls.drag((5, 5), 0, 0)
+    controls.release("left")
+    assert scene.ball is None and controls.mode == ""

@@ -46,11 +46,12 @@ def test_a_part_that_does_not_return_is_rescued():
         (Material(), NOBODY, {"gravity": (0.0, 0.0, -1.0)}),
         (Material(), NOBODY, {"wind": (1.0, 0.0, 0.0), "air_drag": 1.0}),
         (Material(), NOBODY, {"colliders": (Sphere((0.0, 0.0, 3.0), 0.1),)}),
+        (Material(), NOBODY, {"ground": -5.0}),
         (Material(), REST[:, 2] > -1.0, {}),  # all of it is pinned, as it is bent
         (Material(damping=0.0), NOBODY, {}),
         (Material(yield_strain=0.5), NOBODY, {}),
     ],
-    ids=["weight", "wind", "collider", "pins", "undamped", "yields"],
+    ids=["weight", "wind", "collider", "ground", "pins", "undamped", "yields"],
 )
 def test_what_something_holds_is_not_stuck(material, pinned, options):
     assert hold_still(make_solver(material, pinned, **options), BENT, 16.0) is None

@@ -144,6 +144,15 @@ def test_air_stops_what_flies_and_wind_carries_it(device):
     np.testing.assert_allclose(velocity, expected, atol=1e-3)
 
 
+def test_a_body_in_wind_does_not_sleep_after_a_reset(device):
+    pinned = WHOLE.rest_vertices[:, 2] < 0.2
+    solver = make_solver(device, pinned, wind=(15.0, 0.0, 0.0), air_drag=1.0)
+    solver.reset()
+    for _ in range(30):
+        solver.step(DT)
+    assert np.abs(solver.vertices.numpy() - solver.rest_vertices).max() > 1e-3
+
+
 def test_the_gpu_source_compiles_without_a_gpu(tmp_path):
     module = wp.get_module(rigid_motion.__name__)
     assert wp.compile_aot_module(module, arch=90, module_dir=tmp_path)

@@ -358,3 +358,29 @@ def test_what_is_painted_is_stored_in_a_model_and_used_again(scene, tmp_path):
     again.body.clear_paint()
     save(again.stiffened_field(), tmp_path / "n.npz")
     assert load(tmp_path / "n.npz").stiffness is None
+
+
+def test_esc_gives_back_what_yielded(scene):
+    scene.body.set_material(yield_strain=0.05)
+    vertex = grab_free(scene)
+    scene.drag_to(scene.positions[vertex] + np.array([0.4, 0.0, 0.2]))
+    for _ in range(30):
+        scene.advance(TIME_STEP)
+    assert np.abs(scene.solver.rest_lengths - scene.solver.edges.rest_values).max() > 0.01
+    scene.cancel_grab()
+    for _ in range(60):
+        scene.advance(TIME_STEP)
+    assert scene.displacements().max() < 1e-3
+
+
+def test_a_ball_that_stood_still_moves_on(scene):
+    """Also where the solver sleeps, as nothing is touched."""
+    scene.push(np.array([3.0, 0.5, 0.5]), np.array([1.0, 0.0, 0.0]))
+    for _ in range(120):
+        scene.advance(TIME_STEP)
+    assert scene.solver.settled
+    target = scene.ball.reached + np.array([0.0, 0.2, 0.0])
+    scene.push_to(target)
+    scene.advance(TIME_STEP)
+    np.testing.assert_allclose(scene.ball.reached, target)
+    assert not scene.solver.settled

@@ -70,7 +70,7 @@ def test_a_model_of_another_version_is_refused(capfd, tmp_path, ball_file):
         (["--headless", "--record", "clip.avi"], "has to end in .mp4"),
         (["--headless", "--screenshot", "shot.jpg"], "has to end in .png"),
         (["--headless", "--fps", "0"], "--fps is 0"),
-        (["--object-size", "-1"], "--object-size is -1.0: it has to be a positive number"),
+        (["--object-size", "-1"], "--object-size is -1.0: it has to be from 0.0001 to 10000 m"),
         (["--transparent"], "it needs --screenshot"),
         (["--headless", "--frames", "9"], "it needs --record or --screenshot"),
     ],

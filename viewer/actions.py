@@ -74,6 +74,11 @@ def _next_mode(app):
     settings.mode = MODES[(MODES.index(settings.mode) + 1) % len(MODES)]
 
 
+def _rest_here(app):
+    if not app.scene.body.rest_at(app.scene.positions):
+        app.recorder.say("a tangled pose can't be the one to return to")
+
+
 def _toggle_push(app):
     settings = app.scene.settings
     settings.tool = "grab" if settings.tool == "push" else "push"
@@ -93,7 +98,7 @@ ACTIONS = {  # functions of the App
     "toggle_push": _toggle_push,
     "clear_paint": lambda app: app.scene.body.clear_paint(),
     "save_stiffness": lambda app: app.recorder.save_model(app.scene.stiffened_field()),
-    "rest_here": lambda app: app.scene.body.rest_at(app.scene.positions),
+    "rest_here": _rest_here,
     "undo_rest_here": lambda app: app.scene.body.undo_rest_at(),
     "next_mode": _next_mode,
     "toggle_handles": _toggle_handles,

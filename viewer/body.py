@@ -1,18 +1,20 @@
 """The body that the solver moves, in real units: its size, material and surroundings.
 
 One unit of model space is S meters long.  The solver, which takes a unit for a meter, moves as
-the real object does if it gets E/S², gravity/S and wind/S, and the same density.
+the real object does if it gets E/S², gravity/S and wind/S, and the same density; only its speed
+limit stays in object sizes.
 """
 
-import math
 import warnings
 from dataclasses import replace
 
 import numpy as np
 
+from ..core.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from ..core.deform import Material, XpbdOptions, XpbdSolver
+from ..core.field import STIFFNESS_RANGE
+from ..core.geometry import signed_volumes
 
-MOST_PAINTED = 100.0  # times stiffer or softer
 EARTH = 9.81  # m/s²
 FLOATING_DRAG = 1.0  # 1/s, without gravity: there a thrown object would never stop
 
@@ -53,7 +55,7 @@ class Body:
 
     def set_meters(self, meters: float) -> None:
         """Take the object for that large."""
-        self._meters_per_unit = meters / self._size
+        self._meters_per_unit = max(meters, SMALLEST_SIZE) / self._size
         self.set_material()
         self.set_options(**self._surroundings())
 
@@ -73,7 +75,8 @@ class Body:
     @property
     def stiffness(self) -> tuple[float, float]:
         """The stiffness with these substeps: the median r = α/(w h²), and Young's modulus [Pa]."""
-        key = self.solver.options, self.solver.material, self.solver.pinned.tobytes()
+        painted = None if self.factors is None else self.factors.tobytes()
+        key = self.solver.options, self.solver.material, self.solver.pinned.tobytes(), painted
         if self._stiffness is None or self._stiffness[0] != key:
             held = self.solver.held_young_modulus() * self._meters_per_unit**2
             self._stiffness = key, (self.solver.stiffness_ratio(), held)
@@ -88,7 +91,7 @@ class Body:
         if self.factors is None:
             self.factors = np.ones(len(self.solver.rest_vertices))
         painted = self.factors[ids] * factor**shares
-        self.factors[ids] = np.clip(painted, 1.0 / MOST_PAINTED, MOST_PAINTED)
+        self.factors[ids] = np.clip(painted, *STIFFNESS_RANGE)
         self.solver.set_stiffness(self.factors)
 
     def clear_paint(self):
@@ -98,10 +101,14 @@ class Body:
 
     # -- rest shape ----------------------------------------------------------------------
 
-    def rest_at(self, positions) -> None:
-        """Make a pose [V, 3] the shape to which the object returns."""
+    def rest_at(self, positions) -> bool:
+        """Make a pose [V, 3] the shape to which the object returns, unless it is tangled."""
+        tets = self.solver.volumes.vertices
+        if not (signed_volumes(positions.astype(float), tets) > 0.0).all():
+            return False
         self._rest_shapes.append(self.solver.rest_shape)
         self.solver.set_rest_shape(positions)
+        return True
 
     @property
     def rests_elsewhere(self) -> bool:
@@ -127,7 +134,7 @@ class Body:
         return self._air_drag
 
     def set_air_drag(self, rate: float) -> None:
-        self._air_drag = rate
+        self._air_drag = max(rate, 0.0)
         self.set_options(**self._surroundings())
 
     def set_wind(self, speed: float) -> None:
@@ -147,4 +154,4 @@ def stored_size(meta: dict) -> float | None:
     """The longest side [m] that a model states; None if it states none that can be one."""
     size = meta.get("size")
     known = isinstance(size, int | float) and not isinstance(size, bool)
-    return float(size) if known and math.isfinite(size) and size > 0 else None
+    return float(size) if known and SMALLEST_SIZE <= size <= LARGEST_SIZE else None

@@ -21,7 +21,7 @@ from ..core.arguments import (
     File,
     Meters,
     at_least,
-    positive,
+    object_size,
     with_size,
     writable_file,
 )
@@ -106,7 +106,7 @@ def check(arguments: ViewArguments) -> None:
     run = arguments.run
     frame_size(arguments)
     at_least(1, "--fps", arguments.fps)
-    positive("--object-size", arguments.object_size)
+    object_size("--object-size", arguments.object_size)
     if run.frames is not None:
         at_least(1, "--frames", run.frames)
     if run.drag is not None and not run.headless:

@@ -34,6 +34,7 @@ class Controls:
         self._button = 0
         self._miss = np.zeros(2)  # from the center of the grabbed vertex or ball to the press
         self._pin = None  # that a click would free, and where it was pressed
+        self._factor = 1.0  # of the stiffness, of what is being painted
 
     @property
     def camera(self):
@@ -58,7 +59,7 @@ class Controls:
             self._push(pixel)
             return
         if button == LEFT and self.scene.settings.tool in PAINTED:
-            self.mode = "paint"
+            self.mode, self._factor = "paint", PAINTED[self.scene.settings.tool]
             self._paint(pixel)
             return
         vertex = self.pick(pixel) if button == LEFT else None
@@ -194,7 +195,7 @@ class Controls:
         """Change the stiffness around the point under the mouse, if the object is there."""
         point = self._surface_at(pixel, beside=False)
         if point is not None:
-            self.scene.paint(point, PAINTED[self.scene.settings.tool])
+            self.scene.paint(point, self._factor)
 
     def _set_pin(self, vertex, pinned):
         self.scene.set_pin(vertex, pinned)

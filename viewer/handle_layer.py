@@ -48,7 +48,7 @@ class HandleLayer:
         self._ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         if self._scene.settings.show_wireframe:
             self._draw_wire(matrices)
-        if self._scene.settings.show_handles:
+        if self._scene.settings.show_handles or self._scene.ball is not None:
             self._draw_spheres(camera, clip_range, matrices)
 
     def _draw_wire(self, matrices):
@@ -80,8 +80,11 @@ def sphere_instances(scene):
 
     The soft edge of a sphere blends with what was drawn before it.
     """
-    pin_ids = scene.pin_ids
-    ids = np.concatenate([pin_ids, scene.control_ids])
+    nobody = np.empty(0, int)
+    pin_ids, control_ids = nobody, nobody
+    if scene.settings.show_handles:
+        pin_ids, control_ids = scene.pin_ids, scene.control_ids
+    ids = np.concatenate([pin_ids, control_ids])
     instances = np.empty((len(ids), SPHERE_FLOATS), np.float32)
     instances[:, :3] = scene.positions[ids]
     instances[:, 3] = scene.handle_radius
@@ -89,7 +92,7 @@ def sphere_instances(scene):
     instances[: len(pin_ids), 3] *= PIN_SCALE
     instances[: len(pin_ids), 4:] = PIN_BLUE
     if scene.body.factors is not None:
-        instances[len(pin_ids) :, 4:] = stiffness_tints(scene.body.factors[scene.control_ids])
+        instances[len(pin_ids) :, 4:] = stiffness_tints(scene.body.factors[control_ids])
     if scene.hover is not None:
         instances[ids == scene.hover, 3] = HOVER_SCALE * scene.handle_radius
         instances[ids == scene.hover, 4:] = ORANGE

@@ -90,6 +90,10 @@ class Recorder:
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 
+    def say(self, message: str) -> None:
+        """Show a message for a while, and print it."""
+        self._say(message, sys.stderr)
+
     def _finished(self, path):
         self.written.append(path)
         self._log("written", path=path)

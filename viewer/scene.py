@@ -4,6 +4,7 @@ The solver always steps by 1/60 s, since another length would make it compute it
 anew; a frame takes as many steps as fit in it.  Positions are model space, V vertices.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,6 +54,7 @@ class Grab:
     target: np.ndarray  # target position of `vertex`  [3]
     reached: np.ndarray  # target of the steps so far  [3]
     before: tuple[np.ndarray, np.ndarray]  # positions and velocities of all vertices
+    rest_lengths: np.ndarray | None  # of all edges, if the material yields
 
 
 @dataclass
@@ -122,7 +124,12 @@ class Scene:
     @property
     def moving(self) -> bool:
         """Whether time changes the pose."""
-        return not self.paused and not self.solver.settled
+        return not self.paused and not (self.solver.settled and not self._pushes)
+
+    @property
+    def _pushes(self):
+        """Whether the ball is on its way."""
+        return self.ball is not None and bool((self.ball.target != self.ball.reached).any())
 
     def advance(self, seconds: float) -> None:
         """Let time pass, unless the object rests or time is stopped."""
@@ -153,7 +160,7 @@ class Scene:
             if grab is not None:
                 grab.reached = grab.reached + (grab.target - grab.reached) / remaining
                 self.solver.move(grab.reached + grab.offsets)
-            if ball is not None and (ball.target != ball.reached).any():
+            if self._pushes:
                 ball.reached = ball.reached + (ball.target - ball.reached) / remaining
                 self.solver.move_colliders(ball.reached[None])
             self.solver.step(TIME_STEP)
@@ -189,7 +196,9 @@ class Scene:
         else:
             self.solver.grab(ids)
         offsets = self.positions[ids] - start
-        self.grabbed = Grab(vertex, ids, offsets, start, start, before)
+        yields = math.isfinite(self.body.material.yield_strain)
+        lengths = self.solver.rest_lengths if yields else None
+        self.grabbed = Grab(vertex, ids, offsets, start, start, before, lengths)
 
     def drag_to(self, target) -> None:
         """Send the grabbed vertex to a point [3]; exact grabs reach it in the next frame."""
@@ -208,9 +217,11 @@ class Scene:
 
     def cancel_grab(self) -> None:
         """Let go, and restore the pose and velocities from before the grab."""
-        before = self.grabbed.before
+        grab = self.grabbed
         self.release()
-        self.solver.set_state(*before)
+        self.solver.set_state(*grab.before)
+        if grab.rest_lengths is not None:
+            self.solver.set_rest_lengths(grab.rest_lengths)
         self.revision += 1
 
     # -- stiffness -----------------------------------------------------------------------

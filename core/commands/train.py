@@ -9,7 +9,7 @@ import tyro
 
 from .. import field as fields
 from .. import training
-from ..arguments import Count, Meters, at_least, positive, with_size, writable_file
+from ..arguments import Count, Meters, at_least, object_size, positive, with_size, writable_file
 from ..device import Choice, device_name
 from .running import FAILED, INTERRUPTED, complain, is_first, load_views, require, run
 
@@ -79,7 +79,7 @@ def main():
 def prepare(arguments: TrainArguments):
     """Check the arguments and read the images; returns the work."""
     require("torch")
-    positive("--size", arguments.size)
+    object_size("--size", arguments.size)
     output = writable_file(arguments.output, ".npz")
     checkpoint_path = output.with_suffix(".checkpoint")
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None

@@ -36,7 +36,7 @@ class Material:
     # Rate at which velocities decay [1/s], whatever the substeps.  It spares the rigid motion of
     # parts that nothing holds.
     damping: float = 3.0
-    yield_strain: float = math.inf  # edges keep what exceeds it (plasticity.py); inf: none do
+    yield_strain: float = math.inf  # edges keep what exceeds it (rest_shape.py); inf: none do
 
     def __post_init__(self):
         checks.number("material's young_modulus", self.young_modulus, positive=True)

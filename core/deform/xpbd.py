@@ -147,15 +147,18 @@ class XpbdSolver:
         self._touch()
 
     def set_options(self, options: XpbdOptions):
-        """Take other options; positions and velocities stay.  Colliders stand where they are."""
+        """Take other options; positions and velocities stay, and colliders that are the same."""
+        if options.colliders != self.options.colliders:
+            self._colliders.put(options.colliders)
         self.options = options
-        self._colliders.put(options.colliders)
         self._touch()
 
     def move_colliders(self, centers):
         """Set the centers of the options' colliders after the next step [m].  [C, 3]"""
         self._colliders.move(centers)
-        self._touch()
+        self._still_frames = 0
+        if not self._active.all():
+            self._activate()
 
     def set_rest_shape(self, vertices=None):
         """Take these positions as the shape to which the body returns; None is the mesh's own.
@@ -179,6 +182,14 @@ class XpbdSolver:
     def rest_shape(self):
         """The shape to which the body returns; set_rest_shape() changes it.  [V, 3]"""
         return self._rest_shape.vertices
+
+    @property
+    def rest_lengths(self):
+        """Of all edges, as they are after yielding [m]; set_rest_lengths() changes them.  [E]"""
+        return self._lists[0].rest_values.copy()
+
+    def set_rest_lengths(self, lengths):
+        self._lists[0].set_rest_values(np.asarray(lengths, float))
 
     # -- pins, handles -----------------------------------------------------------------
 
@@ -225,8 +236,9 @@ class XpbdSolver:
         """Return to the rest shape at zero velocity; handles stay grabbed there."""
         self._rest_shape.restore()
         self.set_state(self.rest_shape)
-        # Without gravity the rest pose is an equilibrium.
-        if not any(self.options.gravity) and len(self._holds.handles) == 0:
+        # Where nothing acts on it, the rest pose is an equilibrium.
+        acts = self.options.load is not None or self.options.ground is not None
+        if not acts and len(self._holds.handles) == 0:
             self.rescue.report(np.zeros(1, int))
             self._fall_asleep()
 
@@ -283,7 +295,8 @@ class XpbdSolver:
             self._stale = True
         count_due = False
         if self.options.rescue and len(self._holds.handles) == 0:
-            held = self.options.load, self.material.damping, self._touching
+            touching = self._touching or self.options.ground is not None
+            held = self.options.load, self.material.damping, touching
             count_due = self._recovery.begin(dt, *held)
         concerned = self._recovery.follow()
         if concerned is not None:

@@ -6,7 +6,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "modelfile": ["load", "save"],
-        "packing": ["ModelFileError", "parts_of_file"],
+        "packing": ["ModelFileError", "STIFFNESS_RANGE", "parts_of_file"],
         "field": ["FieldOptions", "TetField", "random_field"],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
         # For the rooms next door: kernels, their functions and array structs.

@@ -27,7 +27,8 @@ def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
     changed, value = draw(label, value, *bounds, text, flags)
     _tooltip(tooltip)
     if changed:
-        change(value)
+        low, high = bounds
+        change(min(max(value, low), high))  # a value that is typed may be any
 
 
 def combo(label, value, values, change, tooltip="") -> None:
