@@ -21,7 +21,7 @@ class Input:
 
 INPUTS = (
     Input("left drag on a red vertex", "bend the object"),
-    Input("left drag elsewhere", "orbit"),
+    Input("left drag elsewhere", "orbit; with another tool, push or paint"),
     Input("click on a gray pin", "free it"),
     Input("Shift+click on a red vertex", "pin it and what is around it"),
     Input("P", "while dragging: pin there what is held", "P", "pin_grab"),
@@ -44,7 +44,7 @@ INPUTS = (
     Input("F1", "hide or show the help", "F1", "toggle_help"),
     Input("F2", "screenshot", "F2", "screenshot"),
     Input("F9", "start or stop recording", "F9", "record"),
-    Input("Esc", "let go of the vertex, back to where it was", "ESCAPE", "cancel"),
+    Input("Esc", "let go; a vertex goes back to where it was", "ESCAPE", "cancel"),
     Input("Ctrl+Q", "quit", "CTRL+Q", "quit"),
 )
 
