@@ -212,6 +212,6 @@ def test_inverted_tets_are_counted(device):
     moved[np.random.default_rng().integers(len(moved), size=5)] += 0.3
     x.set_state(moved, velocities=np.zeros_like(moved))
     x._feedback.end(x.vertices, count=True)
-    _, (inverted, *_) = x._feedback.read()
+    _, _, (inverted, *_) = x._feedback.read()
     expected = (signed_volumes(moved.astype(np.float32), MESH.tets) <= 0).sum()
     assert inverted.sum() == expected > 0

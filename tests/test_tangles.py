@@ -24,7 +24,7 @@ def wheel(tet_count, turns):
 def counted(feedback, x, overlong=False):
     vertices = wp.array(x.astype(np.float32), dtype=wp.vec3, device=feedback._device)
     feedback.end(vertices, count=True, overlong=overlong)
-    inverted, wrapped, lost = feedback.read()[1]
+    inverted, wrapped, lost = feedback.read()[2]
     assert not lost.any() or np.isnan(x).any()
     return inverted, wrapped
 
@@ -94,6 +94,6 @@ def test_tets_that_are_not_finite_are_counted_beside(device):
         mesh.rest_vertices, mesh.tets, np.zeros(len(x), int), wp.zeros(1, device=device)
     )
     feedback.end(wp.array(x.astype(np.float32), dtype=wp.vec3, device=device), count=True)
-    _, (inverted, _, lost) = feedback.read()
+    _, _, (inverted, _, lost) = feedback.read()
     expected = (mesh.tets == mesh.tets[0, 0]).any(axis=1).sum()
     assert lost[0] == inverted[0] == expected

@@ -311,7 +311,7 @@ def test_a_softer_material_sags_more(device):
     mesh = vase()
     sags = []
     for ratio in (0.25, 0.4):
-        for modulus in (5e5, 1e6):
+        for modulus in (1e6, 2e6):
             material = Material(young_modulus=modulus, poisson_ratio=ratio, damping=10.0)
             xpbd = solver(mesh, foot(mesh), device, material, gravity=(0.0, 0.0, -9.81))
             run(xpbd, 3.0)

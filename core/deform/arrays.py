@@ -47,7 +47,8 @@ class ConstraintArrays:
     ids: wp.array(dtype=int)  # [C] index in the list of all constraints
     rest_values: wp.array(dtype=float)  # [C] L or 6 V0
     regularization: wp.array(dtype=float)  # [C] a
-    offsets: wp.array(dtype=int)  # [color_count + 1] color c is offsets[c]:offsets[c + 1]
+    offsets: wp.array(dtype=int)  # [most colors + 1] color c is offsets[c]:offsets[c + 1]
+    color_count: wp.array(dtype=int)  # [1] how many colors have constraints in use
 
 
 @wp.struct
@@ -158,6 +159,7 @@ class ConstraintList:
             rest_values=room,
             regularization=room,
             offsets=len(offsets),
+            color_count=1,
         )
         self.in_use = None
         self._rest_values = constraints.rest_values.copy()  # of all, as last known
@@ -186,9 +188,9 @@ class ConstraintList:
     def _whole_groups(self, counts):
         return -(-counts // self._group) * self._group
 
-    def select(self, movable):
-        """Use the constraints that have a movable vertex.  [V] bool"""
-        in_use = np.flatnonzero(movable[self.constraints.vertices].any(axis=1))
+    def select(self, movable, stiff=True):
+        """Use the constraints that have a movable vertex [V] and are stiff [C].  bool"""
+        in_use = np.flatnonzero(movable[self.constraints.vertices].any(axis=1) & stiff)
         if self._by_class:
             keys = in_use, self.constraints.classes[in_use], self._colors[in_use]
             in_use = in_use[np.lexsort(keys)]
@@ -203,7 +205,10 @@ class ConstraintList:
         self._put(self.arrays.vertices, self.constraints.vertices[in_use], self._unused)
         self._put(self.arrays.ids, in_use)
         self._put(self.arrays.rest_values, rest_values[in_use])
-        self.arrays.offsets.assign(starts.astype(np.int32))
+        used = np.unique(starts)  # without colors that have no constraint in use
+        self.arrays.color_count.assign(np.array([len(used) - 1], np.int32))
+        used = np.append(used, np.full(len(starts) - len(used), used[-1]))
+        self.arrays.offsets.assign(used.astype(np.int32))
 
     def set_regularization(self, values):
         """Take a of all constraints.  [C]

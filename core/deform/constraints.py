@@ -15,7 +15,7 @@ order; so ½ w̄ is subtracted (docs/design/002-dynamics.md).  A spring is proje
 no correction.  The floor r_min · w̄ keeps a stiff system from tangling.  An edge of length 0
 takes a fixed pseudo-random direction; without it a collapsed body would never open.  The factor
 f makes a lattice equally stiff in all directions (isotropy.py).  A tet's bulk modulus K_t is
-the material's K; on A15, few tets hold what exceeds 2 μ (locking.py).  A volume projection moves no
+the material's K; on A15, few tets hold it for all (locking.py).  A volume projection moves no
 vertex farther than STEP_LIMIT · (6 V0)^(1/3).
 
 Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and springs,
@@ -29,7 +29,7 @@ import numpy as np
 from ..geometry import EDGES, color_order, signed_volumes
 from .hinges import LONG_STIFFNESS, SHORT_VOLUME, hinge_braces
 from .isotropy import edge_factors
-from .locking import SPREAD_FROM, volume_shares
+from .locking import volume_shares
 
 COMPLIANCE_FLOOR = 0.05  # r_min
 SWEEP_SOFTENING = 0.5  # of w̄: what a sweep over all constraints adds to the compliance of each
@@ -92,15 +92,17 @@ class EdgeConstraints(Constraints):
 class VolumeConstraints(Constraints):
     """Every tet that has a volume."""
 
-    shares: np.ndarray  # [T] of what exceeds the bulk modulus of each tet (locking.py)
+    shares: np.ndarray  # [T] of the bulk modulus, in that of the material (locking.py)
 
-    def compliances(self, bulk_modulus, shear_modulus):
-        """α = 36 V0 / K_t [m⁵/N].  [T]"""
-        of_each = min(bulk_modulus, SPREAD_FROM * shear_modulus)
-        moduli = np.full(len(self.shares), bulk_modulus)
-        if of_each < bulk_modulus:
-            moduli = bulk_modulus * self.shares + of_each * (1.0 - self.shares)
-        return 6.0 * self.rest_values / moduli
+    def compliances(self, bulk_modulus, of_each=0.0):
+        """α = 36 V0 / K_t [m⁵/N]; ∞ for a tet that holds nothing.  [T]
+
+        Args:
+            of_each: How much of the bulk modulus each tet holds; the holding ones hold the rest.
+        """
+        of_each = min(of_each, bulk_modulus)
+        with np.errstate(divide="ignore"):
+            return 6.0 * self.rest_values / (of_each + (bulk_modulus - of_each) * self.shares)
 
 
 def edge_constraints(rest_vertices, tets) -> EdgeConstraints:

@@ -1,9 +1,9 @@
-"""Which tets of A15 hold the volume of a material that is hardly compressible.
+"""Which tets of A15 hold the volume.
 
-A mesh has about five times as many tets as vertices.  If each tet keeps its volume, hardly any
-deformation is left but bending that is much too stiff: the mesh locks.  So each tet has a bulk
-modulus of SPREAD_FROM · μ at most.  What exceeds it is held by eight of a cell's 46 tets alone,
-with the weight of their neighbors' volumes.
+A mesh has about five times as many tets as vertices.  If each tet keeps its volume, a body that
+is hardly compressible has hardly any deformation left but bending that is much too stiff: the
+mesh locks.  And projecting tets would take two thirds of a substep.  So eight of a cell's 46
+tets hold the bulk modulus alone, with the weight of their neighbors' volumes.
 
 Around (0, 0, 0) and (2, 2, 2) of each cell, a tet with the edges L² = 5, 5, 5, 6, 6, 6 lies in
 each octant.  Those four hold it in whose octants x y z > 0.
@@ -13,6 +13,9 @@ and the weight 16/3, so a dilation meets K, and a strain that keeps the volume s
 more.  No vertex leaves its place in the cell, as the pressures around each of them are balanced.
 Cutting the mesh leaves tets without such a neighbor, which keep their K.
 
+The others don't resist being turned inside out.  So in parts with an inverted tet all tets hold
+their volume for a while (inversion.py).
+
 Shapes: V vertices, T tets.
 """
 
@@ -20,11 +23,9 @@ import numpy as np
 
 from ..geometry import A15, lattice_addresses
 
-SPREAD_FROM = 2.0  # K/μ, that of ν = 0.375
-
 
 def volume_shares(rest_vertices, tets, volumes):
-    """The volume for which each tet holds what exceeds SPREAD_FROM · μ, over its own.  [T]
+    """The volume for which each tet holds the bulk modulus, over its own.  [T]
 
     Shares times volumes add up to the mesh's volume.  They are 1 unless the mesh was cut from A15
     with axes along those of space.

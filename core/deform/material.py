@@ -73,7 +73,7 @@ class Material:
     def compliances(self, edges, volumes):
         """α of edge constraints [m/N], and of volume constraints [m⁵/N] or None if K is 0."""
         bulk = self.bulk_modulus
-        of_volumes = volumes.compliances(bulk, self.shear_modulus) if bulk > 0 else None
+        of_volumes = volumes.compliances(bulk) if bulk > 0 else None
         return edges.compliances(self.shear_modulus), of_volumes
 
     def young_modulus_at(self, stiffness_ratio: float) -> float:

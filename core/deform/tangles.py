@@ -141,19 +141,24 @@ class Feedback:
             for source in (motion, self._counts)
         ]
         self._expected = 0  # how many of them are on their way
+        self._only_inverted = False
         self._copied = wp.Event(device) if device.is_cuda else None
 
-    def end(self, vertices, count: bool, overlong: bool = False):
+    def end(self, vertices, count: bool, overlong: bool = False, inverted: bool = False):
         """A frame ends in this state.
 
         Args:
             vertices: [V] vec3 on the device
             count: Whether to count tangles in it.
             overlong: Whether overlong edges count as wrapped.
+            inverted: Whether to count inverted tets, if not all tangles.
         """
+        self._only_inverted = inverted and not count
+        if count or inverted:
+            self._count_inverted(vertices)
         if count:
-            self._count(vertices, STRETCH if overlong else UNLIMITED)
-        self._expected = 2 if count else 1
+            self._count_wrapped(vertices, STRETCH if overlong else UNLIMITED)
+        self._expected = 2 if count or inverted else 1
         sources = self._motion, self._counts
         for copy, source in zip(self._copies[: self._expected], sources, strict=False):
             wp.copy(copy, source)
@@ -162,7 +167,7 @@ class Feedback:
             self._device.stream.record_event(self._copied)
 
     def read(self):
-        """Motion [m]; inverted tets, wrapped edges, tets that aren't finite [3, P].
+        """Motion [m]; inverted tets [P]; these, wrapped edges, tets that aren't finite [3, P].
 
         None for what isn't new.
         """
@@ -171,19 +176,23 @@ class Feedback:
         expected, self._expected = self._expected, 0
         motion, counts = (copy.numpy() for copy in self._copies)
         motion = float(motion.max()) if expected > 0 else None
-        return motion, counts.copy() if expected > 1 else None
+        counts = counts.copy() if expected > 1 else None
+        inverted = None if counts is None else counts[0]
+        return motion, inverted, None if self._only_inverted else counts
 
     def drop(self):
         """Forget copies that are on their way: the state that they are about has changed."""
         self._expected = 0
 
-    def _count(self, vertices, stretch):
+    def _count_inverted(self, vertices):
+        self._counts.zero_()
+        inputs = [vertices, self._tets, self._parts, self._counts]
+        wp.launch(count_inverted_kernel, len(self._tets), inputs, device=self._device)
+
+    def _count_wrapped(self, vertices, stretch):
         if self._fans is None:
             dtypes = Fans(wp.vec2i, int, wp.vec2i, float, float)
             pairs = zip(fans(*self._mesh), dtypes, strict=True)
             self._fans = Fans(*(upload(array, dtype, self._device) for array, dtype in pairs))
-        self._counts.zero_()
-        inputs = [vertices, self._tets, self._parts, self._counts]
-        wp.launch(count_inverted_kernel, len(self._tets), inputs, device=self._device)
         inputs = [vertices, *self._fans, stretch, self._parts, self._counts]
         wp.launch(count_wrapped_kernel, len(self._fans.ends), inputs, device=self._device)

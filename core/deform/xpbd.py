@@ -21,6 +21,7 @@ from .colliders import ColliderRows
 from .contact import Contact
 from .frame import CpuFrame, CudaFrame, runs_in_block
 from .holds import Holds
+from .inversion import InversionGuard
 from .material import Material
 from .recovery import Recovery
 from .rest_shape import RestShape
@@ -96,6 +97,7 @@ class XpbdSolver:
         body = self._rest_shape, self._part_of, self.object_size
         self._recovery = Recovery(arrays.state, self._holds, *body)
         self.rescue = self._recovery.rescue
+        self._guard = InversionGuard(self.volumes, self._part_of)
         self._motion = arrays.motion
         self._colliders = ColliderRows(arrays.colliders)
         self._colliders.put(self.options.colliders)
@@ -119,6 +121,7 @@ class XpbdSolver:
             edges = self.edges.softened(edges, self._stiffness)
             volumes = None if volumes is None else self.volumes.softened(volumes, self._stiffness)
         self._compliances = edges, volumes
+        self._guard.take(material, self._stiffness)
         self.set_masses(constraints.lumped_masses(self.rest_vertices, self.tets, material.density))
 
     def set_stiffness(self, factors):
@@ -139,6 +142,7 @@ class XpbdSolver:
         if volumes is not None:
             volumes = checks.compliances(volumes, len(self.volumes.vertices), "volumes")
         self._compliances = edge_alphas, volumes
+        self._guard.take(None)
         self._touch()
 
     def set_masses(self, masses):
@@ -319,7 +323,7 @@ class XpbdSolver:
         if not self.rescue.running:
             self._rest_shape.flow()
         returns = count_due and self._recovery.returns_to_rest
-        self._feedback.end(self.vertices, count_due, returns)
+        self._feedback.end(self.vertices, count_due, returns, self._guard.begin(dt))
 
     def _find_contacts(self):
         """Whether parts touch in this frame; wakes those that a part in motion touches."""
@@ -330,9 +334,11 @@ class XpbdSolver:
 
     def _read_feedback(self):
         """Take the results of the frame before."""
-        motion, counts = self._feedback.read()
+        motion, inverted, counts = self._feedback.read()
         if counts is not None:
             self._recovery.report(counts)
+        if inverted is not None and self._guard.report(inverted):
+            self._stale = True
         if motion is None:
             return
         still = motion <= self.options.sleep_motion * self.object_size
@@ -352,6 +358,7 @@ class XpbdSolver:
         self._still_frames = 0
         self._feedback.drop()
         self._recovery.touch()
+        self._guard.touch()
         self._activate(vertices)
 
     def _activate(self, vertices=EVERYWHERE):
@@ -369,8 +376,13 @@ class XpbdSolver:
         w, h = self._holds.inverse_masses, timing.substep
         movable = (self._holds.free_inverse_masses > 0) & ~self.pinned
         movable &= self._active[self._part_of]
-        for part, compliances in zip(self._lists, self._compliances, strict=True):
-            part.select(movable)
+        of_edges, of_volumes = self._compliances
+        of_constraints = of_edges, self._guard.guarded(of_volumes)
+        for part, compliances in zip(self._lists, of_constraints, strict=True):
+            stiff = True
+            if self._recovery.softened is None and compliances is not None:
+                stiff = np.isfinite(compliances)
+            part.select(movable, stiff)
             regularization = part.constraints.regularization
             if self._recovery.softened is not None:
                 part.set_regularization(regularization(0.0, w, h, floor=self._recovery.softened))

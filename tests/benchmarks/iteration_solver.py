@@ -28,6 +28,8 @@ from deformrf.core.deform import (
     volume_constraints,
 )
 
+LARGEST = 1e30  # in place of an infinite compliance
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -192,6 +194,7 @@ class IterationSolver:
             # Many sweeps with stored multipliers solve for the compliances as they are.
             softening = SWEEP_SOFTENING if self.iteration_count == 1 else 0.0
             regularization = table.regularization(alpha, w_on_host, h, self.floor, softening)
+            regularization = np.minimum(regularization, LARGEST)  # ∞ times a multiplier of 0
             multipliers = wp.zeros(len(table.vertices), dtype=float, device=self.device)
             kept = (table.vertices, dtype), (table.rest_values, float)
             arrays = [upload(a, t, self.device) for a, t in kept]

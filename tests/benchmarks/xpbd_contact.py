@@ -7,6 +7,7 @@ Steps with and without contact take turns, so that what else the machine does ch
 """
 
 import argparse
+import math
 import time
 
 import numpy as np
@@ -14,9 +15,10 @@ import warp as wp
 from contact_scenes import two_balls
 
 from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver
+from deformrf.core.geometry import A15
 
 WARM_UP = 60  # steps, in which the balls come together
-APART = 0.8  # m, of the middles
+APART = 0.7  # m, of the middles at least; whole cells, as parts that training cuts from a grid
 PRESSED = 0.06  # m, by which they overlap in the end
 
 
@@ -64,7 +66,8 @@ def main():
     print("| tets | balls | contacts | without [ms] | with [ms] | more [ms] |")
     print("|---|---|---|---|---|---|")
     for spacing in arguments.spacings:
-        rest, tets, halves = two_balls(spacing, APART)
+        cell = A15.cell_edge * spacing
+        rest, tets, halves = two_balls(spacing, cell * math.ceil(APART / cell))
         gap = rest[halves[1], 2].min() - rest[halves[0], 2].max()
         for name, way in (("apart", 0.0), ("touching", gap + PRESSED)):
             inputs = rest, tets, halves, way, arguments.steps, arguments.device

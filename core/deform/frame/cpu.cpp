@@ -108,8 +108,8 @@ auto load = [&](const float* from) {
 const int edge_room = frame.edges.vertices.shape[0], tet_room = frame.volumes.vertices.shape[0];
 const int* const edge_offsets = frame.edges.offsets.data;
 const int* const tet_offsets = frame.volumes.offsets.data;
-const int edge_colors = frame.edges.offsets.shape[0] - 1;
-const int all_tet_colors = frame.volumes.offsets.shape[0] - 1;
+const int edge_colors = frame.edges.color_count.data[0];
+const int all_tet_colors = frame.volumes.color_count.data[0];
 const int tet_colors = has_volumes ? all_tet_colors : 0;
 float* const edge_span = scratch.spans.data;
 float* const tet_span = edge_span + 3 * edge_room;

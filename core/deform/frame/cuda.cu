@@ -84,8 +84,8 @@ auto add_load = [&](int i, int n) { atomicAdd(frame.contacts.loads.data + i, n);
 #include "contact.h"
 
 // What this block does of each color; neighbors in the mesh are mostly in one part.
-const int edge_colors = frame.edges.offsets.shape[0] - 1;
-const int tet_colors = has_volumes ? frame.volumes.offsets.shape[0] - 1 : 0;
+const int edge_colors = frame.edges.color_count.data[0];
+const int tet_colors = has_volumes ? frame.volumes.color_count.data[0] : 0;
 const int color_count = edge_colors + tet_colors;
 __shared__ int2 ranges[@MOST_COLORS];
 for (int c = threadIdx.x; c < color_count; c += threads) {

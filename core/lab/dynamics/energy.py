@@ -119,7 +119,7 @@ def material_energy(rest_vertices, tets, material, compliance=None) -> Energy:
         stiffnesses=1.0 / compliances,
         tets=volumes.vertices[:count],
         volumes=volumes.rest_values[:count],
-        volume_stiffnesses=1.0 / volumes.compliances(material.bulk_modulus, material.shear_modulus)
+        volume_stiffnesses=1.0 / volumes.compliances(material.bulk_modulus)
         if has_volumes
         else np.empty(0),
     )

@@ -1,0 +1,71 @@
+"""Brings tets back that were turned inside out where few tets hold the volume (locking.py).
+
+Edges can't tell a tet from its mirror image.  A part with an inverted tet therefore has all its
+tets hold their volume: each up to EACH_HOLDS · μ, so that the part doesn't lock, and as stiff as
+before.  It ends once no tet was inverted for a while.  Where the pose inverts tets again and
+again, that while doubles each time, so the part doesn't go to and fro.
+
+Shapes: V vertices, P parts (connected components), T tets.
+"""
+
+import numpy as np
+
+from .constraints import VolumeConstraints
+from .material import Material
+
+EACH_HOLDS = 2.0  # K/μ, that of ν = 0.375
+LOOK_EVERY = 4  # frames
+WHILE = 0.5  # s
+LONGEST_WHILE = 1e3
+
+
+class InversionGuard:
+    """Decides in which parts all tets hold their volume.
+
+    Attributes:
+        parts: [P] bool
+    """
+
+    def __init__(self, volumes: VolumeConstraints, part_of):
+        """Take the tets, and the part of each vertex.  [V]"""
+        self._volumes, self._part_of_tets = volumes, part_of[volumes.vertices[:, 0]]
+        count = int(part_of.max()) + 1
+        self.parts = np.zeros(count, bool)
+        self._of_all = None  # compliances if all tets hold; None if they do so anyway
+        self._sound_for = np.zeros(count)  # s
+        self._while = np.full(count, WHILE)
+        self._frames = 0
+
+    def take(self, material: Material | None, factors=None):
+        """Take a material, and factors of Young's modulus at the vertices [V]; None: no guard."""
+        self._of_all = None
+        if material is None or (self._volumes.shares > 0.0).all() or not material.bulk_modulus > 0:
+            return
+        each = EACH_HOLDS * material.shear_modulus
+        self._of_all = self._volumes.compliances(material.bulk_modulus, each)
+        if factors is not None:
+            self._of_all = self._volumes.softened(self._of_all, factors)
+
+    def touch(self):
+        """The user did something: inversions from now on are new ones."""
+        self._while[:] = WHILE
+
+    def begin(self, dt) -> bool:
+        """Begin a frame of dt [s]; True to look for inverted tets after it."""
+        self._sound_for += dt
+        self._frames = (self._frames + 1) % LOOK_EVERY
+        return self._frames == 0 and self._of_all is not None
+
+    def report(self, inverted) -> bool:
+        """Take the number of inverted tets of each part [P]; True if `parts` changed."""
+        self._sound_for[inverted > 0] = 0.0
+        ends = self.parts & (self._sound_for >= self._while)
+        self._while[ends] = np.minimum(2.0 * self._while[ends], LONGEST_WHILE)
+        before, self.parts = self.parts, (self.parts | (inverted > 0)) & ~ends
+        return self._of_all is not None and not np.array_equal(before, self.parts)
+
+    def guarded(self, compliances):
+        """Compliances of the tets, where these are those of the material.  [T]"""
+        if self._of_all is None or not self.parts.any():
+            return compliances
+        return np.where(self.parts[self._part_of_tets], self._of_all, compliances)

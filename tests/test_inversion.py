@@ -1,0 +1,63 @@
+"""Where few tets hold the volume: inverted tets bring in the others, for as long as needed."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform import Material, constraints
+from deformrf.core.deform.inversion import LOOK_EVERY, WHILE, InversionGuard
+from deformrf.core.geometry import a15_grid
+
+
+DT = 1.0 / 60.0
+ONE = a15_grid(0.12)
+
+
+def guard_of_two_parts():
+    rest = np.concatenate([ONE.rest_vertices, ONE.rest_vertices + [2.4, 0.0, 0.0]])
+    tets = np.concatenate([ONE.tets, ONE.tets + len(ONE.rest_vertices)])
+    volumes = constraints.volume_constraints(rest, tets)
+    part_of = np.repeat([0, 1], len(ONE.rest_vertices))
+    return InversionGuard(volumes, part_of), volumes, part_of
+
+
+def test_only_the_part_with_an_inverted_tet_is_guarded():
+    guard, volumes, part_of = guard_of_two_parts()
+    material = Material()
+    guard.take(material)
+    usual = volumes.compliances(material.bulk_modulus)
+    assert guard.guarded(usual) is usual
+    assert guard.report(np.array([0, 3]))
+    assert guard.parts.tolist() == [False, True]
+    second = part_of[volumes.vertices[:, 0]] == 1
+    guarded = guard.guarded(usual)
+    assert np.isfinite(guarded[second]).all()
+    np.testing.assert_array_equal(guarded[~second], usual[~second])
+    held = 1.0 / guarded[second] * volumes.rest_values[second] ** 2
+    assert held.sum() == pytest.approx(
+        (1.0 / usual[second] * volumes.rest_values[second] ** 2).sum()
+    )
+
+
+def test_it_ends_after_a_while_that_doubles_until_the_user_acts():
+    guard, *_ = guard_of_two_parts()
+    guard.take(Material())
+
+    def seconds_guarded():
+        guard.report(np.array([1, 0]))
+        for frame in range(10_000):
+            if guard.begin(DT) and guard.report(np.zeros(2)):
+                return (frame + 1) * DT
+        return None
+
+    for expected in (WHILE, 2.0 * WHILE, 4.0 * WHILE):
+        assert seconds_guarded() == pytest.approx(expected, abs=2 * LOOK_EVERY * DT)
+    guard.touch()
+    assert seconds_guarded() == pytest.approx(WHILE, abs=2 * LOOK_EVERY * DT)
+
+
+def test_there_is_none_where_all_tets_hold_or_none_does():
+    guard, *_ = guard_of_two_parts()
+    guard.take(Material(poisson_ratio=0.25))
+    assert not guard.report(np.array([1, 1]))
+    guard.take(None)
+    assert not any(guard.begin(DT) for _ in range(2 * LOOK_EVERY))
