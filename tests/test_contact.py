@@ -45,7 +45,7 @@ def positions(solver):
 
 def contacts_of(arrays) -> ContactList:
     """What was found, for the reference."""
-    count = int(arrays.count.numpy()[0])
+    count = int(arrays.counts.numpy()[0])
     of_all = (arrays.vertices, arrays.shares, arrays.bevels)
     lists = [
         array.numpy()[:count].astype(kind)
@@ -109,7 +109,7 @@ def test_results_are_bitwise_equal_for_any_number_of_threads():
         solver._frame._pace.note = lambda seconds: None
         solver.set_state(state, velocities)
         run(solver, 0.05)
-        assert solver._contact.arrays.count.numpy()[0] > 0
+        assert solver._contact.arrays.counts.numpy()[0] > 0
         results.append(solver.vertices.numpy().copy())
     np.testing.assert_array_equal(results[0], results[1])
     np.testing.assert_array_equal(results[0], results[2])

@@ -20,7 +20,7 @@ def listed(device):
 def test_contacts_are_listed_in_the_order_of_samples(listed):
     contact, state = listed
     arrays, shape = contact.arrays, contact._shape
-    count = arrays.count.numpy()[0]
+    count = arrays.counts.numpy()[0]
     faces, counts = contact._found.numpy(), contact._counts.numpy()
     assert count == counts.sum() > 100
     sample = np.repeat(np.arange(len(counts)), counts)
@@ -46,7 +46,7 @@ def test_contacts_are_listed_in_the_order_of_samples(listed):
 
 def test_each_vertex_has_its_contacts_once_and_in_order(listed):
     arrays = listed[0].arrays
-    count = arrays.count.numpy()[0]
+    count = arrays.counts.numpy()[0]
     ids, shares = arrays.vertices.numpy()[:count], arrays.shares.numpy()[:count]
     offsets, entries = arrays.offsets.numpy(), arrays.entries.numpy()
     for vertex in range(len(offsets) - 1):

@@ -121,7 +121,7 @@ def test_free_fall_follows_its_closed_form(device):
     left = np.exp(-drag * h)
     speeds = -9.81 * h * left * (1 - left ** np.arange(1, steps + 1)) / (1 - left)
     fallen = positions(xpbd) - mesh.rest_vertices
-    np.testing.assert_allclose(fallen[:, 2], h * speeds.sum(), rtol=1e-5)
+    np.testing.assert_allclose(fallen[:, 2], h * speeds.sum(), rtol=3e-5)
     np.testing.assert_allclose(fallen[:, :2], 0.0, atol=1e-5)
 
 

@@ -59,7 +59,7 @@ class ContactArrays:
     body behind it.  Its vertices are p, q, a, b, c.
     """
 
-    count: wp.array(dtype=int)  # [1] the first so many entries are in use
+    counts: wp.array(dtype=int)  # [2] how many contacts there are, and vertices in them
     vertices: wp.array2d(dtype=int)  # [N, 5]
     shares: wp.array(dtype=float)  # [N]
     spans: wp.array2d(dtype=float)  # [N, 9] b − a, c − a, point − a at the frame's start
@@ -67,7 +67,8 @@ class ContactArrays:
     limits: wp.array(dtype=float)  # [2] a depth [m] and a speed [m/s], see contact/reference.py
     offsets: wp.array(dtype=int)  # [V + 1] vertex i is in the entries offsets[i]:offsets[i + 1]
     entries: wp.array(dtype=int)  # [5 N] 8 × contact + place among its vertices, rising
-    results: wp.array2d(dtype=float)  # [N, 12] of a substep: impulse, shift, weights, distance
+    touched: wp.array(dtype=int)  # [V] the vertices in contacts
+    results: wp.array2d(dtype=float)  # [N, 16] of a substep, see frame/contact.h
     loads: wp.array(dtype=int)  # [V] the sum of a vertex's weights in active contacts
 
 
@@ -114,7 +115,7 @@ def contact_arrays(vertex_count, room, device):
     return zeros(
         ContactArrays,
         device,
-        count=1,
+        counts=2,
         vertices=(room, 5),
         shares=room,
         spans=(room, 9),
@@ -122,7 +123,8 @@ def contact_arrays(vertex_count, room, device):
         limits=2,
         offsets=vertex_count + 1,
         entries=5 * room,
-        results=(room, 12),
+        touched=vertex_count,
+        results=(room, 16),
         loads=vertex_count,
     )
 

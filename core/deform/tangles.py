@@ -162,7 +162,6 @@ class Feedback:
         sources = self._motion, self._counts
         for copy, source in zip(self._copies[: self._expected], sources, strict=False):
             wp.copy(copy, source)
-        self._motion.zero_()  # for the next frame
         if self._copied is not None:
             self._device.stream.record_event(self._copied)
 

@@ -341,6 +341,7 @@ class XpbdSolver:
             self._stale = True
         if motion is None:
             return
+        self._contact.moved(motion)
         still = motion <= self.options.sleep_motion * self.object_size
         self._still_frames = self._still_frames + 1 if still else 0
         if self.settled:
@@ -357,6 +358,7 @@ class XpbdSolver:
         """The user did something to these vertices (ids or a mask): wake their parts."""
         self._still_frames = 0
         self._feedback.drop()
+        self._contact.look_again()
         self._recovery.touch()
         self._guard.touch()
         self._activate(vertices)

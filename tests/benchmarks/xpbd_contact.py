@@ -53,7 +53,7 @@ def seconds_per_step(rest, tets, halves, way, step_count, device):
                 times[step - WARM_UP, k] = time.perf_counter() - start
     both = np.ones(2, bool)
     touching = len(solvers[1]._contact.find(TIME_STEP, both, ~both)) > 0
-    return times, int(solvers[1]._contact.arrays.count.numpy()[0]) if touching else 0
+    return times, int(solvers[1]._contact.arrays.counts.numpy()[0]) if touching else 0
 
 
 def main():

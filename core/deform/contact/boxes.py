@@ -103,35 +103,51 @@ def make_box(
     const int* const may = shape.partners.data + g * count;
     const float x0 = box[g], x1 = box[3 * count + g], y0 = box[count + g];
     const float y1 = box[4 * count + g], z0 = box[2 * count + g], z1 = box[5 * count + g];
-    auto hits = [&](int i) {
-        return may[i] & (box[i] <= x1) & (x0 <= box[3 * count + i]) & (box[count + i] <= y1) &
-               (y0 <= box[4 * count + i]) & (box[2 * count + i] <= z1) &
-               (z0 <= box[5 * count + i]);
+    const int mood = moods.data[g];
+    auto larger = [](float a, float b) { return a > b ? a : b; };
+    // How far apart the boxes are in one of the directions; far if they may not collide.
+    auto gap = [&](int i) {
+        const float x = larger(box[i] - x1, x0 - box[3 * count + i]);
+        const float y = larger(box[count + i] - y1, y0 - box[4 * count + i]);
+        const float z = larger(box[2 * count + i] - z1, z0 - box[5 * count + i]);
+        const bool counts = may[i] != 0 & moods.data[i] + mood > awake;
+        return counts ? larger(x, larger(y, z)) : 1e30f;
     };
+    float nearest = 1e30f;
     int found = 0;
 #if defined(__CUDA_ARCH__)
     const int lane = threadIdx.x & 31;
     for (int first = 0; first < count; first += 32) {
         const int i = first + lane;
-        const bool hit = i < count && hits(i) && moods.data[i] + moods.data[g] > awake;
-        const unsigned lanes = __ballot_sync(0xffffffffu, hit);
-        if (hit) overlaps.data[g * count + found + __popc(lanes & ((1u << lane) - 1u))] = i;
+        const float away = i < count ? gap(i) : 1e30f;
+        nearest = fminf(nearest, away);
+        const unsigned lanes = __ballot_sync(0xffffffffu, away <= 0.0f);
+        if (away <= 0.0f)
+            overlaps.data[g * count + found + __popc(lanes & ((1u << lane) - 1u))] = i;
         found += __popc(lanes);
     }
+    for (int other = 16; other > 0; other /= 2)
+        nearest = fminf(nearest, __shfl_xor_sync(0xffffffffu, nearest, other));
     if (lane > 0) return;
 #else
-    int any = 0;
-    for (int i = 0; i < count; ++i) any |= hits(i);
-    for (int i = 0; any && i < count; ++i)
-        if (hits(i) && moods.data[i] + moods.data[g] > awake)
-            overlaps.data[g * count + found++] = i;
+    for (int i = 0; i < count; ++i) {
+        const float away = gap(i);
+        nearest = away < nearest ? away : nearest;
+    }
+    for (int i = 0; nearest <= 0.0f && i < count; ++i)
+        if (gap(i) <= 0.0f) overlaps.data[g * count + found++] = i;
 #endif
     touched.data[g] = found;
+    const float steps = nearest / step;
+    const int most = 1000000000;
+    touched.data[count + g] = most;
+    if (steps < 1e9f) touched.data[count + g] = steps;
 """)
 def find_overlaps(
     shape: ContactShape,
     moods: wp.array(dtype=int),
     boxes: wp.array2d(dtype=float),
+    step: float,
     touched: wp.array(dtype=int),
     overlaps: wp.array2d(dtype=int),
     awake: int,
@@ -157,10 +173,11 @@ def touch_kernel(
     moods: wp.array(dtype=int),  # [G] OUT, ASLEEP or AWAKE
     boxes: wp.array2d(dtype=float),  # [6, G]
     lanes: int,  # lane_count
-    touched: wp.array(dtype=int),  # [G] out: how many partners a cluster overlaps
+    step: float,  # a unit of length [m]
+    touched: wp.array(dtype=int),  # [2 G] out: how many partners each overlaps; steps to others
     overlaps: wp.array2d(dtype=int),  # [G, G] out: the first so many of a row are these partners
 ):
-    find_overlaps(shape, moods, boxes, touched, overlaps, AWAKE, wp.tid() // lanes)
+    find_overlaps(shape, moods, boxes, step, touched, overlaps, AWAKE, wp.tid() // lanes)
 
 
 @wp.func

@@ -21,6 +21,10 @@ REST_GAP = 1.0  # a component's clusters that are nearer to each other at rest d
 SOFT_DEPTH = 0.1  # a point that is less deep leaves a body more slowly
 SPEED = 5.0  # per second: a point leaves a body that it is in
 
+GUESS = 1.5  # times the last motion that is known: what a vertex may move in a frame
+SURPRISE = 0.1  # margins that it may move besides
+STEP = 1.0 / 64.0  # margins, the unit of distances between boxes
+
 NOTHING = np.empty(0, np.int64)
 
 
@@ -44,7 +48,8 @@ class Contact:
         self.arrays = None
         self._dt = None  # of the frame that is watched
         self._moods_of = None  # the parts that are awake and those that are out, as on the device
-        self._watched = False
+        self._watched = self._arriving = self._touching = False
+        self._clearance = self._travel = self._motion = 0.0  # m
         self._launches = {}
 
     def find(self, dt: float, awake, out):
@@ -61,32 +66,61 @@ class Contact:
         self._set_moods(awake, out)
         if not self._watched or dt != self._dt:
             self.watch(dt)
-        if self._copied is not None:
-            wp.synchronize_event(self._copied)
-        if not self._on_host.any():
+        if self._arriving:
+            self._read()
+        if not self._touching:
             return NOTHING
         self._list()
-        return np.unique(self._parts[self._on_host > 0])
+        return np.unique(self._parts[self._overlapped > 0])
+
+    def moved(self, motion: float):
+        """Take the farthest move of a vertex in a frame that ended [m]."""
+        self._motion = motion
+        self._travel += motion
 
     def watch(self, dt: float):
-        """Look for clusters that touch in the next dt seconds, for the next `find`."""
+        """Look for clusters that touch in the next dt seconds, for the next `find`.
+
+        Boxes that were far apart are not looked at before their vertices can have met: the frame
+        that ended now and the next one count as GUESS times the frame before them.
+        """
         if dt != self._dt:
             self._dt = dt
             self._launches.clear()  # they were recorded with the dt before
+            self._watched = False
+        ahead = GUESS * self._motion + SURPRISE * self._margin
+        if self._watched and self._clearance > 2.0 * (self._travel + 2.0 * ahead):
+            return
         shape, state, count = self._shape, self._state, len(self._parts)
         lanes = boxes.lane_count(self._device)
         inputs = shape, state, dt, self._margin, lanes, self._boxes
         self._launch(boxes.box_kernel, count * lanes, *inputs)
-        inputs = shape, self._moods, self._boxes, lanes, self._touched, self._overlaps
+        step = STEP * self._margin
+        inputs = shape, self._moods, self._boxes, lanes, step, self._touched, self._overlaps
         self._launch(boxes.touch_kernel, count * lanes, *inputs)
         if self._copied is not None:
             wp.copy(self._copy, self._touched)
             self._device.stream.record_event(self._copied)
-        self._watched = True
+        self._watched = self._arriving = True
+
+    def _read(self):
+        """Take the results of `watch`."""
+        if self._copied is not None:
+            wp.synchronize_event(self._copied)
+        self._arriving = False
+        count = len(self._parts)
+        self._overlapped, steps = self._on_host[:count], self._on_host[count:]
+        self._touching = bool(self._overlapped.any())
+        self._clearance = float(steps.min()) * STEP * self._margin
+        self._travel = 0.0
+
+    def look_again(self):
+        """Something has changed: what `watch` has seen is void."""
+        self._watched = False
 
     def forget(self):
-        """Vertices were moved by hand: what `watch` has seen is void."""
-        self._watched = False
+        """Vertices were moved by hand: so is where they leave bodies."""
+        self.look_again()
         if self.arrays is not None:
             self._exits.fill_(NO_FACE)
 
@@ -110,7 +144,7 @@ class Contact:
         integers = {"dtype": int, "device": device}
         self._moods = wp.zeros(count, **integers)
         self._overlaps = wp.zeros((count, count), **integers)
-        self._touched = wp.zeros(count, **integers)
+        self._touched = wp.zeros(2 * count, **integers)
         self._copy, self._copied = self._touched, None
         if device.is_cuda:
             self._copy = wp.zeros_like(self._touched, device="cpu", pinned=True)
@@ -120,6 +154,9 @@ class Contact:
         self._found = wp.zeros(samples, dtype=wp.vec4i, device=device)
         self._counts, self._ends = (wp.zeros(samples, **integers) for _ in range(2))
         self.arrays = contact_arrays(len(rest_vertices), MOST * samples, device)
+        self._entries = self.arrays.entries
+        if device.is_cuda:  # threads enter them in any order
+            self._entries = wp.zeros_like(self.arrays.entries)
         self.arrays.limits.assign(np.array([SOFT_DEPTH, SPEED], np.float32) * edge)
         if self._frame is not None:
             self._frame.set_contacts(self.arrays)
@@ -138,16 +175,18 @@ class Contact:
         inputs = shape, state, self._touched, self._dt, self._margin, *self._small_boxes
         self._launch(boxes.small_box_kernel, len(self._small_boxes[0]), *inputs)
         where = *self._small_boxes, self._touched, self._overlaps
-        limits = self._dt, self._margin, self._tolerance
-        inputs = shape, state, *where, *limits, self._exits, self._found, counts
-        self._launch(detection.find_kernel, len(counts), *inputs)
+        lanes = detection.lane_count(self._device)
+        limits = self._dt, self._margin, self._tolerance, lanes
+        inputs = shape, state, *where, *limits, self._exits, self._found, counts, contacts.counts
+        self._launch(detection.find_kernel, len(counts) * lanes, *inputs)
         wp.utils.array_scan(counts, self._ends, inclusive=True)
         contacts.offsets.zero_()
         inputs = shape, state, self._found, counts, self._ends, contacts
         self._launch(listing.list_kernel, len(counts), *inputs)
         wp.utils.array_scan(contacts.offsets, contacts.offsets, inclusive=True)
-        self._launch(listing.enter_kernel, MOST * len(counts), contacts)
-        self._launch(listing.sort_kernel, len(contacts.loads), contacts)
+        self._launch(listing.enter_kernel, MOST * len(counts), contacts, self._entries)
+        if self._device.is_cuda:
+            self._launch(listing.sort_kernel, 5 * MOST * len(counts), self._entries, contacts)
 
     def _launch(self, kernel, dim, *inputs):
         """Launch a kernel; its inputs other than dt are always the same."""

@@ -27,6 +27,7 @@ BESIDE = 1.01  # times the height: at a larger distance a point is beside the fa
 NO_FACE = -1
 DEEP = -2  # a deep contact with face f is listed as DEEP - f
 KEPT = 1.5  # a point leaves where it left before until another face is so many times nearer
+NOBODY = 2**31 - 1  # an index after all others
 LEAST_VOLUME = 0.1  # of a tet at rest; a flatter one has no inside
 
 
@@ -174,6 +175,41 @@ def known_exit(shape: ContactShape, tet: int, face: int):
     return NO_FACE
 
 
+# What the lanes of a group, which share a sample, have in common.  On a CPU a group is one thread.
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    for (int other = 4; other > 0; other /= 2)
+        v = fminf(v, __shfl_xor_sync(0xffu << (threadIdx.x & 24), v, other));
+#endif
+    return v;
+""")
+def least(v: float) -> float: ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    for (int other = 4; other > 0; other /= 2)
+        v = min(v, __shfl_xor_sync(0xffu << (threadIdx.x & 24), v, other));
+#endif
+    return v;
+""")
+def first(v: int) -> int: ...
+
+
+@wp.func
+def first_of_least(v: float, index: int):
+    """The lowest index of the lanes whose value is the least, and that value."""
+    lowest = least(v)
+    if v > lowest:
+        index = NOBODY
+    return lowest, first(index)
+
+
+def lane_count(device) -> int:
+    """Threads that share a sample."""
+    return 8 if device.is_cuda else 1
+
+
 @wp.kernel(grid_stride=False)
 def find_kernel(
     shape: ContactShape,
@@ -186,11 +222,16 @@ def find_kernel(
     dt: float,
     margin: float,
     tolerance: float,
+    lanes: int,  # lane_count
     exits: wp.array(dtype=int),  # [S] in and out: the face where a sample leaves, or NO_FACE
     found: wp.array(dtype=wp.vec4i),  # [S] out: faces, DEEP - face, or NO_FACE
     counts: wp.array(dtype=int),  # [S] out
+    contact_counts: wp.array(dtype=int),  # [2] out: zeros
 ):
-    s = wp.tid()
+    s = wp.tid() // lanes
+    lane = wp.tid() % lanes
+    if s < 2:
+        contact_counts[s] = 0
     cluster = shape.sample_clusters[s]
     if touched[cluster] == 0:
         counts[s] = 0
@@ -216,7 +257,7 @@ def find_kernel(
     for k in range(touched[cluster]):
         other = overlaps[cluster, k]
         for leaf in range(shape.leaf_offsets[other], shape.leaf_offsets[other + 1]):
-            if not overlap(lower, upper, leaf_boxes, leaf):
+            if leaf % lanes != lane or not overlap(lower, upper, leaf_boxes, leaf):
                 continue
             for face in range(shape.face_offsets[leaf], shape.face_offsets[leaf + 1]):
                 if not overlap(lower, upper, face_boxes, face):
@@ -247,6 +288,30 @@ def find_kernel(
                     if inside == 0 and overlap(point, point, tet_boxes, tet):
                         at_rest, inside = inside_at_rest(shape, state, tet, point)
                         tet_around = tet
+    if lanes > 1:
+        own_distances = distances
+        own_faces = faces
+        for i in range(4):
+            distance, face = first_of_least(own_distances[0], own_faces[0])
+            distances[i] = distance
+            faces[i] = face
+            if own_faces[0] == face:
+                for j in range(3):
+                    own_distances[j] = own_distances[j + 1]
+                    own_faces[j] = own_faces[j + 1]
+                own_distances[3] = FAR
+                own_faces[3] = NO_FACE
+        behind_at, behind = first_of_least(behind_at, behind)
+        before_at = least(before_at)
+        shallow = first(wp.where(shallow, 0, 1)) == 0
+        tet = first(wp.where(inside == 1, tet_around, NOBODY))
+        mine = inside == 1 and tet == tet_around
+        for i in range(3):
+            at_rest[i] = least(wp.where(mine, at_rest[i], FAR))
+        inside = wp.where(tet == NOBODY, 0, 1)
+        tet_around = tet
+        if lane > 0:
+            return
     leaves_by = int(NO_FACE)
     if inside == 1:
         leaves_by = behind

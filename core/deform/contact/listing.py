@@ -16,6 +16,12 @@ wp.set_module_options({"enable_backward": False})
 NO_BEVEL = -1e30  # of a deep contact: it holds wherever the point is behind the face
 
 
+@wp.func
+def count_entry(contacts: ContactArrays, i: int):
+    if wp.atomic_add(contacts.offsets, i, 1) == 0:
+        contacts.touched[wp.atomic_add(contacts.counts, 1, 1)] = i
+
+
 @wp.kernel(grid_stride=False)
 def list_kernel(
     shape: ContactShape,
@@ -27,7 +33,7 @@ def list_kernel(
 ):
     s = wp.tid()
     if s == counts.shape[0] - 1:
-        contacts.count[0] = ends[s]
+        contacts.counts[0] = ends[s]
     count = counts[s]
     first = ends[s] - count
     p = shape.ends[s][0]
@@ -50,9 +56,9 @@ def list_kernel(
         contacts.vertices[k, 0] = p
         contacts.vertices[k, 1] = q
         contacts.shares[k] = share
-        wp.atomic_add(contacts.offsets, p, 1)
+        count_entry(contacts, p)
         if share > 0.0:
-            wp.atomic_add(contacts.offsets, q, 1)
+            count_entry(contacts, q)
         for j in range(3):
             contacts.vertices[k, 2 + j] = corners[j]
             contacts.spans[k, j] = e1[j]
@@ -61,31 +67,43 @@ def list_kernel(
             contacts.bevels[k, j] = wp.where(deep, NO_BEVEL, shape.bevels[face][j])
             contacts.bevels[k, 3 + j] = wp.where(deep, NO_BEVEL, shape.rims[face][j])
             contacts.bevels[k, 6 + j] = wp.where(deep, -NO_BEVEL, shape.tops[face][j])
-            wp.atomic_add(contacts.offsets, corners[j], 1)
+            count_entry(contacts, corners[j])
         i += 1
 
 
 @wp.kernel(grid_stride=False)
-def enter_kernel(contacts: ContactArrays):
-    """List each contact with its vertices; offsets are their ends and become their beginnings."""
-    k = wp.tid()
-    if k >= contacts.count[0]:
+def enter_kernel(
+    contacts: ContactArrays,
+    entries: wp.array(dtype=int),  # [5 N] out
+):
+    """List each contact with its vertices; offsets are their ends and become their beginnings.
+
+    Threads begin with the last contact: one after another, they leave the entries in order.
+    """
+    k = contacts.counts[0] - 1 - wp.tid()
+    if k < 0:
         return
     for j in range(5):
         if j != 1 or contacts.shares[k] > 0.0:
             i = contacts.vertices[k, j]
-            contacts.entries[wp.atomic_sub(contacts.offsets, i, 1) - 1] = 8 * k + j
+            entries[wp.atomic_sub(contacts.offsets, i, 1) - 1] = 8 * k + j
 
 
 @wp.kernel(grid_stride=False)
-def sort_kernel(contacts: ContactArrays):
-    """Sort each vertex's entries, which threads have listed in any order."""
-    i = wp.tid()
+def sort_kernel(
+    unsorted: wp.array(dtype=int),  # [5 N] entries in any order within each vertex's
+    contacts: ContactArrays,  # entries: out
+):
+    """Sort each vertex's entries: each thread finds the place of one."""
+    k = wp.tid() // 5
+    j = wp.tid() % 5
+    if k >= contacts.counts[0] or (j == 1 and not contacts.shares[k] > 0.0):
+        return
+    i = contacts.vertices[k, j]
+    entry = 8 * k + j
     first = contacts.offsets[i]
-    for k in range(first + 1, contacts.offsets[i + 1]):
-        entry = contacts.entries[k]
-        place = k
-        while place > first and contacts.entries[wp.max(place - 1, 0)] > entry:
-            contacts.entries[place] = contacts.entries[place - 1]
-            place -= 1
-        contacts.entries[place] = entry
+    place = first
+    for e in range(first, contacts.offsets[i + 1]):
+        if unsorted[e] < entry:
+            place += 1
+    contacts.entries[place] = entry

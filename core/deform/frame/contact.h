@@ -3,14 +3,16 @@
 // them by its weights there, so together they don't move it too far.
 // Each device defines before, besides what substep.h takes:
 //
-//   body_of(i)                a Vector: the delta of vertex i, and its inverse mass
-//   before_elsewhere(i)       before(i), where another thread may have written it
-//   seen(p)                   *p, where another thread may have written it
+//   body_of(i), put_body(i, d)   a Vector: the delta of vertex i, and its inverse mass
+//   seen(p), seen_four(p)     a number or a Vector, where another thread may have written it
 //   add_load(i, n)            adds n to frame.contacts.loads[i], whatever other threads do
-const int contact_count = has_contacts ? frame.contacts.count.data[0] : 0;
+//   summed(v)                 the sum of a Vector over the lanes that share a vertex
+const int contact_count = has_contacts ? frame.contacts.counts.data[0] : 0;
+const int touched_count = has_contacts ? frame.contacts.counts.data[1] : 0;
 constexpr float load_unit = @CONTACT_LOAD_UNIT;
 float* const contact_results = frame.contacts.results.data;
-enum { IMPULSE = 0, SHIFT = 3, WEIGHT = 6, HEIGHT = 11, RESULTS = 12 };
+// An impulse, a distance, a shift, and five weights; rows of four floats.
+enum { IMPULSE = 0, HEIGHT = 3, SHIFT = 4, WEIGHT = 8, RESULTS = 16 };
 struct ContactBodies { Vector p, q, a, b, c; };
 
 auto contact_vertex = [&](int k, int j) { return frame.contacts.vertices.data[5 * k + j]; };
@@ -86,7 +88,7 @@ auto push_contact = [&](int k, int substep) {
         const float weight = result[WEIGHT + j];
         Vector from = now;
         if (now.w > 0.0f) {
-            from = before_elsewhere(i);
+            from = before(i);
             const float load = seen(frame.contacts.loads.data + i) / load_unit;
             total += now.w * (weight < 0.0f ? -weight : weight) * load;
         } else {
@@ -123,24 +125,27 @@ auto push_contact = [&](int k, int substep) {
     result[SHIFT + 2] = per_total * out * nz;
 };
 
-// What all contacts of vertex i do to it.
-auto take_contacts = [&](int i, Vector& d) {
-    const int first = frame.contacts.offsets.data[i], last = frame.contacts.offsets.data[i + 1];
-    if (first == last) return;
-    frame.contacts.loads.data[i] = 0;  // for the next substep
-    if (!(d.w > 0.0f)) return;
-    Vector from = before(i);
-    for (int e = first; e < last; ++e) {
+// What all its contacts do to a vertex, by this lane of those that share it.
+auto take_contacts = [&](int place, int lane, int lane_count) {
+    const int i = frame.contacts.touched.data[place];
+    const int last = frame.contacts.offsets.data[i + 1];
+    Vector d = body_of(i);
+    Vector moved = {0.0f, 0.0f, 0.0f, 0.0f}, shifted = moved;
+    for (int e = frame.contacts.offsets.data[i] + lane; e < last; e += lane_count) {
         const int entry = frame.contacts.entries.data[e];
         const float* const result = contact_results + RESULTS * (entry >> 3);
-        if (!(seen(result + HEIGHT) < 0.0f)) continue;
-        const float s = d.w * seen(result + WEIGHT + (entry & 7));
-        const float qx = s * seen(result + SHIFT), qy = s * seen(result + SHIFT + 1);
-        const float qz = s * seen(result + SHIFT + 2);
-        d.x += s * seen(result + IMPULSE) + qx;
-        d.y += s * seen(result + IMPULSE + 1) + qy;
-        d.z += s * seen(result + IMPULSE + 2) + qz;
-        from.x += qx; from.y += qy; from.z += qz;
+        const Vector impulse = seen_four(result + IMPULSE), shift = seen_four(result + SHIFT);
+        const float weight = seen(result + WEIGHT + (entry & 7));
+        if (!(impulse.w < 0.0f)) continue;  // HEIGHT
+        moved = plus(moved, weight, impulse);
+        shifted = plus(shifted, weight, shift);
     }
-    keep_before(i, from);
+    moved = summed(moved);
+    shifted = summed(shifted);
+    if (lane > 0) return;
+    frame.contacts.loads.data[i] = 0;  // for the next substep
+    if (!(d.w > 0.0f)) return;
+    shifted = times(d.w, shifted);
+    keep_before(i, plus(before(i), 1.0f, shifted));
+    put_body(i, plus(plus(d, d.w, moved), 1.0f, shifted));
 };

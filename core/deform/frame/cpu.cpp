@@ -32,8 +32,10 @@ auto before = [&](int i) { return previous[i]; };
 auto keep_before = [&](int i, f4 d) { previous[i] = d; };
 #include "substep.h"
 auto body_of = [&](int i) { return bodies[i]; };
-auto before_elsewhere = [&](int i) { return previous[i]; };
+auto put_body = [&](int i, f4 d) { bodies[i] = d; };
 auto seen = [](auto* p) { return *p; };
+auto seen_four = [](const float* p) { return *reinterpret_cast<const f4*>(p); };
+auto summed = [](f4 v) { return v; };
 auto add_load = [&](int i, int n) {
     __atomic_fetch_add(frame.contacts.loads.data + i, n, __ATOMIC_RELAXED);
 };
@@ -185,11 +187,13 @@ for (int substep = 0; substep < substep_count; ++substep) {
         meet();
         for (int k = first; k < last; ++k) push_contact(k, substep);
         meet();
+        const int touched = part(0, touched_count, thread);
+        for (int k = touched; k < part(0, touched_count, thread + 1); ++k) take_contacts(k, 0, 1);
+        meet();
     }
     const bool over = substep + 1 == substep_count;
     for (int i = first_vertex; i < last_vertex; ++i) {
         f4 d = bodies[i];
-        if (has_contacts) take_contacts(i, d);
         const f4 v = finish(i, substep, d);
         if (!over) {
             bodies[i] = predict(i, substep + 1, d, v);
@@ -202,4 +206,6 @@ for (int substep = 0; substep < substep_count; ++substep) {
     if (!over) meet();
 }
 frame.motion.data[thread] = sqrt(farthest);
+for (int other = thread_count; other < frame.motion.shape[0]; ++other)
+    frame.motion.data[other] = 0.0f;  // of threads that took part before
 #endif

@@ -24,8 +24,16 @@ auto times = [](float s, float4 a) { return make_float4(s * a.x, s * a.y, s * a.
 auto cosine = [](float half_turns) { return cospif(half_turns); };
 auto sine = [](float half_turns) { return sinpif(half_turns); };
 float* const previous = reinterpret_cast<float*>(scratch.previous.data);
+// What another thread may have written: another block's writes are in L2 alone.
+#if @GRID
+auto seen = [](auto* p) { return __ldcg(p); };
+#else
+auto seen = [](auto* p) { return *p; };
+#endif
 auto before = [&](int i) {
-    return make_float4(previous[3 * i], previous[3 * i + 1], previous[3 * i + 2], 0.0f);
+    const float* const d = previous + 3 * i;
+    if (has_contacts) return make_float4(seen(d), seen(d + 1), seen(d + 2), 0.0f);
+    return make_float4(d[0], d[1], d[2], 0.0f);
 };
 auto keep_before = [&](int i, float4 d) {
     previous[3 * i] = d.x; previous[3 * i + 1] = d.y; previous[3 * i + 2] = d.z;
@@ -75,11 +83,17 @@ auto arrive = [&]() {};
 auto wait = [&]() { __syncthreads(); };
 #endif
 auto body_of = [&](int i) { return get(SLOT(i)); };
-auto before_elsewhere = [&](int i) {
-    return make_float4(__ldcg(previous + 3 * i), __ldcg(previous + 3 * i + 1),
-                       __ldcg(previous + 3 * i + 2), 0.0f);
+auto put_body = [&](int i, float4 d) { put(SLOT(i), d); };
+auto seen_four = [&](const float* p) { return seen(reinterpret_cast<const float4*>(p)); };
+auto summed = [](float4 v) {
+    const unsigned lanes = 0xffu << (threadIdx.x & 24);
+    for (int other = 4; other > 0; other /= 2) {
+        v.x += __shfl_xor_sync(lanes, v.x, other);
+        v.y += __shfl_xor_sync(lanes, v.y, other);
+        v.z += __shfl_xor_sync(lanes, v.z, other);
+    }
+    return v;
 };
-auto seen = [](auto* p) { return __ldcg(p); };
 auto add_load = [&](int i, int n) { atomicAdd(frame.contacts.loads.data + i, n); };
 #include "contact.h"
 
@@ -204,13 +218,16 @@ for (int substep = 0; substep < substep_count; ++substep) {
         for (int k = first_vertex; k < contact_count; k += vertex_step) push_contact(k, substep);
         arrive();
         wait();
+        for (int k = first_vertex / 8; k < touched_count; k += vertex_step / 8)
+            take_contacts(k, threadIdx.x % 8, 8);
+        arrive();
+        wait();
     }
     load(even, 0);
     load(odd, 1);
     const bool over = substep + 1 == substep_count;
     for (int i = first_vertex; i < vertex_count; i += vertex_step) {
         float4 d = get(SLOT(i));
-        if (has_contacts) take_contacts(i, d);
         const float4 v = finish(i, substep, d);
         if (!over) {
             put(SLOT(i), predict(i, substep + 1, d, v));

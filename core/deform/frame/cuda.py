@@ -61,6 +61,8 @@ def _kernel(grid, threads):
 @wp.kernel(grid_stride=False)
 def begin_kernel(frame: FrameArrays, scratch: CudaScratch, has_volumes: int):
     k = wp.tid()
+    if k == 0:
+        frame.motion[0] = 0.0
     vertex_count = frame.state.vertices.shape[0]
     edges = frame.edges.vertices
     if k < edges.shape[0]:
