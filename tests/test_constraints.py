@@ -146,9 +146,11 @@ def test_regularization_has_a_floor():
     np.testing.assert_allclose(edges.regularization(0.0, w, 1e-3), floor * w_of_edge)
     np.testing.assert_allclose(edges.regularization(0.0, w, 1e-3, floor=2.0), 2.0 * w_of_edge)
     np.testing.assert_allclose(
-        edges.regularization(compliances, w, 1e-3), compliances * 1e6 - 0.5 * w_of_edge
+        edges.regularization(compliances, w, 1e-3),
+        compliances * 1e6 - 0.5 * w_of_edge - 0.07 * w_of_edge**2 / (compliances * 1e6),
     )
-    for share, expected in ((0.54, 0.05), (0.56, 0.06), (2.0, 1.5)):
+    below = constraints.SOFTENED_BELOW
+    for share, expected in ((below - 0.01, 0.05), (below + 0.04, 0.1), (2.0, 1.465)):
         a = edges.regularization(share * w_of_edge * 1e-6, w, 1e-3)
         np.testing.assert_allclose(a, expected * w_of_edge)
     tets = constraints.volume_constraints(UNIT_TET, np.array([[0, 1, 2, 3]]))

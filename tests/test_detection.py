@@ -52,7 +52,7 @@ def test_contacts_are_those_of_the_reference(device, depth):
     for row, count, (wanted, _) in zip(listed, counts, found, strict=True):
         same.append(sorted(row[:count].tolist()) == sorted(wanted))
     assert np.mean(same) > 0.98  # in float32 a distance may be on the other side of a limit
-    assert sum(len(wanted) for wanted, _ in found) > 50
+    assert sum(len(wanted) for wanted, _ in found) > 20
     leaves_by = np.array([face for _, face in found])
     assert np.mean(contact._exits.numpy() == leaves_by) > 0.99
     assert ((leaves_by != NO_FACE).sum() > 5) == (depth > 0.0)

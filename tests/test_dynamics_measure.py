@@ -96,7 +96,7 @@ def test_more_substeps_are_closer(column, device):
         counts = (5, 10, 20)
         errors = [measure(case, n, device, 600).of_motion for n in counts]
         assert errors[0] > 1.5 * errors[1] > 1.5**2 * errors[2] > 0.0
-        assert errors[2] < 100.0 * dynamics.BOUND
+        assert errors[2] < 2.0
 
 
 def test_every_part_is_held():

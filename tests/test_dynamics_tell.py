@@ -68,10 +68,10 @@ def rows_with(static, dynamic, counts=(5, 10, 20, 40)):
 @pytest.mark.parametrize(
     "static, dynamic, count",
     [
-        ((0.5, 0.2, 0.05, 0.01), (0.3, 0.1, 0.05, 0.02), 20),
-        ((0.09, 0.02, 0.01, 0.001), (0.9, 0.5, 0.2, 0.1), 40),
-        ((0.01, 0.01, 0.01, 0.01), (0.1, 0.1, 0.1, 0.1), 5),
-        ((0.01, 0.01, 0.01, 0.01), (0.4, 0.3, 0.2, 0.11), None),
+        ((0.05, 0.02, 0.005, 0.001), (0.03, 0.01, 0.005, 0.002), 20),
+        ((0.009, 0.002, 0.001, 0.0001), (0.09, 0.05, 0.02, 0.01), 40),
+        ((0.001, 0.001, 0.001, 0.001), (0.01, 0.01, 0.01, 0.01), 5),
+        ((0.001, 0.001, 0.001, 0.001), (0.04, 0.03, 0.02, 0.011), None),
     ],
 )
 def test_the_least_count_that_holds_both_scenes_is_chosen(static, dynamic, count):
@@ -146,7 +146,7 @@ def test_the_default_is_in_every_plan():
 
 
 def test_in_full_there_are_materials_too():
-    section = dynamics.section(ONE_TET, "cpu")
+    section = dynamics.section(MESH, "cpu")
     table, materials = section.tables
     assert materials.name == "materials" and len(section.figures) == 1
     assert [r.material for r in materials.rows] == ["default", *PRESETS]
@@ -159,7 +159,7 @@ def test_in_full_there_are_materials_too():
 def materials():
     """Of the ball, which the default material's rule gives few substeps."""
     body = standing(MESH)
-    for chosen in range(1, 20):
+    for chosen in range(1, 60):
         measured = [measure(c, chosen, "cpu") for c in load_cases(body)]
         if max(row.of_motion for row in measured) <= 100.0 * BOUND:
             break
@@ -194,8 +194,6 @@ def test_stiff_and_light_materials_take_more_substeps(materials):
         light = Material(density=Material().density / factor)
         for other in (stiff, light):
             assert dynamics.softness(other) == pytest.approx(factor * standard)
-    rounder = Material(poisson_ratio=0.45)  # with a smaller μ, and volumes that give way more
-    assert dynamics.softness(rounder) / standard > rounder.shear_modulus / Material().shear_modulus
 
 
 def test_without_resistance_there_is_no_equilibrium():

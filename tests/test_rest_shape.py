@@ -142,7 +142,7 @@ def test_what_yields_stays_bent_and_keeps_its_volume(device):
     drag_and_let_go(solver, (0.4, 0.0, 0.0))
     assert away(solver, REST) > 0.1 and not solver.rescue.running
     volumes = [signed_volumes(x, MESH.tets).sum() for x in (REST, solver.vertices.numpy())]
-    assert volumes[1] == pytest.approx(volumes[0], rel=0.02)
+    assert volumes[1] == pytest.approx(volumes[0], rel=0.04)
     solver.reset()
     run(solver, 1.0)
     assert away(solver, REST) < 1e-6

@@ -112,7 +112,7 @@ def test_the_softening_of_a_sweep_is_made_up_for(lattice, ratio, monkeypatch):
     material = Material(young_modulus=2e5, poisson_ratio=ratio)
     case = replace(case, solid=material, gravity=(0.0, 0.0, -0.3))
     corrected = measured(case, "substeps", 20, "cpu").of_motion
-    uncorrected = partialmethod(Constraints.regularization, softening=0.0)
+    uncorrected = partialmethod(Constraints.regularization, softening=(0.0, 0.0))
     monkeypatch.setattr(Constraints, "regularization", uncorrected)
     plain = measured(case, "substeps", 20, "cpu").of_motion
     assert corrected < 0.2 * plain

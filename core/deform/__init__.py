@@ -15,6 +15,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "arrays": ["upload"],
         "constraints": [
             "COMPLIANCE_FLOOR",
+            "SECOND_SOFTENING",
             "SOFTENED_BELOW",
             "STEP_LIMIT",
             "SWEEP_SOFTENING",

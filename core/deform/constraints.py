@@ -4,14 +4,16 @@ A substep of length h projects every constraint once, from multiplier 0, so no m
 stored (XPBD, Macklin 2016, eq. 18; n substeps of one iteration, Macklin 2019).  With
 compliance α, inverse masses w and gradients g_i = ∂C/∂x_i
 
-    Δλ = −C / (Σ w_i |g_i|² + a),   x_i += w_i Δλ g_i,   a = max(α/h² − ½ w̄, r_min · w̄)
+    Δλ = −C / (Σ w_i |g_i|² + a),   x_i += w_i Δλ g_i
+    a = max(α/h² − ½ w̄ − 0.07 w̄² h²/α, r_min w̄)
 
     edge:   C = |x_i − x_j| − L,   α = 1/k_e,    k_e = 15 μ f V_e / L²,   w̄ = w_i + w_j
     volume: C = 6 (V − V0),        α = 36 V0 / K_t,   w̄ = Σ w_i |g_i|² at rest
     spring: C = |x_i − target|,    α = 1/k, with a force of at most F
 
 To project constraints one after another softens each as ½ w̄ h² of compliance would, to first
-order; so ½ w̄ is subtracted (docs/design/002-dynamics.md).  A spring is projected last and needs
+order; so ½ w̄ is subtracted, and a measured term of second order (docs/design/002-dynamics.md).
+A spring is projected last and needs
 no correction.  The floor r_min · w̄ keeps a stiff system from tangling.  An edge of length 0
 takes a fixed pseudo-random direction; without it a collapsed body would never open.  The factor
 f makes a lattice equally stiff in all directions (isotropy.py).  A tet's bulk modulus K_t is
@@ -32,15 +34,17 @@ from .isotropy import edge_factors
 from .locking import volume_shares
 
 COMPLIANCE_FLOOR = 0.05  # r_min
-SWEEP_SOFTENING = 0.5  # of w̄: what a sweep over all constraints adds to the compliance of each
-SOFTENED_BELOW = SWEEP_SOFTENING + COMPLIANCE_FLOOR  # r of a constraint that is at its floor
+# What a sweep over all constraints adds to the compliance of each: of w̄ h², and of w̄² h⁴ / α.
+SWEEP_SOFTENING = 0.5
+SECOND_SOFTENING = 0.07
+SOFTENED_BELOW = 0.66  # r of a constraint at its floor: 0.05 = r − 0.5 − 0.07 / r
 STEP_LIMIT = 0.5
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
 PRESS_SHARE = 1.0 / 16.0  # of a substep in the mean of a vertex's pushes, which bounds friction
 COLLAPSED = 1e-12  # of L; a shorter edge counts as one of length 0
 NO_SPRING = -1.0  # in place of a, which is never negative
 CONTACT_LOAD_UNIT = 2**20  # in place of 1 where weights are added up as integers
-CONTACT_SHARE_OUT = 0.2  # of the depth by which a point moves out of a body in a substep
+CONTACT_SHARE_OUT = 0.4  # of the depth by which a point moves out of a body in a substep
 CONTACT_SLACK = 1e-4  # barycentric: a point so far beside a triangle is still behind it
 UNLIMITED = 3e38  # a longest move that no spring reaches
 
@@ -69,11 +73,15 @@ class Constraints:
         inverse_masses,
         substep,
         floor=COMPLIANCE_FLOOR,
-        softening=SWEEP_SOFTENING,
+        softening=(SWEEP_SOFTENING, SECOND_SOFTENING),
     ):
-        """a = max(α/h² − ½ w̄, r_min w̄).  [C]"""
+        """a = max(α/h² − ½ w̄ − 0.07 w̄² h²/α, r_min w̄).  [C]"""
         weights = self.weights(inverse_masses)
-        return np.maximum(compliances / substep**2 - softening * weights, floor * weights)
+        scaled = np.broadcast_to(compliances, weights.shape) / substep**2
+        first, second = softening
+        with np.errstate(divide="ignore", invalid="ignore"):
+            a = scaled - first * weights - second * weights**2 / scaled
+        return np.fmax(a, floor * weights)  # also where both are 0
 
 
 @dataclass(frozen=True)

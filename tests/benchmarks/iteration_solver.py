@@ -21,6 +21,7 @@ import warp as wp
 
 from deformrf.core.deform import (
     STEP_LIMIT,
+    SECOND_SOFTENING,
     SWEEP_SOFTENING,
     edge_constraints,
     lumped_masses,
@@ -192,7 +193,8 @@ class IterationSolver:
                 continue
             w_on_host = self._host_inverse_masses
             # Many sweeps with stored multipliers solve for the compliances as they are.
-            softening = SWEEP_SOFTENING if self.iteration_count == 1 else 0.0
+            once = self.iteration_count == 1
+            softening = (SWEEP_SOFTENING, SECOND_SOFTENING) if once else (0.0, 0.0)
             regularization = table.regularization(alpha, w_on_host, h, self.floor, softening)
             regularization = np.minimum(regularization, LARGEST)  # ∞ times a multiplier of 0
             multipliers = wp.zeros(len(table.vertices), dtype=float, device=self.device)

@@ -117,9 +117,8 @@ def held_materials(body: Body, device, rows, chosen) -> list[MaterialRow]:
     """The number of substeps that each preset needs.
 
     The first guess comes from the default material's error e with the rule's number n of
-    substeps.  Errors are about (c/r)² / 2 with r ∝ ρ n² / μ (see Material.young_modulus_at), so
-    that n' = n √(c' μ' ρ / (c μ ρ')) (e / BOUND)^¼.  The number grows until both scenes are
-    within BOUND.
+    substeps.  Errors fall at least with the square of r ∝ ρ n² / μ, so that a guess is
+    n' = n √(μ' ρ / (μ ρ')) (e / BOUND)^¼.  The number grows until both scenes are within BOUND.
     """
     own = [row for row in rows if _is_own(row) and row.count == chosen]  # in the order of SCENES
     standard, error = Material(), max(row.of_motion for row in own) / 100.0
@@ -151,8 +150,8 @@ def held_materials(body: Body, device, rows, chosen) -> list[MaterialRow]:
 
 
 def softness(material: Material) -> float:
-    """c μ / ρ: the error with n substeps grows with its square, see held_materials."""
-    return material.softening * material.shear_modulus / material.density
+    """μ / ρ: the error with n substeps grows with its square, see held_materials."""
+    return material.shear_modulus / material.density
 
 
 def _is_own(row):
@@ -190,8 +189,7 @@ def _method(mesh, gravity, exact, quick):
         "object's size. With compliance 0 nothing should move."
         + (" Static scenes end after 10 s even if they still move." if quick else ""),
         "The rule takes the least number of substeps whose error is at most "
-        f"{100 * BOUND:g} % of the motion in both scenes: then Young's modulus is held to about "
-        "a tenth.",
+        f"{100 * BOUND:g} % of the motion in both scenes.",
     ]
 
 
