@@ -178,4 +178,3 @@ def without_contact(*arguments):
     """Blocks that land in each other's way may jam, which no brace prevents."""
     *body, options, device = arguments
     return XpbdSolver(*body, replace(options, contact=False), device)
-

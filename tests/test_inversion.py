@@ -7,13 +7,12 @@ from deformrf.core.deform import Material, constraints
 from deformrf.core.deform.inversion import LOOK_EVERY, WHILE, InversionGuard
 from deformrf.core.geometry import a15_grid
 
-
 DT = 1.0 / 60.0
 ONE = a15_grid(0.12)
 
 
 def guard_of_two_parts():
-    rest = np.concatenate([ONE.rest_vertices, ONE.rest_vertices + [2.4, 0.0, 0.0]])
+    rest = np.concatenate([ONE.rest_vertices, ONE.rest_vertices + np.array([2.4, 0.0, 0.0])])
     tets = np.concatenate([ONE.tets, ONE.tets + len(ONE.rest_vertices)])
     volumes = constraints.volume_constraints(rest, tets)
     part_of = np.repeat([0, 1], len(ONE.rest_vertices))

@@ -38,9 +38,7 @@ def frame_of(options, material, springs=None, targets=None, anchors=None, exact=
     h = DT / options.substeps(DT)
     a_edges = edges.regularization(edges.compliances(material.shear_modulus), w, h)
     with np.errstate(divide="ignore"):
-        a_volumes = volumes.regularization(
-            volumes.compliances(material.bulk_modulus), w, h
-        )
+        a_volumes = volumes.regularization(volumes.compliances(material.bulk_modulus), w, h)
     return reference.Frame(
         options.timing(DT, material.damping, np.ptp(rest, axis=0).max()),
         options.substeps(DT),

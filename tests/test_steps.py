@@ -18,6 +18,7 @@ def sizes(change):
 
 ROWS = (
     "volume constraints at a Poisson's ratio of 1/4",
+    "volume constraints of ",
     "volume constraints at a Poisson's ratio of 0.35",
     "components without a handle",
     "the solver while nothing moves",
@@ -63,7 +64,7 @@ def test_the_handles_swing(ball):
 
 
 def test_volumes_do_nothing_at_a_quarter_and_something_above(ball, device):
-    idle, real = (measured(ball, device, 9, name) for name in ROWS[:2])
+    idle, real = (measured(ball, device, 9, name) for name in ROWS[:3:2])
     assert idle.left_out and sizes(idle.change) < 1e-6
     assert not real.left_out and sizes(real.change) > 10.0 * sizes(idle.change)
 

@@ -24,6 +24,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "volume_constraints",
             "volume_gradients",
         ],
+        "inversion": ["EACH_HOLDS"],
         "rescue": ["distortion"],
     },
 )

@@ -327,6 +327,8 @@ class XpbdSolver:
 
     def _find_contacts(self):
         """Whether parts touch in this frame; wakes those that a part in motion touches."""
+        if not self._stale and self._contact.quiet(self._dt):
+            return False
         touched = self._contact.find(self._dt, self._active, self.rescue.tried(self._active))
         if len(touched) > 0 and not self._active[touched].all():
             self._activate(np.isin(self._part_of, touched))

@@ -20,8 +20,8 @@ import numpy as np
 import warp as wp
 
 from deformrf.core.deform import (
-    STEP_LIMIT,
     SECOND_SOFTENING,
+    STEP_LIMIT,
     SWEEP_SOFTENING,
     edge_constraints,
     lumped_masses,

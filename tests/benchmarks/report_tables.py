@@ -34,6 +34,7 @@ OMISSIONS = {  # how its name begins in a report, and what it is called here
     "samples behind": "samples behind what is opaque",
     "the path for overlap": "the path for overlap",
     "volume constraints at a Poisson's ratio of 1/4": "volumes at a Poisson's ratio of 1/4",
+    "volume constraints of": "volumes of tets whose neighbors hold them",
     "the solver while": "the solver while nothing moves",
     "table entries": "table entries that nothing reaches",
     "torch, at the start": "torch, at the start",

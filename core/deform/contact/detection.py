@@ -257,9 +257,9 @@ def find_kernel(
     for k in range(touched[cluster]):
         other = overlaps[cluster, k]
         for leaf in range(shape.leaf_offsets[other], shape.leaf_offsets[other + 1]):
-            if leaf % lanes != lane or not overlap(lower, upper, leaf_boxes, leaf):
+            if not overlap(lower, upper, leaf_boxes, leaf):
                 continue
-            for face in range(shape.face_offsets[leaf], shape.face_offsets[leaf + 1]):
+            for face in range(shape.face_offsets[leaf] + lane, shape.face_offsets[leaf + 1], lanes):
                 if not overlap(lower, upper, face_boxes, face):
                     continue
                 distance, where = distance_within_frame(
@@ -284,7 +284,9 @@ def find_kernel(
                             distance = d
                             new = f
             if inside == 0:
-                for tet in range(shape.tet_offsets[leaf], shape.tet_offsets[leaf + 1]):
+                for tet in range(
+                    shape.tet_offsets[leaf] + lane, shape.tet_offsets[leaf + 1], lanes
+                ):
                     if inside == 0 and overlap(point, point, tet_boxes, tet):
                         at_rest, inside = inside_at_rest(shape, state, tet, point)
                         tet_around = tet
