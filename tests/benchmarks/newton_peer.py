@@ -8,6 +8,8 @@ try:
 except ImportError:
     newton = None
 
+LITTLE = 1e-6  # of K: k_mu of tets that shall resist volume alone
+
 
 def newton_model(scene, energy):
     """The scene's object, with springs at its edges if the energy is `springs`.
@@ -22,9 +24,14 @@ def newton_model(scene, energy):
         ends, stiffnesses = scene.energy.edges.tolist(), scene.energy.stiffnesses.tolist()
         for (i, j), stiffness in zip(ends, stiffnesses, strict=True):
             builder.add_spring(i, j, stiffness, 0.0, 0.0)
-    mu, lame = scene.moduli[energy]
-    for tet in scene.tets.tolist():
-        builder.add_tetrahedron(*tet, k_mu=mu, k_lambda=lame)
+        moduli = 6.0 * scene.energy.volume_stiffnesses * scene.energy.volumes  # K of each tet
+        for tet, bulk in zip(scene.energy.tets.tolist(), moduli.tolist(), strict=True):
+            if bulk > 0.0:
+                builder.add_tetrahedron(*tet, k_mu=LITTLE * bulk, k_lambda=bulk)
+    else:
+        mu, lame = scene.moduli[energy]
+        for tet in scene.tets.tolist():
+            builder.add_tetrahedron(*tet, k_mu=mu, k_lambda=lame)
     builder.color()
     model = builder.finalize(device=scene.device)
     model.particle_grid = None

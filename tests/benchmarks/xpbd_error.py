@@ -5,9 +5,10 @@
 
 Writes OUT.csv (errors over the size, and over the motion), OUT_static.png and OUT_dynamic.png.
 The beam hangs under gravity instead of being pushed; otherwise scenes, references and errors
-are those of core/lab/dynamics/measure.py.  Four schemes:
+are those of core/lab/dynamics/measure.py.  Five schemes:
 
     substeps        the program's solver, n substeps of one iteration
+    uncorrected     the same without what makes up for the softening of a sweep
     iterations      one substep of n iterations with stored multipliers (iteration_solver.py)
     unfloored       the same without the floor under the compliance, which is in units of h²
     plain float32   n substeps whose positions are plain float32 (plain_solver.py, NumPy)
@@ -16,6 +17,7 @@ are those of core/lab/dynamics/measure.py.  Four schemes:
 import argparse
 import csv
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +33,13 @@ from deformrf.core.lab.report.plots import new_figure, png
 
 LATTICES = {"a15": A15, "bcc": BCC, "kuhn": KUHN}
 # And how they are drawn.
-SCHEMES = {"substeps": "-o", "iterations": "--s", "unfloored": ":^", "plain float32": "-.x"}
+SCHEMES = {
+    "substeps": "-o",
+    "uncorrected": "-.v",
+    "iterations": "--s",
+    "unfloored": ":^",
+    "plain float32": "-.x",
+}
 COUNTS = (1, 2, 5, 10, 20, 50, 100, 200)
 COMPLIANCES = (0.0, 1e-8, 1e-6, 1e-4, None)
 GRAVITY = (0.0, 0.0, -9.81)
@@ -48,8 +56,12 @@ def solver_of(case: LoadCase, scheme, count, device):
     """A solver of a scheme, ready to step."""
     rest, tets, held = case.body
     body = rest, tets, case.material, held
-    if scheme == "substeps":
-        return case.solver(count, device)
+    if scheme in ("substeps", "uncorrected"):
+        solver = case.solver(count, device)
+        for part in (solver.edges, solver.volumes) if scheme == "uncorrected" else ():
+            plain = partial(part.regularization, softening=(0.0, 0.0))
+            object.__setattr__(part, "regularization", plain)  # the class is frozen
+        return solver
     if scheme == "plain float32":
         solver = PlainSolver(*body, case.options(count))
     else:

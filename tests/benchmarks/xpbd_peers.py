@@ -34,7 +34,6 @@ from deformrf.core.lab.dynamics.references import equilibrium
 GRAVITY = (0.0, 0.0, -9.81)
 MATERIAL = Material(damping=30.0)  # so that the ball soon rests; where doesn't depend on it
 DRAG = 0.1  # m
-LITTLE = 1e-6  # of K: k_mu of tets that shall resist volume alone
 SOLVERS = {  # name: energy, Newton's class, iterations a substep
     "ours": ("springs", None, 1),
     "newton-xpbd": ("springs", "SolverXPBD", 2),
@@ -63,8 +62,7 @@ class Scene:
         self.held[self.top] = True
         self.energy = material_energy(self.rest, mesh.tets, MATERIAL)
         mu, added = MATERIAL.shear_modulus, MATERIAL.bulk_modulus
-        self.moduli = {"springs": (LITTLE * added, added)}
-        self.moduli["stable"] = self.moduli["split"] = mu, mu + added  # K = λ − μ
+        self.moduli = dict.fromkeys(("stable", "split"), (mu, mu + added))  # K = λ − μ
         self.speed_limit = XpbdOptions().speed_limit * float(np.ptp(self.rest, axis=0).max())
         self.models, self.poses = {}, {}
 
