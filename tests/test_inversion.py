@@ -25,7 +25,7 @@ def test_only_the_part_with_an_inverted_tet_is_guarded():
     guard.take(material)
     usual = volumes.compliances(material.bulk_modulus)
     assert guard.guarded(usual) is usual
-    assert guard.report(np.array([0, 3]))
+    assert guard.report(np.array([0, 3]), np.array([0, 5]))
     assert guard.parts.tolist() == [False, True]
     second = part_of[volumes.vertices[:, 0]] == 1
     guarded = guard.guarded(usual)
@@ -42,9 +42,9 @@ def test_it_ends_after_a_while_that_doubles_until_the_user_acts():
     guard.take(Material())
 
     def seconds_guarded():
-        guard.report(np.array([1, 0]))
+        guard.report(np.array([1, 0]), np.array([1, 0]))
         for frame in range(10_000):
-            if guard.begin(DT) and guard.report(np.zeros(2)):
+            if guard.begin(DT) and guard.report(np.zeros(2), np.zeros(2)):
                 return (frame + 1) * DT
         return None
 
@@ -54,9 +54,18 @@ def test_it_ends_after_a_while_that_doubles_until_the_user_acts():
     assert seconds_guarded() == pytest.approx(WHILE, abs=2 * LOOK_EVERY * DT)
 
 
+def test_it_stays_while_tets_are_squeezed():
+    guard, *_ = guard_of_two_parts()
+    guard.take(Material())
+    guard.report(np.array([1, 0]), np.array([1, 0]))
+    for _ in range(200):
+        assert not guard.begin(DT) or not guard.report(np.zeros(2), np.array([1, 0]))
+    assert guard.parts.tolist() == [True, False]
+
+
 def test_there_is_none_where_all_tets_hold_or_none_does():
     guard, *_ = guard_of_two_parts()
     guard.take(Material(poisson_ratio=0.25))
-    assert not guard.report(np.array([1, 1]))
+    assert not guard.report(np.array([1, 1]), np.array([1, 1]))
     guard.take(None)
     assert not any(guard.begin(DT) for _ in range(2 * LOOK_EVERY))

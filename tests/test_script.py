@@ -91,7 +91,7 @@ def test_the_vertex_goes_out_is_held_and_comes_back(ball):
     vertex = int(scene.control_ids[0])
     drag = script.DragScript(vertex, (0.1, 0.0, 0.0))
     distances = []
-    for frame in range(30):
+    for frame in range(40):
         script.play(drag, scene, frame, 30)
         scene.advance(1 / 30)
         moved = scene.positions[vertex] - scene.field.mesh.rest_vertices[vertex]

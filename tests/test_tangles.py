@@ -41,6 +41,19 @@ def test_two_sheets_have_positive_volumes_and_are_a_tangle(device):
     np.testing.assert_array_equal(counts(rest, x, tets, device), [[0], [1]])
 
 
+def test_inverted_and_squeezed_tets_are_counted_alone_too(device):
+    mesh = a15_grid(0.25)
+    feedback = tangles.Feedback(
+        mesh.rest_vertices, mesh.tets, np.zeros(mesh.vertex_count, int), wp.zeros(1, device=device)
+    )
+    for height, expected in ((0.6, (0, 0)), (0.4, (0, 1)), (-0.6, (1, 1))):
+        flat = (mesh.rest_vertices * [1.0, 1.0, height]).astype(np.float32)
+        feedback.end(wp.array(flat, dtype=wp.vec3, device=device), count=False, inverted=True)
+        _, volumes, all_tangles = feedback.read()
+        assert all_tangles is None
+        np.testing.assert_array_equal(volumes, mesh.tet_count * np.array(expected)[:, None])
+
+
 def test_an_edge_wrapped_at_rest_is_no_tangle(device):
     _, x, tets = wheel(9, turns=2)
     np.testing.assert_array_equal(counts(x, x, tets, device), [[0], [0]])

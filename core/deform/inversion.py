@@ -2,8 +2,8 @@
 
 Edges can't tell a tet from its mirror image.  A part with an inverted tet therefore has all its
 tets hold their volume: each up to EACH_HOLDS · μ, so that the part doesn't lock, and as stiff as
-before.  It ends once no tet was inverted for a while.  Where the pose inverts tets again and
-again, that while doubles each time, so the part doesn't go to and fro.
+before.  It ends once no tet was inverted, or had less than half its volume, for a while.  Where the
+pose inverts tets again nevertheless, that while doubles, so the part doesn't go to and fro.
 
 Shapes: V vertices, P parts (connected components), T tets.
 """
@@ -56,9 +56,13 @@ class InversionGuard:
         self._frames = (self._frames + 1) % LOOK_EVERY
         return self._frames == 0 and self._of_all is not None
 
-    def report(self, inverted) -> bool:
-        """Take the number of inverted tets of each part [P]; True if `parts` changed."""
-        self._sound_for[inverted > 0] = 0.0
+    def report(self, inverted, squeezed) -> bool:
+        """Take the numbers of inverted and of squeezed tets of each part [P].
+
+        Returns:
+            Whether `parts` changed.
+        """
+        self._sound_for[squeezed > 0] = 0.0
         ends = self.parts & (self._sound_for >= self._while)
         self._while[ends] = np.minimum(2.0 * self._while[ends], LONGEST_WHILE)
         before, self.parts = self.parts, (self.parts | (inverted > 0)) & ~ends

@@ -55,7 +55,7 @@ class Rescue:
 
     def touch(self):
         """The user did something: forget all counts and tries."""
-        self.counts = self.parts = self.ratio = self.load = self._lost = None
+        self.counts = self.parts = self.ratio = self.load = self._lost = self._loose = None
         self._is_news = self._was_sound = False
         self._tangled_for = self._sound_for = 0.0
         self._since_count = COUNT_INTERVAL
@@ -66,6 +66,9 @@ class Rescue:
         """Take the number of tangles of each part, and whether it has lost vertices.  [P]"""
         self.counts, self._lost = counts, np.broadcast_to(lost, counts.shape)
         self._is_news = True
+        if self.load == "pins" and counts.any():
+            loose = counts > self._curable
+            self._loose = loose if self._loose is None else loose | self._loose
         if counts.any():
             self._sound_for = 0.0
         else:
@@ -76,13 +79,17 @@ class Rescue:
         """Whether a try is under way."""
         return self.parts is not None or self.ratio is not None
 
-    def tried(self, parts):
-        """Those of these parts [P] that a try is under way for.  [P] bool"""
+    def without_contact(self, parts):
+        """Those of these parts that collide with nothing.  [P] bool
+
+        These are parts that a try is under way for.  Also those that pins hold in a tangle: inside
+        out, they would be pushed to and fro for ever.
+        """
         if self.parts is not None:
             return parts & self.parts
         if self.running and self.counts is not None:
             return parts & (self.counts > 0)
-        return np.zeros_like(parts)
+        return np.zeros_like(parts) if self._loose is None else parts & self._loose
 
     @property
     def _curable(self):

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from ..geometry import EDGES
+from ..geometry import EDGES, signed_volumes
 from .arrays import upload
 from .constraints import UNLIMITED
 
@@ -35,6 +35,7 @@ wp.set_module_options({"enable_backward": False})
 OTHERS = np.array([[2, 3], [1, 3], [1, 2], [0, 3], [0, 2], [0, 1]])  # corners not in EDGES
 SLACK = 0.2 * np.pi  # beyond 2π: a notch may close a little too far
 STRETCH = 2.0
+SQUEEZED = 0.5  # of its volume: a tet with less counts as squeezed
 
 
 class Fans(NamedTuple):
@@ -75,8 +76,9 @@ def angle_sums(vertices, ends, offsets, others):
 def count_inverted_kernel(
     vertices: wp.array(dtype=wp.vec3),  # [V]
     tets: wp.array(dtype=wp.vec4i),  # [T]
+    rest_volumes: wp.array(dtype=float),  # [T] 6 V0
     parts: wp.array(dtype=int),  # [V]
-    counts: wp.array2d(dtype=int),  # [3, P] in and out
+    counts: wp.array2d(dtype=int),  # [4, P] in and out
 ):
     corners = tets[wp.tid()]
     origin = vertices[corners[0]]
@@ -84,6 +86,8 @@ def count_inverted_kernel(
     e2 = vertices[corners[2]] - origin
     e3 = vertices[corners[3]] - origin
     volume = wp.dot(wp.cross(e1, e2), e3)
+    if not volume > SQUEEZED * rest_volumes[wp.tid()]:
+        wp.atomic_add(counts, 3, parts[corners[0]], 1)
     if not volume > 0.0:  # NaN counts as inverted
         wp.atomic_add(counts, 0, parts[corners[0]], 1)
     if not wp.isfinite(volume):
@@ -100,7 +104,7 @@ def count_wrapped_kernel(
     lengths: wp.array(dtype=float),  # [E]
     stretch: float,  # longer edges, in rest lengths, count too
     parts: wp.array(dtype=int),  # [V]
-    counts: wp.array2d(dtype=int),  # [3, P] in and out
+    counts: wp.array2d(dtype=int),  # [4, P] in and out
 ):
     edge = wp.tid()
     first = ends[edge][0]
@@ -132,10 +136,11 @@ class Feedback:
         self._device = device = motion.device
         self._mesh = rest_vertices, tets
         self._tets = upload(tets, wp.vec4i, device)
+        self._rest_volumes = upload(6.0 * signed_volumes(rest_vertices, tets), float, device)
         self._parts = upload(parts, int, device)
         self._fans = None  # the first count builds them
         self._motion = motion
-        self._counts = wp.zeros((3, int(parts.max()) + 1), dtype=int, device=device)
+        self._counts = wp.zeros((4, int(parts.max()) + 1), dtype=int, device=device)
         self._copies = [
             wp.zeros_like(source, device="cpu", pinned=device.is_cuda)
             for source in (motion, self._counts)
@@ -166,7 +171,9 @@ class Feedback:
             self._device.stream.record_event(self._copied)
 
     def read(self):
-        """Motion [m]; inverted tets [P]; these, wrapped edges, tets that aren't finite [3, P].
+        """Motion [m]; inverted and squeezed tets [2, P]; tangles [3, P].
+
+        Tangles are inverted tets, wrapped edges, and tets that aren't finite.
 
         None for what isn't new.
         """
@@ -176,8 +183,9 @@ class Feedback:
         motion, counts = (copy.numpy() for copy in self._copies)
         motion = float(motion.max()) if expected > 0 else None
         counts = counts.copy() if expected > 1 else None
-        inverted = None if counts is None else counts[0]
-        return motion, inverted, None if self._only_inverted else counts
+        if counts is None:
+            return motion, None, None
+        return motion, counts[::3], None if self._only_inverted else counts[:3]
 
     def drop(self):
         """Forget copies that are on their way: the state that they are about has changed."""
@@ -185,7 +193,7 @@ class Feedback:
 
     def _count_inverted(self, vertices):
         self._counts.zero_()
-        inputs = [vertices, self._tets, self._parts, self._counts]
+        inputs = [vertices, self._tets, self._rest_volumes, self._parts, self._counts]
         wp.launch(count_inverted_kernel, len(self._tets), inputs, device=self._device)
 
     def _count_wrapped(self, vertices, stretch):

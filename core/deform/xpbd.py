@@ -329,17 +329,18 @@ class XpbdSolver:
         """Whether parts touch in this frame; wakes those that a part in motion touches."""
         if not self._stale and self._contact.quiet(self._dt):
             return False
-        touched = self._contact.find(self._dt, self._active, self.rescue.tried(self._active))
+        out = self.rescue.without_contact(self._active)
+        touched = self._contact.find(self._dt, self._active, out)
         if len(touched) > 0 and not self._active[touched].all():
             self._activate(np.isin(self._part_of, touched))
         return len(touched) > 0
 
     def _read_feedback(self):
         """Take the results of the frame before."""
-        motion, inverted, counts = self._feedback.read()
+        motion, volumes, counts = self._feedback.read()
         if counts is not None:
             self._recovery.report(counts)
-        if inverted is not None and self._guard.report(inverted):
+        if volumes is not None and self._guard.report(*volumes):
             self._stale = True
         if motion is None:
             return
@@ -383,10 +384,8 @@ class XpbdSolver:
         of_edges, of_volumes = self._compliances
         of_constraints = of_edges, self._guard.guarded(of_volumes)
         for part, compliances in zip(self._lists, of_constraints, strict=True):
-            stiff = True
-            if self._recovery.softened is None and compliances is not None:
-                stiff = np.isfinite(compliances)
-            part.select(movable, stiff)
+            whole = self._recovery.softened is not None or compliances is None
+            part.select(movable, True if whole else np.isfinite(compliances))
             regularization = part.constraints.regularization
             if self._recovery.softened is not None:
                 part.set_regularization(regularization(0.0, w, h, floor=self._recovery.softened))
