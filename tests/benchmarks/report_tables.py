@@ -62,12 +62,14 @@ def motion_error(report, count):
         for row in table(report, "dynamics")
         if (row["scheme"], row["compliance"], row["count"]) == ("substeps", "material", count)
     }
-    return f"{rows['static']['of_motion']:.1f}, {rows['dynamic']['of_motion']:.1f}"
+    if not rows:
+        return "–"
+    return f"{rows['static']['of_motion']:.2f}, {rows['dynamic']['of_motion']:.2f}"
 
 
 def frame(report):
     rows = [row for row in table(report, "dynamics") if row["default"]]
-    return f"{rows[0]['frame_ms']:.3g}"
+    return f"{rows[0]['frame_ms']:.3g}" if rows[0]["count"] == SUBSTEPS else "–"
 
 
 def passed(rows):
