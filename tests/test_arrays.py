@@ -55,3 +55,22 @@ def test_selecting_nothing_and_then_everything_restores_the_list(device):
     chosen.select(np.ones(MESH.vertex_count, bool))
     for array, values in zip(arrays, before, strict=True):
         np.testing.assert_array_equal(array.numpy(), values)
+
+
+def test_colors_without_a_stiff_constraint_are_skipped(device):
+    tets = constraints.volume_constraints(MESH.rest_vertices, MESH.tets)
+    chosen = ConstraintList(tets, MESH.vertex_count, wp.get_device(device))
+    everything = np.ones(MESH.vertex_count, bool)
+    all_colors = len(tets.offsets) - 1
+    assert chosen.arrays.color_count.numpy() == [all_colors]
+    stiff = tets.shares > 0.0
+    chosen.select(everything, stiff)
+    of = np.repeat(np.arange(all_colors), np.diff(tets.offsets))
+    [count] = chosen.arrays.color_count.numpy()
+    assert count == len(np.unique(of[stiff])) < all_colors
+    ids, offsets = chosen.arrays.ids.numpy(), chosen.arrays.offsets.numpy()
+    used = chosen.arrays.vertices.numpy()[:, 0] < MESH.vertex_count
+    for color, (first, last) in zip(np.unique(of[stiff]), pairwise(offsets), strict=False):
+        mine = ids[first:last][used[first:last]]
+        np.testing.assert_array_equal(mine, np.flatnonzero(stiff & (of == color)))
+    assert (offsets[count:] == offsets[count]).all()

@@ -17,7 +17,7 @@ from contact_scenes import (
 )
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
-from deformrf.core.deform.contact import contact_modules
+from deformrf.core.deform.contact import Contact, boxes, contact_modules
 from deformrf.core.deform.contact.clusters import barycentric
 from deformrf.core.deform.contact.reference import ContactList
 from deformrf.core.deform.contact.surface import closest_weights
@@ -228,6 +228,44 @@ def deepest(vertices, tets):
         nearest = np.einsum("nk,nkj->nj", weights, np.stack([a, b, c], axis=1))
         depths.append(np.linalg.norm(vertices[vertex] - nearest, axis=1).min())
     return max(depths)
+
+
+def test_boxes_that_are_apart_are_compared_only_when_they_can_have_met(monkeypatch):
+    """And two balls that come together are seen in the frame in which they meet."""
+    rest, tets, (lower, upper) = two_balls(0.095, 1.0)
+    solver = make_solver(rest, tets, material=Material(damping=0.0), rescue=False)
+    looks, launch = [], Contact._launch
+
+    def counted(contact, kernel, *inputs):
+        looks.append(kernel is boxes.touch_kernel)
+        launch(contact, kernel, *inputs)
+
+    monkeypatch.setattr(Contact, "_launch", counted)
+    velocities = np.zeros_like(rest)
+    velocities[upper, 2] = -0.1
+    solver.set_state(rest, velocities)
+    gap = rest[upper, 2].min() - rest[lower, 2].max()
+    frames = int(gap / 0.1 / DT) - 6
+    run(solver, frames * DT)
+    assert 2 <= sum(looks) < frames / 2
+    for _ in range(20):
+        solver.step(DT)
+        x = positions(solver)
+        assert x[upper, 2].min() - x[lower, 2].max() > -0.2 * DT
+    assert solver.velocities.numpy()[lower, 2].mean() < -0.01
+
+
+def test_a_handle_that_jumps_is_seen_one_frame_later(device):
+    rest, tets, (_, upper) = two_balls(0.095, 1.0)
+    solver = make_solver(rest, tets, device=device)
+    solver.grab(np.arange(len(rest))[upper])
+    solver.move(rest[upper])
+    run(solver, 0.2)
+    solver.move(rest[upper] - [0.0, 0.0, 0.42])
+    solver.step(DT)
+    solver.move(rest[upper] - [0.0, 0.0, 0.43])
+    solver.step(DT)
+    assert solver._contact._touching
 
 
 def test_an_arm_that_is_pressed_into_its_body_does_not_go_in():

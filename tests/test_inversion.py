@@ -5,7 +5,8 @@ import pytest
 
 from deformrf.core.deform import Material, constraints
 from deformrf.core.deform.inversion import LOOK_EVERY, WHILE, InversionGuard
-from deformrf.core.geometry import a15_grid
+from deformrf.core.geometry import BCC, a15_grid
+from deformrf.core.geometry.lattice import grid
 
 DT = 1.0 / 60.0
 ONE = a15_grid(0.12)
@@ -63,7 +64,22 @@ def test_it_stays_while_tets_are_squeezed():
     assert guard.parts.tolist() == [True, False]
 
 
+def test_a_look_that_did_not_arrive_stays_due():
+    guard, *_ = guard_of_two_parts()
+    guard.take(Material())
+    guard.report(np.array([1, 0]), np.array([1, 0]))
+    for frame in range(1, 100):
+        assert guard.begin(DT) == (frame >= LOOK_EVERY)
+    guard.reset()
+    assert not guard.parts.any() and not guard.begin(DT)
+
+
 def test_there_is_none_where_all_tets_hold_or_none_does():
+    mesh = grid(BCC, 0.2)
+    volumes = constraints.volume_constraints(mesh.rest_vertices, mesh.tets)
+    guard = InversionGuard(volumes, np.zeros(len(mesh.rest_vertices), int))
+    guard.take(Material())
+    assert not guard.report(np.ones(1), np.ones(1))
     guard, *_ = guard_of_two_parts()
     guard.take(Material(poisson_ratio=0.25))
     assert not guard.report(np.array([1, 1]), np.array([1, 1]))

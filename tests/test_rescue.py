@@ -196,3 +196,24 @@ def test_a_rigid_motion_is_no_distortion():
     bent = turned(rest)
     bent[4] += 0.5
     assert 0.3 < distortion(rest, bent) < 0.9
+
+
+def test_a_part_that_pins_hold_in_a_tangle_collides_with_nothing_until_the_user_acts():
+    rescue, parts = Rescue(), np.ones(2, bool)
+    for counts, out in (
+        ([5, 0], False),
+        ([0, 1], False),
+        ([5, 0], False),
+        ([5, 0], True),
+        ([0, 0], True),
+    ):
+        rescue.advance(0.5, "pins")
+        rescue.report(np.array(counts))
+        assert rescue.without_contact(parts).tolist() == [out, False]
+    rescue.touch()
+    assert not rescue.without_contact(parts).any()
+    rescue.report(np.zeros(2, int))
+    for _ in range(5):
+        rescue.advance(0.5, "weight")
+        rescue.report(np.array([5, 1]))
+    assert not rescue.without_contact(parts).any()

@@ -100,7 +100,7 @@ class EdgeConstraints(Constraints):
 class VolumeConstraints(Constraints):
     """Every tet that has a volume."""
 
-    shares: np.ndarray  # [T] of the bulk modulus, in that of the material (locking.py)
+    shares: np.ndarray  # [T] K_t over the material's K (locking.py)
 
     def compliances(self, bulk_modulus, of_each=0.0):
         """α = 36 V0 / K_t [m⁵/N]; ∞ for a tet that holds nothing.  [T]

@@ -34,7 +34,7 @@ class InversionGuard:
         self._of_all = None  # compliances if all tets hold; None if they do so anyway
         self._sound_for = np.zeros(count)  # s
         self._while = np.full(count, WHILE)
-        self._frames = 0
+        self._since = self._frames = 0  # since the last report
 
     def take(self, material: Material | None, factors=None):
         """Take a material, and factors of Young's modulus at the vertices [V]; None: no guard."""
@@ -50,11 +50,16 @@ class InversionGuard:
         """The user did something: inversions from now on are new ones."""
         self._while[:] = WHILE
 
+    def reset(self):
+        """Vertices were moved by hand: nothing is known of them."""
+        self.parts[:] = False
+        self._sound_for[:] = self._since = self._frames = 0
+
     def begin(self, dt) -> bool:
         """Begin a frame of dt [s]; True to look for inverted tets after it."""
-        self._sound_for += dt
-        self._frames = (self._frames + 1) % LOOK_EVERY
-        return self._frames == 0 and self._of_all is not None
+        self._since += dt
+        self._frames += 1
+        return self._frames >= LOOK_EVERY and self._of_all is not None
 
     def report(self, inverted, squeezed) -> bool:
         """Take the numbers of inverted and of squeezed tets of each part [P].
@@ -62,7 +67,9 @@ class InversionGuard:
         Returns:
             Whether `parts` changed.
         """
-        self._sound_for[squeezed > 0] = 0.0
+        self._sound_for += self._since
+        self._since = self._frames = 0
+        self._sound_for[(inverted > 0) | (squeezed > 0)] = 0.0
         ends = self.parts & (self._sound_for >= self._while)
         self._while[ends] = np.minimum(2.0 * self._while[ends], LONGEST_WHILE)
         before, self.parts = self.parts, (self.parts | (inverted > 0)) & ~ends

@@ -35,6 +35,7 @@ DURATION = 0.5
 COUNT_INTERVAL = 0.5
 TRIES = 4  # the first of them by softening
 FORGET = 10.0
+LOOSE = 2  # counts in a row in which pins hold a tangle: then a part collides with nothing
 HELD = 1e6
 
 
@@ -55,7 +56,8 @@ class Rescue:
 
     def touch(self):
         """The user did something: forget all counts and tries."""
-        self.counts = self.parts = self.ratio = self.load = self._lost = self._loose = None
+        self.counts = self.parts = self.ratio = self.load = self._lost = None
+        self._held_for = 0  # counts in a row in which pins held a tangle, up to LOOSE  [P]
         self._is_news = self._was_sound = False
         self._tangled_for = self._sound_for = 0.0
         self._since_count = COUNT_INTERVAL
@@ -66,9 +68,9 @@ class Rescue:
         """Take the number of tangles of each part, and whether it has lost vertices.  [P]"""
         self.counts, self._lost = counts, np.broadcast_to(lost, counts.shape)
         self._is_news = True
-        if self.load == "pins" and counts.any():
-            loose = counts > self._curable
-            self._loose = loose if self._loose is None else loose | self._loose
+        held = (counts > self._curable) & (self.load == "pins")
+        self._held_for = np.where(held, self._held_for + 1, np.minimum(self._held_for, LOOSE))
+        self._held_for[~held & (self._held_for < LOOSE)] = 0
         if counts.any():
             self._sound_for = 0.0
         else:
@@ -82,14 +84,14 @@ class Rescue:
     def without_contact(self, parts):
         """Those of these parts that collide with nothing.  [P] bool
 
-        These are parts that a try is under way for.  Also those that pins hold in a tangle: inside
-        out, they would be pushed to and fro for ever.
+        These are parts that a try is under way for.  Also those that pins hold in a tangle, until
+        the user acts: inside out, they would be pushed to and fro for ever.
         """
         if self.parts is not None:
             return parts & self.parts
         if self.running and self.counts is not None:
             return parts & (self.counts > 0)
-        return np.zeros_like(parts) if self._loose is None else parts & self._loose
+        return parts & (self._held_for >= LOOSE)
 
     @property
     def _curable(self):

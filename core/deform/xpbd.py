@@ -255,6 +255,7 @@ class XpbdSolver:
         self._state.presses.zero_()
         self.velocities.zero_()
         self._contact.forget()
+        self._guard.reset()
         if velocities is not None:
             velocities = checks.vectors(velocities, len(self.pinned), "velocity", "vertex")
             self.velocities.assign(velocities)

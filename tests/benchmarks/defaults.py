@@ -5,7 +5,7 @@ python tests/benchmarks/defaults.py docs/report/*-h100/report.json \
 
 Times are those of the first reports, one of each model, all on one device, over the default's in
 the same turn.  Errors are a matter of the setting and not of the device: the worst of the reports
-behind --errors counts, by default that of the first ones; for substeps, of those with their row.  Ends with 1 if the program's defaults
+behind --errors counts, by default that of the first ones.  Ends with 1 if the program's defaults
 are not what the rule gives.
 """
 
@@ -62,7 +62,9 @@ def substeps_choice(judged):
     Reports that don't have the default number are older than it, and don't count.
     """
     default, worst = XpbdOptions().substep_count, {}
+    given = len(judged)
     judged = [report for report in judged if any(row["count"] == default for row in steps(report))]
+    print(f"substeps by {len(judged)} of {given} reports; the others are older than the default")
     for report in judged:
         for row in steps(report):
             if (row["scheme"], row["compliance"]) == ("substeps", "material"):

@@ -149,7 +149,7 @@ class Session:
 
         self.solver.set_options(
             XpbdOptions(
-                substep_count=int(self.random.choice([5, 10, 30])),
+                substep_count=int(self.random.choice([5, 10, 24])),
                 gravity=tuple(self.random.normal(size=3) * self.random.choice([0.0, 10.0])),
                 ground=self.random.choice([None, 0.0, 0.3]),
                 friction=self.random.uniform(0, 2),

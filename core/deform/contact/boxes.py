@@ -1,8 +1,9 @@
 """Which parts of a mesh may touch within a frame: boxes of clusters, leaves, faces and tets.
 
 The box of a cluster holds its vertices now and after a frame at their velocities, and is widened
-by a margin.  A cluster is touched if its box overlaps that of a partner.  This is
-all that a frame pays in which nothing touches.  The smaller boxes are those of touched clusters.
+by a margin.  A cluster is touched if its box overlaps that of a partner.  A frame
+in which nothing touches pays for no more, and for that only where boxes are near each other.  The
+smaller boxes are those of touched clusters.
 
 Shapes: V vertices, G clusters, L leaves, S samples, F faces, T tets.
 """
@@ -54,8 +55,8 @@ def lane_count(device) -> int:
     return 32 if device.is_cuda else 1
 
 
-# Every frame pays for the next two.  On a CPU they are written for a compiler that finds vectors,
-# on CUDA the lanes of a warp share the work.
+# Frames in which nothing touches pay for the next two.  On a CPU they are written for a compiler
+# that finds vectors, on CUDA the lanes of a warp share the work.
 @wp.func_native("""
     const float* const x = reinterpret_cast<const float*>(state.vertices.data);
     const float* const v = reinterpret_cast<const float*>(state.velocities.data);

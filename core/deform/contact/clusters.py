@@ -1,7 +1,7 @@
 """Clusters of nearby tets, and which of them may collide.
 
-A cluster holds nearby tets of one component of the mesh.  Every frame compares the boxes of
-clusters alone, so this is what a scene pays in which nothing touches.  A cluster is divided into
+A cluster holds nearby tets of one component of the mesh.  Where nothing touches,
+only boxes of clusters are compared, and not in every frame.  A cluster is divided into
 leaves of a few tets, for a finer search where clusters do touch.
 
 Two clusters of one component may collide if their boxes at rest are farther apart than a

@@ -55,7 +55,8 @@ class Contact:
 
     def quiet(self, dt: float) -> bool:
         """Whether nothing can touch in the next dt seconds, as far as is known already."""
-        return self._watched and not self._arriving and not self._touching and dt == self._dt
+        known = self._watched and not self._arriving and dt == self._dt
+        return known and not self._near(1)
 
     def find(self, dt: float, awake, out):
         """List the contacts of the next dt seconds.
@@ -69,6 +70,8 @@ class Contact:
         if self.arrays is None:
             self._build()
         self._set_moods(awake, out)
+        if not self._arriving and self._near(1):
+            self._watched = False
         if not self._watched or dt != self._dt:
             self.watch(dt)
         if self._arriving:
@@ -89,16 +92,15 @@ class Contact:
     def watch(self, dt: float):
         """Look for clusters that touch in the next dt seconds, for the next `find`.
 
-        Boxes that were far apart are not looked at before their vertices can have met: the frame
-        that ended now and the next one count as GUESS times the frame before them.
+        Not before vertices may have met whose boxes were apart: how far they went in the frame
+        that ends now, and will go in the next one, is guessed from the frame before.
         """
         if dt != self._dt:
             self._dt = dt
             self._launches.clear()  # they were recorded with the dt before
             self._graph = None
             self._watched = False
-        ahead = GUESS * self._motion + SURPRISE * self._margin
-        if self._watched and self._clearance > 2.0 * (self._travel + 2.0 * ahead):
+        if self._watched and not self._near(2):
             return
         shape, state, count = self._shape, self._state, len(self._parts)
         lanes = boxes.lane_count(self._device)
@@ -111,6 +113,11 @@ class Contact:
             wp.copy(self._copy, self._touched)
             self._device.stream.record_event(self._copied)
         self._watched = self._arriving = True
+
+    def _near(self, frames):
+        """Whether vertices may have met, so many frames after those whose motion is known."""
+        ahead = GUESS * self._motion + SURPRISE * self._margin
+        return self._clearance <= 2.0 * (self._travel + frames * ahead)
 
     def _read(self):
         """Take the results of `watch`."""
@@ -128,7 +135,7 @@ class Contact:
         self._watched = False
 
     def forget(self):
-        """Vertices were moved by hand: so is where they leave bodies."""
+        """Vertices were moved by hand: also forget the faces by which samples leave bodies."""
         self.look_again()
         if self.arrays is not None:
             self._exits.fill_(NO_FACE)

@@ -121,7 +121,7 @@ def _helpers():
 class Pace:
     """Chooses the faster of two numbers of threads, one or the limit, while frames run.
 
-    Threads wait for each other about 40 times a substep.  Where another program keeps a
+    Threads wait for each other some 20 times a substep.  Where another program keeps a
     core busy, each wait may cost a time slice, and one thread is faster.
     """
 

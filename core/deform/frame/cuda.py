@@ -1,6 +1,6 @@
 """One frame of the solver on a GPU, in one launch: n substeps, every color of every substep.
 
-A launch per color costs at least 1.3 µs, and a substep has about 40 colors.  So one kernel
+A launch per color costs at least 1.3 µs, and a substep has some 20 colors.  So one kernel
 runs the whole frame and waits at a barrier between colors.  There are two forms of it, and
 the mesh's size decides which one runs:
 
