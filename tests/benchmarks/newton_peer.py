@@ -12,7 +12,7 @@ LITTLE = 1e-6  # of K: k_mu of tets that shall resist volume alone
 
 
 def newton_model(scene, energy):
-    """The scene's object, with springs at its edges if the energy is `springs`.
+    """The scene's object, with springs at its edges if the energy is one of ours.
 
     Held vertices have mass 0, and particles radius 0: there are no contacts to look for.
     """
@@ -20,12 +20,13 @@ def newton_model(scene, energy):
     masses = np.where(scene.held, 0.0, scene.energy.masses).tolist()
     still, points = np.zeros_like(scene.rest).tolist(), [0.0] * len(masses)
     builder.add_particles(scene.rest.tolist(), still, masses, radius=points)
-    if energy == "springs":
-        ends, stiffnesses = scene.energy.edges.tolist(), scene.energy.stiffnesses.tolist()
+    if energy in scene.energies:
+        ours = scene.energies[energy]
+        ends, stiffnesses = ours.edges.tolist(), ours.stiffnesses.tolist()
         for (i, j), stiffness in zip(ends, stiffnesses, strict=True):
             builder.add_spring(i, j, stiffness, 0.0, 0.0)
-        moduli = 6.0 * scene.energy.volume_stiffnesses * scene.energy.volumes  # K of each tet
-        for tet, bulk in zip(scene.energy.tets.tolist(), moduli.tolist(), strict=True):
+        moduli = 6.0 * ours.volume_stiffnesses * ours.volumes  # K of each tet
+        for tet, bulk in zip(ours.tets.tolist(), moduli.tolist(), strict=True):
             if bulk > 0.0:
                 builder.add_tetrahedron(*tet, k_mu=LITTLE * bulk, k_lambda=bulk)
     else:
