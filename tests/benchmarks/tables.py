@@ -66,7 +66,7 @@ def xpbd_error():
         "command": "python tests/benchmarks/xpbd_error.py",
         "hardware": "two CPU cores",
         "date": "2026-11-22",
-        "commit": "a58bd68",
+        "commit": "295a2e3",
         "columns": [*columns, "largest, 20 / 50", "ms a frame, 20"],
         "rows": rows,
     }
