@@ -15,15 +15,15 @@ from .material import Material
 
 EACH_HOLDS = 2.0  # K/μ, that of ν = 0.375
 LOOK_EVERY = 4  # frames
-WHILE = 0.5  # s
-LONGEST_WHILE = 1e3
+WHILE = 0.5  # s without an inverted or squeezed tet
+LONGEST_WHILE = 1e3  # s
 
 
 class InversionGuard:
     """Decides in which parts all tets hold their volume.
 
     Attributes:
-        parts: [P] bool
+        parts: Those whose tets all hold their volume.  [P] bool
     """
 
     def __init__(self, volumes: VolumeConstraints, part_of):
@@ -76,7 +76,7 @@ class InversionGuard:
         return self._of_all is not None and not np.array_equal(before, self.parts)
 
     def guarded(self, compliances):
-        """Compliances of the tets, where these are those of the material.  [T]"""
+        """α of all tets to use now, given those of the material [m⁵/N].  [T]"""
         if self._of_all is None or not self.parts.any():
             return compliances
         return np.where(self.parts[self._part_of_tets], self._of_all, compliances)

@@ -157,7 +157,6 @@ class Feedback:
             count: Whether to count tangles in it.
             overlong: Whether overlong edges count as wrapped.
             inverted: Whether to count inverted and squeezed tets, if not all tangles.
-            inverted: Whether to count inverted tets, if not all tangles.
         """
         self._only_inverted = inverted and not count
         if count or inverted:

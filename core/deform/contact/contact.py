@@ -49,7 +49,9 @@ class Contact:
         self._dt = None  # of the frame that is watched
         self._moods_of = None  # the parts that are awake and those that are out, as on the device
         self._watched = self._arriving = self._touching = False
-        self._clearance = self._travel = self._motion = 0.0  # m
+        # How far the nearest boxes were apart, how far vertices may have gone since, and went in
+        # the last frame that is known [m].
+        self._clearance = self._travel = self._motion = 0.0
         self._launches = {}
         self._graph = None  # of `_list` on CUDA; False until it ran once
 
