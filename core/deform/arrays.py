@@ -49,6 +49,7 @@ class ConstraintArrays:
     regularization: wp.array(dtype=float)  # [C] a
     offsets: wp.array(dtype=int)  # [most colors + 1] color c is offsets[c]:offsets[c + 1]
     color_count: wp.array(dtype=int)  # [1] how many colors have constraints in use
+    halves: wp.array(dtype=int)  # [4] where each half begins, what joins them, and the end
 
 
 @wp.struct
@@ -162,6 +163,7 @@ class ConstraintList:
             regularization=room,
             offsets=len(offsets),
             color_count=1,
+            halves=4,
         )
         self.in_use = None
         self._rest_values = constraints.rest_values.copy()  # of all, as last known
@@ -207,6 +209,8 @@ class ConstraintList:
         self._put(self.arrays.vertices, self.constraints.vertices[in_use], self._unused)
         self._put(self.arrays.ids, in_use)
         self._put(self.arrays.rest_values, rest_values[in_use])
+        if self.constraints.has_halves:
+            self.arrays.halves.assign(starts[:: (len(starts) - 1) // 3].astype(np.int32))
         used = np.unique(starts)  # without colors that have no constraint in use
         self.arrays.color_count.assign(np.array([len(used) - 1], np.int32))
         used = np.append(used, np.full(len(starts) - len(used), used[-1]))

@@ -107,5 +107,7 @@ class ColliderRows:
 
     def end(self):
         """A frame is over: they have arrived."""
+        if not self._stale:
+            return
         self._stale = bool((self._rows[:, 1:4] != self._rows[:, 4:7]).any())
         self._rows[:, 1:4] = self._rows[:, 4:7]

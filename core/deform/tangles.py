@@ -141,10 +141,10 @@ class Feedback:
         self._fans = None  # the first count builds them
         self._motion = motion
         self._counts = wp.zeros((4, int(parts.max()) + 1), dtype=int, device=device)
-        self._copies = [
-            wp.zeros_like(source, device="cpu", pinned=device.is_cuda)
-            for source in (motion, self._counts)
-        ]
+        self._copies = sources = [motion, self._counts]
+        if device.is_cuda:
+            self._copies = [wp.zeros_like(array, device="cpu", pinned=True) for array in sources]
+        self._on_host = [copy.numpy() for copy in self._copies]
         self._expected = 0  # how many of them are on their way
         self._only_inverted = False
         self._copied = wp.Event(device) if device.is_cuda else None
@@ -164,10 +164,10 @@ class Feedback:
         if count:
             self._count_wrapped(vertices, STRETCH if overlong else UNLIMITED)
         self._expected = 2 if count or inverted else 1
-        sources = self._motion, self._counts
-        for copy, source in zip(self._copies[: self._expected], sources, strict=False):
-            wp.copy(copy, source)
         if self._copied is not None:
+            sources = self._motion, self._counts
+            for copy, source in zip(self._copies[: self._expected], sources, strict=False):
+                wp.copy(copy, source)
             self._device.stream.record_event(self._copied)
 
     def read(self):
@@ -180,7 +180,7 @@ class Feedback:
         if self._expected and self._copied is not None:
             wp.synchronize_event(self._copied)
         expected, self._expected = self._expected, 0
-        motion, counts = (copy.numpy() for copy in self._copies)
+        motion, counts = self._on_host
         motion = float(motion.max()) if expected > 0 else None
         counts = counts.copy() if expected > 1 else None
         if counts is None:

@@ -20,6 +20,7 @@ from .arrays import ConstraintList, frame_arrays
 from .colliders import ColliderRows
 from .contact import Contact
 from .frame import CpuFrame, CudaFrame, runs_in_block
+from .halves import cut
 from .holds import Holds
 from .inversion import InversionGuard
 from .material import Material
@@ -78,15 +79,16 @@ class XpbdSolver:
         count = len(self.rest_vertices)
         pinned = checks.per_vertex(pinned, count, "a pin mask", bool)
         self.object_size = float(np.ptp(self.rest_vertices, axis=0).max())
-        self.edges = constraints.edge_constraints(self.rest_vertices, self.tets)
-        self.volumes = constraints.volume_constraints(self.rest_vertices, self.tets)
+        on_gpu, mesh = self.device.is_cuda, (self.rest_vertices, self.tets)
+        lists = constraints.edge_constraints(*mesh), constraints.volume_constraints(*mesh)
+        self.edges, self.volumes, halves = cut(self.rest_vertices, *lists, not on_gpu)
         self._part_of = components(count, self.tets)  # [V]
         self._active = np.zeros(self._part_of.max() + 1, bool)  # by part
         self._dt = TIME_STEP
         self._touching = False  # whether parts may have touched in the last frame
         self._stiffness = None  # factors of Young's modulus  [V]
 
-        common = count, self.device, self.device.is_cuda and runs_in_block(count)
+        common = count, self.device, on_gpu and runs_in_block(count)
         self._lists = [ConstraintList(part, *common) for part in (self.edges, self.volumes)]
         arrays = frame_arrays(count, *(part.arrays for part in self._lists), self.device)
         self._state, self._timing = arrays.state, arrays.timing
@@ -102,11 +104,8 @@ class XpbdSolver:
         self._colliders = ColliderRows(arrays.colliders)
         self._colliders.put(self.options.colliders)
         self._feedback = self._make_feedback()
-        self._frame = (
-            CudaFrame(arrays, self.rest_vertices, self.device)
-            if self.device.is_cuda
-            else CpuFrame(arrays)
-        )
+        on_cuda = arrays, self.rest_vertices, self.device
+        self._frame = CudaFrame(*on_cuda) if on_gpu else CpuFrame(arrays, halves)
         self._contact = Contact(self.rest_vertices, self.volumes.vertices, self._state, self._frame)
         self.set_material(material)
         self.reset()

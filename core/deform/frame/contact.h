@@ -4,6 +4,7 @@
 // Each device defines before, besides what substep.h takes:
 //
 //   body_of(i), put_body(i, d)   a Vector: the delta of vertex i, and its inverse mass
+//   before(i), keep_before(i, d) what is kept of vertex i in the substep (substep.h)
 //   seen(p), seen_four(p)     a number or a Vector, where another thread may have written it
 //   add_load(i, n)            adds n to frame.contacts.loads[i], whatever other threads do
 //   summed(v)                 the sum of a Vector over the lanes that share a vertex
@@ -78,7 +79,7 @@ auto push_contact = [&](int k, int substep) {
     float* const result = contact_results + RESULTS * k;
     const float height = result[HEIGHT];
     if (!(height < 0.0f)) return;
-    const float part = (substep + 0.0f) / substep_count;
+    const float part = per_count * substep;
     float total = 0.0f;
     ContactBodies moved;  // since the substep's start
     Vector* const moves[5] = {&moved.p, &moved.q, &moved.a, &moved.b, &moved.c};

@@ -28,11 +28,12 @@ auto cosine = [](float half_turns) { return cos(half_turns * 3.1415927f); };
 auto sine = [](float half_turns) { return sin(half_turns * 3.1415927f); };
 f4* const bodies = reinterpret_cast<f4*>(scratch.bodies.data);
 f4* const previous = reinterpret_cast<f4*>(scratch.previous.data);
-auto before = [&](int i) { return previous[i]; };
-auto keep_before = [&](int i, f4 d) { previous[i] = d; };
 #include "substep.h"
-auto body_of = [&](int i) { return bodies[i]; };
-auto put_body = [&](int i, f4 d) { bodies[i] = d; };
+const int* const slots = scratch.slots.data;
+auto body_of = [&](int i) { return bodies[slots[i]]; };
+auto put_body = [&](int i, f4 d) { bodies[slots[i]] = d; };
+auto before = [&](int i) { return previous[slots[i]]; };
+auto keep_before = [&](int i, f4 d) { previous[slots[i]] = d; };
 auto seen = [](auto* p) { return *p; };
 auto seen_four = [](const float* p) { return *reinterpret_cast<const f4*>(p); };
 auto summed = [](f4 v) { return v; };
@@ -71,6 +72,17 @@ auto part = [&](int first, int last, int thread_id) {
     const int begin = first + 8 * (int)(groups * thread_id / thread_count);
     return begin < last ? begin : last;
 };
+// Does something with this thread's vertices: f(i, its slot).
+const int first_half = scratch.first_half.data[0];
+auto each_vertex = [&](auto f) {
+    auto each_slot = [&](int slot, int last) {
+        for (; slot < last; ++slot) f(scratch.order.data[slot], slot);
+    };
+    if (first_half == 0)
+        each_slot(part(0, vertex_count, thread), part(0, vertex_count, thread + 1));
+    for (int half = thread; first_half > 0 && half < 2; half += thread_count)
+        each_slot(half ? first_half : 0, half ? vertex_count : first_half);
+};
 
 // -- eight vertices to lanes and back ---------------------------------------------------------
 auto gather = [&](const int* id) {
@@ -108,11 +120,6 @@ auto load = [&](const float* from) {
 
 // -- eight constraints at once ----------------------------------------------------------------
 const int edge_room = frame.edges.vertices.shape[0], tet_room = frame.volumes.vertices.shape[0];
-const int* const edge_offsets = frame.edges.offsets.data;
-const int* const tet_offsets = frame.volumes.offsets.data;
-const int edge_colors = frame.edges.color_count.data[0];
-const int all_tet_colors = frame.volumes.color_count.data[0];
-const int tet_colors = has_volumes ? all_tet_colors : 0;
 float* const edge_span = scratch.spans.data;
 float* const tet_span = edge_span + 3 * edge_room;
 int* const edge_lanes = scratch.lanes.data;  // the vertices of eight constraints, by corner
@@ -121,9 +128,12 @@ int* const tet_lanes = edge_lanes + 2 * edge_room;
 auto project_edges = [&](int k) {
     const int* const id = edge_lanes + 2 * k;
     Eight p = gather(id), q = gather(id + 8);
-    project_edge(p, q, load(edge_span + k), load(edge_span + edge_room + k),
-                 load(edge_span + 2 * edge_room + k), load(frame.edges.rest_values.data + k),
-                 load(frame.edges.regularization.data + k), frame.edges.ids.data + k);
+    const f8 rest = load(frame.edges.rest_values.data + k);
+    EdgeMove move = edge_move(p, q, load(edge_span + k), load(edge_span + edge_room + k),
+                              load(edge_span + 2 * edge_room + k), rest,
+                              load(frame.edges.regularization.data + k));
+    open_collapsed(move, rest, frame.edges.ids.data + k);
+    move_ends(move, p, q);
     scatter(id, p);
     scatter(id + 8, q);
 };
@@ -144,7 +154,7 @@ auto begin = [&](const int* corners, int corner_count, int base, int room, int* 
                  float* spans, int k) {
     const int* const id = corners + corner_count * k;
     for (int j = 0; j < corner_count; ++j)
-        lanes[corner_count * (k - k % 8) + 8 * j + k % 8] = id[j];
+        lanes[corner_count * (k - k % 8) + 8 * j + k % 8] = slots[id[j]];
     if (id[0] == vertex_count) return;  // not used
     int row = 0;
     for (int i = 0; i < corner_count; ++i)
@@ -152,34 +162,51 @@ auto begin = [&](const int* corners, int corner_count, int base, int room, int* 
             spans[row++ * room + k] = x[3 * id[i] + j] - x[3 * id[base] + j];
 };
 
+// Projects all constraints, eight at a time.
+auto run = [&](int k, int last, auto project) {
+    for (; k < last; k += 8) project(k);
+};
+auto project_run = [&](int i) {  // of a half, or those that join the halves (halves.py)
+    const int* const edges = frame.edges.halves.data;
+    const int* const tets = frame.volumes.halves.data;
+    run(edges[i], edges[i + 1], project_edges);
+    if (has_volumes) run(tets[i], tets[i + 1], project_tets);
+};
+auto project_colors = [&](const auto& list, auto project) {
+    for (int c = 0; c < list.color_count.data[0]; ++c) {
+        const int first = list.offsets.data[c], last = list.offsets.data[c + 1];
+        run(part(first, last, thread), part(first, last, thread + 1), project);
+        meet();
+    }
+};
+auto project_all = [&]() {
+    if (first_half == 0) {
+        project_colors(frame.edges, project_edges);
+        if (has_volumes) project_colors(frame.volumes, project_tets);
+        return;
+    }
+    for (int half = thread; half < 2; half += thread_count) project_run(half);
+    meet();
+    if (thread == 0) project_run(2);
+    meet();
+};
+
 // -- the frame --------------------------------------------------------------------------------
-const int edge_count = edge_offsets[edge_colors], tet_count = tet_offsets[all_tet_colors];
+auto count_of = [](const auto& list) { return list.offsets.data[list.color_count.data[0]]; };
+const int edge_count = count_of(frame.edges), tet_count = count_of(frame.volumes);
 for (int k = part(0, edge_count, thread), last = part(0, edge_count, thread + 1); k < last; ++k)
     begin(frame.edges.vertices.data, 2, 1, edge_room, edge_lanes, edge_span, k);
 if (has_volumes)
     for (int k = part(0, tet_count, thread), last = part(0, tet_count, thread + 1); k < last; ++k)
         begin(frame.volumes.vertices.data, 4, 0, tet_room, tet_lanes, tet_span, k);
-const int first_vertex = part(0, vertex_count, thread);
-const int last_vertex = part(0, vertex_count, thread + 1);
-for (int i = first_vertex; i < last_vertex; ++i) bodies[i] = first_prediction(i);
+each_vertex([&](int i, int slot) { bodies[slot] = first_prediction(Full(), i, previous[slot]); });
 float farthest = 0.0f;
 meet();
 for (int substep = 0; substep < substep_count; ++substep) {
-    for (int c = 0; c < edge_colors; ++c) {
-        const int first = edge_offsets[c], end = edge_offsets[c + 1];
-        const int last = part(first, end, thread + 1);
-        for (int k = part(first, end, thread); k < last; k += 8) project_edges(k);
-        meet();
-    }
-    for (int c = 0; c < tet_colors; ++c) {
-        const int first = tet_offsets[c], end = tet_offsets[c + 1];
-        const int last = part(first, end, thread + 1);
-        for (int k = part(first, end, thread); k < last; k += 8) project_tets(k);
-        meet();
-    }
+    project_all();
     if (has_contacts) {
         if (has_springs) {
-            for (int i = first_vertex; i < last_vertex; ++i) pull(i, substep, bodies[i]);
+            each_vertex([&](int i, int slot) { pull(i, substep, bodies[slot]); });
             meet();
         }
         const int first = part(0, contact_count, thread), last = part(0, contact_count, thread + 1);
@@ -192,18 +219,18 @@ for (int substep = 0; substep < substep_count; ++substep) {
         meet();
     }
     const bool over = substep + 1 == substep_count;
-    for (int i = first_vertex; i < last_vertex; ++i) {
-        f4 d = bodies[i];
-        const f4 v = finish(i, substep, d);
+    each_vertex([&](int i, int slot) {
+        f4 d = bodies[slot];
+        const f4 v = finish(Full(), i, substep, d, previous[slot]);
         if (!over) {
-            bodies[i] = predict(i, substep + 1, d, v);
-            continue;
+            bodies[slot] = predict(Full(), i, substep + 1, d, v, previous[slot]);
+            return;
         }
         const float moved = d.x * d.x + d.y * d.y + d.z * d.z;
         farthest = moved <= farthest ? farthest : moved == moved ? moved : __builtin_inff();
         store(i, d, v);
-    }
-    if (!over) meet();
+    });
+    if (!over && first_half == 0) meet();  // each thread goes on with its own half
 }
 frame.motion.data[thread] = sqrt(farthest);
 for (int other = thread_count; other < frame.motion.shape[0]; ++other)

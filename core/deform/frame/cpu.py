@@ -1,9 +1,10 @@
 """One frame of the solver on a CPU: eight constraints at once, several threads.
 
 Constraints of one color share no vertex, so eight of them are projected in the lanes of a
-vector, and each thread takes a part of a color.  Between colors the threads wait for each
-other at a barrier that spins: waiting for the operating system would take longer than a
-color.  The result doesn't depend on the number of threads.
+vector.  A mesh of up to some ten thousand tets has two halves (halves.py), and each of two
+threads takes one.  In larger ones, each thread takes a part of a color.  Threads wait for each
+other at a barrier that spins: waiting for the operating system would take longer than a color.
+The result doesn't depend on the number of threads.
 
 reference.py defines the substep.  Shapes: V vertices.
 """
@@ -13,10 +14,12 @@ from functools import cache
 from threading import Lock
 from time import perf_counter
 
+import numpy as np
 import warp as wp
 
 from ...device import thread_count as usable_threads
 from ..arrays import MOST_THREADS, ContactArrays, FrameArrays, zeros
+from ..halves import Halves
 from .native import native_kernel
 
 LINE = 16  # ints of a cache line, or half of one
@@ -30,8 +33,11 @@ FIRST_PAUSE, LONGEST_PAUSE = 120, 4000  # frames between trials
 class CpuScratch:
     """Arrays of a frame besides FrameArrays; E and T are the rooms for edges and tets."""
 
-    bodies: wp.array(dtype=wp.vec4)  # [V + 1] deltas and inverse masses
-    previous: wp.array(dtype=wp.vec4)  # [V] the same at the substep's start
+    bodies: wp.array(dtype=wp.vec4)  # [V + 1] deltas and inverse masses, by slot
+    previous: wp.array(dtype=wp.vec4)  # [V] what is kept of them in a substep, by slot
+    slots: wp.array(dtype=int)  # [V + 1] of vertices: the first half comes first
+    order: wp.array(dtype=int)  # [V] the vertex in each slot
+    first_half: wp.array(dtype=int)  # [1] how many vertices it has; 0 if there are no halves
     spans: wp.array(dtype=float)  # [3 E + 9 T] differences of vertices, by component
     lanes: wp.array(dtype=int)  # [2 E + 4 T] vertices of constraints, eight by eight
     arrivals: wp.array(dtype=int)  # [LINE · MOST_THREADS] barriers that each thread has reached
@@ -43,7 +49,8 @@ frame_kernel = native_kernel("cpu.cpp", CpuScratch, {"LINE": LINE}, module=wp.ge
 class CpuFrame:
     """Runs frames of one solver on a CPU."""
 
-    def __init__(self, frame: FrameArrays):
+    def __init__(self, frame: FrameArrays, halves: Halves | None = None):
+        """Take the arrays to work on, and the mesh's halves."""
         self._frame = frame
         vertex_count = len(frame.state.vertices)
         edge_room, tet_room = len(frame.edges.ids), len(frame.volumes.ids)
@@ -52,13 +59,23 @@ class CpuFrame:
             "cpu",
             bodies=vertex_count + 1,
             previous=vertex_count,
+            slots=vertex_count + 1,
+            order=vertex_count,
+            first_half=1,
             spans=3 * edge_room + 9 * tet_room,
             lanes=2 * edge_room + 4 * tet_room,
             arrivals=LINE * MOST_THREADS,
         )
+        order = np.arange(vertex_count) if halves is None else halves.order
+        self._scratch.order.assign(order.astype(np.int32))
+        slots = np.argsort(np.append(order, vertex_count), kind="stable")
+        self._scratch.slots.assign(slots.astype(np.int32))
+        if halves is not None:
+            self._scratch.first_half.fill_(halves.first_count)
         self._arrivals = self._scratch.arrivals.numpy()
         self._launches = {}
-        self._pace = Pace(thread_limit(tet_room))
+        limit = thread_limit(tet_room) if halves is None else min(2, usable_threads())
+        self._pace = Pace(limit)
 
     def set_contacts(self, contacts: ContactArrays) -> None:
         """Take other arrays of contacts."""

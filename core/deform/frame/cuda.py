@@ -7,8 +7,8 @@ the mesh's size decides which one runs:
     block  one block of threads, positions in its shared memory, __syncthreads as barrier
     grid   a block on most of the GPU's processors, positions in its L2 cache, a counter
 
-Constraints are loaded two colors ahead, so that behind a barrier a thread waits for
-positions only.  Both forms take the colors in the same order and give the same result.
+Constraints are loaded ahead, so that behind a barrier a thread waits for positions only.
+Both forms take the colors in the same order and give the same result.
 
 Shared memory has eight banks of 16 bytes, and eight threads that access the same bank wait
 for each other.  Translates of one constraint are neighbors in the order (coloring.py), so a
@@ -28,7 +28,7 @@ wp.set_module_options({"enable_backward": False})
 
 BLOCK_THREADS = 512
 GRID_THREADS = 256
-SHARED_VERTICES = 2688  # 16 bytes each; 48 KiB hold them and the ranges of colors
+SHARED_VERTICES = wp.constant(2688)  # 16 bytes each; 48 KiB hold them and the ranges of colors
 MOST_COLORS = 380  # of edges and tets together; 8 bytes each
 BANKS = 8
 
@@ -40,7 +40,7 @@ class CudaScratch:
     slots: wp.array(dtype=int)  # [V] where a block keeps each vertex in shared memory
     bodies: wp.array(dtype=wp.vec4)  # [V] deltas and inverse masses, of a grid
     previous: wp.array(dtype=wp.vec3)  # [V] deltas at the substep's start
-    edge_slots: wp.array(dtype=wp.vec2i)  # [E] of the ends
+    edge_slots: wp.array(dtype=wp.vec2i)  # [E] of the ends; in a block packed, with a
     edge_spans: wp.array(dtype=wp.vec4)  # [E] difference of the ends at the frame's start; L
     tet_slots: wp.array(dtype=wp.vec4i)  # [T] of the corners
     tet_spans: wp.array(dtype=wp.vec4)  # [3 T] corners minus the first; 6 V0, a, 0
@@ -53,13 +53,21 @@ def _kernel(grid, threads):
         "GRID": int(grid),
         "THREADS": threads,
         "SHARED_VERTICES": SHARED_VERTICES,
+        "THREAD_VERTICES": -(-SHARED_VERTICES // threads),
         "MOST_COLORS": MOST_COLORS,
     }
     return native_kernel("cuda.cu", CudaScratch, values, module="unique", launch_bounds=threads)
 
 
+@wp.func
+def packed(first: int, second: int, regularization: float):
+    """Where an edge's ends are in a block's shared memory [16 bytes], in 16 bits each; and a."""
+    places = wp.uint32(first) << wp.uint32(4) | wp.uint32(second) << wp.uint32(20)
+    return wp.vec2i(wp.cast(places, wp.int32), wp.cast(regularization, wp.int32))
+
+
 @wp.kernel(grid_stride=False)
-def begin_kernel(frame: FrameArrays, scratch: CudaScratch, has_volumes: int):
+def begin_kernel(frame: FrameArrays, scratch: CudaScratch, has_volumes: int, in_block: int):
     k = wp.tid()
     if k == 0:
         frame.motion[0] = 0.0
@@ -67,11 +75,17 @@ def begin_kernel(frame: FrameArrays, scratch: CudaScratch, has_volumes: int):
     edges = frame.edges.vertices
     if k < edges.shape[0]:
         if edges[k, 0] < vertex_count:
-            scratch.edge_slots[k] = wp.vec2i(scratch.slots[edges[k, 0]], scratch.slots[edges[k, 1]])
+            first, second = scratch.slots[edges[k, 0]], scratch.slots[edges[k, 1]]
+            scratch.edge_slots[k] = wp.vec2i(first, second)
+            if in_block != 0:
+                scratch.edge_slots[k] = packed(first, second, frame.edges.regularization[k])
             u = frame.state.vertices[edges[k, 0]] - frame.state.vertices[edges[k, 1]]
             scratch.edge_spans[k] = wp.vec4(u[0], u[1], u[2], frame.edges.rest_values[k])
         else:
             scratch.edge_slots[k] = wp.vec2i(-1, -1)
+            if in_block != 0:  # an edge at rest, between vertices without mass
+                scratch.edge_slots[k] = packed(SHARED_VERTICES, SHARED_VERTICES, 1.0)
+                scratch.edge_spans[k] = wp.vec4(1.0, 0.0, 0.0, 1.0)
     tets = frame.volumes.vertices
     room = tets.shape[0]
     if has_volumes != 0 and k < room:
@@ -150,7 +164,7 @@ class CudaFrame:
                 wp.launch(
                     begin_kernel,
                     max(len(self._frame.edges.ids), len(self._frame.volumes.ids)),
-                    [self._frame, self._scratch, int(parts[0])],
+                    [self._frame, self._scratch, int(parts[0]), int(self._in_block)],
                     device=self._device,
                     record_cmd=True,
                 ),

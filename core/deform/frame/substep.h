@@ -14,7 +14,6 @@
 //   shortfall(squared, rest, total)   (rest - |u|) / (|u| total), where squared = |u|^2
 //   cosine(t), sine(t)        of t half turns
 //   plus(a, s, b), times(s, a)        a + s b and s a in x, y, z, of Vectors
-//   before(i), keep_before(i, d)      the delta of vertex i at the substep's start
 //
 // Constants of the frame, and pointers to the vertices' arrays.
 const float* const timing = frame.timing.data;  // xpbd_options.Timing
@@ -22,6 +21,7 @@ const float h = timing[0], per_h = 1.0f / h, decay = timing[1], limit = timing[2
 const Vector fall = {h * timing[3], h * timing[4], h * timing[5], 0.0f};
 const float air = timing[8];  // what it leaves of velocities
 const bool has_air = air < 1.0f;
+const float per_count = 1.0f / substep_count;
 const Vector gust = {timing[9], timing[10], timing[11], 0.0f};
 const int vertex_count = frame.state.vertices.shape[0];
 float* const x = reinterpret_cast<float*>(frame.state.vertices.data);
@@ -34,7 +34,7 @@ const float* const target = reinterpret_cast<const float*>(frame.state.targets.d
 
 struct Direction { float x, y, z; };
 // The direction of an edge that has no length: pseudo-random, but always the same one.
-auto fallback_direction = [&](int id) {
+auto fallback_direction = [=](int id) __attribute__((noinline)) {
     unsigned bits = (unsigned(id) + 1u) * 2654435761u;
     bits ^= bits >> 16;
     bits *= 2246822519u;
@@ -46,24 +46,30 @@ auto fallback_direction = [&](int id) {
     return Direction{ring * cosine(half_turns), ring * sine(half_turns), up};
 };
 
-// Edges between p and q.  The span is their difference at the frame's start.
-auto project_edge = [&](Body& p, Body& q, real span_x, real span_y, real span_z, real rest,
-                        real regularization, const int* ids) {
-    real ux = span_x + (p.x - q.x), uy = span_y + (p.y - q.y), uz = span_z + (p.z - q.z);
+// What an edge between p and q does: its direction, not normalized, and its multiplier.  The span
+// is the difference of its ends at the frame's start.
+struct EdgeMove { real x, y, z, along, total; decltype(real() > real()) collapsed; };
+auto edge_move = [&](const Body& p, const Body& q, real span_x, real span_y, real span_z, real rest,
+                     real regularization) {
+    const real ux = span_x + (p.x - q.x), uy = span_y + (p.y - q.y), uz = span_z + (p.z - q.z);
     const real squared = ux * ux + uy * uy + uz * uz;
     const real total = p.w + q.w + regularization;
-    real along = shortfall(squared, rest, total);
-    const auto collapsed = !(squared > @COLLAPSED * @COLLAPSED * rest * rest);
-    FOR_LANES(collapsed, i) {
+    return EdgeMove{ux, uy, uz, shortfall(squared, rest, total), total,
+                    !(squared > @COLLAPSED * @COLLAPSED * rest * rest)};
+};
+auto open_collapsed = [&](EdgeMove& m, real rest, const int* ids) {
+    FOR_LANES(m.collapsed, i) {
         const Direction u = fallback_direction(ids[i]);
-        LANE(ux, i) = u.x;
-        LANE(uy, i) = u.y;
-        LANE(uz, i) = u.z;
-        LANE(along, i) = LANE(rest, i) / LANE(total, i);
+        LANE(m.x, i) = u.x;
+        LANE(m.y, i) = u.y;
+        LANE(m.z, i) = u.z;
+        LANE(m.along, i) = LANE(divided(rest, m.total), i);
     }
-    const real mp = p.w * along, mq = q.w * along;
-    p.x += mp * ux; p.y += mp * uy; p.z += mp * uz;
-    q.x -= mq * ux; q.y -= mq * uy; q.z -= mq * uz;
+};
+auto move_ends = [&](const EdgeMove& m, Body& p, Body& q) {
+    const real mp = p.w * m.along, mq = q.w * m.along;
+    p.x += mp * m.x; p.y += mp * m.y; p.z += mp * m.z;
+    q.x -= mq * m.x; q.y -= mq * m.y; q.z -= mq * m.z;
 };
 
 // Tets.  Spans are those of corners 1, 2, 3 from corner 0 at the frame's start: a, b, c.
@@ -104,35 +110,37 @@ auto project_tet = [&](Body& p0, Body& p1, Body& p2, Body& p3, const real (&span
 
 // -- vertices ---------------------------------------------------------------------------------
 
-// A substep begins: vertex i moves on by its velocity, or along its way if it is kinematic.
-auto predict = [&](int i, int substep, Vector d, Vector v) {
-    if (d.w > 0.0f) {
-        keep_before(i, d);
-        // Free parts are damped once a frame (rigid_motion.py).
-        v = plus(fall, has_free && frame.state.free.data[i] ? 1.0f : decay, v);
-        if (has_air) v = plus(gust, air, v);
-        const float squared = v.x * v.x + v.y * v.y + v.z * v.z;
-        if (squared > limit * limit) v = times(limit / sqrt(squared), v);
-        d = plus(d, h, v);
-    } else {
-        const float share = (substep + 1.0f) / substep_count;
-        d.x = share * (target[3 * i] - x[3 * i]);
-        d.y = share * (target[3 * i + 1] - x[3 * i + 1]);
-        d.z = share * (target[3 * i + 2] - x[3 * i + 2]);
-    }
-    return d;
+// In most frames vertices do no more than move, and a device may have code for that alone: what
+// follows takes Moving() in place of Full() then.
+struct Moving { constexpr operator bool() const { return true; } };
+struct Full { constexpr operator bool() const { return false; } };
+const bool only_move = !(has_springs || has_ground || has_free || collider_count || has_contacts);
+
+// A substep begins: vertex i moves on by its velocity, or along its way if it is kinematic.  What
+// is kept of a vertex from here to the substep's end is its delta now, or its way in this frame.
+auto predict = [&](auto moving, int i, int substep, Vector d, Vector v, Vector& kept) {
+    if (!(d.w > 0.0f)) return plus(Vector{0.0f, 0.0f, 0.0f, d.w}, per_count * (substep + 1), kept);
+    kept = d;
+    // Free parts are damped once a frame (rigid_motion.py).
+    v = plus(fall, !moving && has_free && frame.state.free.data[i] ? 1.0f : decay, v);
+    if (has_air) v = plus(gust, air, v);
+    const float squared = v.x * v.x + v.y * v.y + v.z * v.z;
+    if (squared > limit * limit) v = times(limit / sqrt(squared), v);
+    return plus(d, h, v);
 };
-auto first_prediction = [&](int i) {
+auto first_prediction = [&](auto moving, int i, Vector& kept) {
     const float* const d = rest_delta + 3 * i;
     const float* const v = velocity + 3 * i;
-    return predict(i, 0, Vector{d[0], d[1], d[2], frame.state.inverse_masses.data[i]},
-                   Vector{v[0], v[1], v[2], 0.0f});
+    kept = Vector{target[3 * i] - x[3 * i], target[3 * i + 1] - x[3 * i + 1],
+                  target[3 * i + 2] - x[3 * i + 2], 0.0f};
+    return predict(moving, i, 0, Vector{d[0], d[1], d[2], frame.state.inverse_masses.data[i]},
+                   Vector{v[0], v[1], v[2], 0.0f}, kept);
 };
 
 // Pushes vertex i out of collider c (colliders.py), with friction relative to the collider.
 auto leave_collider = [&](int i, int c, int substep, Vector& d, Vector from) {
     const float* const row = frame.colliders.data + @COLLIDER_SIZE * c;
-    const float step = 1.0f / substep_count, share = step * (substep + 1.0f);
+    const float share = per_count * (substep + 1);
     const float wx = row[4] - row[1], wy = row[5] - row[2], wz = row[6] - row[3];
     const float px = (x[3 * i] - (row[1] + share * wx)) + d.x;
     const float py = (x[3 * i + 1] - (row[2] + share * wy)) + d.y;
@@ -157,8 +165,8 @@ auto leave_collider = [&](int i, int c, int substep, Vector& d, Vector from) {
     }
     if (!(push > 0.0f)) return;
     d.x += push * nx; d.y += push * ny; d.z += push * nz;
-    float sx = d.x - from.x - step * wx, sy = d.y - from.y - step * wy;
-    float sz = d.z - from.z - step * wz;
+    float sx = d.x - from.x - per_count * wx, sy = d.y - from.y - per_count * wy;
+    float sz = d.z - from.z - per_count * wz;
     const float along = nx * sx + ny * sy + nz * sz;
     sx -= along * nx; sy -= along * ny; sz -= along * nz;
     const float slid = sqrt(sx * sx + sy * sy + sz * sz), most = timing[7] * push;
@@ -169,7 +177,7 @@ auto leave_collider = [&](int i, int c, int substep, Vector& d, Vector from) {
 // The spring of vertex i.
 auto pull = [&](int i, int substep, Vector& d) {
     if (d.w > 0.0f && frame.state.springs.data[i][0] >= 0.0f) {
-        const float share = (substep + 1.0f) / substep_count;
+        const float share = per_count * (substep + 1);
         auto to_goal = [&](int j, float delta) {
             const float way = target[3 * i + j] - anchor[3 * i + j];
             return ((anchor[3 * i + j] - x[3 * i + j]) + share * way) - delta;
@@ -184,12 +192,11 @@ auto pull = [&](int i, int substep, Vector& d) {
     }
 };
 
-// A substep ends: the ground, colliders, and vertex i's velocity.
-auto finish = [&](int i, int substep, Vector& d) {
+// A substep ends: the ground, colliders, and vertex i's velocity, given its delta from the start.
+auto finish = [&](auto moving, int i, int substep, Vector& d, Vector from) {
     if (!(d.w > 0.0f)) return Vector{0.0f, 0.0f, 0.0f, 0.0f};
-    if (has_springs && !has_contacts) pull(i, substep, d);  // contacts come after springs
-    const Vector from = before(i);
-    if (has_ground) {
+    if (!moving && has_springs && !has_contacts) pull(i, substep, d);  // contacts come after springs
+    if (!moving && has_ground) {
         // The mean of pushes bounds friction: a vertex that is pushed by fits and starts would
         // slide while it is not, and the body would creep.
         const float below = (timing[6] - x[3 * i + 2]) - d.z;
@@ -206,7 +213,7 @@ auto finish = [&](int i, int substep, Vector& d) {
             d.y -= held * sy;
         }
     }
-    for (int c = 0; c < collider_count; ++c) leave_collider(i, c, substep, d, from);
+    for (int c = 0; c < (moving ? 0 : collider_count); ++c) leave_collider(i, c, substep, d, from);
     return times(per_h, plus(d, -1.0f, from));
 };
 
@@ -214,7 +221,7 @@ auto finish = [&](int i, int substep, Vector& d) {
 // vertex has the velocity of its way, which it keeps when it is released.
 auto store = [&](int i, Vector d, Vector v) {
     const float deltas[3] = {d.x, d.y, d.z}, velocities[3] = {v.x, v.y, v.z};
-    const float per_frame = per_h / substep_count;
+    const float per_frame = per_h * per_count;
     for (int j = 0; j < 3; ++j) {
         const int k = 3 * i + j;
         const float start = x[k];
