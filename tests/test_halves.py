@@ -1,10 +1,12 @@
 """A mesh that is cut in two for two threads: what is in each half, and frames of it."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from deformrf.core.deform import Box, Material, XpbdOptions, XpbdSolver, constraints, halves
-from deformrf.core.deform.frame import reference
+from deformrf.core.deform.arrays import CPU_GROUP
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
@@ -16,98 +18,112 @@ def ball(spacing):
     return extract(mesh, away < 0.3)[0]
 
 
-BALL = ball(0.06)
+BALL = ball(0.05)
+LISTS = [
+    make(BALL.rest_vertices, BALL.tets)
+    for make in (constraints.edge_constraints, constraints.volume_constraints)
+]
 
 
 @pytest.fixture
 def cut_always(monkeypatch):
     monkeypatch.setattr(halves, "FEWEST_TETS", 0)
+    monkeypatch.setattr(halves, "MOST_SHARED", 1.0)
 
 
-def solver_of(mesh, options, **material):
-    free = np.zeros(mesh.vertex_count, bool)
-    return XpbdSolver(mesh.rest_vertices, mesh.tets, Material(**material), free, options, "cpu")
-
-
-def test_each_half_has_its_own_constraints(cut_always):
-    lists = [
-        make(BALL.rest_vertices, BALL.tets)
-        for make in (constraints.edge_constraints, constraints.volume_constraints)
-    ]
-    *cut, slots = halves.cut(BALL.rest_vertices, *lists)
-    second = np.zeros(BALL.vertex_count, bool)
-    second[slots.order[slots.first_count :]] = True
-    np.testing.assert_array_equal(np.sort(slots.order), np.arange(BALL.vertex_count))
-    for before, after in zip(lists, cut, strict=True):
-        assert sorted(map(tuple, after.vertices)) == sorted(map(tuple, before.vertices))
-        count = (len(after.offsets) - 1) // 3
-        runs = [slice(*after.offsets[[i * count, (i + 1) * count]]) for i in range(3)]
-        sides = [second[after.vertices[run]] for run in runs]
-        assert not sides[0].any() and sides[1].all()
-        assert (sides[2].any(axis=1) & ~sides[2].all(axis=1)).all()
-        sizes = [len(side) for side in sides]
-        assert max(sizes[:2]) < 1.25 * min(sizes[:2]) and sizes[2] < 1.25 * min(sizes[:2])
-        for first, last in zip(after.offsets[:-1], after.offsets[1:], strict=True):
-            assert len(np.unique(after.vertices[first:last])) == after.vertices[first:last].size
-        order = {tuple(v): i for i, v in enumerate(before.vertices)}
-        moved = [order[tuple(v)] for v in after.vertices]
-        np.testing.assert_array_equal(after.rest_values, before.rest_values[moved])
-
-
-def test_meshes_of_other_sizes_are_not_cut():
-    edges = constraints.edge_constraints(BALL.rest_vertices, BALL.tets)
-    volumes = constraints.volume_constraints(BALL.rest_vertices, BALL.tets)
-    assert len(volumes.vertices) < halves.FEWEST_TETS
-    assert halves.cut(BALL.rest_vertices, edges, volumes) == (edges, volumes, None)
-
-
-@pytest.mark.parametrize("poisson_ratio", [0.25, 0.45])
-def test_a_cut_mesh_steps_like_the_reference(cut_always, poisson_ratio):
-    options = XpbdOptions(substep_count=2, rescue=False, contact=False)
-    solver = solver_of(BALL, options, poisson_ratio=poisson_ratio)
-    noise = np.random.default_rng().normal(scale=0.004, size=BALL.rest_vertices.shape)
-    start = np.float32(BALL.rest_vertices + noise).astype(np.float64)
-    solver.set_state(start)
-    solver.step(DT)
-    material, edges, volumes = solver.material, solver.edges, solver.volumes
-    assert edges.has_halves and volumes.has_halves
-    w = 1.0 / constraints.lumped_masses(solver.rest_vertices, solver.tets, material.density)
-    of_edges, of_volumes = material.compliances(edges, volumes)
-    h = DT / options.substeps(DT)
-    frame = reference.Frame(
-        options.timing(DT, material.damping, solver.object_size),
-        options.substeps(DT),
-        w,
-        start,
-        start,
-        edges,
-        edges.regularization(of_edges, w, h),
-        None if of_volumes is None else volumes,
-        None if of_volumes is None else volumes.regularization(of_volumes, w, h),
-        free_parts=np.zeros(len(w), int),
+def test_halves_share_the_vertices_of_what_joins_them(cut_always):
+    found = halves.cut(BALL.rest_vertices, *LISTS)
+    np.testing.assert_array_equal(np.sort(found.order), np.arange(BALL.vertex_count))
+    sizes = np.diff(found.starts)
+    assert abs(sizes[:2].sum() - sizes[2:].sum()) < 0.1 * BALL.vertex_count
+    assert sizes[1:3].sum() < 0.5 * BALL.vertex_count
+    np.testing.assert_array_equal(
+        found.second[found.order], np.arange(len(found.order)) >= found.starts[2]
     )
-    expected = reference.step(frame, start, np.zeros_like(start))[0]
-    np.testing.assert_allclose(solver.vertices.numpy(), expected, atol=2e-6)
+    for part in LISTS:
+        sections = found.sections(part)
+        sides, shared = found.second[part.vertices], found.shared[part.vertices]
+        joining = sides.any(axis=1) & ~sides.all(axis=1)
+        assert joining.any() and shared[joining].all()
+        # What isn't near touches no vertex that the other half's constraints touch.
+        assert not sides[sections == 0].any() and not shared[sections == 0].any()
+        assert sides[sections == 3].all() and not shared[sections == 3].any()
+        assert shared[(sections == 1) | (sections == 2)].any(axis=1).all()
 
 
-def test_results_are_bitwise_equal_for_any_number_of_threads(cut_always):
-    """With springs, a ground, a collider, and a body that touches itself."""
+def test_meshes_that_would_gain_nothing_are_not_cut(monkeypatch):
+    assert len(LISTS[1].vertices) < halves.FEWEST_TETS
+    assert halves.cut(BALL.rest_vertices, *LISTS) is None
+    monkeypatch.setattr(halves, "FEWEST_TETS", 0)
+    assert halves.cut(BALL.rest_vertices, *LISTS) is None  # too much is shared
+
+
+def test_sections_begin_with_whole_groups_in_the_order_of_colors(cut_always):
+    solver = solver_of(XpbdOptions())
+    found = halves.cut(BALL.rest_vertices, *LISTS)
+    solver.step(DT)  # few tets hold the volume: most colors of tets are empty
+    for chosen, part in zip(solver._lists, LISTS, strict=True):
+        arrays = chosen.arrays
+        count = arrays.color_count.numpy()[0]
+        begins = arrays.sections.numpy()[: 4 * count + 1]
+        assert (begins % CPU_GROUP == 0).all() and (np.diff(begins) >= 0).all()
+        np.testing.assert_array_equal(begins[::4], arrays.offsets.numpy()[: count + 1])
+        ids, vertices = arrays.ids.numpy(), arrays.vertices.numpy()
+        color_of = np.repeat(np.arange(len(part.offsets) - 1), np.diff(part.offsets))
+        seen, colors = [], []
+        for section, (first, last) in enumerate(pairwise(begins)):
+            used = ids[first:last][vertices[first:last, 0] < BALL.vertex_count]
+            assert (found.sections(part)[used] == section % 4).all()
+            colors += np.unique(color_of[used]).tolist()
+            seen += used.tolist()
+        assert colors == sorted(colors)
+        assert sorted(seen) == sorted(chosen.in_use)
+
+
+def solver_of(options, **material):
+    free = np.zeros(BALL.vertex_count, bool)
+    arguments = BALL.rest_vertices, BALL.tets, Material(**material), free, options, "cpu"
+    return XpbdSolver(*arguments)
+
+
+def run(thread_count, noise):
+    """Positions after a drag by springs, with a ground, a box, and contact."""
     options = XpbdOptions(
         gravity=(0.0, 0.0, -9.81), ground=0.1, colliders=(Box((0.5, 0.5, 0.1), (0.1, 0.1, 0.2)),)
     )
+    solver = solver_of(options, young_modulus=3e4)
+    solver._frame._pace.thread_count = thread_count
+    solver._frame._pace.note = lambda seconds: None
+    solver.set_state(BALL.rest_vertices + noise)
+    top = np.flatnonzero(BALL.rest_vertices[:, 2] > 0.75)
+    solver.grab(top, stiffness=1e4)
+    for step in range(20):
+        solver.move(BALL.rest_vertices[top] - [0.0, 0.0, 0.02 * (step + 1)])
+        solver.step(DT)
+    return solver.vertices.numpy().copy()
+
+
+def test_results_have_the_same_bits_without_halves_and_with_any_number_of_threads(monkeypatch):
     noise = np.random.default_rng().normal(scale=0.004, size=BALL.rest_vertices.shape)
-    results = []
+    whole = run(1, noise)
+    assert np.abs(whole - BALL.rest_vertices).max() > 0.1
+    monkeypatch.setattr(halves, "FEWEST_TETS", 0)
+    monkeypatch.setattr(halves, "MOST_SHARED", 1.0)
     for thread_count in (1, 2, 3):
-        solver = solver_of(BALL, options, young_modulus=3e4)
+        np.testing.assert_array_equal(run(thread_count, noise), whole)
+
+
+def test_parts_at_rest_are_left_out_of_both_halves(cut_always):
+    """A half whose constraints are not in use waits for the other all the same."""
+    results = []
+    for thread_count in (1, 2):
+        solver = solver_of(XpbdOptions())
         solver._frame._pace.thread_count = thread_count
         solver._frame._pace.note = lambda seconds: None
-        solver.set_state(BALL.rest_vertices + noise)
-        top = np.flatnonzero(BALL.rest_vertices[:, 2] > 0.75)
-        solver.grab(top, stiffness=1e4)
-        for step in range(20):
-            solver.move(BALL.rest_vertices[top] - [0.0, 0.0, 0.02 * (step + 1)])
+        solver.set_pinned(solver.rest_vertices[:, 2] < 0.5)
+        solver.grab(top := np.flatnonzero(BALL.rest_vertices[:, 2] > 0.75))
+        for _ in range(5):
+            solver.move(BALL.rest_vertices[top] + [0.05, 0.0, 0.0])
             solver.step(DT)
         results.append(solver.vertices.numpy().copy())
-    assert np.abs(results[0] - BALL.rest_vertices).max() > 0.1
-    np.testing.assert_array_equal(results[0], results[1])
-    np.testing.assert_array_equal(results[0], results[2])
+    np.testing.assert_array_equal(*results)

@@ -13,6 +13,7 @@ import warp as wp
 
 from .colliders import COLLIDER_SIZE, MOST_COLLIDERS
 from .constraints import NO_SPRING, Constraints
+from .halves import SECTIONS
 from .xpbd_options import Timing
 
 CPU_GROUP = 8  # constraints that a CPU projects at once
@@ -49,7 +50,7 @@ class ConstraintArrays:
     regularization: wp.array(dtype=float)  # [C] a
     offsets: wp.array(dtype=int)  # [most colors + 1] color c is offsets[c]:offsets[c + 1]
     color_count: wp.array(dtype=int)  # [1] how many colors have constraints in use
-    halves: wp.array(dtype=int)  # [4] where each half begins, what joins them, and the end
+    sections: wp.array(dtype=int)  # [4 · most colors + 1] where those of halves.py begin
 
 
 @wp.struct
@@ -145,15 +146,23 @@ class ConstraintList:
         arrays: ConstraintArrays with room for all constraints.
     """
 
-    def __init__(self, constraints: Constraints, vertex_count, device, by_class=False):
-        """Use all constraints; `by_class` puts translates side by side within a color."""
+    def __init__(self, constraints: Constraints, vertex_count, device, by_class=False, halves=None):
+        """Use all constraints.
+
+        Args:
+            by_class: Put translates side by side within a color.
+            halves: Put the sections of these Halves one after another within a color.
+        """
         self.constraints = constraints
-        self._by_class = by_class
+        count = len(constraints.vertices)
+        self._classes = constraints.classes if by_class else np.zeros(count, int)
+        self._sections = np.zeros(count, int) if halves is None else halves.sections(constraints)
+        self._section_count = 1 if halves is None else SECTIONS
         self._unused = vertex_count
         self._group = CUDA_GROUP if device.is_cuda else CPU_GROUP
         offsets = constraints.offsets
         self._colors = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-        room = int(self._whole_groups(np.diff(offsets)).sum())
+        room = int(self._whole_groups(self._counts(np.arange(count))).sum())
         self.arrays = zeros(
             ConstraintArrays,
             device,
@@ -163,7 +172,7 @@ class ConstraintList:
             regularization=room,
             offsets=len(offsets),
             color_count=1,
-            halves=4,
+            sections=SECTIONS * (len(offsets) - 1) + 1,
         )
         self.in_use = None
         self._rest_values = constraints.rest_values.copy()  # of all, as last known
@@ -189,32 +198,41 @@ class ConstraintList:
         filled[self._places] = values[self.in_use]
         return filled
 
+    def _counts(self, in_use):
+        """How many constraints each section of each color has in use."""
+        places = self._section_count * self._colors[in_use] + self._sections[in_use]
+        color_count = len(self.constraints.offsets) - 1
+        return np.bincount(places, minlength=self._section_count * color_count)
+
     def _whole_groups(self, counts):
         return -(-counts // self._group) * self._group
 
     def select(self, movable, stiff=True):
         """Use the constraints that have a movable vertex [V] and are stiff [C].  bool"""
         in_use = np.flatnonzero(movable[self.constraints.vertices].any(axis=1) & stiff)
-        if self._by_class:
-            keys = in_use, self.constraints.classes[in_use], self._colors[in_use]
-            in_use = in_use[np.lexsort(keys)]
+        keys = self._classes, self._sections, self._colors
+        in_use = in_use[np.lexsort([in_use, *(key[in_use] for key in keys)])]
         if self.in_use is not None and np.array_equal(in_use, self.in_use):
             return
         rest_values = self.rest_values
         self.in_use = in_use
-        counts = np.bincount(self._colors[in_use], minlength=len(self.arrays.offsets) - 1)
+        counts = self._counts(in_use)
         starts = np.append(0, np.cumsum(self._whole_groups(counts)))
-        unused_before = starts[:-1] - (np.cumsum(counts) - counts)  # entries before each color
+        unused_before = starts[:-1] - (np.cumsum(counts) - counts)  # entries before each section
         self._places = np.arange(len(in_use)) + np.repeat(unused_before, counts)
         self._put(self.arrays.vertices, self.constraints.vertices[in_use], self._unused)
         self._put(self.arrays.ids, in_use)
         self._put(self.arrays.rest_values, rest_values[in_use])
-        if self.constraints.has_halves:
-            self.arrays.halves.assign(starts[:: (len(starts) - 1) // 3].astype(np.int32))
-        used = np.unique(starts)  # without colors that have no constraint in use
-        self.arrays.color_count.assign(np.array([len(used) - 1], np.int32))
-        used = np.append(used, np.full(len(starts) - len(used), used[-1]))
-        self.arrays.offsets.assign(used.astype(np.int32))
+        begins, end = starts[:-1].reshape(-1, self._section_count), starts[-1]
+        used = np.diff(begins[:, 0], append=end) > 0  # colors that have constraints in use
+        self.arrays.color_count.assign(np.array([used.sum()], np.int32))
+        for array, values in (
+            (self.arrays.offsets, begins[used, 0]),
+            (self.arrays.sections, begins[used].ravel()),
+        ):
+            filled = np.full(len(array), end)
+            filled[: len(values)] = values
+            array.assign(filled.astype(np.int32))
 
     def set_regularization(self, values):
         """Take a of all constraints.  [C]

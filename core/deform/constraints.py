@@ -23,7 +23,7 @@ Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and
 [m⁴/kg] for volumes.  Shapes: V vertices, E edges, B braces, T tets, K handles.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -57,7 +57,6 @@ class Constraints:
     rest_gradients_squared: np.ndarray  # [C, n] |g_i|² at rest: 1, or of a tet in m⁴
     offsets: np.ndarray  # color c is offsets[c]:offsets[c + 1]
     classes: np.ndarray  # [C] the same for translates in a lattice (coloring.py)
-    has_halves: bool = field(default=False, kw_only=True)  # each third of the colors (halves.py)
 
     def weights(self, inverse_masses):
         """w̄ = Σ w_i |g_i|² at rest.  [C]"""

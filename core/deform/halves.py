@@ -2,78 +2,81 @@
 
 Where threads share each color, a core soon needs cache lines that the other one has written,
 and both wait at a barrier after every color: below some ten thousand tets two threads were
-slower than one.  So the mesh is cut in two.  Each thread projects the constraints of its own
-half, first edges and then tets, one color after another.  Then one thread projects those that
-join the halves, in the same order.
+slower than one.  So the mesh is cut in two, and each thread projects the constraints of one
+half.  Constraints that touch a vertex which the other half's constraints touch too are called
+near.  The near ones of a color wait until the other thread has projected those of the color
+before.  Both do other constraints before and after, so a thread hardly ever waits.
 
-The order of constraints is part of the solver's result, so it depends on the mesh alone and
-not on the number of threads.
+The colors keep their order, so the result has the same bits as without halves.
 
 Shapes: V vertices, C constraints of n vertices each.
 """
 
-from dataclasses import fields, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from .constraints import Constraints, EdgeConstraints, VolumeConstraints
+from .constraints import Constraints
 
 FEWEST_TETS, MOST_TETS = 5000, 50_000  # of a mesh that is cut; below, one thread is faster
+MOST_SHARED = 0.15  # of the vertices; with more, one thread is as fast
 GROUP = 8  # vertices; a cache line begins with each second or fourth of them
+SECTIONS = 4  # of a color: the first half's, its near ones, the second's near ones, and others
 
 
 class Halves(NamedTuple):
-    """Where a frame keeps the vertices."""
+    """Which vertices are where.  [V] bool"""
 
-    order: np.ndarray  # [V] int, the first half first
-    first_count: int  # vertices of the first half
+    second: np.ndarray  # in the second half
+    shared: np.ndarray  # touched by constraints of both halves
+
+    @property
+    def order(self):
+        """The vertices in the order in which a frame keeps them.  [V] int
+
+        The shared ones are neighbors, so that few cache lines go from one core to the other.
+        """
+        return np.argsort(np.where(self.second, 3 - self.shared, self.shared), kind="stable")
+
+    @property
+    def starts(self):
+        """Where in that order each half's shared vertices begin and end, and the end.  [5] int"""
+        sections = np.where(self.second, 3 - self.shared, self.shared)
+        return np.append(0, np.cumsum(np.bincount(sections, minlength=SECTIONS)))
+
+    def sections(self, constraints: Constraints):
+        """The section of each constraint; one that joins the halves is in either.  [C] int"""
+        second = self.second[constraints.vertices[:, 0]]
+        near = self.shared[constraints.vertices].any(axis=1)
+        return np.where(second, 3 - near, near)
 
 
-def cut(rest_vertices, edges: EdgeConstraints, volumes: VolumeConstraints, on_cpu=True):
-    """The constraints by halves, and the halves; unchanged and None if the mesh isn't cut."""
-    if not on_cpu or not FEWEST_TETS <= len(volumes.vertices) <= MOST_TETS:
-        return edges, volumes, None
-    second = _second_half(rest_vertices, edges)
-    lists = edges, volumes
-    # Vertices that are joined to the other half are neighbors, so that few cache lines go from
-    # one core to the other.
-    joined = np.zeros(len(second), bool)
-    for part in lists:
-        sides = second[part.vertices]
-        joined[part.vertices[sides.any(axis=1) & ~sides.all(axis=1)]] = True
-    order = np.argsort(np.where(second, 3 - joined, joined), kind="stable")
-    return *(_by_halves(part, second) for part in lists), Halves(order, np.count_nonzero(~second))
-
-
-def _second_half(rest_vertices, edges):
-    """Which vertices are in the second half.  [V] bool
+def cut(rest_vertices, *lists: Constraints) -> Halves | None:
+    """The halves of a mesh with these edges and tets; None if it is not cut.
 
     The cut goes through the middle of the edges across x, y or z, wherever it meets the fewest.
     """
+    edges, tets = lists
+    if not FEWEST_TETS <= len(tets.vertices) <= MOST_TETS:
+        return None
     count = len(rest_vertices)
     degrees = np.bincount(edges.vertices.ravel(), minlength=count)
     best, fewest = None, len(edges.vertices) + 1
     for along in rest_vertices.T:
         order = np.argsort(along, kind="stable")
         middle = np.searchsorted(np.cumsum(degrees[order]), 0.5 * degrees.sum())
-        side = np.ones(count, bool)
-        side[order[: GROUP * round(middle / GROUP)]] = False
-        joining = np.count_nonzero(side[edges.vertices[:, 0]] != side[edges.vertices[:, 1]])
+        second = np.ones(count, bool)
+        second[order[: GROUP * round(middle / GROUP)]] = False
+        joining = np.count_nonzero(_joining(second, edges))
         if joining < fewest:
-            best, fewest = side, joining
-    return best
+            best, fewest = second, joining
+    shared = np.zeros(count, bool)
+    for constraints in lists:
+        shared[constraints.vertices[_joining(best, constraints)]] = True
+    return Halves(best, shared) if shared.mean() <= MOST_SHARED else None
 
 
-def _by_halves(constraints: Constraints, second):
-    """The same constraints: the first half's by color, the second's, and those that join them."""
-    color_count = len(constraints.offsets) - 1
-    in_second = second[constraints.vertices].sum(axis=1)  # [C]
-    run = np.where(in_second == 0, 0, np.where(in_second == constraints.vertices.shape[1], 1, 2))
-    colors = run * color_count + np.repeat(np.arange(color_count), np.diff(constraints.offsets))
-    order = np.argsort(colors, kind="stable")
-    counts = np.bincount(colors, minlength=3 * color_count)
-    names = [f.name for f in fields(constraints) if f.name not in ("offsets", "has_halves")]
-    arrays = {name: getattr(constraints, name)[order] for name in names}
-    offsets = np.concatenate([[0], np.cumsum(counts)])
-    return replace(constraints, offsets=offsets, has_halves=True, **arrays)
+def _joining(second, constraints):
+    """Whether each constraint has vertices in both halves.  [C] bool"""
+    sides = second[constraints.vertices]
+    return sides.any(axis=1) & ~sides.all(axis=1)

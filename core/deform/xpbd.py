@@ -79,17 +79,18 @@ class XpbdSolver:
         count = len(self.rest_vertices)
         pinned = checks.per_vertex(pinned, count, "a pin mask", bool)
         self.object_size = float(np.ptp(self.rest_vertices, axis=0).max())
-        on_gpu, mesh = self.device.is_cuda, (self.rest_vertices, self.tets)
-        lists = constraints.edge_constraints(*mesh), constraints.volume_constraints(*mesh)
-        self.edges, self.volumes, halves = cut(self.rest_vertices, *lists, not on_gpu)
+        self.edges = constraints.edge_constraints(self.rest_vertices, self.tets)
+        self.volumes = constraints.volume_constraints(self.rest_vertices, self.tets)
+        on_gpu, lists = self.device.is_cuda, (self.edges, self.volumes)
+        halves = None if on_gpu else cut(self.rest_vertices, *lists)
         self._part_of = components(count, self.tets)  # [V]
         self._active = np.zeros(self._part_of.max() + 1, bool)  # by part
         self._dt = TIME_STEP
         self._touching = False  # whether parts may have touched in the last frame
         self._stiffness = None  # factors of Young's modulus  [V]
 
-        common = count, self.device, on_gpu and runs_in_block(count)
-        self._lists = [ConstraintList(part, *common) for part in (self.edges, self.volumes)]
+        common = count, self.device, on_gpu and runs_in_block(count), halves
+        self._lists = [ConstraintList(part, *common) for part in lists]
         arrays = frame_arrays(count, *(part.arrays for part in self._lists), self.device)
         self._state, self._timing = arrays.state, arrays.timing
         self.vertices, self.velocities = arrays.state.vertices, arrays.state.velocities

@@ -46,25 +46,31 @@ auto add_load = [&](int i, int n) {
 #if defined(__linux__)
 int yield_now(void) __asm__("sched_yield");
 #endif
-// Each thread counts its arrivals in a cache line of its own, which the others read.
+// Each thread counts how far it has come in a cache line of its own, which the others read.
+int* const arrivals = scratch.arrivals.data;
 int arrived = 0;
-auto meet = [&]() {
+auto post = [&]() {
     ++arrived;
-    if (thread_count == 1) return;
-    int* const arrivals = scratch.arrivals.data;
-    __atomic_store_n(arrivals + @LINE * thread, arrived, __ATOMIC_RELEASE);
-    for (int other = 0; other < thread_count; ++other)
-        for (int looks = 0;
-             __atomic_load_n(arrivals + @LINE * other, __ATOMIC_ACQUIRE) < arrived; ++looks) {
+    if (thread_count > 1)
+        __atomic_store_n(arrivals + @LINE * thread, arrived, __ATOMIC_RELEASE);
+};
+auto wait_for = [&](int other) {
+    for (int looks = 0;
+         __atomic_load_n(arrivals + @LINE * other, __ATOMIC_ACQUIRE) < arrived; ++looks) {
 #if defined(__linux__)
-            if (looks > 2000) yield_now();  // another thread may need this core, even one of ours
+        if (looks > 2000) yield_now();  // another thread may need this core, even one of ours
 #endif
 #if defined(__x86_64__)
-            __builtin_ia32_pause();
+        __builtin_ia32_pause();
 #elif defined(__aarch64__)
-            asm volatile("yield");
+        asm volatile("yield");
 #endif
-        }
+    }
+};
+auto meet = [&]() {
+    post();
+    for (int other = 0; other < thread_count; ++other)
+        if (other != thread) wait_for(other);
 };
 // Where a thread's part of a range begins, in whole groups of lanes.
 auto part = [&](int first, int last, int thread_id) {
@@ -73,15 +79,17 @@ auto part = [&](int first, int last, int thread_id) {
     return begin < last ? begin : last;
 };
 // Does something with this thread's vertices: f(i, its slot).
-const int first_half = scratch.first_half.data[0];
+const int* const halves = scratch.halves.data;
+const bool has_halves = halves[4] > 0;
+auto each_slot = [&](int slot, int last, auto f) {
+    for (; slot < last; ++slot) f(scratch.order.data[slot], slot);
+};
 auto each_vertex = [&](auto f) {
-    auto each_slot = [&](int slot, int last) {
-        for (; slot < last; ++slot) f(scratch.order.data[slot], slot);
-    };
-    if (first_half == 0)
-        each_slot(part(0, vertex_count, thread), part(0, vertex_count, thread + 1));
-    for (int half = thread; first_half > 0 && half < 2; half += thread_count)
-        each_slot(half ? first_half : 0, half ? vertex_count : first_half);
+    if (has_halves && thread_count > 1) {
+        if (thread < 2) each_slot(halves[2 * thread], halves[2 * thread + 2], f);
+    } else {
+        each_slot(part(0, vertex_count, thread), part(0, vertex_count, thread + 1), f);
+    }
 };
 
 // -- eight vertices to lanes and back ---------------------------------------------------------
@@ -162,33 +170,30 @@ auto begin = [&](const int* corners, int corner_count, int base, int room, int* 
             spans[row++ * room + k] = x[3 * id[i] + j] - x[3 * id[base] + j];
 };
 
-// Projects all constraints, eight at a time.
+// All constraints of a list, eight at a time.
 auto run = [&](int k, int last, auto project) {
     for (; k < last; k += 8) project(k);
 };
-auto project_run = [&](int i) {  // of a half, or those that join the halves (halves.py)
-    const int* const edges = frame.edges.halves.data;
-    const int* const tets = frame.volumes.halves.data;
-    run(edges[i], edges[i + 1], project_edges);
-    if (has_volumes) run(tets[i], tets[i + 1], project_tets);
-};
-auto project_colors = [&](const auto& list, auto project) {
+auto project_all = [&](const auto& list, auto project) {
     for (int c = 0; c < list.color_count.data[0]; ++c) {
-        const int first = list.offsets.data[c], last = list.offsets.data[c + 1];
-        run(part(first, last, thread), part(first, last, thread + 1), project);
-        meet();
+        const int* const section = list.sections.data + 4 * c;
+        if (!has_halves || thread_count == 1) {
+            const int first = list.offsets.data[c], last = list.offsets.data[c + 1];
+            run(part(first, last, thread), part(first, last, thread + 1), project);
+            meet();
+        } else if (thread < 2) {
+            // Near ones come in the middle: until then the other thread has done those of before.
+            const int first = section[3 * thread], last = section[3 * thread + 1];
+            const int middle = first + 8 * ((last - first) / 16);
+            run(first, middle, project);
+            wait_for(1 - thread);
+            run(section[thread + 1], section[thread + 2], project);
+            post();
+            run(middle, last, project);
+        } else {
+            post();
+        }
     }
-};
-auto project_all = [&]() {
-    if (first_half == 0) {
-        project_colors(frame.edges, project_edges);
-        if (has_volumes) project_colors(frame.volumes, project_tets);
-        return;
-    }
-    for (int half = thread; half < 2; half += thread_count) project_run(half);
-    meet();
-    if (thread == 0) project_run(2);
-    meet();
 };
 
 // -- the frame --------------------------------------------------------------------------------
@@ -203,7 +208,8 @@ each_vertex([&](int i, int slot) { bodies[slot] = first_prediction(Full(), i, pr
 float farthest = 0.0f;
 meet();
 for (int substep = 0; substep < substep_count; ++substep) {
-    project_all();
+    project_all(frame.edges, project_edges);
+    if (has_volumes) project_all(frame.volumes, project_tets);
     if (has_contacts) {
         if (has_springs) {
             each_vertex([&](int i, int slot) { pull(i, substep, bodies[slot]); });
@@ -219,7 +225,7 @@ for (int substep = 0; substep < substep_count; ++substep) {
         meet();
     }
     const bool over = substep + 1 == substep_count;
-    each_vertex([&](int i, int slot) {
+    auto end_substep = [&](int i, int slot) {
         f4 d = bodies[slot];
         const f4 v = finish(Full(), i, substep, d, previous[slot]);
         if (!over) {
@@ -229,8 +235,18 @@ for (int substep = 0; substep < substep_count; ++substep) {
         const float moved = d.x * d.x + d.y * d.y + d.z * d.z;
         farthest = moved <= farthest ? farthest : moved == moved ? moved : __builtin_inff();
         store(i, d, v);
-    });
-    if (!over && first_half == 0) meet();  // each thread goes on with its own half
+    };
+    if (has_halves && thread_count > 1) {
+        if (thread < 2) {  // those that no near constraint touches first
+            each_slot(halves[3 * thread], halves[3 * thread + 1], end_substep);
+            wait_for(1 - thread);
+            each_slot(halves[thread + 1], halves[thread + 2], end_substep);
+        }
+        post();
+    } else {
+        each_vertex(end_substep);
+        if (!over) meet();
+    }
 }
 frame.motion.data[thread] = sqrt(farthest);
 for (int other = thread_count; other < frame.motion.shape[0]; ++other)

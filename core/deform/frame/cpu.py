@@ -1,10 +1,10 @@
 """One frame of the solver on a CPU: eight constraints at once, several threads.
 
 Constraints of one color share no vertex, so eight of them are projected in the lanes of a
-vector.  A mesh of up to some ten thousand tets has two halves (halves.py), and each of two
-threads takes one.  In larger ones, each thread takes a part of a color.  Threads wait for each
-other at a barrier that spins: waiting for the operating system would take longer than a color.
-The result doesn't depend on the number of threads.
+vector.  A mesh of some ten thousand tets has two halves (halves.py), and each of two threads
+takes one.  In larger ones, each thread takes a part of a color.  Threads that wait for each
+other spin: waiting for the operating system would take longer than a color.  The result
+depends neither on halves nor on the number of threads.
 
 reference.py defines the substep.  Shapes: V vertices.
 """
@@ -35,12 +35,12 @@ class CpuScratch:
 
     bodies: wp.array(dtype=wp.vec4)  # [V + 1] deltas and inverse masses, by slot
     previous: wp.array(dtype=wp.vec4)  # [V] what is kept of them in a substep, by slot
-    slots: wp.array(dtype=int)  # [V + 1] of vertices: the first half comes first
+    slots: wp.array(dtype=int)  # [V + 1] of vertices
     order: wp.array(dtype=int)  # [V] the vertex in each slot
-    first_half: wp.array(dtype=int)  # [1] how many vertices it has; 0 if there are no halves
+    halves: wp.array(dtype=int)  # [5] Halves.starts; 0 if there are none
     spans: wp.array(dtype=float)  # [3 E + 9 T] differences of vertices, by component
     lanes: wp.array(dtype=int)  # [2 E + 4 T] vertices of constraints, eight by eight
-    arrivals: wp.array(dtype=int)  # [LINE · MOST_THREADS] barriers that each thread has reached
+    arrivals: wp.array(dtype=int)  # [LINE · MOST_THREADS] how far each thread has come
 
 
 frame_kernel = native_kernel("cpu.cpp", CpuScratch, {"LINE": LINE}, module=wp.get_module(__name__))
@@ -61,7 +61,7 @@ class CpuFrame:
             previous=vertex_count,
             slots=vertex_count + 1,
             order=vertex_count,
-            first_half=1,
+            halves=5,
             spans=3 * edge_room + 9 * tet_room,
             lanes=2 * edge_room + 4 * tet_room,
             arrivals=LINE * MOST_THREADS,
@@ -71,7 +71,7 @@ class CpuFrame:
         slots = np.argsort(np.append(order, vertex_count), kind="stable")
         self._scratch.slots.assign(slots.astype(np.int32))
         if halves is not None:
-            self._scratch.first_half.fill_(halves.first_count)
+            self._scratch.halves.assign(halves.starts.astype(np.int32))
         self._arrivals = self._scratch.arrivals.numpy()
         self._launches = {}
         limit = thread_limit(tet_room) if halves is None else min(2, usable_threads())

@@ -29,7 +29,6 @@ Shapes: V vertices, E edges, T tets.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -120,21 +119,15 @@ def _predicted(frame, x, v, start, fraction):
 
 def _projected(frame, x):
     w, edges, tets = frame.inverse_masses, frame.edges, frame.volumes
-    for run in range(3 if edges.has_halves else 1):  # halves.py
-        for first, last in _colors(edges, run):
-            color, a = slice(first, last), frame.edge_regularization[first:last]
-            ends, lengths = edges.vertices[color], edges.rest_values[color]
-            x = project_edges(x, w, ends, lengths, a, np.arange(first, last))
-        for first, last in _colors(tets, run) if tets is not None else ():
+    for first, last in zip(edges.offsets[:-1], edges.offsets[1:], strict=True):
+        color, a = slice(first, last), frame.edge_regularization[first:last]
+        ends, lengths = edges.vertices[color], edges.rest_values[color]
+        x = project_edges(x, w, ends, lengths, a, np.arange(first, last))
+    if tets is not None:
+        for first, last in zip(tets.offsets[:-1], tets.offsets[1:], strict=True):
             color, a = slice(first, last), frame.volume_regularization[first:last]
             x = project_volumes(x, w, tets.vertices[color], tets.rest_values[color], a)
     return x
-
-
-def _colors(constraints, run):
-    """The first and the next after the last constraint of each color in a run of colors."""
-    count = (len(constraints.offsets) - 1) // (3 if constraints.has_halves else 1)
-    return pairwise(constraints.offsets[run * count : (run + 1) * count + 1])
 
 
 def _pulled(frame, x, fraction):
