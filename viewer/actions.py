@@ -3,7 +3,7 @@
 INPUTS is the only list: key bindings, tooltips, hints, the help overlay and README follow it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from ..core.render import MODES
@@ -15,7 +15,7 @@ class Input:
 
     label: str  # the key or gesture, as the help names it
     help: str  # what it does
-    key: str = ""  # pyglet's name of the key, with CTRL+ before it if Ctrl is held
+    key: str = ""  # pyglet's name of the key, with CTRL+ and SHIFT+ before it if they are held
     action: str = ""  # what the key calls, one of ACTIONS
 
 
@@ -28,6 +28,9 @@ INPUTS = (
     Input("B", "push with a ball instead: left drag", "B", "toggle_push"),
     Input("Ctrl+E", "equally stiff everywhere: forget what was painted", "CTRL+E", "clear_paint"),
     Input("Ctrl+S", "write a copy of the model with its stiffness", "CTRL+S", "save_stiffness"),
+    Input("Ctrl+Z", "undo", "CTRL+Z", "undo"),
+    Input("Ctrl+Shift+Z", "redo", "CTRL+SHIFT+Z", "redo"),
+    Input("Ctrl+Shift+S", "save the session", "CTRL+SHIFT+S", "save_session"),
     Input("T", "rest here: return to this pose from now on", "T", "rest_here"),
     Input("Ctrl+T", "return to the shape before", "CTRL+T", "undo_rest_here"),
     Input("middle or right drag", "pan"),
@@ -75,13 +78,31 @@ def _next_mode(app):
 
 
 def _rest_here(app):
-    if not app.scene.body.rest_at(app.scene.positions):
+    if not app.scene.body.rest_here():
         app.recorder.say("a tangled pose can't be the one to return to")
+
+
+def _undo(app):
+    label = app.scene.journal.undoes
+    app.controls.cancel()
+    app.recorder.say(f"undone: {label}" if app.scene.undo() else "nothing to undo")
+
+
+def _redo(app):
+    label = app.scene.journal.redoes
+    app.controls.cancel()
+    app.recorder.say(f"done again: {label}" if app.scene.redo() else "nothing to do again")
 
 
 def _toggle_push(app):
     settings = app.scene.settings
     settings.tool = "grab" if settings.tool == "push" else "push"
+
+
+def _save_stiffness(app):
+    factors = app.scene.body.factors
+    factors = None if factors is None else factors.copy()
+    app.recorder.save_model(replace(app.scene.field, stiffness=factors))
 
 
 def _quit(app):
@@ -97,9 +118,12 @@ ACTIONS = {  # functions of the App
     "pin_grab": lambda app: app.controls.pin(),
     "toggle_push": _toggle_push,
     "clear_paint": lambda app: app.scene.body.clear_paint(),
-    "save_stiffness": lambda app: app.recorder.save_model(app.scene.stiffened_field()),
+    "save_stiffness": _save_stiffness,
+    "undo": _undo,
+    "redo": _redo,
+    "save_session": lambda app: app.recorder.save_session(app.scene, app.session_start),
     "rest_here": _rest_here,
-    "undo_rest_here": lambda app: app.scene.body.undo_rest_at(),
+    "undo_rest_here": lambda app: app.scene.body.undo_rest_here(),
     "next_mode": _next_mode,
     "toggle_handles": _toggle_handles,
     "toggle_wireframe": _toggle("show_wireframe"),
@@ -113,9 +137,10 @@ ACTIONS = {  # functions of the App
 _ACTION_OF = {entry.key: entry.action for entry in INPUTS if entry.key}
 
 
-def action_of(key: str, ctrl: bool) -> str | None:
+def action_of(key: str, ctrl: bool, shift: bool = False) -> str | None:
     """The action of a key, by pyglet's name of it."""
-    return _ACTION_OF.get(f"CTRL+{key}" if ctrl else key)
+    held = "CTRL+" * ctrl + "SHIFT+" * (ctrl and shift)
+    return _ACTION_OF.get(held + key)
 
 
 def label_of(action: str) -> str:

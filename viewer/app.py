@@ -21,6 +21,7 @@ from .handle_layer import HandleLayer
 from .loading import Progress, prepare
 from .radiance_layer import RadianceLayer
 from .recorder import Recorder, without_background
+from .session import start_of
 from .times import FrameTimes
 from .upload import choose_path
 
@@ -74,7 +75,7 @@ class App:
         self.radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
         self.handles = HandleLayer(self.ctx, scene)
         self.controls = Controls(scene, self.radiance.depth_image, self.log)
-        self.scene = scene
+        self.scene, self.session_start = scene, start_of(scene)
         # The handlers that are pushed last are asked first.
         self.window.push_handlers(self.controls)
         if self.gui is not None:
@@ -96,7 +97,8 @@ class App:
     # -- the window's events (the mouse's are in controls.py) ----------------------------
 
     def on_key_press(self, symbol, modifiers):
-        action = action_of(key.symbol_string(symbol), bool(modifiers & key.MOD_CTRL))
+        ctrl, shift = bool(modifiers & key.MOD_CTRL), bool(modifiers & key.MOD_SHIFT)
+        action = action_of(key.symbol_string(symbol), ctrl, shift)
         if self.scene is not None and action is not None:
             self.log("key", action=action)
             ACTIONS[action](self)

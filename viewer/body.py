@@ -14,6 +14,7 @@ from ..core.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from ..core.deform import Material, XpbdOptions, XpbdSolver
 from ..core.field import STIFFNESS_RANGE
 from ..core.geometry import signed_volumes
+from .journal import edit
 
 EARTH = 9.81  # m/s²
 FLOATING_DRAG = 1.0  # 1/s, without gravity: there a thrown object would never stop
@@ -36,6 +37,7 @@ class Body:
             meters: The length of that side; None: a unit is a meter.
             factors: Of Young's modulus at the vertices; None: 1.  [V]
         """
+        self.journal = None  # of the scene, once it has one
         self._size = size
         self._meters_per_unit = 1.0 if meters is None else meters / size  # S
         self.material = Material()
@@ -53,6 +55,7 @@ class Body:
         """The longest side of what can be seen."""
         return self._meters_per_unit * self._size
 
+    @edit("set_size", undo="size", merges=True)
     def set_meters(self, meters: float) -> None:
         """Take the object for that large."""
         self._meters_per_unit = max(meters, SMALLEST_SIZE) / self._size
@@ -61,6 +64,7 @@ class Body:
 
     # -- material ------------------------------------------------------------------------
 
+    @edit("set_material", undo="{names}", merges=True)
     def set_material(self, **changes) -> None:
         """Change some attributes of the material."""
         with warnings.catch_warnings():
@@ -82,6 +86,7 @@ class Body:
             self._stiffness = key, (self.solver.stiffness_ratio(), held)
         return self._stiffness[1]
 
+    @edit("set_options", undo="{names}", merges=True)
     def set_options(self, **changes) -> None:
         """Change some of the solver's XpbdOptions."""
         self.solver.set_options(replace(self.solver.options, **changes))
@@ -94,6 +99,7 @@ class Body:
         self.factors[ids] = np.clip(painted, *STIFFNESS_RANGE)
         self.solver.set_stiffness(self.factors)
 
+    @edit("clear_paint", undo="equally stiff")
     def clear_paint(self):
         """Make the object equally stiff everywhere."""
         self.factors = None
@@ -101,10 +107,11 @@ class Body:
 
     # -- rest shape ----------------------------------------------------------------------
 
-    def rest_at(self, positions) -> bool:
-        """Make a pose [V, 3] the shape to which the object returns, unless it is tangled."""
-        tets = self.solver.volumes.vertices
-        if not (signed_volumes(positions.astype(float), tets) > 0.0).all():
+    @edit("rest_here", undo="rest here")
+    def rest_here(self) -> bool:
+        """Make the pose the shape to which the object returns, unless it is tangled."""
+        positions = self.solver.vertices.numpy().astype(float)
+        if not (signed_volumes(positions, self.solver.volumes.vertices) > 0.0).all():
             return False
         self._rest_shapes.append(self.solver.rest_shape)
         self.solver.set_rest_shape(positions)
@@ -112,11 +119,12 @@ class Body:
 
     @property
     def rests_elsewhere(self) -> bool:
-        """Whether `rest_at` can be undone."""
+        """Whether `rest_here` can be undone."""
         return bool(self._rest_shapes)
 
-    def undo_rest_at(self) -> None:
-        """Return to the shape from before the last `rest_at`, if there was one."""
+    @edit("undo_rest_here", undo="rest as before")
+    def undo_rest_here(self) -> None:
+        """Return to the shape from before the last `rest_here`, if there was one."""
         if self._rest_shapes:
             self.solver.set_rest_shape(self._rest_shapes.pop())
 
@@ -133,14 +141,41 @@ class Body:
             return 0.0 if self.gravity else FLOATING_DRAG
         return self._air_drag
 
+    @edit("set_air_drag", undo="air drag", merges=True)
     def set_air_drag(self, rate: float) -> None:
         self._air_drag = max(rate, 0.0)
         self.set_options(**self._surroundings())
 
+    @edit("set_wind", undo="wind", merges=True)
     def set_wind(self, speed: float) -> None:
         """Let the air move; without air drag it moves nothing."""
         self.wind = speed
         self.set_options(**self._surroundings())
+
+    # -- undo ----------------------------------------------------------------------------
+
+    def state(self) -> dict:
+        """What edits change, besides positions and pins."""
+        names = "material", "gravity", "wind", "_air_drag", "_meters_per_unit"
+        kept = {name: getattr(self, name) for name in names}
+        kept["factors"] = None if self.factors is None else self.factors.copy()
+        kept["_rest_shapes"] = list(self._rest_shapes)
+        solver = self.solver
+        return {"own": kept, "options": solver.options, "rest_shape": solver.rest_shape}
+
+    def restore(self, state: dict) -> None:
+        """Return to a state."""
+        vars(self).update(state["own"])
+        self._rest_shapes = list(self._rest_shapes)
+        self.factors = None if self.factors is None else self.factors.copy()
+        solver = self.solver
+        if not np.array_equal(solver.rest_shape, state["rest_shape"]):
+            solver.set_rest_shape(state["rest_shape"])
+        solver.set_options(state["options"])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            solver.set_stiffness(self.factors)
+            solver.set_material(self._scaled())
 
     def _surroundings(self):
         return {

@@ -11,6 +11,7 @@ from pathlib import Path
 import warp as wp
 
 from ..core import deform, render
+from ..core.deform import TIME_STEP
 from ..core.device import thread_count
 from .scene import Scene
 from .surface import visible_points
@@ -105,6 +106,16 @@ def prepare(field, name: str, device: str, progress: Progress):
     points = visible_points(renderer, rest)
     progress.end_stage()
     scene = Scene(field, name, device, points)
-    scene.warm_up()
+    _warm_up(scene)
     progress.end_stage()
     return scene, renderer
+
+
+def _warm_up(scene):
+    """Take a step with and one without a handle, so that all that steps need is loaded."""
+    solver = scene.solver
+    solver.grab(scene.control_ids[:1])
+    solver.step(TIME_STEP)
+    solver.release()
+    solver.step(TIME_STEP)  # it also counts tangles
+    solver.reset()

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core.field import save
 from ..core.paths import whole_file
+from .session import save_session
 from .video import VideoWriter
 
 MESSAGE_SECONDS = 6.0
@@ -87,6 +88,14 @@ class Recorder:
         try:
             save(field, path, entry_bits=8)
             self._finished(path)
+        except OSError as error:
+            self._fail(f"can't write {path}: {error.strerror or error}")
+
+    def save_session(self, scene, start: dict, path: Path | None = None) -> None:
+        """Write what was done to a scene, by default into the current folder."""
+        path = path or stamped("session", ".jsonl")
+        try:
+            self._finished(save_session(scene, start, path))
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 TOOLS = "grab", "push", "stiffen", "soften"
+SHOWN = "mode", "background", "checkerboard", "show_handles", "show_wireframe"  # in films too
 TARGET_FPS, CPU_TARGET_FPS = 60.0, 10.0
 
 

@@ -6,6 +6,7 @@ frame, hold and grab what can be seen, which is the opaque pixels of a few small
 
 import numpy as np
 
+from ..core.geometry import components
 from ..core.render import camera_rays
 from . import orbit as orbits
 
@@ -13,6 +14,7 @@ VIEWS = (*((np.radians(60.0 * k), np.radians(15.0)) for k in range(6)), (0.0, 1.
 VIEW_SIZE = 64  # pixels
 SPECKS = 0.5  # percent of the points that the bounds leave out at each side
 MAX_POINTS = 4000
+SPECK = 0.02  # of the vertices: components smaller than that have no handles
 
 
 def visible_points(renderer, vertices):
@@ -48,3 +50,9 @@ def nearest_vertices(points, vertices):
         for part in np.array_split(points, max(1, len(points) * len(vertices) // 4_000_000))
     ]
     return np.concatenate(ids)
+
+
+def of_the_object(rest, tets):
+    """Whether each vertex belongs to more than a speck.  [V] bool"""
+    labels = components(len(rest), tets)
+    return np.bincount(labels)[labels] >= SPECK * len(rest)

@@ -1,0 +1,228 @@
+"""Edits that are recorded, undone, stored and played again."""
+
+import json
+
+import numpy as np
+import pytest
+
+from deformrf.viewer.scene import Scene
+from deformrf.viewer.session import (
+    Player,
+    Session,
+    SessionError,
+    load_session,
+    save_session,
+    start_of,
+)
+
+
+@pytest.fixture
+def scene(ball):
+    return Scene(ball, "ball", "cpu")
+
+
+def act(scene, random, count):
+    """Random edits, and frames of random lengths between them."""
+
+    def drag():
+        if scene.grabbed is None:
+            scene.settings.grab_radius = float(random.uniform(0.0, 0.4))
+            scene.settings.soft_grab = bool(random.integers(2))
+            free = scene.control_ids
+            if len(free):
+                scene.grab(int(random.choice(free)))
+        else:
+            scene.drag_to(scene.grabbed.target + random.normal(scale=0.05, size=3))
+
+    def pin():
+        if scene.grabbed is not None:
+            scene.pin_grab()
+        else:
+            scene.set_pin(int(random.integers(len(scene.positions))), bool(random.integers(2)))
+
+    def push():
+        if scene.ball is None:
+            scene.push(scene.positions[scene.control_ids[0]] + 0.0, [0.0, -1.0, 0.0])
+        else:
+            scene.push_to(scene.ball.target + random.normal(scale=0.05, size=3))
+
+    def cancel():
+        if scene.grabbed is not None:
+            scene.cancel_grab()
+
+    def paint():
+        scene.paint(random.uniform(0.2, 0.8, 3), float(random.choice([0.8, 1.2])))
+
+    edits = (
+        *(drag,) * 6,
+        *(push,) * 2,
+        pin,
+        cancel,
+        paint,
+        scene.release,
+        scene.end_push,
+        scene.reset,
+        scene.undo,
+        scene.redo,
+        scene.body.rest_here,
+        scene.body.undo_rest_here,
+        scene.body.clear_paint,
+        lambda: scene.body.set_material(young_modulus=float(10.0 ** random.uniform(4, 7))),
+        lambda: scene.body.set_material(yield_strain=float(random.choice([0.05, np.inf]))),
+        lambda: scene.body.set_options(substep_count=int(random.integers(5, 30))),
+        lambda: scene.body.set_meters(float(random.uniform(0.2, 3.0))),
+        lambda: scene.set_gravity(float(random.choice([0.0, 9.81]))),
+        lambda: scene.set_ground(bool(random.integers(2))),
+        lambda: scene.hold(bool(random.integers(2))),
+        lambda: setattr(scene, "paused", bool(random.integers(4) == 0)),
+        scene.single_step,
+        lambda: setattr(scene.settings, "mode", str(random.choice(["color", "depth"]))),
+    )
+    for _ in range(count):
+        edits[random.integers(len(edits))]()
+        for _ in range(random.integers(3)):
+            scene.advance(float(random.uniform(0.0, 0.15)))
+
+
+def same(scene, other):
+    np.testing.assert_array_equal(other.solver.vertices.numpy(), scene.solver.vertices.numpy())
+    np.testing.assert_array_equal(other.solver.velocities.numpy(), scene.solver.velocities.numpy())
+    np.testing.assert_array_equal(other.solver.pinned, scene.solver.pinned)
+    assert other.body.material == scene.body.material
+    assert other.solver.options == scene.solver.options
+
+
+@pytest.mark.parametrize("trial", range(3))
+def test_random_sessions_play_again_to_the_bit_and_undo_to_the_beginning(
+    ball, scene, tmp_path, trial
+):
+    random, start = np.random.default_rng(), start_of(scene)
+    before = scene.solver.vertices.numpy().copy()
+    act(scene, random, 150)
+    path = save_session(scene, start, tmp_path / "s.jsonl")
+
+    session, other = load_session(path, ball), Scene(ball, "ball", "cpu")
+    player = Player(other, session)
+    for tick in np.sort(random.integers(0, session.ticks + 1, 20)):  # in parts, as a film does
+        player.play_to(tick)
+    player.play_to(session.ticks)
+    same(scene, other)
+    assert other.journal.events == scene.journal.events  # the player's own session is the same
+
+    while scene.journal.cursor:
+        scene.undo()
+    if len(scene.journal.steps) < 100:  # older ones are forgotten
+        np.testing.assert_array_equal(scene.solver.vertices.numpy(), before)
+        assert start_of(scene) == start
+
+
+def test_undo_and_redo_move_a_cursor_over_named_steps(scene):
+    journal, rest = scene.journal, scene.positions.copy()
+    assert not scene.undo() and not scene.redo()
+    scene.body.set_material(young_modulus=2e6)
+    scene.body.set_material(young_modulus=3e6)  # a slider that is being dragged: one step
+    vertex = int(scene.control_ids[0])
+    scene.grab(vertex)
+    scene.drag_to(rest[vertex] + [0.1, 0.0, 0.0])
+    scene.advance(0.05)
+    scene.release()
+    moved = scene.solver.vertices.numpy().copy()
+    assert [step.label for step in journal.steps] == ["young modulus", f"drag vertex {vertex}"]
+    assert scene.undo()
+    np.testing.assert_array_equal(scene.solver.vertices.numpy(), rest)
+    assert journal.redoes == f"drag vertex {vertex}" and journal.undoes == "young modulus"
+    assert scene.undo() and scene.body.material.young_modulus == 1e6
+    assert scene.redo() and scene.body.material.young_modulus == 3e6
+    assert scene.redo()
+    np.testing.assert_array_equal(scene.solver.vertices.numpy(), moved)
+    scene.undo()
+    scene.set_ground(True)  # another edit: what was undone can't be done again
+    assert not scene.redo()
+
+
+def test_an_edit_that_is_refused_is_not_recorded(scene):
+    with pytest.raises(ValueError):
+        scene.body.set_material(poisson_ratio=2.0)
+    assert scene.journal.events == [] and scene.journal.steps == []
+    scene.body.set_material(poisson_ratio=0.4)
+    assert [event.name for event in scene.journal.events] == ["set_material"]
+
+
+def test_a_hundred_steps_can_be_undone(scene):
+    for k in range(130):
+        scene.set_ground(k % 2 == 0)
+    assert sum(scene.undo() for _ in range(200)) == 100
+
+
+@pytest.fixture
+def lines(scene, tmp_path):
+    """The lines of a good session; `write` writes them, changed, and returns the path."""
+    start = start_of(scene)
+    scene.grab(int(scene.control_ids[0]))
+    scene.advance(0.1)
+    scene.release()
+    path = save_session(scene, start, tmp_path / "s.jsonl")
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+DAMAGE = {
+    "no header": lambda lines: lines.pop(0),
+    "another format": lambda lines: lines[0].pop("deformrf session"),
+    "a later version": lambda lines: lines[0].update({"deformrf session": 2}),
+    "another mesh": lambda lines: lines[0].update(rest="0"),
+    "no start": lambda lines: lines[0].pop("start"),
+    "a start that can't be": lambda lines: lines[0]["start"].update(young_modulus=-1.0),
+    "a start of other things": lambda lines: lines[0]["start"].update(window=3),
+    "endless": lambda lines: lines[0].update(ticks=10**12),
+    "half a tick": lambda lines: lines[-1].__setitem__(0, 0.5),
+    "before time": lambda lines: lines[-1].__setitem__(0, -1),
+    "out of order": lambda lines: lines[1].__setitem__(0, 10**6),
+    "an unknown edit": lambda lines: lines[-1].__setitem__(1, "__init__"),
+    "a vertex that is not there": lambda lines: lines.append(
+        [99, "grab", dict(GRAB, vertex=10**6)]
+    ),
+    "half a vertex": lambda lines: lines.append([99, "grab", dict(GRAB, vertex=0.5)]),
+    "a true vertex": lambda lines: lines.append([99, "grab", dict(GRAB, vertex=True)]),
+    "a lack of arguments": lambda lines: lines.append([99, "grab", {"vertex": 1}]),
+    "arguments in a list": lambda lines: lines.append([99, "grab", [1, 2]]),
+    "a point at infinity": lambda lines: lines.append([99, "move", {"to": [1e300, 0, 0]}]),
+    "a flat point": lambda lines: lines.append([99, "move", {"to": [0, 0]}]),
+    "too many substeps": lambda lines: lines.append([99, "set_options", {"substep_count": 10**6}]),
+    "an option of its own": lambda lines: lines.append([99, "set_options", {"rescue": False}]),
+    "no material": lambda lines: lines.append([99, "set_material", {"poisson_ratio": 0.6}]),
+    "an unknown mode": lambda lines: lines.append([99, "view", {"mode": "x-ray"}]),
+    "a camera beyond": lambda lines: lines.append([99, "view", {"distance": 1e9}]),
+}
+GRAB = {"vertex": 1, "radius": 0.1, "soft": False}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_session_is_refused_in_one_sentence(ball, lines, tmp_path, damage):
+    DAMAGE[damage](lines)
+    path = tmp_path / "damaged.jsonl"
+    path.write_text("\n".join(map(json.dumps, lines)))
+    with pytest.raises(SessionError) as caught:
+        load_session(path, ball)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"[" * 10**6, b"NaN", b"{}", b'{"a": 1'])
+def test_other_files_are_no_sessions(ball, tmp_path, content):
+    path = tmp_path / "no.jsonl"
+    path.write_bytes(content)
+    with pytest.raises(SessionError):
+        load_session(path, ball)
+
+
+def test_a_session_of_another_material_starts_with_it(ball, scene, tmp_path):
+    scene.body.set_material(young_modulus=5e5)
+    scene.journal.clear()
+    path = save_session(scene, start_of(scene), tmp_path / "s.jsonl")
+    other = Scene(ball, "ball", "cpu")
+    Player(other, load_session(path, ball))
+    assert start_of(other) == start_of(scene)
+    assert other.journal.events == [] and not other.moving
+
+
+def test_a_film_of_a_session_without_events_has_one_picture(scene):
+    assert Session({"ticks": 0}, []).ticks == 0

@@ -1,0 +1,188 @@
+"""Edits: what a user's hand does to a scene, recorded at ticks, and undone.
+
+A tick is a 60th of a second of the object's time.  An edit is a method of Scene or Body that
+`@edit` marks.  Who calls it needs to know nothing of the journal; the journal notes the tick,
+the name and the arguments.  The same edits at the same ticks give the same vertices, on one
+device to the bit (session.py stores and plays them).
+
+Before an edit that changes more than a view, the journal keeps the scene's state, so that it
+can be undone.
+"""
+
+import inspect
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import wraps
+from typing import NamedTuple
+
+import numpy as np
+
+MOST_STEPS = 100  # that can be undone
+MERGED_TICKS = 30  # a slider's changes that follow each other so soon are one step
+
+EDITS = {}  # name: Edit
+
+
+class Edit(NamedTuple):
+    """A method that a session may call."""
+
+    method: str
+    of_body: bool  # of the scene's Body, else of the Scene
+    parameters: tuple[str, ...]
+    any_names: bool  # whether it takes attributes by any name
+
+
+class Event(NamedTuple):
+    """One edit that was made."""
+
+    tick: int  # so many ticks had passed
+    name: str
+    arguments: dict  # of numbers, strings, lists, bools and None
+
+
+@dataclass
+class Step:
+    """What undo takes back at once."""
+
+    label: str
+    tick: int  # of its last edit
+    before: object  # the scene's state
+    merges: bool = False  # with an edit of the same label that follows soon
+    after: object = None  # the state that redo returns to, once it is undone
+
+
+def edit(name: str, undo: str = "", merges: bool = False):
+    """Mark a method as an edit.
+
+    Args:
+        undo: What the user calls it, if it begins a step that can be undone; with its arguments
+            in braces.
+        merges: Whether it joins the step before if that is the same and was made just now.
+    """
+
+    def decorate(method):
+        signature = inspect.signature(method)
+        own = list(signature.parameters.values())[1:]
+        any_names = any(p.kind is p.VAR_KEYWORD for p in own)
+        names = tuple(p.name for p in own if p.kind is not p.VAR_KEYWORD)
+        of_body = method.__qualname__.startswith("Body.")
+        EDITS[name] = Edit(method.__name__, of_body, names, any_names)
+
+        @wraps(method)
+        def recorded(self, *arguments, **named):
+            journal = self.journal
+            if journal is None or journal.inside:
+                return method(self, *arguments, **named)
+            bound = signature.bind(self, *arguments, **named)
+            bound.apply_defaults()
+            values = {key: bound.arguments[key] for key in names}
+            values |= next((bound.arguments[p.name] for p in own if p.kind is p.VAR_KEYWORD), {})
+            values = {key: _plain(value) for key, value in values.items()}
+            label = undo.format(names=", ".join(values).replace("_", " "), **values)
+            with journal.editing(name, values, label, merges):
+                return method(self, *arguments, **named)
+
+        return recorded
+
+    return decorate
+
+
+def _plain(value):
+    """A value as JSON has it; floats keep all their digits."""
+    if isinstance(value, np.ndarray):
+        return value.astype(float).tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
+
+
+class Journal:
+    """The edits of one scene, and what can be undone."""
+
+    def __init__(self, state_of, restore):
+        """Take functions that return the scene's state, and that restore one."""
+        self.tick = 0  # that have passed
+        self.events: list[Event] = []
+        self.inside = False  # an edit: what it calls is part of it
+        self.steps: list[Step] = []
+        self.cursor = 0  # steps before it can be undone, the others done again
+        self._state_of, self._restore = state_of, restore
+        self._view = {}  # that was noted last
+
+    @contextmanager
+    def editing(self, name, arguments, label, merges):
+        """Record an edit, unless it raises, and what it calls not at all."""
+        before = self._state_of() if label and not self._merge(label, merges) else None
+        self.inside = True
+        try:
+            yield
+        finally:
+            self.inside = False
+        if before is not None:
+            del self.steps[self.cursor :]
+            self.steps.append(Step(label, self.tick, before, merges))
+            del self.steps[:-MOST_STEPS]
+            self.cursor = len(self.steps)
+        self.events.append(Event(self.tick, name, arguments))
+
+    def clear(self) -> None:
+        """Forget all edits, and what could be undone."""
+        self.events.clear()
+        self.steps.clear()
+        self.cursor = 0
+
+    def note(self, name: str, **arguments) -> None:
+        """Record what is no edit: a view, for the film."""
+        values = {key: _plain(value) for key, value in arguments.items()}
+        self.events.append(Event(self.tick, name, values))
+
+    def note_view(self, view: dict) -> None:
+        """Record what has changed of the camera and of the way to show the object."""
+        view = {name: _plain(value) for name, value in view.items()}
+        changed = {name: value for name, value in view.items() if value != self._view.get(name)}
+        if changed:
+            self.note("view", **changed)
+            self._view = view
+
+    # -- undo ----------------------------------------------------------------------------
+
+    def _merge(self, label, merges):
+        """Whether an edit belongs to the step before."""
+        last = self.steps[self.cursor - 1] if self.cursor else None
+        if not (merges and last and last.merges and last.label == label):
+            return False
+        soon = self.tick - last.tick <= MERGED_TICKS
+        if soon:
+            last.tick = self.tick
+            del self.steps[self.cursor :]
+        return soon
+
+    @property
+    def undoes(self) -> str:
+        """What undo would take back; empty if nothing."""
+        return self.steps[self.cursor - 1].label if self.cursor else ""
+
+    @property
+    def redoes(self) -> str:
+        """What redo would do again; empty if nothing."""
+        return self.steps[self.cursor].label if self.cursor < len(self.steps) else ""
+
+    def undo(self) -> bool:
+        """Return to the state before the last step; whether there was one."""
+        if not self.cursor:
+            return False
+        self.cursor -= 1
+        step = self.steps[self.cursor]
+        step.after = self._state_of()
+        self._restore(step.before)
+        return True
+
+    def redo(self) -> bool:
+        """Return to the state from which the step after was undone; whether there was one."""
+        if self.cursor == len(self.steps):
+            return False
+        step = self.steps[self.cursor]
+        self.cursor += 1
+        step.merges = False  # any more
+        self._restore(step.after)
+        return True
