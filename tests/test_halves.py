@@ -127,3 +127,32 @@ def test_parts_at_rest_are_left_out_of_both_halves(cut_always):
             solver.step(DT)
         results.append(solver.vertices.numpy().copy())
     np.testing.assert_array_equal(*results)
+
+
+def test_bodies_that_touch_have_the_same_bits_with_halves(monkeypatch):
+    """Contacts join vertices of both halves, so they wait for all constraints."""
+    grid = a15_grid(0.04)
+    middles = grid.rest_vertices[grid.tets].mean(axis=1) - 0.5
+    near = np.linalg.norm(middles, axis=1) < 0.3
+    mesh = extract(grid, near & (np.abs(middles[:, 2]) > 0.06))[0]  # two bowls, one over the other
+    upper = np.flatnonzero(mesh.rest_vertices[:, 2] > 0.7)
+    results = []
+    for thread_count, fewest in ((1, 10**9), (1, 0), (2, 0), (2, 0), (3, 0)):
+        monkeypatch.setattr(halves, "FEWEST_TETS", fewest)
+        monkeypatch.setattr(halves, "MOST_SHARED", 1.0)
+        free = np.zeros(mesh.vertex_count, bool)
+        arguments = mesh.rest_vertices, mesh.tets, Material(young_modulus=1e5), free
+        solver = XpbdSolver(*arguments, XpbdOptions(rescue=False), "cpu")
+        solver._frame._pace.thread_count = thread_count
+        solver._frame._pace.note = lambda seconds: None
+        solver.set_pinned(mesh.rest_vertices[:, 2] < 0.3)
+        solver.grab(upper)
+        touched = 0
+        for step in range(25):
+            solver.move(mesh.rest_vertices[upper] - [0.0, 0.0, 0.01 * (step + 1)])
+            solver.step(DT)
+            touched += solver._touching
+        assert touched > 5
+        results.append(solver.vertices.numpy().copy())
+    for result in results[1:]:
+        np.testing.assert_array_equal(result, results[0])

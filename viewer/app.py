@@ -44,6 +44,7 @@ class App:
         self.canvas = Canvas(ctx)
         self.recorder = Recorder(self.canvas, log, fps)
         self.frame_count = 0
+        self.samples = 1  # a pixel, of frames that are rendered whole
         # When the window had an event, when its state was logged, when a frame was drawn.
         self.last_event = self._last_state = self._drawn_at = 0.0
         self.gui = None
@@ -166,6 +167,8 @@ class App:
             scene.advance(seconds)
         camera, clip_range = controls.camera, orbits.clip_range(scene.orbit)
         self.radiance.update(camera, whole or self._wants_transparent)
+        if whole:
+            self.radiance.average(camera, self.samples)
         with times.part("draw"):
             self.canvas.use(size)
             self.radiance.draw(camera, clip_range)

@@ -104,7 +104,7 @@ def main(arguments: list[str] | None = None) -> int:
 def check(arguments: ViewArguments) -> None:
     """Raise a ValueError for what can be known to be wrong before any work."""
     run = arguments.run
-    frame_size(arguments)
+    size_of(arguments)
     at_least(1, "--fps", arguments.fps)
     object_size("--object-size", arguments.object_size)
     if run.frames is not None:
@@ -123,17 +123,22 @@ def check(arguments: ViewArguments) -> None:
             raise ValueError(f"can't write {path}: {error.strerror}") from error
 
 
-def frame_size(arguments: ViewArguments) -> tuple[int, int]:
+def size_of(arguments: ViewArguments) -> tuple[int, int]:
     """Width and height of window or frames; a ValueError if none can have --size."""
     if arguments.size is None:
         return HEADLESS_SIZE if arguments.run.headless else WINDOW_SIZE
-    width, _, height = arguments.size.lower().partition("x")
+    return frame_size(arguments.size)
+
+
+def frame_size(text: str) -> tuple[int, int]:
+    """ "800x600" -> 800, 600; a ValueError if it is written in another way, or no frame is so."""
+    width, _, height = text.lower().partition("x")
     if not (width.isdecimal() and height.isdecimal()):
-        raise ValueError(f"--size is '{arguments.size}'; write it as in 800x600")
+        raise ValueError(f"--size is '{text}'; write it as in 800x600")
     size = int(width), int(height)
     if min(size) < SMALLEST_SIDE or max(size) > LARGEST_SIDE:
         raise ValueError(
-            f"--size is {arguments.size}; both sides have to be {SMALLEST_SIDE} to {LARGEST_SIDE}"
+            f"--size is {text}; both sides have to be {SMALLEST_SIDE} to {LARGEST_SIDE}"
         )
     return size
 
@@ -155,7 +160,7 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
     device = device_name(chosen.device)
     app = _open(chosen)
     try:
-        with _told_if_slow(app):
+        with told_if_slow(app):
             app.load(field, chosen.model.stem, device, chosen.interop)
         drag = None if drag is None else resolved(drag, app.scene)
     except BaseException:
@@ -171,7 +176,7 @@ def _open(chosen):
     from .window import open_window
 
     headless = chosen.run.headless
-    window, context = open_window(frame_size(chosen), headless, f"deformrf: {chosen.model.stem}")
+    window, context = open_window(size_of(chosen), headless, f"deformrf: {chosen.model.stem}")
     from .app import App  # imports pyglet's window, which is possible from now on
     from .events import EventLog
 
@@ -200,7 +205,7 @@ def _show(app, chosen, drag):
 
 
 @contextmanager
-def _told_if_slow(app):
+def told_if_slow(app):
     """Say on stderr what is going on if it takes more than a moment."""
 
     def tell():

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-MOST_STEPS = 100  # that can be undone
+FEWEST_STEPS, MOST_BYTES = 100, 256 * 2**20  # so many steps are kept, and more up to that size
 MERGED_TICKS = 30  # a slider's changes that follow each other so soon are one step
 
 EDITS = {}  # name: Edit
@@ -121,7 +121,8 @@ class Journal:
         if before is not None:
             del self.steps[self.cursor :]
             self.steps.append(Step(label, self.tick, before, merges))
-            del self.steps[:-MOST_STEPS]
+            while len(self.steps) > FEWEST_STEPS and self._size() > MOST_BYTES:
+                del self.steps[0]
             self.cursor = len(self.steps)
         self.events.append(Event(self.tick, name, arguments))
 
@@ -145,6 +146,10 @@ class Journal:
             self._view = view
 
     # -- undo ----------------------------------------------------------------------------
+
+    def _size(self):
+        """About how much memory the steps take [bytes]: all states are as large as the last."""
+        return len(self.steps) * sum(np.size(x) * 8 for x in self.steps[-1].before.values())
 
     def _merge(self, label, merges):
         """Whether an edit belongs to the step before."""

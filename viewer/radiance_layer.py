@@ -127,6 +127,11 @@ class RadianceLayer:
         if self._renderer.stage.seconds:
             self._times.rendering = self._renderer.stage.seconds
 
+    def average(self, camera, count: int) -> None:
+        """After a whole picture: go on to the mean of so many shifted ones."""
+        while self.sample_count < count and self._scene.settings.mode in AVERAGED_MODES:
+            self._sample(camera)
+
     def _render_moving(self, camera):
         """Render at once, as well as the target frame rate allows."""
         scene, moving, rung = self._scene, self._moving, self._moving.rung

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ..core.field import save
-from ..core.paths import whole_file
 from .session import save_session
-from .video import VideoWriter
+from .video import PictureSeries, VideoWriter, save_png
 
 MESSAGE_SECONDS = 6.0
 
@@ -19,7 +18,7 @@ class Recorder:
 
     def __init__(self, canvas, log, fps: int):
         """Take a Canvas, an EventLog, and the frame rate of videos."""
-        self.video: VideoWriter | None = None  # that is being recorded
+        self.video: VideoWriter | PictureSeries | None = None  # that is being recorded
         self.written: list[Path] = []  # files that are finished
         self.failed = False  # whether a file was lost
         self._canvas, self._log, self._fps = canvas, log, fps
@@ -41,11 +40,17 @@ class Recorder:
         """Keep the next frame; by default in the current folder, named by date and time."""
         self._screenshot = path or stamped("deformrf", ".png")
 
-    def start(self, path: Path | None = None, live: bool = True) -> None:
-        """Record from the next frame on; by the clock if live, else frame by frame."""
+    def start(self, path: Path | None = None, live: bool = True, codec: str | None = None) -> None:
+        """Record from the next frame on; by the clock if live, else frame by frame.
+
+        A path without an ending is a folder, which gets a picture for each frame.
+        """
         path = path or stamped("deformrf", ".mp4")
         clock = time.monotonic if live else None
-        self.video = VideoWriter(path, self._canvas.size, self._fps, clock)
+        if path.suffix:
+            self.video = VideoWriter(path, self._canvas.size, self._fps, clock, codec)
+        else:
+            self.video = PictureSeries(path, self._fps)
         self._log("recording", path=path)
 
     def start_or_stop(self) -> None:
@@ -69,8 +74,13 @@ class Recorder:
             return
         try:
             self.video.push(self._canvas.read())
-        except RuntimeError:  # stop() raises it again and reports it
-            self.stop()
+        except RuntimeError as error:
+            video, self.video = self.video, None
+            try:
+                video.close()
+            except RuntimeError:  # the same
+                pass
+            self._fail(error)
 
     def save_screenshot(self, image=None) -> None:
         """Write an image, by default the canvas as it is now, if a screenshot is wanted."""
@@ -115,16 +125,6 @@ class Recorder:
     def _say(self, message, stream):
         self._said = time.monotonic(), message
         print(message, file=stream, flush=True)
-
-
-def save_png(path: Path, image) -> Path:
-    """Write an image [H, W, 3 or 4] uint8, top row first; it appears when it is complete."""
-    from PIL import Image
-
-    path = Path(path)
-    with whole_file(path) as partial:
-        Image.fromarray(image).save(partial, "PNG")
-    return path
 
 
 def stamped(stem: str, suffix: str) -> Path:

@@ -61,8 +61,7 @@ class Scene:
         self.size = float((high - low).max())
         self.handle_radius = HANDLE_RADIUS * self.size
         self.handle_bias = 2.5 * self.handle_radius  # a handle so far behind the surface is visible
-        # The pins of a held object [V] bool.  The lowest vertices of the mesh alone would not
-        # do: they may be specks below the object.
+        # The pins of a held object [V] bool.  The mesh's lowest vertices may be specks below it.
         self.pins = lowest_pins(rest, tets)
         self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
         self.patches = np.zeros(len(rest), int)  # of pins that were set together; 0: none
@@ -206,7 +205,6 @@ class Scene:
 
     @edit("move")
     def _move(self, to):
-        """Move what is held in the next step."""
         if self.grabbed is not None:
             self.grabbed.reached = np.asarray(to, float)
             self.solver.move(self.grabbed.reached + self.grabbed.offsets)

@@ -29,6 +29,7 @@ from ..core.paths import program_version, whole_file
 from ..core.render import MODES
 from .journal import EDITS, Event
 from .orbit import CLOSEST, FARTHEST, Orbit
+from .scene import Scene  # its methods and those of Body are the edits
 
 KEY, VERSION = "deformrf session", 1
 LARGEST_FILE = 512 * 2**20  # bytes
@@ -62,7 +63,7 @@ def mesh_hash(mesh) -> str:
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
 
 
-def start_of(scene) -> dict:
+def start_of(scene: Scene) -> dict:
     """What a session begins with, so that other defaults change nothing when it is played."""
     body, options = scene.body, scene.solver.options
     material = {name: _finite(value) for name, value in asdict(body.material).items()}
@@ -255,7 +256,7 @@ def _check(path, number, name, arguments, vertex_count):
 class Player:
     """Plays a session on a scene at rest, tick by tick."""
 
-    def __init__(self, scene, session: Session):
+    def __init__(self, scene: Scene, session: Session):
         self.scene, self.session = scene, session
         self._made = 0  # events
         start = start_of(scene) | session.header["start"]

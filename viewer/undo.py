@@ -1,19 +1,18 @@
 """The state of a scene that edits change: kept before each edit, restored by undo and redo."""
 
-import math
+import numpy as np
 
 
 def state_of(scene) -> dict:
     """Positions, pins, material and surroundings."""
     solver = scene.solver
-    yields = math.isfinite(scene.body.material.yield_strain)
     return {
         "body": scene.body.state(),
         "pinned": solver.pinned.copy(),
         "patches": scene.patches.copy(),
         "vertices": solver.vertices.numpy().copy(),
         "velocities": solver.velocities.numpy().copy(),
-        "rest_lengths": solver.rest_lengths if yields else None,
+        "rest_lengths": solver.rest_lengths.astype(np.float32),
     }
 
 
@@ -26,7 +25,7 @@ def restore(scene, state: dict) -> None:
     solver.set_pinned(state["pinned"])
     scene.patches = state["patches"].copy()
     solver.set_state(state["vertices"], state["velocities"])
-    if state["rest_lengths"] is not None:
-        solver.set_rest_lengths(state["rest_lengths"])
+    if not np.array_equal(solver.rest_lengths.astype(np.float32), state["rest_lengths"]):
+        solver.set_rest_lengths(state["rest_lengths"])  # edges have yielded since
     scene.hover = None
     scene.revision += 1

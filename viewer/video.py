@@ -1,6 +1,6 @@
-"""Writes images to an MP4 file that every player opens.
+"""Writes images to a video file, or to a folder of numbered pictures.
 
-A thread encodes behind a short queue.  The file is written as <name>.part.mp4 and renamed
+A thread encodes behind a short queue.  A file is written as <name>.part.mp4 and renamed
 when it is complete, since no player reads an MP4 that was never closed.  Without a clock
 each image is one frame of the video; with a clock images are repeated or dropped, so that
 a second of the video shows a second of the clock.
@@ -13,23 +13,59 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.paths import whole_file
+
 QUEUE_LENGTH = 8  # frames; 8 x 1920 x 1080 x 3 bytes = 50 MB
-CODEC, QUALITY = "libx264", {"crf": "18", "preset": "veryfast"}
+CODECS = {  # as a user calls them: the encoder, its options, and the files that hold its video
+    "h264": ("libx264", {"crf": "18", "preset": "veryfast"}, (".mp4",)),
+    "h265": (
+        "libx265",
+        {"crf": "20", "preset": "fast", "x265-params": "log-level=error"},
+        (".mp4",),
+    ),
+    "av1": ("libsvtav1", {"crf": "28", "preset": "9"}, (".mp4", ".webm")),
+    "vp9": ("libvpx-vp9", {"crf": "28", "b": "0", "cpu-used": "4", "row-mt": "1"}, (".webm",)),
+}
+ENDINGS = {".mp4": "h264", ".webm": "vp9"}  # and their usual codecs
 BT_709 = 1  # the number of range "tv", primaries, transfer and matrix alike (H.264, annex E)
 
 
-class VideoWriter:
-    """An H.264 file that is being written."""
+def encoder(path: Path, codec: str | None = None) -> tuple[str, dict]:
+    """The encoder for a file, by default the usual one for its ending, and its options.
 
-    def __init__(self, path: Path, size: tuple[int, int], fps: int, clock=None):
-        """Open the file, whose name ends in .mp4; a clock is a function that returns seconds.
+    Raises:
+        ValueError: There is none, or it doesn't go into such a file.
+    """
+    import av
+
+    codec = codec or ENDINGS.get(path.suffix)
+    if codec is None or path.suffix not in CODECS[codec][2]:
+        endings = " or ".join(CODECS[codec][2] if codec else ENDINGS)
+        raise ValueError(f"{path}: a video file has to end in {endings}")
+    name, options, _ = CODECS[codec]
+    try:
+        av.Codec(name, "w")
+    except ValueError as error:  # av's own is one
+        raise ValueError(f"this machine's PyAV has no encoder for {codec} ({name})") from error
+    return name, options
+
+
+class VideoWriter:
+    """A video file that is being written."""
+
+    def __init__(self, path: Path, size: tuple[int, int], fps: int, clock=None, codec=None):
+        """Open the file; a clock is a function that returns seconds.
 
         An odd last column or row of the images is cut off, as 4:2:0 pictures have even sizes.
+
+        Raises:
+            ValueError: There is no encoder for it.
         """
         import av
 
         self.path = Path(path)
-        self.part = self.path.with_name(self.path.stem + ".part.mp4")
+        name, quality = encoder(self.path, codec)
+        self.part = self.path.with_name(f"{self.path.stem}.part{self.path.suffix}")
         self.width, self.height = max(size[0] & ~1, 2), max(size[1] & ~1, 2)
         self.fps = fps
         self.frame_count = 0  # in the file, or queued for it
@@ -39,8 +75,9 @@ class VideoWriter:
         self._pending = None  # with a clock: the last image, and the frame number it starts at
         self._error = None
         self._queue = queue.Queue(QUEUE_LENGTH)  # of (image, how many frames show it)
-        self._container = av.open(str(self.part), "w", options={"movflags": "+faststart"})
-        self._stream = self._container.add_stream(CODEC, rate=fps, options=QUALITY)
+        options = {"movflags": "+faststart"} if self.path.suffix == ".mp4" else {}
+        self._container = av.open(str(self.part), "w", options=options)
+        self._stream = self._container.add_stream(name, rate=fps, options=quality)
         self._stream.width, self._stream.height = self.width, self.height
         self._stream.pix_fmt = "yuv420p"
         context = self._stream.codec_context
@@ -134,6 +171,50 @@ class VideoWriter:
             self._error = error
             for _ in items:  # so that no push waits for ever
                 pass
+
+
+class PictureSeries:
+    """A folder of PNG files 00000.png, 00001.png ... that is being filled, one for each frame."""
+
+    repeated_count = dropped_count = 0
+
+    def __init__(self, path: Path, fps: int):
+        """Take a folder, which may not be there yet."""
+        self.path, self.fps, self.frame_count = Path(path), fps, 0
+        self.path.mkdir(parents=True, exist_ok=True)
+
+    @property
+    def seconds(self) -> float:
+        return self.frame_count / self.fps
+
+    def due(self) -> bool:
+        return True
+
+    def push(self, image) -> None:
+        """Write an image [H, W, 3 or 4] uint8, top row first.
+
+        Raises:
+            RuntimeError: It can't be written.
+        """
+        path = self.path / f"{self.frame_count:05d}.png"
+        try:
+            save_png(path, image)
+        except OSError as error:
+            raise RuntimeError(f"can't write {path}: {error.strerror or error}") from error
+        self.frame_count += 1
+
+    def close(self) -> Path:
+        return self.path
+
+
+def save_png(path: Path, image) -> Path:
+    """Write an image [H, W, 3 or 4] uint8, top row first; it appears when it is complete."""
+    from PIL import Image
+
+    path = Path(path)
+    with whole_file(path) as partial:
+        Image.fromarray(image).save(partial, "PNG", compress_level=4)
+    return path
 
 
 def _video_frame(image):

@@ -81,15 +81,19 @@ auto part = [&](int first, int last, int thread_id) {
 // Does something with this thread's vertices: f(i, its slot).
 const int* const halves = scratch.halves.data;
 const bool has_halves = halves[4] > 0;
+// The compiler may round differently in each place that it copies `f` to, so there is one place
+// for any number of threads; likewise below.
 auto each_slot = [&](int slot, int last, auto f) {
     for (; slot < last; ++slot) f(scratch.order.data[slot], slot);
 };
+const bool in_halves = has_halves && thread_count > 1, has_half = in_halves && thread < 2;
 auto each_vertex = [&](auto f) {
-    if (has_halves && thread_count > 1) {
-        if (thread < 2) each_slot(halves[2 * thread], halves[2 * thread + 2], f);
-    } else {
-        each_slot(part(0, vertex_count, thread), part(0, vertex_count, thread + 1), f);
+    int first = part(0, vertex_count, thread), last = part(0, vertex_count, thread + 1);
+    if (in_halves) {
+        first = has_half ? halves[2 * thread] : 0;
+        last = has_half ? halves[2 * thread + 2] : 0;
     }
+    each_slot(first, last, f);
 };
 
 // -- eight vertices to lanes and back ---------------------------------------------------------
@@ -171,28 +175,29 @@ auto begin = [&](const int* corners, int corner_count, int base, int room, int* 
 };
 
 // All constraints of a list, eight at a time.
-auto run = [&](int k, int last, auto project) {
-    for (; k < last; k += 8) project(k);
-};
 auto project_all = [&](const auto& list, auto project) {
     for (int c = 0; c < list.color_count.data[0]; ++c) {
-        const int* const section = list.sections.data + 4 * c;
-        if (!has_halves || thread_count == 1) {
-            const int first = list.offsets.data[c], last = list.offsets.data[c + 1];
-            run(part(first, last, thread), part(first, last, thread + 1), project);
-            meet();
-        } else if (thread < 2) {
+        const int first = list.offsets.data[c], last = list.offsets.data[c + 1];
+        int begins[3] = {part(first, last, thread), 0, 0};
+        int ends[3] = {part(first, last, thread + 1), 0, 0};
+        if (in_halves) {
             // Near ones come in the middle: until then the other thread has done those of before.
-            const int first = section[3 * thread], last = section[3 * thread + 1];
-            const int middle = first + 8 * ((last - first) / 16);
-            run(first, middle, project);
-            wait_for(1 - thread);
-            run(section[thread + 1], section[thread + 2], project);
-            post();
-            run(middle, last, project);
-        } else {
-            post();
+            const int* const section = list.sections.data + 4 * c;
+            const int one = section[3 * (thread & 1)], other = section[3 * (thread & 1) + 1];
+            const int middle = one + 8 * ((other - one) / 16);
+            const int near = section[(thread & 1) + 1], behind = section[(thread & 1) + 2];
+            const int from[3] = {one, near, middle}, to[3] = {middle, behind, other};
+            for (int i = 0; i < 3; ++i) {
+                begins[i] = has_half ? from[i] : 0;
+                ends[i] = has_half ? to[i] : 0;
+            }
         }
+        for (int i = 0; i < 3; ++i) {
+            if (i == 1 && has_half) wait_for(1 - thread);
+            for (int k = begins[i]; k < ends[i]; k += 8) project(k);
+            if (i == 1 && in_halves) post();
+        }
+        if (!in_halves) meet();
     }
 };
 
@@ -211,6 +216,7 @@ for (int substep = 0; substep < substep_count; ++substep) {
     project_all(frame.edges, project_edges);
     if (has_volumes) project_all(frame.volumes, project_tets);
     if (has_contacts) {
+        if (in_halves) meet();  // contacts join any vertices
         if (has_springs) {
             each_vertex([&](int i, int slot) { pull(i, substep, bodies[slot]); });
             meet();
@@ -236,17 +242,21 @@ for (int substep = 0; substep < substep_count; ++substep) {
         farthest = moved <= farthest ? farthest : moved == moved ? moved : __builtin_inff();
         store(i, d, v);
     };
-    if (has_halves && thread_count > 1) {
-        if (thread < 2) {  // those that no near constraint touches first
-            each_slot(halves[3 * thread], halves[3 * thread + 1], end_substep);
-            wait_for(1 - thread);
-            each_slot(halves[thread + 1], halves[thread + 2], end_substep);
-        }
-        post();
-    } else {
-        each_vertex(end_substep);
-        if (!over) meet();
+    int begins[2] = {part(0, vertex_count, thread), 0};
+    int ends[2] = {part(0, vertex_count, thread + 1), 0};
+    if (in_halves) {  // those that no near constraint touches first
+        const int half = thread & 1;
+        begins[0] = has_half ? halves[3 * half] : 0;
+        ends[0] = has_half ? halves[3 * half + 1] : 0;
+        begins[1] = has_half ? halves[half + 1] : 0;
+        ends[1] = has_half ? halves[half + 2] : 0;
     }
+    for (int i = 0; i < 2; ++i) {
+        if (i == 1 && has_half) wait_for(1 - thread);
+        each_slot(begins[i], ends[i], end_substep);
+    }
+    if (in_halves) post();
+    else if (!over) meet();
 }
 frame.motion.data[thread] = sqrt(farthest);
 for (int other = thread_count; other < frame.motion.shape[0]; ++other)

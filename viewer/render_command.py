@@ -1,0 +1,177 @@
+"""The command deformrf-render: a film of a session, without a window and without haste.
+
+The same program as deformrf-view draws the frames, each in full.  Ctrl-C ends the film where it
+is: the file can be played.
+"""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from ..core import field as fields
+from ..core.arguments import (
+    AnyModel,
+    Count,
+    File,
+    Meters,
+    at_least,
+    object_size,
+    positive,
+    with_size,
+    writable_file,
+)
+from ..core.commands import FAILED, run
+from ..core.device import Choice, device_name
+from ..core.paths import DEFAULT_MODEL, program_version
+from ..core.render import Mode
+from .command import Flag, frame_size, told_if_slow
+
+PROGRAM = "deformrf-render"
+SIZE, FPS, MOST_SAMPLES = "1280x720", 30, 256
+LONGEST_TURN = 3600.0  # s
+
+Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS", help_behavior_hint="")]
+Codec = Annotated[
+    Literal["h264", "h265", "av1", "vp9"] | None, tyro.conf.arg(help_behavior_hint="")
+]
+
+
+@dataclass(frozen=True)
+class RenderArguments:
+    """Render a session of deformrf-view, or a turn around the object, into a file."""
+
+    model: AnyModel = DEFAULT_MODEL
+    """Model file, an .npz; the bundled one by default."""
+    output: Annotated[File, tyro.conf.arg(aliases=["-o"])] = None
+    """What to write: FILE.mp4, FILE.webm, or a folder for numbered PNG files."""
+    session: File = None
+    """A session that deformrf-view has saved (Ctrl+Shift+S)."""
+    turntable: Seconds = None
+    """Turn the camera once around the object in so many seconds; without --session, that is the
+    film."""
+    size: Annotated[str, tyro.conf.arg(metavar="WxH")] = SIZE
+    """Width and height of the film [pixels]."""
+    fps: Annotated[int, tyro.conf.arg(metavar="N")] = FPS
+    """Frames per second."""
+    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1
+    """Rays a pixel, from shifted images: 16 make smooth edges."""
+    frames: Count = None
+    """End after that many frames."""
+    codec: Codec = None
+    """h264 for .mp4 and vp9 for .webm by default."""
+    hide_handles: Flag = False
+    """Leave out the red and gray spheres."""
+    mode: Annotated[Mode | None, tyro.conf.arg(help_behavior_hint="")] = None
+    """Show this instead of what the session shows."""
+    device: Choice = "auto"
+    """auto takes CUDA if there is any."""
+    object_size: Meters = None
+    """The object's longest side [m]; by default what the session or the model says."""
+    version: Flag = False
+    """Print the version."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    chosen = tyro.cli(
+        RenderArguments,
+        prog=PROGRAM,
+        args=arguments,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+    )
+    logging.basicConfig(level=logging.WARNING, format=f"{PROGRAM}: %(message)s")
+    return run(PROGRAM, lambda: prepare(chosen))
+
+
+def check(chosen: RenderArguments) -> tuple[int, int]:
+    """The size of the film; a ValueError for what can be known to be wrong before any work."""
+    size = frame_size(chosen.size)
+    if chosen.output is None:
+        raise ValueError("give the file to write: -o film.mp4, film.webm, or a folder")
+    if chosen.session is None and chosen.turntable is None:
+        raise ValueError("there is nothing to film: give --session or --turntable")
+    at_least(1, "--fps", chosen.fps)
+    at_least(1, "--samples", chosen.samples)
+    if chosen.samples > MOST_SAMPLES:
+        raise ValueError(f"--samples is {chosen.samples}; {MOST_SAMPLES} are the most")
+    positive("--turntable", chosen.turntable)
+    if chosen.turntable is not None and chosen.turntable > LONGEST_TURN:
+        raise ValueError(f"--turntable is {chosen.turntable:g} s; {LONGEST_TURN:g} are the most")
+    object_size("--object-size", chosen.object_size)
+    if chosen.frames is not None:
+        at_least(1, "--frames", chosen.frames)
+    _check_output(chosen)
+    return size
+
+
+def _check_output(chosen):
+    from .video import encoder
+
+    path = chosen.output
+    if path.suffix:
+        encoder(path, chosen.codec)
+        writable_file(path, path.suffix)
+    elif chosen.codec is not None:
+        raise ValueError(f"--codec is about a video, but {path} is a folder of pictures")
+    elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise ValueError(f"{path} has to be a new or an empty folder")
+
+
+def prepare(chosen: RenderArguments) -> Callable[[], int]:
+    """Check the arguments, and load the model; returns the work."""
+    if chosen.version:
+        print(f"deformrf {program_version()}")
+        return lambda: 0
+    size = check(chosen)
+    from .session import load_session
+    from .window import open_window
+
+    field = with_size(fields.load(chosen.model), chosen.object_size)
+    session = None if chosen.session is None else load_session(Path(chosen.session), field)
+    device = device_name(chosen.device)
+    window, context = open_window(size, headless=True)
+    from .app import App  # imports pyglet's window, which is possible from now on
+    from .events import EventLog
+
+    app = App(window, context, EventLog(False), gui=False, fps=chosen.fps)
+    try:
+        with told_if_slow(app):
+            app.load(field, chosen.model.stem, device)
+    except BaseException:
+        app.close()
+        raise
+    return lambda: _film(app, chosen, session)
+
+
+def _film(app, chosen, session):
+    """Render all frames; returns the exit code."""
+    from rich.console import Console
+    from rich.progress import track
+
+    from .film import frames_of
+
+    try:
+        count, show = frames_of(app, session, chosen.fps, chosen.turntable)
+        count = min(count, chosen.frames or count)
+        app.samples = chosen.samples
+        app.canvas.use(app.size)
+        app.recorder.start(chosen.output, live=False, codec=chosen.codec)
+        console = Console(stderr=True)
+        hidden = not console.is_terminal
+        for frame in track(range(count), "rendering", console=console, disable=hidden):
+            show(frame)
+            if chosen.hide_handles:
+                app.scene.settings.show_handles = False
+            if chosen.mode is not None:
+                app.scene.settings.mode = chosen.mode
+            app.window.switch_to()
+            app.frame(0.0, whole=True)
+            if app.recorder.failed:
+                break
+    finally:
+        app.close()
+    return FAILED if app.recorder.failed else 0
