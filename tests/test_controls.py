@@ -1,6 +1,7 @@
 """What the mouse and the keys mean, without any window."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from deformrf.core.deform import TIME_STEP
 from deformrf.viewer import actions as a
 from deformrf.viewer import controls as c
 from deformrf.viewer import picking
+from deformrf.viewer.events import displacements
 from deformrf.viewer.scene import Scene
 
 SIZE = 320, 240
@@ -57,6 +59,14 @@ def controls(scene, events):
     return made
 
 
+@pytest.fixture
+def app_like(scene, controls):
+    """What actions need of an App; `said` are its messages."""
+    said = []
+    recorder = SimpleNamespace(say=said.append)
+    return SimpleNamespace(scene=scene, controls=controls, recorder=recorder, said=said)
+
+
 def pixel_of(controls, vertex):
     pixels, _ = picking.project(controls.camera, controls.scene.positions[vertex][None])
     return pixels[0]
@@ -91,7 +101,7 @@ def test_released_the_object_goes_back(controls, scene, events):
     assert (controls.mode, scene.grabbed) == ("", None)
     for _ in range(300):
         scene.advance(1 / 60)
-    assert scene.displacements().max() < 0.01
+    assert displacements(scene).max() < 0.01
     assert [name for name, _ in events] == ["grab", "release"]
 
 
@@ -101,8 +111,8 @@ def test_pins_do_not_move_with_a_drag(controls, scene):
     controls.press(press, "left")
     controls.drag(press + np.array([30.0, 0.0]), 30, 0)
     scene.advance(1 / 30)
-    assert scene.displacements()[scene.pins].max() < 1e-6
-    assert scene.displacements()[~scene.pins].max() > 0.05
+    assert displacements(scene)[scene.pins].max() < 1e-6
+    assert displacements(scene)[~scene.pins].max() > 0.05
 
 
 def front_pin(controls):
@@ -240,13 +250,17 @@ def test_keys_and_buttons_are_pyglets(window):
     assert c.SHIFT == key.MOD_SHIFT
 
     for entry in a.INPUTS:
-        assert not entry.key or hasattr(key, entry.key.removeprefix("CTRL+")), entry
+        name = entry.key.removeprefix("CTRL+").removeprefix("SHIFT+")
+        assert not entry.key or hasattr(key, name), entry
 
 
 def test_ctrl_tells_two_keys_apart():
     assert a.action_of("Q", ctrl=True) == "quit"
     assert a.action_of("Q", ctrl=False) is None
     assert a.action_of("R", ctrl=True) is None
+    assert a.action_of("Z", ctrl=True) == "undo"
+    assert a.action_of("Z", ctrl=True, shift=True) == "redo"
+    assert a.action_of("F", ctrl=False, shift=True) == "focus"
 
 
 def test_the_readme_says_what_the_inputs_are():
@@ -326,3 +340,48 @@ def test_another_tool_may_be_chosen_while_the_brush_is_down(controls, scene):
     controls.drag((5, 5), 0, 0)
     controls.release("left")
     assert scene.ball is None and controls.mode == ""
+
+
+def test_a_pin_under_the_mouse_is_marked(controls, scene):
+    """It is what a click would free."""
+    _, t = picking.project(controls.camera, scene.positions[scene.pin_ids])
+    pin = int(scene.pin_ids[t.argmin()])
+    pixel = pixel_of(controls, pin)
+    assert controls.pick(pixel) is None
+    controls.motion(pixel)
+    assert scene.hover == pin
+    controls.press(pixel, "left")
+    controls.release("left")
+    assert not scene.solver.pinned[pin]
+
+
+def test_escape_closes_the_help(app_like):
+    app_like.scene.settings.show_help = True
+    a.ACTIONS["cancel"](app_like)
+    assert not app_like.scene.settings.show_help
+
+
+def test_undo_and_redo_say_what_they_did(app_like):
+    scene, said = app_like.scene, app_like.said
+    a.ACTIONS["undo"](app_like)
+    assert said == ["nothing to undo"]
+    scene.set_ground(True)
+    a.ACTIONS["undo"](app_like)
+    assert said[-1] == "undone: ground" and not scene.on_ground
+    a.ACTIONS["redo"](app_like)
+    assert said[-1] == "done again: ground" and scene.on_ground
+    a.ACTIONS["redo"](app_like)
+    assert said[-1] == "nothing to do again"
+
+
+def test_undo_in_the_middle_of_a_drag_lets_go(controls, scene, app_like):
+    before = scene.solver.vertices.numpy().copy()
+    vertex = front_vertex(controls)
+    pixel = pixel_of(controls, vertex)
+    controls.press(pixel, "left")
+    controls.drag(pixel + np.array([30.0, 0.0]), 0, 0)
+    scene.advance(TIME_STEP)
+    assert scene.grabbed is not None
+    a.ACTIONS["undo"](app_like)
+    assert scene.grabbed is None and controls.mode == ""
+    np.testing.assert_array_equal(scene.solver.vertices.numpy(), before)

@@ -116,3 +116,15 @@ def test_too_little_memory_of_a_device_ends_in_one_sentence(capsys, message):
     assert run("deformrf-x", lambda: job) == INPUT_ERROR
     said = f"deformrf-x: the device's memory is too small ({message[:40]}"
     assert capsys.readouterr().err.startswith(said)
+
+
+@pytest.mark.parametrize(
+    "room", ["core.commands.train", "core.commands.evaluate", "core.lab.command"]
+)
+def test_every_command_says_its_version(room, call):
+    from importlib import import_module
+
+    from deformrf.core.paths import program_version
+
+    result = call(import_module(f"deformrf.{room}").main, "--version")
+    assert result.code == 0 and result.out == f"deformrf {program_version()}\n"

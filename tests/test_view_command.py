@@ -156,7 +156,7 @@ def test_a_slow_start_tells_of_compiling_only_while_it_compiles(
     stage = message.split(" (on")[0].removesuffix(" ...\n")
     progress = SimpleNamespace(stage=stage, compiling=compiling)
     monkeypatch.setattr(command, "SLOW_START", 0.0)
-    with command._told_if_slow(SimpleNamespace(progress=progress)):
+    with command.told_if_slow(SimpleNamespace(progress=progress)):
         time.sleep(0.1)
     assert capfd.readouterr().err == message
 

@@ -37,7 +37,7 @@ INPUTS = (
     Input("wheel", "zoom to the mouse"),
     Input("F", "focus: the object, or the vertex under the mouse", "F", "focus"),
     Input("Home", "reset the camera", "HOME", "home"),
-    Input("R", "reset the deformation", "R", "reset"),
+    Input("R", "reset the deformation; pins come back", "R", "reset"),
     Input("Space", "pause, or go on", "SPACE", "pause"),
     Input(".", "single step", "PERIOD", "single_step"),
     Input("M", "next view mode: depth, normals, ...", "M", "next_mode"),
@@ -47,7 +47,7 @@ INPUTS = (
     Input("F1", "hide or show the help", "F1", "toggle_help"),
     Input("F2", "screenshot", "F2", "screenshot"),
     Input("F9", "start or stop recording", "F9", "record"),
-    Input("Esc", "let go; a vertex goes back to where it was", "ESCAPE", "cancel"),
+    Input("Esc", "let go, a vertex goes back; close the help", "ESCAPE", "cancel"),
     Input("Ctrl+Q", "quit", "CTRL+Q", "quit"),
 )
 
@@ -94,6 +94,11 @@ def _redo(app):
     app.recorder.say(f"done again: {label}" if app.scene.redo() else "nothing to do again")
 
 
+def _cancel(app):
+    app.scene.settings.show_help = False
+    app.controls.cancel()
+
+
 def _toggle_push(app):
     settings = app.scene.settings
     settings.tool = "grab" if settings.tool == "push" else "push"
@@ -131,7 +136,7 @@ ACTIONS = {  # functions of the App
     "toggle_help": _toggle("show_help"),
     "screenshot": lambda app: app.recorder.screenshot(),
     "record": lambda app: app.recorder.start_or_stop(),
-    "cancel": lambda app: app.controls.cancel(),
+    "cancel": _cancel,
     "quit": _quit,
 }
 _ACTION_OF = {entry.key: entry.action for entry in INPUTS if entry.key}

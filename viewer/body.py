@@ -25,6 +25,7 @@ class Body:
 
     Attributes:
         material: The real one; change it by set_material.
+        meters_per_unit: Of model space.
         gravity: Downwards [m/s²]; 0 without gravity.
         wind: The air's speed along x [m/s].
         factors: Of Young's modulus at the vertices, or None: 1 everywhere.  [V]
@@ -39,7 +40,7 @@ class Body:
         """
         self.journal = None  # of the scene, once it has one
         self._size = size
-        self._meters_per_unit = 1.0 if meters is None else meters / size  # S
+        self.meters_per_unit = 1.0 if meters is None else meters / size  # S
         self.material = Material()
         self.gravity, self.wind, self._air_drag = 0.0, 0.0, None
         options = XpbdOptions(**self._surroundings())
@@ -53,12 +54,16 @@ class Body:
     @property
     def meters(self) -> float:
         """The longest side of what can be seen."""
-        return self._meters_per_unit * self._size
+        return self.meters_per_unit * self._size
 
-    @edit("set_size", undo="size", merges=True)
     def set_meters(self, meters: float) -> None:
         """Take the object for that large."""
-        self._meters_per_unit = max(meters, SMALLEST_SIZE) / self._size
+        self.set_scale(max(meters, SMALLEST_SIZE) / self._size)
+
+    @edit("set_scale", undo="size", merges=True)
+    def set_scale(self, meters_per_unit: float) -> None:
+        """Take a unit of model space for so many meters."""
+        self.meters_per_unit = meters_per_unit
         self.set_material()
         self.set_options(**self._surroundings())
 
@@ -73,7 +78,7 @@ class Body:
             self.solver.set_material(self._scaled())
 
     def _scaled(self):
-        modulus = self.material.young_modulus / self._meters_per_unit**2
+        modulus = self.material.young_modulus / self.meters_per_unit**2
         return replace(self.material, young_modulus=modulus)
 
     @property
@@ -82,7 +87,7 @@ class Body:
         painted = None if self.factors is None else self.factors.tobytes()
         key = self.solver.options, self.solver.material, self.solver.pinned.tobytes(), painted
         if self._stiffness is None or self._stiffness[0] != key:
-            held = self.solver.held_young_modulus() * self._meters_per_unit**2
+            held = self.solver.held_young_modulus() * self.meters_per_unit**2
             self._stiffness = key, (self.solver.stiffness_ratio(), held)
         return self._stiffness[1]
 
@@ -156,7 +161,7 @@ class Body:
 
     def state(self) -> dict:
         """What edits change, besides positions and pins."""
-        names = "material", "gravity", "wind", "_air_drag", "_meters_per_unit"
+        names = "material", "gravity", "wind", "_air_drag", "meters_per_unit"
         kept = {name: getattr(self, name) for name in names}
         kept["factors"] = None if self.factors is None else self.factors.copy()
         kept["_rest_shapes"] = list(self._rest_shapes)
@@ -179,8 +184,8 @@ class Body:
 
     def _surroundings(self):
         return {
-            "gravity": (0.0, 0.0, -self.gravity / self._meters_per_unit),
-            "wind": (self.wind / self._meters_per_unit, 0.0, 0.0),
+            "gravity": (0.0, 0.0, -self.gravity / self.meters_per_unit),
+            "wind": (self.wind / self.meters_per_unit, 0.0, 0.0),
             "air_drag": self.air_drag,
         }
 

@@ -48,7 +48,10 @@ class Controls:
 
     def on_mouse_motion(self, x, y, dx, dy):
         if not self.mode:
-            self.scene.hover = self.pick(self._pixel(x, y))
+            pixel = self._pixel(x, y)
+            control = self.pick(pixel)
+            pin = self.pick(pixel, self.scene.pin_ids) if control is None else None
+            self.scene.hover = pin if control is None else control
 
     def on_mouse_press(self, x, y, button, modifiers):
         if self.mode or button not in (LEFT, MIDDLE, RIGHT):

@@ -23,9 +23,9 @@ def report(headless: bool) -> int:
     try:
         import av
 
-        from .video import CODEC
+        from .video import CODECS
 
-        _line("encoder", av.Codec(CODEC, "w").long_name)
+        _line("encoder", av.Codec(CODECS["h264"][0], "w").long_name)
     except Exception as error:  # whatever is wrong with it is to be reported
         _line("encoder", f"none ({error})")
     device = device_name("auto")

@@ -21,7 +21,7 @@ class EventLog:
 def state_of(app) -> dict:
     """The viewer's state for the events "ready" and "state"."""
     scene, controls, radiance = app.scene, app.controls, app.radiance
-    ids, moved = scene.control_ids, scene.displacements()
+    ids, moved = scene.control_ids, displacements(scene)
     pixels, _ = picking.project(controls.camera, scene.positions[ids])
     return {
         "size": [app.window.width, app.window.height],
@@ -46,6 +46,11 @@ def state_of(app) -> dict:
         "distance": scene.orbit.distance,
         "young_modulus": scene.body.material.young_modulus,
     }
+
+
+def displacements(scene):
+    """Distance of each vertex from its rest position, in object sizes.  [V]"""
+    return np.linalg.norm(scene.positions - scene.solver.rest_vertices, axis=1) / scene.size
 
 
 def _plain(value):

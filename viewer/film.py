@@ -5,6 +5,7 @@ Between two views that follow each other closely the camera moves evenly, since 
 noted only some of them.
 """
 
+import math
 from bisect import bisect_right
 from dataclasses import fields, replace
 
@@ -64,7 +65,7 @@ def turned_around(orbit: Orbit, share: float) -> Orbit:
 
 def frame_count(seconds: float, fps: int) -> int:
     """The frames of so many seconds; the last one shows their end."""
-    return int(seconds * fps + 1e-6) + 1
+    return math.ceil(seconds * fps - 1e-6) + 1
 
 
 def frames_of(app, session: Session | None, fps: int, turntable: float | None):
@@ -81,8 +82,8 @@ def frames_of(app, session: Session | None, fps: int, turntable: float | None):
     count -= session is None  # the last frame would be the first one again
 
     def show(frame):
-        tick = frame * TICKS_PER_SECOND / fps
         if player is not None:
+            tick = min(frame * TICKS_PER_SECOND / fps, session.ticks)
             player.play_to(int(tick + 1e-6))
             scene.orbit = views.at(tick)
         if turntable is not None:

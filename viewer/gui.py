@@ -102,7 +102,7 @@ class Gui:
         self._building = []
         self.mouse_on_panel = False  # when it was last seen
         self._captured = set()  # buttons that were pressed on a panel
-        self._failed = set()
+        self._failed = set()  # messages that were logged
 
     # -- events: True means that the view does not get them -------------------------------
 
@@ -201,20 +201,20 @@ class Gui:
         self._building.append((at.x, at.y, at.x + size.x, at.y + size.y))
 
     def guarded(self, panel, *arguments) -> None:
-        """Draw a panel; one that fails is logged once and left out, the rest goes on."""
-        if panel in self._failed:
-            imgui.text_disabled(f"{panel.__name__} failed, see the log")
-            return
+        """Draw a panel; one that fails says so and is tried again in the next frame."""
         state = imgui.internal.ErrorRecoveryState()
         imgui.internal.error_recovery_store_state(state)
         try:
             panel(*arguments)
-        except Exception:
+        except Exception as error:
             self._io.config_error_recovery_enable_assert = False  # to close what it opened
             imgui.internal.error_recovery_try_to_recover_state(state)
             self._io.config_error_recovery_enable_assert = True
-            self._failed.add(panel)
-            log.exception("the panel %s failed and is left out", panel.__name__)
+            message = f"{panel.__name__} failed: {error}"
+            imgui.text_wrapped(message)
+            if message not in self._failed:
+                self._failed.add(message)
+                log.exception(message)
 
     def end(self) -> None:
         """Draw the panels into the framebuffer in use."""

@@ -136,8 +136,7 @@ class Scene:
             self.revision += 1
             self._host = self.revision, now.copy()
 
-    def _exact(self):
-        """The vertices as they are, not as they were last seen.  [V, 3] float32"""
+    def _exact(self):  # the vertices as they are, not as they were last seen  [V, 3] float32
         return np.array(self.solver.vertices.numpy())
 
     @property
@@ -169,21 +168,22 @@ class Scene:
 
     @edit("reset", undo="reset")
     def reset(self) -> None:
-        """Back to the rest pose, nothing grabbed."""
+        """Back to the rest pose with all its pins, nothing grabbed."""
         self.release()
         self.end_push()
         self.solver.reset()
+        if self.held and not self.solver.pinned[self.pins].all():  # some were freed
+            self.solver.set_pinned(self.solver.pinned | self.pins)
         self.revision += 1
 
     # -- handles -------------------------------------------------------------------------
 
     def grab(self, vertex: int) -> None:
         """Take hold of a vertex and of those around it at rest."""
-        self._grab(vertex, self.settings.grab_radius, self.settings.soft_grab)
+        self._grab(vertex, self._grab_radius, self.settings.soft_grab)
 
     @edit("grab", undo="drag vertex {vertex}")
     def _grab(self, vertex, radius, soft):
-        radius = radius * self.size
         ids = vertices_within(self.field.mesh.rest_vertices, vertex, radius)
         ids = ids[~self.solver.pinned[ids]]
         positions = self._exact()
@@ -242,13 +242,13 @@ class Scene:
 
     def paint(self, point, factor) -> None:
         """Multiply the stiffness around a point of the surface as it is now [3]."""
-        self._paint(point, factor, self.settings.grab_radius)
+        self._paint(point, factor, self._grab_radius)
 
     @edit("paint", undo="paint", merges=True)
     def _paint(self, point, factor, radius):
         near = self._exact()[self._near] - np.asarray(point, float)
         vertex = int(self._near[(near**2).sum(axis=1).argmin()])
-        rest, radius = self.field.mesh.rest_vertices, radius * self.size
+        rest = self.field.mesh.rest_vertices
         ids = vertices_within(rest, vertex, radius)
         self.body.paint(ids, falloff(rest, vertex, ids, radius), factor)
 
@@ -256,11 +256,10 @@ class Scene:
 
     def push(self, point, towards_eye) -> None:
         """Put a ball before a point of the surface [3], in a direction [3]."""
-        self._push(point, towards_eye, self.settings.grab_radius)
+        self._push(point, towards_eye, max(self._grab_radius, SMALLEST_BALL * self.size))
 
     @edit("push", undo="push with the ball")
     def _push(self, point, towards_eye, radius):
-        radius = max(radius, SMALLEST_BALL) * self.size
         center = np.asarray(point, float) + radius * np.asarray(towards_eye)
         self.ball = Ball(radius, center, center)
         self.body.set_options(colliders=(Sphere(tuple(center), radius),))
@@ -282,10 +281,6 @@ class Scene:
         if self.ball is not None:
             self.ball = None
             self.body.set_options(colliders=())
-
-    def displacements(self):
-        """Distance of each vertex from its rest position, in object sizes.  [V]"""
-        return np.linalg.norm(self.positions - self.solver.rest_vertices, axis=1) / self.size
 
     # -- the object ----------------------------------------------------------------------
 
@@ -318,16 +313,18 @@ class Scene:
         self._set_pin(vertex, pinned, self._pin_radius)
 
     @property
+    def _grab_radius(self):
+        """Within which vertices move together [model units]."""
+        return self.settings.grab_radius * self.size
+
+    @property
     def _pin_radius(self):
-        """Within which vertices are pinned together [object sizes]."""
-        part = PATCH_PART if self.settings.soft_grab else 1.0
-        return part * self.settings.grab_radius
+        return self._grab_radius * (PATCH_PART if self.settings.soft_grab else 1.0)
 
     @edit("set_pin", undo="pins")
     def _set_pin(self, vertex, pinned, radius):
         pins = self.solver.pinned.copy()
         if pinned:
-            radius = radius * self.size
             patch = vertices_within(self.field.mesh.rest_vertices, vertex, radius)
             patch = patch[~pins[patch]]
             self.patches[patch] = self.patches.max() + 1
@@ -345,10 +342,13 @@ class Scene:
     def on_ground(self) -> bool:
         return self.solver.options.ground is not None
 
-    @edit("set_ground", undo="ground")
     def set_ground(self, on: bool) -> None:
         """Put a ground under the visible object at rest, or take it away."""
-        self.body.set_options(ground=float(self._surface[:, 2].min()) if on else None)
+        self._set_ground(float(self._surface[:, 2].min()) if on else None)
+
+    @edit("set_ground", undo="ground")
+    def _set_ground(self, height):
+        self.body.set_options(ground=height)
 
     @edit("set_gravity", undo="gravity", merges=True)
     def set_gravity(self, strength: float) -> None:

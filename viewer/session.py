@@ -68,9 +68,10 @@ def start_of(scene: Scene) -> dict:
     body, options = scene.body, scene.solver.options
     material = {name: _finite(value) for name, value in asdict(body.material).items()}
     return material | {
-        "meters": body.meters,
+        "meters_per_unit": body.meters_per_unit,
         "substep_count": options.substep_count,
         "contact": options.contact,
+        "pins": np.flatnonzero(scene.pins).tolist(),
     }
 
 
@@ -150,7 +151,7 @@ def _check_header(path, header, mesh):
     start, ticks = header.get("start"), header.get("ticks")
     if not isinstance(start, dict) or not _is_number(ticks, 0, LONGEST, int):
         raise SessionError(f"{path}: its first line lacks 'start' or 'ticks'")
-    _check(path, 1, "start", start, 0)
+    _check(path, 1, "start", start, mesh.vertex_count)
 
 
 # -- events ------------------------------------------------------------------------------------
@@ -166,6 +167,10 @@ def _is_point(value):
         and len(value) == 3
         and all(_is_number(x, -FARTHEST_POINT, FARTHEST_POINT) for x in value)
     )
+
+
+def _are_vertices(value, count):
+    return isinstance(value, list) and all(_is_number(x, 0, count - 1, int) for x in value)
 
 
 def _is_color(value):
@@ -189,7 +194,8 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "strength": _number(0.0, 1e4),
     "rate": _number(0.0, 1e4),
     "speed": _number(-1e4, 1e4),
-    "meters": _number(SMALLEST_SIZE, LARGEST_SIZE),
+    "meters_per_unit": _number(1e-3 * SMALLEST_SIZE, 1e3 * LARGEST_SIZE),
+    "height": lambda value: value is None or _number(-FARTHEST_POINT, FARTHEST_POINT)(value),
     **dict.fromkeys(("soft", "pinned", "held", "on", "contact"), _flag),
     "substep_count": _number(1, 1000, int),
     # of a material
@@ -235,7 +241,7 @@ def _event(path, number, line, vertex_count) -> Event:
 def _check(path, number, name, arguments, vertex_count):
     """Raise a SessionError if an edit has an argument that it can't have."""
     if name == "start":
-        known = (*MATERIAL, *OPTIONS, "meters")
+        known = (*MATERIAL, *OPTIONS, "meters_per_unit", "pins")
     elif name == "view":
         known = VIEW
     else:
@@ -244,6 +250,8 @@ def _check(path, number, name, arguments, vertex_count):
         good = key in known and (
             _is_number(value, 0, vertex_count - 1, int)
             if key == "vertex"
+            else _are_vertices(value, vertex_count)
+            if key == "pins"
             else ARGUMENTS[key](value)
         )
         if not good:
@@ -261,7 +269,9 @@ class Player:
         self._made = 0  # events
         start = start_of(scene) | session.header["start"]
         if start != start_of(scene):
-            scene.body.set_meters(start.pop("meters"))
+            scene.pins = np.isin(np.arange(len(scene.pins)), start.pop("pins"))
+            scene.solver.set_pinned(scene.pins)
+            scene.body.set_scale(start.pop("meters_per_unit"))
             scene.body.set_options(**{name: start.pop(name) for name in OPTIONS})
             scene.body.set_material(**_infinite(start))
             scene.solver.reset()  # it sleeps, as it did when the session began

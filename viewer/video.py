@@ -213,7 +213,7 @@ def save_png(path: Path, image) -> Path:
 
     path = Path(path)
     with whole_file(path) as partial:
-        Image.fromarray(image).save(partial, "PNG", compress_level=4)
+        Image.fromarray(image).save(partial, "PNG")
     return path
 
 

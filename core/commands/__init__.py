@@ -5,6 +5,14 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "running": ["FAILED", "INPUT_ERROR", "INTERRUPTED", "complain", "require", "run"],
+        "running": [
+            "FAILED",
+            "INPUT_ERROR",
+            "INTERRUPTED",
+            "asked_for_version",
+            "complain",
+            "require",
+            "run",
+        ],
     },
 )

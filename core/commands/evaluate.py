@@ -13,7 +13,7 @@ from .. import field as fields
 from .. import render, training
 from ..arguments import Count, File, writable_file
 from ..device import Choice, device_name
-from .running import INTERRUPTED, complain, load_views, require, run
+from .running import INTERRUPTED, asked_for_version, complain, load_views, require, run
 
 PROGRAM = "deformrf-eval"
 SPLITS = ("train", "val", "test")
@@ -47,6 +47,8 @@ class EvaluateArguments:
 
 
 def main():
+    if asked_for_version():
+        sys.exit(0)
     arguments = tyro.cli(EvaluateArguments, prog=PROGRAM)
     sys.exit(run(PROGRAM, lambda: prepare(arguments)))
 

@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 from .. import training
 from ..arguments import plain_message
+from ..paths import program_version
 
 FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
@@ -68,6 +69,14 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     if is_first() or _outlives_first():
         complain(program, sentence)
     return INPUT_ERROR
+
+
+def asked_for_version() -> bool:
+    """Print the version if --version is all that was asked for."""
+    asked = sys.argv[1:] == ["--version"]
+    if asked:
+        print(f"deformrf {program_version()}")
+    return asked
 
 
 def require(*packages: str):

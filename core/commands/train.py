@@ -11,7 +11,16 @@ from .. import field as fields
 from .. import training
 from ..arguments import Count, Meters, at_least, object_size, positive, with_size, writable_file
 from ..device import Choice, device_name
-from .running import FAILED, INTERRUPTED, complain, is_first, load_views, require, run
+from .running import (
+    FAILED,
+    INTERRUPTED,
+    asked_for_version,
+    complain,
+    is_first,
+    load_views,
+    require,
+    run,
+)
 
 PROGRAM = "deformrf-train"
 SAME_NAMED = ("seed", "aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")
@@ -72,6 +81,8 @@ class TrainArguments:
 
 
 def main():
+    if asked_for_version():
+        sys.exit(0)
     arguments = tyro.cli(TrainArguments, prog=PROGRAM)
     sys.exit(run(PROGRAM, lambda: prepare(arguments)))
 

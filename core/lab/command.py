@@ -17,7 +17,7 @@ from typing import Annotated, NamedTuple
 import tyro
 
 from ..arguments import AnyModel, File, plain_message, writable_file
-from ..commands import complain, require, run
+from ..commands import asked_for_version, complain, require, run
 from ..device import Choice, device_name
 from ..paths import DEFAULT_MODEL
 from .effort import EFFORTS, Effort
@@ -63,6 +63,8 @@ class Job(NamedTuple):
 
 
 def main():
+    if asked_for_version():
+        sys.exit(0)
     arguments = tyro.cli(ReportArguments, prog=PROGRAM, config=(tyro.conf.FlagCreatePairsOff,))
     sys.exit(run(PROGRAM, lambda: prepare(arguments)))
 

@@ -121,7 +121,7 @@ def _shape(app):
     if body.rests_elsewhere:
         imgui.same_line()
         key = label_of("undo_rest_here")
-        button("Undo", app, "undo_rest_here", f"return to the shape before ({key})")
+        button("As before", app, "undo_rest_here", f"return to the shape before ({key})")
 
 
 def _tool(app):

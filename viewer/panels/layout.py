@@ -8,7 +8,8 @@ from imgui_bundle import imgui
 from ..actions import INPUTS
 from ..loading import STAGES
 from .deform import deform_panel
-from .view import model_panel, record_panel, time_panel, view_panel
+from .history import history_panel
+from .view import RECORDING_RED, model_panel, record_panel, time_panel, view_panel
 
 PANEL_WIDTH = 330.0
 BAR_WIDTH = 360.0
@@ -30,6 +31,7 @@ def hints_panel(app):
 SECTIONS = (
     ("Model", model_panel, True),
     ("Bend", deform_panel, True),
+    ("History", history_panel, False),
     ("View", view_panel, True),
     ("Record", record_panel, True),
     ("Time", time_panel, False),
@@ -45,6 +47,10 @@ def draw_panels(app) -> None:
         _floating("help", (0.5, 0.5))
         app.gui.guarded(help_overlay, app)
         app.gui.claim()
+        imgui.end()
+    if app.recorder.video and not app.scene.settings.show_panel:
+        _floating("recording", (1.0, 0.0), imgui.WindowFlags_.no_inputs.value)
+        imgui.text_colored(RECORDING_RED, f"recording, {app.recorder.video.seconds:.1f} s")
         imgui.end()
     if app.recorder.message:
         _floating("message", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value)
@@ -72,10 +78,11 @@ def _main_panel(app):
 
 
 def _floating(name, place, flags=0):
-    """Begin a window without decoration, centered at (0.5, 0.5) or at the bottom (0.5, 1)."""
+    """Begin a window without decoration: centered at (0.5, 0.5), at the bottom (0.5, 1) ..."""
     size = imgui.get_io().display_size
-    bottom = MARGIN if place[1] == 1.0 else 0.0
-    imgui.set_next_window_pos((place[0] * size.x, place[1] * size.y - bottom), pivot=place)
+    x, y = (share * side for share, side in zip(place, (size.x, size.y), strict=True))
+    inwards = {0.0: MARGIN, 0.5: 0.0, 1.0: -MARGIN}
+    imgui.set_next_window_pos((x + inwards[place[0]], y + inwards[place[1]]), pivot=place)
     imgui.begin(name, flags=FLOATING | flags)
 
 

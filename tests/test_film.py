@@ -1,0 +1,167 @@
+"""Films: the camera between views, and files that deformrf-render writes of a session."""
+
+import os
+import subprocess
+import sys
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+
+from deformrf.viewer import render_command
+from deformrf.viewer.film import Views, between, frame_count, turned_around
+from deformrf.viewer.journal import Event
+from deformrf.viewer.orbit import Orbit, camera
+from deformrf.viewer.session import Session, save_session, start_of
+
+
+def views(*events):
+    return Views(Session({"ticks": 100}, list(events)), Orbit())
+
+
+def test_the_camera_moves_evenly_between_views_of_one_move():
+    track = views(
+        Event(10, "view", {"yaw": 0.0, "distance": 2.0}),
+        Event(20, "view", {"yaw": 1.0, "target": [1.0, 0.5, 0.5]}),
+        Event(20, "grab", {}),
+    )
+    assert track.at(0.0).yaw == 0.0
+    assert track.at(15.0).yaw == pytest.approx(0.5)
+    assert track.at(15.0).target == pytest.approx([0.75, 0.5, 0.5])
+    assert track.at(15.0).distance == 2.0
+    assert track.at(99.0).yaw == 1.0
+
+
+def test_the_camera_stands_between_views_that_are_far_apart():
+    track = views(Event(10, "view", {"pitch": 0.1}), Event(80, "view", {"pitch": 0.9}))
+    assert track.at(79.0).pitch == 0.1
+    assert track.at(80.0).pitch == 0.9
+
+
+def test_the_camera_turns_the_shorter_way():
+    half = between(Orbit(yaw=3.0), Orbit(yaw=-3.0), 0.5)
+    assert np.cos(half.yaw) == pytest.approx(-1.0)
+
+
+def test_a_whole_turn_ends_where_it_began():
+    first, last = (camera(turned_around(Orbit(), share), 8, 8) for share in (0.0, 1.0))
+    np.testing.assert_allclose(first.camera_to_world, last.camera_to_world, atol=1e-12)
+
+
+@pytest.mark.parametrize("seconds, fps, frames", [(0.0, 30, 1), (1.0, 30, 31), (0.05, 10, 2)])
+def test_a_film_shows_its_beginning_and_its_end(seconds, fps, frames):
+    assert frame_count(seconds, fps) == frames
+
+
+# -- the command -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "arguments, sentence",
+    [
+        ([], "-o film.mp4"),
+        (["-o", "a.mp4"], "give --session or --turntable"),
+        (["-o", "a.avi", "--turntable", "1"], "has to end in .mp4 or .webm"),
+        (["-o", "a.webm", "--turntable", "1", "--codec", "h264"], "has to end in .mp4"),
+        (["-o", "a", "--turntable", "1", "--codec", "h264"], "is a folder of pictures"),
+        (["-o", "a.mp4", "--turntable", "0"], "--turntable is 0"),
+        (["-o", "a.mp4", "--turntable", "nan"], "--turntable is nan"),
+        (["-o", "a.mp4", "--turntable", "1e9"], "3600 are the most"),
+        (["-o", "a.mp4", "--turntable", "1", "--samples", "0"], "--samples is 0"),
+        (["-o", "a.mp4", "--turntable", "1", "--samples", "9999"], "256 are the most"),
+        (["-o", "a.mp4", "--turntable", "1", "--size", "9x9"], "32 to 8192"),
+        (["-o", "a.mp4", "--session", "nowhere.jsonl"], "nowhere.jsonl"),
+        (["-o", ".", "--turntable", "1"], "a new or an empty folder"),
+    ],
+)
+def test_what_makes_no_sense_is_explained(
+    capfd, ball_file, tmp_path, monkeypatch, arguments, sentence
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").touch()
+    assert render_command.main([str(ball_file), *arguments]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and err.startswith("deformrf-render: ") and err.count("\n") == 1
+    assert sentence in err
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]  # and nothing is left behind
+
+
+def rendered(*arguments, timeout=120):
+    """deformrf-render in a process of its own, without a display."""
+    clean = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    code = "import sys; from deformrf.viewer.render_command import main; sys.exit(main())"
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments), "--device", "cpu"],
+        env=clean,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
+
+
+def frames_of(path):
+    with av.open(str(path)) as container:
+        return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+
+
+@pytest.fixture
+def recorded(ball, tmp_path):
+    """A scene after a drag with a turning camera, and its session."""
+    from deformrf.viewer import orbit as orbits
+    from deformrf.viewer.scene import Scene
+
+    scene = Scene(ball, "ball", "cpu")
+    scene.settings.grab_radius, scene.settings.show_handles = 0.3, False
+    start, vertex = start_of(scene), int(scene.control_ids[0])
+    scene.advance(1 / 60)
+    scene.grab(vertex)
+    for _ in range(20):
+        scene.drag_to(np.add(scene.grabbed.target, [0.0, 0.0, 0.01]))
+        scene.orbit = orbits.turned(scene.orbit, 2.0, 0.5, 64)
+        scene.advance(1 / 30)
+    return scene, save_session(scene, start, tmp_path / "s.jsonl")
+
+
+@pytest.mark.gl
+def test_a_film_ends_as_the_live_scene_looks(recorded, ball, ball_file, tmp_path, window):
+    """The last frame, at the same size and in full, beside what the same scene shows now."""
+    from deformrf.core.render import Renderer
+    from deformrf.viewer import orbit as orbits
+
+    scene, session = recorded
+    done = rendered(
+        ball_file, "--session", session, "-o", tmp_path / "film", "--size", "96x64", "--fps", "15"
+    )
+    assert done.returncode == 0, done.stderr
+    pictures = sorted((tmp_path / "film").iterdir())
+    assert len(pictures) == frame_count(scene.journal.tick / 60, 15)
+    last = np.asarray(Image.open(pictures[-1]).convert("RGB")).astype(int)
+    renderer = Renderer(ball, "cpu")
+    renderer.set_vertices(scene.solver.vertices)
+    live = renderer.render(orbits.camera(scene.orbit, 96, 64)).color_array()[..., :3].astype(int)
+    assert abs(last - live).max() <= 2
+    first = np.asarray(Image.open(pictures[0]).convert("RGB")).astype(int)
+    assert abs(first - last).max() > 50
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name, codec", [("a.mp4", "h264"), ("a.webm", "vp9"), ("b.mp4", "h265")])
+def test_a_turntable_is_a_video_that_players_open(ball_file, tmp_path, name, codec):
+    path = tmp_path / name
+    arguments = "--turntable", "0.5", "--fps", "8", "--size", "64x48", "--samples", "2"
+    done = rendered(ball_file, *arguments, "--codec", codec, "-o", path)
+    assert done.returncode == 0, done.stderr
+    frames = frames_of(path)
+    assert len(frames) == 4 and frames[0].shape == (48, 64, 3)
+    assert abs(frames[0].astype(int) - frames[2]).max() > 30
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.gl
+def test_a_session_of_another_model_is_refused(recorded, tmp_path):
+    from deformrf.core.paths import DEFAULT_MODEL
+
+    done = rendered(DEFAULT_MODEL, "--session", recorded[1], "-o", tmp_path / "a.mp4")
+    assert done.returncode == 2 and "another mesh" in done.stderr
+    assert not (tmp_path / "a.mp4").exists()

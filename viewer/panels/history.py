@@ -1,0 +1,30 @@
+"""The section on what was done: undo, redo, and the session."""
+
+from imgui_bundle import imgui
+
+from ..actions import label_of
+from .widgets import button
+
+SHOWN = 8  # steps
+
+
+def history_panel(app):
+    journal = app.scene.journal
+    button("Undo", app, "undo", label_of("undo"))
+    imgui.same_line()
+    button("Redo", app, "redo", label_of("redo"))
+    imgui.same_line()
+    tooltip = f"deformrf-render makes a film of it ({label_of('save_session')})"
+    button("Save session", app, "save_session", tooltip)
+    for line, undone in shown_steps(journal):
+        (imgui.text_disabled if undone else imgui.text)(line)
+
+
+def shown_steps(journal):
+    """The steps around the cursor: each one's line, and whether it is undone."""
+    count = len(journal.steps)
+    if not count:
+        return [("nothing was changed yet", True)]
+    first = max(min(journal.cursor - SHOWN // 2, count - SHOWN), 0)
+    numbers = range(first, min(first + SHOWN, count))
+    return [(f"{n + 1}  {journal.steps[n].label}", n >= journal.cursor) for n in numbers]
