@@ -385,3 +385,24 @@ def test_undo_in_the_middle_of_a_drag_lets_go(controls, scene, app_like):
     a.ACTIONS["undo"](app_like)
     assert scene.grabbed is None and controls.mode == ""
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), before)
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_zooming_in_stops_before_the_surface(scene, events, beside):
+    """However often, and also where the wheel turns beside the object."""
+    eye = [None]
+
+    def depth_image():  # of a wall through the object's middle that faces the eye
+        distance = np.linalg.norm(eye[0].camera.position - scene.center)
+        depth = np.full(SIZE[::-1], distance)
+        depth[:, : SIZE[0] // 4] = np.inf
+        return depth
+
+    eye[0] = made = Hand(scene, depth_image, lambda *_, **__: None)
+    made.size = SIZE
+    for _ in range(60):
+        made.scroll(np.array([20.0 if beside else 160.0, 120.0]), 1)
+    assert depth_image().min() > 0.049 * scene.size
+    away = depth_image().min()
+    made.scroll(np.array([160.0, 120.0]), -1)
+    assert depth_image().min() > away

@@ -94,7 +94,7 @@ def panel(window, monkeypatch):
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_material_is_chosen_by_its_name(panel, name):
     panel.frame()
-    assert panel.shown == "custom"
+    assert panel.shown == "default"
     panel.choice = name
     panel.frame()
     assert panel.scene.body.material == PRESETS[name]

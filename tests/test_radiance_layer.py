@@ -5,6 +5,7 @@ import pytest
 
 from deformrf.core.render import MODES, Renderer, RenderOptions, render_mode, shifted
 from deformrf.viewer import orbit as orbits
+from deformrf.viewer import resolution
 from deformrf.viewer.gl import Canvas, depth_terms
 from deformrf.viewer.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceLayer
 from deformrf.viewer.resolution import CPU_LADDER, SAMPLE_COUNT
@@ -99,8 +100,25 @@ def test_at_rest_picking_uses_the_depth_of_the_full_image(stage):
         depth = stage.layer.depth_image()
         if depth.shape != shapes[-1]:
             shapes.append(depth.shape)
-    assert shapes == [(15, 20), (60, 80), (120, 160)]  # whole images, never parts
+    assert shapes == [(15, 20), (30, 40), (60, 80), (120, 160)]  # whole images, never parts
     assert np.array_equal(depth, stage.reference().depth_array())
+
+
+def test_while_it_is_refined_whole_pictures_alone_are_shown(stage, monkeypatch):
+    """No seam sweeps over the picture: what is drawn changes with a whole finer one."""
+    monkeypatch.setattr(resolution, "STRIP_SECONDS", 0.0)  # many strips a picture
+    stage.scene.settings.accumulate = False
+    stage.layer._moving.step = len(CPU_LADDER) - 1
+    images, parts = [stage.frame()], 0
+    while stage.layer.refined < 1:
+        factor = stage.layer.factor
+        image = stage.frame(passing=REST_SECONDS)
+        if stage.layer.factor == factor:
+            np.testing.assert_array_equal(image, images[-1])
+            parts += 1
+        else:
+            images.append(image)
+    assert len(images) == 4 and parts > 20
 
 
 def test_without_a_change_nothing_is_rendered(stage):

@@ -17,6 +17,7 @@ SHIFT = 1
 PAINTED = {"stiffen": 1.2, "soften": 1.0 / 1.2}  # factors of stiffness at each event of the mouse
 ZOOM_PER_NOTCH = 0.88
 CLICK_SLACK = 3.0  # points that the mouse may move during a click
+NEAREST = 0.05  # object sizes between eye and surface, where zooming in stops
 PICK_SLACK = 5.0  # points around a sphere that still count as on it
 
 
@@ -118,7 +119,8 @@ class Controls:
 
     def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
         scene, anchor = self.scene, self._surface_at(self._pixel(x, y))
-        scene.orbit = orbits.zoomed(scene.orbit, ZOOM_PER_NOTCH**scroll_y, anchor)
+        factor = max(ZOOM_PER_NOTCH**scroll_y, self._nearest_zoom(anchor))
+        scene.orbit = orbits.zoomed(scene.orbit, factor, anchor)
         self._log("zoom", distance=scene.orbit.distance)
 
     def cancel(self) -> None:
@@ -174,6 +176,14 @@ class Controls:
             if np.isfinite(t):
                 return camera.position + t * picking.ray_direction(camera, pixel)
         return picking.onto_view_plane(camera, pixel, self.scene.orbit.target) if beside else None
+
+    def _nearest_zoom(self, anchor):
+        """The factor of a zoom to a point that ends before the surface: inside, all is white."""
+        depth = self._depth_image()
+        if depth is None:
+            return 0.0
+        room = max(float(depth.min()) - NEAREST * self.scene.size, 0.0)
+        return min(max(1.0 - room / np.linalg.norm(anchor - self.camera.position), 0.0), 1.0)
 
     def _grab(self, vertex, pixel):
         scene = self.scene

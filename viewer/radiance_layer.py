@@ -2,7 +2,8 @@
 
 While camera or vertices change, the image is rendered with as many pixels as the target
 frame rate allows.  At rest finer images follow, up to the full resolution, and then shifted
-images whose mean is shown, a strip of rows per frame (resolution.py).
+images whose mean is shown.  They are rendered a strip of rows per frame (resolution.py), and
+shown when they are whole: a seam that moves would look like a part of the picture.
 The depth is that of the unshifted image: other things in the scene hide behind the object.
 """
 
@@ -198,18 +199,13 @@ class RadianceLayer:
 
     def draw(self, camera, clip_range) -> None:
         """Draw color and depth into the framebuffer in use."""
-        coarse = self.shown.texture
-        fine = self._coming.texture if self._coming else coarse
-        for unit, texture in enumerate((coarse.color, coarse.depth, fine.color, fine.depth)):
-            texture.use(unit)
+        self.shown.texture.color.use(0)
+        self.shown.texture.depth.use(1)
         half_height = 0.5 * camera.height / camera.focal
         gl.set_uniforms(
             self._triangle.program,
-            coarse_color=0,
-            coarse_depth=1,
-            fine_color=2,
-            fine_depth=3,
-            refined=self._progress,
+            field_color=0,
+            field_depth=1,
             background=self._scene.settings.background,
             squares=np.array([camera.width, camera.height]) / CHECKER_SIZE,
             checkerboard=self._scene.settings.checkerboard,

@@ -6,8 +6,8 @@ a mosaic; before that, a slow renderer makes its rays take longer steps and leav
 finer than a pixel.  After a change the time has to leave a band around the target before the
 next one, or the picture would flicker between two.
 
-At rest the full resolution comes in strips of rows, so that the window answers meanwhile, and
-then images shifted by parts of a pixel, of which the mean is shown.
+At rest finer pictures are rendered in strips of rows, so that the window answers meanwhile, up
+to the full resolution; and then images shifted by parts of a pixel, of which the mean is shown.
 """
 
 from dataclasses import dataclass, field
@@ -102,8 +102,8 @@ class MovingResolution:
 
 
 def finer(factor: float) -> float:
-    """The factor to refine to: the full one, by way of another if it is far off."""
-    return 4.0 * factor if 4.0 * factor < 0.6 else 1.0
+    """The factor to refine to: twice the pixels a side, or all of them if that is not far."""
+    return 2.0 * factor if 2.0 * factor < 0.75 else 1.0
 
 
 @dataclass

@@ -5,7 +5,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from ...core.deform import LOWEST_POISSON_RATIO, PRESETS, SOFTENED_BELOW
+from ...core.deform import LOWEST_POISSON_RATIO, PRESETS, SOFTENED_BELOW, Material
 from ..actions import label_of
 from ..body import EARTH
 from ..settings import TOOLS
@@ -21,7 +21,8 @@ SIZES = 0.01, 100.0  # m
 YIELD_STRAINS = 0.0, 0.5
 AIR_DRAGS = 0.0, 10.0  # 1/s
 WINDS = -20.0, 20.0  # m/s
-CUSTOM = "custom"  # the name of a material that is none of PRESETS
+MATERIALS = {"default": Material(), **PRESETS}
+CUSTOM = "custom"  # the name of a material that is none of these
 SUBSTEPS_TOOLTIP = f"""compliance against inertia in a substep:
 below {SOFTENED_BELOW} it is softer than asked for, and more substeps make it stiffer"""
 
@@ -80,15 +81,15 @@ def state_line(scene) -> str:
 
 def name_of(material) -> str:
     """The panel's name for a material."""
-    return next((name for name, preset in PRESETS.items() if preset == material), CUSTOM)
+    return next((name for name, preset in MATERIALS.items() if preset == material), CUSTOM)
 
 
 def _material(scene):
     def choose(name):
         if name != CUSTOM:
-            scene.body.set_material(**vars(PRESETS[name]))
+            scene.body.set_material(**vars(MATERIALS[name]))
 
-    combo("material", name_of(scene.body.material), [*PRESETS, CUSTOM], choose)
+    combo("material", name_of(scene.body.material), [*MATERIALS, CUSTOM], choose)
     modulus = f"{si(scene.body.material.young_modulus)}Pa"
     _material_slider(
         scene, "stiffness", "young_modulus", YOUNG_MODULI, modulus, LOGARITHMIC, "Young's modulus"
