@@ -36,6 +36,14 @@ def repeatable_random(request, monkeypatch):
     monkeypatch.setattr(np.random, "default_rng", seeded)
 
 
+@pytest.fixture(autouse=True, scope="session")
+def own_state_folder(tmp_path_factory):
+    """Sessions that viewers keep while they run don't go into the user's folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 def cuda_is_available():
     import warp as wp  # late: most tests of most files need no Warp
 

@@ -1,7 +1,6 @@
 """What the mouse and the keys mean, without any window."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -57,14 +56,6 @@ def controls(scene, events):
     made = Hand(scene, lambda: None, lambda name, **fields: events.append((name, fields)))
     made.size = SIZE
     return made
-
-
-@pytest.fixture
-def app_like(scene, controls):
-    """What actions need of an App; `said` are its messages."""
-    said = []
-    recorder = SimpleNamespace(say=said.append)
-    return SimpleNamespace(scene=scene, controls=controls, recorder=recorder, said=said)
 
 
 def pixel_of(controls, vertex):
@@ -353,38 +344,6 @@ def test_a_pin_under_the_mouse_is_marked(controls, scene):
     controls.press(pixel, "left")
     controls.release("left")
     assert not scene.solver.pinned[pin]
-
-
-def test_escape_closes_the_help(app_like):
-    app_like.scene.settings.show_help = True
-    a.ACTIONS["cancel"](app_like)
-    assert not app_like.scene.settings.show_help
-
-
-def test_undo_and_redo_say_what_they_did(app_like):
-    scene, said = app_like.scene, app_like.said
-    a.ACTIONS["undo"](app_like)
-    assert said == ["nothing to undo"]
-    scene.set_ground(True)
-    a.ACTIONS["undo"](app_like)
-    assert said[-1] == "undone: ground" and not scene.on_ground
-    a.ACTIONS["redo"](app_like)
-    assert said[-1] == "done again: ground" and scene.on_ground
-    a.ACTIONS["redo"](app_like)
-    assert said[-1] == "nothing to do again"
-
-
-def test_undo_in_the_middle_of_a_drag_lets_go(controls, scene, app_like):
-    before = scene.solver.vertices.numpy().copy()
-    vertex = front_vertex(controls)
-    pixel = pixel_of(controls, vertex)
-    controls.press(pixel, "left")
-    controls.drag(pixel + np.array([30.0, 0.0]), 0, 0)
-    scene.advance(TIME_STEP)
-    assert scene.grabbed is not None
-    a.ACTIONS["undo"](app_like)
-    assert scene.grabbed is None and controls.mode == ""
-    np.testing.assert_array_equal(scene.solver.vertices.numpy(), before)
 
 
 @pytest.mark.parametrize("beside", [False, True])

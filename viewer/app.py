@@ -14,6 +14,7 @@ from pyglet.window import key
 from . import orbit as orbits
 from . import panels
 from .actions import ACTIONS, action_of
+from .autosave import Autosave, folder, left_behind
 from .controls import Controls
 from .events import state_of
 from .gl import Canvas
@@ -21,8 +22,9 @@ from .handle_layer import HandleLayer
 from .loading import Progress, prepare
 from .radiance_layer import RadianceLayer
 from .recorder import Recorder, without_background
-from .session import start_of
+from .session import Player, Session, SessionError, load_session, start_of
 from .times import FrameTimes
+from .undo import begin_anew
 from .upload import choose_path
 
 FRAME_SECONDS = 1.0 / 60.0  # the shortest frame, where vsync sets none
@@ -45,6 +47,7 @@ class App:
         self.recorder = Recorder(self.canvas, log, fps)
         self.frame_count = 0
         self.samples = 1  # a pixel, of frames that are rendered whole
+        self.autosave = self.left_behind = None  # see autosave.py
         # When the window had an event, when its state was logged, when a frame was drawn.
         self.last_event = self._last_state = self._drawn_at = 0.0
         self.gui = None
@@ -77,6 +80,9 @@ class App:
         self.handles = HandleLayer(self.ctx, scene)
         self.controls = Controls(scene, self.radiance.depth_image, self.log)
         self.scene, self.session_start = scene, start_of(scene)
+        if self.gui is not None:
+            self.left_behind = left_behind(folder(), field.mesh)
+            self.autosave = Autosave(scene, self.session_start, folder())
         # The handlers that are pushed last are asked first.
         self.window.push_handlers(self.controls)
         if self.gui is not None:
@@ -94,6 +100,32 @@ class App:
         self.canvas.show()
         self.window.flip()
         time.sleep(0.05)
+
+    def play(self, session: Session) -> None:
+        """Bring the scene to where a session ended; what was done since its start is forgotten.
+
+        The session can be undone and goes on.
+        """
+        scene = self.scene
+        begin_anew(scene)
+        self.session_start = start_of(scene) | session.header["start"]
+        Player(scene, session).play_to(session.ticks)
+        scene.release()
+        scene.end_push()
+        if scene.paused:
+            scene.paused = False
+        if self.autosave is not None:
+            self.autosave.end()
+            self.autosave = Autosave(scene, self.session_start, folder())
+
+    def recover(self) -> None:
+        """Go on with the session that was left behind."""
+        path, self.left_behind = self.left_behind, None
+        try:
+            self.play(load_session(path, self.scene.field))
+            path.unlink()
+        except (OSError, SessionError) as error:
+            self.recorder.say(str(error))
 
     # -- the window's events (the mouse's are in controls.py) ----------------------------
 
@@ -183,6 +215,8 @@ class App:
             with times.part("flip"):
                 self.canvas.show()
                 self.window.flip()
+        if self.autosave is not None:
+            self.autosave.update()
         times.end_frame()
         self._log_state()
         self.frame_count += 1
@@ -223,6 +257,8 @@ class App:
 
     def close(self) -> None:
         """Finish a video, and give everything back."""
+        if self.autosave is not None:
+            self.autosave.end()
         try:
             self.recorder.stop()
         finally:

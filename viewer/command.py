@@ -74,6 +74,8 @@ class ViewArguments:
     object_size: Meters = None
     """The object's longest side [m]; by default what the model says, else one model unit is 1 m.
     The same material is stiffer for its weight where the object is smaller."""
+    session: File = None
+    """Begin where this session ended (Ctrl+Shift+S saves one)."""
     mode: Mode = "color"
     """View mode; error is the difference from the exact mode of rendering."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
@@ -157,11 +159,16 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
 
     drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
     field = with_size(fields.load(chosen.model), chosen.object_size)
+    from .session import load_session
+
+    session = None if chosen.session is None else load_session(chosen.session, field)
     device = device_name(chosen.device)
     app = _open(chosen)
     try:
         with told_if_slow(app):
             app.load(field, chosen.model.stem, device, chosen.interop)
+        if session is not None:
+            app.play(session)
         drag = None if drag is None else resolved(drag, app.scene)
     except BaseException:
         app.close()

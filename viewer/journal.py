@@ -130,7 +130,8 @@ class Journal:
         """Forget all edits, and what could be undone."""
         self.events.clear()
         self.steps.clear()
-        self.cursor = 0
+        self.cursor = self.tick = 0
+        self._view = {}
 
     def note(self, name: str, **arguments) -> None:
         """Record what is no edit: a view, for the film."""

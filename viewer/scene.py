@@ -83,6 +83,7 @@ class Scene:
         self._host = None  # the revision, and its positions
         self.home()
         self.journal = self.body.journal = Journal(partial(state_of, self), partial(restore, self))
+        self.first_state = state_of(self)
 
     # -- pose ----------------------------------------------------------------------------
 
@@ -136,9 +137,6 @@ class Scene:
             self.revision += 1
             self._host = self.revision, now.copy()
 
-    def _exact(self):  # the vertices as they are, not as they were last seen  [V, 3] float32
-        return np.array(self.solver.vertices.numpy())
-
     @property
     def paused(self) -> bool:
         """Whether time is stopped."""
@@ -186,7 +184,7 @@ class Scene:
     def _grab(self, vertex, radius, soft):
         ids = vertices_within(self.field.mesh.rest_vertices, vertex, radius)
         ids = ids[~self.solver.pinned[ids]]
-        positions = self._exact()
+        positions = self.solver.vertices.numpy().copy()
         start = positions[vertex].astype(float)
         before = positions, self.solver.velocities.numpy().copy()
         if soft:
@@ -246,7 +244,7 @@ class Scene:
 
     @edit("paint", undo="paint", merges=True)
     def _paint(self, point, factor, radius):
-        near = self._exact()[self._near] - np.asarray(point, float)
+        near = self.solver.vertices.numpy().copy()[self._near] - np.asarray(point, float)
         vertex = int(self._near[(near**2).sum(axis=1).argmin()])
         rest = self.field.mesh.rest_vertices
         ids = vertices_within(rest, vertex, radius)

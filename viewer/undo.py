@@ -29,3 +29,11 @@ def restore(scene, state: dict) -> None:
         solver.set_rest_lengths(state["rest_lengths"])  # edges have yielded since
     scene.hover = None
     scene.revision += 1
+
+
+def begin_anew(scene) -> None:
+    """Return to the state of the first frame, without a past."""
+    restore(scene, scene.first_state)
+    scene.paused = False
+    scene.solver.reset()  # it sleeps
+    scene.journal.clear()

@@ -9,6 +9,7 @@ from ..actions import INPUTS
 from ..loading import STAGES
 from .deform import deform_panel
 from .history import history_panel
+from .recovery import recovery_window
 from .view import RECORDING_RED, model_panel, record_panel, time_panel, view_panel
 
 PANEL_WIDTH = 330.0
@@ -46,6 +47,11 @@ def draw_panels(app) -> None:
     if app.scene.settings.show_help:
         _floating("help", (0.5, 0.5))
         app.gui.guarded(help_overlay, app)
+        app.gui.claim()
+        imgui.end()
+    if app.left_behind is not None:
+        _floating("recovery", (0.5, 0.5))
+        app.gui.guarded(recovery_window, app)
         app.gui.claim()
         imgui.end()
     if app.recorder.video and not app.scene.settings.show_panel:

@@ -1,0 +1,62 @@
+"""What keys and buttons call, without any window."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform import TIME_STEP
+from deformrf.viewer import actions as a
+from deformrf.viewer import controls as c
+from deformrf.viewer.scene import Scene
+
+
+@pytest.fixture
+def scene(ball):
+    return Scene(ball, "ball", "cpu")
+
+
+@pytest.fixture
+def controls(scene):
+    made = c.Controls(scene, lambda: None, lambda *_, **__: None)
+    made.size = 320, 240
+    return made
+
+
+@pytest.fixture
+def app_like(scene, controls):
+    """What actions need of an App; `said` are its messages."""
+    said = []
+    recorder = SimpleNamespace(say=said.append)
+    return SimpleNamespace(scene=scene, controls=controls, recorder=recorder, said=said)
+
+
+def test_escape_closes_the_help(app_like):
+    app_like.scene.settings.show_help = True
+    a.ACTIONS["cancel"](app_like)
+    assert not app_like.scene.settings.show_help
+
+
+def test_undo_and_redo_say_what_they_did(app_like):
+    scene, said = app_like.scene, app_like.said
+    a.ACTIONS["undo"](app_like)
+    assert said == ["nothing to undo"]
+    scene.set_ground(True)
+    a.ACTIONS["undo"](app_like)
+    assert said[-1] == "undone: ground" and not scene.on_ground
+    a.ACTIONS["redo"](app_like)
+    assert said[-1] == "done again: ground" and scene.on_ground
+    a.ACTIONS["redo"](app_like)
+    assert said[-1] == "nothing to do again"
+
+
+def test_undo_in_the_middle_of_a_drag_lets_go(controls, scene, app_like):
+    before = scene.solver.vertices.numpy().copy()
+    vertex = int(scene.control_ids[0])
+    controls._grab(vertex, np.zeros(2))
+    scene.drag_to(scene.grabbed.target + np.array([0.1, 0.0, 0.0]))
+    scene.advance(TIME_STEP)
+    assert scene.grabbed is not None
+    a.ACTIONS["undo"](app_like)
+    assert scene.grabbed is None and controls.mode == ""
+    np.testing.assert_array_equal(scene.solver.vertices.numpy(), before)

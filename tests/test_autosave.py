@@ -1,0 +1,167 @@
+"""What is kept of a viewer that did not end in order."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from deformrf.viewer import autosave as a
+from deformrf.viewer.scene import Scene
+from deformrf.viewer.session import load_session, save_session, start_of
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def scene(ball):
+    return Scene(ball, "ball", "cpu")
+
+
+@pytest.fixture
+def saved(scene, tmp_path):
+    """An Autosave, and its clock."""
+    clock = Clock()
+    return a.Autosave(scene, start_of(scene), tmp_path / "kept", clock), clock
+
+
+def pass_time(saved, seconds):
+    saved[1].now += seconds
+    saved[0].update()
+
+
+def test_edits_are_kept_after_some_seconds_and_views_alone_are_not(saved, scene, ball):
+    scene.note_view()
+    pass_time(saved, 2 * a.SECONDS)
+    assert not saved[0].path.exists()
+    scene.set_ground(True)
+    pass_time(saved, 0.1)
+    assert not saved[0].path.exists()
+    pass_time(saved, a.SECONDS)
+    assert [e.name for e in load_session(saved[0].path, ball).events] == ["view", "set_ground"]
+    scene.set_ground(False)
+    pass_time(saved, 100.0)
+    assert len(load_session(saved[0].path, ball).events) == 3
+
+
+def test_a_viewer_that_ends_in_order_leaves_nothing(saved, scene):
+    scene.set_ground(True)
+    pass_time(saved, a.SECONDS)
+    assert saved[0].path.exists()
+    saved[0].end()
+    assert not saved[0].path.exists()
+
+
+def test_a_folder_that_cant_be_written_stops_nothing(scene, tmp_path):
+    (tmp_path / "file").touch()
+    clock = Clock()
+    made = a.Autosave(scene, start_of(scene), tmp_path / "file" / "in it", clock)
+    scene.set_ground(True)
+    clock.now = 100.0
+    made.update()
+    assert made.failed
+    made.update()
+    made.end()
+
+
+def test_what_another_run_left_is_found_and_what_runs_is_not(saved, scene, ball, tmp_path):
+    kept = tmp_path / "kept"
+    assert a.left_behind(kept, ball.mesh) is None
+    scene.set_ground(True)
+    pass_time(saved, a.SECONDS)
+    assert a.left_behind(kept, ball.mesh) is None  # this very process writes it
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    dead = kept / f"ball-{gone.pid}-1.jsonl"
+    dead.write_bytes(saved[0].path.read_bytes())
+    assert a.left_behind(kept, ball.mesh) == dead
+    other = kept / f"other-{gone.pid}-2.jsonl"
+    other.write_text(dead.read_text().replace('"rest": "', '"rest": "0'))
+    assert a.left_behind(kept, ball.mesh) == dead  # another mesh's is not offered
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff", b"[]", b"[" * 10**6])
+def test_other_files_in_the_folder_stop_nothing(ball, tmp_path, content):
+    (tmp_path / "x.jsonl").write_bytes(content)
+    assert a.left_behind(tmp_path, ball.mesh) is None
+
+
+def test_the_folder_is_the_users(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    if os.name == "posix":
+        assert tmp_path in a.folder().parents
+
+
+# -- in the viewer -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def app(window, ball, monkeypatch, tmp_path):
+    """An App with panels in a window without a display."""
+    from deformrf.viewer.app import App
+    from deformrf.viewer.events import EventLog
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    made = App(*window, EventLog(False))
+    made.load(ball, "ball", "cpu")
+    made.scene.settings.fixed_resolution = 0.125
+    frames(made, 2)
+    yield made
+    made.close()
+
+
+def frames(app, count):
+    app.run(app.frame_count + count)
+
+
+@pytest.mark.gl
+def test_a_session_that_was_left_behind_is_offered_and_goes_on(app, ball, tmp_path):
+    scene = app.scene
+    vertex = int(scene.control_ids[0])
+    scene.grab(vertex)
+    scene.drag_to(scene.grabbed.target + np.array([0.1, 0.0, 0.0]))
+    frames(app, 3)
+    scene.release()
+    scene.set_ground(True)
+    a.folder().mkdir(parents=True, exist_ok=True)
+    path = save_session(scene, app.session_start, a.folder() / "ball-999999999-1.jsonl")
+    bent = scene.solver.vertices.numpy().copy()
+    labels = [step.label for step in scene.journal.steps]
+    app.left_behind = a.left_behind(a.folder(), ball.mesh)
+    assert app.left_behind == path
+    scene.body.set_material(young_modulus=2e6)  # is forgotten
+    app.recover()
+    np.testing.assert_array_equal(scene.solver.vertices.numpy(), bent)
+    assert [step.label for step in scene.journal.steps] == labels and scene.on_ground
+    assert scene.body.material.young_modulus == 1e6
+    assert not path.exists() and app.left_behind is None
+    frames(app, 2)
+    assert scene.undo() and scene.undo() and not scene.undo()
+
+
+@pytest.mark.gl
+def test_a_damaged_session_that_was_left_behind_is_told_of(app, tmp_path):
+    app.left_behind = tmp_path / "damaged.jsonl"
+    app.left_behind.write_text("{}")
+    frames(app, 2)  # the question is drawn
+    app.recover()
+    assert "not a session" in app.recorder.message and (tmp_path / "damaged.jsonl").exists()
+
+
+@pytest.mark.gl
+def test_what_is_done_is_kept_while_the_viewer_runs(app):
+    app.scene.set_ground(True)
+    app.autosave._next = 0.0
+    frames(app, 1)
+    path = app.autosave.path
+    assert path.exists()
+    app.autosave.end()
+    assert not path.exists()

@@ -1,0 +1,22 @@
+"""The question what to do with a session whose viewer did not end in order."""
+
+import time
+
+from imgui_bundle import imgui
+
+
+def recovery_window(app):
+    """Offer to go on with it; the App's `left_behind` is its path until that is decided."""
+    path = app.left_behind
+    minutes = (time.time() - path.stat().st_mtime) / 60.0 if path.exists() else 0.0
+    imgui.text("The last session of this model did not end in order.")
+    imgui.text_disabled(f"{minutes:.0f} minutes ago; kept in {path}")
+    if imgui.button("Go on with it"):
+        app.recover()
+    imgui.same_line()
+    if imgui.button("Delete it"):
+        path.unlink(missing_ok=True)
+        app.left_behind = None
+    imgui.same_line()
+    if imgui.button("Ask again next time"):
+        app.left_behind = None
