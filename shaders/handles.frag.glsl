@@ -4,6 +4,7 @@
 uniform vec2 depth_terms;  // window depth = a + b / z
 uniform float bias;
 uniform float pixel_angle; // radians per pixel
+uniform float opacity;
 in vec3 surface_point;
 flat in vec4 sphere;
 flat in vec3 sphere_tint;
@@ -25,7 +26,7 @@ void main() {
     float shine = pow(max(dot(reflect(direction, normal), TO_LIGHT), 0.0), 32.0);
     float rim = smoothstep(0.75, 1.0, miss / sphere.w);  // a dark rim sets it off on any color
     vec3 shaded = sphere_tint * (0.42 + 0.62 * diffuse) * (1.0 - 0.45 * rim) + 0.4 * shine;
-    color = vec4(shaded, coverage);
+    color = vec4(shaded, opacity * coverage);
     float z = max(-hit.z - bias, 1e-4);
     gl_FragDepth = clamp(depth_terms.x + depth_terms.y / z, 0.0, 1.0);
 }

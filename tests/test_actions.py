@@ -60,3 +60,21 @@ def test_undo_in_the_middle_of_a_drag_lets_go(controls, scene, app_like):
     a.ACTIONS["undo"](app_like)
     assert scene.grabbed is None and controls.mode == ""
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), before)
+
+
+@pytest.mark.parametrize(
+    "action, towards", [("front", (0, 1, 0)), ("right", (-1, 0, 0)), ("above", (0, 0, -1))]
+)
+def test_the_camera_looks_along_an_axis(app_like, controls, action, towards):
+    target = app_like.scene.orbit.target.copy()
+    a.ACTIONS[action](app_like)
+    assert controls.camera.forward == pytest.approx(towards, abs=0.02)
+    np.testing.assert_array_equal(app_like.scene.orbit.target, target)
+
+
+def test_a_drag_while_paused_says_why_nothing_moves(controls, scene):
+    said = []
+    controls._say = said.append
+    scene.paused = True
+    controls._grab(int(scene.control_ids[0]), np.zeros(2))
+    assert said == [c.PAUSED]

@@ -7,7 +7,7 @@ from deformrf.core.render import Renderer
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer import picking
 from deformrf.viewer.gl import Canvas
-from deformrf.viewer.handle_layer import PIN_SCALE, HandleLayer, sphere_instances
+from deformrf.viewer.handle_layer import PIN_SCALE, YELLOW, HandleLayer, sphere_instances
 from deformrf.viewer.radiance_layer import RadianceLayer
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.times import FrameTimes
@@ -68,6 +68,25 @@ def test_a_sphere_shows_exactly_where_it_can_be_picked(scene, window):
     # A sphere's front is a radius nearer than its centre, so that a few show more than picked.
     assert (at_center[shown]).mean() > 0.95
     assert (at_center[~shown]).mean() < 0.35
+
+
+@pytest.mark.gl
+def test_a_held_sphere_inside_the_object_is_a_ghost(scene, window):
+    """A vertex at the back, and one in the middle: hidden, but a hand that holds it sees it."""
+    away = np.linalg.norm(scene.positions - scene.center, axis=1)
+    vertex = int(away.argmin())
+    scene._controls = np.append(scene._controls, vertex)
+    before, _, camera = draw(scene, window[1])
+    scene.grab(vertex)
+    image, _, _ = draw(scene, window[1])
+    (pixel,), _ = picking.project(camera, scene.positions[vertex][None])
+    x, y = pixel.astype(int)
+    change = image[y, x].astype(int) - before[y, x]
+    assert change[0] > 15 and change[0] > change[2]  # a tint of yellow, not a sphere
+    assert abs(image[y, x].astype(int) - np.multiply(255, YELLOW)).max() > 60
+    scene.release()
+    after, _, _ = draw(scene, window[1])
+    np.testing.assert_array_equal(after, before)
 
 
 @pytest.mark.gl

@@ -3,6 +3,7 @@
 INPUTS is the only list: key bindings, tooltips, hints, the help overlay and README follow it.
 """
 
+import math
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -37,6 +38,9 @@ INPUTS = (
     Input("wheel", "zoom to the mouse"),
     Input("F", "focus: the object, or the vertex under the mouse", "F", "focus"),
     Input("Home", "reset the camera", "HOME", "home"),
+    Input("1", "look from the front", "_1", "front"),
+    Input("3", "look from the right", "_3", "right"),
+    Input("7", "look from above", "_7", "above"),
     Input("R", "reset the deformation; pins come back", "R", "reset"),
     Input("Space", "pause, or go on", "SPACE", "pause"),
     Input(".", "single step", "PERIOD", "single_step"),
@@ -82,6 +86,16 @@ def _rest_here(app):
         app.recorder.say("a tangled pose can't be the one to return to")
 
 
+def _from_direction(yaw, pitch):
+    """A function that turns the camera there [degrees], about its target."""
+
+    def look(app):
+        angles = {"yaw": math.radians(yaw), "pitch": math.radians(pitch)}
+        app.scene.orbit = replace(app.scene.orbit, **angles)
+
+    return look
+
+
 def _undo(app):
     label = app.scene.journal.undoes
     app.controls.cancel()
@@ -117,6 +131,9 @@ def _quit(app):
 ACTIONS = {  # functions of the App
     "focus": lambda app: app.scene.focus(),
     "home": lambda app: app.scene.home(),
+    "front": _from_direction(0.0, 0.0),
+    "right": _from_direction(90.0, 0.0),
+    "above": _from_direction(0.0, 89.0),
     "reset": _reset,
     "pause": _toggle("paused", attrgetter("scene")),
     "single_step": lambda app: app.scene.single_step(),

@@ -78,7 +78,8 @@ class App:
                 scene, renderer = preparing.result()
         self.radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
         self.handles = HandleLayer(self.ctx, scene)
-        self.controls = Controls(scene, self.radiance.depth_image, self.log)
+        say = self.recorder.say
+        self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
         self.scene, self.session_start = scene, start_of(scene)
         if self.gui is not None:
             self.left_behind = left_behind(folder(), field.mesh)

@@ -16,6 +16,7 @@ LEFT, MIDDLE, RIGHT = 1, 2, 4
 SHIFT = 1
 PAINTED = {"stiffen": 1.2, "soften": 1.0 / 1.2}  # factors of stiffness at each event of the mouse
 ZOOM_PER_NOTCH = 0.88
+PAUSED = "paused: it follows when time goes on (Space), or by a step (.)"
 CLICK_SLACK = 3.0  # points that the mouse may move during a click
 NEAREST = 0.05  # object sizes between eye and surface, where zooming in stops
 PICK_SLACK = 5.0  # points around a sphere that still count as on it
@@ -24,14 +25,17 @@ PICK_SLACK = 5.0  # points around a sphere that still count as on it
 class Controls:
     """The mouse's gesture, from one event to the next."""
 
-    def __init__(self, scene, depth_image: Callable, log: Callable):
-        """Take the scene, a function that returns the depth image or None, and the event log."""
+    def __init__(self, scene, depth_image: Callable, log: Callable, say: Callable = print):
+        """Take the scene, a function that returns the depth image or None, and the event log.
+
+        `say` shows a message to the user.
+        """
         self.scene = scene
         self.mode = ""  # "orbit", "pan", "grab", "push" or "paint" while a button is held
         self.size = (1, 1)  # of the image
         self.ratio = 1.0  # image pixels per point
         self._depth_image = depth_image
-        self._log = log
+        self._log, self._say = log, say
         self._button = 0
         self._miss = np.zeros(2)  # from the center of the grabbed vertex or ball to the press
         self._pin = None  # that a click would free, and where it was pressed
@@ -192,6 +196,8 @@ class Controls:
         scene.grab(vertex)
         scene.hover = vertex
         self.mode = "grab"
+        if scene.paused:
+            self._say(PAUSED)
         self._log("grab", vertex=vertex, position=scene.positions[vertex], pixel=center)
 
     def _push(self, pixel):

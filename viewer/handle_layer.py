@@ -17,6 +17,7 @@ STIFF_BLUE, SOFT_PINK = (0.10, 0.12, 0.50), (1.0, 0.75, 0.72)
 BALL_GRAY = (0.72, 0.72, 0.75)
 PIN_BLUE = (0.42, 0.50, 0.62)
 HOVER_SCALE, PIN_SCALE = 1.35, 0.6
+GHOST = 0.35  # opacity of what the object hides of a held sphere
 WIRE_TINT = (0.10, 0.12, 0.16, 0.45)
 SPHERE_FLOATS = 7  # center, radius, tint
 
@@ -70,9 +71,17 @@ class HandleLayer:
             depth_terms=gl.depth_terms(*clip_range),
             bias=self._scene.handle_bias,
             pixel_angle=1.0 / camera.focal,
+            opacity=1.0,
             **matrices,
         )
         self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(instances))
+        held = held_sphere(self._scene)
+        if len(held):  # the part of it that is inside the object, faintly
+            self._sphere_buffer.write(held)
+            gl.set_uniforms(self._spheres.program, opacity=GHOST)
+            self._ctx.depth_func = ">"
+            self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=1)
+            self._ctx.depth_func = "<="
 
 
 def sphere_instances(scene):
@@ -103,6 +112,14 @@ def sphere_instances(scene):
         instances = np.concatenate([instances, ball])
     away = np.linalg.norm(instances[:, :3] - orbits.pose(scene.orbit)[:3, 3], axis=1)
     return instances[np.argsort(-away)]
+
+
+def held_sphere(scene):
+    """The sphere of the vertex that is held, as sphere_instances has it.  [0 or 1, 7] float32"""
+    if scene.grabbed is None or not scene.settings.show_handles:
+        return np.empty((0, SPHERE_FLOATS), np.float32)
+    at = scene.positions[scene.grabbed.vertex]
+    return np.array([[*at, scene.handle_radius, *YELLOW]], np.float32)
 
 
 def stiffness_tints(factors):
