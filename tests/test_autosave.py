@@ -75,11 +75,18 @@ def test_what_another_run_left_is_found_and_what_runs_is_not(saved, scene, ball,
     assert a.left_behind(kept, ball.mesh) is None
     scene.set_ground(True)
     pass_time(saved, a.SECONDS)
-    assert a.left_behind(kept, ball.mesh) is None  # this very process writes it
+    alive = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    running = kept / f"ball-{alive.pid}-1.jsonl"
+    saved[0].path.rename(running)
+    assert a.left_behind(kept, ball.mesh) is None  # a viewer is writing it
+    os.utime(running, (0, 0))
+    assert a.left_behind(kept, ball.mesh) == running  # no, another program has the number
+    alive.communicate()
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     dead = kept / f"ball-{gone.pid}-1.jsonl"
-    dead.write_bytes(saved[0].path.read_bytes())
+    running.rename(dead)
+    os.utime(dead)
     assert a.left_behind(kept, ball.mesh) == dead
     other = kept / f"other-{gone.pid}-2.jsonl"
     other.write_text(dead.read_text().replace('"rest": "', '"rest": "0'))

@@ -74,6 +74,7 @@ def test_a_film_shows_its_beginning_and_its_end(seconds, fps, frames):
         (["-o", "a.mp4", "--turntable", "1", "--samples", "9999"], "256 are the most"),
         (["-o", "a.mp4", "--turntable", "1", "--size", "9x9"], "32 to 8192"),
         (["-o", "a.mp4", "--session", "nowhere.jsonl"], "nowhere.jsonl"),
+        (["-o", "a.mp4", "--session", "s.jsonl", "--object-size", "1"], "leave --object-size out"),
         (["-o", ".", "--turntable", "1"], "a new or an empty folder"),
     ],
 )

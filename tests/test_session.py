@@ -1,6 +1,7 @@
 """Edits that are recorded, undone, stored and played again."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -194,8 +195,11 @@ DAMAGE = {
     "an option of its own": lambda lines: lines.append([99, "set_options", {"rescue": False}]),
     "no material": lambda lines: lines.append([99, "set_material", {"poisson_ratio": 0.6}]),
     "an unknown mode": lambda lines: lines.append([99, "view", {"mode": "x-ray"}]),
+    "a ball of no size": lambda lines: lines.append([99, "push", dict(BALL, radius=0)]),
+    "a camera above itself": lambda lines: lines.append([99, "view", {"pitch": 1.5707963}]),
     "a camera beyond": lambda lines: lines.append([99, "view", {"distance": 1e9}]),
 }
+BALL = {"point": [0, 0, 0], "towards_eye": [0, 0, 1], "radius": 0.1}
 GRAB = {"vertex": 1, "radius": 0.1, "soft": False}
 
 
@@ -229,3 +233,34 @@ def test_a_session_of_another_material_starts_with_it(ball, scene, tmp_path):
 
 def test_a_film_of_a_session_without_events_has_one_picture(scene):
     assert Session({"ticks": 0}, []).ticks == 0
+
+
+def test_a_drag_that_is_given_up_is_no_step(scene):
+    scene.set_ground(True)
+    scene.undo()
+    scene.grab(int(scene.control_ids[0]))
+    scene.cancel_grab()
+    assert scene.journal.steps == [] and scene.journal.cursor == 0
+
+
+def test_undo_of_an_edit_during_a_push_brings_no_ball_back(scene):
+    scene.push(scene.positions[scene.control_ids[0]].astype(float), [0.0, -1.0, 0.0])
+    scene.body.set_material(young_modulus=2e6)
+    scene.end_push()
+    scene.undo()
+    assert scene.solver.options.colliders == () and scene.ball is None
+
+
+def test_a_session_of_a_copy_with_other_stiffnesses_is_refused(ball, scene, tmp_path):
+    path = save_session(scene, start_of(scene), tmp_path / "s.jsonl")
+    stiffer = replace(ball, stiffness=np.full(ball.mesh.vertex_count, 2.0, np.float32))
+    with pytest.raises(SessionError, match="other stiffnesses"):
+        Player(Scene(stiffer, "ball", "cpu"), load_session(path, stiffer))
+
+
+def test_views_of_a_camera_that_is_nowhere_are_not_noted(scene):
+    scene.note_view()
+    count = len(scene.journal.events)
+    scene.orbit = replace(scene.orbit, target=np.full(3, np.nan))
+    scene.note_view()
+    assert len(scene.journal.events) == count

@@ -22,7 +22,7 @@ from .handle_layer import HandleLayer
 from .loading import Progress, prepare
 from .radiance_layer import RadianceLayer
 from .recorder import Recorder, without_background
-from .session import Player, Session, SessionError, load_session, start_of
+from .session import Player, Session, load_session, start_of
 from .times import FrameTimes
 from .undo import begin_anew
 from .upload import choose_path
@@ -118,14 +118,15 @@ class App:
         if self.autosave is not None:
             self.autosave.end()
             self.autosave = Autosave(scene, self.session_start, folder())
+            self.autosave.save()
 
     def recover(self) -> None:
         """Go on with the session that was left behind."""
         path, self.left_behind = self.left_behind, None
         try:
             self.play(load_session(path, self.scene.field))
-            path.unlink()
-        except (OSError, SessionError) as error:
+            path.unlink()  # the new session has all of it, in a file of its own
+        except (OSError, ValueError) as error:  # a SessionError is one
             self.recorder.say(str(error))
 
     # -- the window's events (the mouse's are in controls.py) ----------------------------
@@ -216,8 +217,9 @@ class App:
             with times.part("flip"):
                 self.canvas.show()
                 self.window.flip()
-        if self.autosave is not None:
-            self.autosave.update()
+        problem = "" if self.autosave is None else self.autosave.update()
+        if problem:
+            self.recorder.say(problem)
         times.end_frame()
         self._log_state()
         self.frame_count += 1
@@ -256,10 +258,13 @@ class App:
         width, height = self.window.get_framebuffer_size()
         return max(width, 1), max(height, 1)
 
-    def close(self) -> None:
-        """Finish a video, and give everything back."""
+    def end(self) -> None:
+        """The user is done: nothing has to be kept for another start."""
         if self.autosave is not None:
             self.autosave.end()
+
+    def close(self) -> None:
+        """Finish a video, and give everything back; after an error too."""
         try:
             self.recorder.stop()
         finally:

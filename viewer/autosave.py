@@ -15,7 +15,7 @@ from .session import mesh_hash, save_session
 
 SECONDS = 5.0  # between two looks for edits
 SHARE = 0.02  # of the time that writing may take
-ABANDONED = 30.0  # s without a sign of life, where processes can't be asked
+ABANDONED = 60.0  # s without a sign of life
 
 
 def folder() -> Path:
@@ -31,26 +31,39 @@ class Autosave:
         self.path = kept_in / f"{scene.name}-{os.getpid()}-{time.time_ns()}.jsonl"
         self.failed = False  # a full disk: it is not tried again
         self._scene, self._start, self._clock = scene, start, clock
-        self._count = len(scene.journal.events)  # events that need no saving
+        self._count = edit_count(scene)  # that need no saving
         self._next = clock() + SECONDS
 
-    def update(self) -> None:
-        """Called in every frame: write the file if it is time and something was done."""
+    def update(self) -> str:
+        """Called in every frame: write the file if it is time and something was done.
+
+        Returns:
+            What went wrong, said once; else an empty string.
+        """
         now = self._clock()
         if now < self._next or self.failed:
-            return
+            return ""
         self._next = now + SECONDS
-        count = sum(event.name != "view" for event in self._scene.journal.events)
         try:
-            if count > self._count:
-                self.path.parent.mkdir(parents=True, exist_ok=True)
-                save_session(self._scene, self._start, self.path)
-                self._count = count
+            if edit_count(self._scene) > self._count:
+                self.save()
             elif self.path.exists():
                 os.utime(self.path)
-        except OSError:
+        except (OSError, ValueError) as error:
             self.failed = True
+            return f"what you do can't be kept in {self.path.parent}: {error}"
         self._next += (self._clock() - now) / SHARE
+        return ""
+
+    def save(self) -> None:
+        """Write the file now.
+
+        Raises:
+            OSError: It can't be written.
+        """
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        save_session(self._scene, self._start, self.path)
+        self._count = edit_count(self._scene)
 
     def end(self) -> None:
         """The viewer ends in order: the file is not needed."""
@@ -60,30 +73,36 @@ class Autosave:
             pass  # it will be offered once
 
 
+def edit_count(scene) -> int:
+    """How many edits there are, but for views."""
+    return sum(event.name != "view" for event in scene.journal.events)
+
+
 def left_behind(kept_in: Path, mesh) -> Path | None:
     """The newest session of this mesh whose viewer did not end in order; None if there is none."""
     rest, found = mesh_hash(mesh), []
-    try:
-        files = sorted(kept_in.glob("*.jsonl"), key=lambda path: path.stat().st_mtime)
-        for path in files:
+    for path in kept_in.glob("*.jsonl"):
+        try:
             with open(path, encoding="utf-8") as file:
                 header = json.loads(file.readline(2**24))
             if isinstance(header, dict) and header.get("rest") == rest and not _runs(path):
-                found.append(path)
-    except (OSError, ValueError, RecursionError):
-        pass  # what can't be read is not offered
-    return found[-1] if found else None
+                found.append((path.stat().st_mtime, path))
+        except (OSError, ValueError, RecursionError):
+            pass  # what can't be read is not offered
+    return max(found)[1] if found else None
 
 
 def _runs(path) -> bool:
     """Whether the viewer that writes a file is running."""
-    if os.name == "posix":
-        try:
-            os.kill(int(path.stem.split("-")[-2]), 0)
-        except (ProcessLookupError, ValueError, IndexError, OverflowError):
-            return False
-        except PermissionError:
-            pass  # somebody else's process has the number now; its file's age tells
-        else:
-            return True
-    return time.time() - path.stat().st_mtime < ABANDONED
+    if time.time() - path.stat().st_mtime > ABANDONED:
+        return False  # a viewer touches its file every few seconds
+    if os.name != "posix":  # there, asking for a process could end it
+        return True
+    try:
+        writer = int(path.stem.split("-")[-2])
+        os.kill(writer, 0)
+    except (ProcessLookupError, ValueError, IndexError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return writer != os.getpid()  # ours is new: another run of before had the same number

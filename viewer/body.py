@@ -176,7 +176,7 @@ class Body:
         solver = self.solver
         if not np.array_equal(solver.rest_shape, state["rest_shape"]):
             solver.set_rest_shape(state["rest_shape"])
-        solver.set_options(state["options"])
+        solver.set_options(replace(state["options"], colliders=()))  # the ball is gone by now
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             solver.set_stiffness(self.factors)

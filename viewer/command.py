@@ -76,8 +76,8 @@ class ViewArguments:
     The same material is stiffer for its weight where the object is smaller."""
     session: File = None
     """Begin where this session ended (Ctrl+Shift+S saves one)."""
-    mode: Mode = "color"
-    """View mode; error is the difference from the exact mode of rendering."""
+    mode: Annotated[Mode | None, tyro.conf.arg(help_behavior_hint="")] = None
+    """View mode, color by default; error is the difference from the exact mode of rendering."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
     """Frames per second of clips."""
     interop: Literal["auto", "buffer", "copy"] = "auto"
@@ -109,6 +109,8 @@ def check(arguments: ViewArguments) -> None:
     size_of(arguments)
     at_least(1, "--fps", arguments.fps)
     object_size("--object-size", arguments.object_size)
+    if arguments.session is not None and arguments.object_size is not None:
+        raise ValueError("--session has the object's size: leave --object-size out")
     if run.frames is not None:
         at_least(1, "--frames", run.frames)
     if run.drag is not None and not run.headless:
@@ -173,7 +175,8 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
     except BaseException:
         app.close()
         raise
-    app.scene.settings.mode = chosen.mode
+    if chosen.mode is not None:
+        app.scene.settings.mode = chosen.mode
     app.scene.settings.transparent_screenshots = chosen.run.transparent
     return lambda: _show(app, chosen, drag)
 
@@ -203,6 +206,7 @@ def _show(app, chosen, drag):
                 app.frame(0.0)  # the canvas has its size from the first frame
                 app.recorder.start(run.record)
             app.run(run.frames)
+            app.end()
             if run.screenshot is not None:
                 app.recorder.screenshot(run.screenshot)
                 app.frame(0.0, whole=True)

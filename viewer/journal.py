@@ -141,12 +141,20 @@ class Journal:
     def note_view(self, view: dict) -> None:
         """Record what has changed of the camera and of the way to show the object."""
         view = {name: _plain(value) for name, value in view.items()}
+        if not np.isfinite(np.append(view.get("target", 0.0), view.get("distance", 0.0))).all():
+            return  # a camera that looks at vertices that aren't numbers
         changed = {name: value for name, value in view.items() if value != self._view.get(name)}
         if changed:
             self.note("view", **changed)
             self._view = view
 
     # -- undo ----------------------------------------------------------------------------
+
+    def forget_step(self) -> None:
+        """The last step came to nothing."""
+        if self.cursor:
+            self.cursor -= 1
+            del self.steps[self.cursor]
 
     def _size(self):
         """About how much memory the steps take [bytes]: all states are as large as the last."""

@@ -24,7 +24,7 @@ from ..core.arguments import (
     with_size,
     writable_file,
 )
-from ..core.commands import FAILED, run
+from ..core.commands import FAILED, complain, run
 from ..core.device import Choice, device_name
 from ..core.paths import DEFAULT_MODEL, program_version
 from ..core.render import Mode
@@ -70,7 +70,7 @@ class RenderArguments:
     device: Choice = "auto"
     """auto takes CUDA if there is any."""
     object_size: Meters = None
-    """The object's longest side [m]; by default what the session or the model says."""
+    """The object's longest side [m]; by default what the model says. A session has its own."""
     version: Flag = False
     """Print the version."""
 
@@ -102,6 +102,8 @@ def check(chosen: RenderArguments) -> tuple[int, int]:
     if chosen.turntable is not None and chosen.turntable > LONGEST_TURN:
         raise ValueError(f"--turntable is {chosen.turntable:g} s; {LONGEST_TURN:g} are the most")
     object_size("--object-size", chosen.object_size)
+    if chosen.session is not None and chosen.object_size is not None:
+        raise ValueError("--session has the object's size: leave --object-size out")
     if chosen.frames is not None:
         at_least(1, "--frames", chosen.frames)
     _check_output(chosen)
@@ -153,6 +155,7 @@ def _film(app, chosen, session):
     from rich.progress import track
 
     from .film import frames_of
+    from .session import SessionError
 
     try:
         count, show = frames_of(app, session, chosen.fps, chosen.turntable)
@@ -172,6 +175,9 @@ def _film(app, chosen, session):
             app.frame(0.0, whole=True)
             if app.recorder.failed:
                 break
+    except SessionError as error:
+        complain(PROGRAM, str(error))
+        return FAILED
     finally:
         app.close()
     return FAILED if app.recorder.failed else 0

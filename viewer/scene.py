@@ -57,6 +57,7 @@ class Scene:
         rest, tets = field.mesh.rest_vertices, field.mesh.tets
         self._surface = rest if surface is None else surface
         low, high = bounds(self._surface)
+        self.floor = float(self._surface[:, 2].min())  # where a ground is put
         self.center = 0.5 * (low + high)
         self.size = float((high - low).max())
         self.handle_radius = HANDLE_RADIUS * self.size
@@ -130,10 +131,10 @@ class Scene:
         shown = {name: getattr(self.settings, name) for name in SHOWN}
         self.journal.note_view(asdict(self.orbit) | shown)
 
-    def look(self) -> None:
-        """Take notice of the pose: it counts as changed if it differs visibly from the last."""
+    def look(self, least=VISIBLE) -> None:
+        """Take notice of the pose: it has changed if it differs by more than that [sizes]."""
         now = self.solver.vertices.numpy()
-        if abs(now - self.positions).max() > VISIBLE * self.size:
+        if abs(now - self.positions).max() > least * self.size:
             self.revision += 1
             self._host = self.revision, now.copy()
 
@@ -231,6 +232,7 @@ class Scene:
         self.release()
         if grab is None:
             return
+        self.journal.forget_step()
         self.solver.set_state(*grab.before)
         if grab.rest_lengths is not None:
             self.solver.set_rest_lengths(grab.rest_lengths)
@@ -240,12 +242,12 @@ class Scene:
 
     def paint(self, point, factor) -> None:
         """Multiply the stiffness around a point of the surface as it is now [3]."""
-        self._paint(point, factor, self._grab_radius)
+        near = self.solver.vertices.numpy()[self._near] - np.asarray(point, float)
+        vertex = int(self._near[(near**2).sum(axis=1).argmin()])
+        self._paint(vertex, factor, self._grab_radius)
 
     @edit("paint", undo="paint", merges=True)
-    def _paint(self, point, factor, radius):
-        near = self.solver.vertices.numpy().copy()[self._near] - np.asarray(point, float)
-        vertex = int(self._near[(near**2).sum(axis=1).argmin()])
+    def _paint(self, vertex, factor, radius):
         rest = self.field.mesh.rest_vertices
         ids = vertices_within(rest, vertex, radius)
         self.body.paint(ids, falloff(rest, vertex, ids, radius), factor)
@@ -342,7 +344,7 @@ class Scene:
 
     def set_ground(self, on: bool) -> None:
         """Put a ground under the visible object at rest, or take it away."""
-        self._set_ground(float(self._surface[:, 2].min()) if on else None)
+        self._set_ground(self.floor if on else None)
 
     @edit("set_ground", undo="ground")
     def _set_ground(self, height):

@@ -28,12 +28,13 @@ from ..core.deform import Material
 from ..core.paths import program_version, whole_file
 from ..core.render import MODES
 from .journal import EDITS, Event
-from .orbit import CLOSEST, FARTHEST, Orbit
+from .orbit import CLOSEST, FARTHEST, STEEPEST, Orbit
 from .scene import Scene  # its methods and those of Body are the edits
 
 KEY, VERSION = "deformrf session", 1
 LARGEST_FILE = 512 * 2**20  # bytes
 LONGEST = 24 * 3600 * 60  # ticks: a day
+MOST_EVENTS = 2_000_000
 FARTHEST_POINT = 1e3  # model units
 MATERIAL = tuple(f.name for f in fields(Material))
 OPTIONS = {"substep_count": (1, 1000), "contact": bool}
@@ -63,6 +64,11 @@ def mesh_hash(mesh) -> str:
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
 
 
+def factor_hash(factors) -> str:
+    """A number for the stiffnesses that a model has: SHA-256, hexadecimal."""
+    return hashlib.sha256(np.asarray(factors, "<f4").tobytes()).hexdigest()
+
+
 def start_of(scene: Scene) -> dict:
     """What a session begins with, so that other defaults change nothing when it is played."""
     body, options = scene.body, scene.solver.options
@@ -72,6 +78,8 @@ def start_of(scene: Scene) -> dict:
         "substep_count": options.substep_count,
         "contact": options.contact,
         "pins": np.flatnonzero(scene.pins).tolist(),
+        "floor": scene.floor,
+        "stiffness": None if scene.field.stiffness is None else factor_hash(scene.field.stiffness),
     }
 
 
@@ -114,11 +122,12 @@ def load_session(path: Path, field) -> Session:
         with open(path, encoding="utf-8") as file:
             header = _parsed(path, 1, file.readline())
             _check_header(path, header, field.mesh)
-            events = [
-                _event(path, number, _parsed(path, number, line), field.mesh.vertex_count)
-                for number, line in enumerate(file, start=2)
-                if line.strip()
-            ]
+            events = []
+            for number, line in enumerate(file, start=2):
+                if number > MOST_EVENTS:
+                    raise SessionError(f"{path} has more than {MOST_EVENTS:,} events")
+                parsed = _parsed(path, number, line)
+                events.append(_event(path, number, parsed, field.mesh.vertex_count))
     except UnicodeDecodeError as error:
         raise SessionError(f"{path} is not a session: it is not text") from error
     if any(a.tick > b.tick for a, b in pairwise(events)):
@@ -195,6 +204,7 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "rate": _number(0.0, 1e4),
     "speed": _number(-1e4, 1e4),
     "meters_per_unit": _number(1e-3 * SMALLEST_SIZE, 1e3 * LARGEST_SIZE),
+    "floor": _number(-FARTHEST_POINT, FARTHEST_POINT),
     "height": lambda value: value is None or _number(-FARTHEST_POINT, FARTHEST_POINT)(value),
     **dict.fromkeys(("soft", "pinned", "held", "on", "contact"), _flag),
     "substep_count": _number(1, 1000, int),
@@ -208,8 +218,9 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "target": _is_point,
     "distance": _number(CLOSEST, FARTHEST),
     "yaw": _number(-10.0, 10.0),
-    "pitch": _number(-math.pi / 2, math.pi / 2),
+    "pitch": _number(-STEEPEST, STEEPEST),
     "field_of_view": _number(1e-3, 3.0),
+    "stiffness": lambda value: value is None or isinstance(value, str),
     "mode": lambda value: value in MODES,
     "background": _is_color,
     **dict.fromkeys(("checkerboard", "show_handles", "show_wireframe"), _flag),
@@ -241,7 +252,7 @@ def _event(path, number, line, vertex_count) -> Event:
 def _check(path, number, name, arguments, vertex_count):
     """Raise a SessionError if an edit has an argument that it can't have."""
     if name == "start":
-        known = (*MATERIAL, *OPTIONS, "meters_per_unit", "pins")
+        known = (*MATERIAL, *OPTIONS, "meters_per_unit", "pins", "floor", "stiffness")
     elif name == "view":
         known = VIEW
     else:
@@ -250,6 +261,8 @@ def _check(path, number, name, arguments, vertex_count):
         good = key in known and (
             _is_number(value, 0, vertex_count - 1, int)
             if key == "vertex"
+            else _is_number(value, 1e-6, 10.0)
+            if (name, key) == ("push", "radius")
             else _are_vertices(value, vertex_count)
             if key == "pins"
             else ARGUMENTS[key](value)
@@ -268,7 +281,11 @@ class Player:
         self.scene, self.session = scene, session
         self._made = 0  # events
         start = start_of(scene) | session.header["start"]
+        if start["stiffness"] != start_of(scene)["stiffness"]:
+            raise SessionError("the session is of a copy of this model with other stiffnesses")
         if start != start_of(scene):
+            start.pop("stiffness")
+            scene.floor = start.pop("floor")
             scene.pins = np.isin(np.arange(len(scene.pins)), start.pop("pins"))
             scene.solver.set_pinned(scene.pins)
             scene.body.set_scale(start.pop("meters_per_unit"))
@@ -287,7 +304,7 @@ class Player:
             if journal.tick >= tick:
                 break
             self.scene.tick()
-        self.scene.look()
+        self.scene.look(0.0)
 
     def _make(self, event):
         scene = self.scene
@@ -298,7 +315,11 @@ class Player:
         arguments = event.arguments
         if event.name == "set_material":
             arguments = _infinite(arguments)
-        getattr(scene.body if made.of_body else scene, made.method)(**arguments)
+        try:
+            getattr(scene.body if made.of_body else scene, made.method)(**arguments)
+        except ValueError as error:
+            place = f"at tick {event.tick}, {event.name} can't be played"
+            raise SessionError(f"the session is damaged: {place} ({error})") from error
         if scene.grabbed is not None:
             scene.grabbed.target = scene.grabbed.reached
         if scene.ball is not None:

@@ -19,7 +19,7 @@ from . import checks, constraints
 from .arrays import ConstraintList, frame_arrays
 from .colliders import ColliderRows
 from .contact import Contact
-from .frame import CpuFrame, CudaFrame, runs_in_block
+from .frame import CpuFrame, CudaFrame, runs_in_block, takes_halves
 from .halves import cut
 from .holds import Holds
 from .inversion import InversionGuard
@@ -82,7 +82,7 @@ class XpbdSolver:
         self.edges = constraints.edge_constraints(self.rest_vertices, self.tets)
         self.volumes = constraints.volume_constraints(self.rest_vertices, self.tets)
         on_gpu, lists = self.device.is_cuda, (self.edges, self.volumes)
-        halves = None if on_gpu else cut(self.rest_vertices, *lists)
+        halves = cut(self.rest_vertices, *lists) if not on_gpu and takes_halves() else None
         self._part_of = components(count, self.tets)  # [V]
         self._active = np.zeros(self._part_of.max() + 1, bool)  # by part
         self._dt = TIME_STEP

@@ -5,7 +5,7 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "cpu": ["CpuFrame"],
+        "cpu": ["CpuFrame", "takes_halves"],
         "cuda": ["CudaFrame", "runs_in_block"],
     },
 )

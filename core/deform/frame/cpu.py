@@ -74,7 +74,7 @@ class CpuFrame:
             self._scratch.halves.assign(halves.starts.astype(np.int32))
         self._arrivals = self._scratch.arrivals.numpy()
         self._launches = {}
-        limit = thread_limit(tet_room) if halves is None else min(2, usable_threads())
+        limit = thread_limit(tet_room) if halves is None else 2
         self._pace = Pace(limit)
 
     def set_contacts(self, contacts: ContactArrays) -> None:
@@ -177,3 +177,8 @@ class Pace:
 def thread_limit(tet_count: int) -> int:
     """The largest number of threads that a mesh may use on this machine."""
     return max(1, min(usable_threads(), tet_count // TETS_PER_THREAD, MOST_THREADS))
+
+
+def takes_halves() -> bool:
+    """Whether a mesh is worth cutting: with more threads than two, sharing colors gains more."""
+    return usable_threads() == 2
