@@ -237,10 +237,10 @@ def test_a_film_of_a_session_without_events_has_one_picture(scene):
 
 def test_a_drag_that_is_given_up_is_no_step(scene):
     scene.set_ground(True)
-    scene.undo()
     scene.grab(int(scene.control_ids[0]))
     scene.cancel_grab()
-    assert scene.journal.steps == [] and scene.journal.cursor == 0
+    assert [step.label for step in scene.journal.steps] == ["ground"]
+    assert scene.journal.cursor == 1
 
 
 def test_undo_of_an_edit_during_a_push_brings_no_ball_back(scene):
@@ -264,3 +264,13 @@ def test_views_of_a_camera_that_is_nowhere_are_not_noted(scene):
     scene.orbit = replace(scene.orbit, target=np.full(3, np.nan))
     scene.note_view()
     assert len(scene.journal.events) == count
+
+
+def test_a_drag_that_is_given_up_keeps_the_steps_within_it(scene):
+    scene.grab(int(scene.control_ids[0]))
+    scene.body.set_material(young_modulus=2e6)
+    scene.cancel_grab()
+    assert [step.label for step in scene.journal.steps][1:] == ["young modulus"]
+    while scene.undo():
+        pass
+    assert scene.body.material.young_modulus == 1e6

@@ -150,9 +150,12 @@ class Journal:
 
     # -- undo ----------------------------------------------------------------------------
 
-    def forget_step(self) -> None:
-        """The last step came to nothing."""
-        if self.cursor:
+    def forget_step(self, label: str) -> None:
+        """The last step came to nothing, if it has this label and nothing came after it.
+
+        The first step stays: it alone has the state in which all began, to the bit.
+        """
+        if self.cursor == len(self.steps) > 1 and self.steps[-1].label == label:
             self.cursor -= 1
             del self.steps[self.cursor]
 

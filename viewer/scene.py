@@ -232,7 +232,7 @@ class Scene:
         self.release()
         if grab is None:
             return
-        self.journal.forget_step()
+        self.journal.forget_step(f"drag vertex {grab.vertex}")
         self.solver.set_state(*grab.before)
         if grab.rest_lengths is not None:
             self.solver.set_rest_lengths(grab.rest_lengths)

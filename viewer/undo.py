@@ -12,6 +12,7 @@ def state_of(scene) -> dict:
         "patches": scene.patches.copy(),
         "vertices": solver.vertices.numpy().copy(),
         "velocities": solver.velocities.numpy().copy(),
+        "asleep": solver.settled,
         "rest_lengths": solver.rest_lengths.astype(np.float32),
     }
 
@@ -27,6 +28,8 @@ def restore(scene, state: dict) -> None:
     solver.set_state(state["vertices"], state["velocities"])
     if not np.array_equal(solver.rest_lengths.astype(np.float32), state["rest_lengths"]):
         solver.set_rest_lengths(state["rest_lengths"])  # edges have yielded since
+    if state["asleep"]:  # awake, even a body at rest moves by roundings
+        solver.fall_asleep()
     scene.hover = None
     scene.revision += 1
 

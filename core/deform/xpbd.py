@@ -244,7 +244,7 @@ class XpbdSolver:
         acts = self.options.load is not None or self.options.ground is not None
         if not acts and len(self._holds.handles) == 0:
             self.rescue.report(np.zeros(1, int))
-            self._fall_asleep()
+            self.fall_asleep()
 
     def set_state(self, vertices, velocities=None):
         """Start from these positions [m] and velocities [m/s] (zero by default).  [V, 3]"""
@@ -349,10 +349,10 @@ class XpbdSolver:
         still = motion <= self.options.sleep_motion * self.object_size
         self._still_frames = self._still_frames + 1 if still else 0
         if self.settled:
-            self._fall_asleep()
+            self.fall_asleep()
 
-    def _fall_asleep(self):
-        """Nothing moves: no part is worked on until the user touches it."""
+    def fall_asleep(self):
+        """Take it that nothing moves: no part is worked on until the user touches it."""
         self._still_frames = self.options.sleep_frames
         self._active[:] = False
         self.velocities.zero_()
