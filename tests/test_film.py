@@ -191,7 +191,7 @@ def test_ctrl_c_ends_the_film_where_it_is(ball_file, tmp_path):
     deadline = time.monotonic() + 60
     while len(list(folder.glob("*.png"))) < 3 and time.monotonic() < deadline:
         time.sleep(0.05)
-    running.send_signal(signal.SIGINT)
+    running.send_signal(signal.SIGTERM)  # as Ctrl-C, which a shell may have blocked
     out, err = running.communicate(timeout=60)
     assert running.returncode == 130 and "interrupted" in err and f"wrote {folder}" in out
     pictures = sorted(folder.iterdir())
@@ -208,7 +208,7 @@ def test_a_video_that_was_interrupted_can_be_played(ball_file, tmp_path):
     while not part.exists() and time.monotonic() < deadline:
         time.sleep(0.05)
     time.sleep(1.0)
-    running.send_signal(signal.SIGINT)
+    running.send_signal(signal.SIGTERM)  # as Ctrl-C, which a shell may have blocked
     running.communicate(timeout=60)
     assert running.returncode == 130 and len(frames_of(path)) >= 1
     assert [p.name for p in tmp_path.iterdir()] == ["film.mp4"]

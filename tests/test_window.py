@@ -44,7 +44,8 @@ class Session:
 
     def __init__(self, display, model, folder, *arguments):
         name, self._screen = display
-        self._env = {**os.environ, "DISPLAY": name}
+        # Sessions that are kept go into a folder of this one alone: nothing is offered.
+        self._env = {**os.environ, "DISPLAY": name, "XDG_STATE_HOME": str(folder / "state")}
         self._env.pop("WAYLAND_DISPLAY", None)
         self._log = folder / "events.txt"
         command = [sys.executable, "-m", "deformrf.viewer", str(model), "--log-events"]
