@@ -1,9 +1,10 @@
 """Edits: what a user's hand does to a scene, recorded at ticks, and undone.
 
-A tick is a 60th of a second of the object's time.  An edit is a method of Scene or Body that
-`@edit` marks.  Who calls it needs to know nothing of the journal; the journal notes the tick,
-the name and the arguments.  The same edits at the same ticks give the same vertices, on one
-device to the bit (session.py stores and plays them).
+A tick is a 60th of a second of the object's time.  An edit is a method that `@edit` marks: of
+Scene, or of a class like Body whose object the scene has under the class's name (`scene.body`)
+and which has the scene's `journal`.  Who calls it needs to know nothing of the journal, which
+notes the tick, the name and the arguments.  The same edits at the same ticks give the same
+vertices, on one device to the bit (session.py stores and plays them).
 
 Before an edit that changes more than a view, the journal keeps the scene's state, so that it
 can be undone.
@@ -27,7 +28,7 @@ class Edit(NamedTuple):
     """A method that a session may call."""
 
     method: str
-    of_body: bool  # of the scene's Body, else of the Scene
+    owner: str  # the scene's attribute that has it; empty: the Scene itself
     parameters: tuple[str, ...]
     any_names: bool  # whether it takes attributes by any name
 
@@ -65,8 +66,9 @@ def edit(name: str, undo: str = "", merges: bool = False):
         own = list(signature.parameters.values())[1:]
         any_names = any(p.kind is p.VAR_KEYWORD for p in own)
         names = tuple(p.name for p in own if p.kind is not p.VAR_KEYWORD)
-        of_body = method.__qualname__.startswith("Body.")
-        EDITS[name] = Edit(method.__name__, of_body, names, any_names)
+        of_class = method.__qualname__.split(".")[0].lower()
+        owner = "" if of_class == "scene" else of_class
+        EDITS[name] = Edit(method.__name__, owner, names, any_names)
 
         @wraps(method)
         def recorded(self, *arguments, **named):

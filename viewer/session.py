@@ -316,7 +316,8 @@ class Player:
         if event.name == "set_material":
             arguments = _infinite(arguments)
         try:
-            getattr(scene.body if made.of_body else scene, made.method)(**arguments)
+            owner = getattr(scene, made.owner) if made.owner else scene
+            getattr(owner, made.method)(**arguments)
         except ValueError as error:
             place = f"at tick {event.tick}, {event.name} can't be played"
             raise SessionError(f"the session is damaged: {place} ({error})") from error
