@@ -235,7 +235,7 @@ def test_each_mode_is_shown_as_it_is_rendered(stage, mode):
     stage.scene.settings.mode = mode
     shown = stage.frame(whole=True).astype(int)
     image = render_mode(
-        stage.renderer, stage.camera, mode, RenderOptions(), None, stage.scene.depth_range
+        stage.renderer, stage.camera, mode, RenderOptions(), None, stage.scene.viewpoint.depth_range
     )
     assert abs(shown - image.color_array()[..., :3]).max() <= 1
     assert np.array_equal(stage.layer.depth_image(), stage.reference().depth_array())

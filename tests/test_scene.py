@@ -247,7 +247,7 @@ def upper_half(ball):
 def test_at_rest_focus_frames_what_the_first_view_frames(upper_half):
     first = upper_half.orbit
     upper_half.orbit = replace(first, target=np.zeros(3), distance=9.0)
-    upper_half.focus()
+    upper_half.viewpoint.focus()
     assert upper_half.orbit.target == pytest.approx(first.target, abs=1e-6)
     assert upper_half.orbit.distance == pytest.approx(first.distance, abs=1e-5)
 
@@ -260,14 +260,14 @@ def test_focus_follows_what_is_seen_and_not_the_rest_of_the_mesh(upper_half):
     positions[~seen] -= np.float32(3.0)
     scene.solver.set_state(positions)
     scene.revision += 1
-    scene.focus()
+    scene.viewpoint.focus()
     assert scene.orbit.target == pytest.approx(middle + 0.2, abs=1e-6)
     assert scene.orbit.distance == pytest.approx(distance, abs=1e-5)
 
 
 def test_focus_on_a_vertex_turns_about_it(scene):
     scene.hover = int(scene.control_ids[3])
-    scene.focus()
+    scene.viewpoint.focus()
     assert scene.orbit.target == pytest.approx(scene.positions[scene.hover])
 
 

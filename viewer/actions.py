@@ -129,8 +129,8 @@ def _quit(app):
 
 
 ACTIONS = {  # functions of the App
-    "focus": lambda app: app.scene.focus(),
-    "home": lambda app: app.scene.home(),
+    "focus": lambda app: app.scene.viewpoint.focus(),
+    "home": lambda app: app.scene.viewpoint.home(),
     "front": _from_direction(0.0, 0.0),
     "right": _from_direction(90.0, 0.0),
     "above": _from_direction(0.0, 89.0),

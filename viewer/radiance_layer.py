@@ -187,7 +187,12 @@ class RadianceLayer:
             camera = camera.resized(*picture.texture.size)
         with self._times.part("render"):
             image = render_mode(
-                self._renderer, camera, scene.settings.mode, options, rows, scene.depth_range
+                self._renderer,
+                camera,
+                scene.settings.mode,
+                options,
+                rows,
+                scene.viewpoint.depth_range,
             )
             wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
         picture.add(image, time.perf_counter() - start)

@@ -5,7 +5,7 @@ anew; a frame takes as many steps as fit in it.  Positions are model space, V ve
 """
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 
 import numpy as np
@@ -18,24 +18,21 @@ from ..core.deform import (
     lowest_pins,
     vertices_within,
 )
-from . import orbit as orbits
 from .body import Body, stored_size
 from .grabs import Ball, Grab, soft_springs
 from .journal import Journal, edit
 from .settings import CPU_TARGET_FPS, SHOWN, Settings
 from .surface import bounds, nearest_vertices, of_the_object
 from .undo import restore, state_of
+from .viewpoint import Viewpoint
 
 MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
 VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 CONTROL_COUNT = 40
 SMALLEST_BALL = 0.02  # object sizes
 PINNED_PART = 0.05  # of the object's height
-MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
-DEPTH_PART = 0.75  # of its size, that the object may reach from its center towards the eye
 HANDLE_RADIUS = 0.0135  # of its size
 PATCH_PART = 0.75  # of a soft grab's radius, that is pinned; beyond it, pulls are weak
-FIRST_VIEW = orbits.Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
 
 
 class Scene:
@@ -82,7 +79,7 @@ class Scene:
         self.revision = 0  # counts the changes of the pose
         self._time = 0.0  # s that frames have lasted and no step has covered
         self._host = None  # the revision, and its positions
-        self.home()
+        self.viewpoint = Viewpoint(self)
         self.journal = self.body.journal = Journal(partial(state_of, self), partial(restore, self))
         self.first_state = state_of(self)
 
@@ -94,6 +91,21 @@ class Scene:
         if self._host is None or self._host[0] != self.revision:
             self._host = self.revision, np.array(self.solver.vertices.numpy())
         return self._host[1]
+
+    @property
+    def seen_points(self):
+        """Points of the visible surface, as it is now.  [N, 3]"""
+        moved = self.positions - self.field.mesh.rest_vertices
+        return self._surface + moved[self._nearest]
+
+    @property
+    def orbit(self):
+        """The camera, an Orbit."""
+        return self.viewpoint.orbit
+
+    @orbit.setter
+    def orbit(self, orbit):
+        self.viewpoint.orbit = orbit
 
     @property
     def moving(self) -> bool:
@@ -376,25 +388,3 @@ class Scene:
         self.release()
         self.end_push()
         return self.journal.redo()
-
-    # -- camera --------------------------------------------------------------------------
-
-    def home(self) -> None:
-        """The first view: the whole object at rest."""
-        self.orbit = orbits.framing(FIRST_VIEW, self.center, MARGIN * self.size)
-
-    def focus(self) -> None:
-        """Frame the object as it is now, or turn about the vertex under the mouse."""
-        if self.hover is not None:
-            self.orbit = replace(self.orbit, target=self.positions[self.hover].astype(float))
-            return
-        moved = self.positions - self.field.mesh.rest_vertices
-        low, high = bounds(self._surface + moved[self._nearest])
-        radius = MARGIN * float((high - low).max())
-        self.orbit = orbits.framing(self.orbit, 0.5 * (low + high), radius)
-
-    @property
-    def depth_range(self) -> tuple[float, float]:
-        """Distances from the eye between which the object lies at rest, whatever its shape."""
-        away = float(np.linalg.norm(orbits.pose(self.orbit)[:3, 3] - self.center))
-        return max(away - DEPTH_PART * self.size, 0.0), away + DEPTH_PART * self.size

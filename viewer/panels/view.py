@@ -40,7 +40,7 @@ def view_panel(app):
 def _mode(scene):
     change = partial(setattr, scene.settings, "mode")
     combo("show", scene.settings.mode, MODES, change, f"next one: {label_of('next_mode')}")
-    line = caption(scene.settings.mode, scene.depth_range)
+    line = caption(scene.settings.mode, scene.viewpoint.depth_range)
     if line:
         imgui.text_disabled(line)
 
