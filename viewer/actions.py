@@ -1,6 +1,7 @@
-"""User actions: the table of gestures and keys, and the functions that the keys call.
+"""User actions: the table of gestures and keys, and the functions that keys and menus call.
 
-INPUTS is the only list: key bindings, tooltips, hints, the help overlay and README follow it.
+INPUTS is the only list: key bindings, menus, tooltips, hints, the help overlay and README follow
+it.
 """
 
 import math
@@ -12,12 +13,13 @@ from ..core.render import MODES
 
 @dataclass(frozen=True)
 class Input:
-    """A gesture or key and its action."""
+    """A gesture, key or item of a menu, and its action."""
 
-    label: str  # the key or gesture, as the help names it
+    label: str  # the key or gesture, as the help names it; empty for what only a menu has
     help: str  # what it does
     key: str = ""  # pyglet's name of the key, with CTRL+ and SHIFT+ before it if they are held
-    action: str = ""  # what the key calls, one of ACTIONS
+    action: str = ""  # what key and menu call, one of ACTIONS
+    menu: str = ""  # where it is in the menus, as in "Edit/Undo" or "File/Export/Mesh as OBJ"
 
 
 INPUTS = (
@@ -26,33 +28,51 @@ INPUTS = (
     Input("click on a gray pin", "free it"),
     Input("Shift+click on a red vertex", "pin it and what is around it"),
     Input("P", "while dragging: pin there what is held", "P", "pin_grab"),
-    Input("B", "push with a ball instead: left drag", "B", "toggle_push"),
-    Input("Ctrl+E", "equally stiff everywhere: forget what was painted", "CTRL+E", "clear_paint"),
-    Input("Ctrl+S", "write a copy of the model with its stiffness", "CTRL+S", "save_stiffness"),
-    Input("Ctrl+Z", "undo", "CTRL+Z", "undo"),
-    Input("Ctrl+Shift+Z", "redo", "CTRL+SHIFT+Z", "redo"),
-    Input("Ctrl+Shift+S", "save the session", "CTRL+SHIFT+S", "save_session"),
-    Input("T", "rest here: return to this pose from now on", "T", "rest_here"),
-    Input("Ctrl+T", "return to the shape before", "CTRL+T", "undo_rest_here"),
+    Input("B", "push with a ball instead: left drag", "B", "toggle_push", "Edit/Push with a ball"),
+    Input(
+        "Ctrl+E",
+        "equally stiff everywhere: forget what was painted",
+        "CTRL+E",
+        "clear_paint",
+        "Edit/Even stiffness",
+    ),
+    Input(
+        "Ctrl+S",
+        "write a copy of the model with its stiffness",
+        "CTRL+S",
+        "save_stiffness",
+        "File/Save model copy",
+    ),
+    Input("Ctrl+Z", "undo", "CTRL+Z", "undo", "Edit/Undo"),
+    Input("Ctrl+Shift+Z", "redo", "CTRL+SHIFT+Z", "redo", "Edit/Redo"),
+    Input("Ctrl+Shift+S", "save the session", "CTRL+SHIFT+S", "save_session", "File/Save session"),
+    Input("T", "rest here: return to this pose from now on", "T", "rest_here", "Edit/Rest here"),
+    Input(
+        "Ctrl+T",
+        "return to the shape before",
+        "CTRL+T",
+        "undo_rest_here",
+        "Edit/Return to the shape before",
+    ),
     Input("middle or right drag", "pan"),
     Input("wheel", "zoom to the mouse"),
-    Input("F", "focus: the object, or the vertex under the mouse", "F", "focus"),
-    Input("Home", "reset the camera", "HOME", "home"),
-    Input("1", "look from the front", "_1", "front"),
-    Input("3", "look from the right", "_3", "right"),
-    Input("7", "look from above", "_7", "above"),
-    Input("R", "reset the deformation; pins come back", "R", "reset"),
-    Input("Space", "pause, or go on", "SPACE", "pause"),
-    Input(".", "single step", "PERIOD", "single_step"),
-    Input("M", "next view mode: depth, normals, ...", "M", "next_mode"),
-    Input("H", "hide or show the vertices", "H", "toggle_handles"),
-    Input("W", "wireframe", "W", "toggle_wireframe"),
-    Input("Tab", "hide or show the panel", "TAB", "toggle_panel"),
-    Input("F1", "hide or show the help", "F1", "toggle_help"),
-    Input("F2", "screenshot", "F2", "screenshot"),
-    Input("F9", "start or stop recording", "F9", "record"),
-    Input("Esc", "let go, a vertex goes back; close the help", "ESCAPE", "cancel"),
-    Input("Ctrl+Q", "quit", "CTRL+Q", "quit"),
+    Input("F", "focus: the object, or the vertex under the mouse", "F", "focus", "View/Focus"),
+    Input("Home", "reset the camera", "HOME", "home", "View/Reset camera"),
+    Input("1", "look from the front", "_1", "front", "View/Front"),
+    Input("3", "look from the right", "_3", "right", "View/Right"),
+    Input("7", "look from above", "_7", "above", "View/Above"),
+    Input("R", "reset the deformation; pins come back", "R", "reset", "Edit/Reset"),
+    Input("Space", "pause, or go on", "SPACE", "pause", "Edit/Pause"),
+    Input(".", "single step", "PERIOD", "single_step", "Edit/Single step"),
+    Input("M", "next view mode: depth, normals, ...", "M", "next_mode", "View/Next mode"),
+    Input("H", "hide or show the vertices", "H", "toggle_handles", "View/Vertices"),
+    Input("W", "wireframe", "W", "toggle_wireframe", "View/Wireframe"),
+    Input("Tab", "hide or show the panel", "TAB", "toggle_panel", "View/Panel"),
+    Input("F1", "hide or show the help", "F1", "toggle_help", "Help/Keys and gestures"),
+    Input("F2", "screenshot", "F2", "screenshot", "File/Export/Picture"),
+    Input("F9", "start or stop recording", "F9", "record", "File/Record"),
+    Input("Esc", "let go, a vertex goes back; close lists and help", "ESCAPE", "cancel"),
+    Input("Ctrl+Q", "quit", "CTRL+Q", "quit", "File/Quit"),
 )
 
 
@@ -63,12 +83,16 @@ def _toggle(name, owner_of=attrgetter("scene.settings")):
         owner = owner_of(app)
         setattr(owner, name, not getattr(owner, name))
 
+    toggle.is_on = lambda app: getattr(owner_of(app), name)
     return toggle
 
 
 def _toggle_handles(app):
     _toggle("show_handles")(app)
     app.scene.hover = None
+
+
+_toggle_handles.is_on = lambda app: app.scene.settings.show_handles
 
 
 def _reset(app):
@@ -128,7 +152,7 @@ def _quit(app):
     app.window.has_exit = True
 
 
-ACTIONS = {  # functions of the App
+ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which menus check
     "focus": lambda app: app.scene.viewpoint.focus(),
     "home": lambda app: app.scene.viewpoint.home(),
     "front": _from_direction(0.0, 0.0),

@@ -81,6 +81,11 @@ def apply_style() -> None:
         style.set_color_(name, color)
 
 
+def _list_is_open():
+    """Whether a menu or the list of a combo is open."""
+    return imgui.is_popup_open("", imgui.PopupFlags_.any_popup.value)
+
+
 class Gui:
     """ImGui attached to one window."""
 
@@ -112,7 +117,7 @@ class Gui:
         inside = any(
             left <= x <= right and low <= top <= high for left, low, right, high in self._rectangles
         )
-        return inside or imgui.is_popup_open("", imgui.PopupFlags_.any_popup.value)
+        return inside or _list_is_open()
 
     def _move(self, x, y):
         self._io.add_mouse_pos_event(x, self.window.height - 1 - y)
@@ -157,6 +162,9 @@ class Gui:
         self._io.add_focus_event(False)
 
     def on_key_press(self, symbol, modifiers):
+        if symbol == key.ESCAPE and _list_is_open():
+            imgui.internal.close_popup_to_level(0, False)
+            return True
         self._add_key(symbol, modifiers, True)
         # want_capture_keyboard would block the shortcuts whenever a panel has the focus.
         return self._io.want_text_input or None

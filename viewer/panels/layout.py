@@ -3,12 +3,15 @@
 While a model is loaded, a window shows the progress.
 """
 
+from operator import attrgetter
+
 from imgui_bundle import imgui
 
 from ..actions import INPUTS
 from ..loading import STAGES
 from .deform import deform_panel
 from .history import history_panel
+from .menu import menu_bar
 from .recovery import recovery_window
 from .view import RECORDING_RED, model_panel, record_panel, time_panel, view_panel
 
@@ -43,7 +46,7 @@ SECTIONS = (
 def draw_panels(app) -> None:
     """Everything that lies over the view."""
     if app.scene.settings.show_panel:
-        _main_panel(app)
+        _main_panel(app, top=menu_bar(app))
     if app.scene.settings.show_help:
         _floating("help", (0.5, 0.5))
         app.gui.guarded(help_overlay, app)
@@ -64,9 +67,9 @@ def draw_panels(app) -> None:
         imgui.end()
 
 
-def _main_panel(app):
-    height = imgui.get_io().display_size.y
-    imgui.set_next_window_pos((MARGIN, MARGIN), imgui.Cond_.first_use_ever.value)
+def _main_panel(app, top):
+    height = imgui.get_io().display_size.y - top
+    imgui.set_next_window_pos((MARGIN, top + MARGIN), imgui.Cond_.first_use_ever.value)
     imgui.set_next_window_size_constraints(
         (PANEL_WIDTH, 0.0), (PANEL_WIDTH, max(height - 2.0 * MARGIN, 100.0))
     )
@@ -94,7 +97,7 @@ def _floating(name, place, flags=0):
 
 def help_overlay(app):
     if imgui.begin_table("inputs", 2, imgui.TableFlags_.sizing_fixed_fit.value):
-        for entry in INPUTS:
+        for entry in filter(attrgetter("label"), INPUTS):
             imgui.table_next_row()
             imgui.table_next_column()
             imgui.text(entry.label)

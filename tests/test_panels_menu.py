@@ -1,0 +1,112 @@
+"""The menus: made from the table of inputs, and usable with the mouse."""
+
+import pytest
+
+from deformrf.viewer.actions import INPUTS, Input
+from deformrf.viewer.panels import menu as m
+
+
+def test_menus_are_the_tables():
+    first, second, third = (
+        Input("Ctrl+A", "do it", "CTRL+A", "a", "Edit/A"),
+        Input("", "what only a menu has", action="b", menu="File/Export/B"),
+        Input("click", "no menu"),
+    )
+    tree = m.menu_tree([first, second, third])
+    assert tree == {"File": {"Export": {"B": second}}, "Edit": {"A": first}, "Help": {}}
+
+
+def test_file_is_the_first_menu_and_help_the_last():
+    titles = list(m.menu_tree(INPUTS))
+    assert titles[0] == "File" and titles[-1] == "Help" and "Edit" in titles
+
+
+def test_no_two_items_have_the_same_place():
+    places = [entry.menu for entry in INPUTS if entry.menu]
+    assert len(places) == len(set(places))
+    for place in places:  # and none is a menu of others
+        assert not any(other.startswith(f"{place}/") for other in places)
+
+
+# -- in the viewer -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def app(window, ball, monkeypatch, tmp_path):
+    """An App with panels in a window without a display, its menus' items in `drawn`."""
+    from imgui_bundle import imgui
+
+    from deformrf.viewer.app import App
+    from deformrf.viewer.events import EventLog
+
+    monkeypatch.chdir(tmp_path)
+    made = App(*window, EventLog(False))
+    made.load(ball, "ball", "cpu")
+    made.scene.settings.fixed_resolution = 0.25
+    made.drawn = {}
+
+    def noted(draw):
+        def draw_and_note(title, *arguments):
+            result = draw(title, *arguments)
+            low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+            y = made.window.height - 1 - round(0.5 * (low.y + high.y))
+            made.drawn[title] = round(0.5 * (low.x + high.x)), y
+            return result
+
+        return draw_and_note
+
+    for name in ("begin_menu", "menu_item_simple"):
+        monkeypatch.setattr(imgui, name, noted(getattr(imgui, name)))
+    frames(made, 3)
+    yield made
+    made.close()
+
+
+def frames(app, count):
+    app.run(app.frame_count + count)
+
+
+def send(app, name, *arguments):
+    app.window.dispatch_event(name, *arguments)
+    app.window.dispatch_events()
+
+
+def click(app, title):
+    from pyglet.window import mouse
+
+    at = app.drawn[title]
+    send(app, "on_mouse_motion", *at, 0, 0)
+    frames(app, 2)
+    for name in ("on_mouse_press", "on_mouse_release"):
+        send(app, name, *at, mouse.LEFT, 0)
+        frames(app, 3)
+
+
+@pytest.mark.gl
+def test_an_item_of_a_menu_does_what_its_key_does(app):
+    app.scene.set_ground(True)
+    click(app, "Edit")
+    orbit = app.scene.orbit
+    click(app, "Undo")
+    assert not app.scene.on_ground and app.scene.orbit is orbit
+    click(app, "View")
+    click(app, "Wireframe")
+    assert app.scene.settings.show_wireframe
+
+
+@pytest.mark.gl
+def test_escape_closes_an_open_menu_and_then_the_help(app):
+    from imgui_bundle import imgui
+    from pyglet.window import key
+
+    def is_open():
+        return imgui.is_popup_open("", imgui.PopupFlags_.any_popup.value)
+
+    app.scene.settings.show_help = True
+    click(app, "Edit")
+    assert is_open()
+    send(app, "on_key_press", key.ESCAPE, 0)
+    frames(app, 2)
+    assert not is_open() and app.scene.settings.show_help
+    send(app, "on_key_press", key.ESCAPE, 0)
+    assert not app.scene.settings.show_help

@@ -1,0 +1,56 @@
+"""The menu bar: made from the table of inputs, by their paths in the menus."""
+
+from imgui_bundle import imgui
+
+from ..actions import ACTIONS, INPUTS
+
+FIRST, LAST = "File", "Help"  # the others are between them, in the table's order
+
+
+def menu_tree(inputs) -> dict:
+    """Menus as nested dictionaries: title -> items; an item's title -> its Input.
+
+    >>> menu_tree(INPUTS)["Edit"]["Undo"].key
+    'CTRL+Z'
+    """
+    tree = {FIRST: {}}
+    for entry in inputs:
+        *menus, title = entry.menu.split("/")
+        if title:
+            menu = tree
+            for name in menus:
+                menu = menu.setdefault(name, {})
+            menu[title] = entry
+    return tree | {LAST: tree.pop(LAST, {})}
+
+
+TREE = menu_tree(INPUTS)
+
+
+def menu_bar(app) -> float:
+    """Draw it along the window's upper edge; returns its height [points]."""
+    if not imgui.begin_main_menu_bar():
+        return 0.0
+    app.gui.guarded(_items, app, TREE)
+    app.gui.claim()
+    height = imgui.get_window_height()
+    imgui.end_main_menu_bar()
+    return height
+
+
+def _items(app, menu):
+    for title, item in menu.items():
+        if not isinstance(item, dict):
+            _item(app, title, item)
+        elif item and imgui.begin_menu(title):
+            _items(app, item)
+            imgui.end_menu()
+
+
+def _item(app, title, entry):
+    action = ACTIONS[entry.action]
+    is_on = hasattr(action, "is_on") and bool(action.is_on(app))
+    if imgui.menu_item_simple(title, entry.label, is_on):
+        app.log("menu", action=entry.action)
+        action(app)
+    imgui.set_item_tooltip(entry.help)
