@@ -61,15 +61,15 @@ class Panel:
         self.window.dispatch_event(name, *arguments)  # outside of pyglet's loop it is queued
         self.window.dispatch_events()
 
-    def click(self, at, frames_between=True):
+    def click(self, at, frames_between=True, modifiers=0):
         from pyglet.window import mouse
 
         self.send("on_mouse_motion", *at, 0, 0)
         if frames_between:
             self.frame()
-        self.send("on_mouse_press", *at, mouse.LEFT, 0)
+        self.send("on_mouse_press", *at, mouse.LEFT, modifiers)
         self.frame()
-        self.send("on_mouse_release", *at, mouse.LEFT, 0)
+        self.send("on_mouse_release", *at, mouse.LEFT, modifiers)
         self.frame()
         self.frame()
 
@@ -173,7 +173,7 @@ def test_a_press_beside_the_panel_ends_the_entry_of_text(panel):
     from pyglet.window import key, mouse
 
     panel.send("on_key_press", key.LCTRL, key.MOD_CTRL)
-    panel.click(panel.slider)  # with Ctrl held, a slider opens for typing
+    panel.click(panel.slider, modifiers=key.MOD_CTRL)  # it opens for typing
     panel.send("on_key_release", key.LCTRL, 0)
     panel.seen.clear()
     panel.send("on_key_press", key.A, 0)
@@ -208,3 +208,37 @@ def test_a_panel_that_fails_says_so_and_is_tried_again(panel, caplog, monkeypatc
     broken.clear()
     panel.frame(faulty_panel)
     assert said[-1] == "drawn"
+
+
+def test_tab_types_into_no_field(panel):
+    """ImGui would go to the first field with it, and take every key from then on."""
+    from pyglet.window import key
+
+    panel.click(panel.button)
+    panel.send("on_key_press", key.TAB, 0)
+    panel.frame()
+    panel.send("on_key_release", key.TAB, 0)
+    panel.frame()
+    panel.frame()
+    panel.seen.clear()
+    panel.send("on_key_press", key.SPACE, 0)
+    assert panel.seen == ["key"]
+
+
+@pytest.mark.parametrize("missed", ["nothing", "press", "release"])
+def test_only_ctrl_and_click_types_into_a_slider(panel, missed):
+    """Whatever happened to Ctrl while another window had the keys."""
+    from pyglet.window import key
+
+    def typing():
+        return panel.gui._io.want_text_input
+
+    if missed != "press":
+        panel.send("on_key_press", key.LCTRL, 0)
+    panel.click(panel.slider, modifiers=key.MOD_CTRL)
+    assert typing()
+    if missed != "release":
+        panel.send("on_key_release", key.LCTRL, key.MOD_CTRL)
+    panel.click(OUTSIDE)
+    panel.click(panel.slider)
+    assert not typing()

@@ -133,6 +133,8 @@ class Gui:
 
     def on_mouse_press(self, x, y, button, modifiers):
         self._move(x, y)
+        for _, bit, name in MODIFIERS:  # their own keys may have gone to another window
+            self._io.add_key_event(name, bool(modifiers & bit))
         self._add_button(button, True)
         if self.mouse_on_panel:
             self._captured.add(button)
@@ -186,7 +188,9 @@ class Gui:
             # X11 reports modifiers as before the event, which is wrong for their own keys.
             held = down if symbol in own_keys else bool(modifiers & bit)
             self._io.add_key_event(name, held)
-        if symbol in KEYS:
+        # Tab shows the panel; ImGui would go to its first field and take every key from then on.
+        to_the_first_field = symbol == key.TAB and down and not self._io.want_text_input
+        if symbol in KEYS and not to_the_first_field:
             self._io.add_key_event(KEYS[symbol], down)
 
     # -- frame ---------------------------------------------------------------------------
