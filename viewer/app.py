@@ -76,19 +76,34 @@ class App:
                 while not preparing.done():
                     self._show_progress(f"preparing {name}")
                 scene, renderer = preparing.result()
+        self.show(scene, renderer, path)
+        if self.gui is not None:
+            self.left_behind = left_behind(folder(), field.mesh)
+            self.autosave = Autosave(scene, self.session_start, folder())
+
+    def show(self, scene, renderer, path: str) -> None:
+        """Show a scene from now on, in the place of the one before.
+
+        Args:
+            renderer: Of the scene's field.
+            path: How frames reach OpenGL, as upload.choose_path says.
+        """
+        noted = dict.fromkeys(self.window.event_types, self._note_event)
+        panels_first = [] if self.gui is None else [self.gui]
+        if self.scene is not None:
+            self.window.remove_handlers(**noted)
+            self.window.remove_handlers(*panels_first)
+            self.window.remove_handlers(self.controls)
+            self.radiance.release()
         self.radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
         self.handles = HandleLayer(self.ctx, scene)
         say = self.recorder.say
         self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
         self.scene, self.session_start = scene, start_of(scene)
-        if self.gui is not None:
-            self.left_behind = left_behind(folder(), field.mesh)
-            self.autosave = Autosave(scene, self.session_start, folder())
         # The handlers that are pushed last are asked first.
         self.window.push_handlers(self.controls)
-        if self.gui is not None:
-            self.window.push_handlers(self.gui)
-        self.window.push_handlers(**dict.fromkeys(self.window.event_types, self._note_event))
+        self.window.push_handlers(*panels_first)
+        self.window.push_handlers(**noted)
 
     def _show_progress(self, title):
         self.window.switch_to()
