@@ -6,8 +6,10 @@ uniform sampler2D field_depth;   // distance t along the unit ray, inf where not
 uniform vec3 background;
 uniform bool checkerboard;
 uniform vec2 squares;            // how many fit into the width and the height
-uniform vec2 half_extent;        // tangents of half the angles of view
-uniform vec2 depth_terms;        // window depth = a + b / z
+uniform vec2 extent;             // of the image at distance 1
+uniform vec2 axis;               // uv of the axis of view
+uniform bool parallel;           // rays are
+uniform vec2 depth_terms;        // window depth = a + b / z, where they are parallel a + b z
 in vec2 uv;
 out vec4 color;
 
@@ -22,7 +24,8 @@ void main() {
         color.rgb += (1.0 - field.a) * (vec3(gray) - background);
     }
     float t = texture(field_depth, uv).r;
-    vec2 at = half_extent * (2.0 * uv - 1.0);
-    float z = t * inversesqrt(1.0 + dot(at, at));
-    gl_FragDepth = isinf(t) ? 1.0 : clamp(depth_terms.x + depth_terms.y / z, 0.0, 1.0);
+    vec2 at = extent * (uv - axis);
+    float z = parallel ? t : t * inversesqrt(1.0 + dot(at, at));
+    float depth = depth_terms.x + depth_terms.y * (parallel ? z : 1.0 / z);
+    gl_FragDepth = isinf(t) ? 1.0 : clamp(depth, 0.0, 1.0);
 }

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.render import (
+    Camera,
     Lens,
     camera_rays,
     from_field_of_view,
@@ -21,6 +22,13 @@ def camera():
     return from_field_of_view(look_at(rng.normal(size=3) + 4.0, rng.normal(size=3)), 0.7, 40, 30)
 
 
+@pytest.fixture(params=["pinhole", "parallel", "beside"])
+def any_camera(request, camera):
+    """A pinhole camera, one of parallel rays, and one whose axis is not in the middle."""
+    lens = Lens(40, 30, (9.0, 9.0), (8.0, 16.0)) if request.param == "beside" else camera.lens
+    return replace(camera, lens=lens, parallel=request.param == "parallel")
+
+
 def test_look_at_is_a_rotation_that_faces_the_target(camera):
     turn = camera.camera_to_world[:3, :3]
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
@@ -30,7 +38,8 @@ def test_look_at_is_a_rotation_that_faces_the_target(camera):
     np.testing.assert_allclose(np.cross(forward, np.array([-3, -2, -1])), 0.0, atol=1e-12)
 
 
-def test_points_on_a_ray_project_to_its_pixel(camera):
+def test_points_on_a_ray_project_to_its_pixel(any_camera):
+    camera = any_camera
     origins, directions = camera_rays(camera)
     t = np.random.default_rng().uniform(1.0, 5.0, len(origins))
     points = np.column_stack([origins + t[:, None] * directions, np.ones(len(t))])
@@ -40,6 +49,16 @@ def test_points_on_a_ray_project_to_its_pixel(camera):
     np.testing.assert_allclose((ndc[:, 0] + 1) * 20, u.ravel(), atol=1e-9)
     np.testing.assert_allclose((1 - ndc[:, 1]) * 15, v.ravel(), atol=1e-9)
     assert (np.abs(ndc[:, 2]) < 1).all()
+
+
+def test_parallel_rays_show_one_size_at_every_distance():
+    camera = Camera(look_at((4, 3, 2), (1, 1, 1)), pinhole(20.0, 40, 30), parallel=True)
+    origins, directions = camera_rays(camera)
+    assert directions == pytest.approx(np.tile(camera.forward, (1200, 1)))
+    assert (origins - camera.position) @ camera.forward == pytest.approx(0.0, abs=1e-12)
+    right = camera.camera_to_world[:3, 0]
+    assert (origins[1] - origins[0]) @ right == pytest.approx(1 / 20)  # a pixel
+    assert (origins.mean(axis=0) - camera.position) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_field_of_view_is_that_of_the_outer_pixels_edges(camera):

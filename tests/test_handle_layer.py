@@ -1,5 +1,7 @@
 """Spheres where the vertices are, hidden where the object is in front."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,7 +45,9 @@ def draw(scene, context, objects=True):
 
 
 @pytest.mark.gl
-def test_a_sphere_is_where_picking_says_and_as_large(scene, window):
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_sphere_is_where_picking_says_and_as_large(scene, window, parallel):
+    scene.orbit = replace(scene.orbit, parallel=parallel)
     image, _, camera = draw(scene, window[1], objects=False)
     pixels, t = picking.project(camera, scene.positions[scene.control_ids])
     for (x, y), distance in zip(pixels, t, strict=True):
@@ -52,12 +56,14 @@ def test_a_sphere_is_where_picking_says_and_as_large(scene, window):
     lone = pixels[:, 0].argmin()  # the leftmost one has nothing to its left
     x, y = pixels[lone]
     row = is_red(image)[int(y), : int(x) + 1]
-    radius = camera.focal * scene.handle_radius / t[lone]
+    radius = scene.handle_radius * picking.pixels_per_unit(camera, t[lone])
     assert row.sum() == pytest.approx(radius, abs=1.5)
 
 
 @pytest.mark.gl
-def test_a_sphere_shows_exactly_where_it_can_be_picked(scene, window):
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_sphere_shows_exactly_where_it_can_be_picked(scene, window, parallel):
+    scene.orbit = replace(scene.orbit, parallel=parallel)
     image, depth, camera = draw(scene, window[1])
     points = scene.positions[scene.control_ids]
     shown = picking.visible(camera, points, depth, scene.handle_bias)

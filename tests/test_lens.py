@@ -92,8 +92,10 @@ def rays_kernel(
     directions[i] = direction
 
 
-def test_rays_of_the_kernel_are_those_of_the_reference(device):
-    camera = Camera(look_at((1, 2, 3), (0, 0, 0)), random_lens(np.random.default_rng()))
+@pytest.mark.parametrize("parallel", [False, True])
+def test_rays_of_the_kernel_are_those_of_the_reference(device, parallel):
+    lens = random_lens(np.random.default_rng())
+    camera = Camera(look_at((1, 2, 3), (0, 0, 0)), lens, parallel)
     rays = [wp.empty(camera.width * camera.height, dtype=wp.vec3, device=device) for _ in range(2)]
     wp.launch(rays_kernel, len(rays[0]), [device_camera(camera)], rays, device=device)
     for found, expected in zip(rays, camera_rays(camera), strict=True):

@@ -1,5 +1,7 @@
 """The orbit camera: what stays under the mouse, and what stays in the image."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,9 @@ from deformrf.viewer import orbit as orbits
 from deformrf.viewer import picking
 
 ORBIT = orbits.Orbit(np.array([0.4, 0.5, 0.6]), 1.7, yaw=0.7, pitch=-0.4)
+PARALLEL = replace(ORBIT, parallel=True)
+each_kind = pytest.mark.parametrize("orbit", [ORBIT, PARALLEL], ids=["pinhole", "parallel"])
+AXES = [tuple(float(x) for x in sign * np.eye(3)[i]) for i in range(3) for sign in (1, -1)]
 SIZE = 320, 240
 
 
@@ -47,11 +52,11 @@ def test_the_camera_never_tips_over():
         assert np.isfinite(orbits.pose(turned)).all()
 
 
-def test_panning_moves_what_is_at_the_targets_depth_with_the_mouse():
-    panned = orbits.panned(ORBIT, 25, -14, 240)
-    assert pixel_of(panned, ORBIT.target) - pixel_of(ORBIT, ORBIT.target) == pytest.approx(
-        [25, -14]
-    )
+@each_kind
+def test_panning_moves_what_is_at_the_targets_depth_with_the_mouse(orbit):
+    panned = orbits.panned(orbit, 25, -14, 240)
+    moved = pixel_of(panned, orbit.target) - pixel_of(orbit, orbit.target)
+    assert moved == pytest.approx([25, -14])
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.88, 1.3])
@@ -82,3 +87,69 @@ def test_framing_shows_the_whole_ball(aspect):
     assert (pixels >= 0).all()
     assert (pixels <= [width, height]).all()
     assert np.ptp(pixels, axis=0).max() > 0.85 * min(width, height)
+
+
+def test_parallel_rays_show_the_targets_plane_as_large_as_before():
+    right, _, backward = orbits.pose(ORBIT)[:3, :3].T
+    at = pixel_of(ORBIT, ORBIT.target + 0.3 * right)
+    for depth in (-0.5, 0.0, 0.5):  # and whatever is before or behind it
+        point = ORBIT.target + 0.3 * right + depth * backward
+        assert pixel_of(PARALLEL, point) == pytest.approx(at)
+
+
+def test_parallel_rays_start_before_any_object_and_keep_an_anchor_in_zooms():
+    close = orbits.zoomed(PARALLEL, 0.1, ORBIT.target + 0.1)
+    near, far = orbits.clip_range(close)
+    _, t = picking.project(
+        orbits.camera(close, *SIZE), np.random.default_rng().uniform(size=(9, 3))
+    )
+    assert (near < t).all() and (t < far).all()
+    before, after = (pixel_of(o, ORBIT.target + 0.1) for o in (PARALLEL, close))
+    assert after == pytest.approx(before)
+
+
+def test_another_field_of_view_keeps_the_targets_surroundings():
+    right, up, _ = orbits.pose(ORBIT)[:3, :3].T
+    point = ORBIT.target + 0.2 * right + 0.1 * up
+    wide = orbits.widened(ORBIT, np.radians(70.0))
+    assert wide.field_of_view == np.radians(70.0) and wide.distance < ORBIT.distance
+    assert pixel_of(wide, point) == pytest.approx(pixel_of(ORBIT, point))
+
+
+@pytest.mark.parametrize("up", AXES)
+def test_up_is_up_in_the_picture_and_yaw_turns_about_it(up):
+    for yaw in (0.0, 2.0):
+        axes = orbits.pose(orbits.Orbit(yaw=yaw, pitch=0.3, up=up))[:3, :3]
+        assert axes.T @ axes == pytest.approx(np.eye(3), abs=1e-12)
+        assert np.linalg.det(axes) == pytest.approx(1.0)
+        assert axes[:, 0] @ up == pytest.approx(0.0, abs=1e-12)  # level
+        assert axes[:, 2] @ up == pytest.approx(np.sin(0.3))  # from above
+
+
+@pytest.mark.parametrize("up", AXES)
+def test_another_up_keeps_the_eye_and_levels_the_view(up):
+    turned = orbits.with_up(ORBIT, up)
+    axes, before = orbits.pose(turned)[:3, :3], orbits.pose(ORBIT)[:3, :3]
+    assert axes[:, 2] == pytest.approx(before[:, 2])
+    assert axes[:, 0] @ up == pytest.approx(0.0, abs=1e-9)
+    assert axes[:, 1] @ up > 0.0
+
+
+def test_any_rotation_is_a_view():
+    """Also straight up and down, where yaw and roll turn about one axis."""
+    rng = np.random.default_rng()
+    random = [np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(20)]
+    random = [q * np.sign(np.linalg.det(q)) for q in random]
+    down = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    for axes in (*random, down, down @ np.diag([1.0, -1.0, -1.0])):
+        for up in AXES:
+            faced = orbits.facing(replace(ORBIT, up=up), axes)
+            assert orbits.pose(faced)[:3, :3] == pytest.approx(axes, abs=1e-7)
+            assert (faced.target == ORBIT.target).all()
+
+
+def test_a_drag_levels_a_rolled_view():
+    rolled = replace(ORBIT, roll=0.4)
+    assert orbits.pose(rolled)[:3, 2] == pytest.approx(orbits.pose(ORBIT)[:3, 2])
+    assert abs(orbits.pose(rolled)[2, 0]) > 0.1
+    assert orbits.pose(orbits.turned(rolled, 3, 0, 240))[2, 0] == pytest.approx(0.0)

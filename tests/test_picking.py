@@ -1,5 +1,7 @@
 """Pixels to vertices and back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,39 +9,47 @@ from deformrf.core.render import Camera, camera_rays, look_at, pinhole
 from deformrf.viewer import picking
 
 CAMERA = Camera(look_at([0.5, -2, 0.8], [0.5, 0.5, 0.5]), pinhole(200.0, 160, 120))
+BESIDE = replace(CAMERA, lens=replace(CAMERA.lens, center=(40.0, 65.0)))
+PARALLEL = replace(BESIDE, parallel=True)
+each_camera = pytest.mark.parametrize("camera", [CAMERA, BESIDE, PARALLEL])
 
 
-def test_project_agrees_with_the_rays_of_the_renderer():
-    origins, directions = camera_rays(CAMERA)
+@each_camera
+def test_project_agrees_with_the_rays_of_the_renderer(camera):
+    origins, directions = camera_rays(camera)
     t = np.linspace(1, 3, len(origins))
-    pixels, distances = picking.project(CAMERA, origins + t[:, None] * directions)
+    pixels, distances = picking.project(camera, origins + t[:, None] * directions)
     u, v = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
     np.testing.assert_allclose(pixels, np.stack([u.ravel(), v.ravel()], axis=1), atol=1e-9)
     np.testing.assert_allclose(distances, t)
 
 
-def test_ray_direction_is_the_renderers():
-    _, directions = camera_rays(CAMERA)
-    np.testing.assert_allclose(
-        picking.ray_direction(CAMERA, (33.5, 70.5)), directions[70 * 160 + 33], atol=1e-12
-    )
+@each_camera
+def test_the_ray_of_a_pixel_is_the_renderers(camera):
+    pixel = (33.5, 70.5)
+    for found, all_rays in zip(picking.ray(camera, pixel), camera_rays(camera), strict=True):
+        np.testing.assert_allclose(found, all_rays[70 * 160 + 33], atol=1e-12)
+    (again,), (t,) = picking.project(camera, picking.point_at(camera, pixel, 1.7)[None])
+    assert (*again, t) == pytest.approx((*pixel, 1.7))
 
 
-def test_what_is_behind_the_camera_is_nowhere():
-    behind = CAMERA.position - 0.1 * CAMERA.forward
-    pixels, t = picking.project(CAMERA, behind[None])
+@each_camera
+def test_what_is_behind_the_camera_is_nowhere(camera):
+    behind = camera.position - 0.1 * camera.forward
+    pixels, t = picking.project(camera, behind[None])
     assert np.isnan(pixels).all()
     assert t[0] == -np.inf
-    assert not picking.visible(CAMERA, behind[None], None, 0.1)[0]
-    assert picking.pick_sphere(CAMERA, (80, 60), behind[None], 0.1, np.array([True]), 5) is None
+    assert not picking.visible(camera, behind[None], None, 0.1)[0]
+    assert picking.pick_sphere(camera, (80, 60), behind[None], 0.1, np.array([True]), 5) is None
 
 
-def test_the_view_plane_goes_through_the_point_and_faces_the_camera():
+@each_camera
+def test_the_view_plane_goes_through_the_point_and_faces_the_camera(camera):
     point = np.array([0.6, 0.4, 0.3])
-    moved = picking.onto_view_plane(CAMERA, (20.0, 90.0), point)
-    pixels, _ = picking.project(CAMERA, moved[None])
+    moved = picking.onto_view_plane(camera, (20.0, 90.0), point)
+    pixels, _ = picking.project(camera, moved[None])
     assert pixels[0] == pytest.approx([20, 90])
-    assert (moved - point) @ CAMERA.forward == pytest.approx(0)
+    assert (moved - point) @ camera.forward == pytest.approx(0)
 
 
 def test_depth_at_reads_an_image_of_fewer_pixels():
@@ -50,22 +60,22 @@ def test_depth_at_reads_an_image_of_fewer_pixels():
 
 def test_hidden_is_what_lies_deeper_than_the_bias():
     depth = np.full((120, 160), 2.5, np.float32)
-    direction = picking.ray_direction(CAMERA, (80, 60))
-    points = CAMERA.position + np.array([[2.4], [2.52], [2.6]]) * direction
+    points = np.array([picking.point_at(CAMERA, (80, 60), t) for t in (2.4, 2.52, 2.6)])
     assert picking.visible(CAMERA, points, depth, 0.05).tolist() == [True, True, False]
 
 
 def test_the_nearest_of_the_shown_spheres_is_picked():
-    direction = picking.ray_direction(CAMERA, (80, 60))
-    points = CAMERA.position + np.array([[3.0], [2.0], [1.5]]) * direction
+    points = np.array([picking.point_at(CAMERA, (80, 60), t) for t in (3.0, 2.0, 1.5)])
     shown = np.array([True, True, False])
     assert picking.pick_sphere(CAMERA, (80, 60), points, 0.02, shown, 2.0) == 1
 
 
-def test_a_miss_within_the_slack_counts():
-    point = picking.onto_view_plane(CAMERA, (80, 60), [0.5, 0.5, 0.5])
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_miss_within_the_slack_counts(parallel):
+    camera = replace(CAMERA, parallel=parallel)
+    point = picking.onto_view_plane(camera, (80, 60), [0.5, 0.5, 0.5])
     radius = 0.02
-    edge = 200.0 * radius / np.linalg.norm(point - CAMERA.position)
+    edge = 200.0 * radius / (1.0 if parallel else np.linalg.norm(point - camera.position))
     for beside, hit in [(edge + 4.0, 0), (edge + 6.0, None)]:
         pixel = (80 + beside, 60)
-        assert picking.pick_sphere(CAMERA, pixel, point[None], radius, np.array([True]), 5.0) == hit
+        assert picking.pick_sphere(camera, pixel, point[None], radius, np.array([True]), 5.0) == hit

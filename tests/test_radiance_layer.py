@@ -1,11 +1,20 @@
 """The field's image in OpenGL: right pixels, right depth, no work without a change."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from deformrf.core.render import MODES, Renderer, RenderOptions, render_mode, shifted
+from deformrf.core.render import (
+    MODES,
+    Renderer,
+    RenderOptions,
+    render_mode,
+    shifted,
+    view_projection,
+)
 from deformrf.viewer import orbit as orbits
-from deformrf.viewer import resolution
+from deformrf.viewer import picking, resolution
 from deformrf.viewer.gl import Canvas, depth_terms
 from deformrf.viewer.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceLayer
 from deformrf.viewer.resolution import CPU_LADDER, SAMPLE_COUNT
@@ -56,7 +65,9 @@ def test_at_full_resolution_the_pixels_are_the_renderers(stage):
     assert wanted.std() > 20
 
 
-def test_the_depth_written_is_the_depth_of_the_surface(stage, window):
+@pytest.mark.parametrize("parallel", [False, True])
+def test_the_depth_written_is_the_depth_of_the_surface(stage, window, parallel):
+    stage.scene.orbit = replace(stage.scene.orbit, parallel=parallel)
     stage.frame(whole=True)
     framebuffer = stage.canvas._framebuffer
     raw = framebuffer.read(attachment=-1, components=1, dtype="f4", alignment=1)
@@ -65,13 +76,19 @@ def test_the_depth_written_is_the_depth_of_the_surface(stage, window):
     camera, (near, far) = stage.camera, orbits.clip_range(stage.scene.orbit)
     x = (np.arange(160) + 0.5 - 80) / camera.focal
     y = (np.arange(120) + 0.5 - 60) / camera.focal
-    z = t / np.sqrt(1 + x[None] ** 2 + y[:, None] ** 2)
-    a, b = depth_terms(near, far)
-    assert a + b / near == pytest.approx(0)
-    assert a + b / far == pytest.approx(1)
+    z = t if parallel else t / np.sqrt(1 + x[None] ** 2 + y[:, None] ** 2)
+    a, b = depth_terms(near, far, parallel)
+    assert a + (b * near if parallel else b / near) == pytest.approx(0)
+    assert a + (b * far if parallel else b / far) == pytest.approx(1)
     hit = np.isfinite(t)
     assert 0.1 < hit.mean() < 0.9
-    assert written[hit] == pytest.approx((a + b / z)[hit], abs=1e-5)
+    wanted = a + (b * z if parallel else b / z)
+    assert written[hit] == pytest.approx(wanted[hit], abs=1e-5)
+    corner = np.array([0.4, 0.5, 0.6, 1.0])  # what else is drawn has the same depth there
+    clip = view_projection(camera, near, far) @ corner
+    _, (t,) = picking.project(camera, corner[None, :3])
+    away = (corner[:3] - camera.position) @ camera.forward
+    assert 0.5 + 0.5 * clip[2] / clip[3] == pytest.approx(a + (b * t if parallel else b / away))
     assert (written[~hit] == 1).all()
 
 

@@ -150,9 +150,13 @@ def test_shorter_steps_are_those_of_a_model_with_a_shorter_step(make_ball_field,
     assert part.sample_count == expected.sample_count > 1.3 * whole.sample_count > 0
 
 
-def test_the_image_is_the_rays_in_bytes(make_ball_field, device):
+@pytest.mark.parametrize("parallel", [False, True])
+def test_the_image_is_the_rays_in_bytes(make_ball_field, device, parallel):
     field = make_ball_field(6)
     view = camera(40).resized(48, 40)
+    if parallel:
+        lens = replace(view.lens, focal=(40.0, 40.0))  # pixels a unit
+        view = replace(view, lens=lens, parallel=True)
     renderer = Renderer(field, device)
     image = renderer.render(view, CONFORMANCE)
     color, opacity, depth = renderer.render_rays(*camera_rays(view), CONFORMANCE)

@@ -196,7 +196,7 @@ DAMAGE = {
     "no material": lambda lines: lines.append([99, "set_material", {"poisson_ratio": 0.6}]),
     "an unknown mode": lambda lines: lines.append([99, "view", {"mode": "x-ray"}]),
     "a ball of no size": lambda lines: lines.append([99, "push", dict(BALL, radius=0)]),
-    "a camera above itself": lambda lines: lines.append([99, "view", {"pitch": 1.5707963}]),
+    "a camera above itself": lambda lines: lines.append([99, "view", {"pitch": 1.6}]),
     "a camera beyond": lambda lines: lines.append([99, "view", {"distance": 1e9}]),
 }
 BALL = {"point": [0, 0, 0], "towards_eye": [0, 0, 1], "radius": 0.1}

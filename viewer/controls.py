@@ -178,13 +178,13 @@ class Controls:
         if depth is not None:
             t = picking.depth_at(depth, camera, pixel[None])[0]
             if np.isfinite(t):
-                return camera.position + t * picking.ray_direction(camera, pixel)
+                return picking.point_at(camera, pixel, t)
         return picking.onto_view_plane(camera, pixel, self.scene.orbit.target) if beside else None
 
     def _nearest_zoom(self, anchor):
         """The factor of a zoom to a point that ends before the surface: inside, all is white."""
         depth = self._depth_image()
-        if depth is None:
+        if depth is None or self.camera.parallel:
             return 0.0
         room = max(float(depth.min()) - NEAREST * self.scene.size, 0.0)
         return min(max(1.0 - room / np.linalg.norm(anchor - self.camera.position), 0.0), 1.0)
@@ -203,8 +203,7 @@ class Controls:
     def _push(self, pixel):
         """Put the ball on the surface under the mouse."""
         scene, point = self.scene, self._surface_at(pixel)
-        towards_eye = self.camera.position - point
-        scene.push(point, towards_eye / np.linalg.norm(towards_eye))
+        scene.push(point, -picking.ray(self.camera, pixel)[1])
         (center,), _ = picking.project(self.camera, scene.ball.target[None])
         self._miss = pixel - center
         self.mode = "push"

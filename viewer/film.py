@@ -11,7 +11,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from .orbit import Orbit
+from .orbit import Orbit, changed
 from .session import Player, Session
 
 TICKS_PER_SECOND = 60
@@ -26,11 +26,9 @@ class Views:
         names = {f.name for f in fields(Orbit)}
         self._ticks, self._orbits = [0], [first]
         for event in session.events:
-            changed = {k: v for k, v in event.arguments.items() if k in names}
-            if event.name == "view" and changed:
-                if "target" in changed:
-                    changed["target"] = np.array(changed["target"], float)
-                orbit = replace(self._orbits[-1], **changed)
+            values = {k: v for k, v in event.arguments.items() if k in names}
+            if event.name == "view" and values:
+                orbit = changed(self._orbits[-1], values)
                 if event.tick == self._ticks[-1]:
                     self._orbits[-1] = orbit
                 else:
@@ -49,13 +47,20 @@ class Views:
 
 
 def between(first: Orbit, second: Orbit, share: float) -> Orbit:
-    """The camera on its way from one to another; it turns the shorter way around."""
-    turn = (second.yaw - first.yaw + np.pi) % (2.0 * np.pi) - np.pi
+    """The camera on its way from one to another; it turns the shorter way around.
+
+    There is no way between two directions that are up, or between two kinds of camera.
+    """
+    if (first.up, first.parallel) != (second.up, second.parallel):
+        return first
     values = {
         name: (1.0 - share) * getattr(first, name) + share * getattr(second, name)
         for name in ("target", "distance", "pitch", "field_of_view")
     }
-    return Orbit(yaw=first.yaw + share * turn, **values)
+    for name in ("yaw", "roll"):
+        turn = (getattr(second, name) - getattr(first, name) + np.pi) % (2.0 * np.pi) - np.pi
+        values[name] = getattr(first, name) + share * turn
+    return replace(first, **values)
 
 
 def turned_around(orbit: Orbit, share: float) -> Orbit:

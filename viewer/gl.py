@@ -29,8 +29,13 @@ def set_uniforms(program: moderngl.Program, **values) -> None:
             program[name].value = tuple(numbers) if np.ndim(value) else value
 
 
-def depth_terms(near: float, far: float) -> tuple[float, float]:
-    """(a, b) with window depth = a + b / z for a distance z in front of the camera plane."""
+def depth_terms(near: float, far: float, parallel: bool = False) -> tuple[float, float]:
+    """(a, b) with window depth = a + b / z for a distance z in front of the camera plane.
+
+    Where rays are parallel, window depth = a + b · z.
+    """
+    if parallel:
+        return -near / (far - near), 1.0 / (far - near)
     return far / (far - near), -far * near / (far - near)
 
 

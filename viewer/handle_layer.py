@@ -44,7 +44,7 @@ class HandleLayer:
         """Draw into the framebuffer in use what the settings ask for."""
         view = np.linalg.inv(camera.camera_to_world)
         projection = view_projection(camera, *clip_range) @ camera.camera_to_world
-        matrices = {"world_to_camera": view, "projection": projection}
+        matrices = {"world_to_camera": view, "projection": projection, "parallel": camera.parallel}
         self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         if self._scene.settings.show_wireframe:
@@ -68,7 +68,7 @@ class HandleLayer:
         self._sphere_buffer.write(instances)
         gl.set_uniforms(
             self._spheres.program,
-            depth_terms=gl.depth_terms(*clip_range),
+            depth_terms=gl.depth_terms(*clip_range, camera.parallel),
             bias=self._scene.handle_bias,
             pixel_angle=1.0 / camera.focal,
             opacity=1.0,

@@ -1,7 +1,8 @@
 """Picks spheres under a pixel, projects points, and finds the points in sight.
 
 Pixels are the image's: x to the right, y down, the center of the first one at (½, ½).
-t is the distance from the eye along a pixel's unit ray, as in the depth image.
+t is the distance along a pixel's unit ray, as in the depth image: from the eye, or, where rays
+are parallel, from the plane that they start in.
 """
 
 import numpy as np
@@ -15,25 +16,45 @@ def project(camera: Camera, points):
     local = offsets @ camera.camera_to_world[:3, :3]
     in_front = local[:, 2] < -1e-9
     depth = np.where(in_front, -local[:, 2], np.nan)
-    x = 0.5 * camera.width + camera.focal * local[:, 0] / depth
-    y = 0.5 * camera.height - camera.focal * local[:, 1] / depth
-    t = np.where(in_front, np.linalg.norm(offsets, axis=1), -np.inf)
-    return np.stack([x, y], axis=1), t
+    (cx, cy), scale = camera.lens.center, pixels_per_unit(camera, depth)
+    pixels = np.stack([cx + scale * local[:, 0], cy - scale * local[:, 1]], axis=1)
+    pixels[~in_front] = np.nan
+    t = depth if camera.parallel else np.linalg.norm(offsets, axis=1)
+    return pixels, np.where(in_front, t, -np.inf)
+
+
+def pixels_per_unit(camera: Camera, depth):
+    """How many pixels a unit across the axis of view takes at a depth along it."""
+    return camera.focal if camera.parallel else camera.focal / depth
+
+
+def ray(camera: Camera, pixel):
+    """The ray through one pixel: where it starts and its unit direction, [3] each."""
+    cx, cy = camera.lens.center
+    x, y = (pixel[0] - cx) / camera.focal, (cy - pixel[1]) / camera.focal
+    turn = camera.camera_to_world[:3, :3]
+    if camera.parallel:
+        return camera.position + turn @ np.array([x, y, 0.0]), camera.forward
+    direction = turn @ np.array([x, y, -1.0])
+    return camera.position, direction / np.linalg.norm(direction)
 
 
 def ray_direction(camera: Camera, pixel):
     """The unit direction through one pixel.  [3]"""
-    x = (pixel[0] - 0.5 * camera.width) / camera.focal
-    y = (0.5 * camera.height - pixel[1]) / camera.focal
-    direction = camera.camera_to_world[:3, :3] @ np.array([x, y, -1.0])
-    return direction / np.linalg.norm(direction)
+    return ray(camera, pixel)[1]
+
+
+def point_at(camera: Camera, pixel, t: float):
+    """The point at a distance on the ray through one pixel.  [3]"""
+    start, direction = ray(camera, pixel)
+    return start + t * direction
 
 
 def onto_view_plane(camera: Camera, pixel, point):
     """The point under `pixel` in the plane through `point` that faces the camera.  [3]"""
-    direction = ray_direction(camera, pixel)
+    start, direction = ray(camera, pixel)
     depth = (np.asarray(point) - camera.position) @ camera.forward
-    return camera.position + direction * (depth / (direction @ camera.forward))
+    return start + direction * (depth / (direction @ camera.forward))
 
 
 def depth_at(depth_image, camera: Camera, pixels):
@@ -71,7 +92,7 @@ def pick_sphere(camera: Camera, pixel, centers, radius: float, shown, slack: flo
         slack: Pixels by which a pick may miss a sphere.
     """
     pixels, t = project(camera, centers)
-    reach = camera.focal * radius / np.maximum(t, 1e-9) + slack
+    reach = pixels_per_unit(camera, np.maximum(t, 1e-9)) * radius + slack
     distance = np.hypot(*(pixels - np.asarray(pixel, float)).T)
     candidates = np.flatnonzero(shown & (distance <= reach))
     return int(candidates[np.argmin(t[candidates])]) if len(candidates) else None

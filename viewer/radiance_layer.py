@@ -16,6 +16,7 @@ import warp as wp
 from ..core.field import level_edges
 from ..core.render import RenderOptions, render_mode
 from . import gl
+from .picking import pixels_per_unit
 from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Picture, Sampling, finer
 from .upload import ImageTexture
 
@@ -101,7 +102,7 @@ class RadianceLayer:
         scene, settings = self._scene, self._scene.settings
         seen = (
             camera.camera_to_world.tobytes(),
-            (camera.focal, camera.width, camera.height),
+            (camera.lens, camera.parallel),
             (scene.revision, settings.mode, settings.background),
             (settings.fixed_resolution, self.most_samples),
         )
@@ -139,7 +140,7 @@ class RadianceLayer:
         # On CUDA, flip is the wait for the screen, and costs rendering nothing.
         others = (*OTHER_PARTS, "flip") if self.device.is_cpu else OTHER_PARTS
         moving.aim(scene.settings.target_fps, self._times.recent(others))
-        pixel = scene.orbit.distance / (camera.focal * rung.factor)
+        pixel = 1.0 / (rung.factor * pixels_per_unit(camera, scene.orbit.distance))
         start = time.perf_counter()
         self._render_at(rung.factor, camera, rung.savings(self._level_edges, pixel))
         moving.measured(time.perf_counter() - start)
@@ -206,7 +207,7 @@ class RadianceLayer:
         """Draw color and depth into the framebuffer in use."""
         self.shown.texture.color.use(0)
         self.shown.texture.depth.use(1)
-        half_height = 0.5 * camera.height / camera.focal
+        extent = np.array([camera.width, camera.height]) / camera.focal
         gl.set_uniforms(
             self._triangle.program,
             field_color=0,
@@ -214,8 +215,10 @@ class RadianceLayer:
             background=self._scene.settings.background,
             squares=np.array([camera.width, camera.height]) / CHECKER_SIZE,
             checkerboard=self._scene.settings.checkerboard,
-            half_extent=(half_height * camera.width / camera.height, half_height),
-            depth_terms=gl.depth_terms(*clip_range),
+            extent=extent,
+            axis=np.array(camera.lens.center) / [camera.width, camera.height],
+            parallel=camera.parallel,
+            depth_terms=gl.depth_terms(*clip_range, camera.parallel),
         )
         self._ctx.enable_only(moderngl.DEPTH_TEST)  # without the test nothing is written
         self._ctx.depth_func = "1"  # always

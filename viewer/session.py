@@ -28,7 +28,7 @@ from ..core.deform import Material
 from ..core.paths import program_version, whole_file
 from ..core.render import MODES
 from .journal import EDITS, Event
-from .orbit import CLOSEST, FARTHEST, STEEPEST, Orbit
+from .orbit import CLOSEST, FARTHEST, Orbit, changed
 from .scene import Scene  # its methods and those of Body are the edits
 
 KEY, VERSION = "deformrf session", 1
@@ -178,6 +178,10 @@ def _is_point(value):
     )
 
 
+def _is_direction(value):
+    return _is_point(value) and abs(math.hypot(*value) - 1.0) < 1e-6
+
+
 def _are_vertices(value, count):
     return isinstance(value, list) and all(_is_number(x, 0, count - 1, int) for x in value)
 
@@ -218,7 +222,10 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "target": _is_point,
     "distance": _number(CLOSEST, FARTHEST),
     "yaw": _number(-10.0, 10.0),
-    "pitch": _number(-STEEPEST, STEEPEST),
+    "pitch": _number(-0.5 * math.pi, 0.5 * math.pi),
+    "roll": _number(-10.0, 10.0),
+    "up": _is_direction,
+    "parallel": _flag,
     "field_of_view": _number(1e-3, 3.0),
     "stiffness": lambda value: value is None or isinstance(value, str),
     "mode": lambda value: value in MODES,
@@ -328,11 +335,7 @@ class Player:
 
     def _show(self, view):
         scene = self.scene
-        orbit = {name: view[name] for name in ORBIT if name in view}
-        if "target" in orbit:
-            orbit["target"] = np.array(orbit["target"], float)
-        if orbit:
-            scene.orbit = Orbit(**(vars(scene.orbit) | orbit))
+        scene.orbit = changed(scene.orbit, {name: view[name] for name in ORBIT if name in view})
         for name in set(view) - set(ORBIT):
             value = tuple(view[name]) if name == "background" else view[name]
             setattr(scene.settings, name, value)

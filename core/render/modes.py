@@ -90,8 +90,9 @@ def gray(x: float):
 @wp.func
 def surface_point(rendered: Rendered, i: int, j: int):
     """The point in a pixel, relative to the eye."""
-    _origin, direction = camera_ray(rendered.camera, j, rendered.first_row + i)
-    return rendered.depth[i, j] * direction
+    pose = rendered.camera.camera_to_world
+    origin, direction = camera_ray(rendered.camera, j, rendered.first_row + i)
+    return origin - wp.vec3(pose[0, 3], pose[1, 3], pose[2, 3]) + rendered.depth[i, j] * direction
 
 
 @wp.func
@@ -118,7 +119,8 @@ def normal_color(rendered: Rendered, i: int, j: int):
         x = surface_point(rendered, i, j + across) - p
         y = surface_point(rendered, i + down, j) - p
         n = wp.normalize(wp.cross(x, y))
-        if wp.dot(n, p) > 0.0:
+        _origin, direction = camera_ray(rendered.camera, j, rendered.first_row + i)
+        if wp.dot(n, direction) > 0.0:
             n = -n
         c = 0.5 * (n + gray(1.0))
     return c
@@ -153,8 +155,9 @@ def heated(heat: wp.array(dtype=wp.vec3), x: float):
 def level_color(rendered: Rendered, t: float):
     """The color of `levels_reference`."""
     level_count = rendered.edge_pixels.shape[0]
+    away = wp.where(rendered.camera.parallel != 0, 1.0, t)  # parallel rays see one size
     level = int(0)
-    while level + 1 < level_count and rendered.edge_pixels[level + 1] >= t:
+    while level + 1 < level_count and rendered.edge_pixels[level + 1] >= away:
         level += 1
     c = heated(rendered.heat, float(level) / float(wp.max(level_count - 1, 1)))
     return wp.where(wp.isfinite(t), c, gray(wp.nan))

@@ -3,6 +3,9 @@
 Camera space is OpenGL's: the camera looks along -z, y is up, x to the right.  Pixel
 (column u, row v) has its center at (u + ½, v + ½); row 0 is the top.  Distances along a
 ray are called t and are measured in units of the space that `camera_to_world` maps to.
+
+Rays of a pinhole camera start at its position.  Those of a parallel (orthographic) camera look
+along -z and start in the plane through its position: its focal lengths are pixels per unit.
 """
 
 from dataclasses import dataclass, replace
@@ -21,6 +24,7 @@ class Camera:
 
     camera_to_world: np.ndarray  # [4, 4] float64: rigid, OpenGL's axes
     lens: Lens
+    parallel: bool = False
 
     @property
     def width(self) -> int:
@@ -32,7 +36,7 @@ class Camera:
 
     @property
     def focal(self) -> float:
-        """The horizontal focal length in pixels; a pinhole has no other one."""
+        """The horizontal focal length in pixels (or pixels per unit, if rays are parallel)."""
         return self.lens.focal[0]
 
     @property
@@ -94,9 +98,18 @@ def in_space(poses, matrix):
 def view_projection(camera: Camera, near: float, far: float):
     """World space to OpenGL clip space, without the lens's distortion.  [4, 4]"""
     (fx, fy), (cx, cy) = camera.lens.focal, camera.lens.center
+    x, y = 2.0 * cx / camera.width - 1.0, 1.0 - 2.0 * cy / camera.height  # of the axis
+    if camera.parallel:
+        projection = [
+            [2.0 * fx / camera.width, 0.0, 0.0, x],
+            [0.0, 2.0 * fy / camera.height, 0.0, y],
+            [0.0, 0.0, 2.0 / (near - far), (far + near) / (near - far)],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+        return np.array(projection) @ np.linalg.inv(camera.camera_to_world)
     projection = [
-        [2.0 * fx / camera.width, 0.0, 1.0 - 2.0 * cx / camera.width, 0.0],
-        [0.0, 2.0 * fy / camera.height, 2.0 * cy / camera.height - 1.0, 0.0],
+        [2.0 * fx / camera.width, 0.0, -x, 0.0],
+        [0.0, 2.0 * fy / camera.height, -y, 0.0],
         [0.0, 0.0, (far + near) / (near - far), 2.0 * far * near / (near - far)],
         [0.0, 0.0, -1.0, 0.0],
     ]
@@ -111,6 +124,9 @@ def camera_rays(camera: Camera):
         lens, (u - lens.center[0]) / lens.focal[0], (v - lens.center[1]) / lens.focal[1]
     )
     local = np.stack([x, -y, -np.ones_like(x)], axis=-1).reshape(-1, 3)
+    if camera.parallel:
+        aside = local * [1.0, 1.0, 0.0] @ camera_to_world[:3, :3].T
+        return camera_to_world[:3, 3] + aside, np.broadcast_to(camera.forward, aside.shape)
     directions = local @ camera_to_world[:3, :3].T
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return np.broadcast_to(camera_to_world[:3, 3], directions.shape), directions
@@ -122,12 +138,14 @@ class DeviceCamera:
 
     camera_to_world: wp.mat44
     lens: DeviceLens
+    parallel: int
 
 
 def device_camera(camera: Camera) -> DeviceCamera:
     value = DeviceCamera()
     value.camera_to_world = wp.mat44(camera.camera_to_world)
     value.lens = device_lens(camera.lens)
+    value.parallel = int(camera.parallel)
     return value
 
 
@@ -136,7 +154,11 @@ def camera_ray(camera: DeviceCamera, column: int, row: int):
     """`camera_rays` on the device: a pixel's origin and unit direction."""
     pose = camera.camera_to_world
     d = lens_direction(camera.lens, column, row)
-    return wp.vec3(pose[0, 3], pose[1, 3], pose[2, 3]), wp.normalize(wp.transform_vector(pose, d))
+    origin = wp.vec3(pose[0, 3], pose[1, 3], pose[2, 3])
+    if camera.parallel != 0:
+        origin += wp.transform_vector(pose, wp.vec3(-d[0] / d[2], -d[1] / d[2], 0.0))
+        d = wp.vec3(0.0, 0.0, -1.0)
+    return origin, wp.normalize(wp.transform_vector(pose, d))
 
 
 @wp.kernel
