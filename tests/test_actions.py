@@ -52,13 +52,13 @@ def test_undo_and_redo_say_what_they_did(app_like):
 
 def test_undo_in_the_middle_of_a_drag_lets_go(controls, scene, app_like):
     before = scene.solver.vertices.numpy().copy()
-    vertex = int(scene.control_ids[0])
+    vertex = int(scene.handles.control_ids[0])
     controls._grab(vertex, np.zeros(2))
-    scene.drag_to(scene.grabbed.target + np.array([0.1, 0.0, 0.0]))
+    scene.handles.drag_to(scene.handles.grabbed.target.place + np.array([0.1, 0.0, 0.0]))
     scene.advance(TIME_STEP)
-    assert scene.grabbed is not None
+    assert scene.handles.grabbed is not None
     a.ACTIONS["undo"](app_like)
-    assert scene.grabbed is None and controls.mode == ""
+    assert scene.handles.grabbed is None and controls.mode == ""
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), before)
 
 
@@ -76,5 +76,5 @@ def test_a_drag_while_paused_says_why_nothing_moves(controls, scene):
     said = []
     controls._say = said.append
     scene.paused = True
-    controls._grab(int(scene.control_ids[0]), np.zeros(2))
+    controls._grab(int(scene.handles.control_ids[0]), np.zeros(2))
     assert said == [c.PAUSED]

@@ -46,13 +46,13 @@ def send(app, name, *arguments):
 def view_point(app, vertex):
     """A vertex in pyglet's coordinates."""
     camera = app.controls.camera
-    (at,), _ = picking.project(camera, app.scene.positions[vertex][None])
+    (at,), _ = picking.project(camera, app.scene.handles.at([vertex]))
     return round(at[0]), round(app.window.height - 1 - at[1])
 
 
 def free_vertex(app):
     """A visible control vertex that no panel covers."""
-    for vertex in app.scene.control_ids[app.controls.shown(app.scene.control_ids)]:
+    for vertex in app.scene.handles.control_ids[app.controls.shown(app.scene.handles.control_ids)]:
         if not app.gui.covers(*view_point(app, vertex)):
             return int(vertex)
     pytest.fail("the panel covers every vertex")
@@ -72,7 +72,7 @@ def test_pressing_and_moving_bends_the_object(bare):
     vertex = free_vertex(bare)
     x, y = view_point(bare, vertex)
     send(bare, "on_mouse_motion", x, y, 0, 0)
-    assert bare.scene.hover == vertex
+    assert bare.scene.handles.hover == vertex
     send(bare, "on_mouse_press", x, y, mouse.LEFT, 0)
     send(bare, "on_mouse_drag", x + 20, y + 15, 20, 15, mouse.LEFT, 0)
     time.sleep(0.04)
@@ -102,9 +102,9 @@ def test_escape_ends_the_drag_and_not_the_program(bare):
 
     x, y = view_point(bare, free_vertex(bare))
     send(bare, "on_mouse_press", x, y, mouse.LEFT, 0)
-    assert bare.scene.grabbed is not None
+    assert bare.scene.handles.grabbed is not None
     send(bare, "on_key_press", key.ESCAPE, 0)
-    assert bare.scene.grabbed is None
+    assert bare.scene.handles.grabbed is None
     assert not bare.window.has_exit
     send(bare, "on_key_press", key.Q, key.MOD_CTRL)
     assert bare.window.has_exit
@@ -121,7 +121,7 @@ def test_a_press_on_the_panel_stays_there(app):
     send(app, "on_mouse_release", 70, 100, mouse.LEFT, 0)
     send(app, "on_mouse_scroll", *inside, 0, 3)
     assert app.scene.orbit is orbit
-    assert app.scene.grabbed is None
+    assert app.scene.handles.grabbed is None
 
 
 WIDGETS = (

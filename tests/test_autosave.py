@@ -132,11 +132,11 @@ def frames(app, count):
 @pytest.mark.gl
 def test_a_session_that_was_left_behind_is_offered_and_goes_on(app, ball, tmp_path):
     scene = app.scene
-    vertex = int(scene.control_ids[0])
-    scene.grab(vertex)
-    scene.drag_to(scene.grabbed.target + np.array([0.1, 0.0, 0.0]))
+    vertex = int(scene.handles.control_ids[0])
+    scene.handles.grab(vertex)
+    scene.handles.drag_to(scene.handles.grabbed.target.place + np.array([0.1, 0.0, 0.0]))
     frames(app, 3)
-    scene.release()
+    scene.handles.release()
     scene.set_ground(True)
     a.folder().mkdir(parents=True, exist_ok=True)
     path = save_session(scene, app.session_start, a.folder() / "ball-999999999-1.jsonl")

@@ -59,15 +59,15 @@ def controls(scene, events):
 
 
 def pixel_of(controls, vertex):
-    pixels, _ = picking.project(controls.camera, controls.scene.positions[vertex][None])
+    pixels, _ = picking.project(controls.camera, controls.scene.handles.at([vertex]))
     return pixels[0]
 
 
 def front_vertex(controls):
     """The control vertex nearest to the camera."""
     scene = controls.scene
-    _, t = picking.project(controls.camera, scene.positions[scene.control_ids])
-    return int(scene.control_ids[t.argmin()])
+    _, t = picking.project(controls.camera, scene.handles.at(scene.handles.control_ids))
+    return int(scene.handles.control_ids[t.argmin()])
 
 
 def test_a_dragged_vertex_stays_under_the_mouse(controls, scene):
@@ -79,8 +79,8 @@ def test_a_dragged_vertex_stays_under_the_mouse(controls, scene):
     scene.advance(1 / 30)
     assert pixel_of(controls, vertex) == pytest.approx(press + np.array([28.0, -19.0]), abs=0.01)
     forward = controls.camera.forward
-    moved = scene.positions[vertex] - scene.field.mesh.rest_vertices[vertex]
-    assert moved @ forward == pytest.approx(0, abs=1e-5)
+    moved = scene.handles.at([vertex]) - scene.handles.at([vertex], scene.field.mesh.rest_vertices)
+    assert moved[0] @ forward == pytest.approx(0, abs=1e-5)
 
 
 def test_released_the_object_goes_back(controls, scene, events):
@@ -89,7 +89,7 @@ def test_released_the_object_goes_back(controls, scene, events):
     controls.drag(press + np.array([20.0, 0.0]), 20, 0)
     scene.advance(1 / 30)
     controls.release("left")
-    assert (controls.mode, scene.grabbed) == ("", None)
+    assert (controls.mode, scene.handles.grabbed) == ("", None)
     for _ in range(300):
         scene.advance(1 / 60)
     assert displacements(scene).max() < 0.01
@@ -109,13 +109,13 @@ def test_pins_do_not_move_with_a_drag(controls, scene):
 def front_pin(controls):
     """The pin nearest to the camera."""
     scene = controls.scene
-    _, t = picking.project(controls.camera, scene.positions[scene.pin_ids])
-    return int(scene.pin_ids[t.argmin()])
+    _, t = picking.project(controls.camera, scene.handles.at(scene.handles.pin_ids))
+    return int(scene.handles.pin_ids[t.argmin()])
 
 
 def test_a_click_on_a_pin_frees_it_and_a_drag_from_there_orbits(controls, scene, events):
-    scene.set_pin(int(scene.control_ids[0]), True)  # one is above the others
-    for pin in (int(scene.pin_ids[0]), front_pin(controls)):
+    scene.handles.set_pin(int(scene.handles.control_ids[0]), True)  # one is above the others
+    for pin in (int(scene.handles.pin_ids[0]), front_pin(controls)):
         at, before = pixel_of(controls, pin), scene.orbit
         controls.press(at, "left")
         if controls.mode == "grab":  # a control vertex lies in front of it
@@ -139,7 +139,8 @@ def test_shift_and_a_click_pin_a_vertex(controls, scene, events):
     controls.press(pixel_of(controls, vertex), "left", shift=True)
     controls.drag(pixel_of(controls, vertex) + np.array([30.0, 0.0]), 30, 0)
     controls.release("left")
-    assert scene.solver.pinned[vertex] and scene.grabbed is None
+    assert scene.solver.pinned[scene.handles.corners(vertex)].all()
+    assert scene.handles.grabbed is None
     assert [name for name, _ in events] == ["pin"]
     assert controls.pick(pixel_of(controls, vertex)) != vertex
 
@@ -189,10 +190,10 @@ def test_a_vertex_hidden_behind_the_object_is_not_picked(controls, scene):
     vertex = front_vertex(controls)
     pixel = pixel_of(controls, vertex)
     controls.motion(pixel)
-    assert scene.hover == vertex
+    assert scene.handles.hover == vertex
     controls._depth_image = lambda: np.full((24, 32), 0.5, np.float32)
     controls.motion(pixel)
-    assert scene.hover is None
+    assert scene.handles.hover is None
 
 
 def test_hidden_handles_cannot_be_grabbed(controls, scene):
@@ -211,7 +212,7 @@ def test_cancel_puts_everything_back(controls, scene):
     assert scene.positions == pytest.approx(before)
     controls.drag(press, 1, 1)  # the button is still down
     controls.release("left")
-    assert scene.grabbed is None
+    assert scene.handles.grabbed is None
 
 
 @pytest.mark.parametrize("ending", ["release", "cancel"])
@@ -223,7 +224,7 @@ def test_a_drag_goes_on_without_a_vertex_that_was_let_go_by_something_else(
     scene.reset()
     controls.drag(press + np.array([20.0, 0.0]), 20, 0)
     controls.release("left") if ending == "release" else controls.cancel()
-    assert (controls.mode, scene.grabbed) == ("", None)
+    assert (controls.mode, scene.handles.grabbed) == ("", None)
     assert [name for name, _ in events] == ["grab"]
 
 
@@ -271,7 +272,7 @@ def test_a_ball_pushes_what_is_under_the_mouse(controls, scene, events):
     scene.settings.tool = "push"
     pixel = pixel_of(controls, front_vertex(controls))
     controls.press(pixel, "left")
-    assert controls.mode == "push" and scene.grabbed is None
+    assert controls.mode == "push" and scene.handles.grabbed is None
     start = scene.ball.target.copy()
     side, _, forward = controls.camera.camera_to_world[:3, :3].T
     for _ in range(20):
@@ -302,8 +303,9 @@ def test_escape_and_reset_take_the_ball_away(controls, scene):
 @pytest.mark.parametrize("tool, stiffer", [("stiffen", True), ("soften", False)])
 def test_a_brush_changes_what_the_mouse_passes(controls, scene, tool, stiffer):
     scene.settings.tool, scene.settings.grab_radius = tool, 0.2
-    vertex = front_vertex(controls)
-    point = scene.positions[vertex].astype(float)
+    near = scene.handles.corners(front_vertex(controls))
+    vertex = int(near[scene.positions[near, 2].argmax()])  # one on the ball
+    point = scene.handles.at([vertex])[0]
     controls._surface_at = lambda pixel, beside=True: point
     pixel = pixel_of(controls, vertex)
     controls.press(pixel, "left")
@@ -312,7 +314,7 @@ def test_a_brush_changes_what_the_mouse_passes(controls, scene, tool, stiffer):
     controls.release("left")
     factor = scene.body.factors[vertex]
     assert factor == pytest.approx(1.2**6 if stiffer else 1.2**-6)
-    assert scene.grabbed is None and controls.mode == ""
+    assert scene.handles.grabbed is None and controls.mode == ""
 
 
 def test_a_brush_beside_the_object_paints_nothing(controls, scene):
@@ -325,7 +327,7 @@ def test_a_brush_beside_the_object_paints_nothing(controls, scene):
 
 def test_another_tool_may_be_chosen_while_the_brush_is_down(controls, scene):
     scene.settings.tool = "stiffen"
-    point = scene.positions[front_vertex(controls)].astype(float)
+    point = scene.handles.at([front_vertex(controls)])[0]
     controls._surface_at = lambda pixel, beside=True: point
     controls.press((5, 5), "left")
     scene.settings.tool = "push"
@@ -336,12 +338,12 @@ def test_another_tool_may_be_chosen_while_the_brush_is_down(controls, scene):
 
 def test_a_pin_under_the_mouse_is_marked(controls, scene):
     """It is what a click would free."""
-    _, t = picking.project(controls.camera, scene.positions[scene.pin_ids])
-    pin = int(scene.pin_ids[t.argmin()])
+    _, t = picking.project(controls.camera, scene.handles.at(scene.handles.pin_ids))
+    pin = int(scene.handles.pin_ids[t.argmin()])
     pixel = pixel_of(controls, pin)
     assert controls.pick(pixel) is None
     controls.motion(pixel)
-    assert scene.hover == pin
+    assert scene.handles.hover == pin
     controls.press(pixel, "left")
     controls.release("left")
     assert not scene.solver.pinned[pin]

@@ -116,11 +116,11 @@ def recorded(ball, tmp_path):
 
     scene = Scene(ball, "ball", "cpu")
     scene.settings.grab_radius, scene.settings.show_handles = 0.3, False
-    start, vertex = start_of(scene), int(scene.control_ids[0])
+    start, vertex = start_of(scene), int(scene.handles.control_ids[0])
     scene.advance(1 / 60)
-    scene.grab(vertex)
+    scene.handles.grab(vertex)
     for _ in range(20):
-        scene.drag_to(np.add(scene.grabbed.target, [0.0, 0.0, 0.01]))
+        scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, [0.0, 0.0, 0.01]))
         scene.orbit = orbits.turned(scene.orbit, 2.0, 0.5, 64)
         scene.advance(1 / 30)
     return scene, save_session(scene, start, tmp_path / "s.jsonl")

@@ -10,6 +10,7 @@ from deformrf.viewer import orbit as orbits
 from deformrf.viewer import picking
 from deformrf.viewer.gl import Canvas
 from deformrf.viewer.handle_layer import PIN_SCALE, YELLOW, HandleLayer, sphere_instances
+from deformrf.viewer.points import ControlPoints
 from deformrf.viewer.radiance_layer import RadianceLayer
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.times import FrameTimes
@@ -49,7 +50,7 @@ def draw(scene, context, objects=True):
 def test_a_sphere_is_where_picking_says_and_as_large(scene, window, parallel):
     scene.orbit = replace(scene.orbit, parallel=parallel)
     image, _, camera = draw(scene, window[1], objects=False)
-    pixels, t = picking.project(camera, scene.positions[scene.control_ids])
+    pixels, t = picking.project(camera, scene.handles.at(scene.handles.control_ids))
     for (x, y), distance in zip(pixels, t, strict=True):
         assert is_red(image)[int(y), int(x)] or image[int(y), int(x)].max() > 80
         assert distance > 0
@@ -65,7 +66,7 @@ def test_a_sphere_is_where_picking_says_and_as_large(scene, window, parallel):
 def test_a_sphere_shows_exactly_where_it_can_be_picked(scene, window, parallel):
     scene.orbit = replace(scene.orbit, parallel=parallel)
     image, depth, camera = draw(scene, window[1])
-    points = scene.positions[scene.control_ids]
+    points = scene.handles.at(scene.handles.control_ids)
     shown = picking.visible(camera, points, depth, scene.handle_bias)
     pixels, _ = picking.project(camera, points)
     red = is_red(image)
@@ -81,16 +82,18 @@ def test_a_held_sphere_inside_the_object_is_a_ghost(scene, window):
     """A vertex at the back, and one in the middle: hidden, but a hand that holds it sees it."""
     away = np.linalg.norm(scene.positions - scene.center, axis=1)
     vertex = int(away.argmin())
-    scene._controls = np.append(scene._controls, vertex)
+    scene.handles.points = scene.handles.points.joined(
+        ControlPoints(np.full((1, 4), vertex), np.array([[1.0, 0.0, 0.0, 0.0]]))
+    )
     before, _, camera = draw(scene, window[1])
-    scene.grab(vertex)
+    scene.handles.grab(vertex)
     image, _, _ = draw(scene, window[1])
-    (pixel,), _ = picking.project(camera, scene.positions[vertex][None])
+    (pixel,), _ = picking.project(camera, scene.handles.at([vertex]))
     x, y = pixel.astype(int)
     change = image[y, x].astype(int) - before[y, x]
     assert change[0] > 15 and change[0] > change[2]  # a tint of yellow, not a sphere
     assert abs(image[y, x].astype(int) - np.multiply(255, YELLOW)).max() > 60
-    scene.release()
+    scene.handles.release()
     after, _, _ = draw(scene, window[1])
     np.testing.assert_array_equal(after, before)
 
@@ -107,16 +110,16 @@ def test_wires_are_drawn_when_asked_for(scene, window):
 
 
 def test_hovered_is_larger_and_grabbed_has_another_color(scene):
-    vertex = int(scene.control_ids[0])
-    at = scene.positions[vertex]
+    vertex = int(scene.handles.control_ids[0])
+    at = scene.handles.at([vertex])[0]
 
     def instance():
         return next(row for row in sphere_instances(scene) if np.array_equal(row[:3], at))
 
     plain = instance()
-    scene.hover = vertex
+    scene.handles.hover = vertex
     hovered = instance()
-    scene.grab(vertex)
+    scene.handles.grab(vertex)
     grabbed = instance()
     assert hovered[3] > plain[3]
     colors = {tuple(row[4:]) for row in (plain, hovered, grabbed)}
@@ -130,4 +133,4 @@ def test_pins_are_smaller_and_not_red(scene):
     assert pins[:, 3] == pytest.approx(PIN_SCALE * scene.handle_radius)
     assert (pins[:, 6] > pins[:, 4]).all()
     scene.hold(False)
-    assert len(sphere_instances(scene)) == len(scene.control_ids)
+    assert len(sphere_instances(scene)) == len(scene.handles.control_ids)

@@ -20,14 +20,14 @@ def test_a_pinned_pose_stays_without_a_jerk(field, trial):
     """Bent by a quarter or a half of its size; from 2 s on no frame moves anything by 0.1 %."""
     random = np.random.default_rng()
     scene = Scene(field, "model", "cpu")
-    vertex, way = int(random.choice(scene.control_ids)), random.normal(size=3)
+    vertex, way = int(random.choice(scene.handles.control_ids)), random.normal(size=3)
     way *= random.choice([0.25, 0.5]) * scene.size / np.linalg.norm(way)
-    start = scene.positions[vertex].astype(float)
-    scene.grab(vertex)
+    start = scene.handles.at([vertex])[0]
+    scene.handles.grab(vertex)
     for frame in range(90):
-        scene.drag_to(start + way * min(1.0, (frame + 1) / 60))
+        scene.handles.drag_to(start + way * min(1.0, (frame + 1) / 60))
         scene.advance(TIME_STEP)
-    scene.pin_grab()
+    scene.handles.pin_grab()
     for frame in range(300):
         before = scene.solver.vertices.numpy().copy()
         scene.solver.step(TIME_STEP)

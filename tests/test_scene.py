@@ -27,8 +27,8 @@ def steps(scene, monkeypatch):
 
 
 def grab_free(scene):
-    vertex = int(scene.control_ids[0])
-    scene.grab(vertex)
+    vertex = int(scene.handles.control_ids[0])
+    scene.handles.grab(vertex)
     return vertex
 
 
@@ -68,19 +68,19 @@ def test_a_paused_scene_takes_only_single_steps(scene, steps):
 
 def test_the_grabbed_vertex_is_at_its_target_after_a_frame(scene):
     vertex = grab_free(scene)
-    target = scene.positions[vertex] + np.array([0.05, 0.02, 0.0])
-    scene.drag_to(target)
+    target = scene.handles.at([vertex])[0] + np.array([0.05, 0.02, 0.0])
+    scene.handles.drag_to(target)
     scene.advance(4 * TIME_STEP)
-    assert scene.positions[vertex] == pytest.approx(target, abs=1e-5)
+    assert scene.handles.at([vertex])[0] == pytest.approx(target, abs=1e-5)
 
 
 def test_a_drag_takes_along_what_is_within_the_radius_as_one_body(scene):
     scene.settings.grab_radius = 0.3
     vertex = grab_free(scene)
     rest = scene.positions.copy()
-    ids = scene.grabbed.ids
+    ids = scene.handles.grabbed.ids
     assert len(ids) > 1
-    scene.drag_to(rest[vertex] + np.array([0.1, 0.0, 0.0], np.float32))
+    scene.handles.drag_to(scene.handles.at([vertex], rest)[0] + [0.1, 0.0, 0.0])
     scene.advance(TIME_STEP)
     moved = scene.positions[ids] - rest[ids]
     assert moved == pytest.approx(np.tile([0.1, 0, 0], (len(ids), 1)), abs=1e-5)
@@ -88,7 +88,7 @@ def test_a_drag_takes_along_what_is_within_the_radius_as_one_body(scene):
 
 def test_a_held_object_at_rest_does_not_count_as_changed(scene):
     vertex = grab_free(scene)
-    scene.drag_to(scene.positions[vertex] + np.float32(0.05))
+    scene.handles.drag_to(scene.handles.at([vertex])[0] + np.float32(0.05))
     for _ in range(600):
         scene.advance(TIME_STEP)
     revision = scene.revision
@@ -100,7 +100,7 @@ def test_a_held_object_at_rest_does_not_count_as_changed(scene):
 
 def test_reset_is_the_rest_pose(scene):
     vertex = grab_free(scene)
-    scene.drag_to(scene.positions[vertex] + 0.1)
+    scene.handles.drag_to(scene.handles.at([vertex])[0] + 0.1)
     scene.advance(TIME_STEP)
     scene.reset()
     assert displacements(scene).max() == 0.0
@@ -109,7 +109,7 @@ def test_reset_is_the_rest_pose(scene):
 
 def test_another_number_of_substeps_keeps_the_pose(scene):
     vertex = grab_free(scene)
-    scene.drag_to(scene.positions[vertex] + 0.1)
+    scene.handles.drag_to(scene.handles.at([vertex])[0] + 0.1)
     scene.advance(TIME_STEP)
     before = scene.positions.copy()
     scene.body.set_options(substep_count=7)
@@ -120,10 +120,10 @@ def test_another_number_of_substeps_keeps_the_pose(scene):
 def test_another_number_of_substeps_does_not_end_a_drag(scene):
     vertex = grab_free(scene)
     scene.body.set_options(substep_count=7)
-    target = scene.positions[vertex] + np.array([0.05, 0.02, 0.0])
-    scene.drag_to(target)
+    target = scene.handles.at([vertex])[0] + np.array([0.05, 0.02, 0.0])
+    scene.handles.drag_to(target)
     scene.advance(4 * TIME_STEP)
-    assert scene.positions[vertex] == pytest.approx(target, abs=1e-5)
+    assert scene.handles.at([vertex])[0] == pytest.approx(target, abs=1e-5)
 
 
 def test_pins_can_be_let_go_and_set_again(scene):
@@ -135,20 +135,22 @@ def test_pins_can_be_let_go_and_set_again(scene):
 
 
 def test_one_pin_can_be_freed_and_one_vertex_pinned_where_it_is(scene):
-    pin, vertex = int(scene.pin_ids[0]), grab_free(scene)
-    scene.drag_to(scene.positions[vertex] + np.float32(0.05))
+    pin, vertex = int(scene.handles.pin_ids[0]), grab_free(scene)
+    scene.handles.drag_to(scene.handles.at([vertex])[0] + np.float32(0.05))
     scene.advance(TIME_STEP)
-    bent = scene.positions[vertex].copy()
-    scene.release()
-    scene.set_pin(vertex, True)
-    scene.set_pin(pin, False)
-    assert vertex in scene.pin_ids and vertex not in scene.control_ids
-    assert pin not in scene.pin_ids
+    bent = scene.handles.at([vertex])[0].copy()
+    scene.handles.release()
+    scene.handles.set_pin(vertex, True)
+    scene.handles.set_pin(pin, False)
+    assert set(scene.handles.corners(vertex)) <= set(np.flatnonzero(scene.solver.pinned))
+    assert vertex not in scene.handles.control_ids
+    assert pin not in scene.handles.pin_ids
     for _ in range(30):
         scene.advance(TIME_STEP)
-    assert (scene.positions[vertex] == bent).all()
+    assert (scene.handles.at([vertex])[0] == bent).all()
     scene.hold(True)
-    assert scene.solver.pinned[[pin, vertex]].all()  # what the user pinned stays
+    kept = [pin, *scene.handles.corners(vertex)]
+    assert scene.solver.pinned[kept].all()  # what the user pinned stays
     scene.hold(False)
     assert not scene.held
 
@@ -176,15 +178,17 @@ def test_a_soft_drag_is_followed_but_not_exactly_and_weaker_towards_the_radius(s
     vertex = grab_free(scene)
     rest = scene.positions.copy()
     way = np.array([0.1, 0.0, 0.0], np.float32)
-    scene.drag_to(rest[vertex] + way)
+    scene.handles.drag_to(scene.handles.at([vertex], rest)[0] + way)
     for _ in range(120):
         scene.advance(TIME_STEP)
     moved = scene.positions - rest
-    assert 0.9 < moved[vertex, 0] / way[0] < 1.01
-    away = np.linalg.norm(rest[scene.grabbed.ids] - rest[vertex], axis=1)
-    followed = moved[scene.grabbed.ids, 0] / way[0]
+    (gone,) = scene.handles.at([vertex], moved)
+    assert 0.9 < gone[0] / way[0] < 1.01
+    ids = scene.handles.grabbed.ids
+    away = np.linalg.norm(rest[ids] - scene.handles.at([vertex], rest), axis=1)
+    followed = moved[ids, 0] / way[0]
     assert followed[away > 0.2 * scene.size].mean() < followed[away < 0.1 * scene.size].mean()
-    scene.release()
+    scene.handles.release()
     for _ in range(300):
         scene.advance(TIME_STEP)
     assert displacements(scene).max() < 0.01
@@ -193,16 +197,17 @@ def test_a_soft_drag_is_followed_but_not_exactly_and_weaker_towards_the_radius(s
 def test_a_soft_drag_of_one_vertex_to_far_away_tears_nothing(scene):
     scene.settings.soft_grab, scene.settings.grab_radius = True, 0.0
     vertex = grab_free(scene)
-    assert scene.grabbed.ids.tolist() == [vertex]
-    scene.drag_to(scene.positions[vertex] + np.float32(100.0))
+    assert set(scene.handles.grabbed.ids) == set(scene.handles.corners(vertex))
+    scene.handles.drag_to(scene.handles.at([vertex])[0] + np.float32(100.0))
     for _ in range(60):
         scene.advance(TIME_STEP)
     assert displacements(scene).max() < 3.0
 
 
 def test_no_control_vertex_is_a_pin(scene):
-    assert not scene.pins[scene.control_ids].any()
-    assert len(scene.control_ids) > 20
+    pinned = [scene.pins[scene.handles.corners(one)].all() for one in scene.handles.control_ids]
+    assert not any(pinned)
+    assert len(scene.handles.control_ids) > 20
 
 
 def test_a_poisson_ratio_below_the_limit_raises_no_warning(scene):
@@ -266,18 +271,18 @@ def test_focus_follows_what_is_seen_and_not_the_rest_of_the_mesh(upper_half):
 
 
 def test_focus_on_a_vertex_turns_about_it(scene):
-    scene.hover = int(scene.control_ids[3])
+    scene.handles.hover = int(scene.handles.control_ids[3])
     scene.viewpoint.focus()
-    assert scene.orbit.target == pytest.approx(scene.positions[scene.hover])
+    assert scene.orbit.target == pytest.approx(scene.handles.at([scene.handles.hover])[0])
 
 
 def test_a_pin_that_was_freed_can_be_dragged_and_pinned_again(scene):
-    pin = int(scene.pin_ids[0])
-    assert pin not in scene.control_ids
-    scene.set_pin(pin, False)
-    assert pin in scene.control_ids and pin not in scene.pin_ids
-    scene.set_pin(pin, True)
-    assert pin not in scene.control_ids and pin in scene.pin_ids
+    pin = int(scene.handles.pin_ids[0])
+    assert pin not in scene.handles.control_ids
+    scene.handles.set_pin(pin, False)
+    assert pin in scene.handles.control_ids and pin not in scene.handles.pin_ids
+    scene.handles.set_pin(pin, True)
+    assert pin not in scene.handles.control_ids and pin in scene.handles.pin_ids
 
 
 def test_an_object_without_pins_falls_onto_a_ground(scene):
@@ -308,21 +313,21 @@ def test_a_speck_has_no_handles(ball):
         stiffness=None,
     )
     scene = Scene(field, "ball with a speck", "cpu")
-    assert len(scene.control_ids) > 10 and scene.control_ids.max() < count
+    assert len(scene.handles.control_ids) > 10 and scene.handles.points.corners.max() < count
 
 
 @pytest.mark.parametrize("soft", [False, True])
 def test_a_drag_is_pinned_with_its_patch_where_it_is(scene, soft):
     scene.settings.soft_grab, scene.settings.grab_radius = soft, 0.3
     vertex = grab_free(scene)
-    held = scene.grabbed.ids
-    scene.drag_to(scene.grabbed.target + np.array([0.1, 0.0, 0.1]))
+    held = scene.handles.grabbed.ids
+    scene.handles.drag_to(scene.handles.grabbed.target.place + np.array([0.1, 0.0, 0.1]))
     for _ in range(30):
         scene.advance(TIME_STEP)
     before = scene.positions.copy()
-    scene.pin_grab()
+    scene.handles.pin_grab()
     patch = scene.solver.pinned & ~scene.pins
-    assert scene.grabbed is None and patch[vertex]
+    assert scene.handles.grabbed is None and patch[scene.handles.corners(vertex)].all()
     assert 1 < patch.sum() <= len(held) and set(np.flatnonzero(patch)) <= set(held)
     for _ in range(30):
         scene.advance(TIME_STEP)
@@ -330,23 +335,24 @@ def test_a_drag_is_pinned_with_its_patch_where_it_is(scene, soft):
 
 
 def test_a_patch_is_freed_as_one_and_other_pins_stay(scene):
-    first, second = (int(i) for i in scene.control_ids[[0, -1]])
-    scene.set_pin(first, True)
+    first, second = (int(i) for i in scene.handles.control_ids[[0, 1]])
+    scene.handles.set_pin(first, True)
     one = scene.solver.pinned & ~scene.pins
-    scene.set_pin(second, True)
+    scene.handles.set_pin(second, True)
     assert (scene.solver.pinned & ~scene.pins).sum() > one.sum()
-    scene.set_pin(int(np.flatnonzero(one)[-1]), False)  # any of them
-    assert not scene.solver.pinned[first] and scene.solver.pinned[second]
+    scene.handles.set_pin(int(np.flatnonzero(one)[-1]), False)  # any of them
+    pinned, corners = scene.solver.pinned, scene.handles.corners
+    assert not pinned[corners(first)].any() and pinned[corners(second)].all()
     assert scene.solver.pinned[scene.pins].all()
-    scene.set_pin(second, False)
+    scene.handles.set_pin(int(corners(second)[0]), False)
     np.testing.assert_array_equal(scene.solver.pinned, scene.pins)
 
 
 def test_what_is_painted_is_stored_in_a_model_and_used_again(scene, tmp_path):
     """Around a point of the surface as it is now, less towards the radius."""
     scene.settings.grab_radius = 0.3
-    vertex = int(scene.control_ids[0])
-    scene.paint(scene.positions[vertex], 8.0)
+    vertex = int(scene.handles.corners(scene.handles.control_ids[0])[0])
+    scene.paint(scene.handles.at([vertex])[0], 8.0)
     factors = scene.body.factors
     assert factors[vertex] == pytest.approx(8.0) and factors.min() == 1.0
     assert ((factors > 1.0) & (factors < 8.0)).any()
@@ -364,11 +370,11 @@ def test_what_is_painted_is_stored_in_a_model_and_used_again(scene, tmp_path):
 def test_esc_gives_back_what_yielded(scene):
     scene.body.set_material(yield_strain=0.05)
     vertex = grab_free(scene)
-    scene.drag_to(scene.positions[vertex] + np.array([0.4, 0.0, 0.2]))
+    scene.handles.drag_to(scene.handles.at([vertex])[0] + np.array([0.4, 0.0, 0.2]))
     for _ in range(30):
         scene.advance(TIME_STEP)
     assert np.abs(scene.solver.rest_lengths - scene.solver.edges.rest_values).max() > 0.01
-    scene.cancel_grab()
+    scene.handles.cancel()
     for _ in range(60):
         scene.advance(TIME_STEP)
     assert displacements(scene).max() < 1e-3
@@ -388,8 +394,8 @@ def test_a_ball_that_stood_still_moves_on(scene):
 
 
 def test_reset_brings_pins_back_but_not_to_what_floats(scene):
-    pin = int(scene.pin_ids[0])
-    scene.set_pin(pin, False)
+    pin = int(scene.handles.pin_ids[0])
+    scene.handles.set_pin(pin, False)
     assert not scene.solver.pinned[scene.pins].all()
     scene.reset()
     np.testing.assert_array_equal(scene.solver.pinned, scene.pins)

@@ -93,7 +93,7 @@ def test_a_vertex_that_the_model_has_not_is_refused(window, ball_file, tmp_path)
     arguments = ("--headless", "--device", "cpu", "--screenshot", tmp_path / "a.png")
     done = run(ball_file, *arguments, "--drag", "999:0,0,1")
     assert done.returncode == 2
-    assert "the model has 0 to 131" in done.stderr
+    assert "the model has 0 to" in done.stderr
 
 
 def test_without_a_display_it_says_what_to_do(ball_file):

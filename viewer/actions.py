@@ -89,7 +89,7 @@ def _toggle(name, owner_of=attrgetter("scene.settings")):
 
 def _toggle_handles(app):
     _toggle("show_handles")(app)
-    app.scene.hover = None
+    app.scene.handles.hover = None
 
 
 _toggle_handles.is_on = lambda app: app.scene.settings.show_handles

@@ -96,7 +96,7 @@ class App:
             self.window.remove_handlers(self.controls)
             self.radiance.release()
         self.radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
-        self.handles = HandleLayer(self.ctx, scene)
+        self.handle_layer = HandleLayer(self.ctx, scene)
         say = self.recorder.say
         self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
         self.scene, self.session_start = scene, start_of(scene)
@@ -126,7 +126,7 @@ class App:
         begin_anew(scene)
         self.session_start = start_of(scene) | session.header["start"]
         Player(scene, session).play_to(session.ticks)
-        scene.release()
+        scene.handles.release()
         scene.end_push()
         if scene.paused:
             scene.paused = False
@@ -211,7 +211,7 @@ class App:
         controls.size = size = self.size
         controls.ratio = size[0] / max(self.window.width, 1)
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
-            scene.hover = None
+            scene.handles.hover = None
         with times.part("simulate"):
             scene.advance(seconds)
         camera, clip_range = controls.camera, orbits.clip_range(scene.orbit)
@@ -223,7 +223,7 @@ class App:
             self.radiance.draw(camera, clip_range)
             if not scene.settings.handles_in_clips:
                 self._record_view()
-            self.handles.draw(camera, clip_range)
+            self.handle_layer.draw(camera, clip_range)
             if scene.settings.handles_in_clips:
                 self._record_view()
         if self.gui is not None:

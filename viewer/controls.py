@@ -55,8 +55,8 @@ class Controls:
         if not self.mode:
             pixel = self._pixel(x, y)
             control = self.pick(pixel)
-            pin = self.pick(pixel, self.scene.pin_ids) if control is None else None
-            self.scene.hover = pin if control is None else control
+            pin = self.pick(pixel, self.scene.handles.pin_ids) if control is None else None
+            self.scene.handles.hover = pin if control is None else control
 
     def on_mouse_press(self, x, y, button, modifiers):
         if self.mode or button not in (LEFT, MIDDLE, RIGHT):
@@ -77,7 +77,7 @@ class Controls:
             self._grab(vertex, pixel)
         else:
             self.mode = "orbit" if button == LEFT else "pan"
-            pin = self.pick(pixel, self.scene.pin_ids) if button == LEFT else None
+            pin = self.pick(pixel, self.scene.handles.pin_ids) if button == LEFT else None
             self._pin = None if pin is None else (pin, pixel)
 
     def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
@@ -93,9 +93,11 @@ class Controls:
         elif self.mode == "paint":
             self._paint(pixel)
         elif self.mode == "grab":
-            if scene.grabbed is not None:  # a reset lets go while the button is still down
-                plane = scene.grabbed.target
-                scene.drag_to(picking.onto_view_plane(self.camera, pixel - self._miss, plane))
+            grab = scene.handles.grabbed
+            if grab is not None:  # a reset lets go while the button is still down
+                place = grab.target.place
+                place = picking.onto_view_plane(self.camera, pixel - self._miss, place)
+                scene.handles.drag_to(place)
         elif self.mode:
             move = orbits.turned if self.mode == "orbit" else orbits.panned
             scene.orbit = move(scene.orbit, dx * self.ratio, -dy * self.ratio, self.size[1])
@@ -110,10 +112,10 @@ class Controls:
         elif self.mode == "paint":
             self._log("paint", factors=scene.body.factors is not None)
         elif self.mode == "grab":
-            if scene.grabbed is not None:
-                vertex = scene.grabbed.vertex
-                scene.release()
-                self._log("release", vertex=vertex, position=scene.positions[vertex])
+            if scene.handles.grabbed is not None:
+                vertex = scene.handles.grabbed.handles[0]
+                scene.handles.release()
+                self._log("release", vertex=vertex, position=self._place(vertex))
         elif self._pin is not None:
             self._set_pin(self._pin[0], False)
         elif self.mode:
@@ -134,19 +136,21 @@ class Controls:
             self.mode, self._button = "", 0
         if self.mode != "grab":
             return
-        if self.scene.grabbed is not None:
-            vertex = self.scene.grabbed.vertex
-            self.scene.cancel_grab()
+        handles = self.scene.handles
+        if handles.grabbed is not None:
+            vertex = handles.grabbed.handles[0]
+            handles.cancel()
             self._log("cancel", vertex=vertex)
         self.mode, self._button = "", 0
 
     def pin(self) -> None:
         """End the drag: what is held is pinned where it is."""
-        if self.mode != "grab" or self.scene.grabbed is None:
+        handles = self.scene.handles
+        if self.mode != "grab" or handles.grabbed is None:
             return
-        vertex = self.scene.grabbed.vertex
-        self.scene.pin_grab()
-        self._log("pin", vertex=vertex, position=self.scene.positions[vertex])
+        vertex = handles.grabbed.handles[0]
+        handles.pin_grab()
+        self._log("pin", vertex=vertex, position=self._place(vertex))
         self.mode, self._button = "", 0
 
     # -- what is under the mouse ---------------------------------------------------------
@@ -154,10 +158,10 @@ class Controls:
     def pick(self, pixel, ids=None) -> int | None:
         """The vertex whose sphere is there, of these (default: the control vertices)."""
         scene, slack = self.scene, PICK_SLACK * self.ratio
-        ids = scene.control_ids if ids is None else ids
+        ids = scene.handles.control_ids if ids is None else ids
         shown = self.shown(ids)
         index = picking.pick_sphere(
-            self.camera, pixel, scene.positions[ids], scene.handle_radius, shown, slack
+            self.camera, pixel, scene.handles.at(ids), scene.handle_radius, shown, slack
         )
         return None if index is None else int(ids[index])
 
@@ -166,7 +170,7 @@ class Controls:
         scene = self.scene
         if not scene.settings.show_handles:
             return np.zeros(len(ids), bool)
-        points = scene.positions[ids]
+        points = scene.handles.at(ids)
         return picking.visible(self.camera, points, self._depth_image(), scene.handle_bias)
 
     def _surface_at(self, pixel, beside=True):
@@ -191,14 +195,14 @@ class Controls:
 
     def _grab(self, vertex, pixel):
         scene = self.scene
-        (center,), _ = picking.project(self.camera, scene.positions[vertex][None])
+        (center,), _ = picking.project(self.camera, self._place(vertex)[None])
         self._miss = pixel - center
-        scene.grab(vertex)
-        scene.hover = vertex
+        scene.handles.grab(vertex)
+        scene.handles.hover = vertex
         self.mode = "grab"
         if scene.paused:
             self._say(PAUSED)
-        self._log("grab", vertex=vertex, position=scene.positions[vertex], pixel=center)
+        self._log("grab", vertex=vertex, position=self._place(vertex), pixel=center)
 
     def _push(self, pixel):
         """Put the ball on the surface under the mouse."""
@@ -215,6 +219,9 @@ class Controls:
         if point is not None:
             self.scene.paint(point, self._factor)
 
+    def _place(self, handle):
+        return self.scene.handles.at([handle])[0]
+
     def _set_pin(self, vertex, pinned):
-        self.scene.set_pin(vertex, pinned)
+        self.scene.handles.set_pin(vertex, pinned)
         self._log("pin" if pinned else "free", vertex=vertex)

@@ -21,8 +21,8 @@ class EventLog:
 def state_of(app) -> dict:
     """The viewer's state for the events "ready" and "state"."""
     scene, controls, radiance = app.scene, app.controls, app.radiance
-    ids, moved = scene.control_ids, displacements(scene)
-    pixels, _ = picking.project(controls.camera, scene.positions[ids])
+    ids, moved = scene.handles.control_ids, displacements(scene)
+    pixels, _ = picking.project(controls.camera, scene.handles.at(ids))
     return {
         "size": [app.window.width, app.window.height],
         "framebuffer": controls.size,

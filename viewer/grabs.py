@@ -1,9 +1,9 @@
-"""What the mouse holds: a patch of vertices, exactly or by springs, or a ball that pushes.
+"""What the mouse holds: patches of vertices, exactly or by springs, or a ball that pushes.
 
 Shapes: V vertices, K vertices that are held.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,17 +19,82 @@ SOFT_FORCE = 0.25  # of all of them, in E R times the object's size
 LEAST_PULL = 1e-3  # of the strongest spring; weaker ones are left out
 
 
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How far something that is held has gone: to a place, turned and scaled about a center."""
+
+    place: np.ndarray  # of the handle under the mouse, if nothing turns  [3]
+    center: np.ndarray  # about which it turns, as an offset from the place  [3]
+    rotation: np.ndarray = field(default_factory=lambda: np.zeros(3))  # axis times angle
+    scale: float = 1.0
+
+    def __eq__(self, other):
+        same = (self.place == other.place).all() and (self.rotation == other.rotation).all()
+        return bool(same) and self.scale == other.scale
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing is turned or scaled."""
+        return not self.rotation.any() and self.scale == 1.0
+
+    def moved(self, place) -> "Motion":
+        return replace(self, place=np.asarray(place, float))
+
+    def turned(self, rotation, scale: float) -> "Motion":
+        return replace(self, rotation=np.asarray(rotation, float), scale=float(scale))
+
+    def towards(self, other: "Motion", share: float) -> "Motion":
+        """A part of the way to another one."""
+        if share == 1.0:
+            return other
+        place = self.place + share * (other.place - self.place)
+        rotation = self.rotation + share * (other.rotation - self.rotation)
+        return replace(
+            self,
+            place=place,
+            rotation=rotation,
+            scale=self.scale + share * (other.scale - self.scale),
+        )
+
+    def applied(self, offsets):
+        """Where what is held goes to.  offsets [K, 3]: from the place, unturned; -> [K, 3]"""
+        if self.plain:
+            return self.place + offsets
+        turned = self.scale * (offsets - self.center) @ rotation_matrix(self.rotation).T
+        return self.place + self.center + turned
+
+    def undone(self, positions):
+        """The offsets of what is at these positions [K, 3] now."""
+        if self.plain:
+            return positions - self.place
+        away = (positions - self.place - self.center) @ rotation_matrix(self.rotation)
+        return self.center + away / self.scale
+
+
+def rotation_matrix(rotation):
+    """The rotation by axis times angle [3], by Rodrigues' formula.  [3, 3]"""
+    angle = float(np.linalg.norm(rotation))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = np.asarray(rotation) / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
 @dataclass
 class Grab:
-    """A drag in progress: `vertex` and those around it are moved, or pulled, as one body."""
+    """A drag in progress: its handles and those around them are moved, or pulled, as one body."""
 
-    vertex: int
-    ids: np.ndarray  # of the vertices that move along, `vertex` among them  [K]
-    offsets: np.ndarray  # their positions relative to `vertex` when it was grabbed  [K, 3]
-    target: np.ndarray  # target position of `vertex`  [3]
-    reached: np.ndarray  # target of the steps so far  [3]
+    handles: list[int]  # the first one is under the mouse
+    soft: bool  # by springs
+    start: np.ndarray  # where the first handle was  [3]
+    target: Motion
+    reached: Motion  # of the steps so far
     before: tuple[np.ndarray, np.ndarray]  # positions and velocities of all vertices
     rest_lengths: np.ndarray | None  # of all edges, if the material yields
+    ids: np.ndarray | None = None  # of the vertices that are held  [K]
+    offsets: np.ndarray | None = None  # from the place of an unturned Motion  [K, 3]
+    radius: float = 0.0  # around the handles [model units]
 
 
 @dataclass
@@ -41,16 +106,20 @@ class Ball:
     reached: np.ndarray  # its center after the steps so far  [3]
 
 
-def soft_springs(solver, vertex, ids, radius):
-    """The vertices around `vertex` that a soft grab pulls, and their springs.
+def soft_springs(solver, centers, ids, radius):
+    """The vertices that a soft grab pulls, and their springs.
 
     Args:
-        ids: Those within the radius [model units].  [K]
+        centers: The handles at rest.  [H, 3]
+        ids: Vertices within the radius [model units] of one of them.  [K]
 
     Returns:
         ids; stiffnesses [N/m] and force limits [N].  [K], ([K], [K])
     """
-    pull = falloff(solver.rest_vertices, vertex, ids, radius)
+    rest = solver.rest_vertices
+    pull = np.max([falloff(rest, center, ids, radius) for center in centers], axis=0)
+    if not (pull >= LEAST_PULL).any():  # no vertex is as near as the radius: those of the tet
+        pull = np.ones(len(ids))
     ids, pull = ids[pull >= LEAST_PULL], pull[pull >= LEAST_PULL]
     share = solver.held_young_modulus() * solver.object_size * pull / pull.sum()
     radius = max(radius, solver.edges.rest_values.mean())

@@ -11,6 +11,8 @@ from ..core.geometry import boundary_faces
 from ..core.render import view_projection
 from . import gl
 from . import orbit as orbits
+from .handles import MOST_ADDED
+from .points import MOST_POINTS
 
 RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
 STIFF_BLUE, SOFT_PINK = (0.10, 0.12, 0.50), (1.0, 0.75, 0.72)
@@ -28,7 +30,8 @@ class HandleLayer:
     def __init__(self, ctx: moderngl.Context, scene):
         self._ctx, self._scene = ctx, scene
         mesh = scene.field.mesh
-        size = 4 * SPHERE_FLOATS * (mesh.vertex_count + 1)  # and the ball
+        most = mesh.vertex_count + MOST_POINTS + MOST_ADDED + 1  # and the ball
+        size = 4 * SPHERE_FLOATS * most
         self._sphere_buffer = ctx.buffer(reserve=size, dynamic=True)
         layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
         self._spheres = ctx.vertex_array(gl.program(ctx, "handles"), [layout])
@@ -80,7 +83,7 @@ class HandleLayer:
             self._sphere_buffer.write(held)
             gl.set_uniforms(self._spheres.program, opacity=GHOST)
             self._ctx.depth_func = ">"
-            self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=1)
+            self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(held))
             self._ctx.depth_func = "<="
 
 
@@ -92,21 +95,22 @@ def sphere_instances(scene):
     nobody = np.empty(0, int)
     pin_ids, control_ids = nobody, nobody
     if scene.settings.show_handles:
-        pin_ids, control_ids = scene.pin_ids, scene.control_ids
+        pin_ids, control_ids = scene.handles.pin_ids, scene.handles.control_ids
     ids = np.concatenate([pin_ids, control_ids])
     instances = np.empty((len(ids), SPHERE_FLOATS), np.float32)
-    instances[:, :3] = scene.positions[ids]
+    instances[:, :3] = scene.handles.at(ids)
     instances[:, 3] = scene.handle_radius
     instances[:, 4:] = RED
     instances[: len(pin_ids), 3] *= PIN_SCALE
     instances[: len(pin_ids), 4:] = PIN_BLUE
     if scene.body.factors is not None:
-        instances[len(pin_ids) :, 4:] = stiffness_tints(scene.body.factors[control_ids])
-    if scene.hover is not None:
-        instances[ids == scene.hover, 3] = HOVER_SCALE * scene.handle_radius
-        instances[ids == scene.hover, 4:] = ORANGE
-    if scene.grabbed is not None:
-        instances[ids == scene.grabbed.vertex, 4:] = YELLOW
+        instances[len(pin_ids) :, 4:] = stiffness_tints(scene.handles.factors(control_ids))
+    handles = scene.handles
+    if handles.hover is not None:
+        instances[ids == handles.hover, 3] = HOVER_SCALE * scene.handle_radius
+        instances[ids == handles.hover, 4:] = ORANGE
+    if handles.grabbed is not None:
+        instances[np.isin(ids, handles.grabbed.handles), 4:] = YELLOW
     if scene.ball is not None:
         ball = np.array([[*scene.ball.reached, scene.ball.radius, *BALL_GRAY]], np.float32)
         instances = np.concatenate([instances, ball])
@@ -115,11 +119,11 @@ def sphere_instances(scene):
 
 
 def held_sphere(scene):
-    """The sphere of the vertex that is held, as sphere_instances has it.  [0 or 1, 7] float32"""
-    if scene.grabbed is None or not scene.settings.show_handles:
+    """The sphere of the vertex that is held, as sphere_instances has it.  [held, 7] float32"""
+    if scene.handles.grabbed is None or not scene.settings.show_handles:
         return np.empty((0, SPHERE_FLOATS), np.float32)
-    at = scene.positions[scene.grabbed.vertex]
-    return np.array([[*at, scene.handle_radius, *YELLOW]], np.float32)
+    places = scene.handles.at(scene.handles.grabbed.handles)
+    return np.array([[*at, scene.handle_radius, *YELLOW] for at in places], np.float32)
 
 
 def stiffness_tints(factors):

@@ -8,6 +8,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import warp as wp
 
 from ..core import deform, render
@@ -114,7 +115,7 @@ def prepare(field, name: str, device: str, progress: Progress):
 def _warm_up(scene):
     """Take a step with and one without a handle, so that all that steps need is loaded."""
     solver = scene.solver
-    solver.grab(scene.control_ids[:1])
+    solver.grab(np.flatnonzero(~solver.pinned)[:1])
     solver.step(TIME_STEP)
     solver.release()
     solver.step(TIME_STEP)  # it also counts tangles

@@ -4,7 +4,6 @@ The solver always steps by 1/60 s, since another length would make it compute it
 anew; a frame takes as many steps as fit in it.  Positions are model space, V vertices.
 """
 
-import math
 from dataclasses import asdict
 from functools import partial
 
@@ -13,13 +12,13 @@ import numpy as np
 from ..core.deform import (
     TIME_STEP,
     Sphere,
-    control_vertices,
     falloff,
     lowest_pins,
     vertices_within,
 )
 from .body import Body, stored_size
-from .grabs import Ball, Grab, soft_springs
+from .grabs import Ball
+from .handles import Handles
 from .journal import Journal, edit
 from .settings import CPU_TARGET_FPS, SHOWN, Settings
 from .surface import bounds, nearest_vertices, of_the_object
@@ -28,11 +27,9 @@ from .viewpoint import Viewpoint
 
 MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
 VISIBLE = 5e-4  # object sizes, half a pixel in the first view
-CONTROL_COUNT = 40
 SMALLEST_BALL = 0.02  # object sizes
 PINNED_PART = 0.05  # of the object's height
 HANDLE_RADIUS = 0.0135  # of its size
-PATCH_PART = 0.75  # of a soft grab's radius, that is pinned; beyond it, pulls are weak
 
 
 class Scene:
@@ -62,25 +59,24 @@ class Scene:
         # The pins of a held object [V] bool.  The mesh's lowest vertices may be specks below it.
         self.pins = lowest_pins(rest, tets)
         self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
-        self.patches = np.zeros(len(rest), int)  # of pins that were set together; 0: none
         meters = stored_size(field.meta) if meters is None else meters
         factors = None if field.stiffness is None else field.stiffness.astype(float)
         self.body = Body(rest, tets, self.pins, self.size, meters, device, factors)
         self.solver = self.body.solver
         self._nearest = nearest_vertices(self._surface, rest)  # [N], of each point
+        of_object = of_the_object(rest, tets)  # [V]
         near = np.unique(self._nearest)
-        self._near = near[of_the_object(rest, tets)[near]]
-        controls = control_vertices(rest, self._near, CONTROL_COUNT)
-        self._controls = controls[~self.pins[controls]]
-        self.hover: int | None = None  # the vertex under the mouse
-        self.grabbed: Grab | None = None
+        self._near = near[of_object[near]]
+        points = self._surface[of_object[self._nearest]]
+        self.handles = Handles(self, points, self._near)
         self.ball: Ball | None = None
         self._paused = False
         self.revision = 0  # counts the changes of the pose
         self._time = 0.0  # s that frames have lasted and no step has covered
         self._host = None  # the revision, and its positions
         self.viewpoint = Viewpoint(self)
-        self.journal = self.body.journal = Journal(partial(state_of, self), partial(restore, self))
+        self.journal = Journal(partial(state_of, self), partial(restore, self))
+        self.body.journal = self.handles.journal = self.journal
         self.first_state = state_of(self)
 
     # -- pose ----------------------------------------------------------------------------
@@ -123,10 +119,10 @@ class Scene:
         self._time += seconds
         count = min(round(self._time / TIME_STEP), MAX_STEPS)
         self._time = min(self._time - count * TIME_STEP, TIME_STEP)
-        grab, ball = self.grabbed, self.ball
+        ball = self.ball
         for remaining in range(count, 0, -1):  # each tick takes its part of the way
-            if grab is not None and not self.paused and (grab.target != grab.reached).any():
-                self._move(grab.reached + (grab.target - grab.reached) / remaining)
+            if not self.paused:
+                self.handles.follow(1.0 / remaining)
             if self._pushes and not self.paused:
                 self._move_ball(ball.reached + (ball.target - ball.reached) / remaining)
             self.tick()
@@ -166,8 +162,7 @@ class Scene:
     def single_step(self) -> None:
         """Pause, and take one step."""
         self.paused = True
-        if self.grabbed is not None:
-            self._move(self.grabbed.target)
+        self.handles.follow()
         if self.ball is not None:
             self._move_ball(self.ball.target)
         self._single_step()
@@ -180,74 +175,11 @@ class Scene:
     @edit("reset", undo="reset")
     def reset(self) -> None:
         """Back to the rest pose with all its pins, nothing grabbed."""
-        self.release()
+        self.handles.release()
         self.end_push()
         self.solver.reset()
         if self.held and not self.solver.pinned[self.pins].all():  # some were freed
             self.solver.set_pinned(self.solver.pinned | self.pins)
-        self.revision += 1
-
-    # -- handles -------------------------------------------------------------------------
-
-    def grab(self, vertex: int) -> None:
-        """Take hold of a vertex and of those around it at rest."""
-        self._grab(vertex, self._grab_radius, self.settings.soft_grab)
-
-    @edit("grab", undo="drag vertex {vertex}")
-    def _grab(self, vertex, radius, soft):
-        ids = vertices_within(self.field.mesh.rest_vertices, vertex, radius)
-        ids = ids[~self.solver.pinned[ids]]
-        positions = self.solver.vertices.numpy().copy()
-        start = positions[vertex].astype(float)
-        before = positions, self.solver.velocities.numpy().copy()
-        if soft:
-            ids, springs = soft_springs(self.solver, vertex, ids, radius)
-            self.solver.grab(ids, *springs)
-        else:
-            self.solver.grab(ids)
-        offsets = positions[ids] - start
-        yields = math.isfinite(self.body.material.yield_strain)
-        lengths = self.solver.rest_lengths if yields else None
-        self.grabbed = Grab(vertex, ids, offsets, start, start, before, lengths)
-
-    def drag_to(self, target) -> None:
-        """Send the grabbed vertex to a point [3]; exact grabs reach it in the next frame."""
-        self.grabbed.target = np.asarray(target, float)
-
-    @edit("move")
-    def _move(self, to):
-        if self.grabbed is not None:
-            self.grabbed.reached = np.asarray(to, float)
-            self.solver.move(self.grabbed.reached + self.grabbed.offsets)
-
-    @edit("release")
-    def release(self) -> None:
-        if self.grabbed is not None:
-            self.solver.release()
-            self.grabbed = None
-
-    def pin_grab(self) -> None:
-        """Let go, and pin the patch that was held where it is."""
-        self._pin_grab(self._pin_radius)
-
-    @edit("pin_grab", undo="pin what was held")
-    def _pin_grab(self, radius):
-        grab = self.grabbed
-        self.release()
-        if grab is not None:
-            self._set_pin(grab.vertex, True, radius)
-
-    @edit("cancel")
-    def cancel_grab(self) -> None:
-        """Let go, and restore the pose and velocities from before the grab."""
-        grab = self.grabbed
-        self.release()
-        if grab is None:
-            return
-        self.journal.forget_step(f"drag vertex {grab.vertex}")
-        self.solver.set_state(*grab.before)
-        if grab.rest_lengths is not None:
-            self.solver.set_rest_lengths(grab.rest_lengths)
         self.revision += 1
 
     # -- stiffness -----------------------------------------------------------------------
@@ -256,7 +188,7 @@ class Scene:
         """Multiply the stiffness around a point of the surface as it is now [3]."""
         near = self.solver.vertices.numpy()[self._near] - np.asarray(point, float)
         vertex = int(self._near[(near**2).sum(axis=1).argmin()])
-        self._paint(vertex, factor, self._grab_radius)
+        self._paint(vertex, factor, self.grab_radius)
 
     @edit("paint", undo="paint", merges=True)
     def _paint(self, vertex, factor, radius):
@@ -268,7 +200,7 @@ class Scene:
 
     def push(self, point, towards_eye) -> None:
         """Put a ball before a point of the surface [3], in a direction [3]."""
-        self._push(point, towards_eye, max(self._grab_radius, SMALLEST_BALL * self.size))
+        self._push(point, towards_eye, max(self.grab_radius, SMALLEST_BALL * self.size))
 
     @edit("push", undo="push with the ball")
     def _push(self, point, towards_eye, radius):
@@ -301,52 +233,17 @@ class Scene:
         """Whether anything is pinned."""
         return bool(self.solver.pinned.any())
 
-    @property
-    def pin_ids(self):
-        """The pins that are drawn: those by the surface."""
-        return self._near[self.solver.pinned[self._near]]
-
-    @property
-    def control_ids(self):
-        """The vertices that can be dragged, pins that were freed included."""
-        freed = self._near[self.pins[self._near]]
-        ids = np.concatenate([self._controls, freed])
-        return ids[~self.solver.pinned[ids]] if self.held else self._controls
-
     @edit("hold", undo="hold")
     def hold(self, held: bool) -> None:
         """Pin the lowest part of the object where it is, or let all of it float."""
         self.solver.set_pinned((self.pins | self.solver.pinned) & held)
-        self.patches[:] = 0
-        self._keep_in_sight()
-
-    def set_pin(self, vertex: int, pinned: bool) -> None:
-        """Pin a vertex and its patch where they are; or free it, and what was pinned with it."""
-        self._set_pin(vertex, pinned, self._pin_radius)
+        self.handles.patches[:] = 0
+        self.keep_in_sight()
 
     @property
-    def _grab_radius(self):
+    def grab_radius(self) -> float:
         """Within which vertices move together [model units]."""
         return self.settings.grab_radius * self.size
-
-    @property
-    def _pin_radius(self):
-        return self._grab_radius * (PATCH_PART if self.settings.soft_grab else 1.0)
-
-    @edit("set_pin", undo="pins")
-    def _set_pin(self, vertex, pinned, radius):
-        pins = self.solver.pinned.copy()
-        if pinned:
-            patch = vertices_within(self.field.mesh.rest_vertices, vertex, radius)
-            patch = patch[~pins[patch]]
-            self.patches[patch] = self.patches.max() + 1
-            pins[patch] = True
-        else:
-            patch = self.patches == self.patches[vertex] if self.patches[vertex] else vertex
-            pins[patch], self.patches[patch] = False, 0
-        self.solver.set_pinned(pins)
-        self.hover = None
-        self._keep_in_sight()
 
     # -- what surrounds it ---------------------------------------------------------------
 
@@ -366,9 +263,9 @@ class Scene:
     def set_gravity(self, strength: float) -> None:
         """Set gravity, downwards [m/s²]."""
         self.body.set_gravity(strength)
-        self._keep_in_sight()
+        self.keep_in_sight()
 
-    def _keep_in_sight(self):
+    def keep_in_sight(self):
         """Put a ground under an object that falls and is not held: it would leave the view."""
         if self.body.gravity > 0.0 and not self.held and not self.on_ground:
             self.set_ground(True)
@@ -378,13 +275,13 @@ class Scene:
     @edit("undo")
     def undo(self) -> bool:
         """Take back the last step; whether there was one."""
-        self.release()
+        self.handles.release()
         self.end_push()
         return self.journal.undo()
 
     @edit("redo")
     def redo(self) -> bool:
         """Do again what was undone last; whether there was something."""
-        self.release()
+        self.handles.release()
         self.end_push()
         return self.journal.redo()

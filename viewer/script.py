@@ -50,16 +50,16 @@ def resolved(script: DragScript, scene) -> DragScript:
     Raises:
         ValueError: The scene has no such vertex, or it is pinned.
     """
-    free = scene.control_ids[~scene.solver.pinned[scene.control_ids]]
+    free = scene.handles.control_ids
     if script.vertex == TOP:
         if not len(free):
             raise ValueError("--drag names the top vertex, but every control vertex is pinned")
-        heights = scene.field.mesh.rest_vertices[free, 2]
+        heights = scene.handles.at(free)[:, 2]
         return replace(script, vertex=int(free[heights.argmax()]))
-    count = scene.field.mesh.vertex_count
-    if not 0 <= script.vertex < count:
-        raise ValueError(f"--drag names vertex {script.vertex}; the model has 0 to {count - 1}")
-    if scene.solver.pinned[script.vertex]:
+    if not scene.handles.exists(script.vertex):
+        last = scene.field.mesh.vertex_count + len(scene.handles.points) - 1
+        raise ValueError(f"--drag names vertex {script.vertex}; the model has 0 to {last}")
+    if scene.solver.pinned[scene.handles.corners(script.vertex)].all():
         some = ", ".join(map(str, free[:5]))
         raise ValueError(
             f"--drag names vertex {script.vertex}, which is pinned; take one of {some}"
@@ -75,16 +75,16 @@ def hold_ends(frame_count: int) -> int:
 def play(script: DragScript, scene, frame: int, frame_count: int) -> None:
     """Move the scene's grabbed vertex as in this frame; called before the scene advances."""
     if frame == 0:
-        scene.grab(script.vertex)
-    if scene.grabbed is None:
+        scene.handles.grab(script.vertex)
+    if scene.handles.grabbed is None:
         return
     if frame >= hold_ends(frame_count):
-        scene.release()
+        scene.handles.release()
         return
     out = min((frame + 1) / max(frame_count / 3.0, 1.0), 1.0)
     smooth = out * out * (3.0 - 2.0 * out)
-    start = scene.grabbed.before[0][script.vertex]
-    scene.drag_to(start + smooth * np.array(script.offset))
+    start = scene.handles.grabbed.start
+    scene.handles.drag_to(start + smooth * np.array(script.offset))
 
 
 def render_files(app, run, fps: int, drag: DragScript | None) -> None:

@@ -27,8 +27,10 @@ from ..core.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from ..core.deform import Material
 from ..core.paths import program_version, whole_file
 from ..core.render import MODES
+from .handles import MOST_ADDED
 from .journal import EDITS, Event
 from .orbit import CLOSEST, FARTHEST, Orbit, changed
+from .points import MOST_POINTS, ControlPoints
 from .scene import Scene  # its methods and those of Body are the edits
 
 KEY, VERSION = "deformrf session", 1
@@ -78,6 +80,7 @@ def start_of(scene: Scene) -> dict:
         "substep_count": options.substep_count,
         "contact": options.contact,
         "pins": np.flatnonzero(scene.pins).tolist(),
+        "points": scene.handles.points.rows(),
         "floor": scene.floor,
         "stiffness": None if scene.field.stiffness is None else factor_hash(scene.field.stiffness),
     }
@@ -186,6 +189,24 @@ def _are_vertices(value, count):
     return isinstance(value, list) and all(_is_number(x, 0, count - 1, int) for x in value)
 
 
+def _are_weights(value):
+    """Of a point in a tet."""
+    good = isinstance(value, list) and len(value) == 4
+    return good and all(_is_number(x, 0.0, 1.0) for x in value) and abs(sum(value) - 1.0) < 1e-6
+
+
+def _are_points(value, count):
+    """Rows of four vertices and four weights."""
+    return (
+        isinstance(value, list)
+        and len(value) <= MOST_POINTS + MOST_ADDED
+        and all(
+            isinstance(row, list) and _are_vertices(row[:4], count) and _are_weights(row[4:])
+            for row in value
+        )
+    )
+
+
 def _is_color(value):
     return isinstance(value, list) and len(value) == 3 and all(_is_number(x, 0, 1) for x in value)
 
@@ -201,6 +222,9 @@ def _flag(value):
 ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number depends on the mesh
     "radius": _number(0.0, 10.0),
     "to": _is_point,
+    "rotation": _is_point,
+    "scale": _number(1e-3, 1e3),
+    "weights": _are_weights,
     "point": _is_point,
     "towards_eye": _is_point,
     "factor": _number(0.1, 10.0),
@@ -232,6 +256,7 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "background": _is_color,
     **dict.fromkeys(("checkerboard", "show_handles", "show_wireframe"), _flag),
 }
+START = "meters_per_unit", "pins", "points", "floor", "stiffness"  # besides the material
 ORBIT = tuple(f.name for f in fields(Orbit))
 ANY_NAMES = {"set_material": MATERIAL, "set_options": tuple(OPTIONS)}
 VIEW = (*ORBIT, "mode", "background", "checkerboard", "show_handles", "show_wireframe")
@@ -259,23 +284,31 @@ def _event(path, number, line, vertex_count) -> Event:
 def _check(path, number, name, arguments, vertex_count):
     """Raise a SessionError if an edit has an argument that it can't have."""
     if name == "start":
-        known = (*MATERIAL, *OPTIONS, "meters_per_unit", "pins", "floor", "stiffness")
+        known = (*MATERIAL, *OPTIONS, *START)
     elif name == "view":
         known = VIEW
     else:
         known = ANY_NAMES.get(name, EDITS[name].parameters)
     for key, value in arguments.items():
-        good = key in known and (
-            _is_number(value, 0, vertex_count - 1, int)
-            if key == "vertex"
-            else _is_number(value, 1e-6, 10.0)
-            if (name, key) == ("push", "radius")
-            else _are_vertices(value, vertex_count)
-            if key == "pins"
-            else ARGUMENTS[key](value)
-        )
+        good = key in known and _is_good(name, key, value, vertex_count)
         if not good:
             raise SessionError(f"{path}, line {number}: {name} can't have {key} = {value!r}"[:300])
+
+
+def _is_good(name, key, value, vertex_count):
+    """Whether an edit's argument can have a value."""
+    handles = vertex_count + MOST_POINTS + MOST_ADDED
+    if key == "vertex":
+        return _is_number(value, 0, (vertex_count if name == "paint" else handles) - 1, int)
+    if key == "others":
+        return _are_vertices(value, handles)
+    if key in ("pins", "corners"):
+        return _are_vertices(value, vertex_count) and (key == "pins" or len(value) == 4)
+    if key == "points":
+        return _are_points(value, vertex_count)
+    if (name, key) == ("push", "radius"):
+        return _is_number(value, 1e-6, 10.0)
+    return ARGUMENTS[key](value)
 
 
 # -- playing -----------------------------------------------------------------------------------
@@ -293,6 +326,7 @@ class Player:
         if start != start_of(scene):
             start.pop("stiffness")
             scene.floor = start.pop("floor")
+            scene.handles.points = ControlPoints.of_rows(start.pop("points"))
             scene.pins = np.isin(np.arange(len(scene.pins)), start.pop("pins"))
             scene.solver.set_pinned(scene.pins)
             scene.body.set_scale(start.pop("meters_per_unit"))
@@ -328,8 +362,8 @@ class Player:
         except ValueError as error:
             place = f"at tick {event.tick}, {event.name} can't be played"
             raise SessionError(f"the session is damaged: {place} ({error})") from error
-        if scene.grabbed is not None:
-            scene.grabbed.target = scene.grabbed.reached
+        if scene.handles.grabbed is not None:
+            scene.handles.grabbed.target = scene.handles.grabbed.reached
         if scene.ball is not None:
             scene.ball.target = scene.ball.reached
 

@@ -9,7 +9,7 @@ def state_of(scene) -> dict:
     return {
         "body": scene.body.state(),
         "pinned": solver.pinned.copy(),
-        "patches": scene.patches.copy(),
+        "handles": scene.handles.state(),
         "vertices": solver.vertices.numpy().copy(),
         "velocities": solver.velocities.numpy().copy(),
         "asleep": solver.settled,
@@ -20,17 +20,16 @@ def state_of(scene) -> dict:
 def restore(scene, state: dict) -> None:
     """Return to a state; nothing is held afterwards."""
     solver = scene.solver
-    scene.release()
+    scene.handles.release()
     scene.end_push()
     scene.body.restore(state["body"])
     solver.set_pinned(state["pinned"])
-    scene.patches = state["patches"].copy()
+    scene.handles.restore(state["handles"])
     solver.set_state(state["vertices"], state["velocities"])
     if not np.array_equal(solver.rest_lengths.astype(np.float32), state["rest_lengths"]):
         solver.set_rest_lengths(state["rest_lengths"])  # edges have yielded since
     if state["asleep"]:  # awake, even a body at rest moves by roundings
         solver.fall_asleep()
-    scene.hover = None
     scene.revision += 1
 
 

@@ -27,8 +27,8 @@ class Viewpoint:
     def focus(self) -> None:
         """Frame the object as it is now, or turn about the vertex under the mouse."""
         scene = self._scene
-        if scene.hover is not None:
-            target = scene.positions[scene.hover].astype(float)
+        if scene.handles.hover is not None:
+            (target,) = scene.handles.at([scene.handles.hover])
             self.orbit = replace(self.orbit, target=target)
             return
         low, high = bounds(scene.seen_points)

@@ -61,20 +61,30 @@ def control_vertices(rest_vertices, tets, count=24):
     return used[chosen]
 
 
-def vertices_within(rest_vertices, vertex, radius):
-    """The vertices no farther than a radius from one vertex, itself included, at rest.  [K]"""
-    squared = ((rest_vertices - rest_vertices[vertex]) ** 2).sum(axis=1)
-    return np.flatnonzero(squared <= radius * radius)
-
-
-def falloff(rest_vertices, vertex, ids, radius):
-    """The share of a pull at one vertex that each of these gets: (1 − (d/radius)²)².  [K]
-
-    It is 1 at the vertex and falls to 0 at the radius with slope 0; a kink would be visible.
+def vertices_within(rest_vertices, center, radius):
+    """The vertices no farther than a radius from a vertex or a point, at rest.  [K]
 
     Args:
-        ids: Vertices within the radius at rest.  [K]
-        radius: With 0, only the vertex itself gets a share.
+        center: A vertex id, or a point [3].
     """
-    squared = ((rest_vertices[ids] - rest_vertices[vertex]) ** 2).sum(axis=1)
+    return np.flatnonzero(_squared(rest_vertices, center) <= radius * radius)
+
+
+def falloff(rest_vertices, center, ids, radius):
+    """The share of a pull at a center that each of these gets: (1 − (d/radius)²)².  [K]
+
+    It is 1 at the center and falls to 0 at the radius with slope 0; a kink would be visible.
+
+    Args:
+        center: A vertex id, or a point [3].
+        ids: Vertices within the radius at rest.  [K]
+        radius: With 0, only a vertex at the center gets a share.
+    """
+    squared = _squared(rest_vertices, center)[ids]
     return (1.0 - np.minimum(squared / max(radius * radius, 1e-30), 1.0)) ** 2
+
+
+def _squared(rest_vertices, center):
+    """Squared distances of all vertices from a center.  [V]"""
+    center = rest_vertices[center] if np.ndim(center) == 0 else np.asarray(center)
+    return ((rest_vertices - center) ** 2).sum(axis=1)

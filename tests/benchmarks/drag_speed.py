@@ -30,15 +30,17 @@ def measure(app, target, seconds):
     scene.reset()
     scene.settings.target_fps = target
     scene.settings.show_handles = False
-    vertex = scene.control_ids[np.argmax(scene.field.mesh.rest_vertices[scene.control_ids, 2])]
-    scene.grab(vertex)
-    start = scene.grabbed.target.copy()
+    vertex = scene.handles.control_ids[
+        np.argmax(scene.field.mesh.rest_vertices[scene.handles.control_ids, 2])
+    ]
+    scene.handles.grab(vertex)
+    start = scene.handles.grabbed.target.place.copy()
     frames, sides, whole = [], [], []
     begin = last = time.perf_counter()
     while last - begin < WARM_UP_SECONDS + seconds:
         angle = 2.0 * np.pi * (last - begin) / TURN
         offset = 0.15 * scene.size * np.array([np.sin(angle), 1.0 - np.cos(angle), 0.0])
-        scene.drag_to(start + offset)
+        scene.handles.drag_to(start + offset)
         now = time.perf_counter()
         app.frame(now - last)
         if last - begin > WARM_UP_SECONDS:
@@ -52,7 +54,7 @@ def measure(app, target, seconds):
     app.frame(0.0, whole=True)
     exact = app.canvas.read()[..., :3] / 255.0
     scene.paused = False
-    scene.release()
+    scene.handles.release()
     return {
         "target": target,
         "fps": 1.0 / np.mean(frames),

@@ -54,9 +54,10 @@ def deform_panel(app):
 
 def vertex_line(scene) -> str:
     """Which vertex is held or under the mouse; a line in any case, or the panel would jump."""
-    if scene.grabbed is not None:
-        return f"holding vertex {scene.grabbed.vertex}"
-    return "no vertex under the mouse" if scene.hover is None else f"vertex {scene.hover}"
+    handles = scene.handles
+    if handles.grabbed is not None:
+        return f"holding vertex {handles.grabbed.handles[0]}"
+    return "no vertex under the mouse" if handles.hover is None else f"vertex {handles.hover}"
 
 
 def _time_buttons(app):

@@ -1,0 +1,92 @@
+"""Control points: points of the visible surface, each fixed in a tet, by which one drags.
+
+A point's weights say where in its tet it is; it goes where the tet goes.  Shapes: V vertices,
+T tets, C control points.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MOST_POINTS = 100  # that are placed at the start
+SPACING = 0.12  # of the object's size, between two of them
+FLAT = 1e-12  # of the longest side cubed: a tet of less volume holds no point
+
+
+@dataclass(frozen=True)
+class ControlPoints:
+    """Points in tets."""
+
+    corners: np.ndarray  # vertex ids of each point's tet  [C, 4]
+    weights: np.ndarray  # barycentric, float64  [C, 4]
+
+    @staticmethod
+    def of_rows(rows: list) -> "ControlPoints":
+        """Those of rows of four vertex ids and four weights."""
+        rows = np.array(rows, float).reshape(-1, 8)
+        return ControlPoints(rows[:, :4].astype(int), rows[:, 4:])
+
+    def rows(self) -> list:
+        """As lists of four vertex ids and four weights."""
+        return [
+            [*ids, *parts]
+            for ids, parts in zip(self.corners.tolist(), self.weights.tolist(), strict=True)
+        ]
+
+    def __len__(self):
+        return len(self.corners)
+
+    def at(self, vertices):
+        """Where they are, for these vertices [V, 3].  [C, 3] float64"""
+        return np.einsum("ck,ckx->cx", self.weights, np.asarray(vertices, float)[self.corners])
+
+    def share(self, marked):
+        """The part of each point that belongs to marked vertices [V] bool.  [C]"""
+        return (self.weights * marked[self.corners]).sum(axis=1)
+
+    def joined(self, more: "ControlPoints") -> "ControlPoints":
+        """These, and more behind them."""
+        corners = np.concatenate([self.corners, more.corners])
+        return ControlPoints(corners, np.concatenate([self.weights, more.weights]))
+
+
+def spread(points, spacing: float, count: int):
+    """Ids of points [N, 3] that are at least `spacing` apart, by farthest-point sampling.
+
+    The first one is the farthest from their middle.  [at most count]
+    """
+    points = np.asarray(points, float)
+    apart = np.full(len(points), np.inf)  # squared distance to the chosen ones
+    chosen = []
+    candidate = int(((points - points.mean(axis=0)) ** 2).sum(axis=1).argmax())
+    while len(chosen) < min(count, len(points)) and apart[candidate] >= spacing**2:
+        chosen.append(candidate)
+        apart = np.minimum(apart, ((points - points[candidate]) ** 2).sum(axis=1))
+        candidate = int(apart.argmax())
+    return np.array(chosen)
+
+
+def located(points, vertices, tets) -> ControlPoints:
+    """The tet in which each point [N, 3] is, or the one that it is least outside of."""
+    corners = np.asarray(vertices, float)[tets]
+    origins, sides = corners[:, 0], corners[:, 1:] - corners[:, :1]  # [T, 3], [T, 3, 3]
+    # Rows that measure an offset from the origin in parts of the three sides (Cramer's rule).
+    rows = np.cross(sides[:, [1, 2, 0]], sides[:, [2, 0, 1]])
+    volumes = (sides[:, 0] * rows[:, 0]).sum(axis=1)
+    flat = abs(volumes) <= FLAT * float(np.ptp(corners, axis=(0, 1)).max()) ** 3
+    rows = rows / np.where(flat, 1.0, volumes)[:, None, None]
+    ids, weights = [], []
+    for point in np.asarray(points, float):
+        parts = np.einsum("tkx,tx->tk", rows, point - origins)
+        parts = np.concatenate([1.0 - parts.sum(axis=1, keepdims=True), parts], axis=1)
+        best = int(np.where(flat, -np.inf, parts.min(axis=1)).argmax())
+        inside = np.maximum(parts[best], 0.0)
+        ids.append(best)
+        weights.append(inside / inside.sum())
+    return ControlPoints(np.asarray(tets)[ids], np.array(weights).reshape(-1, 4))
+
+
+def placed(surface, rest_vertices, tets, size: float) -> ControlPoints:
+    """Control points that are spread over points of the surface [N, 3].  `size`: the object's."""
+    chosen = spread(surface, SPACING * size, MOST_POINTS)
+    return located(np.asarray(surface)[chosen], rest_vertices, tets)
