@@ -33,13 +33,13 @@ def send(app, name, *arguments):
 
 def view_point(app, vertex):
     """A vertex in pyglet's coordinates."""
-    (at,), _ = picking.project(app.controls.camera, app.scene.positions[vertex][None])
+    (at,), _ = picking.project(app.controls.camera, app.scene.handles.at([vertex]))
     return round(at[0]), round(app.window.height - 1 - at[1])
 
 
 def free_vertex(app):
     """A visible control vertex that no panel covers."""
-    for vertex in app.scene.control_ids[app.controls.shown(app.scene.control_ids)]:
+    for vertex in app.scene.handles.control_ids[app.controls.shown(app.scene.handles.control_ids)]:
         if not app.gui.covers(*view_point(app, vertex)):
             return int(vertex)
     pytest.fail("the panel covers every vertex")
@@ -57,7 +57,8 @@ def test_another_scene_takes_the_place_of_the_one_before(app, ball):
     x, y = view_point(app, vertex)
     send(app, "on_mouse_motion", x, y, 0, 0)
     send(app, "on_mouse_press", x, y, mouse.LEFT, 0)
-    assert (before.hover, before.grabbed, app.scene.grabbed.vertex) == (None, None, vertex)
+    assert (before.handles.hover, before.handles.grabbed) == (None, None)
+    assert app.scene.handles.grabbed.handles == [vertex]
     send(app, "on_mouse_release", x, y, mouse.LEFT, 0)
     app.scene.settings.show_panel = True
     frames(app, 2)

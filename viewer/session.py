@@ -17,29 +17,23 @@ Nothing in a file is trusted: names, kinds and ranges are checked before anythin
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from ..core.arguments import LARGEST_SIZE, SMALLEST_SIZE
-from ..core.deform import Material
 from ..core.paths import program_version, whole_file
-from ..core.render import MODES
-from .handles import MOST_ADDED
 from .journal import EDITS, Event
-from .orbit import CLOSEST, FARTHEST, Orbit, changed
-from .points import MOST_POINTS, ControlPoints
+from .orbit import changed
+from .points import ControlPoints
 from .scene import Scene  # its methods and those of Body are the edits
+from .session_values import ANY_NAMES, MATERIAL, OPTIONS, ORBIT, START, VIEW, is_good, is_number
 
 KEY, VERSION = "deformrf session", 1
 LARGEST_FILE = 512 * 2**20  # bytes
 LONGEST = 24 * 3600 * 60  # ticks: a day
 MOST_EVENTS = 2_000_000
-FARTHEST_POINT = 1e3  # model units
-MATERIAL = tuple(f.name for f in fields(Material))
-OPTIONS = {"substep_count": (1, 1000), "contact": bool}
 
 
 class SessionError(ValueError):
@@ -161,7 +155,7 @@ def _check_header(path, header, mesh):
             f"this one of {mesh.tet_count} tets"
         )
     start, ticks = header.get("start"), header.get("ticks")
-    if not isinstance(start, dict) or not _is_number(ticks, 0, LONGEST, int):
+    if not isinstance(start, dict) or not is_number(ticks, 0, LONGEST, int):
         raise SessionError(f"{path}: its first line lacks 'start' or 'ticks'")
     _check(path, 1, "start", start, mesh.vertex_count)
 
@@ -169,105 +163,12 @@ def _check_header(path, header, mesh):
 # -- events ------------------------------------------------------------------------------------
 
 
-def _is_number(value, low, high, kind=(int, float)):
-    return isinstance(value, kind) and not isinstance(value, bool) and low <= value <= high
-
-
-def _is_point(value):
-    return (
-        isinstance(value, list)
-        and len(value) == 3
-        and all(_is_number(x, -FARTHEST_POINT, FARTHEST_POINT) for x in value)
-    )
-
-
-def _is_direction(value):
-    return _is_point(value) and abs(math.hypot(*value) - 1.0) < 1e-6
-
-
-def _are_vertices(value, count):
-    return isinstance(value, list) and all(_is_number(x, 0, count - 1, int) for x in value)
-
-
-def _are_weights(value):
-    """Of a point in a tet."""
-    good = isinstance(value, list) and len(value) == 4
-    return good and all(_is_number(x, 0.0, 1.0) for x in value) and abs(sum(value) - 1.0) < 1e-6
-
-
-def _are_points(value, count):
-    """Rows of four vertices and four weights."""
-    return (
-        isinstance(value, list)
-        and len(value) <= MOST_POINTS + MOST_ADDED
-        and all(
-            isinstance(row, list) and _are_vertices(row[:4], count) and _are_weights(row[4:])
-            for row in value
-        )
-    )
-
-
-def _is_color(value):
-    return isinstance(value, list) and len(value) == 3 and all(_is_number(x, 0, 1) for x in value)
-
-
-def _number(low, high, kind=(int, float)):
-    return lambda value: _is_number(value, low, high, kind)
-
-
-def _flag(value):
-    return isinstance(value, bool)
-
-
-ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number depends on the mesh
-    "radius": _number(0.0, 10.0),
-    "to": _is_point,
-    "rotation": _is_point,
-    "scale": _number(1e-3, 1e3),
-    "weights": _are_weights,
-    "point": _is_point,
-    "towards_eye": _is_point,
-    "factor": _number(0.1, 10.0),
-    "strength": _number(0.0, 1e4),
-    "rate": _number(0.0, 1e4),
-    "speed": _number(-1e4, 1e4),
-    "meters_per_unit": _number(1e-3 * SMALLEST_SIZE, 1e3 * LARGEST_SIZE),
-    "floor": _number(-FARTHEST_POINT, FARTHEST_POINT),
-    "height": lambda value: value is None or _number(-FARTHEST_POINT, FARTHEST_POINT)(value),
-    **dict.fromkeys(("soft", "pinned", "held", "on", "contact"), _flag),
-    "substep_count": _number(1, 1000, int),
-    # of a material
-    "young_modulus": _number(1.0, 1e12),
-    "poisson_ratio": _number(0.0, 0.4999),
-    "density": _number(1e-3, 1e6),
-    "damping": _number(0.0, 1e4),
-    "yield_strain": lambda value: value is None or _number(1e-6, 1e6)(value),
-    # of a view
-    "target": _is_point,
-    "distance": _number(CLOSEST, FARTHEST),
-    "yaw": _number(-10.0, 10.0),
-    "pitch": _number(-0.5 * math.pi, 0.5 * math.pi),
-    "roll": _number(-10.0, 10.0),
-    "up": _is_direction,
-    "parallel": _flag,
-    "field_of_view": _number(1e-3, 3.0),
-    "stiffness": lambda value: value is None or isinstance(value, str),
-    "mode": lambda value: value in MODES,
-    "background": _is_color,
-    **dict.fromkeys(("checkerboard", "show_handles", "show_wireframe"), _flag),
-}
-START = "meters_per_unit", "pins", "points", "floor", "stiffness"  # besides the material
-ORBIT = tuple(f.name for f in fields(Orbit))
-ANY_NAMES = {"set_material": MATERIAL, "set_options": tuple(OPTIONS)}
-VIEW = (*ORBIT, "mode", "background", "checkerboard", "show_handles", "show_wireframe")
-
-
 def _event(path, number, line, vertex_count) -> Event:
     place = f"{path}, line {number}"
     if not (isinstance(line, list) and len(line) == 3):
         raise SessionError(f"{place} is not [tick, name, arguments]")
     tick, name, arguments = line
-    if not _is_number(tick, 0, LONGEST, int):
+    if not is_number(tick, 0, LONGEST, int):
         raise SessionError(f"{place} has the tick {tick!r}")
     if not isinstance(name, str) or (name != "view" and name not in EDITS):
         raise SessionError(f"{place} has the unknown edit {name!r}")
@@ -290,25 +191,9 @@ def _check(path, number, name, arguments, vertex_count):
     else:
         known = ANY_NAMES.get(name, EDITS[name].parameters)
     for key, value in arguments.items():
-        good = key in known and _is_good(name, key, value, vertex_count)
+        good = key in known and is_good(name, key, value, vertex_count)
         if not good:
             raise SessionError(f"{path}, line {number}: {name} can't have {key} = {value!r}"[:300])
-
-
-def _is_good(name, key, value, vertex_count):
-    """Whether an edit's argument can have a value."""
-    handles = vertex_count + MOST_POINTS + MOST_ADDED
-    if key == "vertex":
-        return _is_number(value, 0, (vertex_count if name == "paint" else handles) - 1, int)
-    if key == "others":
-        return _are_vertices(value, handles)
-    if key in ("pins", "corners"):
-        return _are_vertices(value, vertex_count) and (key == "pins" or len(value) == 4)
-    if key == "points":
-        return _are_points(value, vertex_count)
-    if (name, key) == ("push", "radius"):
-        return _is_number(value, 1e-6, 10.0)
-    return ARGUMENTS[key](value)
 
 
 # -- playing -----------------------------------------------------------------------------------
