@@ -98,17 +98,6 @@ def test_a_held_sphere_inside_the_object_is_a_ghost(scene, window):
     np.testing.assert_array_equal(after, before)
 
 
-@pytest.mark.gl
-def test_wires_are_drawn_when_asked_for(scene, window):
-    scene.settings.show_handles = False
-    scene.settings.background = (1.0, 1.0, 1.0)
-    plain, _, _ = draw(scene, window[1])
-    scene.settings.show_wireframe = True
-    wired, _, _ = draw(scene, window[1])
-    changed = (plain != wired).any(axis=-1)
-    assert 0.005 < changed.mean() < 0.2
-
-
 def test_hovered_is_larger_and_grabbed_has_another_color(scene):
     vertex = int(scene.handles.control_ids[0])
     at = scene.handles.at([vertex])[0]

@@ -199,6 +199,9 @@ DAMAGE = {
     "an option of its own": lambda lines: lines.append([99, "set_options", {"rescue": False}]),
     "no material": lambda lines: lines.append([99, "set_material", {"poisson_ratio": 0.6}]),
     "an unknown mode": lambda lines: lines.append([99, "view", {"mode": "x-ray"}]),
+    "an unknown surface": lambda lines: lines.append([99, "view", {"mesh_surface": ["plain"]}]),
+    "more than opaque": lambda lines: lines.append([99, "view", {"mesh_opacity": 2}]),
+    "colors of no range": lambda lines: lines.append([99, "view", {"mesh_range": 0}]),
     "a ball of no size": lambda lines: lines.append([99, "push", dict(BALL, radius=0)]),
     "a camera above itself": lambda lines: lines.append([99, "view", {"pitch": 1.6}]),
     "a camera beyond": lambda lines: lines.append([99, "view", {"distance": 1e9}]),
@@ -278,3 +281,15 @@ def test_a_drag_that_is_given_up_keeps_the_steps_within_it(scene):
     while scene.undo():
         pass
     assert scene.body.material.young_modulus == 1e6
+
+
+def test_what_is_shown_is_part_of_a_session(ball, scene, tmp_path):
+    start, settings = start_of(scene), scene.settings
+    shown = {"mesh_surface": "strain", "mesh_opacity": 0.4, "mesh_range": 0.05}
+    for name, value in shown.items():
+        setattr(settings, name, value)
+    scene.advance(0.1)
+    session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
+    other = Scene(ball, "ball", "cpu")
+    Player(other, session).play_to(session.ticks)
+    assert {name: getattr(other.settings, name) for name in shown} == shown

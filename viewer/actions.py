@@ -68,6 +68,13 @@ INPUTS = (
     Input("H", "hide or show the vertices", "H", "toggle_handles", "View/Vertices"),
     Input("W", "wireframe", "W", "toggle_wireframe", "View/Wireframe"),
     Input("Tab", "hide or show the panel", "TAB", "toggle_panel", "View/Panel"),
+    *(
+        Input(f"Ctrl+{k}", f"show {mode}", f"CTRL+_{k}", f"show_{mode}", f"View/Show/{mode}")
+        for k, mode in enumerate(MODES, start=1)
+    ),
+    Input("Ctrl+9", "strain as colors", "CTRL+_9", "toggle_strain", "View/Mesh/strain"),
+    Input("Ctrl+0", "volume ratio as colors", "CTRL+_0", "toggle_volume", "View/Mesh/volume ratio"),
+    Input("Ctrl+W", "surface of the mesh", "CTRL+W", "toggle_surface", "View/Mesh/plain"),
     Input("F1", "hide or show the help", "F1", "toggle_help", "Help/Keys and gestures"),
     Input("F2", "screenshot", "F2", "screenshot", "File/Export/Picture"),
     Input("F9", "start or stop recording", "F9", "record", "File/Record"),
@@ -85,6 +92,18 @@ def _toggle(name, owner_of=attrgetter("scene.settings")):
 
     toggle.is_on = lambda app: getattr(owner_of(app), name)
     return toggle
+
+
+def _choose(name, value, otherwise=None):
+    """A function that gives one of the Settings a value; or another one, if it has that value."""
+
+    def choose(app):
+        settings = app.scene.settings
+        has_it = otherwise is not None and getattr(settings, name) == value
+        setattr(settings, name, otherwise if has_it else value)
+
+    choose.is_on = lambda app: getattr(app.scene.settings, name) == value
+    return choose
 
 
 def _toggle_handles(app):
@@ -171,6 +190,10 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "rest_here": _rest_here,
     "undo_rest_here": lambda app: app.scene.body.undo_rest_here(),
     "next_mode": _next_mode,
+    **{f"show_{mode}": _choose("mode", mode) for mode in MODES},
+    "toggle_strain": _choose("mesh_surface", "strain", "hidden"),
+    "toggle_volume": _choose("mesh_surface", "volume ratio", "hidden"),
+    "toggle_surface": _choose("mesh_surface", "plain", "hidden"),
     "toggle_handles": _toggle_handles,
     "toggle_wireframe": _toggle("show_wireframe"),
     "toggle_panel": _toggle("show_panel"),

@@ -20,6 +20,7 @@ from .events import state_of
 from .gl import Canvas
 from .handle_layer import HandleLayer
 from .loading import Progress, prepare
+from .mesh_layer import MeshLayer
 from .radiance_layer import RadianceLayer
 from .recorder import Recorder, without_background
 from .session import Player, Session, load_session, start_of
@@ -96,6 +97,7 @@ class App:
             self.window.remove_handlers(self.controls)
             self.radiance.release()
         self.radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
+        self.mesh_layer = MeshLayer(self.ctx, scene, self.radiance.draw_depth)
         self.handle_layer = HandleLayer(self.ctx, scene)
         say = self.recorder.say
         self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
@@ -221,6 +223,7 @@ class App:
         with times.part("draw"):
             self.canvas.use(size)
             self.radiance.draw(camera, clip_range)
+            self.mesh_layer.draw(camera, clip_range)
             if not scene.settings.handles_in_clips:
                 self._record_view()
             self.handle_layer.draw(camera, clip_range)

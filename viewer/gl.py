@@ -1,5 +1,7 @@
 """OpenGL helpers: programs from the shaders folder, the full-screen triangle, the canvas."""
 
+from contextlib import contextmanager
+
 import moderngl
 import numpy as np
 
@@ -37,6 +39,19 @@ def depth_terms(near: float, far: float, parallel: bool = False) -> tuple[float,
     if parallel:
         return -near / (far - near), 1.0 / (far - near)
     return far / (far - near), -far * near / (far - near)
+
+
+@contextmanager
+def depth_only(ctx: moderngl.Context):
+    """What is drawn inside changes the depth of the framebuffer in use, not its colors."""
+    framebuffer = ctx.fbo
+    framebuffer.color_mask = False, False, False, False
+    framebuffer.use()  # or OpenGL does not learn of the mask
+    try:
+        yield
+    finally:
+        framebuffer.color_mask = True, True, True, True
+        framebuffer.use()
 
 
 class Canvas:

@@ -1,4 +1,4 @@
-"""Draws the red spheres of the control vertices, the gray ones of the pins, and the wireframe.
+"""Draws the red spheres of the control vertices and the gray ones of the pins.
 
 They are drawn after the radiance layer and hide behind its depth.  Spheres are drawn nearer
 than they are by the scene's handle_bias; picking.visible uses the same bias.
@@ -7,7 +7,6 @@ than they are by the scene's handle_bias; picking.visible uses the same bias.
 import moderngl
 import numpy as np
 
-from ..core.geometry import boundary_faces
 from ..core.render import view_projection
 from . import gl
 from . import orbit as orbits
@@ -20,12 +19,11 @@ BALL_GRAY = (0.72, 0.72, 0.75)
 PIN_BLUE = (0.42, 0.50, 0.62)
 HOVER_SCALE, PIN_SCALE = 1.35, 0.6
 GHOST = 0.35  # opacity of what the object hides of a held sphere
-WIRE_TINT = (0.10, 0.12, 0.16, 0.45)
 SPHERE_FLOATS = 7  # center, radius, tint
 
 
 class HandleLayer:
-    """Spheres and wires of one scene."""
+    """Spheres of one scene."""
 
     def __init__(self, ctx: moderngl.Context, scene):
         self._ctx, self._scene = ctx, scene
@@ -35,13 +33,6 @@ class HandleLayer:
         self._sphere_buffer = ctx.buffer(reserve=size, dynamic=True)
         layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
         self._spheres = ctx.vertex_array(gl.program(ctx, "handles"), [layout])
-        faces, _ = boundary_faces(mesh.tets, scene.field.neighbours)
-        sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        sides = ctx.buffer(np.unique(sides, axis=0).astype(np.int32))
-        self._wire_buffer = ctx.buffer(reserve=12 * mesh.vertex_count, dynamic=True)
-        layout = (self._wire_buffer, "3f", "position")
-        self._wire = ctx.vertex_array(gl.program(ctx, "wire"), [layout], sides)
-        self._wire_revision = None
 
     def draw(self, camera, clip_range) -> None:
         """Draw into the framebuffer in use what the settings ask for."""
@@ -50,19 +41,8 @@ class HandleLayer:
         matrices = {"world_to_camera": view, "projection": projection, "parallel": camera.parallel}
         self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
-        if self._scene.settings.show_wireframe:
-            self._draw_wire(matrices)
         if self._scene.settings.show_handles or self._scene.ball is not None:
             self._draw_spheres(camera, clip_range, matrices)
-
-    def _draw_wire(self, matrices):
-        scene = self._scene
-        if self._wire_revision != scene.revision:
-            self._wire_buffer.write(np.ascontiguousarray(scene.positions, np.float32))
-            self._wire_revision = scene.revision
-        bias = 0.5 * scene.handle_radius  # the depth image may be coarser than the window
-        gl.set_uniforms(self._wire.program, tint=WIRE_TINT, bias=bias, **matrices)
-        self._wire.render(moderngl.LINES)
 
     def _draw_spheres(self, camera, clip_range, matrices):
         instances = sphere_instances(self._scene)

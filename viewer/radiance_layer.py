@@ -205,8 +205,6 @@ class RadianceLayer:
 
     def draw(self, camera, clip_range) -> None:
         """Draw color and depth into the framebuffer in use."""
-        self.shown.texture.color.use(0)
-        self.shown.texture.depth.use(1)
         extent = np.array([camera.width, camera.height]) / camera.focal
         gl.set_uniforms(
             self._triangle.program,
@@ -220,10 +218,20 @@ class RadianceLayer:
             parallel=camera.parallel,
             depth_terms=gl.depth_terms(*clip_range, camera.parallel),
         )
+        self._draw_triangle()
+
+    def _draw_triangle(self):
+        self.shown.texture.color.use(0)
+        self.shown.texture.depth.use(1)
         self._ctx.enable_only(moderngl.DEPTH_TEST)  # without the test nothing is written
         self._ctx.depth_func = "1"  # always
         self._triangle.render(moderngl.TRIANGLES)
         self._ctx.depth_func = "<="
+
+    def draw_depth(self) -> None:
+        """Fill the framebuffer's depth again as `draw` did, without its colors."""
+        with gl.depth_only(self._ctx):
+            self._draw_triangle()
 
     def release(self) -> None:
         for texture in (self.shown.texture, self._spare):

@@ -13,6 +13,7 @@ from ..core.render import MODES
 from .handles import MOST_ADDED
 from .orbit import CLOSEST, FARTHEST, Orbit
 from .points import MOST_POINTS
+from .settings import MESH_RANGES, SHOWN, SURFACES
 
 FARTHEST_POINT = 1e3  # model units
 MATERIAL = tuple(f.name for f in fields(Material))
@@ -106,11 +107,14 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "mode": lambda value: value in MODES,
     "background": _is_color,
     **dict.fromkeys(("checkerboard", "show_handles", "show_wireframe"), _flag),
+    "mesh_surface": lambda value: value in SURFACES,
+    "mesh_opacity": _number(0.0, 1.0),
+    "mesh_range": _number(*MESH_RANGES),
 }
 START = "meters_per_unit", "pins", "points", "floor", "stiffness"  # besides the material
 ORBIT = tuple(f.name for f in fields(Orbit))
 ANY_NAMES = {"set_material": MATERIAL, "set_options": tuple(OPTIONS)}
-VIEW = (*ORBIT, "mode", "background", "checkerboard", "show_handles", "show_wireframe")
+VIEW = (*ORBIT, *SHOWN)
 
 
 def is_good(name, key, value, vertex_count):

@@ -3,7 +3,12 @@
 from dataclasses import dataclass
 
 TOOLS = "grab", "push", "stiffen", "soften"
-SHOWN = "mode", "background", "checkerboard", "show_handles", "show_wireframe"  # in films too
+SURFACES = "hidden", "plain", "strain", "volume ratio"  # of the coarse mesh
+MESH_RANGES = 0.01, 1.0
+SHOWN = (  # in films too
+    *("mode", "background", "checkerboard", "show_handles", "show_wireframe"),
+    *("mesh_surface", "mesh_opacity", "mesh_range"),
+)
 TARGET_FPS, CPU_TARGET_FPS = 60.0, 10.0
 
 
@@ -22,6 +27,9 @@ class Settings:
     accumulate: bool = True  # at rest, go on to the mean of shifted images
     show_handles: bool = True
     show_wireframe: bool = False
+    mesh_surface: str = "hidden"  # one of SURFACES, over the picture
+    mesh_opacity: float = 0.85
+    mesh_range: float = 0.2  # the strain, and the change of volume, at the end of the colors
     show_panel: bool = True
     show_help: bool = False
     handles_in_clips: bool = True

@@ -26,5 +26,13 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         ],
         "inversion": ["EACH_HOLDS"],
         "rescue": ["distortion"],
+        # For pictures.
+        "strain": [
+            "at_vertices",
+            "deformation_gradients",
+            "rest_tets",
+            "strains",
+            "volume_ratios",
+        ],
     },
 )

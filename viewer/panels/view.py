@@ -7,6 +7,7 @@ from imgui_bundle import imgui
 
 from ...core.render import MODES, caption
 from ..actions import label_of
+from ..settings import MESH_RANGES, SURFACES
 from .widgets import LOGARITHMIC, button, combo, number_setting, setting
 
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
@@ -29,6 +30,7 @@ def model_panel(app):
 def view_panel(app):
     _mode(app.scene)
     _background(app.scene.settings)
+    _mesh(app.scene.settings)
     _resolution(app)
     button("Reset camera", app, "home")
     imgui.same_line()
@@ -56,6 +58,23 @@ def _background(settings):
     setting("vertices", settings, "show_handles")
     imgui.same_line()
     setting("wireframe", settings, "show_wireframe")
+
+
+def _mesh(settings):
+    change = partial(setattr, settings, "mesh_surface")
+    tooltip = f"""the surface of the coarse mesh, over the picture ({label_of("toggle_surface")});
+strain is the largest |principal stretch - 1| ({label_of("toggle_strain")}),
+the volume ratio is now to at rest ({label_of("toggle_volume")}), both as means about vertices"""
+    combo("mesh", settings.mesh_surface, SURFACES, change, tooltip)
+    if settings.mesh_surface == "hidden":
+        return
+    tooltip = "1 hides the picture"
+    number_setting("opacity", settings, "mesh_opacity", (0.0, 1.0), "%.2f", tooltip=tooltip)
+    if settings.mesh_surface != "plain":
+        text = "strain %.2f" if settings.mesh_surface == "strain" else "1 ± %.2f"
+        tooltip = "what the last colors of the legend mean"
+        bounds = MESH_RANGES
+        number_setting("colors to", settings, "mesh_range", bounds, text, LOGARITHMIC, tooltip)
 
 
 def _resolution(app):
