@@ -1,5 +1,6 @@
 """The surface of the coarse mesh: right colors at the right places, over the picture."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -198,8 +199,6 @@ def test_each_key_of_a_view_mode_shows_it():
 @pytest.mark.parametrize("parallel", [False, True])
 def test_faces_that_look_at_the_eye_are_lit(stage, parallel):
     """In perspective and by parallel rays, the surface covers the object and is bright."""
-    from dataclasses import replace
-
     settings = stage.scene.settings
     stage.scene.orbit = replace(stage.scene.orbit, parallel=parallel)
     settings.mesh_surface, settings.mesh_opacity = "plain", 1.0
