@@ -110,14 +110,10 @@ def test_spheres_and_picking_know_the_pictures_depth_alone(stage):
     bare = stage.picture()
     settings.mesh_surface, settings.mesh_opacity, settings.show_wireframe = "plain", 1.0, True
     image = stage.picture()
-    ids = stage.scene.control_ids
-    shown = picking.visible(
-        stage.camera,
-        stage.scene.positions[ids],
-        stage.radiance.depth_image(),
-        stage.scene.handle_bias,
-    )
-    pixels, _ = picking.project(stage.camera, stage.scene.positions[ids[shown]])
+    points = stage.scene.handles.at(stage.scene.handles.control_ids)
+    depth_image, bias = stage.radiance.depth_image(), stage.scene.handle_bias
+    shown = picking.visible(stage.camera, points, depth_image, bias)
+    pixels, _ = picking.project(stage.camera, points[shown])
     columns, rows = pixels.astype(int).T
     np.testing.assert_allclose(image[rows, columns], bare[rows, columns], atol=3)
     settings.show_handles = False
