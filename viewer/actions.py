@@ -4,11 +4,11 @@ INPUTS is the only list: key bindings, menus, tooltips, hints, the help overlay 
 it.
 """
 
-import math
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from ..core.render import MODES
+from .view_actions import VIEW_ACTIONS
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,15 @@ INPUTS = (
     Input("wheel", "zoom to the mouse"),
     Input("F", "focus: the object, or the vertex under the mouse", "F", "focus", "View/Focus"),
     Input("Home", "reset the camera", "HOME", "home", "View/Reset camera"),
-    Input("1", "look from the front", "_1", "front", "View/Front"),
-    Input("3", "look from the right", "_3", "right", "View/Right"),
-    Input("7", "look from above", "_7", "above", "View/Above"),
+    Input("1", "look from the front", "_1", "front", "View/From/Front"),
+    Input("3", "look from the right", "_3", "right", "View/From/Right"),
+    Input("7", "look from above", "_7", "above", "View/From/Above"),
+    Input("Shift+1", "look from the back", "SHIFT+_1", "back", "View/From/Back"),
+    Input("Shift+3", "look from the left", "SHIFT+_3", "left", "View/From/Left"),
+    Input("Shift+7", "look from below", "SHIFT+_7", "below", "View/From/Below"),
+    Input("5", "orthographic, or not", "_5", "toggle_parallel", "View/Orthographic"),
+    Input("V", "next saved view", "V", "next_view", "View/Next saved view"),
+    Input("Shift+V", "save this view", "SHIFT+V", "save_view", "View/Save view"),
     Input("R", "reset the deformation; pins come back", "R", "reset", "Edit/Reset"),
     Input("Space", "pause, or go on", "SPACE", "pause", "Edit/Pause"),
     Input(".", "single step", "PERIOD", "single_step", "Edit/Single step"),
@@ -129,16 +135,6 @@ def _rest_here(app):
         app.recorder.say("a tangled pose can't be the one to return to")
 
 
-def _from_direction(yaw, pitch):
-    """A function that turns the camera there [degrees], about its target."""
-
-    def look(app):
-        angles = {"yaw": math.radians(yaw), "pitch": math.radians(pitch)}
-        app.scene.orbit = replace(app.scene.orbit, **angles)
-
-    return look
-
-
 def _undo(app):
     label = app.scene.journal.undoes
     app.controls.cancel()
@@ -172,11 +168,7 @@ def _quit(app):
 
 
 ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which menus check
-    "focus": lambda app: app.scene.viewpoint.focus(),
-    "home": lambda app: app.scene.viewpoint.home(),
-    "front": _from_direction(0.0, 0.0),
-    "right": _from_direction(90.0, 0.0),
-    "above": _from_direction(0.0, 89.0),
+    **VIEW_ACTIONS,
     "reset": _reset,
     "pause": _toggle("paused", attrgetter("scene")),
     "single_step": lambda app: app.scene.single_step(),
@@ -203,13 +195,19 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "cancel": _cancel,
     "quit": _quit,
 }
+NUMBER_PAD = {  # its keys, also by the names that X11 has for them without Num Lock
+    **{f"NUM_{n}": f"_{n}" for n in range(10)},
+    **{"NUM_END": "_1", "NUM_PAGE_DOWN": "_3", "NUM_NEXT": "_3", "NUM_BEGIN": "_5"},
+    **{"NUM_HOME": "_7", "NUM_LEFT": "_4", "NUM_RIGHT": "_6", "NUM_UP": "_8", "NUM_DOWN": "_2"},
+}
 _ACTION_OF = {entry.key: entry.action for entry in INPUTS if entry.key}
 
 
 def action_of(key: str, ctrl: bool, shift: bool = False) -> str | None:
     """The action of a key, by pyglet's name of it."""
-    held = "CTRL+" * ctrl + "SHIFT+" * (ctrl and shift)
-    return _ACTION_OF.get(held + key)
+    key = NUMBER_PAD.get(key, key)
+    found = _ACTION_OF.get("CTRL+" * ctrl + "SHIFT+" * shift + key)
+    return _ACTION_OF.get(key) if found is None and not ctrl else found
 
 
 def label_of(action: str) -> str:

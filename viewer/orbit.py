@@ -33,6 +33,11 @@ class Orbit:
     parallel: bool = False  # orthographic
 
 
+def values(orbit: Orbit) -> dict:
+    """Its fields, as JSON has them."""
+    return vars(orbit) | {"target": orbit.target.tolist(), "up": list(orbit.up)}
+
+
 def changed(orbit: Orbit, values: dict) -> Orbit:
     """The orbit with other values, as JSON has them."""
     if "target" in values:

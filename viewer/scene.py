@@ -76,7 +76,7 @@ class Scene:
         self._host = None  # the revision, and its positions
         self.viewpoint = Viewpoint(self)
         self.journal = Journal(partial(state_of, self), partial(restore, self))
-        self.body.journal = self.handles.journal = self.journal
+        self.body.journal = self.handles.journal = self.viewpoint.journal = self.journal
         self.first_state = state_of(self)
 
     # -- pose ----------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from .handles import MOST_ADDED
 from .orbit import CLOSEST, FARTHEST, Orbit
 from .points import MOST_POINTS
 from .settings import MESH_RANGES, SHOWN, SURFACES
+from .viewpoint import LONGEST_NAME
 
 FARTHEST_POINT = 1e3  # model units
 MATERIAL = tuple(f.name for f in fields(Material))
@@ -35,6 +36,19 @@ def _is_point(value):
 
 def _is_direction(value):
     return _is_point(value) and abs(math.hypot(*value) - 1.0) < 1e-6
+
+
+def _is_name(value):
+    return isinstance(value, str) and value.isprintable() and 0 < len(value) <= LONGEST_NAME
+
+
+def _is_orbit(value):
+    """All values of a camera."""
+    return (
+        isinstance(value, dict)
+        and set(value) == set(ORBIT)
+        and all(ARGUMENTS[key](one) for key, one in value.items())
+    )
 
 
 def _are_vertices(value, count):
@@ -107,6 +121,8 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "mode": lambda value: value in MODES,
     "background": _is_color,
     **dict.fromkeys(("checkerboard", "show_handles", "show_wireframe"), _flag),
+    "name": _is_name,
+    "view": _is_orbit,
     "mesh_surface": lambda value: value in SURFACES,
     "mesh_opacity": _number(0.0, 1.0),
     "mesh_range": _number(*MESH_RANGES),

@@ -8,6 +8,7 @@ def state_of(scene) -> dict:
     solver = scene.solver
     return {
         "body": scene.body.state(),
+        "viewpoint": scene.viewpoint.state(),
         "pinned": solver.pinned.copy(),
         "handles": scene.handles.state(),
         "vertices": solver.vertices.numpy().copy(),
@@ -23,6 +24,7 @@ def restore(scene, state: dict) -> None:
     scene.handles.release()
     scene.end_push()
     scene.body.restore(state["body"])
+    scene.viewpoint.restore(state["viewpoint"])
     solver.set_pinned(state["pinned"])
     scene.handles.restore(state["handles"])
     solver.set_state(state["vertices"], state["velocities"])

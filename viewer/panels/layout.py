@@ -9,6 +9,7 @@ from imgui_bundle import imgui
 
 from ..actions import INPUTS
 from ..loading import STAGES
+from .camera import camera_panel
 from .deform import deform_panel
 from .history import history_panel
 from .menu import menu_bar
@@ -37,6 +38,7 @@ SECTIONS = (
     ("Bend", deform_panel, True),
     ("History", history_panel, False),
     ("View", view_panel, True),
+    ("Camera", camera_panel, False),
     ("Record", record_panel, True),
     ("Time", time_panel, False),
     ("Mouse", hints_panel, True),

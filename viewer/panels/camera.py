@@ -1,0 +1,55 @@
+"""The section on the camera: axis views, lens, what is up, saved views."""
+
+import math
+from functools import partial
+
+from imgui_bundle import imgui
+
+from .. import orbit as orbits
+from ..actions import label_of
+from ..view_actions import AXIS_VIEWS, FROM_VIEW, UPS, set_up, up_name
+from .widgets import button, checkbox, combo, slider
+
+ANGLES = 5.0, 100.0  # degrees
+A_ROW = 3  # axis views
+WIDER = "the distance changes with it, so that the object stays as large"
+PARALLEL = f"parallel rays: what is far away is as large ({label_of('toggle_parallel')})"
+UP = "what the horizon is level to: some captures lie on their side"
+
+
+def camera_panel(app):
+    for number, name in enumerate(AXIS_VIEWS):
+        if number % A_ROW:
+            imgui.same_line()
+        button(name.capitalize(), app, name, label_of(name))
+    _lens(app.scene)
+    _saved(app)
+
+
+def _lens(scene):
+    def widen(degrees):
+        scene.orbit = orbits.widened(scene.orbit, math.radians(degrees))
+
+    def choose(parallel):
+        scene.orbit = orbits.changed(scene.orbit, {"parallel": parallel})
+
+    angle = math.degrees(scene.orbit.field_of_view)
+    slider("field of view", angle, ANGLES, "%.0f°", widen, tooltip=WIDER)
+    checkbox("orthographic", scene.orbit.parallel, choose, PARALLEL)
+    combo("up", up_name(scene.orbit), [*UPS, FROM_VIEW], partial(set_up, scene), UP)
+
+
+def _saved(app):
+    viewpoint = app.scene.viewpoint
+    _, viewpoint.new_name = imgui.input_text_with_hint("##name", "a name", viewpoint.new_name)
+    imgui.same_line()
+    button("Save view", app, "save_view", label_of("save_view"))
+    for name in list(viewpoint.saved):
+        imgui.push_id(name)
+        if imgui.button(name):
+            viewpoint.go_to(name)
+        imgui.same_line()
+        if imgui.small_button("x"):
+            viewpoint.delete(name)
+        imgui.set_item_tooltip("delete it")
+        imgui.pop_id()
