@@ -12,9 +12,10 @@ import pytest
 from PIL import Image
 
 from deformrf.viewer import render_command
-from deformrf.viewer.film import Views, between, frame_count, turned_around
+from deformrf.viewer.film import Film, Views, between, frame_count, turned_around
 from deformrf.viewer.journal import Event
-from deformrf.viewer.orbit import Orbit, camera
+from deformrf.viewer.orbit import Orbit
+from deformrf.viewer.orbit import camera as camera_of
 from deformrf.viewer.session import Session, save_session, start_of
 
 
@@ -47,13 +48,67 @@ def test_the_camera_turns_the_shorter_way():
 
 
 def test_a_whole_turn_ends_where_it_began():
-    first, last = (camera(turned_around(Orbit(), share), 8, 8) for share in (0.0, 1.0))
+    first, last = (camera_of(turned_around(Orbit(), share), 8, 8) for share in (0.0, 1.0))
     np.testing.assert_allclose(first.camera_to_world, last.camera_to_world, atol=1e-12)
 
 
 @pytest.mark.parametrize("seconds, fps, frames", [(0.0, 30, 1), (1.0, 30, 31), (0.05, 10, 2)])
 def test_a_film_shows_its_beginning_and_its_end(seconds, fps, frames):
     assert frame_count(seconds, fps) == frames
+
+
+# -- blur and cuts -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def played(ball, recorded):
+    """A function that makes a Film of the recorded session, on a scene of its own."""
+    from deformrf.viewer.scene import Scene
+    from deformrf.viewer.session import load_session
+
+    session = load_session(recorded[1], ball)
+    return lambda fps: Film(Scene(ball, "ball", "cpu"), session, fps)
+
+
+def test_the_images_of_a_blurred_frame_lie_between_the_ticks(played):
+    film, plain = played(24), played(60)
+    poses = {}
+    for tick in range(plain.count):
+        plain.show(tick)
+        poses[tick] = plain.scene.positions
+    for frame in range(6, 9):  # 2.5 ticks each
+        film.show(frame)
+        moments = film.moments(frame, (32, 24), 5, shutter=1.0)
+        for index, (camera, vertices) in enumerate(moments):
+            tick = 2.5 * frame - 2.5 * (4 - index) / 5
+            share = tick % 1.0
+            before, after = poses[int(tick)], poses[int(np.ceil(tick))]
+            np.testing.assert_allclose(vertices, (1 - share) * before + share * after, atol=1e-6)
+            seen_from = camera_of(film.orbit(tick), 32, 24).camera_to_world
+            np.testing.assert_allclose(camera.camera_to_world, seen_from)
+    assert abs(moments[0][1] - moments[-1][1]).max() > 1e-4
+
+
+def test_blur_changes_nothing_of_what_a_session_does(played, recorded):
+    film = played(25)
+    for frame in range(film.count):
+        film.show(frame)
+        moments = film.moments(frame, (32, 24), 3, shutter=0.5)
+    assert np.array_equal(film.scene.positions, recorded[0].positions)
+    assert np.array_equal(moments[-1][1], recorded[0].positions)
+
+
+def test_a_cut_shows_these_ticks_alone(played):
+    film, whole = played(30), played(30)
+    film.cut(10, 20)
+    assert (film.count, film.tick(0), film.tick(5)) == (6, 10, 20)
+    film.show(0)
+    whole.show(5)
+    assert np.array_equal(film.scene.positions, whole.scene.positions)
+    film.cut(30, 9999)
+    assert film.last == whole.last
+    with pytest.raises(ValueError, match="nothing from tick 500"):
+        film.cut(500, None)
 
 
 # -- the command -------------------------------------------------------------------------------
@@ -64,7 +119,7 @@ def test_a_film_shows_its_beginning_and_its_end(seconds, fps, frames):
     [
         ([], "-o film.mp4"),
         (["-o", "a.mp4"], "give --session or --turntable"),
-        (["-o", "a.avi", "--turntable", "1"], "has to end in .mp4 or .webm"),
+        (["-o", "a.avi", "--turntable", "1"], "has to end in .mp4 or .webm or .webp"),
         (["-o", "a.webm", "--turntable", "1", "--codec", "h264"], "has to end in .mp4"),
         (["-o", "a", "--turntable", "1", "--codec", "h264"], "is a folder of pictures"),
         (["-o", "a.mp4", "--turntable", "0"], "--turntable is 0"),
@@ -73,6 +128,11 @@ def test_a_film_shows_its_beginning_and_its_end(seconds, fps, frames):
         (["-o", "a.mp4", "--turntable", "1", "--samples", "0"], "--samples is 0"),
         (["-o", "a.mp4", "--turntable", "1", "--samples", "9999"], "256 are the most"),
         (["-o", "a.mp4", "--turntable", "1", "--size", "9x9"], "32 to 8192"),
+        (["-o", "a.mp4", "--turntable", "1", "--shutter", "1.5"], "a part of a frame: 0 to 1"),
+        (["-o", "a.mp4", "--turntable", "1", "--shutter", "0.5"], "give 2 or more"),
+        (["-o", "a.mp4", "--turntable", "1", "--from", "3"], "it needs --session"),
+        (["-o", "a.mp4", "--session", "s", "--from", "3", "--to", "1"], "before --from"),
+        (["-o", "a.mp4", "--turntable", "1", "--transparent"], "h264 has no opacity"),
         (["-o", "a.mp4", "--session", "nowhere.jsonl"], "nowhere.jsonl"),
         (["-o", "a.mp4", "--session", "s.jsonl", "--object-size", "1"], "leave --object-size out"),
         (["-o", ".", "--turntable", "1"], "a new or an empty folder"),
@@ -149,7 +209,7 @@ def test_a_film_ends_as_the_live_scene_looks(recorded, ball, ball_file, tmp_path
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("name, codec", [("a.mp4", "h264"), ("a.webm", "vp9"), ("b.mp4", "h265")])
+@pytest.mark.parametrize("name, codec", [("a.mp4", "h264"), ("a.webm", "vp9"), ("b.mp4", "av1")])
 def test_a_turntable_is_a_video_that_players_open(ball_file, tmp_path, name, codec):
     path = tmp_path / name
     arguments = "--turntable", "0.5", "--fps", "8", "--size", "64x48", "--samples", "2"
@@ -159,6 +219,26 @@ def test_a_turntable_is_a_video_that_players_open(ball_file, tmp_path, name, cod
     assert len(frames) == 4 and frames[0].shape == (48, 64, 3)
     assert abs(frames[0].astype(int) - frames[2]).max() > 30
     assert [p.name for p in tmp_path.iterdir()] == [name]
+    assert "4 frames in" in done.stderr and "rendering" in done.stderr
+
+
+@pytest.mark.gl
+def test_a_transparent_film_shows_object_and_spheres_over_nothing(ball_file, tmp_path):
+    """Put over white, it is the film that isn't transparent."""
+    pictures = []
+    for name, *options in (("clear", "--transparent"), ("white",)):
+        arguments = "--turntable", "1", "--fps", "1", "--size", "96x64", "--samples", "4"
+        done = rendered(ball_file, *arguments, *options, "-o", tmp_path / name)
+        assert done.returncode == 0, done.stderr
+        pictures.append(Image.open(tmp_path / name / "00000.png"))
+    clear, white = pictures
+    assert clear.mode == "RGBA" and clear.getpixel((0, 0))[3] == 0
+    over = Image.new("RGBA", clear.size, "white")
+    over.alpha_composite(clear)
+    difference = np.asarray(over)[..., :3].astype(int) - np.asarray(white.convert("RGB"))
+    assert abs(difference).max() <= 3
+    opacity = np.asarray(clear)[..., 3]
+    assert (opacity == 255).any() and ((opacity > 0) & (opacity < 255)).any()
 
 
 @pytest.mark.gl

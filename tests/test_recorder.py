@@ -65,7 +65,7 @@ def test_stopping_without_a_clip_does_nothing(recorder):
 @pytest.mark.parametrize("error", [OSError("the disk is full"), KeyboardInterrupt()])
 @pytest.mark.parametrize("step", ["save", "replace"])
 def test_a_picture_that_fails_leaves_no_file(tmp_path, monkeypatch, error, step):
-    def save(picture, path, *_):
+    def save(picture, path, *_, **__):
         path.write_bytes(b"half a picture")
         fail()
 

@@ -1,8 +1,11 @@
 """Clips: what was pushed is what a player finds."""
 
+from pathlib import Path
+
 import av
 import numpy as np
 import pytest
+from PIL import Image, ImageSequence
 
 from deformrf.viewer import video as v
 
@@ -107,7 +110,7 @@ def test_a_frame_is_due_when_its_time_has_come(tmp_path):
 
 
 def test_an_encoder_that_fails_says_so_and_leaves_no_file(tmp_path, monkeypatch):
-    def broken(image):
+    def broken(*_):
         raise ValueError("no such color")
 
     monkeypatch.setattr(v, "_video_frame", broken)
@@ -116,6 +119,77 @@ def test_an_encoder_that_fails_says_so_and_leaves_no_file(tmp_path, monkeypatch)
     with pytest.raises(RuntimeError, match="no such color"):
         video.close()
     assert list(tmp_path.iterdir()) == []
+
+
+def half_shown(value):
+    """A picture whose left part is opaque, its middle half so, and its right part is empty."""
+    image = np.zeros((48, 64, 4), np.uint8)
+    image[:, :24] = *value, 255
+    image[:, 24:44, :3], image[:, 24:44, 3] = np.array(value) // 2, 128
+    return image
+
+
+@pytest.mark.parametrize("name", ["a.webm", "a.webp", "a"])
+def test_a_transparent_film_keeps_color_and_opacity(tmp_path, name):
+    path, greens = tmp_path / name, (40, 90, 140)  # WebP would join frames that are the same
+    if path.suffix:
+        video = v.VideoWriter(path, (64, 48), 10, transparent=True)
+    else:
+        video = v.PictureSeries(path, 10, transparent=True)
+    for green in greens:
+        video.push(half_shown((200, green, 30)))
+    assert video.close() == path
+    assert video.encoding_seconds > 0.0
+    frames = transparent_frames(path)
+    assert len(frames) == 3
+    for frame, green in zip(frames, greens, strict=True):
+        for column, opacity in ((8, 255), (34, 128), (58, 0)):
+            assert abs(int(frame[20, column, 3]) - opacity) <= 3
+            if opacity:
+                assert abs(frame[20, column, :3].astype(int) - [200, green, 30]).max() <= 9
+
+
+def transparent_frames(path):
+    """Pictures [H, W, 4] with straight alpha, as players show them."""
+    if path.is_dir():
+        return [np.asarray(Image.open(picture)) for picture in sorted(path.iterdir())]
+    if path.suffix == ".webp":
+        file = Image.open(path)
+        return [np.asarray(one.convert("RGBA")) for one in ImageSequence.Iterator(file)]
+    decoder = av.CodecContext.create("libvpx-vp9", "r")  # FFmpeg's own skips the opacity
+    with av.open(str(path)) as container:
+        packets = list(container.demux(video=0))
+        return [f.to_ndarray(format="rgba") for p in packets for f in decoder.decode(p)]
+
+
+def test_colors_over_an_opacity_are_divided_by_it():
+    opacity = np.arange(256)
+    image = np.zeros((256, 1, 4), np.uint8)
+    image[:, 0, 3] = opacity
+    image[:, 0, 0], image[:, 0, 1] = opacity, np.round(0.4 * opacity)
+    own = v.straight(image)
+    assert (own[1:, 0, 0] == 255).all() and own[0, 0].tolist() == [0, 0, 0, 0]
+    assert abs(own[64:, 0, 1].astype(float) - 102).max() <= 2
+    assert np.array_equal(own[..., 3], image[..., 3])
+
+
+@pytest.mark.parametrize("name, codec", [("a.mp4", "h264"), ("a.webm", "av1")])
+def test_what_has_no_opacity_says_so(name, codec):
+    with pytest.raises(ValueError, match=f"{codec} has no opacity; vp9 or webp"):
+        v.encoder(Path(name), codec, transparent=True)
+
+
+def test_an_encoder_that_is_missing_is_named(monkeypatch):
+    lost = v.CODECS["av1"]._replace(name="libnothing")
+    monkeypatch.setitem(v.CODECS, "av1", lost)
+    with pytest.raises(ValueError, match=r"no encoder for av1 \(libnothing\)"):
+        v.encoder(Path("a.mp4"), "av1")
+
+
+def test_large_images_wait_in_small_numbers():
+    assert v.waiting(400, 400) == v.QUEUE_LENGTH
+    assert 2 <= v.waiting(7680, 4320) <= 3
+    assert v.waiting(3840, 2160) * 3840 * 2160 * 4 <= v.QUEUE_BYTES
 
 
 def test_a_frame_of_another_size_is_centered():

@@ -47,7 +47,6 @@ class App:
         self.canvas = Canvas(ctx)
         self.recorder = Recorder(self.canvas, log, fps)
         self.frame_count = 0
-        self.samples = 1  # a pixel, of frames that are rendered whole
         self.autosave = self.left_behind = None  # see autosave.py
         # When the window had an event, when its state was logged, when a frame was drawn.
         self.last_event = self._last_state = self._drawn_at = 0.0
@@ -216,19 +215,10 @@ class App:
             scene.handles.hover = None
         with times.part("simulate"):
             scene.advance(seconds)
-        camera, clip_range = controls.camera, orbits.clip_range(scene.orbit)
+        camera = controls.camera
         self.radiance.update(camera, whole or self._wants_transparent)
-        if whole:
-            self.radiance.average(camera, self.samples)
         with times.part("draw"):
-            self.canvas.use(size)
-            self.radiance.draw(camera, clip_range)
-            self.mesh_layer.draw(camera, clip_range)
-            if not scene.settings.handles_in_clips:
-                self._record_view()
-            self.handle_layer.draw(camera, clip_range)
-            if scene.settings.handles_in_clips:
-                self._record_view()
+            self.draw(camera)
         if self.gui is not None:
             with times.part("panel"):
                 self._draw_panels()
@@ -242,6 +232,19 @@ class App:
         self._log_state()
         self.frame_count += 1
         self._drawn_at = time.perf_counter()
+
+    def draw(self, camera, keep: bool = True) -> None:
+        """Draw the object and what belongs to it into the canvas; keep it for files."""
+        in_clips = self.scene.settings.handles_in_clips
+        clip_range = orbits.clip_range(self.scene.orbit)
+        self.canvas.use(self.size)
+        self.radiance.draw(camera, clip_range)
+        self.mesh_layer.draw(camera, clip_range)
+        if keep and not in_clips:
+            self._record_view()
+        self.handle_layer.draw(camera, clip_range)
+        if keep and in_clips:
+            self._record_view()
 
     def _record_view(self):
         """The canvas has the view, and no panel yet: keep it if a video or picture wants it."""

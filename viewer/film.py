@@ -11,10 +11,13 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from ..core.render import Camera
+from . import orbit as orbits
 from .orbit import Orbit, changed
 from .session import Player, Session
 
 TICKS_PER_SECOND = 60
+ROUNDING = 1e-6  # ticks
 CLOSE = 20  # ticks between two views of one move
 
 
@@ -73,25 +76,99 @@ def frame_count(seconds: float, fps: int) -> int:
     return math.ceil(seconds * fps - 1e-6) + 1
 
 
-def frames_of(app, session: Session | None, fps: int, turntable: float | None):
-    """How many frames a film has, and a function that sets the scene for a frame.
+class Film:
+    """What each frame of a film shows: it sets the scene, and says from where it is seen."""
 
-    Args:
-        turntable: Seconds of a turn around the object; with a session, its camera instead.
-    """
-    scene = app.scene
-    player = None if session is None else Player(scene, session)
-    home, views = scene.orbit, None if session is None else Views(session, scene.orbit)
-    seconds = turntable if session is None else session.ticks / TICKS_PER_SECOND
-    count = frame_count(seconds, fps)
-    count -= session is None  # the last frame would be the first one again
+    def __init__(self, scene, session: Session | None, fps: int, turn: float | None = None):
+        """Take a scene at rest.
 
-    def show(frame):
-        if player is not None:
-            tick = min(frame * TICKS_PER_SECOND / fps, session.ticks)
-            player.play_to(int(tick + 1e-6))
-            scene.orbit = views.at(tick)
-        if turntable is not None:
-            scene.orbit = turned_around(home, frame / fps / turntable)
+        Args:
+            session: What is played; None: the object stays as it is.
+            turn: Seconds of a turn around the object; with a session, its camera instead.
 
-    return count, show
+        Raises:
+            SessionError: The session can't be played.
+        """
+        self.scene, self.fps, self._turn = scene, fps, turn
+        self._player = None if session is None else Player(scene, session)
+        self._home = scene.orbit
+        self._views = None if session is None else Views(session, scene.orbit)
+        self._ticks = 0 if session is None else session.ticks
+        self.first, self.last = 0, self._ticks  # that are shown
+        self._poses = {}  # vertices [V, 3] at ticks, for the times between
+
+    def cut(self, first: int | None, last: int | None) -> None:
+        """Show these ticks alone; a ValueError if the session has none of them."""
+        first, end = first or 0, self._ticks
+        if first > end or (last is not None and last < first):
+            until = end if last is None else last
+            raise ValueError(f"there is nothing from tick {first} to {until}: it has {end} ticks")
+        self.first, self.last = first, end if last is None else min(last, end)
+
+    @property
+    def count(self) -> int:
+        """The number of frames."""
+        if self._player is None:
+            return frame_count(self._turn, self.fps) - 1  # the last one would be the first again
+        return frame_count((self.last - self.first) / TICKS_PER_SECOND, self.fps)
+
+    def tick(self, frame: float) -> float:
+        """The ticks that have passed when a frame is shown; there are times between frames."""
+        tick = self.first + frame * TICKS_PER_SECOND / self.fps
+        return tick if self._player is None else min(max(tick, self.first), self.last)
+
+    def orbit(self, tick: float) -> Orbit:
+        """The camera after so many ticks."""
+        if self._turn is not None:
+            seconds = (tick - self.first) / TICKS_PER_SECOND
+            return turned_around(self._home, seconds / self._turn)
+        return self._views.at(tick)
+
+    def camera(self, tick: float, width: int, height: int) -> Camera:
+        """The same as the camera of an image."""
+        return orbits.camera(self.orbit(tick), width, height)
+
+    def show(self, frame: int) -> None:
+        """Set the scene for a frame."""
+        self._play_to(math.floor(self.tick(frame) + ROUNDING))
+        self.scene.orbit = self.orbit(self.tick(frame))
+
+    def moments(self, frame: int, size, count: int = 1, shutter: float = 0.0) -> list:
+        """Say what the images see whose mean a frame is; `show` has set the scene for it.
+
+        Args:
+            size: Width and height [pixels].
+            count: Of images.
+            shutter: The part of a frame's time that they are spread over; it ends when the frame
+                is shown, so that the last image sees what a frame without blur shows.
+
+        Returns:
+            Of each image its Camera, and vertices [V, 3]; None: as they are in the scene.
+        """
+        if not shutter or count == 1:
+            return count * [(self.camera(self.tick(frame), *size), None)]
+        ends = [self.tick(frame + shutter * (i + 1 - count) / count) for i in range(count)]
+        return [(self.camera(tick, *size), self._vertices(tick)) for tick in ends]
+
+    def _play_to(self, tick):
+        """Play until a tick, and keep the poses of the ticks from the last frame on."""
+        if self._player is None:
+            return
+        journal = self.scene.journal
+        oldest = tick - math.ceil(TICKS_PER_SECOND / self.fps) - 1
+        self._player.play_to(max(oldest, journal.tick))
+        for now in range(journal.tick, tick + 1):
+            self._player.play_to(now)
+            self._poses[now] = self.scene.positions
+        self._poses = {at: pose for at, pose in self._poses.items() if at >= oldest}
+
+    def _vertices(self, tick):
+        """The vertices between two ticks, on straight ways.  [V, 3]; None without a session"""
+        if self._player is None:
+            return None
+        before = math.floor(tick + ROUNDING)
+        share = tick - before
+        if share < ROUNDING:
+            return self._poses[before]
+        self._play_to(before + 1)
+        return (1.0 - share) * self._poses[before] + share * self._poses[before + 1]

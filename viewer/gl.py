@@ -54,6 +54,12 @@ def depth_only(ctx: moderngl.Context):
         framebuffer.use()
 
 
+def blend_over(ctx: moderngl.Context) -> None:
+    """Blend colors over those that are there; of transparent pictures, opacities too."""
+    over = moderngl.ONE_MINUS_SRC_ALPHA
+    ctx.blend_func = moderngl.SRC_ALPHA, over, moderngl.ONE, over
+
+
 class Canvas:
     """The framebuffer that everything is drawn into: shown in the window, read for files."""
 
@@ -79,12 +85,18 @@ class Canvas:
                     part.release()
         self._framebuffer.use()
 
-    def read(self):
-        """The drawn image, top row first.  [H, W, 3] uint8"""
+    def read(self, channels: int = 3):
+        """The drawn image, top row first; its opacity is the fourth channel.  [H, W, C] uint8"""
         width, height = self.size
-        image = np.empty((height, width, 3), np.uint8)
-        self._framebuffer.read_into(image, components=3, alignment=1)
+        image = np.empty((height, width, channels), np.uint8)
+        self._framebuffer.read_into(image, components=channels, alignment=1)
         return image[::-1]
+
+    def flush(self) -> None:
+        """Let OpenGL begin with what was drawn, without waiting for it."""
+        from pyglet import gl
+
+        gl.glFlush()
 
     def show(self) -> None:
         """Copy it to the window, whose framebuffer has the same size."""

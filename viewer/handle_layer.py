@@ -40,7 +40,7 @@ class HandleLayer:
         projection = view_projection(camera, *clip_range) @ camera.camera_to_world
         matrices = {"world_to_camera": view, "projection": projection, "parallel": camera.parallel}
         self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        self._ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        gl.blend_over(self._ctx)
         if self._scene.settings.show_handles or self._scene.ball is not None:
             self._draw_spheres(camera, clip_range, matrices)
 

@@ -67,7 +67,7 @@ class MeshLayer:
         with gl.depth_only(ctx):  # of the nearest faces, so that these alone are blended
             self._faces.render(moderngl.TRIANGLES)
         ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        gl.blend_over(ctx)
         self._faces.render(moderngl.TRIANGLES)
         self._draw_depth()
         if filled and scale is not None:

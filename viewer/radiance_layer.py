@@ -8,13 +8,14 @@ The depth is that of the unshifted image: other things in the scene hide behind 
 """
 
 import time
+from dataclasses import replace
 
 import moderngl
 import numpy as np
 import warp as wp
 
 from ..core.field import level_edges
-from ..core.render import RenderOptions, render_mode
+from ..core.render import RenderOptions, RunningMean, render_mode, shifted
 from . import gl
 from .picking import pixels_per_unit
 from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Picture, Sampling, finer
@@ -33,6 +34,7 @@ class RadianceLayer:
         """Take a Scene, a renderer of its field, how frames reach OpenGL, and FrameTimes."""
         self.render_count = 0  # of images that were rendered at once, not in strips
         self.path, self.device = path, renderer.device
+        self.transparent = False  # draw no background, and the opacity into the fourth channel
         self._ctx, self._scene, self._renderer = ctx, scene, renderer
         self._times, self._clock = times, clock
         self._triangle = gl.full_screen(ctx, "image")
@@ -129,10 +131,49 @@ class RadianceLayer:
         if self._renderer.stage.seconds:
             self._times.rendering = self._renderer.stage.seconds
 
-    def average(self, camera, count: int) -> None:
-        """After a whole picture: go on to the mean of so many shifted ones."""
-        while self.sample_count < count and self._scene.settings.mode in AVERAGED_MODES:
-            self._sample(camera)
+    def render_mean(self, moments) -> None:
+        """Render a film's frame on the device, the mean of whole images; `upload` shows it.
+
+        Args:
+            moments: Of each image the Camera, and the vertices [V, 3] or None: as they are.
+                The last one isn't shifted, and the depth is its.
+        """
+        scene, settings = self._scene, self._scene.settings
+        moments = moments if settings.mode in AVERAGED_MODES else moments[-1:]
+        seen = [settings.mode, settings.background, scene.revision]
+        for camera, vertices in moments:
+            pose = None if vertices is None else vertices.tobytes()
+            seen.append((camera.camera_to_world.tobytes(), camera.lens, pose))
+        if seen == self._seen:
+            return  # a frame in which nothing moves
+        self._seen = seen
+        options = RenderOptions(background=tuple(settings.background))
+        mean, count, depth_range = None, len(moments), scene.viewpoint.depth_range
+        for index, (camera, vertices) in enumerate(moments):
+            pose = scene.revision if vertices is None else object()
+            if pose != self._pose:
+                now = scene.solver.vertices if vertices is None else vertices
+                self._renderer.set_vertices(now)
+                self._pose = pose
+            camera = shifted(camera, count - 1 - index)
+            rows = 0, camera.height
+            image = render_mode(self._renderer, camera, settings.mode, options, rows, depth_range)
+            if count > 1:
+                mean = mean or RunningMean(camera.width, camera.height, self.device)
+                mean.add(image)
+        if mean is not None:
+            image = replace(image, color=mean.color(count))
+        wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
+        self._coming = self._picture(1.0, camera, self.shown.texture)
+        self._coming.add(image, 0.0)
+        self._sampling = None
+
+    def upload(self) -> None:
+        """Show what `render_mean` has rendered, if anything was new."""
+        if self._coming is None:
+            return
+        self.shown, self._coming = self._coming, None
+        self.shown.texture.write(self.shown.images[0])
 
     def _render_moving(self, camera):
         """Render at once, as well as the target frame rate allows."""
@@ -213,6 +254,7 @@ class RadianceLayer:
             background=self._scene.settings.background,
             squares=np.array([camera.width, camera.height]) / CHECKER_SIZE,
             checkerboard=self._scene.settings.checkerboard,
+            transparent=self.transparent,
             extent=extent,
             axis=np.array(camera.lens.center) / [camera.width, camera.height],
             parallel=camera.parallel,

@@ -40,7 +40,13 @@ class Recorder:
         """Keep the next frame; by default in the current folder, named by date and time."""
         self._screenshot = path or stamped("deformrf", ".png")
 
-    def start(self, path: Path | None = None, live: bool = True, codec: str | None = None) -> None:
+    def start(
+        self,
+        path: Path | None = None,
+        live: bool = True,
+        codec: str | None = None,
+        transparent: bool = False,
+    ) -> None:
         """Record from the next frame on; by the clock if live, else frame by frame.
 
         A path without an ending is a folder, which gets a picture for each frame.
@@ -48,9 +54,10 @@ class Recorder:
         path = path or stamped("deformrf", ".mp4")
         clock = time.monotonic if live else None
         if path.suffix:
-            self.video = VideoWriter(path, self._canvas.size, self._fps, clock, codec)
+            size = self._canvas.size
+            self.video = VideoWriter(path, size, self._fps, clock, codec, transparent)
         else:
-            self.video = PictureSeries(path, self._fps)
+            self.video = PictureSeries(path, self._fps, transparent)
         self._log("recording", path=path)
 
     def start_or_stop(self) -> None:
@@ -70,10 +77,13 @@ class Recorder:
 
     def add_frame(self) -> None:
         """Add the canvas as it is now to the video, if one is being recorded."""
-        if self.video is None or not self.video.due():
-            return
+        if self.video is not None and self.video.due():
+            self.add(self._canvas.read())
+
+    def add(self, image) -> None:
+        """Add an image to the video that is being recorded."""
         try:
-            self.video.push(self._canvas.read())
+            self.video.push(image)
         except RuntimeError as error:
             video, self.video = self.video, None
             try:

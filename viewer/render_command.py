@@ -5,6 +5,7 @@ is: the file can be played.
 """
 
 import logging
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,8 +36,9 @@ SIZE, FPS, MOST_SAMPLES = "1280x720", 30, 256
 LONGEST_TURN = 3600.0  # s
 
 Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS", help_behavior_hint="")]
+Tick = Annotated[int | None, tyro.conf.arg(metavar="TICK", help_behavior_hint="")]
 Codec = Annotated[
-    Literal["h264", "h265", "av1", "vp9"] | None, tyro.conf.arg(help_behavior_hint="")
+    Literal["h264", "h265", "av1", "vp9", "webp"] | None, tyro.conf.arg(help_behavior_hint="")
 ]
 
 
@@ -47,7 +49,7 @@ class RenderArguments:
     model: AnyModel = DEFAULT_MODEL
     """Model file, an .npz; the bundled one by default."""
     output: Annotated[File, tyro.conf.arg(aliases=["-o"])] = None
-    """What to write: FILE.mp4, FILE.webm, or a folder for numbered PNG files."""
+    """What to write: FILE.mp4, FILE.webm, FILE.webp, or a folder for numbered PNG files."""
     session: File = None
     """A session that deformrf-view has saved (Ctrl+Shift+S)."""
     turntable: Seconds = None
@@ -59,10 +61,22 @@ class RenderArguments:
     """Frames per second."""
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1
     """Rays a pixel, from shifted images: 16 make smooth edges."""
+    shutter: Annotated[float, tyro.conf.arg(metavar="PART")] = 0.0
+    """Motion blur: spread the --samples over this part of a frame's time, 0 to 1."""
+    transparent: Flag = False
+    """Leave the background out: .webm (vp9), .webp, or PNG files with an opacity."""
+    first: Annotated[
+        int | None, tyro.conf.arg(name="from", metavar="TICK", help_behavior_hint="")
+    ] = None
+    """Begin at this tick of the session; a tick is 1/60 s of the object's time."""
+    last: Annotated[int | None, tyro.conf.arg(name="to", metavar="TICK", help_behavior_hint="")] = (
+        None
+    )
+    """End at this tick of the session."""
     frames: Count = None
     """End after that many frames."""
     codec: Codec = None
-    """h264 for .mp4 and vp9 for .webm by default."""
+    """h264 for .mp4, vp9 for .webm by default."""
     hide_handles: Flag = False
     """Leave out the red and gray spheres."""
     mode: Annotated[Mode | None, tyro.conf.arg(help_behavior_hint="")] = None
@@ -71,6 +85,8 @@ class RenderArguments:
     """auto takes CUDA if there is any."""
     object_size: Meters = None
     """The object's longest side [m]; by default what the model says. A session has its own."""
+    log_events: Flag = False
+    """Print one JSON line per event: recording, frame, written."""
     version: Flag = False
     """Print the version."""
 
@@ -106,8 +122,24 @@ def check(chosen: RenderArguments) -> tuple[int, int]:
         raise ValueError("--session has the object's size: leave --object-size out")
     if chosen.frames is not None:
         at_least(1, "--frames", chosen.frames)
+    _check_times(chosen)
     _check_output(chosen)
     return size
+
+
+def _check_times(chosen):
+    """A ValueError unless shutter, --from and --to make sense."""
+    if not 0.0 <= chosen.shutter <= 1.0:
+        raise ValueError(f"--shutter is {chosen.shutter:g}; it is a part of a frame: 0 to 1")
+    if chosen.shutter and chosen.samples == 1:
+        raise ValueError("--shutter spreads the images of --samples: give 2 or more, as 16")
+    for name, tick in (("--from", chosen.first), ("--to", chosen.last)):
+        if tick is not None:
+            at_least(0, name, tick)
+            if chosen.session is None:
+                raise ValueError(f"{name} is a tick of a session: it needs --session")
+    if None not in (chosen.first, chosen.last) and chosen.last < chosen.first:
+        raise ValueError(f"--to is {chosen.last}, before --from, which is {chosen.first}")
 
 
 def _check_output(chosen):
@@ -115,7 +147,7 @@ def _check_output(chosen):
 
     path = chosen.output
     if path.suffix:
-        encoder(path, chosen.codec)
+        encoder(path, chosen.codec, chosen.transparent)
         writable_file(path, path.suffix)
     elif chosen.codec is not None:
         raise ValueError(f"--codec is about a video, but {path} is a folder of pictures")
@@ -138,43 +170,47 @@ def prepare(chosen: RenderArguments) -> Callable[[], int]:
     window, context = open_window(size, headless=True)
     from .app import App  # imports pyglet's window, which is possible from now on
     from .events import EventLog
+    from .film import Film
 
-    app = App(window, context, EventLog(False), gui=False, fps=chosen.fps)
+    app = App(window, context, EventLog(chosen.log_events), gui=False, fps=chosen.fps)
     try:
         with told_if_slow(app):
             app.load(field, chosen.model.stem, device)
+        film = Film(app.scene, session, chosen.fps, chosen.turntable)
+        film.cut(chosen.first, chosen.last)
     except BaseException:
         app.close()
         raise
-    return lambda: _film(app, chosen, session)
+    return lambda: _film(app, film, chosen)
 
 
-def _film(app, chosen, session):
+def _film(app, film, chosen):
     """Render all frames; returns the exit code."""
     from rich.console import Console
     from rich.progress import track
 
-    from .film import frames_of
+    from .film_maker import FilmMaker, FilmOptions
     from .session import SessionError
 
+    options = FilmOptions(
+        chosen.samples, chosen.shutter, chosen.transparent, not chosen.hide_handles, chosen.mode
+    )
     try:
-        count, show = frames_of(app, session, chosen.fps, chosen.turntable)
-        count = min(count, chosen.frames or count)
-        app.samples = chosen.samples
+        count = min(film.count, chosen.frames or film.count)
+        maker = FilmMaker(app, film, options)
         app.canvas.use(app.size)
-        app.recorder.start(chosen.output, live=False, codec=chosen.codec)
+        transparent = chosen.transparent
+        app.recorder.start(chosen.output, False, chosen.codec, transparent)
+        video = app.recorder.video
         console = Console(stderr=True)
         hidden = not console.is_terminal
         for frame in track(range(count), "rendering", console=console, disable=hidden):
-            show(frame)
-            if chosen.hide_handles:
-                app.scene.settings.show_handles = False
-            if chosen.mode is not None:
-                app.scene.settings.mode = chosen.mode
-            app.window.switch_to()
-            app.frame(0.0, whole=True)
-            if app.recorder.failed:
+            if not maker.make(frame):
                 break
+            app.log("frame", frame=frame, count=count)
+        maker.finish()
+        app.recorder.stop()
+        print(maker.report(video.encoding_seconds), file=sys.stderr)
     except SessionError as error:
         complain(PROGRAM, str(error))
         return FAILED

@@ -1,0 +1,84 @@
+"""The making of a film: each frame is played, rendered on the device, drawn and encoded.
+
+OpenGL draws a frame while the device renders the next one, since its image is read only then, and
+a thread encodes (video.py).  No frame is dropped.
+"""
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from .film import Film
+
+STEPS = "playing", "rendering", "drawing", "waiting"
+
+
+@dataclass(frozen=True)
+class FilmOptions:
+    """How a film is rendered, whatever it shows."""
+
+    samples: int = 1  # images a frame
+    shutter: float = 0.0  # the part of a frame's time that they are spread over
+    transparent: bool = False
+    show_handles: bool = True
+    mode: str | None = None  # None: what the session shows
+
+
+class FilmMaker:
+    """Writes the frames of a Film into the video that the App's recorder has started."""
+
+    def __init__(self, app, film: Film, options: FilmOptions):
+        self.seconds = dict.fromkeys(STEPS, 0.0)
+        self.made = 0  # frames
+        self._app, self._film, self._options = app, film, options
+        self._drawn = False  # a frame that was not read yet
+        self._since = time.perf_counter()
+        app.radiance.transparent = options.transparent
+
+    def make(self, frame: int) -> bool:
+        """Make the next frame; whether files can still be written."""
+        app, options = self._app, self._options
+        settings = app.scene.settings
+        with self._step("playing"):
+            self._film.show(frame)
+            settings.show_handles &= options.show_handles
+            settings.mode = options.mode or settings.mode
+            moments = self._film.moments(frame, app.size, options.samples, options.shutter)
+        with self._step("rendering"):
+            app.radiance.render_mean(moments)
+        self.finish()
+        with self._step("drawing"):
+            app.window.switch_to()
+            app.radiance.upload()
+            app.draw(moments[-1][0], keep=False)
+            app.canvas.flush()
+        self._drawn = True
+        return not app.recorder.failed
+
+    def finish(self) -> None:
+        """Hand the frame that was drawn to the encoder."""
+        if not self._drawn or self._app.recorder.video is None:  # which a full disk has ended
+            return
+        self._drawn = False
+        with self._step("drawing"):
+            image = self._app.canvas.read(4 if self._options.transparent else 3)
+        with self._step("waiting"):
+            self._app.recorder.add(image)
+        self.made += 1
+
+    def report(self, encoding: float) -> str:
+        """What took how long, in one line; `encoding` has the seconds of the encoder's thread."""
+        total, count = time.perf_counter() - self._since, max(self.made, 1)
+        parts = [
+            f"{name} {seconds:.1f} s ({1e3 * seconds / count:.0f} ms a frame)"
+            for name, seconds in {**self.seconds, "encoding beside it": encoding}.items()
+        ]
+        return f"{self.made} frames in {total:.1f} s: {', '.join(parts)}"
+
+    @contextmanager
+    def _step(self, name):
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] += time.perf_counter() - start
