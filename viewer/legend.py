@@ -89,7 +89,7 @@ class Legend:
         margin = round(0.02 * size[1])
         left, bottom = size[0] - margin - width, (size[1] - height) // 2
         self._ctx.enable_only(moderngl.BLEND)
-        self._ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        gl.blend_over(self._ctx)
         self._ctx.viewport = left, bottom, width, height
         self._texture.use(0)
         self._triangle.program["picture"].value = 0
