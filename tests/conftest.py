@@ -38,9 +38,10 @@ def repeatable_random(request, monkeypatch):
 
 @pytest.fixture(autouse=True, scope="session")
 def own_state_folder(tmp_path_factory):
-    """Sessions that viewers keep while they run don't go into the user's folder."""
+    """Sessions, preferences and logs of the tests' viewers don't go into the user's folders."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        for name in ("XDG_STATE_HOME", "XDG_CONFIG_HOME"):
+            patch.setenv(name, str(tmp_path_factory.mktemp(name.lower())))
         yield
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from ..core.render import MODES
+from . import opening
 from .view_actions import VIEW_ACTIONS
 
 
@@ -36,6 +37,7 @@ INPUTS = (
         "clear_paint",
         "Edit/Even stiffness",
     ),
+    Input("Ctrl+O", "open a model or a session", "CTRL+O", "open", "File/Open..."),
     Input(
         "Ctrl+S",
         "write a copy of the model with its stiffness",
@@ -149,6 +151,7 @@ def _redo(app):
 
 def _cancel(app):
     app.scene.settings.show_help = False
+    app.dialog = None
     app.controls.cancel()
 
 
@@ -194,6 +197,7 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "record": lambda app: app.recorder.start_or_stop(),
     "cancel": _cancel,
     "quit": _quit,
+    "open": opening.ask,
 }
 NUMBER_PAD = {  # its keys, also by the names that X11 has for them without Num Lock
     **{f"NUM_{n}": f"_{n}" for n in range(10)},

@@ -7,12 +7,14 @@ display the same frames go into files.
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
 
 import pyglet
 from pyglet.window import key
 
 from . import orbit as orbits
-from . import panels
+from . import panels, preferences
 from .actions import ACTIONS, action_of
 from .autosave import Autosave, folder, left_behind
 from .controls import Controls
@@ -21,11 +23,12 @@ from .gl import Canvas
 from .handle_layer import HandleLayer
 from .loading import Progress, prepare
 from .mesh_layer import MeshLayer
+from .opening import open_asked
 from .radiance_layer import RadianceLayer
 from .recorder import Recorder, without_background
 from .session import Player, Session, load_session, start_of
 from .times import FrameTimes
-from .undo import begin_anew
+from .undo import begin_anew, unless_it_fails
 from .upload import choose_path
 
 FRAME_SECONDS = 1.0 / 60.0  # the shortest frame, where vsync sets none
@@ -33,13 +36,17 @@ AWAKE_SECONDS = 1.0  # after an event, frames are drawn: panels answer over seve
 POLL_SECONDS = 1.0 / 30.0  # between two looks for events at rest
 REDRAW_SECONDS = 0.5  # between two frames at rest: messages disappear, curves grow
 STATE_SECONDS = 0.5  # between two "state" events in the log
+INPUT_EVENTS = (
+    *("on_key_press", "on_key_release", "on_text", "on_file_drop"),
+    *("on_mouse_press", "on_mouse_release", "on_mouse_drag", "on_mouse_motion", "on_mouse_scroll"),
+)
 
 
 class App:
     """A window onto one model; `load` sets scene, radiance, handles and controls."""
 
-    def __init__(self, window, ctx, log, gui: bool = True, fps: int = 30):
-        """Take a window and its context, an EventLog, and the frame rate of videos."""
+    def __init__(self, window, ctx, log, gui: bool = True, fps: int = 30, kept=None):
+        """Take a window and its context, an EventLog, the frame rate of videos, Preferences."""
         self.window, self.ctx, self.log = window, ctx, log
         self.scene = None
         self.progress = None  # of `load`
@@ -48,6 +55,9 @@ class App:
         self.recorder = Recorder(self.canvas, log, fps)
         self.frame_count = 0
         self.autosave = self.left_behind = None  # see autosave.py
+        self.preferences = kept or preferences.Preferences()
+        self.asked = self.dialog = None  # the path to open next, and what is asked: opening.py
+        self.log_file = None  # that dialogs name
         # When the window had an event, when its state was logged, when a frame was drawn.
         self.last_event = self._last_state = self._drawn_at = 0.0
         self.gui = None
@@ -60,7 +70,9 @@ class App:
     # -- start ---------------------------------------------------------------------------
 
     def load(self, field, name: str, device: str, interop: str = "auto") -> None:
-        """Show a model; this takes a while, above all where kernels have to be compiled.
+        """Show a model, in the place of an older one if all goes well.
+
+        This takes a while, above all where kernels have to be compiled.
 
         Raises:
             ValueError: interop is "buffer", and CUDA and OpenGL share no buffers.
@@ -71,13 +83,22 @@ class App:
         if self.gui is None:
             scene, renderer = prepare(*arguments)
         else:
-            with ThreadPoolExecutor(1) as pool:
+            with ThreadPoolExecutor(1) as pool, self._only_shown():
                 preparing = pool.submit(prepare, *arguments)
                 while not preparing.done():
-                    self._show_progress(f"preparing {name}")
+                    self._show_alone(panels.loading_window, f"preparing {name}", self.progress)
+                    time.sleep(0.05)
                 scene, renderer = preparing.result()
+        self.usual_fps = scene.settings.target_fps
+        if self.scene is None:
+            preferences.apply(self.preferences, scene.settings)
+        else:
+            scene.settings = self.scene.settings
         self.show(scene, renderer, path)
+        self.loaded_on = device, interop
         if self.gui is not None:
+            if self.autosave is not None:
+                self.autosave.end()
             self.left_behind = left_behind(folder(), field.mesh)
             self.autosave = Autosave(scene, self.session_start, folder())
 
@@ -90,14 +111,18 @@ class App:
         """
         noted = dict.fromkeys(self.window.event_types, self._note_event)
         panels_first = [] if self.gui is None else [self.gui]
+        radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
+        handle_layer = HandleLayer(self.ctx, scene)
         if self.scene is not None:
+            self.controls.cancel()
             self.window.remove_handlers(**noted)
             self.window.remove_handlers(*panels_first)
             self.window.remove_handlers(self.controls)
             self.radiance.release()
-        self.radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
-        self.mesh_layer = MeshLayer(self.ctx, scene, self.radiance.draw_depth)
-        self.handle_layer = HandleLayer(self.ctx, scene)
+            self.mesh_layer.release()
+            self.handle_layer.release()
+        self.radiance, self.handle_layer = radiance, handle_layer
+        self.mesh_layer = MeshLayer(self.ctx, scene, radiance.draw_depth)
         say = self.recorder.say
         self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
         self.scene, self.session_start = scene, start_of(scene)
@@ -106,27 +131,42 @@ class App:
         self.window.push_handlers(*panels_first)
         self.window.push_handlers(**noted)
 
-    def _show_progress(self, title):
+    @contextmanager
+    def _only_shown(self):
+        """In the block, keys, mouse and dropped files do nothing: the scene is not ready."""
+        swallowed = dict.fromkeys(INPUT_EVENTS, lambda *arguments: True)
+        self.window.push_handlers(**swallowed)
+        try:
+            yield
+        finally:
+            self.window.remove_handlers(**swallowed)
+
+    def _show_alone(self, draw, *arguments):
+        """Show a panel on a plain ground."""
         self.window.switch_to()
         self.window.dispatch_events()
         self.canvas.use(self.size)
         self.ctx.clear(0.94, 0.94, 0.95, 1.0)
         self.gui.begin()
-        panels.loading_window(title, self.progress)
+        draw(*arguments)
         self.gui.end()
         self.canvas.show()
         self.window.flip()
-        time.sleep(0.05)
 
     def play(self, session: Session) -> None:
         """Bring the scene to where a session ended; what was done since its start is forgotten.
 
         The session can be undone and goes on.
+
+        Raises:
+            SessionError: It is damaged, or of another stiffness; the scene stays as it was.
         """
         scene = self.scene
-        begin_anew(scene)
-        self.session_start = start_of(scene) | session.header["start"]
-        Player(scene, session).play_to(session.ticks)
+        with unless_it_fails(scene), self._only_shown():
+            begin_anew(scene)
+            start = start_of(scene) | session.header["start"]
+            self._play(Player(scene, session))
+        self.session_start = start
         scene.handles.release()
         scene.end_push()
         if scene.paused:
@@ -135,6 +175,16 @@ class App:
             self.autosave.end()
             self.autosave = Autosave(scene, self.session_start, folder())
             self.autosave.save()
+
+    def _play(self, player):
+        """Play all of a session; after a moment, the window says how far it is."""
+        ticks, shown = player.session.ticks, time.perf_counter()
+        for tick in range(0, ticks, 30):
+            player.play_to(tick)
+            if self.gui is not None and time.perf_counter() - shown > 0.2:
+                self._show_alone(panels.playing_window, tick, ticks)
+                shown = time.perf_counter()
+        player.play_to(ticks)
 
     def recover(self) -> None:
         """Go on with the session that was left behind."""
@@ -158,6 +208,10 @@ class App:
     def on_resize(self, width, height):
         self.log("resize", size=[width, height], framebuffer=self.size)
         return True  # pyglet's own handler would set a viewport
+
+    def on_file_drop(self, x, y, paths):
+        if self.scene is not None and paths:
+            self.asked = Path(paths[0])
 
     def _note_event(self, *arguments):
         self.last_event = time.perf_counter()
@@ -208,6 +262,8 @@ class App:
 
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
+        if self.asked is not None:
+            open_asked(self)
         scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
         controls.ratio = size[0] / max(self.window.width, 1)
@@ -280,9 +336,10 @@ class App:
         return max(width, 1), max(height, 1)
 
     def end(self) -> None:
-        """The user is done: nothing has to be kept for another start."""
+        """The user is done: no session has to be kept for another start."""
         if self.autosave is not None:
             self.autosave.end()
+            preferences.take(self.preferences, self.scene.settings, self.usual_fps)
 
     def close(self) -> None:
         """Finish a video, and give everything back; after an error too."""

@@ -44,6 +44,10 @@ class HandleLayer:
         if self._scene.settings.show_handles or self._scene.ball is not None:
             self._draw_spheres(camera, clip_range, matrices)
 
+    def release(self) -> None:
+        self._spheres.release()
+        self._sphere_buffer.release()
+
     def _draw_spheres(self, camera, clip_range, matrices):
         instances = sphere_instances(self._scene)
         if not len(instances):

@@ -77,6 +77,10 @@ class Legend:
         self._texture = None
         self._shown = None
 
+    def release(self) -> None:
+        if self._texture is not None:
+            self._texture.release()
+
     def draw(self, scale: Scale, size: tuple[int, int]) -> None:
         """Draw it into a framebuffer of that size, which is in use."""
         image = picture(scale, size[1])

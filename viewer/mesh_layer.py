@@ -73,6 +73,11 @@ class MeshLayer:
         if filled and scale is not None:
             self._legend.draw(scale, (camera.width, camera.height))
 
+    def release(self) -> None:
+        self._faces.release()
+        self._buffer.release()
+        self._legend.release()
+
     def _write(self):
         """Bring positions and shares of the scale to the buffer, if they have changed."""
         scene = self._scene

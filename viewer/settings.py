@@ -9,6 +9,7 @@ SHOWN = (  # in films too
     *("mode", "background", "checkerboard", "show_handles", "show_wireframe"),
     *("mesh_surface", "mesh_opacity", "mesh_range"),
 )
+SIDES = "left", "right"
 TARGET_FPS, CPU_TARGET_FPS = 60.0, 10.0
 
 
@@ -31,6 +32,8 @@ class Settings:
     mesh_opacity: float = 0.85
     mesh_range: float = 0.2  # the strain, and the change of volume, at the end of the colors
     show_panel: bool = True
+    panel_side: str = "left"  # one of SIDES
+    panel_width: float = 330.0  # points
     show_help: bool = False
     handles_in_clips: bool = True
     panel_in_screenshots: bool = False

@@ -1,5 +1,7 @@
 """The state of a scene that edits change: kept before each edit, restored by undo and redo."""
 
+from contextlib import contextmanager
+
 import numpy as np
 
 
@@ -41,3 +43,18 @@ def begin_anew(scene) -> None:
     scene.paused = False
     scene.solver.reset()  # it sleeps
     scene.journal.clear()
+
+
+@contextmanager
+def unless_it_fails(scene):
+    """In the block, the scene is brought elsewhere; if that raises, it is as it was before."""
+    journal = scene.journal
+    state, floor, pins, paused = state_of(scene), scene.floor, scene.pins, scene.paused
+    past = vars(journal) | {"events": list(journal.events), "steps": list(journal.steps)}
+    try:
+        yield
+    except BaseException:
+        restore(scene, state)
+        scene.floor, scene.pins, scene.paused = floor, pins, paused
+        vars(journal).update(past)
+        raise

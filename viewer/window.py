@@ -30,7 +30,7 @@ def open_window(size: tuple[int, int], headless: bool, title: str = "deformrf"):
             major_version=GL_MAJOR, minor_version=GL_MINOR, double_buffer=True, depth_size=24
         )
         window = pyglet.window.Window(
-            *size, caption=title, resizable=True, vsync=True, config=config
+            *size, caption=title, resizable=True, vsync=True, config=config, file_drops=True
         )
         context = moderngl.create_context(require=100 * GL_MAJOR + 10 * GL_MINOR)
     except Exception as error:  # each platform and driver raises its own kinds

@@ -11,6 +11,7 @@ from ..actions import INPUTS
 from ..loading import STAGES
 from .camera import camera_panel
 from .deform import deform_panel
+from .dialogs import dialog_window
 from .history import history_panel
 from .menu import menu_bar
 from .recovery import recovery_window
@@ -57,6 +58,11 @@ def draw_panels(app) -> None:
     if app.left_behind is not None:
         _floating("recovery", (0.5, 0.5))
         app.gui.guarded(recovery_window, app)
+        app.gui.claim()
+        imgui.end()
+    if app.dialog is not None:
+        _floating("dialog", (0.5, 0.5))
+        app.gui.guarded(dialog_window, app)
         app.gui.claim()
         imgui.end()
     if app.recorder.video and not app.scene.settings.show_panel:
@@ -106,6 +112,14 @@ def help_overlay(app):
             imgui.table_next_column()
             imgui.text_disabled(entry.help)
         imgui.end_table()
+
+
+def playing_window(tick: int, ticks: int) -> None:
+    """How far a session has been played."""
+    _floating("loading", (0.5, 0.5), imgui.WindowFlags_.no_inputs.value)
+    imgui.text(f"playing the session, {tick // 60} of {ticks // 60} s")
+    imgui.progress_bar(tick / max(ticks, 1), (BAR_WIDTH, 0.0), f"{tick / max(ticks, 1):.0%}")
+    imgui.end()
 
 
 def loading_window(title: str, progress) -> None:

@@ -1,5 +1,7 @@
 """The menu bar: made from the table of inputs, by their paths in the menus."""
 
+from pathlib import Path
+
 from imgui_bundle import imgui
 
 from ..actions import ACTIONS, INPUTS
@@ -42,9 +44,21 @@ def _items(app, menu):
     for title, item in menu.items():
         if not isinstance(item, dict):
             _item(app, title, item)
+            if item.action == "open":
+                _recent(app)
         elif item and imgui.begin_menu(title):
             _items(app, item)
             imgui.end_menu()
+
+
+def _recent(app):
+    """The files that were opened before."""
+    if imgui.begin_menu("Open recent", bool(app.preferences.recent)):
+        for path in map(Path, app.preferences.recent):
+            if imgui.menu_item_simple(f"{path.name}##{path}"):
+                app.asked = path
+            imgui.set_item_tooltip(str(path))
+        imgui.end_menu()
 
 
 def _item(app, title, entry):

@@ -1,0 +1,73 @@
+"""What a dialog shows and does, without drawing: the choice of a file, and a problem."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+MOST_SHOWN = 2000  # entries of a folder
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something that went wrong, in a sentence; the log has more, if there is one."""
+
+    title: str
+    sentence: str
+    log_file: Path | None = None
+
+
+class FileDialog:
+    """The choice of a file in the folders of this machine."""
+
+    def __init__(self, title: str, folder: Path, endings: tuple[str, ...], chosen: Callable):
+        """Begin in a folder; `chosen` is called with the path of a file of these endings."""
+        self.title, self.endings = title, endings
+        self._chosen = chosen
+        self.problem = ""  # of the last choice
+        self.entries: list[tuple[str, bool]] = []  # name, and whether it is a folder
+        self.folder = Path(folder).absolute()
+        self.text = ""  # the path that is typed
+        self.enter(self.folder)
+
+    def enter(self, folder: Path) -> None:
+        """Show another folder, if it can be read."""
+        try:
+            with os.scandir(folder) as found:
+                entries = [(entry.name, _is_folder(entry)) for entry in found]
+        except OSError as error:
+            self.problem = f"can't read {folder}: {error.strerror or error}"
+            return
+        self.problem = ""
+        self.folder = folder
+        self.text = str(folder)
+        shown = [
+            (name, is_folder)
+            for name, is_folder in entries
+            if not name.startswith(".") and (is_folder or name.lower().endswith(self.endings))
+        ]
+        shown.sort(key=lambda entry: (not entry[1], entry[0].lower()))
+        self.entries = shown[:MOST_SHOWN]
+
+    def choose(self, path: Path) -> bool:
+        """Enter a folder, or take a file; whether the dialog is done."""
+        try:
+            path = (self.folder / path.expanduser()).absolute()
+        except RuntimeError as error:  # ~ of nobody
+            self.problem = str(error)
+            return False
+        if path.is_dir():
+            self.enter(Path(os.path.normpath(path)))
+            return False
+        if not path.is_file():
+            self.problem = f"there is no file {path}"
+            return False
+        self._chosen(path)
+        return True
+
+
+def _is_folder(entry):
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False

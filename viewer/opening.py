@@ -1,0 +1,54 @@
+"""Files that the user opens: chosen in the window, dropped on it, or opened before.
+
+Nothing is loaded in the middle of an event or of a frame's panels: App.asked is the path, and
+the next frame begins with `open_asked`.  A file that can't be opened leaves the scene as it is.
+"""
+
+import logging
+from pathlib import Path
+
+from ..core import field as fields
+from ..core.arguments import plain_message
+from . import logs
+from .dialogs import FileDialog, Problem
+from .session import load_session
+
+MODEL, SESSION = ".npz", ".jsonl"
+log = logging.getLogger(__name__)
+
+
+def ask(app) -> None:
+    """Show the dialog to choose a model or session in."""
+    recent = [Path(name).parent for name in app.preferences.recent]
+    folder = next((path for path in recent if path.is_dir()), Path.cwd())
+
+    def chosen(path):
+        app.asked = path
+
+    app.dialog = FileDialog("Open", folder, (MODEL, SESSION), chosen)
+
+
+def open_asked(app) -> None:
+    """Open what was asked for: a model in the place of the one that is shown, or a session."""
+    path, app.asked = app.asked, None
+    app.dialog = None
+    try:
+        if path.suffix.lower() == SESSION:
+            app.play(load_session(path, app.scene.field))
+            app.recorder.say(f"played {path.name}: go on, or undo it")
+        elif path.suffix.lower() == MODEL:
+            app.load(fields.load(path), path.stem, *app.loaded_on)
+        else:
+            raise ValueError(f"{path} is neither a model ({MODEL}) nor a session ({SESSION})")
+    except (OSError, ValueError, MemoryError) as error:
+        sentence = plain_message(error) or "the memory is too small"
+        log.warning("can't open %s: %s", path, sentence)
+        app.dialog = Problem(f"Can't open {path.name}", sentence)
+    except Exception as error:  # Warp's and OpenGL's, as when a device's memory is too small
+        log.exception("can't open %s", path)
+        app.dialog = Problem(f"Can't open {path.name}", logs.sentence(error), app.log_file)
+    else:
+        app.preferences.opened(path)
+        problem = app.preferences.save()
+        if problem:
+            app.recorder.say(problem)

@@ -1,0 +1,48 @@
+"""The dialogs: the choice of a file, and what went wrong."""
+
+from pathlib import Path
+
+from imgui_bundle import imgui
+
+from ..dialogs import FileDialog, Problem
+
+WIDTH, LIST_HEIGHT = 520.0, 280.0
+
+
+def dialog_window(app) -> None:
+    """Draw the App's dialog; it is None once the user has answered."""
+    draw = {FileDialog: _choice, Problem: _problem}[type(app.dialog)]
+    if draw(app.dialog, min(WIDTH, imgui.get_io().display_size.x - 60.0)):
+        app.dialog = None
+
+
+def _problem(problem, width):
+    imgui.text(problem.title)
+    imgui.push_text_wrap_pos(width)
+    imgui.text_wrapped(problem.sentence)
+    if problem.log_file is not None:
+        imgui.text_disabled(f"more in {problem.log_file}")
+    imgui.pop_text_wrap_pos()
+    return imgui.button("Close")
+
+
+def _choice(dialog, width):
+    """Draw the folder's entries; returns whether the dialog is done."""
+    imgui.text(dialog.title)
+    imgui.set_next_item_width(width)
+    flags = imgui.InputTextFlags_.enter_returns_true.value
+    entered, dialog.text = imgui.input_text("##path", dialog.text, flags)
+    done = bool(entered) and dialog.choose(Path(dialog.text))
+    height = min(LIST_HEIGHT, imgui.get_io().display_size.y - 150.0)
+    if imgui.begin_child("entries", (width, max(height, 60.0)), imgui.ChildFlags_.borders.value):
+        if imgui.selectable("..", False)[0]:
+            dialog.choose(Path(".."))
+        for name, is_folder in list(dialog.entries):
+            if imgui.selectable(f"{name}/" if is_folder else name, False)[0]:
+                done = dialog.choose(Path(name)) or done
+        if not dialog.entries:
+            imgui.text_disabled(f"no {' or '.join(dialog.endings)} here")
+    imgui.end_child()
+    if dialog.problem:
+        imgui.text_wrapped(dialog.problem)
+    return imgui.button("Cancel") or done

@@ -1,0 +1,159 @@
+"""What the viewer remembers from one start to the next: a JSON file in the user's folder.
+
+Nothing in the file is trusted: a value that can't be is left out, and the file is then moved
+aside, with a message.  Options of the command line come before it.
+"""
+
+import json
+import time
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+
+from platformdirs import user_config_path
+
+from ..core.paths import whole_file
+from .settings import SIDES, Settings
+
+KEY, VERSION = "deformrf preferences", 1
+LARGEST_FILE = 2**20  # bytes
+MOST_RECENT = 10  # files that were opened
+SMALLEST_WINDOW, LARGEST_WINDOW = (320, 240), 8192
+PANEL_WIDTHS = 260.0, 700.0  # points
+KEPT = "background", "grab_radius", "show_panel", "panel_side", "panel_width"  # of the Settings
+DEFAULT = Settings()
+
+
+@dataclass
+class Preferences:
+    """What is remembered; `path` is the file, None keeps nothing."""
+
+    window_size: tuple[int, int] = (1200, 800)  # points
+    interop: str = "auto"  # how CUDA frames reach OpenGL, as --interop
+    target_fps: float | None = None  # None: what suits the device
+    background: tuple[float, float, float] = DEFAULT.background
+    grab_radius: float = DEFAULT.grab_radius
+    show_panel: bool = DEFAULT.show_panel
+    panel_side: str = DEFAULT.panel_side
+    panel_width: float = DEFAULT.panel_width
+    recent: list[str] = field(default_factory=list)  # absolute paths, the last one first
+    path: Path | None = None
+
+    def opened(self, path: Path) -> None:
+        """A file was opened: it is the first of the recent ones."""
+        name = str(Path(path).absolute())
+        self.recent = [name, *(other for other in self.recent if other != name)][:MOST_RECENT]
+
+    def save(self) -> str:
+        """Write the file; returns what went wrong in a sentence, or an empty string."""
+        if self.path is None:
+            return ""
+        values = {KEY: VERSION} | asdict(self)
+        del values["path"]
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with whole_file(self.path) as partial:
+                partial.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            return f"can't keep the preferences in {self.path}: {error.strerror or error}"
+        return ""
+
+
+def file() -> Path:
+    """Where the preferences of this user are."""
+    return user_config_path("deformrf") / "preferences.json"
+
+
+def _is_number(value, low, high):
+    return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+
+
+def _is_window(value):
+    return (
+        isinstance(value, list)
+        and len(value) == 2
+        and all(isinstance(side, int) and side <= LARGEST_WINDOW for side in value)
+        and all(side >= least for side, least in zip(value, SMALLEST_WINDOW, strict=True))
+    )
+
+
+def _is_color(value):
+    return isinstance(value, list) and len(value) == 3 and all(_is_number(x, 0, 1) for x in value)
+
+
+def _are_paths(value):
+    return (
+        isinstance(value, list)
+        and len(value) <= MOST_RECENT
+        and all(isinstance(one, str) and one and "\0" not in one for one in value)
+    )
+
+
+GOOD = {  # name: whether a value of the file is one
+    "window_size": _is_window,
+    "interop": lambda value: value in ("auto", "buffer", "copy"),
+    "target_fps": lambda value: value is None or _is_number(value, 2.0, 120.0),
+    "background": _is_color,
+    "grab_radius": lambda value: _is_number(value, 0.0, 0.4),
+    "show_panel": lambda value: isinstance(value, bool),
+    "panel_side": lambda value: value in SIDES,
+    "panel_width": lambda value: _is_number(value, *PANEL_WIDTHS),
+    "recent": _are_paths,
+}
+
+
+def load(path: Path) -> tuple[Preferences, str]:
+    """Read the preferences.
+
+    Returns:
+        What is good of them, else the defaults; and a sentence if the file was damaged, which
+        has another name then.
+    """
+    try:
+        with open(path, "rb") as opened:
+            content = opened.read(LARGEST_FILE + 1)
+    except FileNotFoundError:
+        return Preferences(path=path), ""
+    except OSError as error:
+        return Preferences(), f"can't read the preferences in {path}: {error.strerror or error}"
+    values, problem = _checked(content)
+    types = {f.name: tuple for f in fields(Preferences) if f.name in ("window_size", "background")}
+    values = {name: types.get(name, lambda same: same)(value) for name, value in values.items()}
+    loaded = Preferences(**values, path=path)
+    if problem:
+        aside = path.with_name(f"{path.stem}-damaged-{time.time_ns()}{path.suffix}")
+        try:
+            path.rename(aside)
+            problem = f"the preferences {problem}: the file is now {aside}"
+        except OSError:
+            loaded.path = None  # it is left as it is
+            problem = f"the preferences in {path} {problem}"
+    return loaded, problem
+
+
+def _checked(content):
+    """The good values, and what is wrong with the others."""
+    if len(content) > LARGEST_FILE:
+        return {}, f"have more than {LARGEST_FILE >> 20} MiB"
+    try:
+        values = json.loads(content)
+    except (ValueError, RecursionError):
+        return {}, "are not JSON"
+    if not isinstance(values, dict) or values.get(KEY) != VERSION:
+        return {}, f"don't say that they are of version {VERSION}"
+    good = {name: values[name] for name in GOOD if name in values and GOOD[name](values[name])}
+    bad = [name for name in GOOD if name in values and name not in good]
+    return good, f"can't have {bad[0]} = {values[bad[0]]!r}"[:200] if bad else ""
+
+
+def apply(preferences: Preferences, settings: Settings) -> None:
+    """Set the settings that are remembered."""
+    for name in KEPT:
+        setattr(settings, name, getattr(preferences, name))
+    settings.target_fps = preferences.target_fps or settings.target_fps
+
+
+def take(preferences: Preferences, settings: Settings, usual_fps: float) -> None:
+    """Remember the settings; the target frame rate only if it is not the device's usual one."""
+    for name in KEPT:
+        setattr(preferences, name, getattr(settings, name))
+    preferences.target_fps = None if settings.target_fps == usual_fps else settings.target_fps
