@@ -169,6 +169,8 @@ class App:
         self.session_start = start
         scene.handles.release()
         scene.end_push()
+        if scene.timeline.playing:
+            scene.timeline.stop()
         if scene.paused:
             scene.paused = False
         if self.autosave is not None:

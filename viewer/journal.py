@@ -95,6 +95,8 @@ def _plain(value):
         return value.astype(float).tolist()
     if isinstance(value, np.generic):
         return value.item()
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
     return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
 
 
@@ -115,11 +117,8 @@ class Journal:
     def editing(self, name, arguments, label, merges):
         """Record an edit, unless it raises, and what it calls not at all."""
         before = self._state_of() if label and not self._merge(label, merges) else None
-        self.inside = True
-        try:
+        with self.unrecorded():
             yield
-        finally:
-            self.inside = False
         if before is not None:
             del self.steps[self.cursor :]
             self.steps.append(Step(label, self.tick, before, merges))
@@ -127,6 +126,15 @@ class Journal:
                 del self.steps[0]
             self.cursor = len(self.steps)
         self.events.append(Event(self.tick, name, arguments))
+
+    @contextmanager
+    def unrecorded(self):
+        """For what follows from time and earlier edits: its edits are not recorded."""
+        self.inside, before = True, self.inside
+        try:
+            yield
+        finally:
+            self.inside = before
 
     def clear(self) -> None:
         """Forget all edits, and what could be undone."""

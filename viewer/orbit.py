@@ -71,6 +71,11 @@ def turned(orbit: Orbit, dx: float, dy: float, height: int) -> Orbit:
     return replace(orbit, yaw=float(yaw), pitch=float(pitch), roll=0.0)
 
 
+def turned_to(orbit: Orbit, yaw: float) -> Orbit:
+    """The same camera at another angle about its target."""
+    return replace(orbit, yaw=float((yaw + np.pi) % (2.0 * np.pi) - np.pi))
+
+
 def panned(orbit: Orbit, dx: float, dy: float, height: int) -> Orbit:
     """After a drag by (dx, dy) pixels: the point at the target's depth follows the mouse."""
     per_pixel = 2.0 * orbit.distance * np.tan(0.5 * orbit.field_of_view) / max(height, 1)

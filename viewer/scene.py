@@ -22,6 +22,7 @@ from .handles import Handles
 from .journal import Journal, edit
 from .settings import CPU_TARGET_FPS, SHOWN, Settings
 from .surface import bounds, nearest_vertices, of_the_object
+from .timeline import Timeline
 from .undo import restore, state_of
 from .viewpoint import Viewpoint
 
@@ -75,8 +76,10 @@ class Scene:
         self._time = 0.0  # s that frames have lasted and no step has covered
         self._host = None  # the revision, and its positions
         self.viewpoint = Viewpoint(self)
+        self.timeline = Timeline(self)
         self.journal = Journal(partial(state_of, self), partial(restore, self))
-        self.body.journal = self.handles.journal = self.viewpoint.journal = self.journal
+        for owner in (self.body, self.handles, self.viewpoint, self.timeline):
+            owner.journal = self.journal
         self.first_state = state_of(self)
 
     # -- pose ----------------------------------------------------------------------------
@@ -106,6 +109,10 @@ class Scene:
     @property
     def moving(self) -> bool:
         """Whether time changes the pose."""
+        return self.timeline.playing or self._steps
+
+    @property
+    def _steps(self):
         return not self.paused and not (self.solver.settled and not self._pushes)
 
     @property
@@ -129,8 +136,8 @@ class Scene:
         self.look()
 
     def tick(self) -> None:
-        """Let a tick pass: a step, if the object moves."""
-        if self.moving:
+        """Let a tick pass: a step, if the object moves and isn't moved by the timeline."""
+        if not self.timeline.advance() and self._steps:
             self.solver.step(TIME_STEP)
         self.journal.tick += 1
 
@@ -175,6 +182,7 @@ class Scene:
     @edit("reset", undo="reset")
     def reset(self) -> None:
         """Back to the rest pose with all its pins, nothing grabbed."""
+        self.timeline.stop()
         self.handles.release()
         self.end_push()
         self.solver.reset()

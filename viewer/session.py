@@ -27,7 +27,7 @@ from ..core.paths import program_version, whole_file
 from .journal import EDITS, Event
 from .orbit import changed
 from .points import ControlPoints
-from .scene import Scene  # its methods and those of Body are the edits
+from .scene import Scene  # its methods and those of its objects are the edits
 from .session_values import ANY_NAMES, MATERIAL, OPTIONS, ORBIT, START, VIEW, is_good, is_number
 
 KEY, VERSION = "deformrf session", 1

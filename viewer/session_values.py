@@ -11,9 +11,12 @@ from ..core.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from ..core.deform import Material
 from ..core.render import MODES
 from .handles import MOST_ADDED
+from .keys import EASINGS
+from .keys import LONGEST as LONGEST_KEY
 from .orbit import CLOSEST, FARTHEST, Orbit
 from .points import MOST_POINTS
 from .settings import MESH_RANGES, SHOWN, SURFACES
+from .timeline import MOTIONS, TRACKS, WEIGHTS
 from .viewpoint import LONGEST_NAME
 
 FARTHEST_POINT = 1e3  # model units
@@ -100,7 +103,7 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "meters_per_unit": _number(1e-3 * SMALLEST_SIZE, 1e3 * LARGEST_SIZE),
     "floor": _number(-FARTHEST_POINT, FARTHEST_POINT),
     "height": lambda value: value is None or _number(-FARTHEST_POINT, FARTHEST_POINT)(value),
-    **dict.fromkeys(("soft", "pinned", "held", "on", "contact"), _flag),
+    **dict.fromkeys(("soft", "pinned", "held", "on", "contact", "pose"), _flag),
     "substep_count": _number(1, 1000, int),
     # of a material
     "young_modulus": _number(1.0, 1e12),
@@ -126,6 +129,14 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "mesh_surface": lambda value: value in SURFACES,
     "mesh_opacity": _number(0.0, 1.0),
     "mesh_range": _number(*MESH_RANGES),
+    # of the timeline
+    **dict.fromkeys(("tick", "to_tick"), _number(0, LONGEST_KEY, int)),
+    "ticks": _number(1, LONGEST_KEY, int),
+    "orbit": lambda value: value is None or _is_orbit(value),
+    "track": lambda value: value in TRACKS,
+    "easing": lambda value: isinstance(value, str) and value in EASINGS,
+    "motion": lambda value: value in MOTIONS,
+    "weight": _number(*WEIGHTS),
 }
 START = "meters_per_unit", "pins", "points", "floor", "stiffness"  # besides the material
 ORBIT = tuple(f.name for f in fields(Orbit))

@@ -11,8 +11,9 @@ def state_of(scene) -> dict:
     return {
         "body": scene.body.state(),
         "viewpoint": scene.viewpoint.state(),
-        "pinned": solver.pinned.copy(),
         "handles": scene.handles.state(),
+        "timeline": scene.timeline.state(),
+        "pinned": solver.pinned | scene.timeline.taken_pins,
         "vertices": solver.vertices.numpy().copy(),
         "velocities": solver.velocities.numpy().copy(),
         "asleep": solver.settled,
@@ -25,6 +26,7 @@ def restore(scene, state: dict) -> None:
     solver = scene.solver
     scene.handles.release()
     scene.end_push()
+    scene.timeline.restore(state["timeline"])
     scene.body.restore(state["body"])
     scene.viewpoint.restore(state["viewpoint"])
     solver.set_pinned(state["pinned"])

@@ -1,0 +1,186 @@
+"""Timelines in sessions: they play again to the bit, and damaged ones are refused."""
+
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from deformrf.viewer import keys as k
+from deformrf.viewer import orbit as orbits
+from deformrf.viewer.film import Views
+from deformrf.viewer.scene import Scene
+from deformrf.viewer.session import (
+    Player,
+    Session,
+    SessionError,
+    load_session,
+    save_session,
+    start_of,
+)
+
+
+@pytest.fixture
+def scene(ball):
+    made = Scene(ball, "ball", "cpu")
+    made.settings.grab_radius = 0.2
+    return made
+
+
+@pytest.fixture
+def line(scene):
+    return scene.timeline
+
+
+def view(scene):
+    return orbits.values(scene.orbit)
+
+
+def vertices(scene):
+    return scene.solver.vertices.numpy().copy()
+
+
+def act(scene, random, count):
+    """Random edits of a timeline, with hands in between, and frames of random lengths."""
+    line = scene.timeline
+
+    def some_key():
+        track = str(random.choice(["camera", "pose"]))
+        keys = line.keys[track]
+        return (track, int(random.choice([key.tick for key in keys]))) if keys else None
+
+    def with_some(name, *values):
+        at = some_key()
+        if at is not None:
+            getattr(line, name)(*at, *values)
+
+    def tick():
+        return int(random.integers(60))
+
+    def turn():
+        scene.orbit = orbits.turned(scene.orbit, *random.normal(scale=20.0, size=2), 240)
+
+    def drag():
+        if scene.handles.grabbed is None:
+            scene.handles.grab(int(random.choice(scene.handles.control_ids)))
+        else:
+            scene.handles.drag_to(
+                scene.handles.grabbed.target.place + random.normal(scale=0.05, size=3)
+            )
+
+    def blend():
+        if line.poses:
+            line.blend_pose(line.poses[0].name, float(random.uniform(-1.0, 1.0)))
+
+    edits = (
+        *(lambda: line.key(tick(), view(scene), bool(random.integers(4))),) * 3,
+        *(line.play,) * 4,
+        *(drag,) * 4,
+        lambda: line.scrub(tick()),
+        line.stop,
+        lambda: with_some("move_key", tick()),
+        lambda: with_some("copy_key", tick()),
+        lambda: with_some("delete_key"),
+        lambda: with_some("ease_key", str(random.choice(list(k.EASINGS)))),
+        lambda: line.set_loop(bool(random.integers(2))),
+        lambda: line.set_motion(str(random.choice(["interpolation", "physics"]))),
+        lambda: line.turntable(int(random.integers(1, 90)), view(scene)),
+        lambda: line.save_pose(str(random.choice(["a", "b"]))),
+        blend,
+        turn,
+        lambda: setattr(scene, "paused", bool(random.integers(3) == 0)),
+        lambda: scene.handles.set_pin(
+            int(random.integers(len(scene.positions))), bool(random.integers(2))
+        ),
+        lambda: scene.body.set_material(young_modulus=float(10.0 ** random.uniform(5, 7))),
+        scene.handles.release,
+        scene.reset,
+        scene.undo,
+        scene.redo,
+        scene.single_step,
+    )
+    for _ in range(count):
+        edits[random.integers(len(edits))]()
+        for _ in range(random.integers(4)):
+            scene.advance(float(random.uniform(0.0, 0.15)))
+
+
+@pytest.mark.parametrize("trial", range(3))
+def test_random_timelines_play_again_to_the_bit_and_undo_to_the_beginning(
+    ball, scene, tmp_path, trial
+):
+    seed = int(np.random.default_rng().integers(2**32))
+    random, start = np.random.default_rng(seed), start_of(scene)
+    before, fresh = vertices(scene), scene.timeline.state()
+    act(scene, random, 120)
+    session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
+    other = Scene(ball, "ball", "cpu")
+    player = Player(other, session)
+    for tick in [*np.sort(random.integers(0, session.ticks + 1, 20)), session.ticks]:
+        player.play_to(tick)
+    np.testing.assert_array_equal(vertices(other), vertices(scene), f"seed {seed}")
+    np.testing.assert_array_equal(other.solver.pinned, scene.solver.pinned, f"seed {seed}")
+    assert asdict(other.orbit).items() >= {"yaw": scene.orbit.yaw}.items(), f"seed {seed}"
+    assert other.timeline.head == scene.timeline.head, f"seed {seed}"
+    assert other.journal.events == scene.journal.events, f"seed {seed}"
+    while scene.journal.cursor:
+        scene.undo()
+    np.testing.assert_array_equal(vertices(scene), before, f"seed {seed}")
+    np.testing.assert_array_equal(scene.solver.pinned, scene.pins, f"seed {seed}")
+    assert scene.timeline.state() == fresh or not scene.journal.steps, f"seed {seed}"
+
+
+def test_the_camera_is_noted_at_every_tick_that_it_plays(scene, line):
+    """A film sees it as it was between two frames of a slow machine."""
+    scene.orbit = replace(scene.orbit, yaw=0.0)
+    line.key(0, view(scene), False)
+    scene.orbit = replace(scene.orbit, yaw=1.0)
+    line.key(30, view(scene), False)
+    line.play()
+    for _ in range(6):
+        scene.advance(0.1)
+    assert not line.playing and scene.orbit.yaw == 1.0
+    views = Views(Session({"ticks": 60}, scene.journal.events), scene.orbit)
+    for tick in range(1, 31):
+        assert views.at(tick).yaw == line.orbit_at(tick).yaw
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        [0, "key", {"tick": -1, "orbit": None, "pose": True}],
+        [0, "key", {"tick": 0.5, "orbit": None, "pose": True}],
+        [0, "key", {"tick": 10**9, "orbit": None, "pose": True}],
+        [0, "key", {"tick": 0, "orbit": {}, "pose": True}],
+        [0, "key", {"tick": 0, "orbit": {"yaw": "far"}, "pose": True}],
+        [0, "key", {"tick": 0, "orbit": [0], "pose": 1}],
+        [0, "move_key", {"track": "sound", "tick": 0, "to_tick": 0}],
+        [0, "move_key", {"track": ["pose"], "tick": 0, "to_tick": 0}],
+        [0, "ease_key", {"track": "pose", "tick": 0, "easing": ["smooth"]}],
+        [0, "turntable", {"ticks": 0, "orbit": None}],
+        [0, "set_motion", {"motion": "magic"}],
+        [0, "save_pose", {"name": ""}],
+        [0, "save_pose", {"name": "a\nb"}],
+        [0, "save_pose", {"name": "a" * 10**6}],
+        [0, "blend_pose", {"name": "a", "weight": 1e9}],
+        [0, "scrub", {"tick": True}],
+        [0, "play", {"tick": 0}],
+    ],
+)
+def test_damaged_edits_of_a_timeline_are_refused(ball, scene, tmp_path, event):
+    path = save_session(scene, start_of(scene), tmp_path / "s.jsonl")
+    path.write_text(path.read_text() + json.dumps(event) + "\n")
+    with pytest.raises(SessionError, match=f"{path}, line 2"):
+        load_session(path, ball)
+
+
+def test_edits_of_keys_that_are_not_there_are_a_damaged_session(ball, scene, tmp_path):
+    path = save_session(scene, start_of(scene), tmp_path / "s.jsonl")
+    head = path.read_text()
+    for event, told in (
+        ('[0, "delete_key", {"track": "pose", "tick": 3}]', "no pose key at tick 3"),
+        ('[0, "turntable", {"ticks": 3, "orbit": null}]', "no camera"),
+    ):
+        path.write_text(f"{head}{event}\n")
+        with pytest.raises(SessionError, match=told):
+            Player(scene, load_session(path, ball)).play_to(0)
