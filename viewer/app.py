@@ -19,6 +19,7 @@ from .actions import ACTIONS, action_of
 from .autosave import Autosave, folder, left_behind
 from .controls import Controls
 from .events import state_of
+from .fly import Fly
 from .gl import Canvas
 from .handle_layer import HandleLayer
 from .loading import Progress, prepare
@@ -114,6 +115,7 @@ class App:
         radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
         handle_layer = HandleLayer(self.ctx, scene)
         if self.scene is not None:
+            self.fly.end()
             self.controls.cancel()
             self.window.remove_handlers(**noted)
             self.window.remove_handlers(*panels_first)
@@ -125,6 +127,7 @@ class App:
         self.mesh_layer = MeshLayer(self.ctx, scene, radiance.draw_depth)
         say = self.recorder.say
         self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
+        self.fly = Fly(self.window, self.controls, self.radiance.depth_image, say)
         self.scene, self.session_start = scene, start_of(scene)
         # The handlers that are pushed last are asked first.
         self.window.push_handlers(self.controls)
@@ -256,6 +259,7 @@ class App:
             and now - self.last_event > AWAKE_SECONDS
             and self.radiance.refined == 1.0
             and not self.scene.moving
+            and not self.fly.on
             and not self.recorder.wants_screenshot
             and self.recorder.video is None
         )
@@ -271,6 +275,7 @@ class App:
         controls.ratio = size[0] / max(self.window.width, 1)
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
             scene.handles.hover = None
+        self.fly.advance(seconds)
         with times.part("simulate"):
             scene.advance(seconds)
         camera = controls.camera

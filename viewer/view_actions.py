@@ -69,6 +69,7 @@ VIEW_ACTIONS = {
     "focus": lambda app: app.scene.viewpoint.focus(),
     "home": lambda app: app.scene.viewpoint.home(),
     "toggle_parallel": _toggle_parallel,
+    "fly": lambda app: app.fly.toggle(),
     "save_view": _save_view,
     "next_view": _next_view,
 }

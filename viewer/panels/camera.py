@@ -22,6 +22,7 @@ def camera_panel(app):
         if number % A_ROW:
             imgui.same_line()
         button(name.capitalize(), app, name, label_of(name))
+    button("Fly", app, "fly", f"with W A S D, Q and E, and the mouse ({label_of('fly')})")
     _lens(app.scene)
     _saved(app)
 
