@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from deformrf.core.render import (
     MODES,
@@ -310,3 +311,44 @@ def test_stages_of_rendering_are_measured_only_if_asked_for(stage):
     stage.layer.update(stage.camera, True)
     assert len(times.rendering) >= 3
     assert all(seconds > 0 for seconds in times.rendering.values())
+
+
+def decibels(image, wanted):
+    return 10.0 * np.log10(255.0**2 / ((image.astype(float) - wanted) ** 2).mean())
+
+
+@pytest.mark.parametrize("factor", [0.25, 0.5])
+def test_a_scaled_up_picture_is_closer_to_the_full_one_than_bilinear_means(stage, factor):
+    """Its texels are blended within a layer of depth; edges of layers stay sharper."""
+    full = stage.frame(whole=True)
+    stage.scene.settings.fixed_resolution = factor
+    shown = stage.frame()
+    small = Image.fromarray(stage.layer.color_image()[..., :3])
+    plain, blocks = (
+        np.asarray(small.resize(SIZE, way))
+        for way in (Image.Resampling.BILINEAR, Image.Resampling.NEAREST)
+    )
+    assert decibels(shown, full) > decibels(plain, full)
+    assert decibels(shown, full) > decibels(blocks, full) + 1.0
+
+
+def test_depth_is_not_blended_across_an_edge(stage):
+    """What is drawn has the depth of the object or of the background, nothing in between."""
+    stage.scene.settings.fixed_resolution = 0.25
+    stage.frame()
+    raw = stage.canvas._framebuffer.read(attachment=-1, components=1, dtype="f4", alignment=1)
+    written = np.frombuffer(raw, "f4")
+    t = stage.layer.depth_image()
+    a, b = depth_terms(*orbits.clip_range(stage.scene.orbit))
+    farthest = a + b / t[np.isfinite(t)].max()
+    assert ((written <= farthest + 1e-6) | (written == 1.0)).all()
+    assert 0.1 < (written < 1.0).mean() < 0.9
+
+
+@pytest.mark.parametrize("mode", ["tets", "levels"])
+def test_data_stay_blocks(stage, mode):
+    settings = stage.scene.settings
+    settings.mode, settings.fixed_resolution = mode, 0.25
+    shown = stage.frame()
+    blocks = np.repeat(np.repeat(stage.layer.color_image()[..., :3], 4, axis=0), 4, axis=1)
+    np.testing.assert_array_equal(shown, blocks)

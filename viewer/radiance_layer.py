@@ -25,6 +25,7 @@ REST_SECONDS = 0.15  # without a change, before refining begins
 OTHER_PARTS = ("simulate", "draw", "panel")  # of a frame, beside rendering
 CHECKER_SIZE = 12  # pixels
 AVERAGED_MODES = ("color", "accumulation")
+SMOOTH_MODES = ("color", "depth", "accumulation", "normals")  # whose colors may be blended
 
 
 class RadianceLayer:
@@ -246,11 +247,14 @@ class RadianceLayer:
 
     def draw(self, camera, clip_range) -> None:
         """Draw color and depth into the framebuffer in use."""
+        scaled = self.shown.texture.size != (camera.width, camera.height)
         extent = np.array([camera.width, camera.height]) / camera.focal
         gl.set_uniforms(
             self._triangle.program,
             field_color=0,
             field_depth=1,
+            smooth_colors=scaled and self._scene.settings.mode in SMOOTH_MODES,
+            texel=camera.height / self.shown.height / camera.focal,
             background=self._scene.settings.background,
             squares=np.array([camera.width, camera.height]) / CHECKER_SIZE,
             checkerboard=self._scene.settings.checkerboard,
