@@ -351,3 +351,49 @@ def _assert_conforms(color, expected, field, vertices, origins, directions, back
         spread = np.maximum(spread, 255.0 * np.abs(moved - expected[off]).max(axis=1))
     unexplained = difference[off].max(axis=1) > spread + 2.0
     assert unexplained.sum() <= UNEXPLAINED * len(color), (off, difference[off].max(axis=1), spread)
+
+
+@pytest.fixture
+def hand():
+    """A function that makes Controls with a hand that points at pixels of an image of 320 x 240."""
+    from deformrf.viewer import controls as c
+
+    buttons, height = {"left": c.LEFT, "middle": c.MIDDLE, "right": c.RIGHT}, 240
+
+    class Hand(c.Controls):
+        @staticmethod
+        def place(pixel):  # the window counts y upwards
+            return pixel[0] - 0.5, height - 0.5 - pixel[1]
+
+        def motion(self, pixel):
+            self.on_mouse_motion(*self.place(pixel), 0, 0)
+
+        def press(self, pixel, button, modifiers=0):
+            self.at = pixel
+            self.on_mouse_press(*self.place(pixel), buttons[button], modifiers)
+
+        def drag(self, pixel, dx, dy):
+            self.at = pixel
+            self.on_mouse_drag(*self.place(pixel), dx, -dy, 0, 0)
+
+        def release(self, button, modifiers=0):
+            self.on_mouse_release(*self.place(self.at), buttons[button], modifiers)
+
+        def click(self, pixel, modifiers=0):
+            self.press(pixel, "left", modifiers)
+            self.release("left", modifiers)
+
+        def scroll(self, pixel, notches):
+            self.on_mouse_scroll(*self.place(pixel), 0, notches)
+
+        def pixel_of(self, handle):
+            from deformrf.viewer import picking
+
+            return picking.project(self.camera, self.scene.handles.at([handle]))[0][0]
+
+    def make(scene, depth_image=lambda: None, log=lambda *_, **__: None):
+        made = Hand(scene, depth_image, log)
+        made.size = 320, height
+        return made
+
+    return make

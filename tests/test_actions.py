@@ -53,7 +53,7 @@ def test_undo_and_redo_say_what_they_did(app_like):
 def test_undo_in_the_middle_of_a_drag_lets_go(controls, scene, app_like):
     before = scene.solver.vertices.numpy().copy()
     vertex = int(scene.handles.control_ids[0])
-    controls._grab(vertex, np.zeros(2))
+    controls._grab(vertex)
     scene.handles.drag_to(scene.handles.grabbed.target.place + np.array([0.1, 0.0, 0.0]))
     scene.advance(TIME_STEP)
     assert scene.handles.grabbed is not None
@@ -76,5 +76,5 @@ def test_a_drag_while_paused_says_why_nothing_moves(controls, scene):
     said = []
     controls._say = said.append
     scene.paused = True
-    controls._grab(int(scene.handles.control_ids[0]), np.zeros(2))
+    controls._grab(int(scene.handles.control_ids[0]))
     assert said == [c.PAUSED]

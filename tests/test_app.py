@@ -89,10 +89,11 @@ def test_the_panel_names_the_vertex_under_the_mouse_and_the_one_held(bare):
 
     vertex = free_vertex(bare)
     at = view_point(bare, vertex)
-    assert vertex_line(bare.scene) == "no vertex under the mouse"
+    assert vertex_line(bare.scene) == "nothing under the mouse"
     send(bare, "on_mouse_motion", *at, 0, 0)
     assert vertex_line(bare.scene) == f"vertex {vertex}"
     send(bare, "on_mouse_press", *at, mouse.LEFT, 0)
+    send(bare, "on_mouse_drag", at[0] + 9, at[1], 9, 0, mouse.LEFT, 0)
     assert vertex_line(bare.scene) == f"holding vertex {vertex}"
     send(bare, "on_mouse_release", *at, mouse.LEFT, 0)
 
@@ -102,6 +103,7 @@ def test_escape_ends_the_drag_and_not_the_program(bare):
 
     x, y = view_point(bare, free_vertex(bare))
     send(bare, "on_mouse_press", x, y, mouse.LEFT, 0)
+    send(bare, "on_mouse_drag", x + 9, y, 9, 0, mouse.LEFT, 0)
     assert bare.scene.handles.grabbed is not None
     send(bare, "on_key_press", key.ESCAPE, 0)
     assert bare.scene.handles.grabbed is None

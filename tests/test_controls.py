@@ -25,37 +25,9 @@ def events():
     return []
 
 
-BUTTONS = {"left": c.LEFT, "middle": c.MIDDLE, "right": c.RIGHT}
-
-
-class Hand(c.Controls):
-    """Controls with a hand that points at pixels of the image; the window counts y upwards."""
-
-    @staticmethod
-    def place(pixel):
-        return pixel[0] - 0.5, SIZE[1] - 0.5 - pixel[1]
-
-    def motion(self, pixel):
-        self.on_mouse_motion(*self.place(pixel), 0, 0)
-
-    def press(self, pixel, button, shift=False):
-        self.on_mouse_press(*self.place(pixel), BUTTONS[button], c.SHIFT if shift else 0)
-
-    def drag(self, pixel, dx, dy):
-        self.on_mouse_drag(*self.place(pixel), dx, -dy, 0, 0)
-
-    def release(self, button):
-        self.on_mouse_release(0, 0, BUTTONS[button], 0)
-
-    def scroll(self, pixel, notches):
-        self.on_mouse_scroll(*self.place(pixel), 0, notches)
-
-
 @pytest.fixture
-def controls(scene, events):
-    made = Hand(scene, lambda: None, lambda name, **fields: events.append((name, fields)))
-    made.size = SIZE
-    return made
+def controls(scene, events, hand):
+    return hand(scene, lambda: None, lambda name, **fields: events.append((name, fields)))
 
 
 def pixel_of(controls, vertex):
@@ -74,8 +46,8 @@ def test_a_dragged_vertex_stays_under_the_mouse(controls, scene):
     vertex = front_vertex(controls)
     press = pixel_of(controls, vertex) + np.array([2.0, -1.0])
     controls.press(press, "left")
-    assert controls.mode == "grab"
     controls.drag(press + np.array([30.0, -20.0]), 30, -20)
+    assert controls.mode == "grab"
     scene.advance(1 / 30)
     assert pixel_of(controls, vertex) == pytest.approx(press + np.array([28.0, -19.0]), abs=0.01)
     forward = controls.camera.forward
@@ -118,7 +90,7 @@ def test_a_click_on_a_pin_frees_it_and_a_drag_from_there_orbits(controls, scene,
     for pin in (int(scene.handles.pin_ids[0]), front_pin(controls)):
         at, before = pixel_of(controls, pin), scene.orbit
         controls.press(at, "left")
-        if controls.mode == "grab":  # a control vertex lies in front of it
+        if controls.mode == "pick":  # a control point lies in front of it
             controls.release("left")
             continue
         controls.drag(at + np.array([20.0, 0.0]), 20, 0)
@@ -134,14 +106,16 @@ def test_a_click_on_a_pin_frees_it_and_a_drag_from_there_orbits(controls, scene,
     assert "free" in [name for name, _ in events]
 
 
-def test_shift_and_a_click_pin_a_vertex(controls, scene, events):
+@pytest.mark.parametrize("by", ["hover", "selection"])
+def test_p_pins_what_is_under_the_mouse_or_selected(controls, scene, events, by):
     vertex = front_vertex(controls)
-    controls.press(pixel_of(controls, vertex), "left", shift=True)
-    controls.drag(pixel_of(controls, vertex) + np.array([30.0, 0.0]), 30, 0)
-    controls.release("left")
+    if by == "hover":
+        controls.motion(pixel_of(controls, vertex))
+    else:
+        controls.click(pixel_of(controls, vertex))
+    controls.pin()
     assert scene.solver.pinned[scene.handles.corners(vertex)].all()
-    assert scene.handles.grabbed is None
-    assert [name for name, _ in events] == ["pin"]
+    assert scene.handles.grabbed is None and "pin" in [name for name, _ in events]
     assert controls.pick(pixel_of(controls, vertex)) != vertex
 
 
@@ -221,6 +195,7 @@ def test_a_drag_goes_on_without_a_vertex_that_was_let_go_by_something_else(
 ):
     press = pixel_of(controls, front_vertex(controls))
     controls.press(press, "left")
+    controls.drag(press + np.array([10.0, 0.0]), 10, 0)
     scene.reset()
     controls.drag(press + np.array([20.0, 0.0]), 20, 0)
     controls.release("left") if ending == "release" else controls.cancel()
@@ -350,7 +325,7 @@ def test_a_pin_under_the_mouse_is_marked(controls, scene):
 
 
 @pytest.mark.parametrize("beside", [False, True])
-def test_zooming_in_stops_before_the_surface(scene, events, beside):
+def test_zooming_in_stops_before_the_surface(scene, hand, beside):
     """However often, and also where the wheel turns beside the object."""
     eye = [None]
 
@@ -360,8 +335,7 @@ def test_zooming_in_stops_before_the_surface(scene, events, beside):
         depth[:, : SIZE[0] // 4] = np.inf
         return depth
 
-    eye[0] = made = Hand(scene, depth_image, lambda *_, **__: None)
-    made.size = SIZE
+    eye[0] = made = hand(scene, depth_image, lambda *_, **__: None)
     for _ in range(60):
         made.scroll(np.array([20.0 if beside else 160.0, 120.0]), 1)
     assert depth_image().min() > 0.049 * scene.size

@@ -27,16 +27,25 @@ def act(scene, random, count):
     """Random edits, and frames of random lengths between them."""
 
     def drag():
-        if scene.handles.grabbed is None:
+        handles = scene.handles
+        if handles.grabbed is None:
             scene.settings.grab_radius = float(random.uniform(0.0, 0.4))
             scene.settings.soft_grab = bool(random.integers(2))
-            free = scene.handles.control_ids
+            free = handles.control_ids
             if len(free):
-                scene.handles.grab(int(random.choice(free)))
+                handles.grab(int(random.choice(free)))
+        elif random.integers(3):
+            handles.drag_to(handles.grabbed.target.place + random.normal(scale=0.05, size=3))
+        elif random.integers(2):
+            handles.turn_to(random.normal(scale=0.5, size=3), random.uniform(0.7, 1.4))
         else:
-            scene.handles.drag_to(
-                scene.handles.grabbed.target.place + random.normal(scale=0.05, size=3)
-            )
+            handles.widen(random.uniform(0.7, 1.4))
+
+    def select():
+        free = scene.handles.control_ids
+        if len(free):
+            how = str(random.choice(["replace", "add", "remove", "intersect", "toggle"]))
+            scene.handles.select(random.choice(free, 5), how)
 
     def pin():
         if scene.handles.grabbed is not None:
@@ -62,6 +71,10 @@ def act(scene, random, count):
     edits = (
         *(drag,) * 6,
         *(push,) * 2,
+        *(select,) * 2,
+        scene.handles.hide,
+        scene.handles.unhide,
+        lambda: scene.handles.add_point(random.uniform(0.3, 0.7, 3)),
         pin,
         cancel,
         paint,
@@ -96,6 +109,8 @@ def same(scene, other):
     np.testing.assert_array_equal(other.solver.pinned, scene.solver.pinned)
     assert other.body.material == scene.body.material
     assert other.solver.options == scene.solver.options
+    assert other.handles.selected == scene.handles.selected
+    assert other.handles.points.rows() == scene.handles.points.rows()
 
 
 @pytest.mark.parametrize("trial", range(3))

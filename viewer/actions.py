@@ -9,6 +9,7 @@ from operator import attrgetter
 
 from ..core.render import MODES
 from . import opening
+from .drags import SCALE, TURN
 from .view_actions import VIEW_ACTIONS
 
 
@@ -24,12 +25,32 @@ class Input:
 
 
 INPUTS = (
-    Input("left drag on a red vertex", "bend the object"),
-    Input("left drag elsewhere", "orbit; with another tool, push or paint"),
+    Input("left drag on a red point", "bend the object; all that is selected goes along"),
+    Input("left drag elsewhere", "orbit; with another tool, push, paint or select"),
+    Input("click on a red point", "select it; elsewhere, nothing"),
+    Input("Shift+click on a red point", "select it too, or no longer"),
+    Input("Ctrl+click on a red point", "select it no longer"),
+    Input("double click on the object", "a new red point there"),
     Input("click on a gray pin", "free it"),
-    Input("Shift+click on a red vertex", "pin it and what is around it"),
-    Input("P", "while dragging: pin there what is held", "P", "pin_grab"),
-    Input("B", "push with a ball instead: left drag", "B", "toggle_push", "Edit/Push with a ball"),
+    Input("wheel while dragging", "take more or less along"),
+    Input("P", "pin what is held, selected or under the mouse", "P", "pin", "Edit/Pin"),
+    Input("X", "while dragging: along x only, or freely again", "X", "along_x"),
+    Input("Y", "along y only", "Y", "along_y"),
+    Input("Z", "along z only", "Z", "along_z"),
+    Input("E", "while dragging: turn instead", "E", "turn"),
+    Input("S", "while dragging: scale instead", "S", "scale"),
+    Input(
+        "B",
+        "select in a box: left drag (Shift adds, Ctrl removes, both intersect)",
+        "B",
+        "box",
+        "Edit/Select in a box",
+    ),
+    Input("L", "select in a lasso", "L", "lasso", "Edit/Select in a lasso"),
+    Input("Ctrl+A", "select all red points in sight", "CTRL+A", "select_all", "Edit/Select all"),
+    Input("Ctrl+H", "hide the selected points", "CTRL+H", "hide", "Edit/Hide points"),
+    Input("Ctrl+Shift+H", "show hidden points", "CTRL+SHIFT+H", "unhide", "Edit/Show all points"),
+    Input("U", "push with a ball instead: left drag", "U", "toggle_push", "Edit/Push with a ball"),
     Input(
         "Ctrl+E",
         "equally stiff everywhere: forget what was painted",
@@ -58,7 +79,7 @@ INPUTS = (
     ),
     Input("middle or right drag", "pan"),
     Input("wheel", "zoom to the mouse"),
-    Input("F", "focus: the object, or the vertex under the mouse", "F", "focus", "View/Focus"),
+    Input("F", "focus: the object, or the point under the mouse", "F", "focus", "View/Focus"),
     Input("Home", "reset the camera", "HOME", "home", "View/Reset camera"),
     Input("1", "look from the front", "_1", "front", "View/From/Front"),
     Input("3", "look from the right", "_3", "right", "View/From/Right"),
@@ -74,7 +95,7 @@ INPUTS = (
     Input("Space", "pause, or go on", "SPACE", "pause", "Edit/Pause"),
     Input(".", "single step", "PERIOD", "single_step", "Edit/Single step"),
     Input("M", "next view mode: depth, normals, ...", "M", "next_mode", "View/Next mode"),
-    Input("H", "hide or show the vertices", "H", "toggle_handles", "View/Vertices"),
+    Input("H", "hide or show all points and pins", "H", "toggle_handles", "View/Vertices"),
     Input("W", "wireframe", "W", "toggle_wireframe", "View/Wireframe"),
     Input("Tab", "hide or show the panel", "TAB", "toggle_panel", "View/Panel"),
     *(
@@ -156,9 +177,25 @@ def _cancel(app):
     app.controls.cancel()
 
 
-def _toggle_push(app):
-    settings = app.scene.settings
-    settings.tool = "grab" if settings.tool == "push" else "push"
+def _tool(name):
+    """A function that takes a tool into the hand, or puts it away."""
+
+    def take(app):
+        settings = app.scene.settings
+        settings.tool = "grab" if settings.tool == name else name
+
+    return take
+
+
+def _select_all(app):
+    handles = app.scene.handles
+    ids = handles.control_ids
+    handles.select(ids[app.controls.shown(ids)])
+
+
+def _hide(app):
+    if not app.scene.handles.hide():
+        app.recorder.say("nothing to hide: select red points first")
 
 
 def _save_stiffness(app):
@@ -176,8 +213,18 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "reset": _reset,
     "pause": _toggle("paused", attrgetter("scene")),
     "single_step": lambda app: app.scene.single_step(),
-    "pin_grab": lambda app: app.controls.pin(),
-    "toggle_push": _toggle_push,
+    "pin": lambda app: app.controls.pin(),
+    "along_x": lambda app: app.controls.along(0),
+    "along_y": lambda app: app.controls.along(1),
+    "along_z": lambda app: app.controls.along(2),
+    "turn": lambda app: app.controls.turn_into(TURN),
+    "scale": lambda app: app.controls.turn_into(SCALE),
+    "box": _tool("box"),
+    "lasso": _tool("lasso"),
+    "select_all": _select_all,
+    "hide": _hide,
+    "unhide": lambda app: app.scene.handles.unhide(),
+    "toggle_push": _tool("push"),
     "clear_paint": lambda app: app.scene.body.clear_paint(),
     "save_stiffness": _save_stiffness,
     "undo": _undo,

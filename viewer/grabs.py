@@ -81,6 +81,22 @@ def rotation_matrix(rotation):
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
+def rotation_vector(matrix):
+    """Axis times angle of a rotation [3, 3]; the angle is at most half a turn.  [3]"""
+    cosine = np.clip(0.5 * (np.trace(matrix) - 1.0), -1.0, 1.0)
+    angle = float(np.arccos(cosine))
+    twice = np.array(
+        [matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]
+    )
+    sine = 0.5 * float(np.linalg.norm(twice))
+    if sine > 1e-6:
+        return np.arctan2(sine, cosine) * twice / (2.0 * sine)
+    if cosine > 0.0:
+        return 0.5 * twice
+    axis = (matrix + np.eye(3))[:, np.diag(matrix).argmax()]  # half a turn: 2 a aᵀ, a column
+    return angle * axis / np.linalg.norm(axis)
+
+
 @dataclass
 class Grab:
     """A drag in progress: its handles and those around them are moved, or pulled, as one body."""

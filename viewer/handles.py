@@ -12,6 +12,7 @@ from ..core.deform import vertices_within
 from .grabs import Grab, Motion, soft_springs
 from .journal import edit
 from .points import ControlPoints, located, placed
+from .viewpoint import LONGEST_NAME
 
 PATCH_PART = 0.75  # of a soft grab's radius, that is pinned; beyond it, pulls are weak
 MOST_ADDED = 1000  # points that a user can add
@@ -25,6 +26,8 @@ class Handles:
         points: The control points, those that were added behind those of the start.
         hover: The handle under the mouse, or None.
         selected: Handles that move together, in the order in which they were chosen.
+        hidden: Handles that are neither drawn nor taken.
+        names: That the user gave, by handle.
         grabbed: The drag in progress, or None.
         patches: A number for the vertices that were pinned together; 0: none.  [V]
     """
@@ -38,6 +41,8 @@ class Handles:
         self.points = placed(surface, mesh.rest_vertices, mesh.tets, scene.size)
         self.hover: int | None = None
         self.selected: list[int] = []
+        self.hidden: list[int] = []
+        self.names: dict[int, str] = {}
         self.grabbed: Grab | None = None
         self.patches = np.zeros(mesh.vertex_count, int)
 
@@ -62,7 +67,8 @@ class Handles:
         pins, pinned = self._scene.pins, self._scene.solver.pinned
         free = np.flatnonzero(self.points.share(pinned) < 0.5)
         freed = self._near[pins[self._near] & ~pinned[self._near] & pinned.any()]
-        return np.concatenate([len(pins) + free, freed])
+        ids = np.concatenate([len(pins) + free, freed])
+        return ids[~np.isin(ids, self.hidden)] if self.hidden else ids
 
     @property
     def pin_ids(self):
@@ -90,15 +96,49 @@ class Handles:
     def select(self, ids, how: str = "replace") -> None:
         """Change what is selected: replace, add, remove, intersect, or toggle."""
         ids, old = [int(one) for one in ids], self.selected
-        self.selected = {
-            "replace": lambda: ids,
-            "add": lambda: old + [one for one in ids if one not in old],
-            "remove": lambda: [one for one in old if one not in ids],
-            "intersect": lambda: [one for one in old if one in ids],
-            "toggle": lambda: (
-                [one for one in old if one not in ids] + [one for one in ids if one not in old]
-            ),
-        }[how]()
+        kept = [one for one in old if one not in ids]
+        new = [one for one in ids if one not in old]
+        self._select(
+            {
+                "replace": ids,
+                "add": old + new,
+                "remove": kept,
+                "intersect": [one for one in old if one in ids],
+                "toggle": kept + new,
+            }[how]
+        )
+
+    @edit("select")
+    def _select(self, ids):
+        self.selected = [one for one in ids if self.exists(one)]
+
+    def hide(self) -> int:
+        """Hide the selected handles; returns how many that are."""
+        hidden = list(self.selected)
+        if hidden:
+            self._hide([*self.hidden, *hidden])
+            self._select([])
+        return len(hidden)
+
+    def unhide(self) -> None:
+        """Show all handles again."""
+        if self.hidden:
+            self._hide([])
+
+    @edit("hide", undo="hide points")
+    def _hide(self, ids):
+        self.hidden = sorted(set(ids))
+
+    @edit("name", undo="name", merges=True)
+    def name(self, vertex: int, text: str) -> None:
+        """Give a handle a name; an empty one takes it away."""
+        self.names = {key: value for key, value in self.names.items() if key != vertex}
+        if text:
+            self.names[vertex] = text[:LONGEST_NAME]
+
+    def title(self, handle: int) -> str:
+        """What a handle is called."""
+        return self.names.get(handle, f"vertex {handle}")
 
     @property
     def movable(self) -> list[int]:
@@ -288,10 +328,12 @@ class Handles:
 
     def state(self) -> dict:
         """What edits change, besides pins."""
-        return {"points": self.points, "patches": self.patches.copy()}
+        kept = {name: getattr(self, name) for name in ("points", "hidden", "names")}
+        return kept | {"patches": self.patches.copy()}
 
     def restore(self, state: dict) -> None:
         """Return to a state."""
-        self.points, self.patches = state["points"], state["patches"].copy()
+        vars(self).update(state)
+        self.patches = self.patches.copy()
         self.selected = [one for one in self.selected if self.exists(one)]
         self.hover = None

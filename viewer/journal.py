@@ -92,7 +92,7 @@ def edit(name: str, undo: str = "", merges: bool = False):
 def _plain(value):
     """A value as JSON has it; floats keep all their digits."""
     if isinstance(value, np.ndarray):
-        return value.astype(float).tolist()
+        return (value.astype(float) if value.dtype.kind == "f" else value).tolist()
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, dict):

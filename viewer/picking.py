@@ -83,16 +83,40 @@ def _inside(camera, pixels):
     return ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
 
 
-def pick_sphere(camera: Camera, pixel, centers, radius: float, shown, slack: float) -> int | None:
-    """The index of the sphere under a pixel, the nearest to the eye of those that cover it.
+def pick_sphere(
+    camera: Camera, pixel, centers, radius: float, slack: float, depth_image=None, bias=0.0
+) -> int | None:
+    """The index of the sphere under a pixel, the nearest to the eye of those that show there.
+
+    A sphere shows where its surface, `bias` nearer to the eye than it is, is before the depth
+    image's: as HandleLayer draws it.
 
     Args:
         centers, radius: Of the spheres, model units.  [N, 3], one radius for all
-        shown: Spheres that can be picked.  [N] bool
-        slack: Pixels by which a pick may miss a sphere.
+        slack: Pixels by which a pick may miss a sphere; there its nearest edge has to show.
     """
     pixels, t = project(camera, centers)
-    reach = pixels_per_unit(camera, np.maximum(t, 1e-9)) * radius + slack
-    distance = np.hypot(*(pixels - np.asarray(pixel, float)).T)
-    candidates = np.flatnonzero(shown & (distance <= reach))
+    reach = pixels_per_unit(camera, np.maximum(t, 1e-9)) * radius  # pixels
+    to_pixel = np.asarray(pixel, float) - pixels
+    distance = np.hypot(*to_pixel.T)
+    covered = _inside(camera, np.nan_to_num(pixels, nan=-1.0)) & (distance <= reach + slack)
+    share = np.minimum(reach / np.maximum(distance, 1e-9), 1.0)[:, None]
+    nearest = np.where(covered[:, None], pixels + share * to_pixel, 0.0)  # on the sphere's disc
+    height = 1.0 - np.minimum(distance / np.maximum(reach, 1e-9), 1.0) ** 2
+    t = t - radius * np.sqrt(height)
+    if depth_image is not None:
+        covered &= t - bias <= depth_at(depth_image, camera, nearest)
+    candidates = np.flatnonzero(covered)
     return int(candidates[np.argmin(t[candidates])]) if len(candidates) else None
+
+
+def within(pixels, outline):
+    """Whether pixels [N, 2] are inside a closed outline [K, 2], by the even-odd rule.  [N] bool"""
+    pixels, outline = np.asarray(pixels, float), np.asarray(outline, float)
+    inside = np.zeros(len(pixels), bool)
+    for (x0, y0), (x1, y1) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        crosses = (y0 > pixels[:, 1]) != (y1 > pixels[:, 1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x = x0 + (pixels[:, 1] - y0) * (x1 - x0) / (y1 - y0)
+        inside ^= crosses & (pixels[:, 0] < x)
+    return inside

@@ -94,6 +94,7 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "rotation": _is_point,
     "scale": _number(1e-3, 1e3),
     "weights": _are_weights,
+    "text": lambda value: value == "" or _is_name(value),
     "point": _is_point,
     "towards_eye": _is_point,
     "factor": _number(0.1, 10.0),
@@ -149,7 +150,7 @@ def is_good(name, key, value, vertex_count):
     handles = vertex_count + MOST_POINTS + MOST_ADDED
     if key == "vertex":
         return is_number(value, 0, (vertex_count if name == "paint" else handles) - 1, int)
-    if key == "others":
+    if key in ("others", "ids"):
         return _are_vertices(value, handles)
     if key in ("pins", "corners"):
         return _are_vertices(value, vertex_count) and (key == "pins" or len(value) == 4)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-TOOLS = "grab", "push", "stiffen", "soften"
+TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften"
 SURFACES = "hidden", "plain", "strain", "volume ratio"  # of the coarse mesh
 MESH_RANGES = 0.01, 1.0
 SHOWN = (  # in films too

@@ -50,14 +50,24 @@ def deform_panel(app):
     _surroundings(scene)
     imgui.text_disabled(vertex_line(scene))
     imgui.set_item_tooltip("the id that --drag takes")
+    if len(scene.handles.selected) == 1:
+        (handle,) = scene.handles.selected
+        changed, text = imgui.input_text("name", scene.handles.names.get(handle, ""))
+        if changed:
+            scene.handles.name(handle, text)
 
 
 def vertex_line(scene) -> str:
     """Which vertex is held or under the mouse; a line in any case, or the panel would jump."""
     handles = scene.handles
     if handles.grabbed is not None:
-        return f"holding vertex {handles.grabbed.handles[0]}"
-    return "no vertex under the mouse" if handles.hover is None else f"vertex {handles.hover}"
+        several = f" and {len(handles.grabbed.handles) - 1} more"
+        return f"holding {handles.title(handles.grabbed.handles[0])}" + several * (
+            len(handles.grabbed.handles) > 1
+        )
+    if handles.hover is not None:
+        return handles.title(handles.hover)
+    return f"{len(handles.selected)} selected" if handles.selected else "nothing under the mouse"
 
 
 def _time_buttons(app):

@@ -15,6 +15,7 @@ from .dialogs import dialog_window
 from .history import history_panel
 from .menu import menu_bar
 from .recovery import recovery_window
+from .selection import gesture_overlay
 from .view import RECORDING_RED, model_panel, record_panel, time_panel, view_panel
 
 PANEL_WIDTH = 330.0
@@ -48,6 +49,7 @@ SECTIONS = (
 
 def draw_panels(app) -> None:
     """Everything that lies over the view."""
+    gesture_overlay(app)
     if app.scene.settings.show_panel:
         _main_panel(app, top=menu_bar(app))
     if app.scene.settings.show_help:
