@@ -114,7 +114,9 @@ def test_a_missing_optional_package_is_named(capfd, monkeypatch, window, ball_fi
         raise ModuleNotFoundError("No module named 'torch.nn'", name="torch.nn")
 
     monkeypatch.setattr(App, step, lacking)
-    monkeypatch.setattr(command, "_open", lambda chosen: App(*window, EventLog(False), gui=False))
+    monkeypatch.setattr(
+        command, "_open", lambda chosen, kept: App(*window, EventLog(False), gui=False)
+    )
     said = refused(
         capfd, ball_file, "--headless", "--device", "cpu", "--screenshot", tmp_path / "a.png"
     )

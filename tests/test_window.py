@@ -199,7 +199,7 @@ def test_the_panel_keeps_its_clicks_wheel_and_drags(session):
     session.move(100, 400)
     for button in (4, 5, 4, 4):  # the wheel
         session.tool("click", button)
-    session.drag((100, 226), (500, 100))  # the slider of the stiffness
+    session.drag((100, 250), (500, 100))  # the slider of the stiffness
     after = session.next_state()
     assert after["young_modulus"] > 10 * before["young_modulus"]
     for name in ("yaw", "pitch", "distance"):

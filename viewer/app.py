@@ -5,6 +5,7 @@ field, spheres and panels are drawn into the canvas, and the canvas is shown.  W
 display the same frames go into files.
 """
 
+import logging
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -13,11 +14,12 @@ from pathlib import Path
 import pyglet
 from pyglet.window import key
 
+from . import logs, panels, preferences
 from . import orbit as orbits
-from . import panels, preferences
 from .actions import ACTIONS, action_of
 from .autosave import Autosave, folder, left_behind
 from .controls import Controls
+from .dialogs import Problem
 from .events import state_of
 from .fly import Fly
 from .gl import Canvas
@@ -31,6 +33,8 @@ from .session import Player, Session, load_session, start_of
 from .times import FrameTimes
 from .undo import begin_anew, unless_it_fails
 from .upload import choose_path
+
+log = logging.getLogger(__name__)
 
 FRAME_SECONDS = 1.0 / 60.0  # the shortest frame, where vsync sets none
 AWAKE_SECONDS = 1.0  # after an event, frames are drawn: panels answer over several of them
@@ -59,6 +63,7 @@ class App:
         self.preferences = kept or preferences.Preferences()
         self.asked = self.dialog = None  # the path to open next, and what is asked: opening.py
         self.log_file = None  # that dialogs name
+        self._failed = False  # in the last turn of the loop
         # When the window had an event, when its state was logged, when a frame was drawn.
         self.last_event = self._last_state = self._drawn_at = 0.0
         self.gui = None
@@ -226,21 +231,33 @@ class App:
     def run(self, frame_count: int | None = None) -> None:
         """Show frames until the window is closed, or that many.
 
-        Without a number of frames, none is drawn while there is nothing new to see.
+        Without a number of frames, none is drawn while there is nothing new to see, and an
+        error is told of in a dialog and goes into the log; two without a frame between end it.
         """
         last = time.perf_counter()
         while not self.window.has_exit and self.frame_count != frame_count:
             pyglet.clock.tick()
             self.window.switch_to()
-            self.window.dispatch_events()
-            if self.window.has_exit:
-                break
             now = time.perf_counter()
             elapsed, last = now - last, now
-            if frame_count is None and self._quiet(now) and not self._rest():
-                continue
-            self.frame(elapsed)
-            time.sleep(max(0.0, FRAME_SECONDS - (time.perf_counter() - now)))
+            try:
+                self._turn(now, elapsed, may_rest=frame_count is None)
+            except Exception as error:
+                if frame_count is not None or self._failed:
+                    raise
+                self._failed, self.last_event = True, time.perf_counter()
+                log.exception("an error in the viewer")
+                sentence = logs.sentence(error)
+                self.dialog = Problem("Something went wrong", sentence, self.log_file)
+
+    def _turn(self, now, elapsed, may_rest):
+        """Handle events, and draw a frame if there is something to see."""
+        self.window.dispatch_events()
+        if self.window.has_exit or (may_rest and self._quiet(now) and not self._rest()):
+            return
+        self.frame(elapsed)
+        self._failed = False
+        time.sleep(max(0.0, FRAME_SECONDS - (time.perf_counter() - now)))
 
     def _rest(self) -> bool:
         """Handle work between frames; returns whether a new frame is needed."""
@@ -324,7 +341,7 @@ class App:
 
     def _draw_panels(self):
         self.gui.begin()
-        panels.draw_panels(self)
+        self.gui.guarded(panels.draw_panels, self)
         self.gui.end()
         if self.scene.settings.panel_in_screenshots:
             self.recorder.save_screenshot()
@@ -346,7 +363,6 @@ class App:
         """The user is done: no session has to be kept for another start."""
         if self.autosave is not None:
             self.autosave.end()
-            preferences.take(self.preferences, self.scene.settings, self.usual_fps)
 
     def close(self) -> None:
         """Finish a video, and give everything back; after an error too."""

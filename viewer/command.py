@@ -29,10 +29,14 @@ from ..core.commands import FAILED, run
 from ..core.device import Choice, device_name
 from ..core.paths import DEFAULT_MODEL, program_version
 from ..core.render import Mode
+from . import logs
+from .dialogs import Problem
+
+log = logging.getLogger(__name__)
 
 PROGRAM = "deformrf-view"
 SLOW_START = 1.5  # s after which the user is told what takes so long
-WINDOW_SIZE, HEADLESS_SIZE = (1200, 800), (400, 400)
+HEADLESS_SIZE = 400, 400
 SMALLEST_SIDE, LARGEST_SIDE = 32, 8192
 
 Size = Annotated[str | None, tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
@@ -69,8 +73,8 @@ class ViewArguments:
     device: Choice = "auto"
     """auto takes CUDA if there is any."""
     size: Size = None
-    """Size of the window [points], 1200x800 by default, or, headless, of the frames [pixels],
-    400x400 by default."""
+    """Size of the window [points], by default as it was last (1200x800), or, headless, of frames
+    [pixels], 400x400 by default."""
     object_size: Meters = None
     """The object's longest side [m]; by default what the model says, else one model unit is 1 m.
     The same material is stiffer for its weight where the object is smaller."""
@@ -80,8 +84,11 @@ class ViewArguments:
     """View mode, color by default; error is the difference from the exact mode of rendering."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
     """Frames per second of clips."""
-    interop: Literal["auto", "buffer", "copy"] = "auto"
-    """How CUDA frames reach OpenGL: a shared buffer, or a copy through host memory."""
+    interop: Annotated[
+        Literal["auto", "buffer", "copy"] | None, tyro.conf.arg(help_behavior_hint="")
+    ] = None
+    """How CUDA frames reach OpenGL: a shared buffer, or a copy through host memory; auto, the
+    default, takes the buffer if that works."""
     log_events: Flag = False
     """Print one JSON line per event: ready, state, grab, release, orbit, resize, ..."""
     version: Flag = False
@@ -128,9 +135,9 @@ def check(arguments: ViewArguments) -> None:
 
 
 def size_of(arguments: ViewArguments) -> tuple[int, int]:
-    """Width and height of window or frames; a ValueError if none can have --size."""
+    """Width and height of --size, else those of frames; a ValueError if none can have them."""
     if arguments.size is None:
-        return HEADLESS_SIZE if arguments.run.headless else WINDOW_SIZE
+        return HEADLESS_SIZE
     return frame_size(arguments.size)
 
 
@@ -165,10 +172,15 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
 
     session = None if chosen.session is None else load_session(chosen.session, field)
     device = device_name(chosen.device)
-    app = _open(chosen)
+    kept, problem = _remembered(chosen)
+    app = _open(chosen, kept)
     try:
         with told_if_slow(app):
-            app.load(field, chosen.model.stem, device, chosen.interop)
+            app.load(field, chosen.model.stem, device, chosen.interop or kept.interop)
+        kept.opened(chosen.model)
+        if problem:
+            log.warning(problem)
+            app.dialog = Problem("The preferences are damaged", problem)
         if session is not None:
             app.play(session)
         drag = None if drag is None else resolved(drag, app.scene)
@@ -181,16 +193,30 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
     return lambda: _show(app, chosen, drag)
 
 
-def _open(chosen):
+def _remembered(chosen):
+    """The Preferences, and a sentence if they were damaged; without a window, the defaults."""
+    from . import preferences
+
+    if chosen.run.headless:
+        return preferences.Preferences(), ""
+    return preferences.load(preferences.file())
+
+
+def _open(chosen, kept):
     """The App in its window, still empty; raises WindowError without a display or OpenGL."""
     from .window import open_window
 
     headless = chosen.run.headless
-    window, context = open_window(size_of(chosen), headless, f"deformrf: {chosen.model.stem}")
+    size = size_of(chosen) if headless or chosen.size else kept.window_size
+    window, context = open_window(size, headless, f"deformrf: {chosen.model.stem}")
     from .app import App  # imports pyglet's window, which is possible from now on
     from .events import EventLog
 
-    return App(window, context, EventLog(chosen.log_events), gui=not headless, fps=chosen.fps)
+    events = EventLog(chosen.log_events)
+    app = App(window, context, events, gui=not headless, fps=chosen.fps, kept=kept)
+    if not headless:
+        app.log_file = app.gui.log_file = logs.start(logs.file())
+    return app
 
 
 def _show(app, chosen, drag):
@@ -206,13 +232,31 @@ def _show(app, chosen, drag):
                 app.frame(0.0)  # the canvas has its size from the first frame
                 app.recorder.start(run.record)
             app.run(run.frames)
+            _remember(app, chosen)
             app.end()
             if run.screenshot is not None:
                 app.recorder.screenshot(run.screenshot)
                 app.frame(0.0, whole=True)
+    except Exception as error:
+        logs.note(error)
+        raise
     finally:
         app.close()
+        logs.stop()
     return FAILED if app.recorder.failed else 0
+
+
+def _remember(app, chosen):
+    """Write the preferences: a size that the command line gave is for this once."""
+    from . import preferences
+
+    kept = app.preferences
+    preferences.take(kept, app.scene.settings, app.usual_fps)
+    if chosen.size is None:
+        preferences.take_window(kept, app.window.get_size())
+    problem = kept.save()
+    if problem:
+        log.warning(problem)
 
 
 @contextmanager

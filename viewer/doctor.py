@@ -28,6 +28,10 @@ def report(headless: bool) -> int:
         _line("encoder", av.Codec(CODECS["h264"][0], "w").long_name)
     except Exception as error:  # whatever is wrong with it is to be reported
         _line("encoder", f"none ({error})")
+    from . import logs, preferences
+
+    _line("preferences", preferences.file())
+    _line("log", logs.file())
     device = device_name("auto")
     import warp as wp
 

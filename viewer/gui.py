@@ -107,6 +107,7 @@ class Gui:
         self._building = []
         self.mouse_on_panel = False  # when it was last seen
         self._captured = set()  # buttons that were pressed on a panel
+        self.log_file = None  # that a failed panel names
         self._failed = set()  # messages that were logged
 
     # -- events: True means that the view does not get them -------------------------------
@@ -224,6 +225,8 @@ class Gui:
             self._io.config_error_recovery_enable_assert = True
             message = f"{panel.__name__} failed: {error}"
             imgui.text_wrapped(message)
+            if self.log_file is not None:
+                imgui.text_disabled(f"more in {self.log_file}")
             if message not in self._failed:
                 self._failed.add(message)
                 log.exception(message)

@@ -39,12 +39,23 @@ def start(path: Path) -> Path | None:
     return path
 
 
+def note(error: BaseException) -> None:
+    """Write an error with its traceback into the file, and not to stderr, where Python will."""
+    trace = type(error), error, error.__traceback__
+    record = log.makeRecord(log.name, logging.ERROR, __file__, 0, "the viewer ends", (), trace)
+    for handler in _handlers():
+        handler.handle(record)
+
+
 def stop() -> None:
     """Write no further."""
-    root = logging.getLogger()
-    for handler in [h for h in root.handlers if isinstance(h, RotatingFileHandler)]:
-        root.removeHandler(handler)
+    for handler in _handlers():
+        logging.getLogger().removeHandler(handler)
         handler.close()
+
+
+def _handlers():
+    return [h for h in logging.getLogger().handlers if isinstance(h, RotatingFileHandler)]
 
 
 def sentence(error: BaseException) -> str:

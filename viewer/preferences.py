@@ -9,6 +9,7 @@ import time
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
+import numpy as np
 from platformdirs import user_config_path
 
 from ..core.paths import whole_file
@@ -154,6 +155,14 @@ def apply(preferences: Preferences, settings: Settings) -> None:
 
 def take(preferences: Preferences, settings: Settings, usual_fps: float) -> None:
     """Remember the settings; the target frame rate only if it is not the device's usual one."""
-    for name in KEPT:
-        setattr(preferences, name, getattr(settings, name))
-    preferences.target_fps = None if settings.target_fps == usual_fps else settings.target_fps
+    values = {name: getattr(settings, name) for name in KEPT}
+    values["target_fps"] = None if settings.target_fps == usual_fps else settings.target_fps
+    for name, value in values.items():
+        if GOOD[name](list(value) if isinstance(value, tuple) else value):
+            setattr(preferences, name, value)
+
+
+def take_window(preferences: Preferences, size: tuple[int, int]) -> None:
+    """Remember the window's size, as far as one can begin with it."""
+    low, high = np.array(SMALLEST_WINDOW), LARGEST_WINDOW
+    preferences.window_size = tuple(np.clip(size, low, high).tolist())
