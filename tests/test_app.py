@@ -167,16 +167,16 @@ def test_no_two_widgets_have_the_same_id(app, widgets, monkeypatch):
     assert len(set(ids)) == len(ids)
 
 
-def test_the_record_button_starts_and_ends_a_clip(app, widgets, monkeypatch, tmp_path):
+def test_the_clip_button_starts_and_ends_a_clip(app, widgets, monkeypatch, tmp_path):
     from deformrf.viewer.panels import layout
 
     only = tuple(section for section in layout.SECTIONS if section[0] == "Record")
     monkeypatch.setattr(layout, "SECTIONS", only)  # the others would scroll it out of sight
     frames(app, 3)
-    click(app, [at for label, _, at in widgets if label == "Record"][-1])
+    click(app, [at for label, _, at in widgets if label == "Clip of the screen"][-1])
     assert app.recorder.video is not None
     frames(app, 3)
-    click(app, [at for label, _, at in widgets if label == "Stop recording"][-1])
+    click(app, [at for label, _, at in widgets if label == "Stop the clip"][-1])
     assert app.recorder.video is None
     assert len(list(tmp_path.glob("deformrf-*.mp4"))) == 1
 
@@ -212,11 +212,11 @@ def test_keys_do_what_the_table_says(bare):
 def test_a_live_clip_lasts_as_long_as_it_was_recorded(bare, tmp_path):
     from pyglet.window import key
 
-    send(bare, "on_key_press", key.F9, 0)
+    send(bare, "on_key_press", key.F9, key.MOD_SHIFT)
     start = time.monotonic()
     while time.monotonic() - start < 1.0:
         frames(bare, 1)
-    send(bare, "on_key_press", key.F9, 0)
+    send(bare, "on_key_press", key.F9, key.MOD_SHIFT)
     seconds = time.monotonic() - start
     (clip,) = tmp_path.glob("deformrf-*.mp4")
     with av.open(str(clip)) as container:

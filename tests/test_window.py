@@ -230,9 +230,9 @@ def test_resizing_keeps_the_vertices_under_the_mouse(session):
 def test_a_clip_of_the_window_and_a_clean_end(session, tmp_path):
     import av
 
-    session.tool("key", "F9")
+    session.tool("key", "shift+F9")
     time.sleep(2.0)
-    session.tool("key", "F9", "F2")
+    session.tool("key", "shift+F9", "F2")
     session.wait(lambda: len(session.events("written")) == 2, 20, "clip and picture are written")
     (clip,), (picture,) = tmp_path.glob("*.mp4"), tmp_path.glob("*.png")
     assert picture.stat().st_size > 1000

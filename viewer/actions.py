@@ -107,7 +107,11 @@ INPUTS = (
     Input("Ctrl+W", "surface of the mesh", "CTRL+W", "toggle_surface", "View/Mesh/plain"),
     Input("F1", "hide or show the help", "F1", "toggle_help", "Help/Keys and gestures"),
     Input("F2", "screenshot", "F2", "screenshot", "File/Export/Picture"),
-    Input("F9", "start or stop recording", "F9", "record", "File/Record"),
+    Input(
+        "F9", "start or stop recording, for a film rendered in full", "F9", "record", "File/Record"
+    ),
+    Input("Ctrl+F9", "a film of what was recorded", "CTRL+F9", "save_film", "File/Save film"),
+    Input("Shift+F9", "clip of the screen", "SHIFT+F9", "record_screen", "File/Record screen"),
     Input("Esc", "let go, a vertex goes back; close lists and help", "ESCAPE", "cancel"),
     Input("Ctrl+Q", "quit", "CTRL+Q", "quit", "File/Quit"),
 )
@@ -242,7 +246,9 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "toggle_panel": _toggle("show_panel"),
     "toggle_help": _toggle("show_help"),
     "screenshot": lambda app: app.recorder.screenshot(),
-    "record": lambda app: app.recorder.start_or_stop(),
+    "record": lambda app: app.takes.start_or_stop(),
+    "save_film": lambda app: app.takes.ask(),
+    "record_screen": lambda app: app.recorder.start_or_stop(),
     "cancel": _cancel,
     "quit": _quit,
     "open": opening.ask,

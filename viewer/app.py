@@ -30,6 +30,7 @@ from .opening import open_asked
 from .radiance_layer import RadianceLayer
 from .recorder import Recorder, without_background
 from .session import Player, Session, load_session, start_of
+from .takes import Takes
 from .times import FrameTimes
 from .undo import begin_anew, unless_it_fails
 from .upload import choose_path
@@ -58,6 +59,7 @@ class App:
         self.times = FrameTimes()
         self.canvas = Canvas(ctx)
         self.recorder = Recorder(self.canvas, log, fps)
+        self.takes = Takes(self)
         self.frame_count = 0
         self.autosave = self.left_behind = None  # see autosave.py
         self.preferences = kept or preferences.Preferences()
@@ -279,6 +281,7 @@ class App:
             and not self.fly.on
             and not self.recorder.wants_screenshot
             and self.recorder.video is None
+            and not self.takes.recording
         )
 
     # -- a frame -------------------------------------------------------------------------
@@ -305,6 +308,7 @@ class App:
             with times.part("flip"):
                 self.canvas.show()
                 self.window.flip()
+        self.takes.update()
         problem = "" if self.autosave is None else self.autosave.update()
         if problem:
             self.recorder.say(problem)
@@ -368,6 +372,7 @@ class App:
         """Finish a video, and give everything back; after an error too."""
         try:
             self.recorder.stop()
+            self.takes.close()
         finally:
             if self.gui is not None:
                 self.gui.close()

@@ -71,7 +71,7 @@ class Recorder:
         video, self.video = self.video, None
         if video is not None:
             try:
-                self._finished(video.close())
+                self.finished(video.close())
             except RuntimeError as error:
                 self._fail(error)
 
@@ -98,7 +98,7 @@ class Recorder:
             return
         path, self._screenshot = self._screenshot, None
         try:
-            self._finished(save_png(path, self._canvas.read() if image is None else image))
+            self.finished(save_png(path, self._canvas.read() if image is None else image))
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 
@@ -107,7 +107,7 @@ class Recorder:
         path = stamped("model", ".npz")
         try:
             save(field, path, entry_bits=8)
-            self._finished(path)
+            self.finished(path)
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 
@@ -115,7 +115,7 @@ class Recorder:
         """Write what was done to a scene, by default into the current folder."""
         path = path or stamped("session", ".jsonl")
         try:
-            self._finished(save_session(scene, start, path))
+            self.finished(save_session(scene, start, path))
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 
@@ -123,7 +123,8 @@ class Recorder:
         """Show a message for a while, and print it."""
         self._say(message, sys.stderr)
 
-    def _finished(self, path):
+    def finished(self, path: Path) -> None:
+        """Say that a file is written."""
         self.written.append(path)
         self._log("written", path=path)
         self._say(f"wrote {path}", sys.stdout)

@@ -45,15 +45,16 @@ def swinging(field, device, ticks, folder):
     from deformrf.viewer.session import load_session, save_session, start_of
 
     scene = Scene(field, "film", device)
-    start, vertex = start_of(scene), int(scene.control_ids[0])
+    start, vertex = start_of(scene), int(scene.handles.control_ids[0])
     scene.advance(1 / 60)
     for tick in range(ticks - 1):
         if tick % 120 == 0:
-            scene.grab(vertex)
-        if scene.grabbed is not None:
-            scene.drag_to(np.add(scene.grabbed.target, [0.0, 0.0, 0.005 * scene.size]))
+            scene.handles.grab(vertex)
+        if scene.handles.grabbed is not None:
+            up = [0.0, 0.0, 0.005 * scene.size]
+            scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, up))
         if tick % 120 == 30:
-            scene.release()
+            scene.handles.release()
         scene.orbit = orbits.turned(scene.orbit, 2.0, 0.0, ticks)
         scene.advance(1 / 60)
     return load_session(save_session(scene, start, Path(folder) / "film.jsonl"), field)

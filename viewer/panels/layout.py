@@ -12,11 +12,19 @@ from ..loading import STAGES
 from .camera import camera_panel
 from .deform import deform_panel
 from .dialogs import dialog_window
+from .film import film_window, progress_window
 from .history import history_panel
 from .menu import menu_bar
 from .recovery import recovery_window
 from .selection import gesture_overlay
-from .view import RECORDING_RED, model_panel, record_panel, time_panel, view_panel
+from .view import (
+    RECORDING_RED,
+    model_panel,
+    record_panel,
+    recording_line,
+    time_panel,
+    view_panel,
+)
 
 PANEL_WIDTH = 330.0
 BAR_WIDTH = 360.0
@@ -67,9 +75,20 @@ def draw_panels(app) -> None:
         app.gui.guarded(dialog_window, app)
         app.gui.claim()
         imgui.end()
-    if app.recorder.video and not app.scene.settings.show_panel:
+    if app.takes.asking:
+        _floating("film", (0.5, 0.5))
+        app.gui.guarded(film_window, app)
+        app.gui.claim()
+        imgui.end()
+    if app.takes.job is not None:
+        _floating("film's progress", (1.0, 1.0))
+        app.gui.guarded(progress_window, app)
+        app.gui.claim()
+        imgui.end()
+    sign = recording_line(app)
+    if sign and not app.scene.settings.show_panel:
         _floating("recording", (1.0, 0.0), imgui.WindowFlags_.no_inputs.value)
-        imgui.text_colored(RECORDING_RED, f"recording, {app.recorder.video.seconds:.1f} s")
+        imgui.text_colored(RECORDING_RED, sign)
         imgui.end()
     if app.recorder.message:
         _floating("message", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value)

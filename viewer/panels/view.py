@@ -13,6 +13,9 @@ from .widgets import LOGARITHMIC, button, combo, number_setting, setting
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
 TARGETS = 2.0, 120.0  # frames a second
 RECORDING_RED = (0.80, 0.10, 0.10, 1.0)
+RECORD_TOOLTIP = """marks a part of the session,
+of which a film is rendered afterwards, in full quality"""
+CLIP_TOOLTIP = "a video of the view as it shows, coarse while things move"
 STAGES_TOOLTIP = """of the last image or strip; measuring waits after each stage and so takes time,
 and on the CPU the times of all threads are added up"""
 
@@ -107,14 +110,27 @@ def shown_lines(image, times) -> tuple[str, str]:
     return pixels, f"full + {image.sample_count}/{image.most_samples} samples"
 
 
+def recording_line(app) -> str:
+    """What is being recorded, and how long; empty if nothing."""
+    lines = [f"recording, {app.takes.seconds:.1f} s"] if app.takes.recording else []
+    if app.recorder.video:
+        lines.append(f"clip of the screen, {app.recorder.video.seconds:.1f} s")
+    return "; ".join(lines)
+
+
 def record_panel(app):
     settings, video = app.scene.settings, app.recorder.video
     button("Screenshot", app, "screenshot", label_of("screenshot"))
     imgui.same_line()
-    button("Stop recording" if video else "Record", app, "record", label_of("record"))
+    label = "Stop recording" if app.takes.recording else "Record"
+    button(label, app, "record", f"{label_of('record')}: {RECORD_TOOLTIP}")
+    imgui.same_line()
+    button("Save film", app, "save_film", f"{label_of('save_film')}: of the last take, or of all")
+    label = "Stop the clip" if video else "Clip of the screen"
+    button(label, app, "record_screen", f"{label_of('record_screen')}: {CLIP_TOOLTIP}")
+    if recording_line(app):
+        imgui.text_colored(RECORDING_RED, recording_line(app))
     if video:
-        imgui.text_colored(RECORDING_RED, f"{video.seconds:.1f} s")
-        imgui.same_line()
         imgui.text(
             f"{video.frame_count} frames, {video.repeated_count} repeated, "
             f"{video.dropped_count} left out"

@@ -1,0 +1,176 @@
+"""The Record button marks a part of a session, of which a process of its own makes a film."""
+
+import time
+
+import av
+import numpy as np
+import pytest
+
+from deformrf.core import field as fields
+from deformrf.viewer.film_job import FilmChoices, _exact_copy
+from deformrf.viewer.session import load_session
+
+pytestmark = pytest.mark.gl
+
+
+@pytest.fixture
+def app(window, ball, monkeypatch, tmp_path):
+    """An App with panels in a window without a display, that shows a ball."""
+    from deformrf.viewer.app import App
+    from deformrf.viewer.events import EventLog
+
+    monkeypatch.chdir(tmp_path)
+    made = App(*window, EventLog(False))
+    made.load(ball, "ball", "cpu")
+    made.scene.settings.fixed_resolution = 0.5
+    yield made
+    made.close()
+
+
+def press(app, modifiers=0):
+    from pyglet.window import key
+
+    app.window.dispatch_event("on_key_press", key.F9, modifiers)
+    app.window.dispatch_events()
+
+
+def frames(app, count=2):
+    app.run(app.frame_count + count)
+
+
+@pytest.fixture
+def taken(app):
+    """The App after a take of half a second, in the middle of which a vertex was dragged."""
+    scene = app.scene
+    for tick in range(70):
+        if tick == 20:
+            press(app)
+        if tick == 30:
+            scene.handles.grab(int(scene.handles.control_ids[0]))
+        if 30 <= tick < 45:
+            scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, [0.0, 0.0, 0.01]))
+        if tick == 50:
+            press(app)
+        scene.advance(1 / 60)
+    app.takes.choices = FilmChoices("film", "as the window", 20, 1, handles=False)
+    return app
+
+
+def until(condition, seconds=60.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def film_frames(path):
+    with av.open(str(path)) as container:
+        return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+
+
+def test_a_take_is_made_into_a_film(taken, tmp_path, capfd):
+    """From the two presses of F9 on; the viewer draws frames meanwhile."""
+    takes = taken.takes
+    assert (takes.take.first, takes.take.last, takes.take.seconds) == (20, 50, 0.5)
+    assert takes.asking and not takes.recording and taken.recorder.video is None
+    frames(taken)  # the window can be drawn
+    takes.start_film()
+    assert not takes.asking
+    for _ in range(3):
+        frames(taken)
+    until(lambda: frames(taken) or takes.job is None)
+    path = tmp_path / "film.mp4"
+    assert f"wrote {path}" in capfd.readouterr().out
+    shown = film_frames(path)
+    assert len(shown) == 11 and shown[0].shape == (*taken.size[::-1], 3)
+    assert abs(shown[0].astype(int) - shown[-1]).max() > 20  # it moved
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["film.jsonl", "film.mp4"]
+    assert load_session(tmp_path / "film.jsonl", taken.scene.field).ticks >= 70
+
+
+def test_a_viewer_that_closes_ends_the_film_where_it_is(taken, tmp_path, monkeypatch):
+    takes = taken.takes
+    takes.choices.fps, takes.choices.samples = 60, 64  # which takes a while
+    takes.start_film()
+    job = takes.job
+    until(lambda: job.frame >= 2)
+    takes.close()
+    assert job.ended and takes.job is None and not job.problem
+    assert job._process.returncode is not None
+    count = len(film_frames(tmp_path / "film.mp4"))
+    assert 2 <= count < 31
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["film.jsonl", "film.mp4"]
+
+
+def test_a_film_that_fails_says_why(taken, capfd, monkeypatch):
+    taken.takes.choices.name = "film"
+    (film := taken.takes.choices.path).mkdir()  # is there already
+    taken.takes.start_film()
+    assert taken.takes.job is None and f"{film} is there already" in capfd.readouterr().err
+    film.rmdir()
+    monkeypatch.setattr(
+        FilmChoices, "arguments", lambda choices, size: ["--size", "9x9", "-o", str(film)]
+    )
+    taken.takes.start_film()
+    until(lambda: taken.takes.update() or taken.takes.job is None)
+    assert "--size is 9x9" in capfd.readouterr().err
+    assert not film.exists()
+
+
+def test_a_take_ends_with_the_scene_it_was_of(app):
+    press(app)
+    assert app.takes.recording
+    app.scene.journal.clear()
+    frames(app)
+    assert app.takes.recording  # from tick 0 on
+    app.scene.advance(0.1)
+    press(app)
+    press(app)
+    app.scene.journal.clear()  # as a session that is opened does
+    assert not app.takes.recording
+    frames(app)
+
+
+def test_without_a_take_all_of_the_session_is_offered(app):
+    from pyglet.window import key
+
+    app.scene.advance(0.1)
+    press(app, key.MOD_CTRL)
+    assert app.takes.asking
+    assert (app.takes.take.first, app.takes.take.last) == (0, app.scene.journal.tick)
+
+
+def test_recording_costs_a_frame_nothing(app):
+    """No pixel is read: a take is two numbers."""
+    read = []
+    app.canvas.read, kept = lambda *_: read.append(1), app.canvas.read
+    press(app)
+    frames(app, 3)
+    assert app.takes.recording and not read
+    app.canvas.read = kept
+
+
+@pytest.mark.parametrize(
+    "format, name", [("MP4 (H.264)", "a.mp4"), ("WebP", "a.webp"), ("PNG files", "a")]
+)
+def test_choices_are_arguments_of_the_command(format, name, tmp_path, monkeypatch):
+    import tyro
+
+    from deformrf.viewer.render_command import RenderArguments, check
+
+    monkeypatch.chdir(tmp_path)
+    choices = FilmChoices("a", "1280x720", 24, 16, blur=True, format=format, transparent=True)
+    arguments = [*choices.arguments((33, 44)), "--session", "s.jsonl"]
+    parsed = tyro.cli(RenderArguments, args=arguments, config=(tyro.conf.FlagCreatePairsOff,))
+    assert check(parsed) == (1280, 720)
+    assert (parsed.fps, parsed.samples, parsed.shutter) == (24, 16, 0.5)
+    assert parsed.output == tmp_path / name and parsed.hide_handles
+    assert parsed.transparent == (name != "a.mp4")
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_the_copy_of_a_model_is_exact(ball, tmp_path, bits):
+    fields.save(ball, tmp_path / "ball.npz", entry_bits=bits)
+    field = fields.load(tmp_path / "ball.npz")
+    copy = fields.load(_exact_copy(field, tmp_path / "copy.npz"))
+    assert np.array_equal(copy.table, field.table)
