@@ -10,6 +10,7 @@ from operator import attrgetter
 from ..core.render import MODES
 from . import opening
 from .drags import SCALE, TURN
+from .timeline_actions import TIMELINE_ACTIONS
 from .view_actions import VIEW_ACTIONS
 
 
@@ -105,6 +106,18 @@ INPUTS = (
     Input("Ctrl+9", "strain as colors", "CTRL+_9", "toggle_strain", "View/Mesh/strain"),
     Input("Ctrl+0", "volume ratio as colors", "CTRL+_0", "toggle_volume", "View/Mesh/volume ratio"),
     Input("Ctrl+W", "surface of the mesh", "CTRL+W", "toggle_surface", "View/Mesh/plain"),
+    Input("Shift+T", "timeline", "SHIFT+T", "toggle_timeline", "Timeline/Show"),
+    Input("K", "key camera and pose at the playhead", "K", "key", "Timeline/Key"),
+    Input("Ctrl+K", "key the camera", "CTRL+K", "key_camera", "Timeline/Key the camera"),
+    Input("Shift+K", "key the pose", "SHIFT+K", "key_pose", "Timeline/Key the pose"),
+    Input("Enter", "play the timeline, or stop", "ENTER", "play", "Timeline/Play"),
+    Input("Page Down", "next key", "PAGEDOWN", "next_key", "Timeline/Next key"),
+    Input("Page Up", "key before", "PAGEUP", "previous_key", "Timeline/Key before"),
+    Input("Delete", "delete the chosen key", "DELETE", "delete_key", "Timeline/Delete key"),
+    Input("Ctrl+D", "copy a key to the playhead", "CTRL+D", "copy_key", "Timeline/Copy key"),
+    Input("Shift+O", "turn around the object", "SHIFT+O", "turntable", "Timeline/Turntable"),
+    Input("", "save the pose, to blend it", "", "save_pose", "Timeline/Save pose"),
+    Input("", "play again and again", "", "toggle_loop", "Timeline/Loop"),
     Input("F1", "hide or show the help", "F1", "toggle_help", "Help/Keys and gestures"),
     Input("F2", "screenshot", "F2", "screenshot", "File/Export/Picture"),
     Input(
@@ -214,6 +227,8 @@ def _quit(app):
 
 ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which menus check
     **VIEW_ACTIONS,
+    **TIMELINE_ACTIONS,
+    "toggle_timeline": _toggle("show_timeline"),
     "reset": _reset,
     "pause": _toggle("paused", attrgetter("scene")),
     "single_step": lambda app: app.scene.single_step(),
@@ -254,6 +269,7 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "open": opening.ask,
 }
 NUMBER_PAD = {  # its keys, also by the names that X11 has for them without Num Lock
+    "NUM_ENTER": "ENTER",
     **{f"NUM_{n}": f"_{n}" for n in range(10)},
     **{"NUM_END": "_1", "NUM_PAGE_DOWN": "_3", "NUM_NEXT": "_3", "NUM_BEGIN": "_5"},
     **{"NUM_HOME": "_7", "NUM_LEFT": "_4", "NUM_RIGHT": "_6", "NUM_UP": "_8", "NUM_DOWN": "_2"},

@@ -30,6 +30,7 @@ from .opening import open_asked
 from .radiance_layer import RadianceLayer
 from .recorder import Recorder, without_background
 from .session import Player, Session, load_session, start_of
+from .strip import Strip
 from .takes import Takes
 from .times import FrameTimes
 from .undo import begin_anew, unless_it_fails
@@ -64,6 +65,7 @@ class App:
         self.autosave = self.left_behind = None  # see autosave.py
         self.preferences = kept or preferences.Preferences()
         self.asked = self.dialog = None  # the path to open next, and what is asked: opening.py
+        self.strip = Strip()  # of the timeline
         self.log_file = None  # that dialogs name
         self._failed = False  # in the last turn of the loop
         # When the window had an event, when its state was logged, when a frame was drawn.

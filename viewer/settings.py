@@ -35,6 +35,7 @@ class Settings:
     panel_side: str = "left"  # one of SIDES
     panel_width: float = 330.0  # points
     show_help: bool = False
+    show_timeline: bool = False
     handles_in_clips: bool = True
     panel_in_screenshots: bool = False
     transparent_screenshots: bool = False  # the field alone, its opacity as the PNG's alpha

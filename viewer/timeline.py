@@ -126,7 +126,7 @@ class Timeline:
 
     @edit("turntable", undo="turntable")
     def turntable(self, ticks: int, orbit: dict) -> None:
-        """Turn a camera around its target in about so many ticks, again and again."""
+        """Turn a camera around its target in about so many ticks, again and again, from now on."""
         if orbit is None:
             raise ValueError("there is no camera to turn")
         orbit = changed(Orbit(), orbit)
@@ -138,7 +138,8 @@ class Timeline:
             for n in range(TURN_KEYS + 1)
         )
         self.keys["camera"] = tuple(turn)
-        self.loop = True
+        self.loop, self.head = True, 0
+        self.play()
 
     @edit("set_loop", undo="loop")
     def set_loop(self, on: bool) -> None:

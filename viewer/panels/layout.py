@@ -17,6 +17,7 @@ from .history import history_panel
 from .menu import menu_bar
 from .recovery import recovery_window
 from .selection import gesture_overlay
+from .timeline import STRIP_HEIGHT, poses_panel, timeline_strip
 from .view import (
     RECORDING_RED,
     model_panel,
@@ -49,6 +50,7 @@ SECTIONS = (
     ("History", history_panel, False),
     ("View", view_panel, True),
     ("Camera", camera_panel, False),
+    ("Poses", poses_panel, False),
     ("Record", record_panel, True),
     ("Time", time_panel, False),
     ("Mouse", hints_panel, True),
@@ -58,8 +60,11 @@ SECTIONS = (
 def draw_panels(app) -> None:
     """Everything that lies over the view."""
     gesture_overlay(app)
+    above = (STRIP_HEIGHT + MARGIN) * app.scene.settings.show_timeline
     if app.scene.settings.show_panel:
         _main_panel(app, top=menu_bar(app))
+    if app.scene.settings.show_timeline:
+        _strip(app)
     if app.scene.settings.show_help:
         _floating("help", (0.5, 0.5))
         app.gui.guarded(help_overlay, app)
@@ -81,7 +86,7 @@ def draw_panels(app) -> None:
         app.gui.claim()
         imgui.end()
     if app.takes.job is not None:
-        _floating("film's progress", (1.0, 1.0))
+        _floating("film's progress", (1.0, 1.0), above=above)
         app.gui.guarded(progress_window, app)
         app.gui.claim()
         imgui.end()
@@ -91,7 +96,7 @@ def draw_panels(app) -> None:
         imgui.text_colored(RECORDING_RED, sign)
         imgui.end()
     if app.recorder.message:
-        _floating("message", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value)
+        _floating("message", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value, above)
         imgui.text(app.recorder.message)
         imgui.end()
 
@@ -115,9 +120,24 @@ def _main_panel(app, top):
     imgui.end()
 
 
-def _floating(name, place, flags=0):
+def _strip(app):
+    """The timeline along the lower edge, beside the panel if there is room."""
+    size, settings = imgui.get_io().display_size, app.scene.settings
+    left = right = MARGIN
+    beside = settings.show_panel and size.x > 2.5 * PANEL_WIDTH
+    left += (PANEL_WIDTH + MARGIN) * beside
+    imgui.set_next_window_pos((left, size.y - MARGIN), pivot=(0.0, 1.0))
+    imgui.set_next_window_size((max(size.x - left - right, 100.0), STRIP_HEIGHT))
+    imgui.begin("timeline", flags=FLOATING & ~imgui.WindowFlags_.always_auto_resize.value)
+    app.gui.guarded(timeline_strip, app)
+    app.gui.claim()
+    imgui.end()
+
+
+def _floating(name, place, flags=0, above=0.0):
     """Begin a window without decoration: centered at (0.5, 0.5), at the bottom (0.5, 1) ..."""
     size = imgui.get_io().display_size
+    size.y -= above
     x, y = (share * side for share, side in zip(place, (size.x, size.y), strict=True))
     inwards = {0.0: MARGIN, 0.5: 0.0, 1.0: -MARGIN}
     imgui.set_next_window_pos((x + inwards[place[0]], y + inwards[place[1]]), pivot=place)

@@ -1,0 +1,123 @@
+"""The timeline in a window: mouse, keys and the panel, without a display."""
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.gl
+
+
+@pytest.fixture
+def app(window, ball, monkeypatch, tmp_path):
+    """An App with the strip shown, in a window without a display."""
+    from deformrf.viewer.app import App
+
+    class Log(list):
+        enabled = False
+
+        def __call__(self, event, **fields):
+            self.append((event, fields))
+
+    monkeypatch.chdir(tmp_path)
+    made = App(*window, Log())
+    made.load(ball, "ball", "cpu")
+    made.scene.settings.fixed_resolution = 0.25
+    made.scene.settings.show_panel, made.scene.settings.show_timeline = False, True
+    made.scene.journal.clear()
+    frames(made, 3)
+    yield made
+    made.close()
+
+
+def frames(app, count):
+    app.run(app.frame_count + count)
+
+
+def send(app, name, *arguments):
+    app.window.dispatch_event(name, *arguments)
+    app.window.dispatch_events()
+
+
+def press(app, name, modifiers=0):
+    from pyglet.window import key
+
+    send(app, "on_key_press", getattr(key, name), modifiers)
+    frames(app, 1)
+
+
+def place(app, tick, row):
+    """Where a tick is on a track, or on the ruler: row -1; in pyglet's coordinates."""
+    from deformrf.viewer.panels import timeline as panel
+
+    from_bottom = 12.0 + 10.0 + 36.0 + panel.LANE * (1.5 - row)
+    return round(app.strip.scale.place(tick)), round(from_bottom)
+
+
+def drag(app, start, end, modifiers=0):
+    from pyglet.window import mouse
+
+    (x, y), (to_x, to_y) = start, end
+    send(app, "on_mouse_motion", x, y, 0, 0)
+    frames(app, 1)
+    send(app, "on_mouse_press", x, y, mouse.LEFT, modifiers)
+    frames(app, 1)
+    for _ in range(2):
+        send(app, "on_mouse_drag", to_x, to_y, to_x - x, to_y - y, mouse.LEFT, modifiers)
+        frames(app, 1)
+    send(app, "on_mouse_release", to_x, to_y, mouse.LEFT, modifiers)
+    frames(app, 2)
+
+
+def test_keys_are_set_dragged_scrubbed_and_played(app):
+    """A small film, made by keyboard and mouse alone."""
+    from pyglet.window import key
+
+    line = app.scene.timeline
+    press(app, "K")
+    assert [len(keys) for keys in line.keys.values()] == [1, 1]
+    yaw = app.scene.orbit.yaw
+    drag(app, place(app, 30, -1), place(app, 120, -1))  # the playhead
+    assert abs(line.head - 120) <= 2
+    app.scene.orbit = app.scene.orbit.__class__(**{**vars(app.scene.orbit), "yaw": yaw + 1.0})
+    press(app, "K", key.MOD_CTRL)
+    assert len(line.keys["camera"]) == 2
+    drag(app, place(app, line.head, 0), place(app, 6, 0))  # its diamond
+    assert 3 <= line.end <= 9 and app.strip.selected == ("camera", line.end)
+    press(app, "ENTER")
+    assert line.playing and line.head <= 6  # from the beginning
+    for _ in range(12):
+        app.frame(1 / 60)
+    assert not line.playing and line.head == line.end
+    assert app.scene.orbit.yaw == pytest.approx(yaw + 1.0)
+    for _ in range(20):
+        press(app, "Z", key.MOD_CTRL)
+    assert line.end == 0 and line.keys == {"camera": (), "pose": ()}
+
+
+def test_the_mouse_on_the_strip_is_not_the_views(app):
+    orbit = app.scene.orbit
+    drag(app, place(app, 30, -1), place(app, 200, 1))
+    np.testing.assert_array_equal(app.scene.orbit.target, orbit.target)
+    assert app.scene.orbit.yaw == orbit.yaw and not app.controls.mode
+
+
+def test_all_of_the_panel_is_drawn_without_a_fault(app, caplog):
+    from imgui_bundle import imgui
+    from pyglet.window import key
+
+    from deformrf.viewer.panels.timeline import poses_panel
+
+    settings, line = app.scene.settings, app.scene.timeline
+    settings.show_panel = True
+    press(app, "O", key.MOD_SHIFT)
+    press(app, "K", key.MOD_SHIFT)
+    line.set_motion("physics")
+    line.save_pose("a")
+    frames(app, 2)
+    app.gui.begin()
+    imgui.begin("poses")
+    poses_panel(app)
+    imgui.end()
+    app.gui.end()
+    assert not app.gui._failed and "failed" not in caplog.text
+    press(app, "T", key.MOD_SHIFT)
+    assert not settings.show_timeline
