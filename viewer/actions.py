@@ -90,6 +90,8 @@ INPUTS = (
     Input("Shift+7", "look from below", "SHIFT+_7", "below", "View/From/Below"),
     Input("5", "orthographic, or not", "_5", "toggle_parallel", "View/Orthographic"),
     Input("G", "go: fly with W A S D, Q and E, and the mouse; Esc ends", "G", "fly", "View/Fly"),
+    Input("]", "next photograph, from its camera", "BRACKETRIGHT", "next_photograph"),
+    Input("[", "photograph before", "BRACKETLEFT", "previous_photograph"),
     Input("V", "next saved view", "V", "next_view", "View/Next saved view"),
     Input("Shift+V", "save this view", "SHIFT+V", "save_view", "View/Save view"),
     Input("R", "reset the deformation; pins come back", "R", "reset", "Edit/Reset"),

@@ -27,6 +27,8 @@ from .handle_layer import HandleLayer
 from .loading import Progress, prepare
 from .mesh_layer import MeshLayer
 from .opening import open_asked
+from .photo_actions import placed_photograph
+from .photo_layer import PhotoLayer
 from .radiance_layer import RadianceLayer
 from .recorder import Recorder, without_background
 from .session import Player, Session, load_session, start_of
@@ -59,6 +61,7 @@ class App:
         self.progress = None  # of `load`
         self.times = FrameTimes()
         self.canvas = Canvas(ctx)
+        self.photo_layer = PhotoLayer(ctx)
         self.recorder = Recorder(self.canvas, log, fps)
         self.takes = Takes(self)
         self.frame_count = 0
@@ -136,6 +139,7 @@ class App:
         self.mesh_layer = MeshLayer(self.ctx, scene, radiance.draw_depth)
         say = self.recorder.say
         self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
+        self.photographs = None  # of the scene's data set, if its folder was given
         self.fly = Fly(self.window, self.controls, self.radiance.depth_image, say)
         self.scene, self.session_start = scene, start_of(scene)
         # The handlers that are pushed last are asked first.
@@ -298,12 +302,15 @@ class App:
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
             scene.handles.hover = None
         self.fly.advance(seconds)
+        photograph, places = placed_photograph(self)
         with times.part("simulate"):
             scene.advance(seconds)
         camera = controls.camera
         self.radiance.update(camera, whole or self._wants_transparent)
         with times.part("draw"):
             self.draw(camera)
+            if photograph is not None:
+                self.photo_layer.draw(photograph, camera, places, scene.settings)
         if self.gui is not None:
             with times.part("panel"):
                 self._draw_panels()

@@ -65,6 +65,19 @@ class RunArguments:
 
 
 @dataclass(frozen=True)
+class InnerArguments:
+    """For programs that drive the viewer, and for finding faults."""
+
+    interop: Annotated[
+        Literal["auto", "buffer", "copy"] | None, tyro.conf.arg(help_behavior_hint="")
+    ] = None
+    """How CUDA frames reach OpenGL: a shared buffer, or a copy through host memory; auto, the
+    default, takes the buffer if that works."""
+    log_events: Flag = False
+    """Print one JSON line per event: ready, state, grab, release, orbit, resize, ..."""
+
+
+@dataclass(frozen=True)
 class ViewArguments:
     """Grab red control vertices of an object and bend it."""
 
@@ -80,22 +93,18 @@ class ViewArguments:
     The same material is stiffer for its weight where the object is smaller."""
     session: File = None
     """Begin where this session ended (Ctrl+Shift+S saves one)."""
+    data: File = None
+    """Folder of the data set that the model was trained on: [ and ] jump to its cameras."""
     mode: Annotated[Mode | None, tyro.conf.arg(help_behavior_hint="")] = None
     """View mode, color by default; error is the difference from the exact mode of rendering."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
     """Frames per second of clips."""
-    interop: Annotated[
-        Literal["auto", "buffer", "copy"] | None, tyro.conf.arg(help_behavior_hint="")
-    ] = None
-    """How CUDA frames reach OpenGL: a shared buffer, or a copy through host memory; auto, the
-    default, takes the buffer if that works."""
-    log_events: Flag = False
-    """Print one JSON line per event: ready, state, grab, release, orbit, resize, ..."""
     version: Flag = False
     """Print the version."""
     doctor: Flag = False
     """Print versions, OpenGL, CUDA, how frames reach OpenGL, the video encoder."""
     run: RunArguments = field(default_factory=RunArguments)
+    inner: InnerArguments = field(default_factory=InnerArguments)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -118,6 +127,8 @@ def check(arguments: ViewArguments) -> None:
     object_size("--object-size", arguments.object_size)
     if arguments.session is not None and arguments.object_size is not None:
         raise ValueError("--session has the object's size: leave --object-size out")
+    if arguments.data is not None and not arguments.data.is_dir():
+        raise ValueError(f"--data is {arguments.data}: give the folder of a data set")
     if run.frames is not None:
         at_least(1, "--frames", run.frames)
     if run.drag is not None and not run.headless:
@@ -164,6 +175,7 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
 
         return lambda: report(chosen.run.headless)
     check(chosen)
+    from .photo_actions import open_photographs
     from .script import parse_drag, resolved
 
     drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
@@ -176,7 +188,7 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
     app = _open(chosen, kept)
     try:
         with told_if_slow(app):
-            app.load(field, chosen.model.stem, device, chosen.interop or kept.interop)
+            app.load(field, chosen.model.stem, device, chosen.inner.interop or kept.interop)
         kept.opened(chosen.model)
         if problem:
             log.warning(problem)
@@ -184,6 +196,8 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
         if session is not None:
             app.play(session)
         drag = None if drag is None else resolved(drag, app.scene)
+        if chosen.data is not None:
+            open_photographs(app, chosen.data)
     except BaseException:
         app.close()
         raise
@@ -212,7 +226,7 @@ def _open(chosen, kept):
     from .app import App  # imports pyglet's window, which is possible from now on
     from .events import EventLog
 
-    events = EventLog(chosen.log_events)
+    events = EventLog(chosen.inner.log_events)
     app = App(window, context, events, gui=not headless, fps=chosen.fps, kept=kept)
     if not headless:
         app.log_file = app.gui.log_file = logs.start(logs.file())

@@ -6,6 +6,7 @@ image's: x to the right, y down.
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,6 +43,7 @@ class Controls:
         self.region = []  # pixels of the box's corners, or of the lasso
         self.size = (1, 1)  # of the image
         self.ratio = 1.0  # image pixels per point
+        self.axis = None  # where the axis of view is [pixels], if it isn't in the middle
         self._depth_image = depth_image
         self._log, self._say = log, say
         self._button = 0
@@ -54,7 +56,10 @@ class Controls:
 
     @property
     def camera(self):
-        return orbits.camera(self.scene.orbit, *self.size)
+        camera = orbits.camera(self.scene.orbit, *self.size)
+        if self.axis is not None:
+            camera = replace(camera, lens=replace(camera.lens, center=self.axis))
+        return camera
 
     def _pixel(self, x, y):
         """From a position in the window to the middle of the image's pixel.  [2]"""

@@ -72,7 +72,7 @@ class Fly:
         self._window.set_exclusive_mouse(False)
         depth, camera = self._depth_image(), self._controls.camera
         if depth is not None:
-            middle = np.array([[0.5 * camera.width, 0.5 * camera.height]])
+            middle = np.array([camera.lens.center])
             t = float(picking.depth_at(depth, camera, middle)[0])
             self._put_target(camera.position, t if np.isfinite(t) else self._scene.orbit.distance)
 

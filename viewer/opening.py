@@ -11,6 +11,7 @@ from ..core import field as fields
 from ..core.arguments import plain_message
 from . import logs
 from .dialogs import FileDialog, Problem
+from .photo_actions import open_photographs
 from .session import load_session
 
 MODEL, SESSION = ".npz", ".jsonl"
@@ -33,6 +34,9 @@ def open_asked(app) -> None:
     path, app.asked = app.asked, None
     app.dialog = None
     try:
+        if path.is_dir():
+            open_photographs(app, path)
+            return
         if path.suffix.lower() == SESSION:
             app.play(load_session(path, app.scene.field))
             app.recorder.say(f"played {path.name}: go on, or undo it")

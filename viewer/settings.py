@@ -10,6 +10,7 @@ SHOWN = (  # in films too
     *("mesh_surface", "mesh_opacity", "mesh_range"),
 )
 SIDES = "left", "right"
+PHOTOGRAPHS = "hidden", "over", "beside"  # the render
 TARGET_FPS, CPU_TARGET_FPS = 60.0, 10.0
 
 
@@ -31,6 +32,8 @@ class Settings:
     mesh_surface: str = "hidden"  # one of SURFACES, over the picture
     mesh_opacity: float = 0.85
     mesh_range: float = 0.2  # the strain, and the change of volume, at the end of the colors
+    photograph: str = "over"  # one of PHOTOGRAPHS
+    photo_opacity: float = 0.5  # of one over the render
     show_panel: bool = True
     panel_side: str = "left"  # one of SIDES
     panel_width: float = 330.0  # points

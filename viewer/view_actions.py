@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from . import orbit as orbits
+from .photo_actions import PHOTO_ACTIONS
 
 AXIS_VIEWS = {  # yaw and pitch [degrees]
     "front": (0.0, 0.0),
@@ -70,6 +71,7 @@ VIEW_ACTIONS = {
     "home": lambda app: app.scene.viewpoint.home(),
     "toggle_parallel": _toggle_parallel,
     "fly": lambda app: app.fly.toggle(),
+    **PHOTO_ACTIONS,
     "save_view": _save_view,
     "next_view": _next_view,
 }

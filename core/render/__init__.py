@@ -15,7 +15,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "look_at",
             "view_projection",
         ],
-        "rays.lens": ["Lens", "has_rays", "pinhole"],
+        "rays.lens": ["Lens", "distort", "has_rays", "pinhole"],
         "modes": ["caption", "render_mode"],
         "subpixel": ["RunningMean", "shifted"],
         "visible": ["visible_part"],

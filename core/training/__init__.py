@@ -14,6 +14,11 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "NoSplitError",
             "white_composite",
             "world_to_unit_cube",
+            # for the viewer
+            "list_images",
+            "read_image",
+            "shrunk_size",
+            "size_on_disk",
         ],
         "evaluation": [
             "evaluate",

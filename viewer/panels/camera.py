@@ -7,13 +7,16 @@ from imgui_bundle import imgui
 
 from .. import orbit as orbits
 from ..actions import label_of
+from ..photo_actions import line_of, show_photograph
+from ..settings import PHOTOGRAPHS
 from ..view_actions import AXIS_VIEWS, FROM_VIEW, UPS, set_up, up_name
-from .widgets import button, checkbox, combo, slider
+from .widgets import button, checkbox, combo, number_setting, slider
 
 ANGLES = 5.0, 100.0  # degrees
 A_ROW = 3  # axis views
 WIDER = "the distance changes with it, so that the object stays as large"
 PARALLEL = f"parallel rays: what is far away is as large ({label_of('toggle_parallel')})"
+PHOTOGRAPH = "over the render as long as the camera is where it was taken, or beside it"
 UP = "what the horizon is level to: some captures lie on their side"
 
 
@@ -25,6 +28,8 @@ def camera_panel(app):
     button("Fly", app, "fly", f"with W A S D, Q and E, and the mouse ({label_of('fly')})")
     _lens(app.scene)
     _saved(app)
+    if app.photographs is not None:
+        _photographs(app)
 
 
 def _lens(scene):
@@ -38,6 +43,19 @@ def _lens(scene):
     slider("field of view", angle, ANGLES, "%.0f°", widen, tooltip=WIDER)
     checkbox("orthographic", scene.orbit.parallel, choose, PARALLEL)
     combo("up", up_name(scene.orbit), [*UPS, FROM_VIEW], partial(set_up, scene), UP)
+
+
+def _photographs(app):
+    settings = app.scene.settings
+    button("<", app, "previous_photograph", label_of("previous_photograph"))
+    imgui.same_line()
+    button(">", app, "next_photograph", label_of("next_photograph"))
+    imgui.same_line()
+    imgui.text_disabled(line_of(app.photographs))
+    change = partial(show_photograph, app)
+    combo("photograph", settings.photograph, PHOTOGRAPHS, change, PHOTOGRAPH)
+    if settings.photograph == "over":
+        number_setting("opacity", settings, "photo_opacity", (0.0, 1.0), "%.2f")
 
 
 def _saved(app):

@@ -5,7 +5,16 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "datasets": ["Dataset", "load_dataset", "track", "white_composite"],
+        "datasets": [
+            "Dataset",
+            "list_images",
+            "load_dataset",
+            "read_image",
+            "shrunk_size",
+            "size_on_disk",
+            "track",
+            "white_composite",
+        ],
         "posed_images": ["DatasetError", "NoImagesError", "NoSplitError"],
         "raybank": ["Drawn", "RayBank"],
         "scene_box": ["learns_surroundings", "object_box", "world_to_unit_cube"],

@@ -152,10 +152,10 @@ def white_composite(images):
     return values[..., :3] * alpha + (1.0 - alpha)
 
 
-def size_on_disk(path):
-    """Width and height, without decoding the image."""
+def size_on_disk(path, formats=None):
+    """Width and height, without decoding the image; of Pillow's formats if none are named."""
     try:
-        with Image.open(path) as file:
+        with Image.open(path, formats=formats) as file:
             return file.size
     except UNREADABLE:
         raise DatasetError(f"{path} can't be read as an image") from None
@@ -201,10 +201,10 @@ def read_images(paths, lenses):
     return pixels
 
 
-def read_image(path, width, height):
+def read_image(path, width, height, formats=None):
     """One image, shrunk to that size.  [H, W, 4] uint8"""
     try:
-        with Image.open(path) as file:
+        with Image.open(path, formats=formats) as file:
             image = file.convert("RGBA")
     except UNREADABLE:  # Pillow raises SyntaxError where a PNG's chunks are broken
         raise DatasetError(f"{path} can't be read as an image") from None
