@@ -135,19 +135,21 @@ class FilmJob:
         said = ""
         for line in process.stdout:
             if line.startswith("{"):
-                self._note(json.loads(line))
+                self._note(line)
             elif line.strip():
                 said = line.strip()
         if process.wait() and not self._cancelled:
             self.problem = said.removeprefix("deformrf-render: ")
 
-    def _note(self, event):
-        if event["event"] == "frame":
-            if not self.frame:
-                self._first_at = time.monotonic()
-            self.frame, self.count = event["frame"] + 1, event["count"]
-        elif event["event"] == "written":
-            self.written = Path(event["path"])
+    def _note(self, line):
+        for text in line.replace("}{", "}\n{").splitlines():  # an interrupt may swallow the end
+            event = json.loads(text)
+            if event["event"] == "frame":
+                if not self.frame:
+                    self._first_at = time.monotonic()
+                self.frame, self.count = event["frame"] + 1, event["count"]
+            elif event["event"] == "written":
+                self.written = Path(event["path"])
 
 
 def _exact_copy(field, path: Path) -> Path:
