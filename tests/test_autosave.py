@@ -9,7 +9,7 @@ import pytest
 
 from deformrf.viewer import autosave as a
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.session import load_session, save_session, start_of
+from deformrf.viewer.session import SessionError, load_session, save_session, start_of
 
 
 class Clock:
@@ -48,6 +48,29 @@ def test_edits_are_kept_after_some_seconds_and_views_alone_are_not(saved, scene,
     scene.set_ground(False)
     pass_time(saved, 100.0)
     assert len(load_session(saved[0].path, ball).events) == 3
+
+
+def test_the_file_grows_by_what_is_new_and_a_line_that_was_cut_off_is_left_out(
+    saved, scene, ball, tmp_path
+):
+    """It reads as a file that was written at once; a stop while it is written loses one line."""
+    kept = saved[0]
+    scene.body.set_material(damping=4.0)
+    pass_time(saved, 6)
+    begun = kept.path.read_bytes()
+    scene.set_gravity(9.81)
+    scene.advance(0.1)
+    scene.hold(False)
+    pass_time(saved, 3600)
+    grown = kept.path.read_bytes()
+    assert grown.startswith(begun) and len(grown) > len(begun)
+    at_once = save_session(scene, kept._start, tmp_path / "whole.jsonl")
+    expected = load_session(at_once, ball).events
+    assert load_session(kept.path, ball).events == expected
+    kept.path.write_bytes(grown[:-9])
+    with pytest.raises(SessionError):
+        load_session(kept.path, ball)
+    assert load_session(kept.path, ball, whole=False).events == expected[:-1]
 
 
 def test_a_viewer_that_ends_in_order_leaves_nothing(saved, scene):

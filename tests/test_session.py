@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deformrf.core.deform import PRESETS
 from deformrf.viewer import journal
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.session import (
@@ -138,6 +139,21 @@ def test_random_sessions_play_again_to_the_bit_and_undo_to_the_beginning(
     assert start_of(scene) == start and scene.body.factors is None
 
 
+def test_what_changes_nothing_is_no_step_and_labels_are_the_panels_words(scene):
+    scene.body.clear_paint()
+    scene.set_ground(False)
+    scene.handles.unhide()
+    scene.body.set_material(young_modulus=scene.body.material.young_modulus)
+    scene.handles.set_pin(int(np.flatnonzero(scene.pins)[0]), True)
+    assert scene.journal.steps == []
+    scene.body.set_material(young_modulus=2e6)
+    scene.body.set_options(substep_count=12)
+    scene.body.set_material(**vars(PRESETS["rubber"]))
+    scene.body.clear_paint()
+    labels = [step.label for step in scene.journal.steps]
+    assert labels == ["stiffness", "substeps", "material"]
+
+
 def test_undo_and_redo_move_a_cursor_over_named_steps(scene):
     journal, rest = scene.journal, scene.positions.copy()
     assert not scene.undo() and not scene.redo()
@@ -149,10 +165,10 @@ def test_undo_and_redo_move_a_cursor_over_named_steps(scene):
     scene.advance(0.05)
     scene.handles.release()
     moved = scene.solver.vertices.numpy().copy()
-    assert [step.label for step in journal.steps] == ["young modulus", "drag"]
+    assert [step.label for step in journal.steps] == ["stiffness", "drag"]
     assert scene.undo()
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), rest)
-    assert journal.redoes == "drag" and journal.undoes == "young modulus"
+    assert journal.redoes == "drag" and journal.undoes == "stiffness"
     assert scene.undo() and scene.body.material.young_modulus == 1e6
     assert scene.redo() and scene.body.material.young_modulus == 3e6
     assert scene.redo()
@@ -292,7 +308,7 @@ def test_a_drag_that_is_given_up_keeps_the_steps_within_it(scene):
     scene.handles.grab(int(scene.handles.control_ids[0]))
     scene.body.set_material(young_modulus=2e6)
     scene.handles.cancel()
-    assert [step.label for step in scene.journal.steps][1:] == ["young modulus"]
+    assert [step.label for step in scene.journal.steps][1:] == ["stiffness"]
     while scene.undo():
         pass
     assert scene.body.material.young_modulus == 1e6

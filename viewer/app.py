@@ -208,7 +208,7 @@ class App:
         """Go on with the session that was left behind."""
         path, self.left_behind = self.left_behind, None
         try:
-            self.play(load_session(path, self.scene.field))
+            self.play(load_session(path, self.scene.field, whole=False))
             path.unlink()  # the new session has all of it, in a file of its own
         except (OSError, ValueError) as error:  # a SessionError is one
             self.recorder.say(str(error))

@@ -1,7 +1,7 @@
 """The session as it goes, kept in the user's folder: after a crash it can be played again.
 
-The file is written some seconds after an edit and removed when the viewer ends in order.  One
-that stays belongs to a run that did not.
+The file is written some seconds after the first edit, grows by what is done later, and is
+removed when the viewer ends in order.  One that stays belongs to a run that did not.
 """
 
 import json
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from platformdirs import user_state_path
 
-from .session import mesh_hash, save_session
+from .session import append_events, mesh_hash, save_session
 
 SECONDS = 5.0  # between two looks for edits
 SHARE = 0.02  # of the time that writing may take
@@ -31,7 +31,8 @@ class Autosave:
         self.path = kept_in / f"{scene.name}-{os.getpid()}-{time.time_ns()}.jsonl"
         self.failed = False  # a full disk: it is not tried again
         self._scene, self._start, self._clock = scene, start, clock
-        self._count = edit_count(scene)  # that need no saving
+        self._saved = len(scene.journal.events)  # so many need no saving
+        self._written = 0  # events that the file has
         self._next = clock() + SECONDS
 
     def update(self) -> str:
@@ -45,7 +46,7 @@ class Autosave:
             return ""
         self._next = now + SECONDS
         try:
-            if edit_count(self._scene) > self._count:
+            if self._has_news():
                 self.save()
             elif self.path.exists():
                 os.utime(self.path)
@@ -61,9 +62,19 @@ class Autosave:
         Raises:
             OSError: It can't be written.
         """
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        save_session(self._scene, self._start, self.path)
-        self._count = edit_count(self._scene)
+        count = len(self._scene.journal.events)
+        if 0 < self._written <= count and self.path.exists():
+            append_events(self._scene, self.path, self._written)
+        else:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            save_session(self._scene, self._start, self.path)
+        self._saved = self._written = count
+
+    def _has_news(self):
+        """Whether something was done since, but for views."""
+        events = self._scene.journal.events
+        saved = self._saved if self._saved <= len(events) else 0  # another session has begun
+        return any(event.name != "view" for event in events[saved:])
 
     def end(self) -> None:
         """The viewer ends in order: the file is not needed."""
@@ -71,11 +82,6 @@ class Autosave:
             self.path.unlink(missing_ok=True)
         except OSError:
             pass  # it will be offered once
-
-
-def edit_count(scene) -> int:
-    """How many edits there are, but for views."""
-    return sum(event.name != "view" for event in scene.journal.events)
 
 
 def left_behind(kept_in: Path, mesh) -> Path | None:

@@ -157,11 +157,11 @@ class Handles:
         else:
             self._grab(handle, radius, soft)
 
-    @edit("grab", undo="drag")
+    @edit("grab", undo="drag", begins=True)
     def _grab(self, vertex, radius, soft):
         self._hold([vertex], radius, soft)
 
-    @edit("grab_several", undo="drag")
+    @edit("grab_several", undo="drag", begins=True)
     def _grab_several(self, vertex, others, radius, soft):
         self._hold([vertex, *others], radius, soft)
 

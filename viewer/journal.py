@@ -18,6 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+# What the panel calls an attribute, where that differs; several at once are a preset.
+WORDS = {
+    "young_modulus": "stiffness",
+    "poisson_ratio": "Poisson ratio",
+    "yield_strain": "yielding",
+    "substep_count": "substeps",
+}
 FEWEST_STEPS, MOST_BYTES = 100, 256 * 2**20  # so many steps are kept, and more up to that size
 MERGED_TICKS = 30  # a slider's changes that follow each other so soon are one step
 
@@ -52,12 +59,14 @@ class Step:
     after: object = None  # the state that redo returns to, once it is undone
 
 
-def edit(name: str, undo: str = "", merges: bool = False):
+def edit(name: str, undo: str = "", merges: bool = False, begins: bool = False):
     """Mark a method as an edit.
 
     Args:
         undo: What the user calls it, if it begins a step that can be undone; with its arguments
             in braces.
+        begins: Whether the step's changes come later, as in a drag.  Otherwise one that changes
+            nothing is no step.
         merges: Whether it joins the step before if that is the same and was made just now.
     """
 
@@ -80,8 +89,10 @@ def edit(name: str, undo: str = "", merges: bool = False):
             values = {key: bound.arguments[key] for key in names}
             values |= next((bound.arguments[p.name] for p in own if p.kind is p.VAR_KEYWORD), {})
             values = {key: _plain(value) for key, value in values.items()}
-            label = undo.format(names=", ".join(values).replace("_", " "), **values)
-            with journal.editing(name, values, label, merges):
+            changed = ", ".join(WORDS.get(one, one) for one in values)
+            changed = changed if len(values) <= 2 else "material"
+            label = undo.format(**({"names": changed} | values))
+            with journal.editing(name, values, label, merges, begins):
                 return method(self, *arguments, **named)
 
         return recorded
@@ -103,23 +114,25 @@ def _plain(value):
 class Journal:
     """The edits of one scene, and what can be undone."""
 
-    def __init__(self, state_of, restore):
-        """Take functions that return the scene's state, and that restore one."""
+    def __init__(self, state_of, restore, is_nothing=lambda before: False):
+        """Take functions that return the scene's state, that restore one, and that say whether
+        an edit has changed nothing since a state.
+        """
         self.tick = 0  # that have passed
         self.events: list[Event] = []
         self.inside = False  # an edit: what it calls is part of it
         self.steps: list[Step] = []
         self.cursor = 0  # steps before it can be undone, the others done again
-        self._state_of, self._restore = state_of, restore
+        self._state_of, self._restore, self._is_nothing = state_of, restore, is_nothing
         self._view = {}  # that was noted last
 
     @contextmanager
-    def editing(self, name, arguments, label, merges):
+    def editing(self, name, arguments, label, merges, begins):
         """Record an edit, unless it raises, and what it calls not at all."""
         before = self._state_of() if label and not self._merge(label, merges) else None
         with self.unrecorded():
             yield
-        if before is not None:
+        if before is not None and (begins or not self._is_nothing(before)):
             del self.steps[self.cursor :]
             self.steps.append(Step(label, self.tick, before, merges))
             while len(self.steps) > FEWEST_STEPS and self._size() > MOST_BYTES:

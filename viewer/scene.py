@@ -23,7 +23,7 @@ from .journal import Journal, edit
 from .settings import CPU_TARGET_FPS, SHOWN, Settings
 from .surface import bounds, nearest_vertices, of_the_object
 from .timeline import Timeline
-from .undo import restore, state_of
+from .undo import is_nothing, restore, state_of
 from .viewpoint import Viewpoint
 
 MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
@@ -77,7 +77,7 @@ class Scene:
         self._host = None  # the revision, and its positions
         self.viewpoint = Viewpoint(self)
         self.timeline = Timeline(self)
-        self.journal = Journal(partial(state_of, self), partial(restore, self))
+        self.journal = Journal(*(partial(act, self) for act in (state_of, restore, is_nothing)))
         for owner in (self.body, self.handles, self.viewpoint, self.timeline):
             owner.journal = self.journal
         self.first_state = state_of(self)
@@ -210,7 +210,7 @@ class Scene:
         """Put a ball before a point of the surface [3], in a direction [3]."""
         self._push(point, towards_eye, max(self.grab_radius, SMALLEST_BALL * self.size))
 
-    @edit("push", undo="push with the ball")
+    @edit("push", undo="push with the ball", begins=True)
     def _push(self, point, towards_eye, radius):
         center = np.asarray(point, float) + radius * np.asarray(towards_eye)
         self.ball = Ball(radius, center, center)

@@ -99,14 +99,33 @@ def save_session(scene, start: dict, path: Path) -> Path:
         "start": start,
     }
     with whole_file(Path(path)) as partial, open(partial, "w", encoding="utf-8") as file:
-        for line in (header, *scene.journal.events):
-            json.dump(_finite_all(line), file, separators=(", ", ": "), allow_nan=False)
-            file.write("\n")
+        file.write(_lines([header, *scene.journal.events]))
     return Path(path)
 
 
-def load_session(path: Path, field) -> Session:
+def append_events(scene, path: Path, written: int) -> None:
+    """Add the events behind the first `written` ones to a session's file.
+
+    Raises:
+        OSError: The file can't be written.
+    """
+    with open(path, "a", encoding="utf-8") as file:
+        file.write(_lines(scene.journal.events[written:]))
+
+
+def _lines(entries) -> str:
+    return "".join(
+        json.dumps(_finite_all(entry), separators=(", ", ": "), allow_nan=False) + "\n"
+        for entry in entries
+    )
+
+
+def load_session(path: Path, field, whole: bool = True) -> Session:
     """Read and check a session of a model.
+
+    Args:
+        whole: False if its writer may have been stopped in the middle of the last line, which
+            is left out then.
 
     Raises:
         SessionError: The file is no session, is damaged, or is one of another mesh.
@@ -121,6 +140,8 @@ def load_session(path: Path, field) -> Session:
             _check_header(path, header, field.mesh)
             events = []
             for number, line in enumerate(file, start=2):
+                if not whole and not line.endswith("\n"):
+                    break
                 if number > MOST_EVENTS:
                     raise SessionError(f"{path} has more than {MOST_EVENTS:,} events")
                 parsed = _parsed(path, number, line)

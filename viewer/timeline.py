@@ -165,7 +165,7 @@ class Timeline:
 
     # -- time ----------------------------------------------------------------------------
 
-    @edit("play", undo="play")
+    @edit("play", undo="play", begins=True)
     def play(self) -> None:
         """Play from the playhead, or from the beginning if it is at the end."""
         self._let_go()

@@ -21,6 +21,32 @@ def state_of(scene) -> dict:
     }
 
 
+def is_nothing(scene, before: dict) -> bool:
+    """Whether an edit has changed nothing since a state; a body that it woke sleeps again."""
+    now = state_of(scene) | {"asleep": before["asleep"]}
+    if not _same(before, now):
+        return False
+    if before["asleep"] and not scene.solver.settled:
+        scene.solver.fall_asleep()
+    return True
+
+
+def _same(one, other):
+    """Whether two states are equal; in doubt they aren't."""
+    if one is other:
+        return True
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    if isinstance(one, list | tuple):
+        return len(one) == len(other) and all(map(_same, one, other))
+    try:
+        return bool(one == other)
+    except ValueError:  # dataclasses of arrays
+        return False
+
+
 def restore(scene, state: dict) -> None:
     """Return to a state; nothing is held afterwards."""
     solver = scene.solver
