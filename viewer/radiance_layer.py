@@ -17,6 +17,7 @@ import warp as wp
 from ..core.field import level_edges
 from ..core.render import RenderOptions, RunningMean, render_mode, shifted
 from . import gl
+from .ground_plane import GroundPlane
 from .picking import pixels_per_unit
 from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Picture, Sampling, finer
 from .upload import ImageTexture
@@ -39,6 +40,7 @@ class RadianceLayer:
         self._ctx, self._scene, self._renderer = ctx, scene, renderer
         self._times, self._clock = times, clock
         self._triangle = gl.full_screen(ctx, "image")
+        self._ground = GroundPlane(ctx, scene)
         self._moving = MovingResolution(0.1, CPU_LADDER if self.device.is_cpu else LADDER)
         field = renderer.field
         self._level_edges = level_edges(field.mesh, field.layout.level_count)
@@ -262,6 +264,8 @@ class RadianceLayer:
             extent=extent,
             axis=np.array(camera.lens.center) / [camera.width, camera.height],
             parallel=camera.parallel,
+            camera_to_world=camera.camera_to_world,
+            **self._ground.uniforms(unit=2),
             depth_terms=gl.depth_terms(*clip_range, camera.parallel),
         )
         self._draw_triangle()
@@ -280,6 +284,7 @@ class RadianceLayer:
             self._draw_triangle()
 
     def release(self) -> None:
+        self._ground.release()
         for texture in (self.shown.texture, self._spare):
             if texture is not None:
                 texture.release()

@@ -124,7 +124,7 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "stiffness": lambda value: value is None or isinstance(value, str),
     "mode": lambda value: value in MODES,
     "background": _is_color,
-    **dict.fromkeys(("checkerboard", "show_handles", "show_wireframe"), _flag),
+    **dict.fromkeys(("checkerboard", "show_handles", "show_wireframe", "show_ground"), _flag),
     "name": _is_name,
     "view": _is_orbit,
     "mesh_surface": lambda value: value in SURFACES,

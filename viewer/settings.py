@@ -7,7 +7,7 @@ SURFACES = "hidden", "plain", "strain", "volume ratio"  # of the coarse mesh
 MESH_RANGES = 0.01, 1.0
 SHOWN = (  # in films too
     *("mode", "background", "checkerboard", "show_handles", "show_wireframe"),
-    *("mesh_surface", "mesh_opacity", "mesh_range"),
+    *("show_ground", "mesh_surface", "mesh_opacity", "mesh_range"),
 )
 SIDES = "left", "right"
 PHOTOGRAPHS = "hidden", "over", "beside"  # the render
@@ -29,6 +29,7 @@ class Settings:
     accumulate: bool = True  # at rest, go on to the mean of shifted images
     show_handles: bool = True
     show_wireframe: bool = False
+    show_ground: bool = True  # where there is one
     mesh_surface: str = "hidden"  # one of SURFACES, over the picture
     mesh_opacity: float = 0.85
     mesh_range: float = 0.2  # the strain, and the change of volume, at the end of the colors

@@ -46,6 +46,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "subtet_ahead",
             "subtet_corners",
             "subtet_of",
+            "unpack_mask",
         ],
     },
 )

@@ -8,6 +8,7 @@ from imgui_bundle import imgui
 from ...core.deform import LOWEST_POISSON_RATIO, PRESETS, SOFTENED_BELOW, Material
 from ..actions import label_of
 from ..body import EARTH
+from ..ground_plane import line_spacing
 from ..settings import TOOLS
 from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider
 
@@ -167,7 +168,8 @@ def _substeps(scene):
 def _surroundings(scene):
     checkbox("held", scene.held, scene.hold, "by its lowest part; off lets all pins go")
     imgui.same_line()
-    checkbox("ground", scene.on_ground, scene.set_ground, "under the object at rest")
+    tooltip = f"under the object at rest; its lines are {line_spacing(scene):g} m apart"
+    checkbox("ground", scene.on_ground, scene.set_ground, tooltip)
     imgui.same_line()
     contact = partial(_set_contact, scene.body)
     checkbox("contact", scene.solver.options.contact, contact, "it collides with itself")

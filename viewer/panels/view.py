@@ -61,6 +61,8 @@ def _background(settings):
     setting("vertices", settings, "show_handles")
     imgui.same_line()
     setting("wireframe", settings, "show_wireframe")
+    imgui.same_line()
+    setting("ground", settings, "show_ground", "with the object's shadow, where there is a ground")
 
 
 def _mesh(settings):
