@@ -44,8 +44,7 @@ class Panel:
             paused=False,
             moving=False,
             held=True,
-            grabbed=None,
-            hover=None,
+            handles=SimpleNamespace(grabbed=None, hover=None, selected=[]),
         )
         self.gui = Gui(window)
         self.boxes, self.calls, self.dim = {}, [], []
