@@ -14,7 +14,8 @@ import numpy as np
 from ..core.render import Camera
 from . import orbit as orbits
 from .orbit import Orbit, changed
-from .session import Player, Session
+from .session import Player, Session, SessionError
+from .undo import begin_anew
 
 TICKS_PER_SECOND = 60
 ROUNDING = 1e-6  # ticks
@@ -74,6 +75,31 @@ def turned_around(orbit: Orbit, share: float) -> Orbit:
 def frame_count(seconds: float, fps: int) -> int:
     """The frames of so many seconds; the last one shows their end."""
     return math.ceil(seconds * fps - 1e-6) + 1
+
+
+def with_timeline(scene, session: Session) -> tuple[Session, int]:
+    """A session that goes on by playing its timeline once, and the tick at which that begins.
+
+    Args:
+        scene: At rest; it is used, and at rest again.
+
+    Raises:
+        SessionError: The session has no timeline, or can't be played.
+    """
+    Player(scene, session).play_to(session.ticks)
+    timeline, begin = scene.timeline, scene.journal.tick
+    if not timeline.end:
+        raise SessionError("--timeline has nothing to show: the session's timeline has no keys")
+    timeline.set_loop(False)
+    timeline.scrub(0)
+    timeline.play()
+    end = begin + timeline.end
+    while scene.journal.tick < end:
+        scene.tick()
+    scene.note_view()
+    events = list(scene.journal.events)
+    begin_anew(scene)
+    return Session(session.header | {"ticks": end}, events), begin
 
 
 class Film:

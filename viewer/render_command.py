@@ -52,6 +52,8 @@ class RenderArguments:
     """What to write: FILE.mp4, FILE.webm, FILE.webp, or a folder for numbered PNG files."""
     session: File = None
     """A session that deformrf-view has saved (Ctrl+Shift+S)."""
+    timeline: Flag = False
+    """Show the timeline that the session ends with, from its beginning to its last key."""
     turntable: Seconds = None
     """Turn the camera once around the object in so many seconds; without --session, that is the
     film."""
@@ -110,6 +112,8 @@ def check(chosen: RenderArguments) -> tuple[int, int]:
         raise ValueError("give the file to write: -o film.mp4, film.webm, or a folder")
     if chosen.session is None and chosen.turntable is None:
         raise ValueError("there is nothing to film: give --session or --turntable")
+    if chosen.timeline and chosen.session is None:
+        raise ValueError("--timeline is that of a session: give --session too")
     at_least(1, "--fps", chosen.fps)
     at_least(1, "--samples", chosen.samples)
     if chosen.samples > MOST_SAMPLES:
@@ -170,14 +174,17 @@ def prepare(chosen: RenderArguments) -> Callable[[], int]:
     window, context = open_window(size, headless=True)
     from .app import App  # imports pyglet's window, which is possible from now on
     from .events import EventLog
-    from .film import Film
+    from .film import Film, with_timeline
 
     app = App(window, context, EventLog(chosen.log_events), gui=False, fps=chosen.fps)
     try:
         with told_if_slow(app):
             app.load(field, chosen.model.stem, device)
+        begin = 0
+        if chosen.timeline:
+            session, begin = with_timeline(app.scene, session)
         film = Film(app.scene, session, chosen.fps, chosen.turntable)
-        film.cut(chosen.first, chosen.last)
+        film.cut(begin + (chosen.first or 0), None if chosen.last is None else begin + chosen.last)
     except BaseException:
         app.close()
         raise

@@ -141,10 +141,10 @@ class Scene:
             self.solver.step(TIME_STEP)
         self.journal.tick += 1
 
-    def note_view(self) -> None:
+    def note_view(self, always: bool = False) -> None:
         """Let the journal know of the camera and of the way to show the object."""
         shown = {name: getattr(self.settings, name) for name in SHOWN}
-        self.journal.note_view(asdict(self.orbit) | shown)
+        self.journal.note_view(asdict(self.orbit) | shown, always)
 
     def look(self, least=VISIBLE) -> None:
         """Take notice of the pose: it has changed if it differs by more than that [sizes]."""

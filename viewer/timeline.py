@@ -196,7 +196,7 @@ class Timeline:
         if not self.playing:
             return False
         if self.moves_camera:
-            scene.note_view()  # so that a film has it at every tick
+            scene.note_view(always=True)  # so that a film has it at every tick
         ends = self.head >= self.end and not self.loop
         if ends or not self.end:
             self._end()
