@@ -42,6 +42,7 @@ def test_a_film_shows_what_was_seen_while_the_timeline_played(ball, made, tmp_pa
     for _ in range(8):
         scene.advance(0.1)
         seen[scene.journal.tick] = scene.orbit, scene.solver.vertices.numpy().copy()
+    scene.note_view()
     session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
     film = Film(Scene(ball, "ball", "cpu"), session, 60)
     yaws = []

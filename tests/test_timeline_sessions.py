@@ -170,7 +170,7 @@ def test_the_camera_is_noted_at_every_tick_that_it_plays(scene, line):
 def test_damaged_edits_of_a_timeline_are_refused(ball, scene, tmp_path, event):
     path = save_session(scene, start_of(scene), tmp_path / "s.jsonl")
     path.write_text(path.read_text() + json.dumps(event) + "\n")
-    with pytest.raises(SessionError, match="line 3: "):
+    with pytest.raises(SessionError, match="line 2: "):
         load_session(path, ball)
 
 

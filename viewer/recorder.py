@@ -114,6 +114,7 @@ class Recorder:
     def save_session(self, scene, start: dict, path: Path | None = None) -> None:
         """Write what was done to a scene, by default into the current folder."""
         path = path or stamped("session", ".jsonl")
+        scene.note_view()  # where the last frame has left it
         try:
             self.finished(save_session(scene, start, path))
         except OSError as error:

@@ -86,7 +86,6 @@ def save_session(scene, start: dict, path: Path) -> Path:
     Raises:
         OSError: The file can't be written; one that was there before stays.
     """
-    scene.note_view()
     mesh = scene.field.mesh
     header = {
         KEY: VERSION,
