@@ -343,6 +343,24 @@ def test_the_panel_says_what_the_picture_is(app):
     assert shown_lines(coarse, app.times)[1] == "40% refined, steps × 2.0, 4 levels"
 
 
+def test_the_panel_says_when_the_object_is_slower_than_the_clock(app, monkeypatch):
+    from imgui_bundle import imgui
+
+    from deformrf.viewer.panels.view import SHOWN_TOOLTIP, shown_lines
+
+    tooltips = []
+    monkeypatch.setattr(imgui, "set_item_tooltip", tooltips.append)
+    app.scene.handles.grab(int(app.scene.handles.control_ids[0]))
+    app.frame(1.0 / 60.0)
+    assert "object time" not in shown_lines(app.radiance, app.times)[1]
+    for _ in range(3):
+        app.scene.handles.drag_to(app.scene.handles.grabbed.target.place + np.array([0.05, 0, 0]))
+        app.frame(0.5)  # of which 0.1 s are simulated
+    assert "object time × 0.2" in shown_lines(app.radiance, app.times)[1]
+    assert SHOWN_TOOLTIP in tooltips
+    assert any("holds:" in text and "Young" in text for text in tooltips)
+
+
 def test_m_goes_through_the_modes(bare):
     from pyglet.window import key
 

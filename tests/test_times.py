@@ -9,16 +9,17 @@ from deformrf.viewer.times import PARTS, FrameTimes
 
 def test_times_of_a_stage_add_up_within_a_frame():
     times = FrameTimes()
+    times.end_frame()  # the first frame has no beginning
     for _ in range(9):
         with times.part("draw"):
             time.sleep(0.004)
         with times.part("draw"):
             time.sleep(0.004)
         times.end_frame()
-    assert times.medians()["draw"] == pytest.approx(0.008, rel=0.5)
-    assert times.medians()["upload"] == 0.0
+    assert times.means()["draw"] == pytest.approx(0.008, rel=0.5)
+    assert times.means()["upload"] == 0.0
     assert times.frame_seconds() >= 0.006
-    assert set(times.medians()) == set(PARTS)
+    assert set(times.means()) == set(PARTS)
 
 
 def test_a_stage_that_fails_is_still_timed():
@@ -50,3 +51,34 @@ def test_recent_stages_are_added_up_frame_by_frame():
                 time.sleep(0.003)
         times.end_frame()
     assert times.recent(("draw", "panel")) == pytest.approx(0.006, rel=0.5)
+
+
+def test_all_read_outs_are_of_the_last_second(monkeypatch):
+    """A drag that begins shows at once, and what was before it is forgotten after a second."""
+    now = 100.0
+    monkeypatch.setattr(time, "perf_counter", lambda: now)
+    times = FrameTimes()
+    times.end_frame()
+    for length, simulate, count in ((0.02, 0.00005, 100), (0.1, 0.06, 20)):
+        for _ in range(count):
+            with times.part("simulate"):
+                now += simulate
+            now += length - simulate
+            times.end_frame()
+    assert times.frame_seconds() == pytest.approx(0.1)
+    assert times.means()["simulate"] == pytest.approx(0.06)
+    assert sum(times.means().values()) <= times.frame_seconds()
+
+
+def test_the_pace_is_that_of_the_last_second_of_motion(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr(time, "perf_counter", lambda: now)
+    times = FrameTimes()
+    assert times.pace() == 1.0
+    for seconds, ticks in ((1 / 30, 2), (0.25, 6)):
+        for _ in range(40):
+            now += seconds
+            times.passed(seconds, ticks)
+        assert times.pace() == pytest.approx(ticks / 60 / seconds)
+    now += 2.0  # at rest
+    assert times.pace() == 1.0

@@ -303,8 +303,11 @@ class App:
             scene.handles.hover = None
         self.fly.advance(seconds)
         photograph, places = placed_photograph(self)
+        moved, tick = scene.moving, scene.journal.tick
         with times.part("simulate"):
             scene.advance(seconds)
+        if moved:
+            times.passed(seconds, scene.journal.tick - tick)
         camera = controls.camera
         self.radiance.update(camera, whole or self._wants_transparent)
         with times.part("draw"):

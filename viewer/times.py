@@ -1,4 +1,8 @@
-"""Times of frames and their stages, for the read-outs and the choice of resolution."""
+"""Times of frames and their stages, for the read-outs and the choice of resolution.
+
+All read-outs are means over the same frames, those of the last second, so that they follow what
+the user does, and stages add up to their frame.
+"""
 
 import time
 from collections import deque
@@ -6,9 +10,12 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from ..core.deform import TIME_STEP
+
 PARTS = ("simulate", "render", "upload", "draw", "panel", "flip")  # of a frame
 HISTORY = 120  # frames
 RECENT = 9  # frames; few enough to follow what the user does
+SHOWN_SECONDS = 1.0  # over which read-outs are means
 
 
 class FrameTimes:
@@ -20,6 +27,8 @@ class FrameTimes:
         self._parts = {part: deque([0.0], maxlen=HISTORY) for part in PARTS}
         self._now = dict.fromkeys(PARTS, 0.0)
         self._last = None
+        self._kept = deque(maxlen=HISTORY)  # when a frame ended, its seconds, and its parts'
+        self._paces = deque(maxlen=HISTORY)  # when, and seconds by the clock and of the object
 
     @contextmanager
     def part(self, name: str):
@@ -35,6 +44,7 @@ class FrameTimes:
         now = time.perf_counter()
         if self._last is not None:
             self.frames.append(now - self._last)
+            self._kept.append((now, now - self._last, dict(self._now)))
         for name, value in self._now.items():
             self._parts[name].append(value)
         self.rest()
@@ -50,9 +60,27 @@ class FrameTimes:
         return float(np.median(np.sum([list(self._parts[p])[-RECENT:] for p in parts], axis=0)))
 
     def frame_seconds(self) -> float:
-        """Mean length of the last frames."""
-        return float(np.mean(self.frames))
+        """Mean length of the frames of the last second; 0 before the second frame."""
+        shown = self._shown(self._kept)
+        return float(np.mean([seconds for _, seconds, _ in shown])) if shown else 0.0
 
-    def medians(self) -> dict[str, float]:
-        """Median seconds per part over the last frames."""
-        return {name: float(np.median(values)) for name, values in self._parts.items()}
+    def means(self) -> dict[str, float]:
+        """Mean seconds per part of the frames of the last second."""
+        shown = self._shown(self._kept) or [(0.0, 0.0, dict.fromkeys(PARTS, 0.0))]
+        return {name: float(np.mean([parts[name] for _, _, parts in shown])) for name in PARTS}
+
+    def passed(self, seconds: float, ticks: int) -> None:
+        """Note the seconds that passed for the user, and the ticks for an object that moves."""
+        self._paces.append((time.perf_counter(), seconds, ticks * TIME_STEP))
+
+    def pace(self) -> float:
+        """The object's time to the clock's while it moved in the last second; 1 if it did not."""
+        now = time.perf_counter()
+        shown = [pace for pace in self._paces if now - pace[0] < SHOWN_SECONDS]
+        clock = sum(seconds for _, seconds, _ in shown)
+        return sum(seconds for _, _, seconds in shown) / clock if clock > 0.0 else 1.0
+
+    @staticmethod
+    def _shown(kept):
+        """Those of the last second of frames, at least one if there is any."""
+        return [frame for frame in kept if kept[-1][0] - frame[0] < SHOWN_SECONDS]

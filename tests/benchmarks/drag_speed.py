@@ -5,8 +5,8 @@
 
 A control vertex goes in a circle in real time; resolution and savings follow the target, as in
 the window.  pixels is the shorter side of the image that was rendered, and the share of frames
-with all levels and whole steps follows; ms are medians of the stages, and dB compares the last
-frame with the same pose rendered in full, scaled as the window scales it.  The solver steps 60
+with all levels and whole steps follows; ms are means of the stages in the last second, and dB
+compares the last frame with the same pose rendered in full, scaled as the window scales it.  The solver steps 60
 times a second: frames between two steps have nothing to render, and count.
 """
 
@@ -49,7 +49,7 @@ def measure(app, target, seconds):
             whole.append(not layer.shown.cheaper)
         last = now
     shown = app.canvas.read()[..., :3] / 255.0
-    medians = {name: 1e3 * value for name, value in app.times.medians().items()}
+    stages = {name: 1e3 * value for name, value in app.times.means().items()}
     scene.paused = True
     app.frame(0.0, whole=True)
     exact = app.canvas.read()[..., :3] / 255.0
@@ -60,7 +60,7 @@ def measure(app, target, seconds):
         "fps": 1.0 / np.mean(frames),
         "pixels": int(np.median(sides)),
         "whole": np.mean(whole),
-        **medians,
+        **stages,
         "dB": psnr(shown, exact),
     }
 

@@ -16,7 +16,7 @@ YOUNG_MODULI = 1e3, 1e9  # Pa
 POISSON_RATIOS = 0.0, 0.49
 DAMPINGS = 0.0, 20.0  # 1/s
 GRAB_RADII = 0.0, 0.4  # object sizes
-SUBSTEPS = 1, 60
+SUBSTEP_COUNTS = 1, 60
 GRAVITIES = 0.1, 3.0 * EARTH
 SIZES = 0.01, 100.0  # m
 YIELD_STRAINS = 0.0, 0.5
@@ -24,8 +24,13 @@ AIR_DRAGS = 0.0, 10.0  # 1/s
 WINDS = -20.0, 20.0  # m/s
 MATERIALS = {"default": Material(), **PRESETS}
 CUSTOM = "custom"  # the name of a material that is none of these
-SUBSTEPS_TOOLTIP = f"""compliance against inertia in a substep:
-below {SOFTENED_BELOW} it is softer than asked for, and more substeps make it stiffer"""
+HOLDS_TOOLTIP = f"""holds: the stiffness (Young's modulus) that the object really has with these
+substeps, whatever the slider asks for;
+r: how far an edge gives in a substep, its compliance against its inertia: below {SOFTENED_BELOW}
+the object is softer than asked for, and more substeps make it stiffer"""
+SUBSTEPS = "steps of the solver in a 60th of a second: more are slower, and hold stiffer materials"
+POISSON = "how much it gets thinner where it is stretched: near 0.5 it keeps its volume"
+DAMPING = "how fast vibrations fade"
 
 TOOL = f"""what a left drag does: grab a vertex, push with a ball ({label_of("toggle_push")}),
 or make stiffer or softer what the mouse passes, within the grab radius"""
@@ -106,10 +111,10 @@ def _material(scene):
     _material_slider(
         scene, "stiffness", "young_modulus", YOUNG_MODULI, modulus, LOGARITHMIC, "Young's modulus"
     )
-    _material_slider(scene, "Poisson ratio", "poisson_ratio", POISSON_RATIOS, "%.2f")
+    _material_slider(scene, "Poisson ratio", "poisson_ratio", POISSON_RATIOS, "%.2f", 0, POISSON)
     if scene.body.material.poisson_ratio < LOWEST_POISSON_RATIO:
         imgui.text(f"{LOWEST_POISSON_RATIO} is held: springs can't follow a lower ratio")
-    _material_slider(scene, "damping", "damping", DAMPINGS, "%.1f per s")
+    _material_slider(scene, "damping", "damping", DAMPINGS, "%.1f per s", 0, DAMPING)
     slider("size", scene.body.meters, SIZES, "%.3g m", scene.body.set_meters, LOGARITHMIC, SIZE)
 
 
@@ -157,10 +162,11 @@ def _substeps(scene):
     def change(count):
         scene.body.set_options(substep_count=count)
 
-    slider("substeps", scene.solver.options.substep_count, SUBSTEPS, "%d", change)
+    count = scene.solver.options.substep_count
+    slider("substeps", count, SUBSTEP_COUNTS, "%d", change, tooltip=SUBSTEPS)
     ratio, modulus = scene.body.stiffness
     imgui.text_disabled(f"r = {ratio:.2g}, holds {si(modulus)}Pa")
-    imgui.set_item_tooltip(SUBSTEPS_TOOLTIP)
+    imgui.set_item_tooltip(HOLDS_TOOLTIP)
     if ratio < SOFTENED_BELOW:
         imgui.text("softened: take more substeps")
 

@@ -7,6 +7,8 @@ from imgui_bundle import imgui
 
 from ...core.render import MODES, caption
 from ..actions import label_of
+from ..memory import memory_line
+from ..resolution import SAMPLE_COUNT
 from ..settings import MESH_RANGES, SURFACES
 from .widgets import LOGARITHMIC, button, combo, number_setting, setting
 
@@ -16,6 +18,14 @@ RECORDING_RED = (0.80, 0.10, 0.10, 1.0)
 RECORD_TOOLTIP = """marks a part of the session,
 of which a film is rendered afterwards, in full quality"""
 CLIP_TOOLTIP = "a video of the view as it shows, coarse while things move"
+SLOW = 0.95  # of the clock, the pace of the object's time that is worth a word
+SHIFTED_TOOLTIP = f"""when nothing moves, {SAMPLE_COUNT} images are rendered, each shifted by
+another part of a pixel, and their mean is shown: edges get smooth"""
+SHOWN_TOOLTIP = """the picture's size relative to the window, how many of the window's pixels one of
+its pixels is wide, and frames a second;
+refined: the share of the full resolution that is rendered; steps × 2: rays take samples twice as
+far apart; levels: finer details are left out; samples: images in the mean;
+object time × 0.4: the object moves at 0.4 of its speed, as frames take too long"""
 STAGES_TOOLTIP = """of the last image or strip; measuring waits after each stage and so takes time,
 and on the CPU the times of all threads are added up"""
 
@@ -94,21 +104,23 @@ def _resolution(app):
         flags = LOGARITHMIC | imgui.SliderFlags_.always_clamp.value
         tooltip = "the resolution while things move follows it"
         number_setting("target", settings, "target_fps", TARGETS, "%.0f frames/s", flags, tooltip)
-    setting("average shifted images at rest", settings, "accumulate")
+    setting("average shifted images at rest", settings, "accumulate", SHIFTED_TOOLTIP)
     for line in shown_lines(app.radiance, app.times):
         imgui.text_disabled(line)
+        imgui.set_item_tooltip(SHOWN_TOOLTIP)
 
 
 def shown_lines(image, times) -> tuple[str, str]:
     """The picture of a RadianceLayer: its pixels and frame rate, and how far it is refined."""
     fps = 1.0 / max(times.frame_seconds(), 1e-6)
     pixels = f"{image.factor:.0%}, pixels {1.0 / image.factor:.1f} wide, {fps:.0f} fps"
+    slow = [f"object time × {times.pace():.2g}"] if times.pace() < SLOW else []
     if image.refined < 1.0:
         names = {"step_factor": "steps × {}", "level_count": "{} levels"}
         saved = [names[name].format(value) for name, value in image.shown.cheaper.items()]
-        return pixels, ", ".join([f"{image.refined:.0%} refined", *saved])
+        return pixels, ", ".join([f"{image.refined:.0%} refined", *saved, *slow])
     if image.sample_count < 2:
-        return pixels, "full"
+        return pixels, ", ".join(["full", *slow])
     return pixels, f"full + {image.sample_count}/{image.most_samples} samples"
 
 
@@ -148,10 +160,15 @@ def time_panel(app):
     imgui.text(f"{1e3 * mean:.1f} ms a frame, {1.0 / max(mean, 1e-6):.0f} frames a second")
     frames = 1e3 * np.array(times.frames, np.float32)
     imgui.plot_lines("##frames", frames, scale_min=0.0, graph_size=(-1.0, 40.0))
-    _rows(times.medians())
+    _rows(times.means())
+    imgui.text_disabled("means of the last second")
     setting("stages of rendering", settings, "time_rendering", STAGES_TOOLTIP)
     if settings.time_rendering:
         _rows(times.rendering)
+    pace = times.pace()
+    imgui.text(f"object time × {pace:.2g}" + " of the clock" * (pace < SLOW))
+    imgui.set_item_tooltip("below 1, the object moves slower than it would: frames take too long")
+    imgui.text(memory_line(app.radiance.device))
     imgui.text_disabled(f"renders on {app.radiance.device.name}")
     imgui.text_disabled(f"draws on {app.ctx.info['GL_RENDERER']}")
     imgui.text_disabled(f"frames go by {app.radiance.path}")
