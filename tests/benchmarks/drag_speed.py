@@ -6,8 +6,8 @@
 A control vertex goes in a circle in real time; resolution and savings follow the target, as in
 the window.  pixels is the shorter side of the image that was rendered, and the share of frames
 with all levels and whole steps follows; ms are means of the stages in the last second, and dB
-compares the last frame with the same pose rendered in full, scaled as the window scales it.  The solver steps 60
-times a second: frames between two steps have nothing to render, and count.
+compares the last frame with the same pose rendered in full, scaled as the window scales it.  The
+solver steps 60 times a second: frames between two steps have nothing to render, and count.
 """
 
 import argparse
