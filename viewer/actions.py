@@ -10,6 +10,7 @@ from operator import attrgetter
 from ..core.render import MODES
 from . import opening
 from .drags import SCALE, TURN
+from .settings import PANEL_WIDTHS, SIDES
 from .timeline_actions import TIMELINE_ACTIONS
 from .view_actions import VIEW_ACTIONS
 
@@ -100,7 +101,10 @@ INPUTS = (
     Input("M", "next view mode: depth, normals, ...", "M", "next_mode", "View/Next mode"),
     Input("H", "hide or show all points and pins", "H", "toggle_handles", "View/Vertices"),
     Input("W", "wireframe", "W", "toggle_wireframe", "View/Wireframe"),
-    Input("Tab", "hide or show the panel", "TAB", "toggle_panel", "View/Panel"),
+    Input("Tab", "hide or show the panel", "TAB", "toggle_panel", "View/Panel/Shown"),
+    Input("", "at the other side", action="panel_side", menu="View/Panel/On the right"),
+    Input("", "40 points wider", action="panel_wider", menu="View/Panel/Wider"),
+    Input("", "40 points narrower", action="panel_narrower", menu="View/Panel/Narrower"),
     *(
         Input(f"Ctrl+{k}", f"show {mode}", f"CTRL+_{k}", f"show_{mode}", f"View/Show/{mode}")
         for k, mode in enumerate(MODES, start=1)
@@ -223,6 +227,24 @@ def _save_stiffness(app):
     app.recorder.save_model(replace(app.scene.field, stiffness=factors))
 
 
+def _panel_side(app):
+    settings = app.scene.settings
+    settings.panel_side = SIDES[1 - SIDES.index(settings.panel_side)]
+
+
+_panel_side.is_on = lambda app: app.scene.settings.panel_side == "right"
+
+
+def _widen_panel(by):
+    """A function that makes the panel wider [points]."""
+
+    def widen(app):
+        settings, (low, high) = app.scene.settings, PANEL_WIDTHS
+        settings.panel_width = min(max(settings.panel_width + by, low), high)
+
+    return widen
+
+
 def _quit(app):
     app.window.has_exit = True
 
@@ -269,6 +291,9 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "cancel": _cancel,
     "quit": _quit,
     "open": opening.ask,
+    "panel_side": _panel_side,
+    "panel_wider": _widen_panel(40.0),
+    "panel_narrower": _widen_panel(-40.0),
 }
 NUMBER_PAD = {  # its keys, also by the names that X11 has for them without Num Lock
     "NUM_ENTER": "ENTER",

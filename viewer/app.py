@@ -22,6 +22,7 @@ from .controls import Controls
 from .dialogs import Problem
 from .events import state_of
 from .fly import Fly
+from .framing import Covered
 from .gl import Canvas
 from .handle_layer import HandleLayer
 from .loading import Progress, prepare
@@ -299,6 +300,7 @@ class App:
         scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
         controls.ratio = size[0] / max(self.window.width, 1)
+        controls.covered = Covered() if self.gui is None else panels.covered(self)
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
             scene.handles.hover = None
         self.fly.advance(seconds)

@@ -12,6 +12,7 @@ import numpy as np
 
 from . import drags, picking
 from . import orbit as orbits
+from .framing import Covered, in_free_part
 
 # pyglet's numbers; the modules that name them can't be imported without a display.
 LEFT, MIDDLE, RIGHT = 1, 2, 4
@@ -44,6 +45,7 @@ class Controls:
         self.size = (1, 1)  # of the image
         self.ratio = 1.0  # image pixels per point
         self.axis = None  # where the axis of view is [pixels], if it isn't in the middle
+        self.covered = Covered()  # by panels
         self._depth_image = depth_image
         self._log, self._say = log, say
         self._button = 0
@@ -58,8 +60,8 @@ class Controls:
     def camera(self):
         camera = orbits.camera(self.scene.orbit, *self.size)
         if self.axis is not None:
-            camera = replace(camera, lens=replace(camera.lens, center=self.axis))
-        return camera
+            return replace(camera, lens=replace(camera.lens, center=self.axis))
+        return in_free_part(camera, self.covered, self.ratio)
 
     def _pixel(self, x, y):
         """From a position in the window to the middle of the image's pixel.  [2]"""
@@ -140,7 +142,9 @@ class Controls:
             self.region.append(pixel)
         elif self.mode:
             move = orbits.turned if self.mode == "orbit" else orbits.panned
-            scene.orbit = move(scene.orbit, dx * self.ratio, -dy * self.ratio, self.size[1])
+            scale = self.camera.focal / orbits.camera(scene.orbit, *self.size).focal
+            height = self.size[1] * (scale if self.mode == "pan" else 1.0)
+            scene.orbit = move(scene.orbit, dx * self.ratio, -dy * self.ratio, height)
 
     def on_mouse_release(self, x, y, button, modifiers):
         if button != self._button:

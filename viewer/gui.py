@@ -107,6 +107,7 @@ class Gui:
         self._building = []
         self.mouse_on_panel = False  # when it was last seen
         self._captured = set()  # buttons that were pressed on a panel
+        self.panel_open = True  # not folded up to its title
         self.log_file = None  # that a failed panel names
         self._failed = set()  # messages that were logged
 

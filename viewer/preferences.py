@@ -13,13 +13,12 @@ import numpy as np
 from platformdirs import user_config_path
 
 from ..core.paths import whole_file
-from .settings import SIDES, Settings
+from .settings import PANEL_WIDTHS, SIDES, Settings
 
 KEY, VERSION = "deformrf preferences", 1
 LARGEST_FILE = 2**20  # bytes
 MOST_RECENT = 10  # files that were opened
 SMALLEST_WINDOW, LARGEST_WINDOW = (320, 240), 8192
-PANEL_WIDTHS = 260.0, 700.0  # points
 KEPT = "background", "grab_radius", "show_panel", "panel_side", "panel_width"  # of the Settings
 DEFAULT = Settings()
 

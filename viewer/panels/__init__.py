@@ -7,5 +7,6 @@ actions, which the keys call too.
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
-    __name__, submod_attrs={"layout": ["draw_panels", "loading_window", "playing_window"]}
+    __name__,
+    submod_attrs={"layout": ["covered", "draw_panels", "loading_window", "playing_window"]},
 )

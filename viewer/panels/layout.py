@@ -8,6 +8,7 @@ from operator import attrgetter
 from imgui_bundle import imgui
 
 from ..actions import INPUTS
+from ..framing import Covered
 from ..loading import STAGES
 from .camera import camera_panel
 from .deform import deform_panel
@@ -27,7 +28,6 @@ from .view import (
     view_panel,
 )
 
-PANEL_WIDTH = 330.0
 BAR_WIDTH = 360.0
 MARGIN = 12.0
 HINT_COUNT = 4  # the first gestures of the mouse
@@ -101,14 +101,25 @@ def draw_panels(app) -> None:
         imgui.end()
 
 
+def covered(app) -> Covered:
+    """What the menus and the open panel cover of the window."""
+    settings = app.scene.settings
+    if not settings.show_panel:
+        return Covered()
+    side = settings.panel_width + MARGIN if app.gui.panel_open else 0.0
+    left, right = (side, 0.0) if settings.panel_side == "left" else (0.0, side)
+    return Covered(left, imgui.get_frame_height(), right)
+
+
 def _main_panel(app, top):
-    height = imgui.get_io().display_size.y - top
-    imgui.set_next_window_pos((MARGIN, top + MARGIN), imgui.Cond_.first_use_ever.value)
-    imgui.set_next_window_size_constraints(
-        (PANEL_WIDTH, 0.0), (PANEL_WIDTH, max(height - 2.0 * MARGIN, 100.0))
-    )
-    imgui.begin("deformrf", flags=imgui.WindowFlags_.always_auto_resize.value)
-    imgui.push_item_width(0.52 * PANEL_WIDTH)
+    size, settings = imgui.get_io().display_size, app.scene.settings
+    width, height = settings.panel_width, max(size.y - top - 2.0 * MARGIN, 100.0)
+    x = MARGIN if settings.panel_side == "left" else size.x - MARGIN - width
+    imgui.set_next_window_pos((x, top + MARGIN))
+    imgui.set_next_window_size_constraints((width, 0.0), (width, height))
+    flags = imgui.WindowFlags_.always_auto_resize.value | imgui.WindowFlags_.no_move.value
+    app.gui.panel_open, _ = imgui.begin("deformrf", flags=flags)
+    imgui.push_item_width(0.52 * width)
     for title, panel, is_open in SECTIONS:
         flags = imgui.TreeNodeFlags_.default_open.value if is_open else 0
         if imgui.collapsing_header(title, flags):
