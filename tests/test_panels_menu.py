@@ -90,8 +90,8 @@ def test_an_item_of_a_menu_does_what_its_key_does(app):
     click(app, "Undo")
     assert not app.scene.on_ground and app.scene.orbit is orbit
     click(app, "View")
-    click(app, "Wireframe")
-    assert app.scene.settings.show_wireframe
+    click(app, "Orthographic")
+    assert app.scene.orbit.parallel
 
 
 @pytest.mark.gl
