@@ -102,13 +102,14 @@ def draw_panels(app) -> None:
 
 
 def covered(app) -> Covered:
-    """What the menus and the open panel cover of the window."""
+    """What menus, open panel and timeline cover of the window."""
     settings = app.scene.settings
+    bottom = (STRIP_HEIGHT + MARGIN) * settings.show_timeline
     if not settings.show_panel:
-        return Covered()
+        return Covered(bottom=bottom)
     side = settings.panel_width + MARGIN if app.gui.panel_open else 0.0
     left, right = (side, 0.0) if settings.panel_side == "left" else (0.0, side)
-    return Covered(left, imgui.get_frame_height(), right)
+    return Covered(left, imgui.get_frame_height(), right, bottom)
 
 
 def _main_panel(app, top):
@@ -135,8 +136,9 @@ def _strip(app):
     """The timeline along the lower edge, beside the panel if there is room."""
     size, settings = imgui.get_io().display_size, app.scene.settings
     left = right = MARGIN
-    beside = settings.show_panel and size.x > 2.5 * PANEL_WIDTH
-    left += (PANEL_WIDTH + MARGIN) * beside
+    if settings.show_panel and size.x > 2.5 * settings.panel_width:
+        left += (settings.panel_width + MARGIN) * (settings.panel_side == "left")
+        right += (settings.panel_width + MARGIN) * (settings.panel_side == "right")
     imgui.set_next_window_pos((left, size.y - MARGIN), pivot=(0.0, 1.0))
     imgui.set_next_window_size((max(size.x - left - right, 100.0), STRIP_HEIGHT))
     imgui.begin("timeline", flags=FLOATING & ~imgui.WindowFlags_.always_auto_resize.value)
