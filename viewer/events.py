@@ -31,6 +31,11 @@ def state_of(app) -> dict:
             for vertex, at, shown in zip(ids, pixels, controls.shown(ids), strict=True)
             if shown
         ],
+        "selected": scene.handles.selected,
+        "pinned": int(scene.solver.pinned.sum()),
+        "undoes": scene.journal.undoes,
+        "playhead": scene.timeline.head,
+        "dialog": None if app.dialog is None else app.dialog.title,
         "max_displacement": moved.max(),
         "max_pin_displacement": moved[scene.solver.pinned].max(initial=0.0),
         "moving": scene.moving,

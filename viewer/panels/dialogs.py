@@ -30,6 +30,8 @@ def _choice(dialog, width):
     """Draw the folder's entries; returns whether the dialog is done."""
     imgui.text(dialog.title)
     imgui.set_next_item_width(width)
+    if imgui.is_window_appearing():
+        imgui.set_keyboard_focus_here()
     flags = imgui.InputTextFlags_.enter_returns_true.value
     entered, dialog.text = imgui.input_text("##path", dialog.text, flags)
     done = bool(entered) and dialog.choose(Path(dialog.text))
