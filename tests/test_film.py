@@ -1,5 +1,6 @@
 """Films: the camera between views, and files that deformrf-render writes of a session."""
 
+import json
 import os
 import signal
 import subprocess
@@ -118,7 +119,11 @@ def test_a_cut_shows_these_ticks_alone(played):
     "arguments, sentence",
     [
         ([], "-o film.mp4"),
-        (["-o", "a.mp4"], "give --session or --turntable"),
+        (["-o", "a.mp4"], "give --session, --turntable or --camera"),
+        (["-o", "a.mp4", "--turntable", "1", "--camera", "p.json"], "leave one out"),
+        (["-o", "a.mp4", "--session", "s", "--pose", "p.npy"], "it can't have a --pose"),
+        (["-o", "a.mp4", "--session", "s", "--material", "gold"], "default, jelly, rubber"),
+        (["-o", "a.mp4", "--turntable", "1", "--material", "clay"], "it needs --session"),
         (["-o", "a.avi", "--turntable", "1"], "has to end in .mp4 or .webm or .webp"),
         (["-o", "a.webm", "--turntable", "1", "--codec", "h264"], "has to end in .mp4"),
         (["-o", "a", "--turntable", "1", "--codec", "h264"], "is a folder of pictures"),
@@ -239,6 +244,43 @@ def test_a_transparent_film_shows_object_and_spheres_over_nothing(ball_file, tmp
     assert abs(difference).max() <= 3
     opacity = np.asarray(clear)[..., 3]
     assert (opacity == 255).any() and ((opacity > 0) & (opacity < 255)).any()
+
+
+@pytest.mark.gl
+def test_a_path_films_a_pose(ball, ball_file, tmp_path, window):
+    """The first frame is what a renderer shows of these vertices from the first key."""
+    from deformrf.core.render import Renderer, from_field_of_view, look_at
+
+    vertices = ball.mesh.rest_vertices * [1.0, 1.0, 0.8]
+    np.save(tmp_path / "pose.npy", vertices)
+    places = [[2.5, 0.0, 1.0], [0.0, 2.5, 1.0]]
+    keys = [{"position": at, "target": [0.5, 0.5, 0.4], "fov": 40} for at in places]
+    (tmp_path / "path.json").write_text(json.dumps({"keys": keys}))
+    arguments = "--camera", tmp_path / "path.json", "--pose", tmp_path / "pose.npy"
+    arguments += "--fps", "2", "--size", "64x64", "--hide-handles", "-o", tmp_path / "film"
+    done = rendered(ball_file, *arguments)
+    assert done.returncode == 0, done.stderr
+    pictures = sorted((tmp_path / "film").iterdir())
+    assert len(pictures) == 3
+    renderer = Renderer(ball, "cpu")
+    renderer.set_vertices(vertices.astype(np.float32))
+    for picture, place in ((pictures[0], places[0]), (pictures[-1], places[1])):
+        camera = from_field_of_view(look_at(place, [0.5, 0.5, 0.4]), np.radians(40), 64, 64)
+        wanted = renderer.render(camera).color_array()[..., :3].astype(int)
+        assert abs(np.asarray(Image.open(picture)).astype(int) - wanted).max() <= 2
+
+
+@pytest.mark.gl
+def test_a_material_changes_how_a_session_moves_the_object(recorded, ball_file, tmp_path, window):
+    last = []
+    for name in ("default", "jelly"):
+        arguments = "--session", recorded[1], "--material", name, "-o", tmp_path / name
+        cut = "--from", "40", "--to", "40", "--size", "64x64", "--hide-handles"
+        done = rendered(ball_file, *arguments, *cut)
+        assert done.returncode == 0, done.stderr
+        (picture,) = (tmp_path / name).iterdir()
+        last.append(np.asarray(Image.open(picture)).astype(int))
+    assert abs(last[0] - last[1]).max() > 10
 
 
 @pytest.mark.gl

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core.render import Camera
 from . import orbit as orbits
+from .keys import CameraKey, orbit_at
 from .orbit import Orbit, changed
 from .session import Player, Session, SessionError
 from .undo import begin_anew
@@ -105,17 +106,25 @@ def with_timeline(scene, session: Session) -> tuple[Session, int]:
 class Film:
     """What each frame of a film shows: it sets the scene, and says from where it is seen."""
 
-    def __init__(self, scene, session: Session | None, fps: int, turn: float | None = None):
+    def __init__(
+        self,
+        scene,
+        session: Session | None,
+        fps: int,
+        turn: float | None = None,
+        path: tuple[CameraKey, ...] = (),
+    ):
         """Take a scene at rest.
 
         Args:
             session: What is played; None: the object stays as it is.
             turn: Seconds of a turn around the object; with a session, its camera instead.
+            path: Keys of the camera, instead of the session's and of a turn.
 
         Raises:
             SessionError: The session can't be played.
         """
-        self.scene, self.fps, self._turn = scene, fps, turn
+        self.scene, self.fps, self._turn, self._path = scene, fps, turn, path
         self._player = None if session is None else Player(scene, session)
         self._home = scene.orbit
         self._views = None if session is None else Views(session, scene.orbit)
@@ -134,6 +143,8 @@ class Film:
     @property
     def count(self) -> int:
         """The number of frames."""
+        if self._player is None and self._path:
+            return frame_count(self._path[-1].tick / TICKS_PER_SECOND, self.fps)
         if self._player is None:
             return frame_count(self._turn, self.fps) - 1  # the last one would be the first again
         return frame_count((self.last - self.first) / TICKS_PER_SECOND, self.fps)
@@ -145,6 +156,8 @@ class Film:
 
     def orbit(self, tick: float) -> Orbit:
         """The camera after so many ticks."""
+        if self._path:
+            return orbit_at(self._path, tick - self.first)
         if self._turn is not None:
             seconds = (tick - self.first) / TICKS_PER_SECOND
             return turned_around(self._home, seconds / self._turn)

@@ -7,7 +7,7 @@ is: the file can be played.
 import logging
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -26,6 +26,7 @@ from ..core.arguments import (
     writable_file,
 )
 from ..core.commands import FAILED, complain, run
+from ..core.deform import PRESETS, Material
 from ..core.device import Choice, device_name
 from ..core.paths import DEFAULT_MODEL, program_version
 from ..core.render import Mode
@@ -34,6 +35,7 @@ from .command import Flag, frame_size, told_if_slow
 PROGRAM = "deformrf-render"
 SIZE, FPS, MOST_SAMPLES = "1280x720", 30, 256
 LONGEST_TURN = 3600.0  # s
+MATERIALS = {"default": Material(), **PRESETS}
 
 Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS", help_behavior_hint="")]
 Tick = Annotated[int | None, tyro.conf.arg(metavar="TICK", help_behavior_hint="")]
@@ -57,6 +59,13 @@ class RenderArguments:
     turntable: Seconds = None
     """Turn the camera once around the object in so many seconds; without --session, that is the
     film."""
+    camera: File = None
+    """A camera path, a JSON file with keys of positions and targets, or of matrices."""
+    pose: File = None
+    """Show the object in this pose: of vertices in .npy or .npz, or of a session's last tick."""
+    material: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None
+    """The object is of jelly, rubber, plush, clay, stiff, or default, until the session changes
+    that; without this, of what the session says."""
     size: Annotated[str, tyro.conf.arg(metavar="WxH")] = SIZE
     """Width and height of the film [pixels]."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = FPS
@@ -110,10 +119,18 @@ def check(chosen: RenderArguments) -> tuple[int, int]:
     size = frame_size(chosen.size)
     if chosen.output is None:
         raise ValueError("give the file to write: -o film.mp4, film.webm, or a folder")
-    if chosen.session is None and chosen.turntable is None:
-        raise ValueError("there is nothing to film: give --session or --turntable")
+    if chosen.session is None and chosen.turntable is None and chosen.camera is None:
+        raise ValueError("there is nothing to film: give --session, --turntable or --camera")
     if chosen.timeline and chosen.session is None:
         raise ValueError("--timeline is that of a session: give --session too")
+    if chosen.camera is not None and chosen.turntable is not None:
+        raise ValueError("--camera and --turntable both move the camera: leave one out")
+    if chosen.pose is not None and chosen.session is not None:
+        raise ValueError("--session moves the object, so it can't have a --pose")
+    if chosen.material is not None and chosen.session is None:
+        raise ValueError("--material shows in how a session moves the object: it needs --session")
+    if chosen.material not in (None, *MATERIALS):
+        raise ValueError(f"--material is {chosen.material!r}; it is one of {', '.join(MATERIALS)}")
     at_least(1, "--fps", chosen.fps)
     at_least(1, "--samples", chosen.samples)
     if chosen.samples > MOST_SAMPLES:
@@ -174,21 +191,37 @@ def prepare(chosen: RenderArguments) -> Callable[[], int]:
     window, context = open_window(size, headless=True)
     from .app import App  # imports pyglet's window, which is possible from now on
     from .events import EventLog
-    from .film import Film, with_timeline
 
     app = App(window, context, EventLog(chosen.log_events), gui=False, fps=chosen.fps)
     try:
         with told_if_slow(app):
             app.load(field, chosen.model.stem, device)
-        begin = 0
-        if chosen.timeline:
-            session, begin = with_timeline(app.scene, session)
-        film = Film(app.scene, session, chosen.fps, chosen.turntable)
-        film.cut(begin + (chosen.first or 0), None if chosen.last is None else begin + chosen.last)
+        film = _film_of(app.scene, chosen, session)
     except BaseException:
         app.close()
         raise
     return lambda: _film(app, film, chosen)
+
+
+def _film_of(scene, chosen, session):
+    """The Film that is asked for; a ValueError or an OSError if a file doesn't allow it."""
+    from .camera_path import load_camera_path
+    from .film import Film, with_timeline
+    from .still import strike
+
+    path = ()
+    if chosen.camera is not None:
+        path = load_camera_path(chosen.camera, scene.field.world_to_model, scene.center)
+    if chosen.pose is not None:
+        strike(scene, chosen.pose)
+    begin = 0
+    if chosen.timeline:
+        session, begin = with_timeline(scene, session)
+    film = Film(scene, session, chosen.fps, chosen.turntable, path)
+    film.cut(begin + (chosen.first or 0), None if chosen.last is None else begin + chosen.last)
+    if chosen.material is not None:
+        scene.body.set_material(**asdict(MATERIALS[chosen.material]))
+    return film
 
 
 def _film(app, film, chosen):
