@@ -110,3 +110,21 @@ def test_escape_closes_an_open_menu_and_then_the_help(app):
     assert not is_open() and app.scene.settings.show_help
     send(app, "on_key_press", key.ESCAPE, 0)
     assert not app.scene.settings.show_help
+
+
+@pytest.mark.gl
+def test_the_help_names_every_key_within_the_windows_height(app, monkeypatch):
+    from imgui_bundle import imgui
+
+    heights = {}
+
+    def noted(text, draw=imgui.text):
+        heights[text] = imgui.get_cursor_screen_pos().y + imgui.get_text_line_height()
+        draw(text)
+
+    monkeypatch.setattr(imgui, "text", noted)
+    app.scene.settings.show_help = True
+    frames(app, 3)
+    labels = {entry.label for entry in INPUTS if entry.label}
+    assert labels <= set(heights)
+    assert max(heights[label] for label in labels) <= app.window.height

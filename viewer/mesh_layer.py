@@ -35,6 +35,7 @@ class MeshLayer:
         mesh = scene.field.mesh
         faces, _ = boundary_faces(mesh.tets, scene.field.neighbours)
         self._corners = faces.ravel()
+        self._tets = mesh.tets[np.isin(mesh.tets, faces).any(axis=1)]  # about the seen vertices
         self._buffer = ctx.buffer(reserve=max(16 * len(self._corners), 16), dynamic=True)
         layout = (self._buffer, "3f 1f", "position", "share")
         self._faces = ctx.vertex_array(gl.program(ctx, "mesh"), [layout])
@@ -83,7 +84,7 @@ class MeshLayer:
         scene = self._scene
         scale, shape = scale_of(scene.settings), scene.solver.rest_shape
         if scale is not None and shape is not self._shape:
-            self._shape, self._rest = shape, rest_tets(shape, scene.field.mesh.tets)
+            self._shape, self._rest = shape, rest_tets(shape, self._tets)
             self._written = None
         if self._written == (scene.revision, scale):
             return

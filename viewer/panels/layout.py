@@ -30,6 +30,7 @@ from .view import (
 
 BAR_WIDTH = 360.0
 MARGIN = 12.0
+HELP_FONT = 0.85  # of the panel's size
 HINT_COUNT = 4  # the first gestures of the mouse
 FLOATING = (
     imgui.WindowFlags_.no_decoration.value
@@ -158,14 +159,23 @@ def _floating(name, place, flags=0, above=0.0):
 
 
 def help_overlay(app):
-    if imgui.begin_table("inputs", 2, imgui.TableFlags_.sizing_fixed_fit.value):
-        for entry in filter(attrgetter("label"), INPUTS):
+    """The table of inputs, in as many columns as the window's height asks for."""
+    imgui.push_font(None, HELP_FONT * imgui.get_style().font_size_base)
+    entries = list(filter(attrgetter("label"), INPUTS))
+    row_height = imgui.get_text_line_height() + 2.0 * imgui.get_style().cell_padding.y
+    fitting = max(int((imgui.get_io().display_size.y - 4.0 * MARGIN) / row_height), 1)
+    columns = -(-len(entries) // fitting)
+    rows = -(-len(entries) // columns)
+    if imgui.begin_table("inputs", 2 * columns, imgui.TableFlags_.sizing_fixed_fit.value):
+        for row in range(rows):
             imgui.table_next_row()
-            imgui.table_next_column()
-            imgui.text(entry.label)
-            imgui.table_next_column()
-            imgui.text_disabled(entry.help)
+            for entry in entries[row::rows]:
+                imgui.table_next_column()
+                imgui.text(entry.label)
+                imgui.table_next_column()
+                imgui.text_disabled(entry.help)
         imgui.end_table()
+    imgui.pop_font()
 
 
 def playing_window(tick: int, ticks: int) -> None:
