@@ -284,6 +284,28 @@ def test_a_material_changes_how_a_session_moves_the_object(recorded, ball_file, 
 
 
 @pytest.mark.gl
+def test_strain_with_its_legend_and_the_ground_are_in_a_film(ball, ball_file, tmp_path):
+    from deformrf.viewer.colormaps import COLORS
+    from deformrf.viewer.scene import Scene
+
+    scene = Scene(ball, "ball", "cpu")
+    start = start_of(scene)
+    scene.set_ground(True)
+    scene.settings.mesh_surface, scene.settings.mesh_opacity = "strain", 1.0
+    scene.advance(0.05)
+    path = save_session(scene, start, tmp_path / "s.jsonl")
+    arguments = "--session", path, "--size", "160x120", "--fps", "20", "-o", tmp_path / "film"
+    done = rendered(ball_file, *arguments)
+    assert done.returncode == 0, done.stderr
+    picture = np.asarray(Image.open(sorted((tmp_path / "film").iterdir())[-1])).astype(int)
+    lowest, highest = 255 * COLORS["viridis"][[0, -1]]
+    middle = picture[60, 80] / np.linalg.norm(picture[60, 80])
+    assert middle @ lowest / np.linalg.norm(lowest) > 0.99  # no strain: dark violet
+    assert (abs(picture[:, 110:] - highest).max(axis=-1) < 25).any()  # the legend's last color
+    assert 150 < picture[-3, :20].mean() < 250 and (picture[3, :20] == 255).all()  # the ground
+
+
+@pytest.mark.gl
 def test_a_session_of_another_model_is_refused(recorded, tmp_path):
     from deformrf.core.paths import DEFAULT_MODEL
 
