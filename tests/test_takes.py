@@ -52,7 +52,7 @@ def taken(app):
         if tick == 50:
             press(app)
         scene.advance(1 / 60)
-    app.takes.choices = FilmChoices("film", "as the window", 20, 1, handles=False)
+    app.takes.choices = FilmChoices("film", "as the window", 15, 1, handles=False)
     return app
 
 
@@ -82,7 +82,7 @@ def test_a_take_is_made_into_a_film(taken, tmp_path, capfd):
     path = tmp_path / "film.mp4"
     assert f"wrote {path}" in capfd.readouterr().out
     shown = film_frames(path)
-    assert len(shown) == 11 and shown[0].shape == (*taken.size[::-1], 3)
+    assert len(shown) == 9 and shown[0].shape == (*taken.size[::-1], 3)
     assert abs(shown[0].astype(int) - shown[-1]).max() > 20  # it moved
     assert sorted(p.name for p in tmp_path.iterdir()) == ["film.jsonl", "film.mp4"]
     assert load_session(tmp_path / "film.jsonl", taken.scene.field).ticks >= 70
@@ -148,6 +148,26 @@ def test_recording_costs_a_frame_nothing(app):
     frames(app, 3)
     assert app.takes.recording and not read
     app.canvas.read = kept
+
+
+def test_enter_renders_and_escape_does_not(taken, tmp_path):
+    from pyglet.window import key
+
+    def send(symbol):
+        taken.window.dispatch_event("on_key_press", symbol, 0)
+        frames(taken)
+        taken.window.dispatch_event("on_key_release", symbol, 0)
+        frames(taken)
+
+    frames(taken)
+    send(key.ESCAPE)
+    assert not taken.takes.asking and taken.takes.job is None
+    press(taken, key.MOD_CTRL)
+    taken.takes.choices.name = "again"
+    frames(taken)
+    send(key.RETURN)
+    assert not taken.takes.asking and taken.takes.job is not None
+    assert (tmp_path / "again.jsonl").exists()
 
 
 @pytest.mark.parametrize(

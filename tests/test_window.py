@@ -1,6 +1,7 @@
 """The program in a real X window, driven by xdotool as by a user's hand."""
 
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -116,6 +117,29 @@ def test_a_clip_of_the_window_and_a_clean_end(session, tmp_path):
     assert session.process.poll() is None
     session.tool("key", "ctrl+q")
     assert session.process.wait(20) == 0
+
+
+def test_a_viewer_that_is_closed_while_a_film_is_rendered(session, tmp_path):
+    """The film ends where it is, or was never begun: no broken file is left."""
+    import av
+
+    session.tool("key", "F9")
+    time.sleep(1.0)
+    session.tool("key", "F9")
+    time.sleep(0.5)
+    session.tool("key", "Return")
+    session.wait(lambda: session.events("film"), 20, "the film is begun")
+    path = Path(session.events("film")[0]["path"])
+    time.sleep(6.0)
+    session.tool("key", "ctrl+q")
+    assert session.process.wait(60) == 0
+    assert {p.suffix for p in tmp_path.iterdir() if p.stem.startswith(path.stem)} <= {
+        ".mp4",
+        ".jsonl",
+    }
+    if path.exists():
+        with av.open(str(path)) as container:
+            assert sum(1 for _ in container.decode(video=0)) >= 1
 
 
 def test_the_window_closes_as_the_window_manager_asks(session, display):

@@ -197,6 +197,7 @@ def _redo(app):
 def _cancel(app):
     app.scene.settings.show_help = False
     app.dialog = None
+    app.takes.asking = False
     app.controls.cancel()
 
 

@@ -88,7 +88,7 @@ class ImageTexture:
         for texture in (self.color, self.depth):
             texture.repeat_x = texture.repeat_y = False
         self._color_buffer = self._depth_buffer = None  # without them, the host copies
-        self._pinned = {}  # memory of the host that CUDA copies to, for each texture
+        self._pinned = {}  # memory of the host that CUDA copies to, by the pixels' type
         if path == "buffer":
             byte_count = 4 * size[0] * size[1]
             self._color_buffer = SharedBuffer(ctx, device, wp.vec4ub, byte_count)
@@ -108,19 +108,20 @@ class ImageTexture:
         assert width == self.size[0] and first_row + height <= self.size[1], pixels.shape
         viewport = 0, first_row, width, height
         if buffer is None:
-            texture.write(self._on_host(texture, pixels), viewport=viewport)
+            texture.write(self._on_host(pixels), viewport=viewport)
         else:
             buffer.write(texture, pixels, viewport)
 
-    def _on_host(self, texture, pixels):
+    def _on_host(self, pixels):
         """The pixels as a NumPy array, which the next call may overwrite."""
         if not pixels.device.is_cuda:
             return np.ascontiguousarray(pixels.numpy())
-        pinned = self._pinned.get(texture)
-        if pinned is None or pinned.shape != pixels.shape:
-            pinned = wp.empty(pixels.shape, dtype=pixels.dtype, device="cpu", pinned=True)
-            self._pinned[texture] = pinned
-        wp.copy(pinned, pixels)
+        if pixels.dtype not in self._pinned:
+            count = self.size[0] * self.size[1]
+            room = wp.empty(count, dtype=pixels.dtype, device="cpu", pinned=True)
+            self._pinned[pixels.dtype] = room
+        pinned = self._pinned[pixels.dtype][: pixels.size].reshape(pixels.shape)
+        wp.copy(pinned, pixels.contiguous())
         wp.synchronize_device(pixels.device)
         return pinned.numpy()
 

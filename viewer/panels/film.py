@@ -40,7 +40,7 @@ def film_window(app):
         choices.name = name
     imgui.text_disabled(str(choices.path) if choices.name else "a film needs a name")
     imgui.begin_disabled(not choices.name)
-    if imgui.button("Render"):
+    if (imgui.button("Render") or imgui.is_key_pressed(imgui.Key.enter)) and choices.name:
         takes.start_film()
     imgui.end_disabled()
     imgui.same_line()
