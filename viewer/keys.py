@@ -17,6 +17,7 @@ EASINGS = {  # the share of the way [0, 1] after a share of the time
     "smooth": lambda share: share * share * (3.0 - 2.0 * share),  # slow at both keys
     "hold": lambda share: float(share >= 1.0),
 }
+MATERIAL_STEPS = 16  # from one key to the next: a change costs more than a step of the solver
 LONGEST = 10 * 60 * 60  # ticks: ten minutes
 ANGLES = "yaw", "roll"  # which turn the shorter way
 STEEPEST = 0.5 * math.pi
@@ -168,6 +169,7 @@ def material_at(keys, tick: float) -> Material:
     """The material on its way: moduli and densities by factors, ratios and rates by differences."""
     first, second, share = around(keys, tick)
     a, b = first.material, second.material
+    share = round(share * MATERIAL_STEPS) / MATERIAL_STEPS
     if a == b or share == 0.0:
         return a
     values = {

@@ -115,7 +115,8 @@ def covered(app) -> Covered:
 
 def _main_panel(app, top):
     size, settings = imgui.get_io().display_size, app.scene.settings
-    width, height = settings.panel_width, max(size.y - top - 2.0 * MARGIN, 100.0)
+    below = (STRIP_HEIGHT + MARGIN) * (settings.show_timeline and not _beside(app))
+    width, height = settings.panel_width, max(size.y - top - below - 2.0 * MARGIN, 100.0)
     x = MARGIN if settings.panel_side == "left" else size.x - MARGIN - width
     imgui.set_next_window_pos((x, top + MARGIN))
     imgui.set_next_window_size_constraints((width, 0.0), (width, height))
@@ -133,11 +134,17 @@ def _main_panel(app, top):
     imgui.end()
 
 
+def _beside(app):
+    """Whether the timeline is beside the panel: there is room."""
+    settings = app.scene.settings
+    return settings.show_panel and imgui.get_io().display_size.x > 3.0 * settings.panel_width
+
+
 def _strip(app):
-    """The timeline along the lower edge, beside the panel if there is room."""
+    """The timeline along the lower edge, beside the panel or below it."""
     size, settings = imgui.get_io().display_size, app.scene.settings
     left = right = MARGIN
-    if settings.show_panel and size.x > 2.5 * settings.panel_width:
+    if _beside(app):
         left += (settings.panel_width + MARGIN) * (settings.panel_side == "left")
         right += (settings.panel_width + MARGIN) * (settings.panel_side == "right")
     imgui.set_next_window_pos((left, size.y - MARGIN), pivot=(0.0, 1.0))

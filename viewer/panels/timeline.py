@@ -12,8 +12,9 @@ from .widgets import button, checkbox, combo, slider
 
 STRIP_HEIGHT = 144.0
 RULER, LANE = 20.0, 22.0  # heights
-NAMES = 72.0  # the width of the tracks' names
+NAMES = 70.0  # the width of the tracks' names
 KEY = 7.0  # from a key's middle to its corners
+GAP = 13.0  # between groups of buttons
 TURNS = 1.0, 60.0  # s
 MOTION = """between pose keys: interpolation moves all vertices straight from one to the next;
 physics moves what the keys hold, pinned or by the mouse, and the rest follows"""
@@ -46,16 +47,16 @@ def _buttons(app):
     checkbox("loop", timeline.loop, timeline.set_loop, "play again and again")
     imgui.same_line()
     imgui.text(f"{as_time(timeline.head)} / {as_time(timeline.end)}")
-    imgui.same_line(0.0, 18.0)
+    imgui.same_line(0.0, GAP)
     button("Key", app, "key", f"camera and pose at the playhead ({label_of('key')})")
     imgui.same_line()
     button("Camera", app, "key_camera", f"key the camera alone ({label_of('key_camera')})")
     imgui.same_line()
     button("Pose", app, "key_pose", f"key the pose alone ({label_of('key_pose')})")
-    imgui.same_line(0.0, 18.0)
+    imgui.same_line(0.0, GAP)
     button("Turntable", app, "turntable", "camera keys around what it looks at, in a loop")
     imgui.same_line()
-    imgui.set_next_item_width(62.0)
+    imgui.set_next_item_width(58.0)
     slider(
         "##turn",
         app.strip.turn_seconds,
@@ -64,8 +65,8 @@ def _buttons(app):
         partial(setattr, app.strip, "turn_seconds"),
         tooltip="of a turn",
     )
-    imgui.same_line(0.0, 18.0)
-    imgui.set_next_item_width(118.0)
+    imgui.same_line(0.0, GAP)
+    imgui.set_next_item_width(110.0)
     combo("##motion", timeline.motion, MOTIONS, timeline.set_motion, MOTION)
 
 
@@ -170,4 +171,4 @@ def poses_panel(app):
         imgui.set_item_tooltip("delete it")
         imgui.pop_id()
     if timeline.poses:
-        imgui.text_disabled("the rest shape, and these weights of what they differ by")
+        imgui.text_disabled("what they differ by from the rest shape")
