@@ -57,6 +57,7 @@ def test_another_scene_takes_the_place_of_the_one_before(app, ball):
     x, y = view_point(app, vertex)
     send(app, "on_mouse_motion", x, y, 0, 0)
     send(app, "on_mouse_press", x, y, mouse.LEFT, 0)
+    send(app, "on_mouse_drag", x + 8, y + 8, 8, 8, mouse.LEFT, 0)
     assert (before.handles.hover, before.handles.grabbed) == (None, None)
     assert app.scene.handles.grabbed.handles == [vertex]
     send(app, "on_mouse_release", x, y, mouse.LEFT, 0)

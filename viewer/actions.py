@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from ..core.render import MODES
-from . import opening
+from . import export, opening
 from .drags import SCALE, TURN
 from .settings import PANEL_WIDTHS, SIDES
 from .timeline_actions import TIMELINE_ACTIONS
@@ -127,6 +127,14 @@ INPUTS = (
     Input("F1", "hide or show the help", "F1", "toggle_help", "Help/Keys and gestures"),
     Input("F2", "screenshot", "F2", "screenshot", "File/Export/Picture"),
     Input(
+        "",
+        "pictures are of the field alone, with its opacity",
+        action="toggle_transparent",
+        menu="File/Export/Transparent pictures",
+    ),
+    Input("", "the mesh in this pose", action="export_ply", menu="File/Export/Mesh as PLY"),
+    Input("", "the mesh in this pose", action="export_obj", menu="File/Export/Mesh as OBJ"),
+    Input(
         "F9", "start or stop recording, for a film rendered in full", "F9", "record", "File/Record"
     ),
     Input("Ctrl+F9", "a film of what was recorded", "CTRL+F9", "save_film", "File/Save film"),
@@ -228,6 +236,21 @@ def _save_stiffness(app):
     app.recorder.save_model(replace(app.scene.field, stiffness=factors))
 
 
+def _export(ending):
+    """A function that writes the surface of the mesh in its pose."""
+
+    def write(app):
+        scene = app.scene
+        try:
+            surface = export.surface_of(scene.field, scene.solver.vertices.numpy())
+        except ValueError as error:
+            app.recorder.say(str(error))
+        else:
+            app.recorder.save_surface(app.radiance.colored(surface), ending)
+
+    return write
+
+
 def _panel_side(app):
     settings = app.scene.settings
     settings.panel_side = SIDES[1 - SIDES.index(settings.panel_side)]
@@ -292,6 +315,9 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "cancel": _cancel,
     "quit": _quit,
     "open": opening.ask,
+    "toggle_transparent": _toggle("transparent_screenshots"),
+    "export_ply": _export(".ply"),
+    "export_obj": _export(".obj"),
     "panel_side": _panel_side,
     "panel_wider": _widen_panel(40.0),
     "panel_narrower": _widen_panel(-40.0),

@@ -17,6 +17,7 @@ import warp as wp
 from ..core.field import level_edges
 from ..core.render import RenderOptions, RunningMean, render_mode, shifted
 from . import gl
+from .export import with_colors
 from .ground_plane import GroundPlane
 from .picking import pixels_per_unit
 from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Picture, Sampling, finer
@@ -86,6 +87,12 @@ class RadianceLayer:
     def _progress(self):
         """The finished share of the coming picture."""
         return self._coming.next_row / self._coming.height if self._coming else 0.0
+
+    def colored(self, surface):
+        """An export.Surface of the pose as it is now, with the colors that it has there."""
+        self._renderer.set_vertices(self._scene.solver.vertices)
+        self._pose = None  # to be taken anew
+        return with_colors(surface, self._renderer, self._scene.size)
 
     def depth_image(self):
         """The depths [h, w] of the last whole picture, at its own resolution; None before it."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.field import save
+from . import export
 from .session import save_session
 from .video import PictureSeries, VideoWriter, save_png
 
@@ -108,6 +109,14 @@ class Recorder:
         try:
             save(field, path, entry_bits=8)
             self.finished(path)
+        except OSError as error:
+            self._fail(f"can't write {path}: {error.strerror or error}")
+
+    def save_surface(self, surface, ending: str) -> None:
+        """Write an export.Surface into the current folder."""
+        path = stamped("mesh", ending)
+        try:
+            self.finished(export.save(surface, path))
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 
