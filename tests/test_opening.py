@@ -82,7 +82,7 @@ def count_of(ctx):
     import moderngl
 
     kinds = moderngl.Texture, moderngl.Buffer, moderngl.VertexArray
-    alive = [o for o in gc.get_objects() if isinstance(o, kinds)]
+    alive = [o for o in gc.get_objects() if type(o) in kinds]
     return sum(not isinstance(o.mglo, moderngl.mgl.InvalidObject) for o in alive)
 
 
