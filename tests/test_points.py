@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deformrf.viewer.grabs import Motion, rotation_matrix
-from deformrf.viewer.points import SPACING, ControlPoints, located, placed, spread
+from deformrf.viewer.points import SPACING, ControlPoints, located, of_large_parts, placed, spread
 
 
 def test_a_point_is_found_in_its_tet_and_goes_where_the_tet_goes(ball):
@@ -40,6 +40,15 @@ def test_points_are_spread_and_fill_the_surface():
     gaps = np.linalg.norm(surface[:, None] - chosen, axis=2).min(axis=1)
     assert gaps.max() < 0.5  # nowhere is room for one more
     assert len(spread(surface, 0.0, 7)) == 7
+
+
+def test_a_speck_in_the_air_gets_no_point_and_few_points_lose_none():
+    random = np.random.default_rng()
+    surface = random.uniform(0, 1, (2000, 3)) * [1.0, 1.0, 0.0]
+    speck = np.array([[0.5, 0.5, 0.6], [0.5, 0.5, 0.61]])
+    kept = of_large_parts(np.concatenate([surface, speck]), 0.06)
+    assert kept[:-2].mean() > 0.99 and not kept[-2:].any()
+    assert of_large_parts(surface[:4], 0.06).all()
 
 
 def test_rows_of_a_session_have_every_digit(ball):

@@ -75,7 +75,7 @@ def test_the_makefiles_drag_bends_the_bundled_model_whatever_its_vertices_are_ca
     rest = field.mesh.rest_vertices
     renderer = Renderer(field)
     renderer.set_vertices(rest)
-    scene = Scene(field, "helmet", "cpu", visible_points(renderer, rest))
+    scene = Scene(field, "helmet", "cpu", visible_points(renderer, rest)[0])
     drag = script.resolved(script.parse_drag(text), scene)
     assert drag.vertex in scene.handles.control_ids
     assert not scene.pins[scene.handles.corners(drag.vertex)].any()

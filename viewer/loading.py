@@ -104,9 +104,9 @@ def prepare(field, name: str, device: str, progress: Progress):
     renderer = render.Renderer(field, device)
     renderer.set_vertices(rest)
     progress.end_stage()
-    points = visible_points(renderer, rest)
+    points, steady = visible_points(renderer, rest)
     progress.end_stage()
-    scene = Scene(field, name, device, points)
+    scene = Scene(field, name, device, points, steady=steady)
     _warm_up(scene)
     progress.end_stage()
     return scene, renderer

@@ -10,6 +10,7 @@ import numpy as np
 
 MOST_POINTS = 100  # that are placed at the start
 SPACING = 0.12  # of the object's size, between two of them
+SPECK = 0.02  # of the surface's points: what is apart from the others and smaller is no object
 FLAT = 1e-12  # of the longest side cubed: a tet of less volume holds no point
 
 
@@ -86,7 +87,28 @@ def located(points, vertices, tets) -> ControlPoints:
     return ControlPoints(np.asarray(tets)[ids], np.array(weights).reshape(-1, 4))
 
 
+def of_large_parts(points, radius: float):
+    """Which points [N, 3] belong to a part of some size.  [N] bool
+
+    Points nearer than the radius are of one part.  A small one is a speck in the air, which a
+    white background hides in white.
+    """
+    points = np.asarray(points, np.float32)
+    near = np.array([((points - one) ** 2).sum(axis=1) < radius**2 for one in points])
+    parts = np.zeros(len(points), int)  # 0: not yet known
+    while not parts.all():
+        part = np.zeros(len(points), bool)
+        edge = np.array([int(parts.argmin())])
+        while len(edge):
+            part[edge] = True
+            edge = np.flatnonzero(near[edge].any(axis=0) & ~part)
+        parts[part] = parts.max() + 1
+    sizes = np.bincount(parts)[parts]
+    return sizes >= min(SPECK * len(points), sizes.max())
+
+
 def placed(surface, rest_vertices, tets, size: float) -> ControlPoints:
     """Control points that are spread over points of the surface [N, 3].  `size`: the object's."""
+    surface = np.asarray(surface)[of_large_parts(surface, 0.5 * SPACING * size)]
     chosen = spread(surface, SPACING * size, MOST_POINTS)
-    return located(np.asarray(surface)[chosen], rest_vertices, tets)
+    return located(surface[chosen], rest_vertices, tets)

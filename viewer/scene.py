@@ -36,11 +36,12 @@ HANDLE_RADIUS = 0.0135  # of its size
 class Scene:
     """An object that can be bent."""
 
-    def __init__(self, field, name: str, device: str, surface=None, meters=None):
+    def __init__(self, field, name: str, device: str, surface=None, meters=None, steady=None):
         """Take a field at rest.
 
         Args:
             surface: Points that can be seen, by default its vertices.  [N, 3]
+            steady: Which of them are on the surface for sure, by default all.  [N] bool
             meters: The longest side of what can be seen; by default what the model says, else
                 one unit is a meter.
         """
@@ -68,7 +69,8 @@ class Scene:
         of_object = of_the_object(rest, tets)  # [V]
         near = np.unique(self._nearest)
         self._near = near[of_object[near]]
-        points = self._surface[of_object[self._nearest]]
+        chosen = of_object[self._nearest] & (True if steady is None else steady)
+        points = self._surface[chosen if chosen.any() else slice(None)]
         self.handles = Handles(self, points, self._near)
         self.ball: Ball | None = None
         self._paused = False

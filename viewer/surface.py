@@ -14,28 +14,48 @@ VIEWS = (*((np.radians(60.0 * k), np.radians(15.0)) for k in range(6)), (0.0, 1.
 VIEW_SIZE = 64  # pixels
 SPECKS = 0.5  # percent of the points that the bounds leave out at each side
 MAX_POINTS = 4000
+STEP = 0.1  # of the object's radius, between the depths of two pixels of one surface
 SPECK = 0.02  # of the vertices: components smaller than that have no handles
 
 
 def visible_points(renderer, vertices):
     """At most MAX_POINTS points on the opaque surface; the vertices if nothing is opaque.
 
-    The Renderer has the pose of the vertices [V, 3].  Points are [N, 3] float64.
+    The Renderer has the pose of the vertices [V, 3].
+
+    Returns:
+        Points, [N, 3] float64, and which of them are steady, [N] bool: a pixel on an outline
+        mixes the depths of what is before and behind, and lies in the air between them.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     radius = 0.5 * float(np.linalg.norm(high - low))
-    points = []
+    points, steady = [], []
     for yaw, pitch in VIEWS:
         orbit = orbits.framing(orbits.Orbit(yaw=yaw, pitch=pitch), 0.5 * (low + high), radius)
         camera = orbits.camera(orbit, VIEW_SIZE, VIEW_SIZE)
-        t = renderer.render(camera).depth_array().ravel()
+        depth = renderer.render(camera).depth_array()
+        t = depth.ravel()
         hit = np.isfinite(t)
+        steady.append((_largest_step(depth) <= STEP * radius).ravel()[hit])
         _, directions = camera_rays(camera)
         points.append(camera.position + t[hit, None] * directions[hit])
-    points = np.concatenate(points)
+    points, steady = np.concatenate(points), np.concatenate(steady)
     if not len(points):
-        return np.asarray(vertices, float)
-    return points[:: -(-len(points) // MAX_POINTS)]
+        return np.asarray(vertices, float), np.ones(len(vertices), bool)
+    every = -(-len(points) // MAX_POINTS)
+    return points[::every], steady[::every]
+
+
+def _largest_step(depth):
+    """From each pixel to its four neighbors, where both are on the object.  [H, W]"""
+    steps = np.zeros(depth.shape)
+    for axis in range(2):
+        with np.errstate(invalid="ignore"):
+            step = np.nan_to_num(abs(np.diff(depth, axis=axis)), nan=0.0, posinf=0.0)
+        before, behind = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
+        before[axis], behind[axis] = (1, 0), (0, 1)
+        steps = np.maximum(steps, np.maximum(np.pad(step, before), np.pad(step, behind)))
+    return steps
 
 
 def bounds(points):
