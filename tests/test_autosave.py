@@ -142,7 +142,7 @@ def app(window, ball, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     made = App(*window, EventLog(False))
     made.load(ball, "ball", "cpu")
-    made.scene.settings.fixed_resolution = 0.125
+    made.scene.settings.fixed_resolution = 0.25
     frames(made, 2)
     yield made
     made.close()
@@ -195,3 +195,29 @@ def test_what_is_done_is_kept_while_the_viewer_runs(app):
     assert path.exists()
     app.autosave.end()
     assert not path.exists()
+
+
+@pytest.mark.gl
+def test_the_window_shows_how_far_a_long_session_has_been_played(app, ball, monkeypatch):
+    """The button is in a panel: nothing is played before that panel's frame has ended."""
+    from imgui_bundle import imgui
+
+    from deformrf.viewer import app as module
+    from deformrf.viewer import panels
+
+    app.scene.set_ground(True)
+    app.scene.journal.tick = 100
+    a.folder().mkdir(parents=True, exist_ok=True)
+    path = save_session(app.scene, app.session_start, a.folder() / "ball-999999999-1.jsonl")
+    app.scene.set_ground(False)
+    shown, draw = [], panels.playing_window
+    monkeypatch.setattr(module, "SILENT_SECONDS", 0.0)
+    monkeypatch.setattr(panels, "playing_window", lambda *at: (shown.append(at), draw(*at)))
+    app.left_behind = path
+    with monkeypatch.context() as clicked:
+        clicked.setattr(imgui, "button", lambda label, *size: label == "Go on with it")
+        frames(app, 1)
+    assert shown == [] and not app.scene.on_ground
+    frames(app, 2)
+    assert shown[-1] == (90, 100) and app.scene.on_ground and app.left_behind is None
+    assert not app.gui._failed  # panels

@@ -46,6 +46,7 @@ AWAKE_SECONDS = 1.0  # after an event, frames are drawn: panels answer over seve
 POLL_SECONDS = 1.0 / 30.0  # between two looks for events at rest
 REDRAW_SECONDS = 0.5  # between two frames at rest: messages disappear, curves grow
 STATE_SECONDS = 0.5  # between two "state" events in the log
+SILENT_SECONDS = 0.2  # of a session's playing, between two pictures of how far it is
 INPUT_EVENTS = (
     *("on_key_press", "on_key_release", "on_text", "on_file_drop"),
     *("on_mouse_press", "on_mouse_release", "on_mouse_drag", "on_mouse_motion", "on_mouse_scroll"),
@@ -200,7 +201,7 @@ class App:
         ticks, shown = player.session.ticks, time.perf_counter()
         for tick in range(0, ticks, 30):
             player.play_to(tick)
-            if self.gui is not None and time.perf_counter() - shown > 0.2:
+            if self.gui is not None and time.perf_counter() - shown > SILENT_SECONDS:
                 self._show_alone(panels.playing_window, tick, ticks)
                 shown = time.perf_counter()
         player.play_to(ticks)

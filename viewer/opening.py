@@ -33,6 +33,9 @@ def open_asked(app) -> None:
     """Open what was asked for: a model in the place of the one that is shown, or a session."""
     path, app.asked = app.asked, None
     app.dialog = None
+    if path == app.left_behind:
+        app.recover()
+        return
     try:
         if path.is_dir():
             open_photographs(app, path)

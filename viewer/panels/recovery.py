@@ -12,7 +12,7 @@ def recovery_window(app):
     imgui.text("The last session of this model did not end in order.")
     imgui.text_disabled(f"{minutes:.0f} minutes ago; kept in {path}")
     if imgui.button("Go on with it"):
-        app.recover()
+        app.asked = path  # before the next frame: the window shows how far it is
     imgui.same_line()
     if imgui.button("Delete it"):
         path.unlink(missing_ok=True)
