@@ -112,6 +112,13 @@ def test_beside_the_render_it_is_as_large(app, folder):
     left, right = image[:, :half], image[:, half : 2 * half]
     assert left.std() > 20
     assert abs(left - right).mean() < 0.35 * abs(np.roll(left, 4, axis=1) - right).mean()
+    before, settings = app.scene.orbit, app.scene.settings
+    settings.show_panel, settings.panel_width = True, 60.0  # less room: it is shown smaller
+    app.frame(0.0)
+    orbit = app.scene.orbit
+    assert orbit.field_of_view > before.field_of_view
+    app.frame(0.0)
+    assert (orbits.pose(app.scene.orbit) == orbits.pose(orbit)).all()
     show_photograph(app, "hidden")
     app.frame(0.0, whole=True)
     assert app.controls.axis is None
@@ -165,9 +172,13 @@ def test_a_photograph_that_cant_be_shown_is_refused(folder, to_model, monkeypatc
     with pytest.raises(DatasetError, match="can't be read as an image"):
         photographs.step(1)
     assert photographs.shown is None and photographs.step(1).name == "1"
+    photographs = p.Photographs(folder, np.diag([1e3, 1e3, 1e3, 1.0]))
+    with pytest.raises(DatasetError, match="model sizes away"):
+        photographs.step(-1)
+    photographs = p.Photographs(folder, to_model)
     monkeypatch.setattr(p, "MOST_PIXELS", 100)
     with pytest.raises(DatasetError, match="120x100 pixels"):
-        photographs.step(1)
+        photographs.step(-1)
     for path in (folder / "photos").iterdir():
         path.unlink()
     with pytest.raises(DatasetError, match="none of its photographs"):

@@ -104,6 +104,7 @@ def test_the_axis_views_are_on_both_number_rows_and_their_backs_on_shift():
     for key in ("_1", "NUM_1", "NUM_END"):
         assert action_of(key, False) == "front"
         assert action_of(key, False, shift=True) == "back"
+    assert action_of("POUND", False, shift=True) == "left"  # what X11 calls Shift+3
     assert action_of("NUM_5", False) == "toggle_parallel"
     assert action_of("NUM_PAGE_DOWN", False, shift=True) == "left"
     assert action_of("R", False, shift=True) == "reset"  # Shift alone changes no other key

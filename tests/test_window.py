@@ -84,6 +84,21 @@ def test_the_wheel_over_the_view_zooms(session):
     assert session.next_state()["distance"] < before
 
 
+def test_the_camera_flies_and_looks_along_axes(session):
+    session.move(700, 350)
+    session.tool("key", "shift+3")
+    session.wait(lambda: session.state()["yaw"] == pytest.approx(-np.pi / 2), 5, "the left side")
+    before = session.next_state()["distance"]
+    session.tool("key", "g")
+    session.tool("keydown", "s")
+    session.wait(lambda: session.state()["distance"] > 1.2 * before, 10, "the eye is farther away")
+    session.tool("keyup", "s")
+    session.tool("key", "Escape")
+    yaw = session.next_state()["yaw"]
+    session.drag((950, 650), (-60, 20))  # the mouse orbits again
+    assert session.next_state()["yaw"] != yaw
+
+
 def test_resizing_keeps_the_vertices_under_the_mouse(session):
     window = session.tool("search", "--name", "deformrf: ball").split()[-1]
     session.tool("windowsize", window, 820, 560)

@@ -322,18 +322,18 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "panel_wider": _widen_panel(40.0),
     "panel_narrower": _widen_panel(-40.0),
 }
-NUMBER_PAD = {  # its keys, also by the names that X11 has for them without Num Lock
-    "NUM_ENTER": "ENTER",
+OTHER_NAMES = {  # of digits: the number pad's, X11's for it without Num Lock, US Shift+digit
     **{f"NUM_{n}": f"_{n}" for n in range(10)},
     **{"NUM_END": "_1", "NUM_PAGE_DOWN": "_3", "NUM_NEXT": "_3", "NUM_BEGIN": "_5"},
     **{"NUM_HOME": "_7", "NUM_LEFT": "_4", "NUM_RIGHT": "_6", "NUM_UP": "_8", "NUM_DOWN": "_2"},
+    **{"EXCLAMATION": "_1", "POUND": "_3", "HASH": "_3", "AMPERSAND": "_7"},
 }
 _ACTION_OF = {entry.key: entry.action for entry in INPUTS if entry.key}
 
 
 def action_of(key: str, ctrl: bool, shift: bool = False) -> str | None:
     """The action of a key, by pyglet's name of it."""
-    key = NUMBER_PAD.get(key, key)
+    key = OTHER_NAMES.get(key, key)
     found = _ACTION_OF.get("CTRL+" * ctrl + "SHIFT+" * shift + key)
     return _ACTION_OF.get(key) if found is None and not ctrl else found
 

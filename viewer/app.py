@@ -142,7 +142,7 @@ class App:
         say = self.recorder.say
         self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
         self.photographs = None  # of the scene's data set, if its folder was given
-        self.fly = Fly(self.window, self.controls, self.radiance.depth_image, say)
+        self.fly = Fly(self.window, self.controls, self.radiance.depth_image)
         self.scene, self.session_start = scene, start_of(scene)
         # The handlers that are pushed last are asked first.
         self.window.push_handlers(self.controls)

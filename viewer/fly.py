@@ -33,13 +33,9 @@ HINT = "flying: W A S D or arrows, Q down, E up; wheel: speed; Esc or click: end
 class Fly:
     """The flight of one window's camera."""
 
-    def __init__(self, window, controls, depth_image, say):
-        """Take a pyglet window and the Controls of its scene.
-
-        `depth_image` returns the depth image or None, and `say` shows a message to the user.
-        """
-        self._window, self._controls = window, controls
-        self._depth_image, self._say = depth_image, say
+    def __init__(self, window, controls, depth_image):
+        """Take a pyglet window, the Controls of its scene, and what returns the depth or None."""
+        self._window, self._controls, self._depth_image = window, controls, depth_image
         self._scene = controls.scene
         self.on = False
         self.speed = SPEED
@@ -61,7 +57,6 @@ class Fly:
         self._held.clear()
         self._window.push_handlers(self)
         self._window.set_exclusive_mouse(True)
-        self._say(HINT)
 
     def end(self) -> None:
         """The camera orbits again, about what is seen in the middle."""
@@ -124,7 +119,6 @@ class Fly:
 
     def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
         self.speed = float(np.clip(self.speed * FASTER**scroll_y, SLOWEST, FASTEST))
-        self._say(f"{self.speed:.2g} object sizes a second")
         return True
 
     def on_mouse_press(self, x, y, button, modifiers):

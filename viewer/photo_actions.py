@@ -70,10 +70,13 @@ def placed_photograph(app):
     photograph = None if app.photographs is None else app.photographs.shown
     if photograph is None or settings.photograph == "hidden":
         return None, None
-    from .photographs import is_seen_from, places
+    from .photographs import is_seen_from, places, seen_from
 
-    where = places(controls.size, controls.ratio, settings)
-    if settings.photograph == "over" and not is_seen_from(photograph, app.scene.orbit):
+    scene, where = app.scene, places(controls.size, controls.ratio, settings)
+    if is_seen_from(photograph, scene.orbit):  # the window or the panel may have another size
+        room, height = where.room, controls.size[1]
+        scene.orbit = seen_from(photograph, scene.orbit, room, height, scene.center)
+    elif settings.photograph == "over":
         return None, None
     controls.axis = where.render
     return photograph, where

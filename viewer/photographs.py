@@ -15,6 +15,8 @@ from . import orbit as orbits
 
 FORMATS = "PNG", "JPEG", "WEBP"  # that are decoded
 MOST_PIXELS = 100 * 2**20  # of a photograph on disk
+FARTHEST = 100.0  # model units, of a camera
+WIDEST = np.radians(150.0)  # field of view
 LONGEST_SIDE = 2048  # pixels, of what is shown
 PANEL_SPACE = 24.0  # points beside the panel
 
@@ -84,6 +86,11 @@ def read_photograph(image, world_to_model) -> Photograph:
     if lens.is_distorted:
         pixels = undistorted(pixels, lens)
     pose = in_space(image.camera_to_world, world_to_model)
+    if not (np.abs(pose[:3, 3]) < FARTHEST).all():
+        raise DatasetError(
+            f"{image.path} was taken {np.abs(pose[:3, 3]).max():.3g} model sizes away: is this "
+            f"the data set of this model?"
+        )
     straight = replace(lens, radial=(0.0,) * 4, tangential=(0.0, 0.0))
     return Photograph(image.path.stem, pose, straight, pixels, lens.is_distorted)
 
@@ -155,7 +162,7 @@ def seen_from(photograph: Photograph, orbit, room, height: int, center):
         orbits.facing(orbit, pose[:3, :3]),
         target=pose[:3, 3] - distance * pose[:3, 2],
         distance=distance,
-        field_of_view=2.0 * math.atan(0.5 * height / focal),
+        field_of_view=min(2.0 * math.atan(0.5 * height / focal), WIDEST),
         parallel=False,
     )
 

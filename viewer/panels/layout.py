@@ -8,6 +8,7 @@ from operator import attrgetter
 from imgui_bundle import imgui
 
 from ..actions import INPUTS
+from ..fly import HINT
 from ..framing import Covered
 from ..loading import STAGES
 from .camera import camera_panel
@@ -90,6 +91,10 @@ def draw_panels(app) -> None:
         _floating("film's progress", (1.0, 1.0), above=above)
         app.gui.guarded(progress_window, app)
         app.gui.claim()
+        imgui.end()
+    if app.fly.on:
+        _floating("flying", (0.5, 0.0), imgui.WindowFlags_.no_inputs.value)
+        imgui.text(f"{HINT}; {app.fly.speed:.2g} object sizes a second")
         imgui.end()
     sign = recording_line(app)
     if sign and not app.scene.settings.show_panel:
