@@ -14,6 +14,7 @@ from deformrf.core.training import DatasetError
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer import photographs as p
 from deformrf.viewer.actions import ACTIONS
+from deformrf.viewer.framing import Covered, in_free_part
 from deformrf.viewer.photo_actions import show_photograph
 
 LENSES = (
@@ -112,16 +113,16 @@ def test_beside_the_render_it_is_as_large(app, folder):
     left, right = image[:, :half], image[:, half : 2 * half]
     assert left.std() > 20
     assert abs(left - right).mean() < 0.35 * abs(np.roll(left, 4, axis=1) - right).mean()
-    before, settings = app.scene.orbit, app.scene.settings
+    before, settings = app.controls.camera, app.scene.settings
     settings.show_panel, settings.panel_width = True, 60.0  # less room: it is shown smaller
     app.frame(0.0)
     orbit = app.scene.orbit
-    assert orbit.field_of_view > before.field_of_view
+    assert app.controls.camera.focal < 0.9 * before.focal
     app.frame(0.0)
     assert (orbits.pose(app.scene.orbit) == orbits.pose(orbit)).all()
     show_photograph(app, "hidden")
     app.frame(0.0, whole=True)
-    assert app.controls.axis is None
+    assert app.controls.covered.right == 0.0
 
 
 @pytest.mark.gl
@@ -135,10 +136,11 @@ def test_the_camera_is_where_the_photograph_was_taken(folder, to_model):
     photographs = p.Photographs(folder, to_model)
     for _ in LENSES:
         one = photographs.step(1)
-        orbit = p.seen_from(one, orbits.Orbit(), (200.0, 150.0), 400, np.full(3, 0.5))
+        room, covered = (200.0, 150.0), Covered(left=200.0, top=100.0)
+        orbit = p.seen_from(one, orbits.Orbit(), (600, 400), room, np.full(3, 0.5))
         assert orbits.pose(orbit) == pytest.approx(rolled(0.3 * photographs.index), abs=1e-9)
         assert p.is_seen_from(one, orbit)
-        focal = orbits.camera(orbit, 600, 400).focal
+        focal = in_free_part(orbits.camera(orbit, 600, 400), covered).focal
         reach = [
             max(c, side - c) * focal / f
             for c, side, f in zip(
@@ -151,19 +153,15 @@ def test_the_camera_is_where_the_photograph_was_taken(folder, to_model):
     assert photographs.step(-1).name == "2"
 
 
-def test_the_panel_leaves_room():
-    from deformrf.viewer.settings import Settings
-
-    settings = Settings(panel_width=276.0)
-    over = p.places((1000, 600), 1.0, settings)
-    assert over.render == over.photograph == (650.0, 300.0)
-    settings.photograph = "beside"
-    both = p.places((1000, 600), 1.0, settings)
-    assert (both.render[0], both.left, both.photograph[0]) == (475.0, 650.0, 825.0)
-    settings.panel_side = "right"
-    assert p.places((1000, 600), 1.0, settings).render[0] == 175.0
-    settings.show_panel = False
-    assert p.places((1000, 600), 1.0, settings).render[0] == 250.0
+def test_render_and_photograph_share_what_panels_leave_free():
+    panel = Covered(left=300.0, bottom=100.0)
+    over = p.places((1000, 600), panel, 1.0, "over")
+    assert over == (panel, (650.0, 250.0), (350.0, 250.0), 300.0)
+    both = p.places((2000, 1200), panel, 2.0, "beside")
+    assert both.covered == Covered(300.0, 0.0, 350.0, 100.0)  # points
+    assert (both.axis, both.room, both.left) == ((1650.0, 500.0), (350.0, 500.0), 1300.0)
+    little = p.places((1000, 600), Covered(right=500.0), 1.0, "beside")
+    assert little.covered == Covered(right=500.0) and little.axis == (750.0, 300.0)
 
 
 def test_a_photograph_that_cant_be_shown_is_refused(folder, to_model, monkeypatch):

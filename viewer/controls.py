@@ -6,7 +6,6 @@ image's: x to the right, y down.
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -44,7 +43,6 @@ class Controls:
         self.region = []  # pixels of the box's corners, or of the lasso
         self.size = (1, 1)  # of the image
         self.ratio = 1.0  # image pixels per point
-        self.axis = None  # where the axis of view is [pixels], if it isn't in the middle
         self.covered = Covered()  # by panels
         self._depth_image = depth_image
         self._log, self._say = log, say
@@ -58,10 +56,7 @@ class Controls:
 
     @property
     def camera(self):
-        camera = orbits.camera(self.scene.orbit, *self.size)
-        if self.axis is not None:
-            return replace(camera, lens=replace(camera.lens, center=self.axis))
-        return in_free_part(camera, self.covered, self.ratio)
+        return in_free_part(orbits.camera(self.scene.orbit, *self.size), self.covered, self.ratio)
 
     def _pixel(self, x, y):
         """From a position in the window to the middle of the image's pixel.  [2]"""

@@ -22,18 +22,29 @@ class Covered(NamedTuple):
     bottom: float = 0.0
 
 
+def free_part(size, covered: Covered, ratio: float = 1.0):
+    """Left, top, width and height of what is not covered; of all, if that is too little [pixels].
+
+    Args:
+        size: Of the image [pixels].
+    """
+    left, top, right, bottom = (ratio * side for side in covered)
+    width, height = size[0] - left - right, size[1] - top - bottom
+    if width < SMALLEST_SHARE * size[0] or height < SMALLEST_SHARE * size[1]:
+        return 0.0, 0.0, float(size[0]), float(size[1])
+    return left, top, width, height
+
+
 def in_free_part(camera: Camera, covered: Covered, ratio: float = 1.0) -> Camera:
     """The camera of an image, for what is not covered of it.
 
     Args:
         ratio: Pixels of the image per point.
     """
-    left, top, right, bottom = (ratio * side for side in covered)
-    width, height = camera.width - left - right, camera.height - top - bottom
-    little = width < SMALLEST_SHARE * camera.width or height < SMALLEST_SHARE * camera.height
-    if little or not any(covered):
+    left, top, width, height = free_part((camera.width, camera.height), covered, ratio)
+    if (width, height) == (camera.width, camera.height):
         return camera
     scale = min(width, height) / camera.height  # what is framed fills the height
     (fx, fy), (cx, cy) = camera.lens.focal, camera.lens.center
-    center = cx + 0.5 * (left - right), cy + 0.5 * (top - bottom)
+    center = cx + left + 0.5 * (width - camera.width), cy + top + 0.5 * (height - camera.height)
     return replace(camera, lens=replace(camera.lens, focal=(scale * fx, scale * fy), center=center))

@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+from . import panels
+from .framing import Covered
+
 WITHOUT = "there are no photographs: give the data set's folder with --data, or drop it here"
 
 
@@ -45,38 +48,47 @@ def _jump(by):
 
 def show_photograph(app, where: str) -> None:
     """Show the one that was read over the render, beside it, or not, and look from its camera."""
-    scene, controls = app.scene, app.controls
-    scene.settings.photograph = where
+    app.scene.settings.photograph = where
     photograph = app.photographs.shown
     if photograph is None or where == "hidden":
         return
-    from .photographs import places, seen_from
-
     app.fly.end()
-    room = places(controls.size, controls.ratio, scene.settings).room
-    scene.orbit = seen_from(photograph, scene.orbit, room, controls.size[1], scene.center)
+    _look_from(app, photograph, _places(app))
 
 
 PHOTO_ACTIONS = {"next_photograph": _jump(1), "previous_photograph": _jump(-1)}
 
 
+def _places(app):
+    from .photographs import places
+
+    controls, where = app.controls, app.scene.settings.photograph
+    covered = Covered() if app.gui is None else panels.covered(app)
+    return places(controls.size, covered, controls.ratio, where)
+
+
+def _look_from(app, photograph, places):
+    from .photographs import seen_from
+
+    scene, size = app.scene, app.controls.size
+    scene.orbit = seen_from(photograph, scene.orbit, size, places.room, scene.center)
+
+
 def placed_photograph(app):
-    """The photograph that is to be drawn, or None, and its Places; the view's axis moves there.
+    """The photograph that is to be drawn, or None, and its Places; one beside covers the view.
 
     One over the render is drawn as long as the camera is where it was taken.
     """
-    controls, settings = app.controls, app.scene.settings
-    controls.axis = None
     photograph = None if app.photographs is None else app.photographs.shown
-    if photograph is None or settings.photograph == "hidden":
+    where = app.scene.settings.photograph
+    if photograph is None or where == "hidden":
         return None, None
-    from .photographs import is_seen_from, places, seen_from
+    from .photographs import is_seen_from
 
-    scene, where = app.scene, places(controls.size, controls.ratio, settings)
-    if is_seen_from(photograph, scene.orbit):  # the window or the panel may have another size
-        room, height = where.room, controls.size[1]
-        scene.orbit = seen_from(photograph, scene.orbit, room, height, scene.center)
-    elif settings.photograph == "over":
+    places = _places(app)
+    if is_seen_from(photograph, app.scene.orbit):
+        _look_from(app, photograph, places)  # the window or a panel may have another size
+    elif where == "over":
         return None, None
-    controls.axis = where.render
-    return photograph, where
+    app.controls.covered = places.covered
+    return photograph, places

@@ -25,7 +25,7 @@ class PhotoLayer:
             self._triangle.program,
             photo=0,
             window=(camera.width, camera.height),
-            axis=places.photograph,
+            axis=places.axis,
             scale=np.array(lens.focal) / camera.focal / size,
             center=np.array(lens.center) / size,
             left=places.left,

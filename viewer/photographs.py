@@ -6,19 +6,20 @@ Shapes: a photograph has H rows and W columns of pixels.
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ..core.render import Lens, distort, in_space
 from ..core.training import DatasetError, list_images, read_image, shrunk_size, size_on_disk
 from . import orbit as orbits
+from .framing import SMALLEST_SHARE, Covered, free_part
 
 FORMATS = "PNG", "JPEG", "WEBP"  # that are decoded
 MOST_PIXELS = 100 * 2**20  # of a photograph on disk
 FARTHEST = 100.0  # model units, of a camera
 WIDEST = np.radians(150.0)  # field of view
 LONGEST_SIDE = 2048  # pixels, of what is shown
-PANEL_SPACE = 24.0  # points beside the panel
 
 
 @dataclass(frozen=True)
@@ -115,42 +116,42 @@ def undistorted(pixels, lens: Lens):
 # -- where it is shown -------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Places:
-    """Where the axes of view are in the window [pixels], and how much room there is around each."""
+class Places(NamedTuple):
+    """Where the render and the photograph are in the window."""
 
-    render: tuple[float, float]
-    photograph: tuple[float, float]
-    room: tuple[float, float]  # half the width and height of each
-    left: float  # the photograph's left border
+    covered: Covered  # for the render: by panels, and by a photograph beside it
+    axis: tuple[float, float]  # of the photograph's view [pixels]
+    room: tuple[float, float]  # half of the width and height for it [pixels]
+    left: float  # its left border [pixels]
 
 
-def places(size, ratio: float, settings) -> Places:
-    """The middle of what the panel leaves free, or the middles of its two halves.
+def places(size, covered: Covered, ratio: float, where: str) -> Places:
+    """Both in what panels leave free, or each in a half of it.
 
     Args:
         size: Of the window [pixels].
+        covered: By panels.
         ratio: Pixels a point.
+        where: "over" or "beside".
     """
-    width, height = size
-    covered = (settings.panel_width + PANEL_SPACE) * ratio if settings.show_panel else 0.0
-    covered = covered if covered < 0.6 * width else 0.0
-    left = covered if settings.panel_side == "left" else 0.0
-    free = width - covered
-    middle = left + 0.5 * free, 0.5 * height
-    if settings.photograph == "over":
-        return Places(middle, middle, (0.5 * free, 0.5 * height), left)
-    render, photograph = (left + share * free for share in (0.25, 0.75))
-    room = 0.25 * free, 0.5 * height
-    return Places((render, 0.5 * height), (photograph, 0.5 * height), room, middle[0])
+    left, top, width, height = free_part(size, covered, ratio)
+    if where == "over":
+        middle = left + 0.5 * width, top + 0.5 * height
+        return Places(covered, middle, (0.5 * width, 0.5 * height), left)
+    if 0.5 * width <= SMALLEST_SHARE * size[0]:  # halves that would not be used
+        left, top, width, height = 0.0, 0.0, *size
+    sides = left, top, size[0] - left - 0.5 * width, size[1] - top - height
+    axis = left + 0.75 * width, top + 0.5 * height
+    halved = Covered(*(side / ratio for side in sides))
+    return Places(halved, axis, (0.25 * width, 0.5 * height), left + 0.5 * width)
 
 
-def seen_from(photograph: Photograph, orbit, room, height: int, center):
+def seen_from(photograph: Photograph, orbit, size, room, center):
     """The orbit from where a photograph was taken; all of it fits into the room around its axis.
 
     Args:
+        size: Of the window [pixels].
         room: Half of the width and height that there is [pixels].
-        height: Of the image [pixels].
         center: The object's, near which the orbit's target is.  [3]
     """
     lens, pose = photograph.lens, photograph.pose
@@ -158,6 +159,8 @@ def seen_from(photograph: Photograph, orbit, room, height: int, center):
     focal = min(half * f / max(c, length - c) for length, c, f, half in sides)
     distance = (pose[:3, 3] - center) @ pose[:3, 2]
     distance = float(np.clip(distance, orbits.CLOSEST, orbits.FARTHEST))
+    # in_free_part scales the picture, unless all is free.
+    height = size[1] if np.allclose(np.multiply(room, 2.0), size) else 2.0 * min(room)
     return replace(
         orbits.facing(orbit, pose[:3, :3]),
         target=pose[:3, 3] - distance * pose[:3, 2],

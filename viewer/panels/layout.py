@@ -93,7 +93,8 @@ def draw_panels(app) -> None:
         app.gui.claim()
         imgui.end()
     if app.fly.on:
-        _floating("flying", (0.5, 0.0), imgui.WindowFlags_.no_inputs.value)
+        over_message = above + 4.0 * MARGIN
+        _floating("flying", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value, over_message)
         imgui.text(f"{HINT}; {app.fly.speed:.2g} object sizes a second")
         imgui.end()
     sign = recording_line(app)
