@@ -28,7 +28,8 @@ def app_like(scene, controls):
     """What actions need of an App; `said` are its messages."""
     said = []
     recorder = SimpleNamespace(say=said.append)
-    return SimpleNamespace(scene=scene, controls=controls, recorder=recorder, said=said)
+    parts = {"scene": scene, "controls": controls, "recorder": recorder, "said": said}
+    return SimpleNamespace(**parts, takes=SimpleNamespace(asking=False))
 
 
 def test_escape_closes_the_help(app_like):

@@ -164,8 +164,7 @@ def _strip(app):
 def _floating(name, place, flags=0, above=0.0):
     """Begin a window without decoration: centered at (0.5, 0.5), at the bottom (0.5, 1) ..."""
     size = imgui.get_io().display_size
-    size.y -= above
-    x, y = (share * side for share, side in zip(place, (size.x, size.y), strict=True))
+    x, y = place[0] * size.x, place[1] * (size.y - above)
     inwards = {0.0: MARGIN, 0.5: 0.0, 1.0: -MARGIN}
     imgui.set_next_window_pos((x + inwards[place[0]], y + inwards[place[1]]), pivot=place)
     imgui.begin(name, flags=FLOATING | flags)
