@@ -41,6 +41,11 @@ class Fly:
         self.speed = SPEED
         self._held = set()  # keys, pyglet's names
 
+    @property
+    def line(self) -> str:
+        """What the user can do, and how fast it is."""
+        return f"{HINT}; {self.speed:.2g} object sizes a second"
+
     def toggle(self) -> None:
         """Begin, or end."""
         (self.end if self.on else self.begin)()

@@ -8,7 +8,6 @@ from operator import attrgetter
 from imgui_bundle import imgui
 
 from ..actions import INPUTS
-from ..fly import HINT
 from ..framing import Covered
 from ..loading import STAGES
 from .camera import camera_panel
@@ -95,7 +94,7 @@ def draw_panels(app) -> None:
     if app.fly.on:
         over_message = above + 4.0 * MARGIN
         _floating("flying", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value, over_message)
-        imgui.text(f"{HINT}; {app.fly.speed:.2g} object sizes a second")
+        imgui.text(app.fly.line)
         imgui.end()
     sign = recording_line(app)
     if sign and not app.scene.settings.show_panel:
