@@ -259,6 +259,24 @@ def test_time_that_stands_still_stops_physics_but_no_camera(scene, line, two_pos
     assert line.head == 5
 
 
+def test_a_hand_lets_time_go_on_that_the_timeline_stopped(scene, line, two_poses):
+    """So that a pose that is shown can be changed; time that the user stopped stands still."""
+    line.scrub(20)
+    assert scene.paused and line.stands
+    scene.handles.grab(two_poses[0])
+    assert not scene.paused and not line.stands
+    scene.handles.drag_to(scene.solver.rest_vertices[two_poses[0]])
+    scene.advance(0.1)
+    line.key(20, None, True)
+    scene.handles.release()
+    moved = abs(line.keys["pose"][1].vertices - two_poses[2].vertices).max()
+    assert moved > 0.05
+    scene.paused = True
+    line.scrub(0)
+    scene.handles.grab(two_poses[0])
+    assert scene.paused
+
+
 def test_without_keys_nothing_plays(scene, line):
     line.play()
     assert not line.playing and not scene.moving

@@ -168,7 +168,7 @@ class Handles:
     def _hold(self, handles, radius, soft):
         if not all(map(self.exists, handles)):
             raise ValueError(f"there is no handle {max(handles)}")
-        self._scene.timeline.stop()
+        self._scene.timeline.give_way()
         solver = self._scene.solver
         positions = solver.vertices.numpy().copy()
         before = positions, solver.velocities.numpy().copy()

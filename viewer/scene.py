@@ -167,6 +167,7 @@ class Scene:
     @edit("pause")
     def _pause(self, on):
         self._paused = on
+        self.timeline.stands = False
 
     def single_step(self) -> None:
         """Pause, and take one step."""

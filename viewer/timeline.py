@@ -39,6 +39,7 @@ class Timeline:
         keys: Those of each track, sorted by tick: {"camera": (...), "pose": (...)}.
         poses: Those saved under a name, with their weights.
         head: The playhead [ticks].
+        stands: Whether time stands still because the timeline shows a pose.
     """
 
     def __init__(self, scene):
@@ -47,7 +48,7 @@ class Timeline:
         self.poses: tuple[k.Pose, ...] = ()
         self.loop, self.motion = False, MOTIONS[0]
         self.head = 0
-        self.playing = False
+        self.playing = self.stands = False
         self._scene = scene
         self._drive: Drive | None = None
 
@@ -172,8 +173,10 @@ class Timeline:
         if self.head >= self.end:
             self.head = 0
         self._show()
-        if self.keys["pose"]:  # interpolated poses stay, when the end is reached
-            self._scene.paused = self.motion == "interpolation"
+        if self.keys["pose"] and self.motion == "interpolation":
+            self._stand()  # the pose stays, when the end is reached
+        elif self.keys["pose"]:
+            self._scene.paused = False
         self.playing = self.end > 0
 
     @edit("stop")
@@ -188,7 +191,18 @@ class Timeline:
         self.head = tick
         self._show()
         if self.keys["pose"]:
-            self._scene.paused = True
+            self._stand()
+
+    def _stand(self):
+        stands = self.stands or not self._scene.paused
+        self._scene.paused = True
+        self.stands = stands
+
+    def give_way(self) -> None:
+        """A hand takes hold: nothing plays, and time goes on if the timeline stopped it."""
+        self._end()
+        if self.stands:
+            self._scene.paused = False
 
     def advance(self) -> bool:
         """A tick begins.  Returns whether the pose after it is set, so that no step is needed."""
@@ -330,7 +344,7 @@ class Timeline:
         self._let_go()
         self.poses = tuple(changed if pose.name == name else pose for pose in self.poses)
         scene.solver.set_state(k.blend(scene.solver.rest_shape, self.poses))
-        scene.paused = True
+        self._stand()
         scene.revision += 1
 
     def _saved(self, name):

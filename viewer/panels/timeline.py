@@ -20,7 +20,7 @@ MOTION = """between pose keys: interpolation moves all vertices straight from on
 physics moves what the keys hold, pinned or by the mouse, and the rest follows"""
 EASING = "on the way from this key to the next one"
 HINT = "{} sets a key at the playhead. Drag keys to move them, with Ctrl to copy them."
-STANDS = "Time stands still at this pose: {} lets it go, {} keys what you make of it."
+STANDS = "Time stands still at this pose. A drag or {} lets it go on; {} keys what you make of it."
 COLORS = {
     "ruler": (0.88, 0.89, 0.91, 1.0),
     "lane": (0.93, 0.93, 0.95, 1.0),
@@ -135,7 +135,7 @@ def _chosen_key(app):
     timeline, strip = app.scene.timeline, app.strip
     chosen = strip.chosen(timeline)
     if chosen is None:
-        stands = app.scene.paused and timeline.keys["pose"] and not timeline.playing
+        stands = timeline.stands and not timeline.playing
         labels = (label_of("pause"), label_of("key")) if stands else (label_of("key"),)
         imgui.align_text_to_frame_padding()
         imgui.text_disabled((STANDS if stands else HINT).format(*labels))
