@@ -3,10 +3,12 @@
 // a checkerboard takes the background's place to the part that shows through, and a ground darkens
 // what is behind it.  If transparent, it is over nothing: its color is multiplied by its opacity,
 // and of the ground there is the shadow alone.
+//
+// SMOOTH is defined where the field has fewer pixels than the window and its colors may be
+// blended; without it, each of its pixels is a block.  GROUND is defined where one is seen.
 uniform sampler2D field_color;   // alpha = opacity
 uniform sampler2D field_depth;   // distance t along the unit ray, inf where nothing is
-uniform bool smooth_colors;      // else each of the field's pixels is a block
-uniform float texel;             // its width at distance 1, where rays are parallel anywhere
+uniform float texel;             // its pixels' width at distance 1, or of parallel rays anywhere
 uniform vec3 background;
 uniform bool checkerboard;
 uniform bool transparent;
@@ -16,7 +18,6 @@ uniform vec2 axis;               // uv of the axis of view
 uniform bool parallel;           // rays are
 uniform vec2 depth_terms;        // window depth = a + b / z, where they are parallel a + b z
 uniform mat4 camera_to_world;
-uniform bool ground;             // whether it is seen
 uniform float ground_height;     // its z
 uniform vec2 ground_middle;      // x and y about which it fades out
 uniform float ground_reach;
@@ -35,6 +36,7 @@ const float INF = uintBitsToFloat(0x7f800000u);
 vec4 colors_at(ivec2 at) { return texelFetch(field_color, at, 0); }
 float depth_at(ivec2 at) { return texelFetch(field_depth, at, 0).r; }
 
+#ifdef SMOOTH
 // The color between the four nearest texels, which are of two layers: those about as near as the
 // nearest one, and what is behind them.  Within a layer, colors are bilinear means; the edge of
 // the front layer lies where half of the bilinear weights are its own, and is sharpened.
@@ -61,7 +63,9 @@ vec4 filtered(out float t) {
     of_back *= (1.0 - front) / max(1.0 - sum, 1e-6);
     return colors * (of_front + of_back);
 }
+#endif
 
+#ifdef GROUND
 const float PLANE = 0.05, LINE = 0.16;  // how much they differ from what is behind them
 const float FINE = 0.35;                // of the lines' spacing, a pixel's width where they end
 
@@ -70,43 +74,56 @@ float shadow_at(vec2 place) {
     return max(abs(at.x), abs(at.y)) < 0.5 ? texture(ground_shadow, at + 0.5).r : 0.0;
 }
 
-// What is behind the ground, as it is seen through it; a pixel has that width there, in spacings.
-vec3 through_ground(vec3 behind, vec2 place, vec2 width) {
+// What the ground puts over what is behind it: a color, and how much of it.
+vec4 ink_at(vec2 place) {
     float fades = 1.0 - smoothstep(0.3, 1.0, distance(place, ground_middle) / ground_reach);
-    vec2 cell = place / line_spacing;
+    vec2 cell = place / line_spacing, width = max(fwidth(cell), vec2(1e-6));  // of a pixel
     vec2 away = abs(fract(cell + 0.5) - 0.5) / width;
     vec2 lines = (1.0 - smoothstep(0.2, 1.2, away)) * (1.0 - smoothstep(0.2 * FINE, FINE, width));
-    float tint = mix(PLANE, LINE, max(lines.x, lines.y));
-    float ink = dot(background, vec3(0.3, 0.6, 0.1)) > 0.4 ? 0.0 : 1.0;
-    return mix(behind, vec3(ink), tint * fades) * (1.0 - shadow_at(place));
+    float dark = dot(background, vec3(0.3, 0.6, 0.1)) > 0.4 ? 0.0 : 1.0;
+    return vec4(vec3(dark), fades * mix(PLANE, LINE, max(lines.x, lines.y)));
 }
+#endif
 
 void main() {
     ivec2 block = ivec2(uv * vec2(textureSize(field_depth, 0)));
     float t = depth_at(block);
-    vec4 field = smooth_colors ? filtered(t) : colors_at(block);
+    vec4 field = colors_at(block);
+#ifdef SMOOTH
+    field = filtered(t);
+#endif
     vec2 at = extent * (uv - axis);
-    vec3 local = parallel ? vec3(0, 0, -1) : normalize(vec3(at.x, -at.y, -1));
-    vec4 start = parallel ? vec4(at.x, -at.y, 0, 1) : vec4(0, 0, 0, 1);
-    vec3 origin = (camera_to_world * start).xyz, direction = mat3(camera_to_world) * local;
-    float ground_t = (ground_height - origin.z) / min(direction.z, -1e-6);
-    bool on_ground = ground && direction.z < -1e-6 && ground_t > 0.0;  // seen from above
-    vec2 place = origin.xy + direction.xy * (on_ground ? ground_t : 0.0);
-    vec2 width = max(fwidth(place / line_spacing), vec2(1e-6));  // of a pixel
-
     vec3 behind = background;
     if (checkerboard) {
         ivec2 square = ivec2(uv * squares);
         behind = vec3((square.x + square.y) % 2 == 0 ? LIGHT : DARK);
     }
-    if (on_ground) behind = through_ground(behind, place, width);
+    float shadow = 0.0;
+#ifdef GROUND
+    vec3 local = parallel ? vec3(0, 0, -1) : normalize(vec3(at.x, -at.y, -1));
+    vec4 start = parallel ? vec4(at.x, -at.y, 0, 1) : vec4(0, 0, 0, 1);
+    vec3 origin = (camera_to_world * start).xyz, direction = mat3(camera_to_world) * local;
+    float ground_t = (ground_height - origin.z) / min(direction.z, -1e-6);
+    bool on_ground = direction.z < -1e-6 && ground_t > 0.0;  // seen from above
+    vec2 place = origin.xy + direction.xy * (on_ground ? ground_t : 0.0);
+    vec4 ink = ink_at(place);
+    if (on_ground) {
+        behind = mix(behind, ink.rgb, ink.a);
+        shadow = shadow_at(place);
+        behind *= 1.0 - shadow;
+    }
+#endif
     color = vec4(field.rgb + (1.0 - field.a) * (behind - background), 1);
-    if (on_ground && ground_t < t && !isinf(t)) color.rgb = through_ground(color.rgb, place, width);
+#ifdef GROUND
+    if (on_ground && ground_t < t && !isinf(t)) {
+        color.rgb = mix(color.rgb, ink.rgb, ink.a) * (1.0 - shadow);
+    }
+#endif
     if (transparent) {
         color = vec4(max(field.rgb - (1.0 - field.a) * background, 0.0), field.a);
-        if (on_ground) color.a += (1.0 - field.a) * shadow_at(place);
+        color.a += (1.0 - field.a) * shadow;
     }
-    float z = -local.z * t;
+    float z = parallel ? t : t * inversesqrt(1.0 + dot(at, at));
     float depth = depth_terms.x + depth_terms.y * (parallel ? z : 1.0 / z);
     gl_FragDepth = isinf(t) ? 1.0 : clamp(depth, 0.0, 1.0);
 }

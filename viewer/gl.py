@@ -8,17 +8,26 @@ import numpy as np
 from ..core.paths import SHADERS
 
 
-def program(ctx: moderngl.Context, name: str, vertex: str = "") -> moderngl.Program:
-    """The program of shaders/<vertex or name>.vert.glsl and shaders/<name>.frag.glsl."""
+def program(
+    ctx: moderngl.Context, name: str, vertex: str = "", defines: tuple[str, ...] = ()
+) -> moderngl.Program:
+    """The program of shaders/<vertex or name>.vert.glsl and shaders/<name>.frag.glsl.
+
+    Args:
+        defines: Names that the fragment shader finds defined.
+    """
+    version, rest = (SHADERS / f"{name}.frag.glsl").read_text().split("\n", 1)
     return ctx.program(
         vertex_shader=(SHADERS / f"{vertex or name}.vert.glsl").read_text(),
-        fragment_shader=(SHADERS / f"{name}.frag.glsl").read_text(),
+        fragment_shader="\n".join([version, *(f"#define {one}" for one in defines), rest]),
     )
 
 
-def full_screen(ctx: moderngl.Context, name: str) -> moderngl.VertexArray:
+def full_screen(
+    ctx: moderngl.Context, name: str, defines: tuple[str, ...] = ()
+) -> moderngl.VertexArray:
     """A triangle over the whole image, drawn with shaders/<name>.frag.glsl."""
-    vertex_array = ctx.vertex_array(program(ctx, name, "full_screen"), [])
+    vertex_array = ctx.vertex_array(program(ctx, name, "full_screen", defines), [])
     vertex_array.vertices = 3
     return vertex_array
 

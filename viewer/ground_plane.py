@@ -113,16 +113,15 @@ class GroundPlane:
     def uniforms(self, unit: int) -> dict:
         """What the shader takes, with the shadow's texture in that unit."""
         scene = self._scene
-        self._texture.use(unit)
         if not self.shown:
-            return {"ground": False, "ground_shadow": unit}
+            return {}
         height = scene.solver.options.ground
         if self._seen != (scene.revision, height):
             self._shadow = shadow(self._middles.at(scene.positions), height, scene.size)
             self._texture.write(np.round(255.0 * self._shadow.shade).astype(np.uint8).tobytes())
             self._seen = scene.revision, height
+        self._texture.use(unit)
         return {
-            "ground": True,
             "ground_shadow": unit,
             "ground_height": height,
             "ground_middle": tuple(scene.center[:2]),

@@ -40,7 +40,8 @@ class RadianceLayer:
         self.transparent = False  # draw no background, and the opacity into the fourth channel
         self._ctx, self._scene, self._renderer = ctx, scene, renderer
         self._times, self._clock = times, clock
-        self._triangle = gl.full_screen(ctx, "image")
+        self._triangles = {}  # by what the shader finds defined
+        self._triangle = None  # that was drawn last
         self._ground = GroundPlane(ctx, scene)
         self._moving = MovingResolution(0.1, CPU_LADDER if self.device.is_cpu else LADDER)
         field = renderer.field
@@ -257,12 +258,13 @@ class RadianceLayer:
     def draw(self, camera, clip_range) -> None:
         """Draw color and depth into the framebuffer in use."""
         scaled = self.shown.texture.size != (camera.width, camera.height)
+        smooth = scaled and self._scene.settings.mode in SMOOTH_MODES
+        self._triangle = self._triangle_for(smooth)
         extent = np.array([camera.width, camera.height]) / camera.focal
         gl.set_uniforms(
             self._triangle.program,
             field_color=0,
             field_depth=1,
-            smooth_colors=scaled and self._scene.settings.mode in SMOOTH_MODES,
             texel=camera.height / self.shown.height / camera.focal,
             background=self._scene.settings.background,
             squares=np.array([camera.width, camera.height]) / CHECKER_SIZE,
@@ -276,6 +278,14 @@ class RadianceLayer:
             depth_terms=gl.depth_terms(*clip_range, camera.parallel),
         )
         self._draw_triangle()
+
+    def _triangle_for(self, smooth):
+        """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
+        wanted = ("SMOOTH", smooth), ("GROUND", self._ground.shown)
+        defines = tuple(name for name, is_wanted in wanted if is_wanted)
+        if defines not in self._triangles:
+            self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)
+        return self._triangles[defines]
 
     def _draw_triangle(self):
         self.shown.texture.color.use(0)
