@@ -75,11 +75,11 @@ def test_a_pin_that_was_freed_can_be_dragged_and_pinned_again(scene):
 
 def test_a_speck_has_no_handles(ball):
     """What floats above the object would be its top, and nothing of the object would move."""
-    mesh = ball.mesh
-    speck = mesh.rest_vertices[mesh.tets[0]] * 0.2 + [0.4, 0.4, 0.95]
-    count = mesh.vertex_count
-    rest = np.concatenate([mesh.rest_vertices, speck])
-    tets = np.concatenate([mesh.tets, count + np.arange(4)[None]]).astype(np.int32)
+    mesh, count = ball.mesh, 2 * ball.mesh.vertex_count  # two balls side by side
+    speck = mesh.rest_vertices[mesh.tets[0]] * 0.2 + [0.4, 0.4, 1.4]
+    rest = np.concatenate([mesh.rest_vertices, mesh.rest_vertices + [1.0, 0.0, 0.0], speck])
+    tets = np.concatenate([mesh.tets, mesh.tets + count // 2, count + np.arange(4)[None]])
+    tets = tets.astype(np.int32)
     field = SimpleNamespace(
         mesh=SimpleNamespace(rest_vertices=rest, tets=tets, vertex_count=len(rest)),
         meta={},

@@ -11,6 +11,7 @@ import numpy as np
 MOST_POINTS = 100  # that are placed at the start
 SPACING = 0.12  # of the object's size, between two of them
 SPECK = 0.02  # of the surface's points: what is apart from the others and smaller is no object
+SPARSE = 0.3  # of the points: if the largest part has fewer, they are too far apart
 FLAT = 1e-12  # of the longest side cubed: a tet of less volume holds no point
 
 
@@ -104,7 +105,9 @@ def of_large_parts(points, radius: float):
             edge = np.flatnonzero(near[edge].any(axis=0) & ~part)
         parts[part] = parts.max() + 1
     sizes = np.bincount(parts)[parts]
-    return sizes >= min(SPECK * len(points), sizes.max())
+    if sizes.max() < SPARSE * len(points):  # the points are too few to tell
+        return np.ones(len(points), bool)
+    return sizes >= SPECK * len(points)
 
 
 def placed(surface, rest_vertices, tets, size: float) -> ControlPoints:
