@@ -77,7 +77,7 @@ def test_a_speck_has_no_handles(ball):
     """What floats above the object would be its top, and nothing of the object would move."""
     mesh, count = ball.mesh, 2 * ball.mesh.vertex_count  # two balls side by side
     speck = mesh.rest_vertices[mesh.tets[0]] * 0.2 + [0.4, 0.4, 1.4]
-    rest = np.concatenate([mesh.rest_vertices, mesh.rest_vertices + [1.0, 0.0, 0.0], speck])
+    rest = np.concatenate([mesh.rest_vertices, np.add(mesh.rest_vertices, [1.0, 0.0, 0.0]), speck])
     tets = np.concatenate([mesh.tets, mesh.tets + count // 2, count + np.arange(4)[None]])
     tets = tets.astype(np.int32)
     field = SimpleNamespace(
