@@ -144,6 +144,21 @@ def test_a_turntable_is_one_click_and_one_step(app, line):
     assert not line.playing and not line.end and not line.loop
 
 
+def test_what_is_too_many_is_said(app, line, monkeypatch):
+    keyed(app, 0, 30)
+    monkeypatch.setattr("deformrf.viewer.timeline.MOST_KEYS", 2)
+    monkeypatch.setattr("deformrf.viewer.timeline.MOST_POSES", 0)
+    line.scrub(60)
+    app.strip.selected = "camera", 0
+    for action in ("key", "copy_key", "save_pose"):
+        app.said.clear()
+        a.ACTIONS[action](app)
+        assert "at most 2" in app.said[0] or "delete one first" in app.said[0]
+    with pytest.raises(ValueError):
+        dragged(app, 100.0, 300.0, copy=True)
+    assert ticks(line) == [0, 30] and app.strip.holds == ""
+
+
 def test_poses_get_names(app, line):
     a.ACTIONS["save_pose"](app)
     app.strip.pose_name = " nod\n" + 100 * "x"

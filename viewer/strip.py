@@ -91,8 +91,8 @@ class Strip:
 
     def drop(self, timeline, copy: bool) -> None:
         """Let go: a key stays where it was dragged to, or its copy does."""
-        if self.holds == "key" and self.selected and self.selected[1] != self.to_tick:
+        holds, self.holds = self.holds, ""
+        if holds == "key" and self.selected and self.selected[1] != self.to_tick:
             track, tick = self.selected
             (timeline.copy_key if copy else timeline.move_key)(track, tick, self.to_tick)
             self.selected = track, self.to_tick
-        self.holds = ""

@@ -7,16 +7,23 @@ from .viewpoint import LONGEST_NAME
 NO_KEYS = "there are no keys yet: K sets one at the playhead"
 
 
+def _done(app, edit, *arguments):
+    """Make an edit, or say why not: there are too many keys or poses."""
+    try:
+        edit(*arguments)
+    except ValueError as error:
+        app.recorder.say(str(error))
+        return False
+    return True
+
+
 def _key(camera, pose):
     """A function that keys camera and pose at the playhead, or one of them."""
 
     def key(app):
         timeline, tick = app.scene.timeline, app.scene.timeline.head
         orbit = orbits.values(app.scene.orbit) if camera else None
-        try:
-            timeline.key(tick, orbit, pose)
-        except ValueError as error:  # there are too many
-            app.recorder.say(str(error))
+        if not _done(app, timeline.key, tick, orbit, pose):
             return
         app.scene.settings.show_timeline = True
         kept = " and ".join(["camera"] * camera + ["pose"] * pose)
@@ -66,8 +73,8 @@ def _copy_key(app):
     timeline = app.scene.timeline
     chosen = app.strip.chosen(timeline)
     if chosen is not None and chosen[1] != timeline.head:
-        timeline.copy_key(*chosen, timeline.head)
-        app.strip.selected = chosen[0], timeline.head
+        if _done(app, timeline.copy_key, *chosen, timeline.head):
+            app.strip.selected = chosen[0], timeline.head
 
 
 def _turntable(app):
@@ -83,10 +90,7 @@ def _save_pose(app):
     typed = "".join(filter(str.isprintable, app.strip.pose_name)).strip()[:LONGEST_NAME]
     taken = {pose.name for pose in timeline.poses}
     numbers = (f"pose {n}" for n in range(1, len(taken) + 2))
-    try:
-        timeline.save_pose(typed or next(name for name in numbers if name not in taken))
-    except ValueError as error:  # there are too many
-        app.recorder.say(str(error))
+    _done(app, timeline.save_pose, typed or next(one for one in numbers if one not in taken))
     app.strip.pose_name = ""
 
 
