@@ -1,6 +1,7 @@
 """Pixels to vertices and back."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def test_what_is_behind_the_camera_is_nowhere(camera):
     assert np.isnan(pixels).all()
     assert t[0] == -np.inf
     assert not picking.visible(camera, behind[None], None, 0.1)[0]
-    assert picking.pick_sphere(camera, (80, 60), behind[None], 0.1, np.array([True]), 5) is None
+    assert picking.pick_sphere(camera, (80, 60), behind[None], 0.1, 5.0) is None
 
 
 @each_camera
@@ -64,10 +65,14 @@ def test_hidden_is_what_lies_deeper_than_the_bias():
     assert picking.visible(CAMERA, points, depth, 0.05).tolist() == [True, True, False]
 
 
-def test_the_nearest_of_the_shown_spheres_is_picked():
+def test_the_nearest_sphere_that_shows_is_picked():
     points = np.array([picking.point_at(CAMERA, (80, 60), t) for t in (3.0, 2.0, 1.5)])
-    shown = np.array([True, True, False])
-    assert picking.pick_sphere(CAMERA, (80, 60), points, 0.02, shown, 2.0) == 1
+    pick = partial(picking.pick_sphere, CAMERA, (80, 60), points, 0.02, 2.0)
+    assert pick() == 2
+    surface = np.full((120, 160), 1.7, np.float32)
+    assert pick(surface, 0.0) == 2
+    surface[:] = 1.4  # before all of them
+    assert pick(surface, 0.05) is None and pick(surface, 0.2) == 2
 
 
 @pytest.mark.parametrize("parallel", [False, True])
@@ -78,4 +83,4 @@ def test_a_miss_within_the_slack_counts(parallel):
     edge = 200.0 * radius / (1.0 if parallel else np.linalg.norm(point - camera.position))
     for beside, hit in [(edge + 4.0, 0), (edge + 6.0, None)]:
         pixel = (80 + beside, 60)
-        assert picking.pick_sphere(camera, pixel, point[None], radius, np.array([True]), 5.0) == hit
+        assert picking.pick_sphere(camera, pixel, point[None], radius, 5.0) == hit

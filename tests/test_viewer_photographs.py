@@ -107,7 +107,8 @@ def test_beside_the_render_it_is_as_large(app, folder):
     app.frame(0.0)
     ACTIONS["previous_photograph"](app)
     ACTIONS["previous_photograph"](app)  # the one without distortion
-    show_photograph(app, "beside")
+    ACTIONS["place_photograph"](app)
+    assert app.scene.settings.photograph == "beside"
     image = shown(app, 0.0)
     half = image.shape[1] // 2
     left, right = image[:, :half], image[:, half : 2 * half]

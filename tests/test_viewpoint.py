@@ -7,6 +7,7 @@ import pytest
 
 from deformrf.viewer import orbit as orbits
 from deformrf.viewer.actions import ACTIONS, action_of
+from deformrf.viewer.film import between
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.session import Player, SessionError, load_session, save_session, start_of
 from deformrf.viewer.view_actions import AXIS_VIEWS, FROM_VIEW, UPS, set_up, up_name
@@ -117,3 +118,13 @@ def test_depths_of_parallel_rays_are_those_of_the_object(scene):
     assert low < t.min() and t.max() < high
     scene.orbit = orbits.panned(scene.orbit, 500, 0, 240)
     assert scene.viewpoint.depth_range == pytest.approx((low, high))
+
+
+def test_a_film_cuts_where_another_direction_is_up():
+    first = orbits.Orbit(yaw=0.2, roll=-3.1)
+    second = orbits.changed(first, {"yaw": 0.6, "roll": 3.1})
+    middle = between(first, second, 0.5)
+    assert middle.yaw == pytest.approx(0.4)
+    assert abs(middle.roll) == pytest.approx(np.pi)  # the shorter way around
+    for other in ({"up": UPS["+y"]}, {"parallel": True}):
+        assert between(first, orbits.changed(second, other), 0.9) is first

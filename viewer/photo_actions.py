@@ -4,6 +4,7 @@ from pathlib import Path
 
 from . import panels
 from .framing import Covered
+from .settings import PHOTOGRAPHS
 
 WITHOUT = "there are no photographs: give the data set's folder with --data, or drop it here"
 
@@ -56,7 +57,20 @@ def show_photograph(app, where: str) -> None:
     _look_from(app, photograph, _places(app))
 
 
-PHOTO_ACTIONS = {"next_photograph": _jump(1), "previous_photograph": _jump(-1)}
+def _place(app):
+    if app.photographs is None:
+        app.recorder.say(WITHOUT)
+        return
+    at = PHOTOGRAPHS.index(app.scene.settings.photograph)
+    show_photograph(app, PHOTOGRAPHS[(at + 1) % len(PHOTOGRAPHS)])
+    app.recorder.say(f"photograph: {app.scene.settings.photograph}")
+
+
+PHOTO_ACTIONS = {
+    "next_photograph": _jump(1),
+    "previous_photograph": _jump(-1),
+    "place_photograph": _place,
+}
 
 
 def _places(app):

@@ -39,11 +39,6 @@ def ray(camera: Camera, pixel):
     return camera.position, direction / np.linalg.norm(direction)
 
 
-def ray_direction(camera: Camera, pixel):
-    """The unit direction through one pixel.  [3]"""
-    return ray(camera, pixel)[1]
-
-
 def point_at(camera: Camera, pixel, t: float):
     """The point at a distance on the ray through one pixel.  [3]"""
     start, direction = ray(camera, pixel)
