@@ -375,5 +375,6 @@ def test_a_disk_that_is_full_leaves_no_broken_file(ball_file, tmp_path, name):
     assert done.returncode == 1
     (line,) = [line for line in err.splitlines() if "can't write" in line]
     assert str(path) in line and "Traceback" not in err
+    assert line == err.splitlines()[-1]  # which the viewer shows
     left = [p for p in tmp_path.rglob("*") if p.is_file()]
     assert left == []

@@ -250,7 +250,8 @@ def _film(app, film, chosen):
             app.log("frame", frame=frame, count=count)
         maker.finish()
         app.recorder.stop()
-        print(maker.report(video.encoding_seconds), file=sys.stderr)
+        if not app.recorder.failed:  # or why is the last line
+            print(maker.report(video.encoding_seconds), file=sys.stderr)
     except SessionError as error:
         complain(PROGRAM, str(error))
         return FAILED
