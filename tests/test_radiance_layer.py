@@ -352,3 +352,23 @@ def test_data_stay_blocks(stage, mode):
     shown = stage.frame()
     blocks = np.repeat(np.repeat(stage.layer.color_image()[..., :3], 4, axis=0), 4, axis=1)
     np.testing.assert_array_equal(shown, blocks)
+
+
+@pytest.mark.parametrize("background", [(1.0, 1.0, 1.0), (0.3, 0.1, 0.71)])
+def test_a_picture_that_is_drawn_around_the_object_alone_is_the_whole_one(stage, background):
+    settings = stage.scene.settings
+    settings.background, settings.fixed_resolution = background, 0.25
+    stage.scene.orbit = orbits.turned(stage.scene.orbit, 50, 0, 120)
+    part = stage.frame()
+    _, _, width, height = stage.layer._object_part(stage.camera)
+    assert 0.1 < width * height / (SIZE[0] * SIZE[1]) < 0.8
+    depth = drawn_depth(stage)
+    stage.layer._object_part = lambda camera: None
+    whole = stage.frame()
+    assert abs(part.astype(int) - whole).max() <= 1  # an opacity of 1/600 may show
+    np.testing.assert_array_equal(drawn_depth(stage), depth)
+
+
+def drawn_depth(stage):
+    raw = stage.canvas._framebuffer.read(attachment=-1, components=1, dtype="f4", alignment=1)
+    return np.frombuffer(raw, "f4")

@@ -277,7 +277,31 @@ class RadianceLayer:
             **self._ground.uniforms(unit=2),
             depth_terms=gl.depth_terms(*clip_range, camera.parallel),
         )
+        part = self._object_part(camera) if smooth and self._is_plain else None
+        if part is not None:
+            background = np.round(255.0 * np.array(self._scene.settings.background)) / 255.0
+            self._ctx.clear(*background, 1.0, depth=1.0)
+            self._ctx.scissor = part
         self._draw_triangle()
+        self._ctx.scissor = None
+
+    @property
+    def _is_plain(self):
+        """Whether the background is one color, and OpenGL perhaps as slow as the renderer."""
+        several = self._scene.settings.checkerboard or self._ground.shown or self.transparent
+        return self.device.is_cpu and not several
+
+    def _object_part(self, camera):
+        """Where the shown picture is more than background: x, y, width, height, y up [pixels]."""
+        opaque = self.color_image()[..., 3] > 0
+        rows, columns = (np.flatnonzero(opaque.any(axis=axis)) for axis in (1, 0))
+        if not len(rows):
+            return 0, 0, 1, 1
+        wide, high = np.array([camera.width, camera.height]) / opaque.shape[::-1]
+        left, right = (columns[0] - 1) * wide, (columns[-1] + 2) * wide
+        top, bottom = (rows[0] - 1) * high, (rows[-1] + 2) * high
+        x, y = max(int(left), 0), max(int(camera.height - bottom), 0)
+        return x, y, int(np.ceil(right)) - x, int(np.ceil(camera.height - top)) - y
 
     def _triangle_for(self, smooth):
         """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
