@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from deformrf.viewer import orbit as orbits
+from deformrf.viewer import picking
 from deformrf.viewer.actions import ACTIONS, action_of
+from deformrf.viewer.controls import Controls
 from deformrf.viewer.film import between
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.session import Player, SessionError, load_session, save_session, start_of
@@ -128,3 +130,25 @@ def test_a_film_cuts_where_another_direction_is_up():
     assert abs(middle.roll) == pytest.approx(np.pi)  # the shorter way around
     for other in ({"up": UPS["+y"]}, {"parallel": True}):
         assert between(first, orbits.changed(second, other), 0.9) is first
+
+
+@pytest.mark.parametrize("up", ["+z", "-y"])
+def test_a_handle_follows_the_mouse_in_an_orthographic_view(scene, up):
+    controls = Controls(scene, lambda: None, lambda *_, **__: None)
+    controls.size = 320, 240
+    scene.orbit = orbits.changed(scene.orbit, {"parallel": True, "up": UPS[up], "roll": 0.3})
+
+    def pixel():
+        (at,), _ = picking.project(controls.camera, scene.handles.at([handle]))
+        return at
+
+    handles = scene.handles.control_ids
+    _, t = picking.project(controls.camera, scene.handles.at(handles))
+    handle = int(handles[t.argmin()])  # none is before it
+    x, y = (round(v) for v in pixel() - 0.5)
+    controls.on_mouse_press(x, 239 - y, 1, 0)
+    start = pixel()
+    controls.on_mouse_drag(x + 20, 239 - y + 10, 20, 10, 1, 0)
+    scene.advance(4 / 60)
+    assert scene.handles.hover == handle
+    assert pixel() - start == pytest.approx([20, -10], abs=1.0)
