@@ -202,3 +202,22 @@ def test_ctrl_o_and_a_click_open_a_file(app, other, monkeypatch):
         send(app, name, *at, mouse.LEFT, 0)
         frames(app, 2)
     assert app.scene.name == "other" and app.dialog is None
+
+
+def test_a_path_can_be_typed_and_escape_closes_the_dialog(app, other):
+    from pyglet.window import key
+
+    send(app, "on_key_press", key.O, key.MOD_CTRL)
+    frames(app, 3)
+    send(app, "on_key_press", key.ESCAPE, 0)
+    frames(app, 2)
+    send(app, "on_key_release", key.ESCAPE, 0)
+    assert app.dialog is None
+    send(app, "on_key_press", key.O, key.MOD_CTRL)
+    send(app, "on_key_release", key.LCTRL, key.MOD_CTRL)
+    frames(app, 3)
+    send(app, "on_text", "other.npz")  # in place of the folder, which is selected
+    frames(app, 2)
+    send(app, "on_key_press", key.RETURN, 0)
+    frames(app, 3)
+    assert app.scene.name == "other" and app.dialog is None

@@ -50,12 +50,18 @@ def open_asked(app) -> None:
     except (OSError, ValueError, MemoryError) as error:
         sentence = plain_message(error) or "the memory is too small"
         log.warning("can't open %s: %s", path, sentence)
-        app.dialog = Problem(f"Can't open {path.name}", sentence)
+        _tell(app, path, sentence)
     except Exception as error:  # Warp's and OpenGL's, as when a device's memory is too small
         log.exception("can't open %s", path)
-        app.dialog = Problem(f"Can't open {path.name}", logs.sentence(error), app.log_file)
+        _tell(app, path, logs.sentence(error), app.log_file)
     else:
+        app.log("opened", path=path)
         app.preferences.opened(path)
         problem = app.preferences.save()
         if problem:
             app.recorder.say(problem)
+
+
+def _tell(app, path, sentence, log_file=None):
+    app.log("problem", path=path, sentence=sentence)
+    app.dialog = Problem(f"Can't open {path.name}", sentence, log_file)

@@ -12,7 +12,8 @@ WIDTH, LIST_HEIGHT = 520.0, 280.0
 def dialog_window(app) -> None:
     """Draw the App's dialog; it is None once the user has answered."""
     draw = {FileDialog: _choice, Problem: _problem}[type(app.dialog)]
-    if draw(app.dialog, min(WIDTH, imgui.get_io().display_size.x - 60.0)):
+    done = draw(app.dialog, min(WIDTH, imgui.get_io().display_size.x - 60.0))
+    if done or imgui.is_key_pressed(imgui.Key.escape, False):  # while a path is typed, Esc comes here
         app.dialog = None
 
 
@@ -33,6 +34,8 @@ def _choice(dialog, width):
     if imgui.is_window_appearing():
         imgui.set_keyboard_focus_here()
     flags = imgui.InputTextFlags_.enter_returns_true.value
+    if imgui.is_window_appearing():
+        imgui.set_keyboard_focus_here()
     entered, dialog.text = imgui.input_text("##path", dialog.text, flags)
     done = bool(entered) and dialog.choose(Path(dialog.text))
     height = min(LIST_HEIGHT, imgui.get_io().display_size.y - 150.0)
