@@ -13,7 +13,8 @@ def dialog_window(app) -> None:
     """Draw the App's dialog; it is None once the user has answered."""
     draw = {FileDialog: _choice, Problem: _problem}[type(app.dialog)]
     done = draw(app.dialog, min(WIDTH, imgui.get_io().display_size.x - 60.0))
-    if done or imgui.is_key_pressed(imgui.Key.escape, False):  # while a path is typed, Esc comes here
+    # While a path is typed, Esc comes here alone.
+    if done or imgui.is_key_pressed(imgui.Key.escape, False):
         app.dialog = None
 
 
