@@ -231,6 +231,7 @@ DAMAGE = {
     "no material": lambda lines: lines.append([99, "set_material", {"poisson_ratio": 0.6}]),
     "an unknown mode": lambda lines: lines.append([99, "view", {"mode": "x-ray"}]),
     "an unknown surface": lambda lines: lines.append([99, "view", {"mesh_surface": ["plain"]}]),
+    "half a ground": lambda lines: lines.append([99, "view", {"show_ground": 0.5}]),
     "more than opaque": lambda lines: lines.append([99, "view", {"mesh_opacity": 2}]),
     "colors of no range": lambda lines: lines.append([99, "view", {"mesh_range": 0}]),
     "a ball of no size": lambda lines: lines.append([99, "push", dict(BALL, radius=0)]),
@@ -317,6 +318,7 @@ def test_a_drag_that_is_given_up_keeps_the_steps_within_it(scene):
 def test_what_is_shown_is_part_of_a_session(ball, scene, tmp_path):
     start, settings = start_of(scene), scene.settings
     shown = {"mesh_surface": "strain", "mesh_opacity": 0.4, "mesh_range": 0.05}
+    shown |= {"show_ground": False, "show_wireframe": True}
     for name, value in shown.items():
         setattr(settings, name, value)
     scene.advance(0.1)

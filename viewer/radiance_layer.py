@@ -326,6 +326,9 @@ class RadianceLayer:
 
     def release(self) -> None:
         self._ground.release()
+        for triangle in self._triangles.values():
+            triangle.program.release()
+            triangle.release()
         for texture in (self.shown.texture, self._spare):
             if texture is not None:
                 texture.release()
