@@ -1,0 +1,124 @@
+"""Pictures of the viewer in its main states, panels included, for README and for the eye.
+
+    python tests/benchmarks/screenshots.py [--out docs/figures] [--only viewer strain]
+
+Frames are rendered in full without a display, on the CPU.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pyglet
+
+SIZE = 1200, 800
+SETTLING = 40  # frames
+
+
+class Studio:
+    """The viewer on the bundled model, and what is set up in it."""
+
+    def __init__(self):
+        pyglet.options.headless = True
+        from deformrf.viewer.window import open_window
+
+        window, context = open_window(SIZE, headless=True)
+        from deformrf.core import field as fields
+        from deformrf.core.paths import DEFAULT_MODEL
+        from deformrf.viewer.app import App
+        from deformrf.viewer.events import EventLog
+
+        self.app = App(window, context, EventLog(False))
+        self.app.load(fields.load(DEFAULT_MODEL), "helmet", "cpu")
+        self.app.left_behind = None
+        self.app.scene.settings.panel_in_screenshots = True
+
+    def frames(self, count, seconds=1 / 60):
+        for _ in range(count):
+            self.app.scene.advance(seconds)
+        for _ in range(3):  # panels take a frame or two to find their size
+            self.app.frame(0.0, whole=True)
+
+    def picture(self, path):
+        """Write the next frame; with the panel, as the user sees it."""
+        self.app.recorder.screenshot(path)
+        self.app.frame(0.0, whole=True)
+
+    def top(self, count=1):
+        """The highest control points."""
+        handles = self.app.scene.handles
+        ids = handles.control_ids
+        return [int(i) for i in ids[np.argsort(-handles.at(ids)[:, 2])[:count]]]
+
+    def drag(self, handle, way):
+        """Drag a handle aside, by object sizes; it stays in the hand."""
+        scene = self.app.scene
+        scene.handles.grab(handle)
+        scene.handles.hover = handle
+        scene.handles.drag_to(scene.handles.grabbed.start + scene.size * np.array(way))
+        self.frames(SETTLING)
+
+    def calm(self):
+        """As at the start."""
+        scene = self.app.scene
+        scene.reset()
+        scene.handles.select([])
+        scene.handles.hover = None
+
+
+def viewer(studio):
+    studio.drag(studio.top()[0], (0.22, -0.05, -0.04))
+
+
+def selection(studio):
+    scene = studio.app.scene
+    scene.handles.select(studio.top(8))
+    scene.handles.grab(scene.handles.selected[0])
+    scene.handles.turn_to([0.0, 0.0, 0.6], 1.0)
+    studio.frames(SETTLING)
+
+
+def strain(studio):
+    studio.app.scene.settings.mesh_surface = "strain"
+    studio.drag(studio.top()[0], (0.22, -0.05, -0.04))
+
+
+def ground(studio):
+    scene = studio.app.scene
+    scene.set_ground(True)
+    scene.hold(False)
+    scene.set_gravity(9.81)
+    studio.frames(75)
+
+
+def timeline(studio):
+    from deformrf.viewer.actions import ACTIONS
+
+    app = studio.app
+    ACTIONS["turntable"](app)
+    studio.drag(studio.top()[0], (0.22, -0.05, -0.04))
+    app.scene.timeline.scrub(120)
+    ACTIONS["key_pose"](app)
+    app.scene.settings.show_timeline = True
+    studio.frames(2)
+
+
+STATES = {act.__name__: act for act in (viewer, selection, strain, ground, timeline)}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("docs/figures"))
+    parser.add_argument("--only", nargs="+", choices=STATES, default=list(STATES))
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for name in arguments.only:
+        studio = Studio()
+        STATES[name](studio)
+        studio.picture(arguments.out / f"{name}.png")
+        studio.app.end()
+        studio.app.close()
+
+
+if __name__ == "__main__":
+    main()
