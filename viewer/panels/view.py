@@ -139,7 +139,7 @@ def record_panel(app):
     label = "Stop recording" if app.takes.recording else "Record"
     button(label, app, "record", f"{label_of('record')}: {RECORD_TOOLTIP}")
     imgui.same_line()
-    button("Save film", app, "save_film", f"{label_of('save_film')}: of the last take, or of all")
+    button("Save film...", app, "save_film", f"{label_of('save_film')}: of the last take, or all")
     label = "Stop the clip" if video else "Clip of the screen"
     button(label, app, "record_screen", f"{label_of('record_screen')}: {CLIP_TOOLTIP}")
     if recording_line(app):
