@@ -110,3 +110,29 @@ def test_the_folder_is_the_users(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     if os.name == "posix":
         assert tmp_path in p.file().parents
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("size", [None, "400x300"])
+def test_a_viewer_begins_as_the_last_one_ended_unless_the_command_line_says_otherwise(
+    window, ball, path, size
+):
+    from types import SimpleNamespace
+
+    from deformrf.viewer import command
+    from deformrf.viewer.app import App
+    from deformrf.viewer.events import EventLog
+
+    kept = p.load(path)[0]
+    kept.panel_side, kept.background = "right", (0.1, 0.2, 0.3)
+    app = App(*window, EventLog(False), gui=False, kept=kept)
+    app.load(ball, "ball", "cpu")
+    settings = app.scene.settings
+    assert settings.panel_side == "right" and settings.background == (0.1, 0.2, 0.3)
+    settings.grab_radius, settings.panel_width = 0.2, 1e9  # this one can't be
+    command._remember(app, SimpleNamespace(size=size))
+    app.close()
+    again, problem = p.load(path)
+    assert problem == "" and again.grab_radius == 0.2
+    assert again.panel_width == p.Preferences().panel_width and again.target_fps is None
+    assert again.window_size == ((320, 240) if size is None else p.Preferences().window_size)

@@ -71,7 +71,7 @@ class App:
         self.preferences = kept or preferences.Preferences()
         self.asked = self.dialog = None  # the path to open next, and what is asked: opening.py
         self.strip = Strip()  # of the timeline
-        self.log_file = None  # that dialogs name
+        self.log_file = self.loaded_on = None  # that dialogs name; the last device and interop
         self._failed = False  # in the last turn of the loop
         # When the window had an event, when its state was logged, when a frame was drawn.
         self.last_event = self._last_state = self._drawn_at = 0.0

@@ -44,7 +44,8 @@ def open_asked(app) -> None:
             app.play(load_session(path, app.scene.field))
             app.recorder.say(f"played {path.name}: go on, or undo it")
         elif path.suffix.lower() == MODEL:
-            app.load(fields.load(path), path.stem, *app.loaded_on)
+            on = app.loaded_on or (str(app.scene.solver.device), "auto")
+            app.load(fields.load(path), path.stem, *on)
         else:
             raise ValueError(f"{path} is neither a model ({MODEL}) nor a session ({SESSION})")
     except (OSError, ValueError, MemoryError) as error:
