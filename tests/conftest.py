@@ -208,7 +208,7 @@ def trainer(monkeypatch, field):
     trained = Trained(field, {"seconds": 90.0}, interrupted=False)
     stub = SimpleNamespace(calls=[], trained=trained)
 
-    def train(*arguments, workers):
+    def train(*arguments, workers, on_pause):
         assert workers.count == 1
         stub.calls.append(arguments)
         return stub.trained

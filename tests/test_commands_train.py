@@ -131,7 +131,7 @@ def test_a_default_run_without_a_gpu_is_announced(call, trainer, data, tmp_path)
 
 
 def test_a_run_that_finds_nothing_ends_in_one_sentence(call, trainer, data, monkeypatch, refused):
-    def fail(*_, workers):
+    def fail(*_, workers, on_pause):
         raise DatasetError("stage 1 found nothing")
 
     monkeypatch.setattr(trainer, "train", fail)
@@ -149,7 +149,7 @@ def test_a_run_that_finds_nothing_ends_in_one_sentence(call, trainer, data, monk
 def test_a_lack_of_memory_ends_in_one_sentence(
     call, trainer, data, monkeypatch, error, sentence, refused
 ):
-    def fail(*_, workers):
+    def fail(*_, workers, on_pause):
         raise error
 
     monkeypatch.setattr(trainer, "train", fail)

@@ -226,7 +226,7 @@ def test_the_time_of_who_watches_is_not_counted(views):
     options = replace(OPTIONS, leave_out=("coarse-stage",))
     pauses = []
 
-    def look(*_):
+    def look(_):
         pauses.append(time.perf_counter())
         time.sleep(0.5)
 

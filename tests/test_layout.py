@@ -177,6 +177,7 @@ def test_every_dependency_is_pinned():
         "deformrf.core.commands.evaluate",
         "deformrf.core.lab.command",
         "deformrf.viewer.command",
+        "deformrf.viewer.train_command",
     ],
 )
 def test_entry_points_import_nothing_slow(module):

@@ -97,10 +97,13 @@ def test_who_watches_a_run_neither_changes_it_nor_costs_it_time(ball_data, train
     """Every pause of both stages is told, with the field as it stands then."""
     calls = []
 
-    def look(stage, seconds, export):
-        field = export()
+    def look(pause):
+        field = pause.export()
         assert field.options.level_count == SMALL.level_count
-        calls.append((stage, seconds, export().table.copy()))
+        assert pause.step_count == (SMALL.coarse_steps, SMALL.fine_steps)[pause.stage - 1]
+        assert (pause.history[-1]["stage"], pause.history[-1]["step"]) == (pause.stage, pause.step)
+        assert pause.samples_per_second > 0.0
+        calls.append((pause.stage, pause.seconds, field.table))
         time.sleep(0.5)
 
     begin = time.perf_counter()

@@ -75,7 +75,7 @@ class App:
         self._failed = False  # in the last turn of the loop
         # When the window had an event, when its state was logged, when a frame was drawn.
         self.last_event = self._last_state = self._drawn_at = 0.0
-        self.gui = None
+        self.gui = self.live = None  # a LiveRun, where it is shown
         window.push_handlers(self)
         if gui:
             from .gui import Gui
@@ -101,7 +101,7 @@ class App:
             with ThreadPoolExecutor(1) as pool, self._only_shown():
                 preparing = pool.submit(prepare, *arguments)
                 while not preparing.done():
-                    self._show_alone(panels.loading_window, f"preparing {name}", self.progress)
+                    self.show_alone(panels.loading_window, f"preparing {name}", self.progress)
                     time.sleep(0.05)
                 scene, renderer = preparing.result()
         self.usual_fps = scene.settings.target_fps
@@ -159,7 +159,7 @@ class App:
         finally:
             self.window.remove_handlers(**swallowed)
 
-    def _show_alone(self, draw, *arguments):
+    def show_alone(self, draw, *arguments):
         """Show a panel on a plain ground."""
         self.window.switch_to()
         self.window.dispatch_events()
@@ -202,7 +202,7 @@ class App:
         for tick in range(0, ticks, 30):
             player.play_to(tick)
             if self.gui is not None and time.perf_counter() - shown > SILENT_SECONDS:
-                self._show_alone(panels.playing_window, tick, ticks)
+                self.show_alone(panels.playing_window, tick, ticks)
                 shown = time.perf_counter()
         player.play_to(ticks)
 

@@ -107,6 +107,11 @@ class RadianceLayer:
 
     # -- rendering -----------------------------------------------------------------------
 
+    def set_renderer(self, renderer) -> None:
+        """Take another renderer, of a field with the same mesh and levels."""
+        self._renderer = renderer
+        self._seen = self._pose = None
+
     def update(self, camera, whole=False) -> None:
         """Render what has changed since the last call, for a camera at full resolution.
 

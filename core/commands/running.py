@@ -31,6 +31,9 @@ PACKAGES = {
     "markdown_it": ("writes the report's page", WHOLE),
     "pycolmap": ("reads COLMAP reconstructions", "'deformrf[colmap]'"),
     "lpips": ("computes LPIPS", "'deformrf[lpips]'"),
+    "pyglet": ("opens the window", WHOLE),
+    "moderngl": ("draws in the window", WHOLE),
+    "imgui_bundle": ("draws the panels", WHOLE),
     "torchvision": ("has the network of LPIPS", "'deformrf[lpips]'"),
 }
 

@@ -1,6 +1,7 @@
 """deformrf-train: photographs with known cameras in, a model file out."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -81,14 +82,33 @@ class TrainArguments:
 
 
 def main():
+    train_command(TrainArguments, prepare_training)
+
+
+def train_command(kind: type, prepare: Callable):
+    """Run the command, and exit.
+
+    Args:
+        kind: Its arguments, a dataclass: TrainArguments, perhaps with more.
+        prepare: Given an object of it, checks it and returns the work, as prepare_training does.
+    """
     if asked_for_version():
         sys.exit(0)
-    arguments = tyro.cli(TrainArguments, prog=PROGRAM)
+    arguments = tyro.cli(kind, prog=PROGRAM)
     sys.exit(run(PROGRAM, lambda: prepare(arguments)))
 
 
-def prepare(arguments: TrainArguments):
-    """Check the arguments and read the images; returns the work."""
+def prepare_training(
+    arguments: TrainArguments,
+    on_pause: Callable | None = None,
+    on_trained: Callable = lambda trained: None,
+) -> Callable[[], int]:
+    """Check the arguments and read the images; returns the work.
+
+    Args:
+        on_pause: For training.train.
+        on_trained: Called with its result, before that is written.
+    """
     require("torch")
     object_size("--size", arguments.size)
     output = writable_file(arguments.output, ".npz")
@@ -110,8 +130,16 @@ def prepare(arguments: TrainArguments):
         name = arguments.data.resolve().name
         with training.torchrun_workers(device) as workers:
             trained = training.train(
-                train_views, options, device, name, checkpoint_path, resumed, workers=workers
+                train_views,
+                options,
+                device,
+                name,
+                checkpoint_path,
+                resumed,
+                on_pause=on_pause,
+                workers=workers,
             )
+        on_trained(trained)
         if not workers.is_first:
             return 0  # the first process reports; torchrun would end it if this one failed
         path = output

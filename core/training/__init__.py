@@ -29,7 +29,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "write_report",
         ],
         "train_options": ["TrainOptions", "preset"],
-        "trainer": ["train"],
+        "trainer": ["Pause", "Trained", "train"],
         # for the commands
         "lpips": ["LPIPS_SIZE_MIN", "Lpips"],
         "metrics": ["check_size"],

@@ -55,6 +55,19 @@ COARSE_LOOK, FINE_LOOK = 4, 16  # rays that look for it, over the samples of a s
 CHECKPOINT_SECONDS = 60.0
 
 
+@dataclass(frozen=True)
+class Pause:
+    """A run between two steps, as `on_pause` of `train` sees it."""
+
+    stage: int  # 1 or 2
+    step: int  # the number of the stage's steps that are done
+    step_count: int  # of the stage
+    seconds: float  # of the run so far
+    samples_per_second: float  # of late
+    history: list[dict]  # the rows of the run so far, see run/monitoring.py
+    export: Callable[[], TetField]  # the field as it stands, for use within the call
+
+
 @dataclass
 class Trained:
     """The result of `train`."""
@@ -78,7 +91,7 @@ def train(
     name="",
     checkpoint_path=None,
     resumed: Checkpoint | None = None,
-    on_pause: Callable[[int, float, Callable[[], TetField]], None] | None = None,
+    on_pause: Callable[[Pause], None] | None = None,
     workers: Workers = ALONE,
 ) -> Trained:
     """Train a field.
@@ -92,9 +105,8 @@ def train(
         name: Name of the data, for the model file.
         checkpoint_path: The checkpoint's file, written every minute and on interruption.
         resumed: Go on from there; `options` have to be its own.
-        on_pause: Called every few steps with the stage's number, the seconds so far and a
-            function that exports the field as it stands, for use within the call.  The run's
-            clock stops meanwhile; memory that the call takes is counted.
+        on_pause: Called every few steps, in the thread of this call.  The run's clock stops
+            meanwhile; memory that the call takes is counted.
         workers: Who trains together; all make the same call, each with its own device, and all
             get the field.  The first writes checkpoints and calls `on_pause`.
 
@@ -264,8 +276,19 @@ class _Run:
         if self.on_pause:
             wp.synchronize_device(self.field.device)  # what is under way is training
             begin = time.perf_counter()
-            self.on_pause(self.stage, begin - self.start, self._export)
-            self.start += time.perf_counter() - begin
+            pause = Pause(
+                self.stage,
+                self.optimization.number,
+                self.optimization.step_count,
+                begin - self.start,
+                self.progress.rate,
+                list(self.report["history"]),
+                self._export,
+            )
+            try:
+                self.on_pause(pause)
+            finally:
+                self.start += time.perf_counter() - begin
 
     def _export(self) -> TetField:
         with self.optimization.averaged() if self.optimization else nullcontext():

@@ -54,11 +54,12 @@ def curve(data, arguments) -> dict:
     test_views = load_dataset(data, "test", arguments.image_size, arguments.views)
     points, due = [], 0.0
 
-    def score(stage, seconds, export):
+    def score(pause):
         nonlocal due
+        seconds = pause.seconds
         if seconds >= due:
-            value = mean_psnr(export(), test_views, arguments.device)
-            points.append({"seconds": seconds, "psnr": value, "stage": stage})
+            value = mean_psnr(pause.export(), test_views, arguments.device)
+            points.append({"seconds": seconds, "psnr": value, "stage": pause.stage})
             due = seconds + max(INTERVAL, SHARE * seconds)
 
     begin = time.perf_counter()

@@ -8,5 +8,13 @@ import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
-    submod_attrs={"layout": ["covered", "draw_panels", "loading_window", "playing_window"]},
+    submod_attrs={
+        "layout": [
+            "covered",
+            "draw_panels",
+            "loading_window",
+            "playing_window",
+            "training_window",
+        ]
+    },
 )

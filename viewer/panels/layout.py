@@ -19,6 +19,7 @@ from .menu import menu_bar
 from .recovery import recovery_window
 from .selection import gesture_overlay
 from .timeline import STRIP_HEIGHT, poses_panel, timeline_strip
+from .training import training_lines, training_panel
 from .view import (
     RECORDING_RED,
     model_panel,
@@ -91,6 +92,8 @@ def draw_panels(app) -> None:
         app.gui.guarded(progress_window, app)
         app.gui.claim()
         imgui.end()
+    if app.live is not None:
+        training_window(app)
     if app.fly.on:
         over_message = above + 4.0 * MARGIN
         _floating("flying", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value, over_message)
@@ -160,12 +163,17 @@ def _strip(app):
     imgui.end()
 
 
-def _floating(name, place, flags=0, above=0.0):
-    """Begin a window without decoration: centered at (0.5, 0.5), at the bottom (0.5, 1) ..."""
+def _floating(name, place, flags=0, above=0.0, top=0.0):
+    """Begin a window without decoration: centered at (0.5, 0.5), at the bottom (0.5, 1) ...
+
+    Args:
+        above: Height of what is below it.
+        top: Height of what is over it.
+    """
     size = imgui.get_io().display_size
     x, y = place[0] * size.x, place[1] * (size.y - above)
     inwards = {0.0: MARGIN, 0.5: 0.0, 1.0: -MARGIN}
-    imgui.set_next_window_pos((x + inwards[place[0]], y + inwards[place[1]]), pivot=place)
+    imgui.set_next_window_pos((x + inwards[place[0]], y + top + inwards[place[1]]), pivot=place)
     imgui.begin(name, flags=FLOATING | flags)
 
 
@@ -194,6 +202,21 @@ def playing_window(tick: int, ticks: int) -> None:
     _floating("loading", (0.5, 0.5), imgui.WindowFlags_.no_inputs.value)
     imgui.text(f"playing the session, {tick // 60} of {ticks // 60} s")
     imgui.progress_bar(tick / max(ticks, 1), (BAR_WIDTH, 0.0), f"{tick / max(ticks, 1):.0%}")
+    imgui.end()
+
+
+def training_window(app) -> None:
+    """How a training run goes, beside the panel; a line if the panels are hidden."""
+    if app.scene is not None and not app.scene.settings.show_panel:
+        _floating("training", (0.5, 0.0), imgui.WindowFlags_.no_inputs.value)
+        imgui.text(training_lines(app.live)[0])
+        imgui.end()
+        return
+    right = app.scene is None or app.scene.settings.panel_side == "left"
+    menu_height = 0.0 if app.scene is None else imgui.get_frame_height()
+    _floating("training panel", (float(right), 0.0), top=menu_height)
+    app.gui.guarded(training_panel, app)
+    app.gui.claim()
     imgui.end()
 
 

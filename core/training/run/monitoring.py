@@ -30,9 +30,14 @@ def psnr_of(mse: float) -> float:
 
 
 class TrainingProgress:
-    """A bar per stage, if it is to be `shown`; a context manager."""
+    """A bar per stage, if it is to be `shown`; a context manager.
+
+    Attributes:
+        rate: Samples a second, of the last steps.
+    """
 
     def __init__(self, shown=True):
+        self.rate = 0.0
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -61,13 +66,13 @@ class TrainingProgress:
     def advance(self, task, step_count: int, mse: float, sample_count: int):
         """Count steps; `mse` and `sample_count` are those of the last one."""
         now = time.perf_counter()
-        rate = step_count * sample_count / max(now - self._since, 1e-9)
+        self.rate = step_count * sample_count / max(now - self._since, 1e-9)
         self._since = now
         self._bar.update(
             task,
             advance=step_count,
             psnr=f"{psnr_of(mse):.2f} dB" if isfinite(mse) else "lost",
-            rate=f"{rate / 1e6:.1f} M samples/s",
+            rate=f"{self.rate / 1e6:.1f} M samples/s",
         )
 
 
