@@ -15,6 +15,7 @@ from .live import POLL_SECONDS, LiveRun, Snapshot
 from .upload import choose_path
 
 SHOW_SHARE = 0.06  # of the time that frames may take while the user does nothing
+LONGEST_REST = 3.0  # s; a frame that comes late because training is busy would cause a longer one
 REDRAW_SECONDS = 1.0  # between two frames in which only the curve is new
 
 
@@ -66,7 +67,7 @@ class LiveWindow:
         else:
             app.frame(elapsed)
         self._drawn = end = time.perf_counter()
-        self._due = end + (end - now) * (1.0 / SHOW_SHARE - 1.0)
+        self._due = end + min((end - now) * (1.0 / SHOW_SHARE - 1.0), LONGEST_REST)
         time.sleep(max(0.0, FRAME_SECONDS - (end - now)))
         return True
 
