@@ -356,7 +356,7 @@ def _assert_conforms(color, expected, field, vertices, origins, directions, back
 @pytest.fixture
 def hand():
     """A function that makes Controls with a hand that points at pixels of an image of 320 x 240."""
-    from deformrf.viewer import controls as c
+    from deformrf.viewer.input import controls as c
 
     buttons, height = {"left": c.LEFT, "middle": c.MIDDLE, "right": c.RIGHT}, 240
 
@@ -387,7 +387,7 @@ def hand():
             self.on_mouse_scroll(*self.place(pixel), 0, notches)
 
         def pixel_of(self, handle):
-            from deformrf.viewer import picking
+            from deformrf.viewer.camera import picking
 
             return picking.project(self.camera, self.scene.handles.at([handle]))[0][0]
 

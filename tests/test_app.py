@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from deformrf.core.render import RenderOptions
-from deformrf.viewer import picking
+from deformrf.viewer.camera import picking
 
 pytestmark = pytest.mark.gl
 

@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from deformrf.viewer import autosave as a
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.session import SessionError, load_session, save_session, start_of
+from deformrf.viewer.sessions import SessionError, load_session, save_session, start_of
+from deformrf.viewer.sessions import autosave as a
 
 
 class Clock:
@@ -126,7 +126,7 @@ def test_the_folder_is_the_users(monkeypatch, tmp_path):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     if os.name == "posix":
-        assert tmp_path in a.folder().parents
+        assert tmp_path in a.autosave_folder().parents
 
 
 # -- in the viewer -----------------------------------------------------------------------------
@@ -161,11 +161,11 @@ def test_a_session_that_was_left_behind_is_offered_and_goes_on(app, ball, tmp_pa
     frames(app, 3)
     scene.handles.release()
     scene.set_ground(True)
-    a.folder().mkdir(parents=True, exist_ok=True)
-    path = save_session(scene, app.session_start, a.folder() / "ball-999999999-1.jsonl")
+    a.autosave_folder().mkdir(parents=True, exist_ok=True)
+    path = save_session(scene, app.session_start, a.autosave_folder() / "ball-999999999-1.jsonl")
     bent = scene.solver.vertices.numpy().copy()
     labels = [step.label for step in scene.journal.steps]
-    app.left_behind = a.left_behind(a.folder(), ball.mesh)
+    app.left_behind = a.left_behind(a.autosave_folder(), ball.mesh)
     assert app.left_behind == path
     scene.body.set_material(young_modulus=2e6)  # is forgotten
     app.recover()
@@ -207,8 +207,10 @@ def test_the_window_shows_how_far_a_long_session_has_been_played(app, ball, monk
 
     app.scene.set_ground(True)
     app.scene.journal.tick = 100
-    a.folder().mkdir(parents=True, exist_ok=True)
-    path = save_session(app.scene, app.session_start, a.folder() / "ball-999999999-1.jsonl")
+    a.autosave_folder().mkdir(parents=True, exist_ok=True)
+    path = save_session(
+        app.scene, app.session_start, a.autosave_folder() / "ball-999999999-1.jsonl"
+    )
     app.scene.set_ground(False)
     shown, draw = [], panels.playing_window
     monkeypatch.setattr(module, "SILENT_SECONDS", 0.0)

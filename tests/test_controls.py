@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import TIME_STEP
-from deformrf.viewer import actions as a
-from deformrf.viewer import controls as c
-from deformrf.viewer import picking
+from deformrf.viewer.camera import picking
 from deformrf.viewer.events import displacements
+from deformrf.viewer.input import actions as a
+from deformrf.viewer.input import controls as c
 from deformrf.viewer.scene import Scene
 
 SIZE = 320, 240

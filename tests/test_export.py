@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.geometry import signed_volumes
-from deformrf.viewer import export as e
+from deformrf.viewer.files import export as e
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def test_another_program_reads_what_was_written(posed, tmp_path, ending, colored
     if colored:
         colors = np.random.default_rng().integers(0, 256, surface.vertices.shape, np.uint8)
         surface = e.Surface(surface.vertices, surface.faces, colors)
-    vertices, colors, faces = READ[ending](e.save(surface, tmp_path / f"mesh{ending}"))
+    vertices, colors, faces = READ[ending](e.save_surface(surface, tmp_path / f"mesh{ending}"))
     np.testing.assert_array_equal(vertices, surface.vertices)
     np.testing.assert_array_equal(faces, surface.faces)
     if colored:
@@ -116,7 +116,7 @@ def test_another_ending_is_refused_and_a_full_disk_leaves_the_older_file(
 ):
     surface, _ = posed
     with pytest.raises(ValueError, match="end in"):
-        e.save(surface, tmp_path / "mesh.stl")
+        e.save_surface(surface, tmp_path / "mesh.stl")
     path = tmp_path / "mesh.ply"
     path.write_text("older")
     from pathlib import Path
@@ -127,15 +127,15 @@ def test_another_ending_is_refused_and_a_full_disk_leaves_the_older_file(
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OSError):
-        e.save(surface, path)
+        e.save_surface(surface, path)
     assert path.read_text() == "older" and list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.gl
 def test_the_menu_writes_the_mesh_as_it_is_bent(window, ball, monkeypatch, tmp_path):
-    from deformrf.viewer.actions import ACTIONS
     from deformrf.viewer.app import App
     from deformrf.viewer.events import EventLog
+    from deformrf.viewer.input import ACTIONS
 
     monkeypatch.chdir(tmp_path)
     app = App(*window, EventLog(False), gui=False)

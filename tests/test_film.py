@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.viewer import render_command
-from deformrf.viewer.film import Film, Views, between, frame_count, turned_around
-from deformrf.viewer.journal import Event
-from deformrf.viewer.orbit import Orbit
-from deformrf.viewer.orbit import camera as camera_of
-from deformrf.viewer.session import Session, save_session, start_of
+from deformrf.viewer.camera import Orbit
+from deformrf.viewer.camera import camera_of as camera_of
+from deformrf.viewer.films import render_command
+from deformrf.viewer.films.film import Film, Views, between, frame_count, turned_around
+from deformrf.viewer.history import Event
+from deformrf.viewer.sessions import Session, save_session, start_of
 
 
 def views(*events):
@@ -65,7 +65,7 @@ def test_a_film_shows_its_beginning_and_its_end(seconds, fps, frames):
 def played(ball, recorded):
     """A function that makes a Film of the recorded session, on a scene of its own."""
     from deformrf.viewer.scene import Scene
-    from deformrf.viewer.session import load_session
+    from deformrf.viewer.sessions import load_session
 
     session = load_session(recorded[1], ball)
     return lambda fps: Film(Scene(ball, "ball", "cpu"), session, fps)
@@ -158,7 +158,7 @@ def test_what_makes_no_sense_is_explained(
 def rendered(*arguments, timeout=120):
     """deformrf-render in a process of its own, without a display."""
     clean = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    code = "import sys; from deformrf.viewer.render_command import main; sys.exit(main())"
+    code = "import sys; from deformrf.viewer.films.render_command import main; sys.exit(main())"
     return subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments), "--device", "cpu"],
         env=clean,
@@ -176,7 +176,7 @@ def frames_of(path):
 @pytest.fixture
 def recorded(ball, tmp_path):
     """A scene after a drag with a turning camera, and its session."""
-    from deformrf.viewer import orbit as orbits
+    from deformrf.viewer.camera import orbit as orbits
     from deformrf.viewer.scene import Scene
 
     scene = Scene(ball, "ball", "cpu")
@@ -195,7 +195,7 @@ def recorded(ball, tmp_path):
 def test_a_film_ends_as_the_live_scene_looks(recorded, ball, ball_file, tmp_path, window):
     """The last frame, at the same size and in full, beside what the same scene shows now."""
     from deformrf.core.render import Renderer
-    from deformrf.viewer import orbit as orbits
+    from deformrf.viewer.camera import orbit as orbits
 
     scene, session = recorded
     done = rendered(
@@ -207,7 +207,7 @@ def test_a_film_ends_as_the_live_scene_looks(recorded, ball, ball_file, tmp_path
     last = np.asarray(Image.open(pictures[-1]).convert("RGB")).astype(int)
     renderer = Renderer(ball, "cpu")
     renderer.set_vertices(scene.solver.vertices)
-    live = renderer.render(orbits.camera(scene.orbit, 96, 64)).color_array()[..., :3].astype(int)
+    live = renderer.render(orbits.camera_of(scene.orbit, 96, 64)).color_array()[..., :3].astype(int)
     assert abs(last - live).max() <= 2
     first = np.asarray(Image.open(pictures[0]).convert("RGB")).astype(int)
     assert abs(first - last).max() > 50
@@ -285,7 +285,7 @@ def test_a_material_changes_how_a_session_moves_the_object(recorded, ball_file, 
 
 @pytest.mark.gl
 def test_strain_with_its_legend_and_the_ground_are_in_a_film(ball, ball_file, tmp_path):
-    from deformrf.viewer.colormaps import COLORS
+    from deformrf.viewer.layers.colormaps import COLORS
     from deformrf.viewer.scene import Scene
 
     scene = Scene(ball, "ball", "cpu")
@@ -317,7 +317,7 @@ def test_a_session_of_another_model_is_refused(recorded, tmp_path):
 def started(*arguments, **options):
     """deformrf-render as a process that runs."""
     clean = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    code = "import sys; from deformrf.viewer.render_command import main; sys.exit(main())"
+    code = "import sys; from deformrf.viewer.films.render_command import main; sys.exit(main())"
     return subprocess.Popen(
         [sys.executable, "-c", code, *map(str, arguments), "--device", "cpu"],
         env=clean,

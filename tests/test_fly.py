@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.viewer import orbit as orbits
-from deformrf.viewer import picking
-from deformrf.viewer.controls import NEAREST
+from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.camera import picking
+from deformrf.viewer.input.controls import NEAREST
 
 pytestmark = pytest.mark.gl
 
@@ -42,11 +42,11 @@ def move_mouse(app, dx, dy):
 
 
 def eye(app):
-    return orbits.pose(app.scene.orbit)[:3, 3]
+    return orbits.pose_of(app.scene.orbit)[:3, 3]
 
 
 def axes(app):
-    return orbits.pose(app.scene.orbit)[:3, :3]
+    return orbits.pose_of(app.scene.orbit)[:3, :3]
 
 
 @pytest.mark.parametrize(
@@ -100,10 +100,10 @@ def test_afterwards_the_orbit_turns_about_the_surface_in_the_middle(app):
     app.frame(0.05)
     press(app, "A", release=True)
     app.frame(0.0)
-    before = orbits.pose(app.scene.orbit)
+    before = orbits.pose_of(app.scene.orbit)
     press(app, "ESCAPE")
     assert not app.fly.on
-    assert orbits.pose(app.scene.orbit) == pytest.approx(before)
+    assert orbits.pose_of(app.scene.orbit) == pytest.approx(before)
     camera = app.controls.camera
     middle = np.array([[camera.width / 2, camera.height / 2]])
     (t,) = picking.depth_at(app.radiance.depth_image(), camera, middle)

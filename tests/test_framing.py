@@ -3,17 +3,16 @@
 import numpy as np
 import pytest
 
-from deformrf.viewer import orbit as orbits
-from deformrf.viewer import picking
-from deformrf.viewer.framing import Covered, in_free_part
+from deformrf.viewer.camera import Covered, in_free_part, picking
+from deformrf.viewer.camera import orbit as orbits
 
 CENTER, RADIUS = np.array([0.5, 0.4, 0.3]), 0.35
 
 
 def framed(width, height, covered, ratio=1.0):
     """The camera of a view that frames a ball in the whole picture."""
-    orbit = orbits.framing(orbits.Orbit(yaw=0.3, pitch=0.2), CENTER, RADIUS)
-    return in_free_part(orbits.camera(orbit, width, height), covered, ratio)
+    orbit = orbits.framed(orbits.Orbit(yaw=0.3, pitch=0.2), CENTER, RADIUS)
+    return in_free_part(orbits.camera_of(orbit, width, height), covered, ratio)
 
 
 def ball(camera):
@@ -89,7 +88,7 @@ def middle_of_object(app):
 
 @pytest.mark.gl
 def test_the_picture_follows_the_panel(app):
-    from deformrf.viewer.actions import ACTIONS
+    from deformrf.viewer.input import ACTIONS
 
     assert middle_of_object(app) == pytest.approx([342 + 458 / 2, 24 + 476 / 2], abs=20)
     ACTIONS["panel_side"](app)

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 
 from deformrf.core.render import Renderer
-from deformrf.viewer import orbit as orbits
-from deformrf.viewer import picking
-from deformrf.viewer.gl import Canvas
-from deformrf.viewer.ground_plane import (
+from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.camera import picking
+from deformrf.viewer.layers import Canvas, RadianceLayer
+from deformrf.viewer.layers.ground_plane import (
     CELLS,
     MOST_POINTS,
     line_spacing,
     occupied_middles,
     shadow,
 )
-from deformrf.viewer.radiance_layer import RadianceLayer
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.times import FrameTimes
 
@@ -76,7 +75,7 @@ class Stage:
 
     @property
     def camera(self):
-        return orbits.camera(self.scene.orbit, *SIZE)
+        return orbits.camera_of(self.scene.orbit, *SIZE)
 
     def picture(self, channels=3):
         self.layer.update(self.camera, whole=True)

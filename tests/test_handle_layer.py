@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from deformrf.core.render import Renderer
-from deformrf.viewer import orbit as orbits
-from deformrf.viewer import picking
-from deformrf.viewer.gl import Canvas
-from deformrf.viewer.handle_layer import PIN_SCALE, YELLOW, HandleLayer, sphere_instances
-from deformrf.viewer.points import ControlPoints
-from deformrf.viewer.radiance_layer import RadianceLayer
-from deformrf.viewer.scene import Scene
+from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.camera import picking
+from deformrf.viewer.layers import Canvas, RadianceLayer
+from deformrf.viewer.layers.handle_layer import PIN_SCALE, YELLOW, HandleLayer, sphere_instances
+from deformrf.viewer.scene import ControlPoints, Scene
 from deformrf.viewer.times import FrameTimes
 
 SIZE = 400, 300
@@ -32,7 +30,7 @@ def is_red(image):
 
 def draw(scene, context, objects=True):
     """The picture with or without the field behind the spheres; and the depth image."""
-    camera = orbits.camera(scene.orbit, *SIZE)
+    camera = orbits.camera_of(scene.orbit, *SIZE)
     clip_range = orbits.clip_range(scene.orbit)
     layer = RadianceLayer(context, scene, Renderer(scene.field), "copy", FrameTimes())
     layer.update(camera, whole=True)

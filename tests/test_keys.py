@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.viewer import keys as k
-from deformrf.viewer import orbit as orbits
+from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.timeline import keys as k
 
 
 @pytest.mark.parametrize("share", np.linspace(0.0, 1.0, 11))

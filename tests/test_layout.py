@@ -34,6 +34,34 @@ MAY_IMPORT = {
     ],
     "core.lab": ["core"],
     "core.commands": ["core"],
+    "viewer.history": ["core"],
+    "viewer.camera": ["core"],
+    "viewer.timeline": ["core", "viewer.history", "viewer.camera"],
+    "viewer.scene": [
+        "core",
+        "viewer.settings",
+        "viewer.history",
+        "viewer.camera",
+        "viewer.timeline",
+    ],
+    "viewer.sessions": [
+        "core",
+        "viewer.settings",
+        "viewer.history",
+        "viewer.camera",
+        "viewer.timeline",
+        "viewer.scene",
+    ],
+    "viewer.files": ["core", "viewer.logs", "viewer.camera", "viewer.sessions"],
+    "viewer.layers": ["core", "viewer.camera", "viewer.scene", "viewer.files"],
+    "viewer.input": [
+        "core",
+        "viewer.settings",
+        "viewer.camera",
+        "viewer.timeline",
+        "viewer.scene",
+        "viewer.files",
+    ],
     "viewer": ["core"],
 }
 # Imports that still pass a room's door; each room empties its own.
@@ -93,7 +121,7 @@ def is_module(name):
 def passes_the_door(here, target):
     """Whether an import reaches behind the __init__ of a room that it isn't in itself.
 
-    >>> passes_the_door("deformrf.viewer.orbit", "deformrf.core.render.rays.camera")
+    >>> passes_the_door("deformrf.viewer.camera.orbit", "deformrf.core.render.rays.camera")
     True
     """
     here, target = (name.removeprefix("deformrf.").split(".") for name in (here, target))
@@ -177,7 +205,7 @@ def test_every_dependency_is_pinned():
         "deformrf.core.commands.evaluate",
         "deformrf.core.lab.command",
         "deformrf.viewer.command",
-        "deformrf.viewer.train_command",
+        "deformrf.viewer.training.train_command",
     ],
 )
 def test_entry_points_import_nothing_slow(module):

@@ -7,7 +7,7 @@ from deformrf.core.field import below_pixel, level_edges, modelfile, narrowest_p
 from deformrf.core.geometry import EDGES, a15_grid, path_corners
 from deformrf.core.paths import DEFAULT_MODEL
 from deformrf.core.render import modes
-from deformrf.viewer.resolution import Rung
+from deformrf.viewer.layers.resolution import Rung
 
 
 @pytest.fixture(scope="module")

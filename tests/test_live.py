@@ -11,9 +11,9 @@ import torch
 
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.run import load_checkpoint, optimization
-from deformrf.viewer import live as lives
-from deformrf.viewer.live import Gate, LiveRun
 from deformrf.viewer.panels import training as panel
+from deformrf.viewer.training import live as lives
+from deformrf.viewer.training.live import Gate, LiveRun
 
 FEW = preset(
     "tiny",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from deformrf.viewer import picking
+from deformrf.viewer.camera import picking
 from deformrf.viewer.loading import Progress, prepare
 
 pytestmark = pytest.mark.gl

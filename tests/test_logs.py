@@ -5,7 +5,7 @@ import logging
 import pytest
 
 from deformrf.viewer import logs
-from deformrf.viewer.dialogs import Problem
+from deformrf.viewer.files import Problem
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_an_error_is_told_of_with_the_logs_name_and_the_viewer_goes_on(
     from pyglet.window import key
 
     from deformrf.viewer import panels
-    from deformrf.viewer.actions import ACTIONS
+    from deformrf.viewer.input import ACTIONS
 
     failures = ["by chance"]
 

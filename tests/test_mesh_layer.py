@@ -8,13 +8,11 @@ import pytest
 
 from deformrf.core.deform import rest_tets
 from deformrf.core.render import Renderer
-from deformrf.viewer import orbit as orbits
-from deformrf.viewer import picking
-from deformrf.viewer.colormaps import COLORS, colored
-from deformrf.viewer.gl import Canvas
-from deformrf.viewer.handle_layer import HandleLayer
-from deformrf.viewer.mesh_layer import LIGHT_SHADING, MeshLayer, scale_of, values_of
-from deformrf.viewer.radiance_layer import RadianceLayer
+from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.camera import picking
+from deformrf.viewer.layers import Canvas, HandleLayer, RadianceLayer
+from deformrf.viewer.layers.colormaps import COLORS, colored
+from deformrf.viewer.layers.mesh_layer import LIGHT_SHADING, MeshLayer, scale_of, values_of
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.settings import SURFACES, Settings
 from deformrf.viewer.times import FrameTimes
@@ -36,7 +34,7 @@ class Stage:
 
     @property
     def camera(self):
-        return orbits.camera(self.scene.orbit, *SIZE)
+        return orbits.camera_of(self.scene.orbit, *SIZE)
 
     def picture(self):
         self.radiance.update(self.camera, whole=True)
@@ -179,7 +177,7 @@ def test_a_scale_says_what_its_ends_are(surface):
 
 def test_each_key_of_a_view_mode_shows_it():
     from deformrf.core.render import MODES
-    from deformrf.viewer import actions as a
+    from deformrf.viewer.input import actions as a
 
     app = SimpleNamespace(scene=SimpleNamespace(settings=Settings()))
     for number, mode in enumerate(MODES, start=1):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from deformrf.core import field as fields
-from deformrf.viewer.dialogs import FileDialog, Problem
-from deformrf.viewer.session import save_session
+from deformrf.viewer.files import FileDialog, Problem
+from deformrf.viewer.sessions import save_session
 
 pytestmark = pytest.mark.gl
 

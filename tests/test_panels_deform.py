@@ -137,7 +137,7 @@ def test_a_rescue_and_its_failure_are_said(panel):
 
 
 def test_boxes_switch_what_surrounds_the_object(panel):
-    from deformrf.viewer.body import EARTH
+    from deformrf.viewer.scene import EARTH
 
     for label, call in (("gravity", EARTH), ("ground", True), ("held", False)):
         panel.boxes[label] = True

@@ -2,7 +2,7 @@
 
 import pytest
 
-from deformrf.viewer.journal import Journal, Step
+from deformrf.viewer.history.journal import Journal, Step
 
 pytestmark = pytest.mark.gl
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from deformrf.viewer.actions import INPUTS, Input
+from deformrf.viewer.input.actions import INPUTS, Input
 from deformrf.viewer.panels import menu as m
 
 

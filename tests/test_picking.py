@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.render import Camera, camera_rays, look_at, pinhole
-from deformrf.viewer import picking
+from deformrf.viewer.camera import picking
 
 CAMERA = Camera(look_at([0.5, -2, 0.8], [0.5, 0.5, 0.5]), pinhole(200.0, 160, 120))
 BESIDE = replace(CAMERA, lens=replace(CAMERA.lens, center=(40.0, 65.0)))

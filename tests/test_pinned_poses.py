@@ -6,8 +6,7 @@ import pytest
 from deformrf.core.deform import TIME_STEP
 from deformrf.core.field import load
 from deformrf.core.paths import DEFAULT_MODEL
-from deformrf.viewer.body import EARTH
-from deformrf.viewer.scene import Scene
+from deformrf.viewer.scene import EARTH, Scene
 
 
 @pytest.fixture(scope="module")

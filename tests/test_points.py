@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from deformrf.viewer.grabs import Motion, rotation_matrix
-from deformrf.viewer.points import SPACING, ControlPoints, located, of_large_parts, placed, spread
+from deformrf.viewer.scene.grabs import Motion, rotation_matrix
+from deformrf.viewer.scene.points import (
+    SPACING,
+    ControlPoints,
+    located,
+    of_large_parts,
+    placed,
+    spread,
+)
 
 
 def test_a_point_is_found_in_its_tet_and_goes_where_the_tet_goes(ball):

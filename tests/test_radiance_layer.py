@@ -14,11 +14,12 @@ from deformrf.core.render import (
     shifted,
     view_projection,
 )
-from deformrf.viewer import orbit as orbits
-from deformrf.viewer import picking, resolution
-from deformrf.viewer.gl import Canvas, depth_terms
-from deformrf.viewer.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceLayer
-from deformrf.viewer.resolution import CPU_LADDER, SAMPLE_COUNT
+from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.camera import picking
+from deformrf.viewer.layers import resolution
+from deformrf.viewer.layers.gl import Canvas, depth_terms
+from deformrf.viewer.layers.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceLayer
+from deformrf.viewer.layers.resolution import CPU_LADDER, SAMPLE_COUNT
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.times import FrameTimes
 
@@ -40,7 +41,7 @@ class Stage:
 
     @property
     def camera(self):
-        return orbits.camera(self.scene.orbit, *SIZE)
+        return orbits.camera_of(self.scene.orbit, *SIZE)
 
     def frame(self, whole=False, passing=0.01):
         self.now += passing
@@ -173,7 +174,7 @@ def test_a_fixed_resolution_is_kept(stage):
 
 def test_another_size_of_the_window_is_another_image(stage):
     stage.frame(whole=True)
-    camera = orbits.camera(stage.scene.orbit, 90, 70)
+    camera = orbits.camera_of(stage.scene.orbit, 90, 70)
     stage.layer.update(camera, whole=True)
     assert stage.layer.depth_image().shape == (70, 90)
 
@@ -224,7 +225,7 @@ def test_a_change_restarts_the_mean(stage):
 
 def test_a_window_of_one_pixel_has_room_for_its_image(stage):
     """Images are 8 x 8 at least."""
-    camera = orbits.camera(stage.scene.orbit, 1, 1)
+    camera = orbits.camera_of(stage.scene.orbit, 1, 1)
     for _ in range(40):
         stage.now += 0.3
         stage.layer.update(camera)

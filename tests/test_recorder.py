@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.viewer import recorder as r
+from deformrf.viewer.films import recorder as r
 
 
 class Canvas:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from deformrf.viewer.resolution import (
+from deformrf.viewer.layers.resolution import (
     CPU_LADDER,
     FACTORS,
     LADDER,

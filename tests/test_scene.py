@@ -9,7 +9,7 @@ import pytest
 from deformrf.core.deform import TIME_STEP
 from deformrf.core.field import load, save
 from deformrf.viewer.events import displacements
-from deformrf.viewer.scene import MAX_STEPS, Scene
+from deformrf.viewer.scene.scene import MAX_STEPS, Scene
 
 
 @pytest.fixture

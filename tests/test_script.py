@@ -67,7 +67,7 @@ def test_the_makefiles_drag_bends_the_bundled_model_whatever_its_vertices_are_ca
     from deformrf.core.field import modelfile
     from deformrf.core.paths import DEFAULT_MODEL
     from deformrf.core.render import Renderer
-    from deformrf.viewer.surface import visible_points
+    from deformrf.viewer.scene import visible_points
 
     text = re.search(r"^DEMO_DRAG \?= (.+)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[1]
     assert text.startswith("top:")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import TIME_STEP
-from deformrf.viewer import controls as c
-from deformrf.viewer import drags, picking
-from deformrf.viewer.grabs import rotation_matrix, rotation_vector
-from deformrf.viewer.scene import Scene
+from deformrf.viewer.camera import picking
+from deformrf.viewer.input import controls as c
+from deformrf.viewer.input import drags
+from deformrf.viewer.scene import Scene, rotation_matrix, rotation_vector
 
 SIZE = 320, 240
 

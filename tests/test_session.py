@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import PRESETS
-from deformrf.viewer import journal
+from deformrf.viewer.history import journal
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.session import (
+from deformrf.viewer.sessions import (
     Player,
     Session,
     SessionError,

@@ -6,9 +6,9 @@ import zipfile
 import numpy as np
 import pytest
 
+from deformrf.viewer.films.still import PoseError, load_vertices, strike
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.session import save_session, start_of
-from deformrf.viewer.still import PoseError, load_vertices, strike
+from deformrf.viewer.sessions import save_session, start_of
 
 
 @pytest.fixture

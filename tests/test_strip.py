@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from deformrf.viewer import actions as a
-from deformrf.viewer import strip as s
+from deformrf.viewer.input import actions as a
 from deformrf.viewer.scene import Scene
+from deformrf.viewer.timeline import strip as s
 
 
 @pytest.fixture
@@ -146,8 +146,8 @@ def test_a_turntable_is_one_click_and_one_step(app, line):
 
 def test_what_is_too_many_is_said(app, line, monkeypatch):
     keyed(app, 0, 30)
-    monkeypatch.setattr("deformrf.viewer.timeline.MOST_KEYS", 2)
-    monkeypatch.setattr("deformrf.viewer.timeline.MOST_POSES", 0)
+    monkeypatch.setattr("deformrf.viewer.timeline.timeline.MOST_KEYS", 2)
+    monkeypatch.setattr("deformrf.viewer.timeline.timeline.MOST_POSES", 0)
     line.scrub(60)
     app.strip.selected = "camera", 0
     for action in ("key", "copy_key", "save_pose"):

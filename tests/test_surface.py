@@ -3,7 +3,7 @@
 import numpy as np
 
 from deformrf.core.render import Renderer
-from deformrf.viewer import surface
+from deformrf.viewer.scene import surface
 
 
 def test_the_points_are_on_the_object_all_around(ball):

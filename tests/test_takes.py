@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from deformrf.core import field as fields
-from deformrf.viewer.film_job import FilmChoices, _exact_copy
-from deformrf.viewer.session import load_session
+from deformrf.viewer.films.film_job import FilmChoices, _exact_copy
+from deformrf.viewer.sessions import load_session
 
 pytestmark = pytest.mark.gl
 
@@ -176,7 +176,7 @@ def test_enter_renders_and_escape_does_not(taken, tmp_path):
 def test_choices_are_arguments_of_the_command(format, name, tmp_path, monkeypatch):
     import tyro
 
-    from deformrf.viewer.render_command import RenderArguments, check
+    from deformrf.viewer.films.render_command import RenderArguments, check
 
     monkeypatch.chdir(tmp_path)
     choices = FilmChoices("a", "1280x720", 24, 16, blur=True, format=format, transparent=True)

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from deformrf.viewer import keys as k
-from deformrf.viewer import orbit as orbits
+from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.scene import Scene
+from deformrf.viewer.timeline import keys as k
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def line(scene):
 
 
 def view(scene):
-    return orbits.values(scene.orbit)
+    return orbits.values_of(scene.orbit)
 
 
 def vertices(scene):
@@ -109,7 +109,7 @@ def test_a_key_takes_the_easing_of_the_way_that_it_cuts(scene, line):
 
 
 def test_a_timeline_holds_no_more_keys_than_it_can(scene, line, monkeypatch):
-    monkeypatch.setattr("deformrf.viewer.timeline.MOST_KEYS", 2)
+    monkeypatch.setattr("deformrf.viewer.timeline.timeline.MOST_KEYS", 2)
     line.key(0, None, True)
     line.key(1, None, True)
     with pytest.raises(ValueError, match="at most 2 pose keys"):

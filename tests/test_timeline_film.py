@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.viewer import orbit as orbits
-from deformrf.viewer import render_command
-from deformrf.viewer.film import Film, with_timeline
+from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.films import render_command
+from deformrf.viewer.films.film import Film, with_timeline
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.session import SessionError, load_session, save_session, start_of
+from deformrf.viewer.sessions import SessionError, load_session, save_session, start_of
 
 
 @pytest.fixture
@@ -21,11 +21,11 @@ def made(ball):
     scene = Scene(ball, "ball", "cpu")
     start, line = start_of(scene), scene.timeline
     scene.settings.grab_radius = 0.3
-    line.key(0, orbits.values(scene.orbit), True)
+    line.key(0, orbits.values_of(scene.orbit), True)
     scene.handles.grab(int(scene.handles.control_ids[0]))
     scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, [0.1, 0.0, 0.0]))
     scene.advance(0.1)
-    line.key(20, orbits.values(replace(scene.orbit, yaw=1.5, distance=1.5)), True)
+    line.key(20, orbits.values_of(replace(scene.orbit, yaw=1.5, distance=1.5)), True)
     scene.handles.release()
     line.set_motion("physics")
     return scene, start
@@ -51,7 +51,7 @@ def test_a_film_shows_what_was_seen_while_the_timeline_played(ball, made, tmp_pa
         yaws.append(film.scene.orbit.yaw)
         if frame in seen:
             orbit, vertices = seen[frame]
-            assert orbits.values(film.scene.orbit) == orbits.values(orbit)
+            assert orbits.values_of(film.scene.orbit) == orbits.values_of(orbit)
             np.testing.assert_array_equal(film.scene.solver.vertices.numpy(), vertices)
     begin = session.ticks - 48
     line = scene.timeline
@@ -75,7 +75,7 @@ def test_a_timeline_is_filmed_from_its_beginning_to_its_last_key(ball, made, tmp
     for frame in range(film.count):
         film.show(frame)
         wanted = scene.timeline.orbit_at(frame)
-        assert orbits.values(other.orbit) == orbits.values(wanted)
+        assert orbits.values_of(other.orbit) == orbits.values_of(wanted)
         if frame == 0:
             np.testing.assert_array_equal(other.solver.vertices.numpy(), first.vertices)
     now = other.solver.vertices.numpy()
@@ -103,7 +103,7 @@ def test_the_command_renders_a_timeline(ball, ball_file, made, tmp_path):
     scene, start = made
     session = save_session(scene, start, tmp_path / "s.jsonl")
     size = "--fps", "12", "--size", "48x32", "--device", "cpu"
-    code = "import sys; from deformrf.viewer.render_command import main; sys.exit(main())"
+    code = "import sys; from deformrf.viewer.films.render_command import main; sys.exit(main())"
     files = ball_file, "--session", session, "-o", tmp_path / "film"
     clean = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     done = subprocess.run(

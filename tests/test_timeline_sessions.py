@@ -6,11 +6,10 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from deformrf.viewer import keys as k
-from deformrf.viewer import orbit as orbits
-from deformrf.viewer.film import Views
+from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.films.film import Views
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.session import (
+from deformrf.viewer.sessions import (
     Player,
     Session,
     SessionError,
@@ -18,6 +17,7 @@ from deformrf.viewer.session import (
     save_session,
     start_of,
 )
+from deformrf.viewer.timeline import keys as k
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def line(scene):
 
 
 def view(scene):
-    return orbits.values(scene.orbit)
+    return orbits.values_of(scene.orbit)
 
 
 def vertices(scene):

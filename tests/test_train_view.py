@@ -12,9 +12,10 @@ from deformrf.core.commands import INTERRUPTED, train
 from deformrf.core.field import modelfile
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.run import optimization
-from deformrf.viewer import live as lives
-from deformrf.viewer import picking, train_command
-from deformrf.viewer.live import LiveRun
+from deformrf.viewer.camera import picking
+from deformrf.viewer.training import live as lives
+from deformrf.viewer.training import train_command
+from deformrf.viewer.training.live import LiveRun
 from deformrf.viewer.window import WindowError
 
 FEW = preset(
@@ -44,7 +45,7 @@ def quick(monkeypatch):
 @pytest.fixture
 def live_window(window, monkeypatch):
     """The module, which can be imported now; without rests between frames."""
-    from deformrf.viewer import live_window
+    from deformrf.viewer.training import live_window
 
     monkeypatch.setattr(live_window, "SHOW_SHARE", 1.0)
     return live_window

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from deformrf.core.render.render import Image
-from deformrf.viewer import upload
+from deformrf.viewer.layers import upload
 
 pytestmark = pytest.mark.gl
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from deformrf.viewer import video as v
+from deformrf.viewer.films import video as v
 
 
 def gray(value, width=64, height=48):

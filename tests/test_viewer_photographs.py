@@ -11,11 +11,10 @@ from PIL import Image
 
 from deformrf.core.render import Camera, Lens, Renderer, look_at, pinhole
 from deformrf.core.training import DatasetError
-from deformrf.viewer import orbit as orbits
-from deformrf.viewer import photographs as p
-from deformrf.viewer.actions import ACTIONS
-from deformrf.viewer.framing import Covered, in_free_part
-from deformrf.viewer.photo_actions import show_photograph
+from deformrf.viewer.camera import Covered, in_free_part
+from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.camera import photographs as p
+from deformrf.viewer.input import ACTIONS, show_photograph
 
 LENSES = (
     pinhole(150.0, 120, 120),
@@ -120,7 +119,7 @@ def test_beside_the_render_it_is_as_large(app, folder):
     orbit = app.scene.orbit
     assert app.controls.camera.focal < 0.9 * before.focal
     app.frame(0.0)
-    assert (orbits.pose(app.scene.orbit) == orbits.pose(orbit)).all()
+    assert (orbits.pose_of(app.scene.orbit) == orbits.pose_of(orbit)).all()
     show_photograph(app, "hidden")
     app.frame(0.0, whole=True)
     assert app.controls.covered.right == 0.0
@@ -139,9 +138,9 @@ def test_the_camera_is_where_the_photograph_was_taken(folder, to_model):
         one = photographs.step(1)
         room, covered = (200.0, 150.0), Covered(left=200.0, top=100.0)
         orbit = p.seen_from(one, orbits.Orbit(), (600, 400), room, np.full(3, 0.5))
-        assert orbits.pose(orbit) == pytest.approx(rolled(0.3 * photographs.index), abs=1e-9)
+        assert orbits.pose_of(orbit) == pytest.approx(rolled(0.3 * photographs.index), abs=1e-9)
         assert p.is_seen_from(one, orbit)
-        focal = in_free_part(orbits.camera(orbit, 600, 400), covered).focal
+        focal = in_free_part(orbits.camera_of(orbit, 600, 400), covered).focal
         reach = [
             max(c, side - c) * focal / f
             for c, side, f in zip(
@@ -187,7 +186,7 @@ def test_a_photograph_that_cant_be_shown_is_refused(folder, to_model, monkeypatc
 def test_no_torch_is_needed(folder):
     program = (
         "import sys; sys.modules['torch'] = None; import numpy as np;"
-        "from deformrf.viewer.photographs import Photographs;"
+        "from deformrf.viewer.camera.photographs import Photographs;"
         f"print(Photographs({str(folder)!r}, np.eye(4)).step(1).pixels.shape)"
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from xwindow import LiveViewer, missing_tools, screen
 
-from deformrf.viewer.session import load_session
+from deformrf.viewer.sessions import load_session
 
 pytestmark = [pytest.mark.e2e, pytest.mark.gl]
 SIZE = 1000, 700
@@ -100,7 +100,11 @@ def test_select_drag_undo_redo_pin_key_scrub_save_replay_and_film(start, ball, t
     again.end()
 
     film = tmp_path / "film.mp4"
-    command = [sys.executable, "-c", "from deformrf.viewer.render_command import main; main()"]
+    command = [
+        sys.executable,
+        "-c",
+        "from deformrf.viewer.films.render_command import main; main()",
+    ]
     options = ["--session", path, "-o", film, "--size", "64x48", "--fps", "5", "--device", "cpu"]
     model = tmp_path / "model.npz"
     model.write_bytes(again.model.read_bytes())

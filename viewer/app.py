@@ -15,29 +15,25 @@ import pyglet
 from pyglet.window import key
 
 from . import logs, panels, preferences
-from . import orbit as orbits
-from .actions import ACTIONS, action_of
-from .autosave import Autosave, folder, left_behind
-from .controls import Controls
-from .dialogs import Problem
+from .camera import Covered, clip_range
 from .events import state_of
-from .fly import Fly
-from .framing import Covered
-from .gl import Canvas
-from .handle_layer import HandleLayer
+from .files import Problem, open_asked
+from .films import Recorder, Takes, without_background
+from .history import begin_anew, unless_it_fails
+from .input import ACTIONS, Controls, Fly, action_of, placed_photograph
+from .layers import Canvas, HandleLayer, MeshLayer, PhotoLayer, RadianceLayer, choose_path
 from .loading import Progress, prepare
-from .mesh_layer import MeshLayer
-from .opening import open_asked
-from .photo_actions import placed_photograph
-from .photo_layer import PhotoLayer
-from .radiance_layer import RadianceLayer
-from .recorder import Recorder, without_background
-from .session import Player, Session, load_session, start_of
-from .strip import Strip
-from .takes import Takes
+from .sessions import (
+    Autosave,
+    Player,
+    Session,
+    autosave_folder,
+    left_behind,
+    load_session,
+    start_of,
+)
+from .timeline import Strip
 from .times import FrameTimes
-from .undo import begin_anew, unless_it_fails
-from .upload import choose_path
 
 log = logging.getLogger(__name__)
 
@@ -114,8 +110,8 @@ class App:
         if self.gui is not None:
             if self.autosave is not None:
                 self.autosave.end()
-            self.left_behind = left_behind(folder(), field.mesh)
-            self.autosave = Autosave(scene, self.session_start, folder())
+            self.left_behind = left_behind(autosave_folder(), field.mesh)
+            self.autosave = Autosave(scene, self.session_start, autosave_folder())
 
     def show(self, scene, renderer, path: str) -> None:
         """Show a scene from now on, in the place of the one before.
@@ -193,7 +189,7 @@ class App:
             scene.paused = False
         if self.autosave is not None:
             self.autosave.end()
-            self.autosave = Autosave(scene, self.session_start, folder())
+            self.autosave = Autosave(scene, self.session_start, autosave_folder())
             self.autosave.save()
 
     def _play(self, player):
@@ -301,7 +297,7 @@ class App:
         scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
         controls.ratio = size[0] / max(self.window.width, 1)
-        controls.covered = Covered() if self.gui is None else panels.covered(self)
+        controls.covered = self.covered()
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
             scene.handles.hover = None
         self.fly.advance(seconds)
@@ -332,16 +328,20 @@ class App:
         self.frame_count += 1
         self._drawn_at = time.perf_counter()
 
+    def covered(self) -> Covered:
+        """What the panels cover of the window."""
+        return Covered() if self.gui is None else panels.covered(self)
+
     def draw(self, camera, keep: bool = True) -> None:
         """Draw the object and what belongs to it into the canvas; keep it for files."""
         in_clips = self.scene.settings.handles_in_clips
-        clip_range = orbits.clip_range(self.scene.orbit)
+        clips = clip_range(self.scene.orbit)
         self.canvas.use(self.size)
-        self.radiance.draw(camera, clip_range)
-        self.mesh_layer.draw(camera, clip_range)
+        self.radiance.draw(camera, clips)
+        self.mesh_layer.draw(camera, clips)
         if keep and not in_clips:
             self._record_view()
-        self.handle_layer.draw(camera, clip_range)
+        self.handle_layer.draw(camera, clips)
         if keep and in_clips:
             self._record_view()
 

@@ -30,7 +30,7 @@ from ..core.device import Choice, device_name
 from ..core.paths import DEFAULT_MODEL, program_version
 from ..core.render import Mode
 from . import logs
-from .dialogs import Problem
+from .files import Problem
 
 log = logging.getLogger(__name__)
 
@@ -175,12 +175,12 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
 
         return lambda: report(chosen.run.headless)
     check(chosen)
-    from .photo_actions import open_photographs
+    from .files import open_photographs
     from .script import parse_drag, resolved
 
     drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
     field = with_size(fields.load(chosen.model), chosen.object_size)
-    from .session import load_session
+    from .sessions import load_session
 
     session = None if chosen.session is None else load_session(chosen.session, field)
     device = device_name(chosen.device)

@@ -23,7 +23,7 @@ def report(headless: bool) -> int:
     try:
         import av
 
-        from .video import CODECS
+        from .films import CODECS
 
         _line("encoder", av.Codec(CODECS["h264"][0], "w").long_name)
     except Exception as error:  # whatever is wrong with it is to be reported
@@ -48,7 +48,7 @@ def _line(name, value):
 
 
 def _opengl(headless, device):
-    from .upload import choose_path
+    from .layers import choose_path
     from .window import WindowError, open_window
 
     # pyglet chooses between a display and none once for the life of a program.

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from . import picking
+from .camera import project
 
 
 class EventLog:
@@ -22,7 +22,7 @@ def state_of(app) -> dict:
     """The viewer's state for the events "ready" and "state"."""
     scene, controls, radiance = app.scene, app.controls, app.radiance
     ids, moved = scene.handles.control_ids, displacements(scene)
-    pixels, _ = picking.project(controls.camera, scene.handles.at(ids))
+    pixels, _ = project(controls.camera, scene.handles.at(ids))
     return {
         "size": [app.window.width, app.window.height],
         "framebuffer": controls.size,

@@ -14,8 +14,7 @@ import warp as wp
 from ..core import deform, render
 from ..core.deform import TIME_STEP
 from ..core.device import thread_count
-from .scene import Scene
-from .surface import visible_points
+from .scene import Scene, visible_points
 
 STAGES = ("kernels", "networks and tables", "the surface, from eight sides", "the solver")
 

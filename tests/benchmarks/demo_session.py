@@ -18,7 +18,7 @@ from deformrf.core import paths
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.viewer.loading import Progress, prepare
-from deformrf.viewer.session import save_session, start_of
+from deformrf.viewer.sessions import save_session, start_of
 
 SECONDS = 10.0
 FPS = 60

@@ -20,7 +20,7 @@ from rich.table import Table
 
 from deformrf.core import field as fields
 from deformrf.core.paths import DEFAULT_MODEL
-from deformrf.viewer.film import Film
+from deformrf.viewer.films.film import Film
 from deformrf.viewer.window import open_window
 
 
@@ -40,9 +40,9 @@ def parsed():
 
 def swinging(field, device, ticks, folder):
     """A session in which the object is dragged, let go, and seen from all around."""
-    from deformrf.viewer import orbit as orbits
+    from deformrf.viewer.camera import orbit as orbits
     from deformrf.viewer.scene import Scene
-    from deformrf.viewer.session import load_session, save_session, start_of
+    from deformrf.viewer.sessions import load_session, save_session, start_of
 
     scene = Scene(field, "film", device)
     start, vertex = start_of(scene), int(scene.handles.control_ids[0])
@@ -62,7 +62,7 @@ def swinging(field, device, ticks, folder):
 
 def made(app, session, options, args, path):
     """Make a film; returns its FilmMaker, seconds in all and of the encoder's thread."""
-    from deformrf.viewer.film_maker import FilmMaker
+    from deformrf.viewer.films.film_maker import FilmMaker
 
     app.scene.reset()
     app.scene.journal.clear()
@@ -88,7 +88,7 @@ def main():
     window, context = open_window(size, headless=True)
     from deformrf.viewer.app import App
     from deformrf.viewer.events import EventLog
-    from deformrf.viewer.film_maker import STEPS, FilmOptions
+    from deformrf.viewer.films.film_maker import STEPS, FilmOptions
 
     app = App(window, context, EventLog(False), gui=False, fps=args.fps)
     columns = "samples", "frames", *STEPS, "encoding, beside", "a frame", "measured", "whole film"

@@ -123,7 +123,7 @@ def opengl():
 
 def texture_upload(device, size):
     """write(image) into an OpenGL texture, and how the bytes go there."""
-    from deformrf.viewer.upload import ImageTexture, choose_path
+    from deformrf.viewer.layers.upload import ImageTexture, choose_path
 
     if opengl() is None:
         return (lambda image: None), "nowhere: there is no OpenGL"

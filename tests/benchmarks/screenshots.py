@@ -92,7 +92,7 @@ def ground(studio):
 
 
 def timeline(studio):
-    from deformrf.viewer.actions import ACTIONS
+    from deformrf.viewer.input import ACTIONS
 
     app = studio.app
     ACTIONS["turntable"](app)

@@ -5,11 +5,9 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from .. import orbit as orbits
-from ..actions import label_of
-from ..photo_actions import line_of, show_photograph
+from ..camera import changed, widened
+from ..input import AXIS_VIEWS, FROM_VIEW, UPS, label_of, line_of, set_up, show_photograph, up_name
 from ..settings import PHOTOGRAPHS
-from ..view_actions import AXIS_VIEWS, FROM_VIEW, UPS, set_up, up_name
 from .widgets import button, checkbox, combo, number_setting, slider
 
 ANGLES = 5.0, 100.0  # degrees
@@ -34,10 +32,10 @@ def camera_panel(app):
 
 def _lens(scene):
     def widen(degrees):
-        scene.orbit = orbits.widened(scene.orbit, math.radians(degrees))
+        scene.orbit = widened(scene.orbit, math.radians(degrees))
 
     def choose(parallel):
-        scene.orbit = orbits.changed(scene.orbit, {"parallel": parallel})
+        scene.orbit = changed(scene.orbit, {"parallel": parallel})
 
     angle = math.degrees(scene.orbit.field_of_view)
     slider("field of view", angle, ANGLES, "%.0f°", widen, tooltip=WIDER)

@@ -6,9 +6,9 @@ from functools import partial
 from imgui_bundle import imgui
 
 from ...core.deform import LOWEST_POISSON_RATIO, PRESETS, SOFTENED_BELOW, Material
-from ..actions import label_of
-from ..body import EARTH
-from ..ground_plane import line_spacing
+from ..input import label_of
+from ..layers import line_spacing
+from ..scene import EARTH
 from ..settings import TOOLS
 from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from ..dialogs import FileDialog, Problem
+from ..files import FileDialog, Problem
 
 WIDTH, LIST_HEIGHT = 520.0, 280.0
 

@@ -4,7 +4,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from ..film_job import FORMATS, RATES, SAMPLE_COUNTS, SIZES
+from ..films import FORMATS, RATES, SAMPLE_COUNTS, SIZES
 from .widgets import checkbox, combo
 
 FILM_WIDTH = 300.0

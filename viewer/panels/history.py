@@ -2,7 +2,7 @@
 
 from imgui_bundle import imgui
 
-from ..actions import label_of
+from ..input import label_of
 from .widgets import button
 
 SHOWN = 8  # steps

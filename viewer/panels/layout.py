@@ -7,8 +7,8 @@ from operator import attrgetter
 
 from imgui_bundle import imgui
 
-from ..actions import INPUTS
-from ..framing import Covered
+from ..camera import Covered
+from ..input import INPUTS
 from ..loading import STAGES
 from .camera import camera_panel
 from .deform import deform_panel
@@ -20,14 +20,7 @@ from .recovery import recovery_window
 from .selection import gesture_overlay
 from .timeline import STRIP_HEIGHT, poses_panel, timeline_strip
 from .training import training_lines, training_panel
-from .view import (
-    RECORDING_RED,
-    model_panel,
-    record_panel,
-    recording_line,
-    time_panel,
-    view_panel,
-)
+from .view import RECORDING_RED, model_panel, record_panel, recording_line, time_panel, view_panel
 
 BAR_WIDTH = 360.0
 MARGIN = 12.0

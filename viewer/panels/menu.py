@@ -4,7 +4,7 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from ..actions import ACTIONS, INPUTS
+from ..input import ACTIONS, INPUTS
 
 FIRST, LAST = "File", "Help"  # the others are between them, in the table's order
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from imgui_bundle import imgui
 
-from .. import picking
+from ..camera import project
 
 LINE = imgui.get_color_u32  # of a color, in the current style's opacity
 OUTLINE, FILL = (0.95, 0.45, 0.05, 0.95), (0.95, 0.55, 0.1, 0.12)
@@ -36,7 +36,7 @@ def _axis_line(app, lines):
     motion, axis = scene.handles.grabbed.target, controls.dragging.axis
     along = AXIS_LENGTH * scene.size * np.eye(3)[axis]
     places = motion.place + np.linspace(-1.0, 1.0, 33)[:, None] * along
-    pixels, _ = picking.project(controls.camera, places)
+    pixels, _ = project(controls.camera, places)
     points = pixels[np.isfinite(pixels).all(axis=1)] / controls.ratio
     for start, end in pairwise(points):
         lines.add_line(tuple(start), tuple(end), LINE(AXES[axis]), 1.5)

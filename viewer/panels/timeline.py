@@ -4,10 +4,18 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from ..actions import label_of
-from ..keys import EASINGS, LONGEST
-from ..strip import TICKS_PER_SECOND, Scale, as_time, shown_ticks
-from ..timeline import MOTIONS, TRACKS, WEIGHTS
+from ..input import label_of
+from ..timeline import (
+    EASINGS,
+    LONGEST,
+    MOTIONS,
+    TICKS_PER_SECOND,
+    TRACKS,
+    WEIGHTS,
+    Scale,
+    as_time,
+    shown_ticks,
+)
 from .widgets import button, checkbox, combo, slider
 
 STRIP_HEIGHT = 144.0

@@ -6,9 +6,9 @@ import numpy as np
 from imgui_bundle import imgui
 
 from ...core.render import MODES, caption
-from ..actions import label_of
+from ..input import label_of
+from ..layers import SAMPLE_COUNT
 from ..memory import memory_line
-from ..resolution import SAMPLE_COUNT
 from ..settings import MESH_RANGES, SURFACES
 from .widgets import LOGARITHMIC, button, combo, number_setting, setting
 

@@ -4,7 +4,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from ..actions import ACTIONS
+from ..input import ACTIONS
 
 LOGARITHMIC = imgui.SliderFlags_.logarithmic.value
 

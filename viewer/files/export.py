@@ -1,0 +1,117 @@
+"""The posed object as a triangle mesh for other programs: PLY or OBJ.
+
+It is the surface of the coarse mesh of tets, around the radiance field.  A vertex has the color
+that is seen from there along its normal, inwards; gray where nothing is.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...core.geometry import boundary_faces
+from ...core.paths import whole_file
+from ...core.render import RenderOptions
+
+GRAY = 128
+OUTSIDE = 0.01  # object sizes from a vertex to where its ray starts
+FEWEST_OPAQUE = 0.5  # opacity that a color needs
+ENDINGS = ".ply", ".obj"
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles, their corners counterclockwise as seen from outside."""
+
+    vertices: np.ndarray  # [N, 3] float32, model units
+    faces: np.ndarray  # [F, 3] int32, ids of vertices
+    colors: np.ndarray | None = None  # [N, 3] uint8
+
+
+def surface_of(field, positions) -> Surface:
+    """The surface of a field's mesh with its vertices at `positions` [V, 3].
+
+    Raises:
+        ValueError: Positions are not numbers.
+    """
+    faces, _ = boundary_faces(field.mesh.tets, field.neighbours)
+    ids, faces = np.unique(faces, return_inverse=True)
+    vertices = np.asarray(positions)[ids].astype(np.float32)
+    if not np.isfinite(vertices).all():
+        raise ValueError("the pose has vertices that are not numbers: reset it (R)")
+    return Surface(vertices, faces.reshape(-1, 3).astype(np.int32))
+
+
+def with_colors(surface: Surface, renderer, size: float) -> Surface:
+    """The surface with the colors that a Renderer, which has its pose, sees at each vertex.
+
+    Args:
+        size: The object's, in model units.
+    """
+    normals = vertex_normals(surface)
+    origins = surface.vertices + OUTSIDE * size * normals
+    options = RenderOptions(background=(0.0, 0.0, 0.0))
+    color, opacity, _ = renderer.render_rays(origins, -normals, options)
+    own = color / np.maximum(opacity, 1e-3)[:, None]
+    colors = np.clip(255.0 * own + 0.5, 0.0, 255.0).astype(np.uint8)
+    colors[opacity < FEWEST_OPAQUE] = GRAY
+    return Surface(surface.vertices, surface.faces, colors)
+
+
+def vertex_normals(surface: Surface):
+    """Unit normals outwards, means of those of the faces by area.  [N, 3] float32"""
+    a, b, c = surface.vertices.astype(float)[surface.faces].transpose(1, 0, 2)
+    normals = np.zeros(surface.vertices.shape)
+    for corner in surface.faces.T:
+        np.add.at(normals, corner, np.cross(b - a, c - a))
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    upright = np.array([0.0, 0.0, 1.0])  # where faces cancel each other out
+    return np.where(lengths > 0.0, normals / np.maximum(lengths, 1e-30), upright).astype(np.float32)
+
+
+def save_surface(surface: Surface, path: Path) -> Path:
+    """Write a file by its ending, one of ENDINGS; an older one stays if that fails.
+
+    Raises:
+        OSError: It can't be written.
+        ValueError: The ending is another one.
+    """
+    path = Path(path)
+    contents = {".ply": _ply, ".obj": _obj}.get(path.suffix.lower())
+    if contents is None:
+        raise ValueError(f"{path} is no mesh: its name has to end in {' or '.join(ENDINGS)}")
+    with whole_file(path) as partial:
+        partial.write_bytes(contents(surface))
+    return path
+
+
+def _ply(surface):
+    """Binary PLY, little endian."""
+    kinds = [("position", "<f4", 3)]
+    header = ["ply", "format binary_little_endian 1.0", "comment deformrf, model units"]
+    header += [f"element vertex {len(surface.vertices)}"]
+    header += [f"property float {axis}" for axis in "xyz"]
+    if surface.colors is not None:
+        kinds += [("color", "u1", 3)]
+        header += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    header += [f"element face {len(surface.faces)}"]
+    header += ["property list uchar int vertex_indices", "end_header", ""]
+    vertices = np.empty(len(surface.vertices), kinds)
+    vertices["position"] = surface.vertices
+    if surface.colors is not None:
+        vertices["color"] = surface.colors
+    faces = np.empty(len(surface.faces), [("count", "u1"), ("ids", "<i4", 3)])
+    faces["count"], faces["ids"] = 3, surface.faces
+    return "\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes()
+
+
+def _obj(surface):
+    """Wavefront OBJ; colors follow the positions, as most programs read them."""
+    lines = ["# deformrf, model units"]
+    rows = surface.vertices.tolist()
+    if surface.colors is not None:
+        shares = np.round(surface.colors / 255.0, 4).tolist()
+        rows = [[*at, *color] for at, color in zip(rows, shares, strict=True)]
+    lines += ["v " + " ".join(f"{x:.9g}" for x in row) for row in rows]
+    lines += ["f {} {} {}".format(*ids) for ids in (surface.faces + 1).tolist()]
+    return ("\n".join(lines) + "\n").encode("ascii")

@@ -1,0 +1,79 @@
+"""Files that the user opens: chosen in the window, dropped on it, or opened before.
+
+Nothing is loaded in the middle of an event or of a frame's panels: App.asked is the path, and
+the next frame begins with `open_asked`.  A file that can't be opened leaves the scene as it is.
+"""
+
+import logging
+from pathlib import Path
+
+from ...core import field as fields
+from ...core.arguments import plain_message
+from .. import logs
+from ..sessions import load_session
+from .dialogs import FileDialog, Problem
+
+MODEL, SESSION = ".npz", ".jsonl"
+log = logging.getLogger(__name__)
+
+
+def ask_for_file(app) -> None:
+    """Show the dialog to choose a model or session in."""
+    recent = [Path(name).parent for name in app.preferences.recent]
+    folder = next((path for path in recent if path.is_dir()), Path.cwd())
+
+    def chosen(path):
+        app.asked = path
+
+    app.dialog = FileDialog("Open", folder, (MODEL, SESSION), chosen)
+
+
+def open_asked(app) -> None:
+    """Open what was asked for: a model in the place of the one that is shown, or a session."""
+    path, app.asked = app.asked, None
+    app.dialog = None
+    if path == app.left_behind:
+        app.recover()
+        return
+    try:
+        if path.is_dir():
+            open_photographs(app, path)
+            return
+        if path.suffix.lower() == SESSION:
+            app.play(load_session(path, app.scene.field))
+            app.recorder.say(f"played {path.name}: go on, or undo it")
+        elif path.suffix.lower() == MODEL:
+            on = app.loaded_on or (str(app.scene.solver.device), "auto")
+            app.load(fields.load(path), path.stem, *on)
+        else:
+            raise ValueError(f"{path} is neither a model ({MODEL}) nor a session ({SESSION})")
+    except (OSError, ValueError, MemoryError) as error:
+        sentence = plain_message(error) or "the memory is too small"
+        log.warning("can't open %s: %s", path, sentence)
+        _tell(app, path, sentence)
+    except Exception as error:  # Warp's and OpenGL's, as when a device's memory is too small
+        log.exception("can't open %s", path)
+        _tell(app, path, logs.sentence(error), app.log_file)
+    else:
+        app.log("opened", path=path)
+        app.preferences.opened(path)
+        problem = app.preferences.save()
+        if problem:
+            app.recorder.say(problem)
+
+
+def open_photographs(app, folder: Path) -> None:
+    """Take the photographs of the scene's data set from its folder.
+
+    Raises:
+        DatasetError: The folder is no data set, or has no photograph.
+    """
+    from ..camera import Photographs
+
+    app.photographs = Photographs(folder, app.scene.field.world_to_model)
+    app.recorder.say(f"{len(app.photographs)} photographs: [ and ] jump to their cameras")
+
+
+def _tell(app, path, sentence, log_file=None):
+    app.log("problem", path=path, sentence=sentence)
+    app.dialog = Problem(f"Can't open {path.name}", sentence, log_file)

@@ -1,0 +1,169 @@
+"""Camera paths: files that say where a film's camera is at which time.
+
+Our own format is JSON, {"keys": [...]} with a key for each time [s].  A key has a place and what
+it looks at, or the camera's matrix in OpenGL's axes, both in model space:
+
+    {"t": 0.0, "position": [1.5, -2.0, 1.0], "target": [0.5, 0.5, 0.5], "fov": 35}
+    {"t": 2.0, "transform_matrix": [[...], [...], [...], [0, 0, 0, 1]], "fov": 35}
+
+`fov` is the vertical field of view [degrees].  The camera goes through all keys on a smooth curve
+(keys.orbit_at).  docs/camera-path.md has it all, with the files of other programs that are read.
+"""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ...core.render import in_space, look_at
+from ..camera import CLOSEST, FARTHEST, Orbit, facing
+from ..timeline import CameraKey
+
+LARGEST_FILE = 64 * 2**20  # bytes
+MOST_KEYS = 10_000
+LONGEST = 3600.0  # s
+FARTHEST_POINT = 1e4
+APART = 1.0  # s between two keys that have no time
+TICKS_PER_SECOND = 60
+FIELDS_OF_VIEW = 0.1, 170.0  # degrees
+NOT_RIGID = 1e-3  # by how much the axes of a matrix may miss being perpendicular
+
+
+class CameraPathError(ValueError):
+    """A file is no camera path; the message is one sentence."""
+
+
+def load_camera_path(path: Path, world_to_model, center) -> tuple[CameraKey, ...]:
+    """Read and check a camera path; ticks are counted from its first key on.
+
+    Args:
+        world_to_model: From the space of the training data, in which files of other programs
+            have their cameras.  [4, 4]
+        center: Of the object: what a camera without a target is taken to turn about.  [3]
+
+    Raises:
+        CameraPathError: The file is none.
+        OSError: It can't be read.
+    """
+    path = Path(path)
+    if path.stat().st_size > LARGEST_FILE:
+        raise CameraPathError(f"{path} is larger than {LARGEST_FILE >> 20} MiB")
+    try:
+        read = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise CameraPathError(f"{path} is no camera path: it is not JSON") from error
+    keys, ours, shared = _entries(path, read)
+    if not isinstance(keys, list) or not 2 <= len(keys) <= MOST_KEYS:
+        raise CameraPathError(f"{path}: a camera path has 2 to {MOST_KEYS:,} keys")
+    found, seconds = [], -shared["apart"]
+    for number, key in enumerate(keys, start=1):
+        place = f"{path}, key {number}"
+        if not isinstance(key, dict):
+            raise CameraPathError(f"{place} is not in braces")
+        before, seconds = seconds, _number(place, key, "t", seconds + shared["apart"], LONGEST)
+        if seconds <= before and found:
+            raise CameraPathError(f"{place} is at {seconds:g} s, not after the one before")
+        matrix = np.eye(4) if ours else world_to_model
+        found.append((seconds, _orbit(place, shared | key, matrix, center)))
+    start = found[0][0]
+    return tuple(CameraKey((t - start) * TICKS_PER_SECOND, o, "linear") for t, o in found)
+
+
+def _entries(path, read):
+    """The keys of a file, whether it is ours, and what all of them share."""
+    if isinstance(read, list):
+        return read, True, {"apart": APART}
+    if not isinstance(read, dict):
+        raise CameraPathError(f"{path} is no camera path: it has no keys")
+    if "keys" in read:
+        return read["keys"], True, {"apart": APART}
+    if "camera_path" in read:  # nerfstudio's
+        fps = _number(path, read, "fps", 24.0, 1000.0, 0.1)
+        return read["camera_path"], False, {"apart": 1.0 / fps}
+    if "frames" in read:  # of Blender's, instant-ngp's and nerfstudio's data sets
+        return read["frames"], False, {"apart": APART, **_view_of(path, read)}
+    raise CameraPathError(f"{path} is no camera path: it has no keys, frames or camera_path")
+
+
+def _view_of(path, read):
+    """The field of view that a data set's cameras share, if it says one."""
+    if "camera_angle_y" in read:
+        return {"fov": math.degrees(_number(path, read, "camera_angle_y", 1.0, math.pi, 0.0))}
+    if "fl_y" in read and "h" in read:
+        height = _number(path, read, "h", 1.0, 1e6, 1.0)
+        return {"fov": math.degrees(2 * math.atan(0.5 * height / _positive(path, read, "fl_y")))}
+    if "camera_angle_x" in read:  # of a square image
+        return {"fov": math.degrees(_number(path, read, "camera_angle_x", 1.0, math.pi, 0.0))}
+    return {}
+
+
+def _orbit(place, key, matrix, center) -> Orbit:
+    """The camera of a key."""
+    fov = _number(place, key, "fov", math.degrees(Orbit().field_of_view), *FIELDS_OF_VIEW[::-1])
+    target = None
+    if "position" in key:
+        target = _point(place, key, "target") if "target" in key else np.asarray(center, float)
+        at = _point(place, key, "position")
+        up = _point(place, key, "up") if "up" in key else np.array([0.0, 0.0, 1.0])
+        forward = target - at
+        if np.linalg.norm(np.cross(forward, up)) < 1e-9 * max(np.linalg.norm(forward), 1e-9):
+            if not forward.any() or "up" in key:
+                raise CameraPathError(f"{place} looks nowhere, or along what is up")
+            up = np.array([0.0, 1.0, 0.0])  # straight down, or up
+        pose = look_at(at, target, up)
+    else:
+        pose = _pose(place, key.get("transform_matrix", key.get("camera_to_world")))
+        pose = in_space(pose, matrix)
+    forward, position = -pose[:3, 2], pose[:3, 3]
+    distance = (np.asarray(center if target is None else target) - position) @ forward
+    distance = float(np.clip(distance, CLOSEST, FARTHEST))
+    seen = Orbit(position + distance * forward, distance, field_of_view=math.radians(fov))
+    return facing(seen, pose[:3, :3])
+
+
+def _pose(place, matrix):
+    """A camera's matrix [4, 4]; rows may be in one list, and their last one may be missing."""
+    try:
+        pose = np.array(matrix, float).reshape(-1, 4)
+    except (TypeError, ValueError) as error:
+        message = f"{place} needs a position, or a transform_matrix of 4 × 4 numbers"
+        raise CameraPathError(message) from error
+    good = pose.shape in ((3, 4), (4, 4)) and np.isfinite(pose).all()
+    good = good and abs(pose).max() <= FARTHEST_POINT
+    if good:
+        axes = pose[:3, :3] / np.maximum(np.linalg.norm(pose[:3, :3], axis=0), 1e-12)
+        good = abs(axes.T @ axes - np.eye(3)).max() < NOT_RIGID and np.linalg.det(axes) > 0.0
+    if not good:
+        raise CameraPathError(f"{place} has a matrix that is not a rotation and a position")
+    return np.block([[axes, pose[:3, 3:]], [np.zeros((1, 3)), np.ones((1, 1))]])
+
+
+def _number(place, key, name, default, high, low=0.0):
+    value = key.get(name, default)
+    known = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (known and low <= value <= high):
+        said = f"{place} has {name} = {value!r}"[:200]
+        raise CameraPathError(f"{said}; {low:g} to {high:g} are possible")
+    return float(value)
+
+
+def _positive(place, key, name):
+    return _number(place, key, name, 1.0, 1e7, 1e-3)
+
+
+def _point(place, key, name):
+    value = key[name]
+    good = isinstance(value, list) and len(value) == 3
+    if not (good and all(_is_coordinate(x) for x in value)):
+        raise CameraPathError(f"{place} has {name} = {value!r}"[:200] + "; it has to be [x, y, z]")
+    return np.array(value, float)
+
+
+def _is_coordinate(value):
+    known = isinstance(value, int | float) and not isinstance(value, bool)
+    return known and abs(value) <= FARTHEST_POINT
+
+
+def _refuse(name):
+    raise ValueError(name)

@@ -1,0 +1,170 @@
+"""Screenshots and videos of the canvas: when a frame is kept, and the PNG files."""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from ...core.field import save
+from ..files import save_surface
+from ..sessions import save_session
+from .video import PictureSeries, VideoWriter, save_png
+
+MESSAGE_SECONDS = 6.0
+
+
+class Recorder:
+    """Keeps frames of the canvas."""
+
+    def __init__(self, canvas, log, fps: int):
+        """Take a Canvas, an EventLog, and the frame rate of videos."""
+        self.video: VideoWriter | PictureSeries | None = None  # that is being recorded
+        self.written: list[Path] = []  # files that are finished
+        self.failed = False  # whether a file was lost
+        self._canvas, self._log, self._fps = canvas, log, fps
+        self._said = 0.0, ""  # when, and what
+        self._screenshot: Path | None = None
+
+    @property
+    def wants_screenshot(self) -> bool:
+        """Whether the frame that is being drawn is to be kept."""
+        return self._screenshot is not None
+
+    @property
+    def message(self) -> str:
+        """The message about the last file, for some seconds."""
+        said_at, message = self._said
+        return message if time.monotonic() - said_at < MESSAGE_SECONDS else ""
+
+    def screenshot(self, path: Path | None = None) -> None:
+        """Keep the next frame; by default in the current folder, named by date and time."""
+        self._screenshot = path or stamped("deformrf", ".png")
+
+    def start(
+        self,
+        path: Path | None = None,
+        live: bool = True,
+        codec: str | None = None,
+        transparent: bool = False,
+    ) -> None:
+        """Record from the next frame on; by the clock if live, else frame by frame.
+
+        A path without an ending is a folder, which gets a picture for each frame.
+        """
+        path = path or stamped("deformrf", ".mp4")
+        clock = time.monotonic if live else None
+        if path.suffix:
+            size = self._canvas.size
+            self.video = VideoWriter(path, size, self._fps, clock, codec, transparent)
+        else:
+            self.video = PictureSeries(path, self._fps, transparent)
+        self._log("recording", path=path)
+
+    def start_or_stop(self) -> None:
+        if self.video is None:
+            self.start()
+        else:
+            self.stop()
+
+    def stop(self) -> None:
+        """Finish the video, if one is being recorded."""
+        video, self.video = self.video, None
+        if video is not None:
+            try:
+                self.finished(video.close())
+            except RuntimeError as error:
+                self._fail(error)
+
+    def add_frame(self) -> None:
+        """Add the canvas as it is now to the video, if one is being recorded."""
+        if self.video is not None and self.video.due():
+            self.add(self._canvas.read())
+
+    def add(self, image) -> None:
+        """Add an image to the video that is being recorded."""
+        try:
+            self.video.push(image)
+        except RuntimeError as error:
+            video, self.video = self.video, None
+            try:
+                video.close()
+            except RuntimeError:  # the same
+                pass
+            self._fail(error)
+
+    def save_screenshot(self, image=None) -> None:
+        """Write an image, by default the canvas as it is now, if a screenshot is wanted."""
+        if self._screenshot is None:
+            return
+        path, self._screenshot = self._screenshot, None
+        try:
+            self.finished(save_png(path, self._canvas.read() if image is None else image))
+        except OSError as error:
+            self._fail(f"can't write {path}: {error.strerror or error}")
+
+    def save_model(self, field) -> None:
+        """Write a TetField as a model file into the current folder."""
+        path = stamped("model", ".npz")
+        try:
+            save(field, path, entry_bits=8)
+            self.finished(path)
+        except OSError as error:
+            self._fail(f"can't write {path}: {error.strerror or error}")
+
+    def save_surface(self, surface, ending: str) -> None:
+        """Write an export.Surface into the current folder."""
+        path = stamped("mesh", ending)
+        try:
+            self.finished(save_surface(surface, path))
+        except OSError as error:
+            self._fail(f"can't write {path}: {error.strerror or error}")
+
+    def save_session(self, scene, start: dict, path: Path | None = None) -> None:
+        """Write what was done to a scene, by default into the current folder."""
+        path = path or stamped("session", ".jsonl")
+        scene.note_view()  # where the last frame has left it
+        try:
+            self.finished(save_session(scene, start, path))
+        except OSError as error:
+            self._fail(f"can't write {path}: {error.strerror or error}")
+
+    def say(self, message: str) -> None:
+        """Show a message for a while, and print it."""
+        self._say(message, sys.stderr)
+
+    def finished(self, path: Path) -> None:
+        """Say that a file is written."""
+        self.written.append(path)
+        self._log("written", path=path)
+        self._say(f"wrote {path}", sys.stdout)
+
+    def _fail(self, error):
+        self.failed = True
+        self._say(str(error), sys.stderr)
+
+    def _say(self, message, stream):
+        self._said = time.monotonic(), message
+        print(message, file=stream, flush=True)
+
+
+def stamped(stem: str, suffix: str) -> Path:
+    """A free name in the current folder: <stem>-<date>-<time>[-2, -3 ..]<suffix>."""
+    base = f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    path, count = Path.cwd() / f"{base}{suffix}", 1
+    while path.exists():
+        count += 1
+        path = path.with_name(f"{base}-{count}{suffix}")
+    return path
+
+
+def without_background(image, background):
+    """An image of color over a background [3] (0..1) and opacity, with its own color instead.
+
+    Images are [H, W, 4] uint8; the color is black where nothing is.
+    """
+    color, opacity = image[..., :3].astype(np.float32), image[..., 3:] / np.float32(255.0)
+    own = color - 255.0 * np.float32(background) * (1.0 - opacity)
+    straight = np.divide(own, opacity, out=np.zeros_like(own), where=opacity > 0)
+    straight = np.clip(straight + 0.5, 0.0, 255.0).astype(np.uint8)
+    return np.concatenate([straight, image[..., 3:]], axis=-1)

@@ -1,0 +1,358 @@
+"""The mouse: from the window's events to camera moves, selections and drags of handles.
+
+The window calls the methods on_* with pyglet's positions (points, y up).  Pixels are the
+image's: x to the right, y down.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from ..camera import (
+    Covered,
+    camera_of,
+    depth_at,
+    in_free_part,
+    onto_view_plane,
+    panned,
+    pick_sphere,
+    point_at,
+    project,
+    ray,
+    turned,
+    visible,
+    within,
+    zoomed,
+)
+from . import drags
+
+# pyglet's numbers; the modules that name them can't be imported without a display.
+LEFT, MIDDLE, RIGHT = 1, 2, 4
+SHIFT, CTRL = 1, 2
+PAINTED = {"stiffen": 1.2, "soften": 1.0 / 1.2}  # factors of stiffness at each event of the mouse
+ZOOM_PER_NOTCH = 0.88
+PAUSED = "paused: it follows when time goes on (Space), or by a step (.)"
+CLICK_SLACK = 3.0  # points that the mouse may move during a click
+NEAREST = 0.05  # object sizes between eye and surface, where zooming in stops
+PICK_SLACK = 5.0  # points around a sphere that still count as on it
+DOUBLE_CLICK = 0.4  # s between two presses at one place
+WIDER_PER_NOTCH = 1.15  # the grab radius, during a drag
+REGIONS = "box", "lasso"
+HOW = {0: "replace", SHIFT: "add", CTRL: "remove", SHIFT | CTRL: "intersect"}  # with a region
+
+
+class Controls:
+    """The mouse's gesture, from one event to the next."""
+
+    def __init__(self, scene, depth_image: Callable, log: Callable, say: Callable = print):
+        """Take the scene, a function that returns the depth image or None, and the event log.
+
+        `say` shows a message to the user.
+        """
+        self.scene = scene
+        # "orbit", "pan", "pick", "grab", "push", "paint", "box", "lasso" while a button is held
+        self.mode = ""
+        self.dragging: drags.Drag | None = None  # of handles
+        self.region = []  # pixels of the box's corners, or of the lasso
+        self.size = (1, 1)  # of the image
+        self.ratio = 1.0  # image pixels per point
+        self.covered = Covered()  # by panels
+        self._depth_image = depth_image
+        self._log, self._say = log, say
+        self._button = 0
+        self._miss = np.zeros(2)  # from the center of the ball to the press
+        self._press = np.zeros(2)  # where the button went down
+        self._picked = self._pin = None  # a handle that a drag would grab, a pin that a click frees
+        self._pointer = np.zeros(2)  # where the mouse is, in a drag
+        self._before = -np.inf, np.zeros(2)  # when and where a button went down before
+        self._factor = 1.0  # of the stiffness, of what is being painted
+
+    @property
+    def camera(self):
+        return in_free_part(camera_of(self.scene.orbit, *self.size), self.covered, self.ratio)
+
+    def _pixel(self, x, y):
+        """From a position in the window to the middle of the image's pixel.  [2]"""
+        return np.array([(x + 0.5) * self.ratio, self.size[1] - (y + 0.5) * self.ratio])
+
+    # -- the window's events -------------------------------------------------------------
+
+    def on_mouse_motion(self, x, y, dx, dy):
+        if not self.mode:
+            pixel = self._pixel(x, y)
+            control = self.pick(pixel)
+            pin = self.pick(pixel, self.scene.handles.pin_ids) if control is None else None
+            self.scene.handles.hover = pin if control is None else control
+
+    def on_mouse_press(self, x, y, button, modifiers):
+        if self.mode or button not in (LEFT, MIDDLE, RIGHT):
+            return  # a second button does not interrupt what the first one does
+        self._button, tool = button, self.scene.settings.tool
+        pixel = self._press = self._pixel(x, y)
+        if button != LEFT:
+            self.mode = "pan"
+        elif tool == "push":
+            self._push(pixel)
+        elif tool in PAINTED:
+            self.mode, self._factor = "paint", PAINTED[tool]
+            self._paint(pixel)
+        elif tool in REGIONS:
+            self.mode, self.region = tool, [pixel, pixel]
+        else:
+            self._press_on(self.pick(pixel), pixel, modifiers)
+
+    def _press_on(self, handle, pixel, modifiers):
+        """The left button went down on a handle, or beside all of them."""
+        handles = self.scene.handles
+        if handle is None:
+            self.mode = "orbit"
+            pin = self.pick(pixel, handles.pin_ids)
+            self._pin = pin
+            if pin is None and self._is_second(pixel):
+                self._add_point(pixel)
+            return
+        self.mode, self._picked = "pick", handle
+        if modifiers & (SHIFT | CTRL):
+            handles.select([handle], "toggle" if modifiers & SHIFT else "remove")
+            self._picked = handle if handle in handles.selected else None
+
+    def _is_second(self, pixel):
+        """Whether a press is the second one of a double click."""
+        (since, place), now = self._before, time.monotonic()
+        near = np.linalg.norm(pixel - place) <= CLICK_SLACK * self.ratio
+        self._before = now, pixel
+        return near and now - since < DOUBLE_CLICK
+
+    def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
+        scene, pixel = self.scene, self._pixel(x, y)
+        clicking = np.linalg.norm(pixel - self._press) <= CLICK_SLACK * self.ratio
+        if self.mode == "pick":
+            if clicking or self._picked is None:
+                return
+            self._grab(self._picked)
+        if self._pin is not None:
+            if clicking:
+                return
+            self._pin = None
+        if self.mode == "push":
+            if scene.ball is not None:
+                center = scene.ball.target
+                scene.push_to(onto_view_plane(self.camera, pixel - self._miss, center))
+        elif self.mode == "paint":
+            self._paint(pixel)
+        elif self.mode == "grab":
+            self._pointer = pixel
+            if scene.handles.grabbed is not None:  # a reset lets go while the button is still down
+                drags.follow(self.dragging, scene.handles, self.camera, pixel, self.ratio)
+        elif self.mode == "box":
+            self.region = [self._press, pixel]
+        elif self.mode == "lasso":
+            self.region.append(pixel)
+        elif self.mode:
+            move = turned if self.mode == "orbit" else panned
+            scale = self.camera.focal / camera_of(scene.orbit, *self.size).focal
+            height = self.size[1] * (scale if self.mode == "pan" else 1.0)
+            scene.orbit = move(scene.orbit, dx * self.ratio, -dy * self.ratio, height)
+
+    def on_mouse_release(self, x, y, button, modifiers):
+        if button != self._button:
+            return
+        scene, handles = self.scene, self.scene.handles
+        clicked = np.linalg.norm(self._pixel(x, y) - self._press) <= CLICK_SLACK * self.ratio
+        if self.mode == "push":
+            scene.end_push()
+            self._log("end_push")
+        elif self.mode == "paint":
+            self._log("paint", factors=scene.body.factors is not None)
+        elif self.mode == "grab":
+            if handles.grabbed is not None:
+                vertex = handles.grabbed.handles[0]
+                handles.release()
+                self._log("release", vertex=vertex, position=self._place(vertex))
+        elif self.mode == "pick":
+            if not modifiers & (SHIFT | CTRL):
+                handles.select([self._picked])
+            self._log("select", vertices=handles.selected)
+        elif self.mode in REGIONS:
+            self._select_region(HOW[modifiers & (SHIFT | CTRL)])
+        elif self._pin is not None:
+            self._set_pin(self._pin, False)
+        elif self.mode == "orbit" and clicked:
+            if handles.selected:
+                handles.select([])
+                self._log("select", vertices=[])
+        elif self.mode:
+            orbit = scene.orbit
+            self._log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
+        self._end()
+
+    def _end(self):
+        self.mode, self._button, self.dragging, self.region = "", 0, None, []
+        self._picked = self._pin = None
+
+    def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
+        handles = self.scene.handles
+        if self.mode == "grab" and handles.grabbed is not None:
+            handles.widen(WIDER_PER_NOTCH**scroll_y)
+            self._say(f"grab radius {self.scene.settings.grab_radius:.2f} of the size")
+            return
+        scene, anchor = self.scene, self._surface_at(self._pixel(x, y))
+        factor = max(ZOOM_PER_NOTCH**scroll_y, self._nearest_zoom(anchor))
+        scene.orbit = zoomed(scene.orbit, factor, anchor)
+        self._log("zoom", distance=scene.orbit.distance)
+
+    def cancel(self) -> None:
+        """Give up the gesture: what was dragged goes back to where it was taken from."""
+        handles = self.scene.handles
+        if self.mode == "push":
+            self.scene.end_push()
+        elif self.mode == "grab" and handles.grabbed is not None:
+            vertex = handles.grabbed.handles[0]
+            handles.cancel()
+            self._log("cancel", vertex=vertex)
+        if self.mode in ("push", "grab", "pick", *REGIONS):
+            self._end()
+        elif not self.mode and self.scene.settings.tool in REGIONS:
+            self.scene.settings.tool = "grab"
+
+    def pin(self) -> None:
+        """Pin what is held, where it is; else what is selected or under the mouse."""
+        handles = self.scene.handles
+        if self.mode == "grab":
+            if handles.grabbed is None:
+                return
+            vertex = handles.grabbed.handles[0]
+            handles.pin_grab()
+            self._log("pin", vertex=vertex, position=self._place(vertex))
+            self._end()
+            return
+        chosen = handles.movable or [one for one in [handles.hover] if one is not None]
+        if not chosen:
+            self._say("nothing to pin: select red points, or point at one")
+        for handle in chosen:
+            self._set_pin(handle, handle not in handles.pin_ids)
+
+    def turn_into(self, kind: str) -> None:
+        """Let the drag in progress move, turn or scale what is held."""
+        grab = self.scene.handles.grabbed
+        if self.mode == "grab" and grab is not None:
+            kind = drags.MOVE if self.dragging.kind == kind else kind
+            self.dragging.begin(kind, grab.target, self._pointer)
+            if kind == drags.MOVE:
+                (center,), _ = project(self.camera, grab.target.place[None])
+                self.dragging.miss = self._pointer - center
+            self._say(self._drag_line())
+        else:
+            self._say(f"{kind}: while you drag a red point")
+
+    def along(self, axis: int) -> None:
+        """Let the drag in progress go along, or turn about, one axis only; or no longer."""
+        if self.mode == "grab" and self.dragging is not None:
+            self.dragging.axis = None if self.dragging.axis == axis else axis
+            self._say(self._drag_line())
+
+    def _drag_line(self):
+        drag = self.dragging
+        if drag.axis is None or drag.kind == drags.SCALE:
+            return drag.kind
+        return f"{drag.kind} {'along' if drag.kind == drags.MOVE else 'about'} {'xyz'[drag.axis]}"
+
+    # -- what is under the mouse ---------------------------------------------------------
+
+    def pick(self, pixel, ids=None) -> int | None:
+        """The handle whose sphere shows there, of these (default: those that can be dragged)."""
+        scene, slack = self.scene, PICK_SLACK * self.ratio
+        if not scene.settings.show_handles:
+            return None
+        ids = scene.handles.control_ids if ids is None else ids
+        surface = self._depth_image(), scene.handle_bias
+        places = scene.handles.at(ids)
+        found = pick_sphere(self.camera, pixel, places, scene.handle_radius, slack, *surface)
+        return None if found is None else int(ids[found])
+
+    def shown(self, ids):
+        """Whether each of these vertices has a sphere in sight.  [len(ids)] bool"""
+        scene = self.scene
+        if not scene.settings.show_handles:
+            return np.zeros(len(ids), bool)
+        points = scene.handles.at(ids)
+        return visible(self.camera, points, self._depth_image(), scene.handle_bias)
+
+    def _surface_at(self, pixel, beside=True):
+        """The object's point under a pixel; beside the object, one as far away as its target.
+
+        Without `beside` there is none beside the object: None.
+        """
+        camera, depth = self.camera, self._depth_image()
+        if depth is not None:
+            t = depth_at(depth, camera, pixel[None])[0]
+            if np.isfinite(t):
+                return point_at(camera, pixel, t)
+        return onto_view_plane(camera, pixel, self.scene.orbit.target) if beside else None
+
+    def _nearest_zoom(self, anchor):
+        """The factor of a zoom to a point that ends before the surface: inside, all is white."""
+        depth = self._depth_image()
+        if depth is None or self.camera.parallel:
+            return 0.0
+        room = max(float(depth.min()) - NEAREST * self.scene.size, 0.0)
+        return min(max(1.0 - room / np.linalg.norm(anchor - self.camera.position), 0.0), 1.0)
+
+    def _grab(self, handle):
+        """Begin the drag of a handle on which the button went down."""
+        scene, handles = self.scene, self.scene.handles
+        (center,), _ = project(self.camera, self._place(handle)[None])
+        self.dragging = drags.Drag(self._press, self._press - center)
+        self._pointer = self._press
+        if handle not in handles.selected:
+            handles.select([])
+        handles.grab(handle)
+        handles.hover = handle
+        self.mode = "grab"
+        if scene.paused:
+            self._say(PAUSED)
+        self._log("grab", vertex=handle, position=self._place(handle), pixel=center)
+
+    def _select_region(self, how):
+        """Select the spheres in sight whose centers are in the box or lasso."""
+        handles = self.scene.handles
+        ids = handles.control_ids
+        outline = self.region
+        if self.mode == "box":
+            (x0, y0), (x1, y1) = self.region
+            outline = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+        pixels, _ = project(self.camera, handles.at(ids))
+        handles.select(ids[self.shown(ids) & within(pixels, outline)], how)
+        self.scene.settings.tool = "grab"
+        self._log("select", vertices=handles.selected)
+
+    def _add_point(self, pixel):
+        """Make a control point on the surface under the mouse."""
+        point = self._surface_at(pixel, beside=False)
+        if point is not None:
+            handle = self.scene.handles.add_point(point)
+            self.mode, self._picked = "pick", handle  # a drag from here takes it
+            self._log("add_point", vertex=handle, position=point)
+
+    def _push(self, pixel):
+        """Put the ball on the surface under the mouse."""
+        scene, point = self.scene, self._surface_at(pixel)
+        scene.push(point, -ray(self.camera, pixel)[1])
+        (center,), _ = project(self.camera, scene.ball.target[None])
+        self._miss = pixel - center
+        self.mode = "push"
+        self._log("push", position=scene.ball.target)
+
+    def _paint(self, pixel):
+        """Change the stiffness around the point under the mouse, if the object is there."""
+        point = self._surface_at(pixel, beside=False)
+        if point is not None:
+            self.scene.paint(point, self._factor)
+
+    def _place(self, handle):
+        return self.scene.handles.at([handle])[0]
+
+    def _set_pin(self, vertex, pinned):
+        self.scene.handles.set_pin(vertex, pinned)
+        self._log("pin" if pinned else "free", vertex=vertex)

@@ -1,0 +1,117 @@
+"""OpenGL helpers: programs from the shaders folder, the full-screen triangle, the canvas."""
+
+from contextlib import contextmanager
+
+import moderngl
+import numpy as np
+
+from ...core.paths import SHADERS
+
+
+def program(
+    ctx: moderngl.Context, name: str, vertex: str = "", defines: tuple[str, ...] = ()
+) -> moderngl.Program:
+    """The program of shaders/<vertex or name>.vert.glsl and shaders/<name>.frag.glsl.
+
+    Args:
+        defines: Names that the fragment shader finds defined.
+    """
+    version, rest = (SHADERS / f"{name}.frag.glsl").read_text().split("\n", 1)
+    return ctx.program(
+        vertex_shader=(SHADERS / f"{vertex or name}.vert.glsl").read_text(),
+        fragment_shader="\n".join([version, *(f"#define {one}" for one in defines), rest]),
+    )
+
+
+def full_screen(
+    ctx: moderngl.Context, name: str, defines: tuple[str, ...] = ()
+) -> moderngl.VertexArray:
+    """A triangle over the whole image, drawn with shaders/<name>.frag.glsl."""
+    vertex_array = ctx.vertex_array(program(ctx, name, "full_screen", defines), [])
+    vertex_array.vertices = 3
+    return vertex_array
+
+
+def set_uniforms(program: moderngl.Program, **values) -> None:
+    """Set uniforms, except those that the compiler removed; matrices are [rows, columns]."""
+    for name, value in values.items():
+        if name in program:
+            numbers = np.transpose(value).flatten().tolist()  # OpenGL stores columns
+            program[name].value = tuple(numbers) if np.ndim(value) else value
+
+
+def depth_terms(near: float, far: float, parallel: bool = False) -> tuple[float, float]:
+    """(a, b) with window depth = a + b / z for a distance z in front of the camera plane.
+
+    Where rays are parallel, window depth = a + b · z.
+    """
+    if parallel:
+        return -near / (far - near), 1.0 / (far - near)
+    return far / (far - near), -far * near / (far - near)
+
+
+@contextmanager
+def depth_only(ctx: moderngl.Context):
+    """What is drawn inside changes the depth of the framebuffer in use, not its colors."""
+    framebuffer = ctx.fbo
+    framebuffer.color_mask = False, False, False, False
+    framebuffer.use()  # or OpenGL does not learn of the mask
+    try:
+        yield
+    finally:
+        framebuffer.color_mask = True, True, True, True
+        framebuffer.use()
+
+
+def blend_over(ctx: moderngl.Context) -> None:
+    """Blend colors over those that are there; of transparent pictures, opacities too."""
+    over = moderngl.ONE_MINUS_SRC_ALPHA
+    ctx.blend_func = moderngl.SRC_ALPHA, over, moderngl.ONE, over
+
+
+class Canvas:
+    """The framebuffer that everything is drawn into: shown in the window, read for files."""
+
+    def __init__(self, ctx: moderngl.Context):
+        self._ctx = ctx
+        self._framebuffer = None
+        self._blit = full_screen(ctx, "blit")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self._framebuffer.size
+
+    def use(self, size: tuple[int, int]) -> None:
+        """Draw into it from now on, with that many pixels."""
+        old = self._framebuffer
+        if old is None or old.size != size:
+            color = self._ctx.texture(size, 4)
+            color.filter = moderngl.NEAREST, moderngl.NEAREST
+            depth = self._ctx.depth_renderbuffer(size)
+            self._framebuffer = self._ctx.framebuffer([color], depth)
+            if old is not None:
+                for part in (*old.color_attachments, old.depth_attachment, old):
+                    part.release()
+        self._framebuffer.use()
+
+    def read(self, channels: int = 3):
+        """The drawn image, top row first; its opacity is the fourth channel.  [H, W, C] uint8"""
+        width, height = self.size
+        image = np.empty((height, width, channels), np.uint8)
+        self._framebuffer.read_into(image, components=channels, alignment=1)
+        return image[::-1]
+
+    def flush(self) -> None:
+        """Let OpenGL begin with what was drawn, without waiting for it."""
+        from pyglet import gl
+
+        gl.glFlush()
+
+    def show(self) -> None:
+        """Copy it to the window, whose framebuffer has the same size."""
+        self._ctx.screen.use()
+        self._ctx.viewport = (0, 0, *self.size)  # moderngl remembers the size of the first window
+        self._ctx.enable_only(moderngl.NOTHING)
+        self._framebuffer.color_attachments[0].use(0)
+        self._blit.program["image"].value = 0
+        self._blit.render(moderngl.TRIANGLES)

@@ -1,0 +1,118 @@
+"""Draws the red spheres of the control vertices and the gray ones of the pins.
+
+They are drawn after the radiance layer and hide behind its depth.  Spheres are drawn nearer
+than they are by the scene's handle_bias; picking.visible uses the same bias.
+"""
+
+import moderngl
+import numpy as np
+
+from ...core.render import view_projection
+from ..camera import pose_of
+from ..scene import MOST_ADDED, MOST_POINTS
+from . import gl
+
+RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
+SELECTED = (1.0, 0.62, 0.0)
+STIFF_BLUE, SOFT_PINK = (0.10, 0.12, 0.50), (1.0, 0.75, 0.72)
+BALL_GRAY = (0.72, 0.72, 0.75)
+PIN_BLUE = (0.42, 0.50, 0.62)
+HOVER_SCALE, PIN_SCALE = 1.35, 0.6
+GHOST = 0.35  # opacity of what the object hides of a held sphere
+SPHERE_FLOATS = 7  # center, radius, tint
+
+
+class HandleLayer:
+    """Spheres of one scene."""
+
+    def __init__(self, ctx: moderngl.Context, scene):
+        self._ctx, self._scene = ctx, scene
+        mesh = scene.field.mesh
+        most = mesh.vertex_count + MOST_POINTS + MOST_ADDED + 1  # and the ball
+        size = 4 * SPHERE_FLOATS * most
+        self._sphere_buffer = ctx.buffer(reserve=size, dynamic=True)
+        layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
+        self._spheres = ctx.vertex_array(gl.program(ctx, "handles"), [layout])
+
+    def draw(self, camera, clip_range) -> None:
+        """Draw into the framebuffer in use what the settings ask for."""
+        view = np.linalg.inv(camera.camera_to_world)
+        projection = view_projection(camera, *clip_range) @ camera.camera_to_world
+        matrices = {"world_to_camera": view, "projection": projection, "parallel": camera.parallel}
+        self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        gl.blend_over(self._ctx)
+        if self._scene.settings.show_handles or self._scene.ball is not None:
+            self._draw_spheres(camera, clip_range, matrices)
+
+    def release(self) -> None:
+        self._spheres.release()
+        self._sphere_buffer.release()
+
+    def _draw_spheres(self, camera, clip_range, matrices):
+        instances = sphere_instances(self._scene)
+        if not len(instances):
+            return
+        self._sphere_buffer.write(instances)
+        gl.set_uniforms(
+            self._spheres.program,
+            depth_terms=gl.depth_terms(*clip_range, camera.parallel),
+            bias=self._scene.handle_bias,
+            pixel_angle=1.0 / camera.focal,
+            opacity=1.0,
+            **matrices,
+        )
+        self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(instances))
+        held = held_sphere(self._scene)
+        if len(held):  # the part of it that is inside the object, faintly
+            self._sphere_buffer.write(held)
+            gl.set_uniforms(self._spheres.program, opacity=GHOST)
+            self._ctx.depth_func = ">"
+            self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(held))
+            self._ctx.depth_func = "<="
+
+
+def sphere_instances(scene):
+    """Center, radius and tint of every sphere, far ones first.  [S, 7] float32
+
+    The soft edge of a sphere blends with what was drawn before it.
+    """
+    nobody = np.empty(0, int)
+    pin_ids, control_ids = nobody, nobody
+    if scene.settings.show_handles:
+        pin_ids, control_ids = scene.handles.pin_ids, scene.handles.control_ids
+    ids = np.concatenate([pin_ids, control_ids])
+    instances = np.empty((len(ids), SPHERE_FLOATS), np.float32)
+    instances[:, :3] = scene.handles.at(ids)
+    instances[:, 3] = scene.handle_radius
+    instances[:, 4:] = RED
+    instances[: len(pin_ids), 3] *= PIN_SCALE
+    instances[: len(pin_ids), 4:] = PIN_BLUE
+    if scene.body.factors is not None:
+        instances[len(pin_ids) :, 4:] = stiffness_tints(scene.handles.factors(control_ids))
+    handles = scene.handles
+    instances[np.isin(ids, handles.selected), 4:] = SELECTED
+    if handles.hover is not None:
+        instances[ids == handles.hover, 3] = HOVER_SCALE * scene.handle_radius
+        instances[ids == handles.hover, 4:] = ORANGE
+    if handles.grabbed is not None:
+        instances[np.isin(ids, handles.grabbed.handles), 4:] = YELLOW
+    if scene.ball is not None:
+        ball = np.array([[*scene.ball.reached, scene.ball.radius, *BALL_GRAY]], np.float32)
+        instances = np.concatenate([instances, ball])
+    away = np.linalg.norm(instances[:, :3] - pose_of(scene.orbit)[:3, 3], axis=1)
+    return instances[np.argsort(-away)]
+
+
+def held_sphere(scene):
+    """The sphere of the vertex that is held, as sphere_instances has it.  [held, 7] float32"""
+    if scene.handles.grabbed is None or not scene.settings.show_handles:
+        return np.empty((0, SPHERE_FLOATS), np.float32)
+    places = scene.handles.at(scene.handles.grabbed.handles)
+    return np.array([[*at, scene.handle_radius, *YELLOW] for at in places], np.float32)
+
+
+def stiffness_tints(factors):
+    """Colors of vertices whose stiffness is multiplied: dark if stiff, pale if soft.  [N, 3]"""
+    share = np.clip(np.log10(factors), -1.0, 1.0)[:, None]
+    to = np.where(share > 0.0, STIFF_BLUE, SOFT_PINK)
+    return (1.0 - np.abs(share)) * np.array(RED) + np.abs(share) * to

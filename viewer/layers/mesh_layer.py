@@ -1,0 +1,113 @@
+"""Draws the surface of the coarse mesh: plain, in colors of strain or volume, or its edges alone.
+
+The radiance field lies inside that surface, so that it covers the picture, as far as it is
+opaque.  Its faces hide each other by a depth of their own: spheres are drawn afterwards, and
+hide behind the picture's depth alone, where they can be picked.
+
+    strain         max |principal stretch − 1| of the tets (core/deform/strain.py)
+    volume ratio   of the tets, now to at rest
+
+both as means about each vertex, by volume, interpolated over the faces.
+"""
+
+import moderngl
+import numpy as np
+
+from ...core.deform import at_vertices, deformation_gradients, rest_tets, strains, volume_ratios
+from ...core.geometry import boundary_faces
+from ...core.render import view_projection
+from . import gl
+from .colormaps import COLORS
+from .legend import Legend, Scale
+
+PLAIN = np.tile([0.80, 0.78, 0.74], (17, 1))
+SHADING = {"plain": (0.35, 1.1)}
+LIGHT_SHADING = 0.72, 1.05  # of colors that mean something
+WIRE_OPACITY = 0.9
+
+
+class MeshLayer:
+    """The surface of one scene's mesh."""
+
+    def __init__(self, ctx: moderngl.Context, scene, draw_depth):
+        """Take a function that fills the framebuffer's depth with the picture's again."""
+        self._ctx, self._scene, self._draw_depth = ctx, scene, draw_depth
+        mesh = scene.field.mesh
+        faces, _ = boundary_faces(mesh.tets, scene.field.neighbours)
+        self._corners = faces.ravel()
+        self._tets = mesh.tets[np.isin(mesh.tets, faces).any(axis=1)]  # about the seen vertices
+        self._buffer = ctx.buffer(reserve=max(16 * len(self._corners), 16), dynamic=True)
+        layout = (self._buffer, "3f 1f", "position", "share")
+        self._faces = ctx.vertex_array(gl.program(ctx, "mesh"), [layout])
+        self._legend = Legend(ctx)
+        self._written = None  # what the buffer holds
+        self._shape = self._rest = None  # a rest shape, and its RestTets
+
+    def draw(self, camera, clip_range) -> None:
+        """Draw into the framebuffer in use what the settings ask for."""
+        settings, ctx = self._scene.settings, self._ctx
+        filled = settings.mesh_surface != "hidden" and settings.mesh_opacity > 0.0
+        if not filled and not settings.show_wireframe:
+            return
+        self._write()
+        view = np.linalg.inv(camera.camera_to_world)
+        scale = scale_of(settings)
+        gl.set_uniforms(
+            self._faces.program,
+            world_to_camera=view,
+            parallel=camera.parallel,
+            projection=view_projection(camera, *clip_range) @ camera.camera_to_world,
+            bias=0.5 * self._scene.handle_radius,  # the depth image may be coarser than the window
+            shading=SHADING.get(settings.mesh_surface, LIGHT_SHADING),
+            opacity=settings.mesh_opacity if filled else 0.0,
+            wire=WIRE_OPACITY * settings.show_wireframe,
+        )
+        colors = PLAIN if scale is None else COLORS[scale.colors]
+        self._faces.program["colors"].value = [tuple(color) for color in colors]
+        ctx.enable_only(moderngl.DEPTH_TEST)
+        with gl.depth_only(ctx):  # of the nearest faces, so that these alone are blended
+            self._faces.render(moderngl.TRIANGLES)
+        ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        gl.blend_over(ctx)
+        self._faces.render(moderngl.TRIANGLES)
+        self._draw_depth()
+        if filled and scale is not None:
+            self._legend.draw(scale, (camera.width, camera.height))
+
+    def release(self) -> None:
+        self._faces.release()
+        self._buffer.release()
+        self._legend.release()
+
+    def _write(self):
+        """Bring positions and shares of the scale to the buffer, if they have changed."""
+        scene = self._scene
+        scale, shape = scale_of(scene.settings), scene.solver.rest_shape
+        if scale is not None and shape is not self._shape:
+            self._shape, self._rest = shape, rest_tets(shape, self._tets)
+            self._written = None
+        if self._written == (scene.revision, scale):
+            return
+        vertices = np.zeros((len(scene.positions), 4), np.float32)
+        vertices[:, :3] = scene.positions
+        if scale is not None:
+            vertices[:, 3] = scale.share(values_of(scale.word, scene.positions, self._rest))
+        self._buffer.write(vertices[self._corners])
+        self._written = scene.revision, scale
+
+
+def values_of(word: str, positions, rest):
+    """Strain or volume ratio at the vertices [V, 3] of RestTets.  [V]"""
+    gradients = deformation_gradients(positions, rest)
+    values = strains(gradients) if word == "strain" else volume_ratios(gradients)
+    return at_vertices(values, rest, len(positions))
+
+
+def scale_of(settings) -> Scale | None:
+    """The colors that the settings ask for; None without any."""
+    most = settings.mesh_range
+    if settings.mesh_surface == "strain":
+        return Scale("strain", "viridis", 0.0, most)
+    if settings.mesh_surface == "volume ratio":
+        return Scale("volume ratio", "coolwarm", 1.0 - most, 1.0 + most)
+    return None

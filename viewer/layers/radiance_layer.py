@@ -1,0 +1,339 @@
+"""The field's image in the window: rendered when something has changed, refined at rest.
+
+While camera or vertices change, the image is rendered with as many pixels as the target
+frame rate allows.  At rest finer images follow, up to the full resolution, and then shifted
+images whose mean is shown.  They are rendered a strip of rows per frame (resolution.py), and
+shown when they are whole: a seam that moves would look like a part of the picture.
+The depth is that of the unshifted image: other things in the scene hide behind the object.
+"""
+
+import time
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+import warp as wp
+
+from ...core.field import level_edges
+from ...core.render import RenderOptions, RunningMean, render_mode, shifted
+from ..camera import pixels_per_unit
+from ..files import with_colors
+from . import gl
+from .ground_plane import GroundPlane
+from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Picture, Sampling, finer
+from .upload import ImageTexture
+
+REST_SECONDS = 0.15  # without a change, before refining begins
+OTHER_PARTS = ("simulate", "draw", "panel")  # of a frame, beside rendering
+CHECKER_SIZE = 12  # pixels
+AVERAGED_MODES = ("color", "accumulation")
+SMOOTH_MODES = ("color", "depth", "accumulation", "normals")  # whose colors may be blended
+
+
+class RadianceLayer:
+    """Draws what a Renderer of core/render renders of a scene."""
+
+    def __init__(self, ctx, scene, renderer, path: str, times, clock=time.perf_counter):
+        """Take a Scene, a renderer of its field, how frames reach OpenGL, and FrameTimes."""
+        self.render_count = 0  # of images that were rendered at once, not in strips
+        self.path, self.device = path, renderer.device
+        self.transparent = False  # draw no background, and the opacity into the fourth channel
+        self._ctx, self._scene, self._renderer = ctx, scene, renderer
+        self._times, self._clock = times, clock
+        self._triangles = {}  # by what the shader finds defined
+        self._triangle = None  # that was drawn last
+        self._ground = GroundPlane(ctx, scene)
+        self._moving = MovingResolution(0.1, CPU_LADDER if self.device.is_cpu else LADDER)
+        field = renderer.field
+        self._level_edges = level_edges(field.mesh, field.layout.level_count)
+        self.shown = Picture(0)  # the last whole picture
+        self._coming: Picture | None = None  # a finer one, as far as it is
+        self._spare: ImageTexture | None = None  # for the next finer one
+        self._sampling: Sampling | None = None  # once shifted images are rendered
+        self._seen = self._pose = None  # what was rendered last
+        self._changed_at = 0.0
+
+    # -- how far it is -------------------------------------------------------------------
+
+    @property
+    def factor(self) -> float:
+        """Resolution of the last whole picture, relative to the window's."""
+        return self.shown.factor
+
+    @property
+    def refined(self) -> float:
+        """The share of the rows at full resolution."""
+        if self.factor == 1.0:
+            return 1.0
+        return self._progress if self._coming and self._coming.factor == 1.0 else 0.0
+
+    @property
+    def sample_count(self) -> int:
+        """The number of full-resolution images in the shown mean."""
+        return self._sampling.count if self._sampling else int(self.factor == 1.0)
+
+    @property
+    def most_samples(self) -> int:
+        """The final `sample_count` at rest."""
+        settings = self._scene.settings
+        # The mean of hashed colors or of a heat map is the color of something else.
+        return SAMPLE_COUNT if settings.accumulate and settings.mode in AVERAGED_MODES else 1
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing is left to render until something changes."""
+        return self.refined == 1.0 and self.sample_count >= self.most_samples
+
+    @property
+    def _progress(self):
+        """The finished share of the coming picture."""
+        return self._coming.next_row / self._coming.height if self._coming else 0.0
+
+    def colored(self, surface):
+        """An export.Surface of the pose as it is now, with the colors that it has there."""
+        self._renderer.set_vertices(self._scene.solver.vertices)
+        self._pose = None  # to be taken anew
+        return with_colors(surface, self._renderer, self._scene.size)
+
+    def depth_image(self):
+        """The depths [h, w] of the last whole picture, at its own resolution; None before it."""
+        return self.shown.depth if self.shown.images else None
+
+    def color_image(self):
+        """The colors of the last whole picture, opacity as alpha.  [h, w, 4] uint8"""
+        if self._sampling and self._sampling.color is not None:
+            return self._sampling.color.numpy()
+        return np.concatenate([image.color_array() for image in self.shown.images])
+
+    # -- rendering -----------------------------------------------------------------------
+
+    def set_renderer(self, renderer) -> None:
+        """Take another renderer, of a field with the same mesh and levels."""
+        self._renderer = renderer
+        self._seen = self._pose = None
+
+    def update(self, camera, whole=False) -> None:
+        """Render what has changed since the last call, for a camera at full resolution.
+
+        If `whole`, all pixels are rendered at once, however long it takes, but each only once.
+        """
+        scene, settings = self._scene, self._scene.settings
+        seen = (
+            camera.camera_to_world.tobytes(),
+            (camera.lens, camera.parallel),
+            (scene.revision, settings.mode, settings.background),
+            (settings.fixed_resolution, self.most_samples),
+        )
+        self._renderer.stage.seconds = {} if settings.time_rendering else None
+        now = self._clock()
+        if seen != self._seen:
+            self._seen, self._changed_at = seen, now
+            if scene.revision != self._pose:
+                with self._times.part("render"):
+                    self._renderer.set_vertices(scene.solver.vertices)
+                self._pose = scene.revision
+            if whole or settings.fixed_resolution is not None:
+                self._render_at(1.0 if whole else settings.fixed_resolution, camera)
+            else:
+                self._render_moving(camera)
+        elif whole and self.refined < 1.0:
+            self._render_at(1.0, camera)
+        elif whole or now - self._changed_at < REST_SECONDS:
+            pass  # it may go on moving
+        elif self.refined < 1.0:
+            self._refine(camera)
+        elif not self.settled:
+            self._sample(camera)
+        if self._renderer.stage.seconds:
+            self._times.rendering = self._renderer.stage.seconds
+
+    def render_mean(self, moments) -> None:
+        """Render a film's frame on the device, the mean of whole images; `upload` shows it.
+
+        Args:
+            moments: Of each image the Camera, and the vertices [V, 3] or None: as they are.
+                The last one isn't shifted, and the depth is its.
+        """
+        scene, settings = self._scene, self._scene.settings
+        moments = moments if settings.mode in AVERAGED_MODES else moments[-1:]
+        seen = [settings.mode, settings.background, scene.revision]
+        for camera, vertices in moments:
+            pose = None if vertices is None else vertices.tobytes()
+            seen.append((camera.camera_to_world.tobytes(), camera.lens, pose))
+        if seen == self._seen:
+            return  # a frame in which nothing moves
+        self._seen = seen
+        options = RenderOptions(background=tuple(settings.background))
+        mean, count, depth_range = None, len(moments), scene.viewpoint.depth_range
+        for index, (camera, vertices) in enumerate(moments):
+            pose = scene.revision if vertices is None else object()
+            if pose != self._pose:
+                now = scene.solver.vertices if vertices is None else vertices
+                self._renderer.set_vertices(now)
+                self._pose = pose
+            camera = shifted(camera, count - 1 - index)
+            rows = 0, camera.height
+            image = render_mode(self._renderer, camera, settings.mode, options, rows, depth_range)
+            if count > 1:
+                mean = mean or RunningMean(camera.width, camera.height, self.device)
+                mean.add(image)
+        if mean is not None:
+            image = replace(image, color=mean.color(count))
+        wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
+        self._coming = self._picture(1.0, camera, self.shown.texture)
+        self._coming.add(image, 0.0)
+        self._sampling = None
+
+    def upload(self) -> None:
+        """Show what `render_mean` has rendered, if anything was new."""
+        if self._coming is None:
+            return
+        self.shown, self._coming = self._coming, None
+        self.shown.texture.write(self.shown.images[0])
+
+    def _render_moving(self, camera):
+        """Render at once, as well as the target frame rate allows."""
+        scene, moving, rung = self._scene, self._moving, self._moving.rung
+        # On CUDA, flip is the wait for the screen, and costs rendering nothing.
+        others = (*OTHER_PARTS, "flip") if self.device.is_cpu else OTHER_PARTS
+        moving.aim(scene.settings.target_fps, self._times.recent(others))
+        pixel = 1.0 / (rung.factor * pixels_per_unit(camera, scene.orbit.distance))
+        start = time.perf_counter()
+        self._render_at(rung.factor, camera, rung.savings(self._level_edges, pixel))
+        moving.measured(time.perf_counter() - start)
+
+    def _render_at(self, factor, camera, cheaper=None):
+        """Render a whole picture."""
+        picture = self._picture(factor, camera, self.shown.texture, cheaper)
+        self._add_rows(picture, camera, (0, picture.height))
+        self.shown, self._coming, self._sampling = picture, None, None
+        self.render_count += 1
+
+    def _refine(self, camera):
+        """Render the next strip of a finer picture; a whole one takes the shown one's place."""
+        if self._coming is None:
+            self._coming = self._picture(finer(self.factor), camera, self._spare)
+            self._spare = self._coming.texture
+        self._add_rows(self._coming, camera)
+        if self._coming.done:
+            self._spare = self.shown.texture
+            self.shown, self._coming = self._coming, None
+
+    def _sample(self, camera):
+        """Render the next strip of a shifted image; a whole one joins the mean."""
+        if self._sampling is None:
+            self._sampling = Sampling(self.shown, self.device)
+        camera = camera.resized(*self.shown.texture.size)  # at least 8 × 8, unlike the window
+        if self._sampling.step(camera, self._add_rows):
+            with self._times.part("upload"):
+                self.shown.texture.write_color(self._sampling.color)
+
+    def _picture(self, factor, camera, texture, cheaper=None):
+        """A picture without rows yet, in this texture if it fits."""
+        size = max(8, round(camera.width * factor)), max(8, round(camera.height * factor))
+        if texture is not None and texture.size != size:
+            texture.release()
+            texture = None
+        texture = texture or ImageTexture(self._ctx, size, self.device, self.path)
+        return Picture(size[1], factor, texture, cheaper or {})
+
+    def _add_rows(self, picture, camera, rows=None):
+        """Render rows of a picture, or its next strip; put them into its texture, if it has one."""
+        scene, start, rows = self._scene, time.perf_counter(), rows or picture.strip()
+        options = RenderOptions(background=tuple(scene.settings.background), **picture.cheaper)
+        if picture.texture is not None:
+            camera = camera.resized(*picture.texture.size)
+        with self._times.part("render"):
+            image = render_mode(
+                self._renderer,
+                camera,
+                scene.settings.mode,
+                options,
+                rows,
+                scene.viewpoint.depth_range,
+            )
+            wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
+        picture.add(image, time.perf_counter() - start)
+        if picture.texture is not None:
+            with self._times.part("upload"):
+                picture.texture.write(image, rows[0])
+
+    # -- OpenGL --------------------------------------------------------------------------
+
+    def draw(self, camera, clip_range) -> None:
+        """Draw color and depth into the framebuffer in use."""
+        scaled = self.shown.texture.size != (camera.width, camera.height)
+        smooth = scaled and self._scene.settings.mode in SMOOTH_MODES
+        self._triangle = self._triangle_for(smooth)
+        extent = np.array([camera.width, camera.height]) / camera.focal
+        gl.set_uniforms(
+            self._triangle.program,
+            field_color=0,
+            field_depth=1,
+            texel=camera.height / self.shown.height / camera.focal,
+            background=self._scene.settings.background,
+            squares=np.array([camera.width, camera.height]) / CHECKER_SIZE,
+            checkerboard=self._scene.settings.checkerboard,
+            transparent=self.transparent,
+            extent=extent,
+            axis=np.array(camera.lens.center) / [camera.width, camera.height],
+            parallel=camera.parallel,
+            camera_to_world=camera.camera_to_world,
+            **self._ground.uniforms(unit=2),
+            depth_terms=gl.depth_terms(*clip_range, camera.parallel),
+        )
+        part = self._object_part(camera) if smooth and self._is_plain else None
+        if part is not None:
+            background = np.round(255.0 * np.array(self._scene.settings.background)) / 255.0
+            self._ctx.clear(*background, 1.0, depth=1.0)
+            self._ctx.scissor = part
+        self._draw_triangle()
+        self._ctx.scissor = None
+
+    @property
+    def _is_plain(self):
+        """Whether the background is one color, and OpenGL perhaps as slow as the renderer."""
+        several = self._scene.settings.checkerboard or self._ground.shown or self.transparent
+        return self.device.is_cpu and not several
+
+    def _object_part(self, camera):
+        """Where the shown picture is more than background: x, y, width, height, y up [pixels]."""
+        opaque = self.color_image()[..., 3] > 0
+        rows, columns = (np.flatnonzero(opaque.any(axis=axis)) for axis in (1, 0))
+        if not len(rows):
+            return 0, 0, 1, 1
+        wide, high = np.array([camera.width, camera.height]) / opaque.shape[::-1]
+        left, right = (columns[0] - 1) * wide, (columns[-1] + 2) * wide
+        top, bottom = (rows[0] - 1) * high, (rows[-1] + 2) * high
+        x, y = max(int(left), 0), max(int(camera.height - bottom), 0)
+        return x, y, int(np.ceil(right)) - x, int(np.ceil(camera.height - top)) - y
+
+    def _triangle_for(self, smooth):
+        """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
+        wanted = ("SMOOTH", smooth), ("GROUND", self._ground.shown)
+        defines = tuple(name for name, is_wanted in wanted if is_wanted)
+        if defines not in self._triangles:
+            self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)
+        return self._triangles[defines]
+
+    def _draw_triangle(self):
+        self.shown.texture.color.use(0)
+        self.shown.texture.depth.use(1)
+        self._ctx.enable_only(moderngl.DEPTH_TEST)  # without the test nothing is written
+        self._ctx.depth_func = "1"  # always
+        self._triangle.render(moderngl.TRIANGLES)
+        self._ctx.depth_func = "<="
+
+    def draw_depth(self) -> None:
+        """Fill the framebuffer's depth again as `draw` did, without its colors."""
+        with gl.depth_only(self._ctx):
+            self._draw_triangle()
+
+    def release(self) -> None:
+        self._ground.release()
+        for triangle in self._triangles.values():
+            triangle.program.release()
+            triangle.release()
+        for texture in (self.shown.texture, self._spare):
+            if texture is not None:
+                texture.release()

@@ -1,0 +1,176 @@
+"""How many pixels are rendered: as many as there is time for while things move, all at rest.
+
+While things move, the factors are powers of √½ of the window's size, so that one step halves or
+doubles the pixels, and with them about the time.  Below about a third of the width a picture is
+a mosaic; before that, a slow renderer makes its rays take longer steps and leaves out levels
+finer than a pixel.  After a change the time has to leave a band around the target before the
+next one, or the picture would flicker between two.
+
+At rest finer pictures are rendered in strips of rows, so that the window answers meanwhile, up
+to the full resolution; and then images shifted by parts of a pixel, of which the mean is shown.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ...core.field import below_pixel
+from ...core.render import RunningMean, shifted
+from .upload import ImageTexture
+
+FACTORS = tuple(0.5 ** (0.5 * step) for step in range(7))  # 1 .. 0.125
+TOO_SLOW, FITS = 1.25, 1.1  # of the target: what leads to less, what more may be expected to take
+SMALLEST_SHARE = 0.4  # of a frame that rendering gets, whatever else takes time
+RECOGNIZABLE = 0.35  # the factor below which pixels are the last thing to save on
+STRIP_SECONDS = 0.045  # rendering a strip
+SMALLEST_STRIP = 4  # rows
+SAMPLE_COUNT = 16  # images whose mean is shown in the end
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A quality setting for rendering while things move."""
+
+    factor: float  # of the window's width and height
+    step_factor: float = 1.0  # RenderOptions.step_factor
+    spared_levels: int = 0  # so many levels may be left out, if they are finer than a pixel
+    cost: float = 1.0  # about the time, relative to the whole image in full quality
+
+    def savings(self, edges, pixel: float) -> dict:
+        """What it saves on besides pixels, as arguments of RenderOptions.
+
+        Args: the model's `level_edges` [L], and the width of a pixel where the object is.
+        """
+        saved = {} if self.step_factor == 1.0 else {"step_factor": self.step_factor}
+        spared = min(int(below_pixel(edges, pixel).sum()), self.spared_levels, len(edges) - 1)
+        return {**saved, "level_count": len(edges) - spared} if spared else saved
+
+
+# What the settings save and lose on two CPU cores, at 0.35 of 1200 × 800 of the bundled model:
+# 0.82 of the time at 50 dB, 0.75 at 46 dB, 0.71 at 45 dB.  Two levels less would be 38 dB.
+CHEAPER = ((1.4, 0, 0.82), (2.0, 0, 0.75), (2.0, 1, 0.71))
+
+
+def _rung(factor, step_factor=1.0, spared_levels=0, share=1.0):
+    return Rung(factor, step_factor, spared_levels, share * factor * factor)
+
+
+LADDER = tuple(map(_rung, FACTORS))
+_LARGE = [factor for factor in FACTORS if factor >= RECOGNIZABLE]
+CPU_LADDER = (
+    *map(_rung, _LARGE),
+    *(_rung(_LARGE[-1], *saving) for saving in CHEAPER),
+    *(_rung(factor, *CHEAPER[-1]) for factor in FACTORS[len(_LARGE) :]),
+)
+
+
+@dataclass
+class MovingResolution:
+    """Chooses the rung from the measured times of the frames drawn while things move."""
+
+    target_seconds: float
+    ladder: tuple[Rung, ...] = LADDER
+    step: int = 3
+    _patience: int = 0
+
+    @property
+    def rung(self) -> Rung:
+        return self.ladder[self.step]
+
+    def aim(self, target_fps: float, other_seconds: float) -> None:
+        """Leave rendering what everything else leaves of a frame, at so many frames a second."""
+        self.target_seconds = max(1.0 / target_fps - other_seconds, SMALLEST_SHARE / target_fps)
+
+    def measured(self, seconds: float) -> None:
+        """Take account of one frame that was rendered as the present rung says.
+
+        Too slow a frame leads down at once, by as many rungs as are needed; three frames in a
+        row with time to spare lead up by one.
+        """
+        while seconds > TOO_SLOW * self.target_seconds and self.step < len(self.ladder) - 1:
+            seconds *= self.ladder[self.step + 1].cost / self.rung.cost
+            self.step += 1
+            self._patience = 0
+        if self.step == 0:
+            return
+        expected = seconds * self.ladder[self.step - 1].cost / self.rung.cost
+        self._patience = self._patience + 1 if expected < FITS * self.target_seconds else 0
+        if self._patience == 3:
+            self.step -= 1
+            self._patience = 0
+
+
+def finer(factor: float) -> float:
+    """The factor to refine to: twice the pixels a side, or all of them if that is not far."""
+    return 2.0 * factor if 2.0 * factor < 0.75 else 1.0
+
+
+@dataclass
+class Picture:
+    """An image of the field, perhaps not all of its rows yet."""
+
+    height: int
+    factor: float = 1.0  # its size relative to the window's
+    texture: ImageTexture | None = None  # that its rows are put into
+    cheaper: dict = field(default_factory=dict)  # what it saves on, for RenderOptions
+    images: list = field(default_factory=list)  # the renderer's, from top to bottom
+    next_row: int = 0
+    seconds_per_row: float | None = None
+
+    @property
+    def done(self) -> bool:
+        return self.next_row >= self.height
+
+    @cached_property
+    def depth(self):
+        """The depths of a whole picture, on the host.  [height, w]"""
+        return np.concatenate([image.depth_array() for image in self.images])
+
+    def strip(self) -> tuple[int, int]:
+        """The next rows that take about STRIP_SECONDS: the first, and the one after the last."""
+        rows = SMALLEST_STRIP
+        if self.seconds_per_row is not None:
+            rows = max(rows, int(STRIP_SECONDS / max(self.seconds_per_row, 1e-9)))
+        return self.next_row, min(self.next_row + rows, self.height)
+
+    def add(self, image, seconds: float) -> None:
+        """Take the rows that follow, an Image of core/render, and how long they took."""
+        rows = image.color.shape[0]
+        self.images.append(image)
+        self.next_row += rows
+        self.seconds_per_row = seconds / rows
+
+
+class Sampling:
+    """The mean of a full image and shifted ones."""
+
+    def __init__(self, picture: Picture, device):
+        """Begin with a whole picture at the full resolution."""
+        self.count = 0  # whole images in the mean
+        self.color = None  # the mean, if it is of several images.  [H, W] vec4ub
+        self._mean = RunningMean(*picture.texture.size, device)
+        self._picture = picture  # that is being rendered, or the last one
+        self._add_images()
+
+    def step(self, camera, render) -> bool:
+        """Render a strip; whether an image is complete and `color` new.
+
+        `render` is called with a Picture and a camera, and adds the strip that follows.
+        """
+        if self._picture.done:
+            seconds_per_row = self._picture.seconds_per_row
+            self._picture = Picture(camera.height, seconds_per_row=seconds_per_row)
+        render(self._picture, shifted(camera, self.count))
+        if not self._picture.done:
+            return False
+        self._add_images()
+        self.color = self._mean.color(self.count)
+        return True
+
+    def _add_images(self):
+        row = 0
+        for image in self._picture.images:
+            self._mean.add(image, row)
+            row += image.color.shape[0]
+        self.count += 1

@@ -1,0 +1,339 @@
+"""Handles: the control points and pins that the mouse can take, and what it holds.
+
+Handles have ids: a number below V is a vertex, V + c is control point c.  Any of them can be
+grabbed, alone or with others that are selected, and pinned with what is around it.
+"""
+
+import math
+
+import numpy as np
+
+from ...core.deform import vertices_within
+from ..history import edit
+from .grabs import Grab, Motion, soft_springs
+from .points import ControlPoints, located, placed
+from .viewpoint import LONGEST_NAME
+
+PATCH_PART = 0.75  # of a soft grab's radius, that is pinned; beyond it, pulls are weak
+MOST_ADDED = 1000  # points that a user can add
+WIDEST = 2.0  # grab radius [object sizes]
+
+
+class Handles:
+    """What of a scene can be taken hold of, and is.
+
+    Attributes:
+        points: The control points, those that were added behind those of the start.
+        hover: The handle under the mouse, or None.
+        selected: Handles that move together, in the order in which they were chosen.
+        hidden: Handles that are neither drawn nor taken.
+        names: That the user gave, by handle.
+        grabbed: The drag in progress, or None.
+        patches: A number for the vertices that were pinned together; 0: none.  [V]
+    """
+
+    def __init__(self, scene, surface, near):
+        """Take a scene, points of its surface at rest [N, 3], and the vertices near it."""
+        self._scene = scene
+        self.journal = None  # of the scene, once it has one
+        mesh = scene.field.mesh
+        self._near = near
+        self.points = placed(surface, mesh.rest_vertices, mesh.tets, scene.size)
+        self.hover: int | None = None
+        self.selected: list[int] = []
+        self.hidden: list[int] = []
+        self.names: dict[int, str] = {}
+        self.grabbed: Grab | None = None
+        self.patches = np.zeros(mesh.vertex_count, int)
+
+    # -- where they are ------------------------------------------------------------------
+
+    def at(self, ids, positions=None):
+        """Where these handles are, for the vertices' positions [V, 3] or now.  [len(ids), 3]"""
+        positions = self._scene.positions if positions is None else positions
+        ids, count = np.asarray(ids, int), len(positions)
+        places = positions[np.where(ids < count, ids, 0)].astype(float)
+        of_points = ids >= count
+        if of_points.any():
+            places[of_points] = self.points.at(positions)[ids[of_points] - count]
+        return places
+
+    def exists(self, handle: int) -> bool:
+        return 0 <= handle < len(self._scene.pins) + len(self.points)
+
+    @property
+    def control_ids(self):
+        """What can be dragged: control points that are not pinned, and pins that were freed."""
+        pins, pinned = self._scene.pins, self._scene.solver.pinned
+        free = np.flatnonzero(self.points.share(pinned) < 0.5)
+        freed = self._near[pins[self._near] & ~pinned[self._near] & pinned.any()]
+        ids = np.concatenate([len(pins) + free, freed])
+        return ids[~np.isin(ids, self.hidden)] if self.hidden else ids
+
+    @property
+    def pin_ids(self):
+        """The pins that are drawn: those by the surface."""
+        return self._near[self._scene.solver.pinned[self._near]]
+
+    def corners(self, handle: int):
+        """The vertices that a handle is made of.  [1 or 4] ids"""
+        count = len(self._scene.pins)
+        return np.array([handle]) if handle < count else self.points.corners[handle - count]
+
+    def factors(self, ids):
+        """Factors of the stiffness at these control points.  [len(ids)]"""
+        factors, chosen = self._scene.body.factors, np.asarray(ids) - len(self._scene.pins)
+        return self.points.share(factors)[chosen]
+
+    def patch(self, handle: int, radius: float):
+        """The vertices that go with a handle: its own, and those within a radius at rest.  [K]"""
+        rest = self._scene.field.mesh.rest_vertices
+        (center,) = self.at([handle], rest)
+        return np.union1d(self.corners(handle), vertices_within(rest, center, radius))
+
+    # -- selection -----------------------------------------------------------------------
+
+    def select(self, ids, how: str = "replace") -> None:
+        """Change what is selected: replace, add, remove, intersect, or toggle."""
+        ids, old = [int(one) for one in ids], self.selected
+        kept = [one for one in old if one not in ids]
+        new = [one for one in ids if one not in old]
+        self._select(
+            {
+                "replace": ids,
+                "add": old + new,
+                "remove": kept,
+                "intersect": [one for one in old if one in ids],
+                "toggle": kept + new,
+            }[how]
+        )
+
+    @edit("select")
+    def _select(self, ids):
+        self.selected = [one for one in ids if self.exists(one)]
+
+    def hide(self) -> int:
+        """Hide the selected handles; returns how many that are."""
+        hidden = list(self.selected)
+        if hidden:
+            self._hide([*self.hidden, *hidden])
+            self._select([])
+        return len(hidden)
+
+    def unhide(self) -> None:
+        """Show all handles again."""
+        if self.hidden:
+            self._hide([])
+
+    @edit("hide", undo="hide points")
+    def _hide(self, ids):
+        self.hidden = sorted(set(ids))
+
+    @edit("name", undo="name", merges=True)
+    def name(self, vertex: int, text: str) -> None:
+        """Give a handle a name; an empty one takes it away."""
+        self.names = {key: value for key, value in self.names.items() if key != vertex}
+        if text:
+            self.names[vertex] = text[:LONGEST_NAME]
+
+    def title(self, handle: int) -> str:
+        """What a handle is called."""
+        return self.names.get(handle, f"vertex {handle}")
+
+    @property
+    def movable(self) -> list[int]:
+        """What is selected and can be dragged."""
+        free = set(self.control_ids.tolist())
+        return [one for one in self.selected if one in free]
+
+    # -- a drag --------------------------------------------------------------------------
+
+    def grab(self, handle: int) -> None:
+        """Take hold of a handle and of what is around it; of all that is selected, if it is."""
+        others = [one for one in self.movable if one != handle]
+        radius, soft = self._scene.grab_radius, self._scene.settings.soft_grab
+        if handle in self.selected and others:
+            self._grab_several(handle, others, radius, soft)
+        else:
+            self._grab(handle, radius, soft)
+
+    @edit("grab", undo="drag", begins=True)
+    def _grab(self, vertex, radius, soft):
+        self._hold([vertex], radius, soft)
+
+    @edit("grab_several", undo="drag", begins=True)
+    def _grab_several(self, vertex, others, radius, soft):
+        self._hold([vertex, *others], radius, soft)
+
+    def _hold(self, handles, radius, soft):
+        if not all(map(self.exists, handles)):
+            raise ValueError(f"there is no handle {max(handles)}")
+        self._scene.timeline.give_way()
+        solver = self._scene.solver
+        positions = solver.vertices.numpy().copy()
+        before = positions, solver.velocities.numpy().copy()
+        (start,) = self.at(handles[:1], positions)
+        yields = math.isfinite(self._scene.body.material.yield_strain)
+        lengths = solver.rest_lengths if yields else None
+        center = self.at(handles, positions).mean(axis=0)
+        motion = Motion(start, center - start)
+        self.grabbed = Grab(handles, soft, start, motion, motion, before, lengths)
+        self._attach(radius, positions)
+
+    def _attach(self, radius, positions):
+        """Hold what is within a radius of the handles, as it is now."""
+        grab, solver = self.grabbed, self._scene.solver
+        ids = np.unique(np.concatenate([self.patch(one, radius) for one in grab.handles]))
+        ids = ids[~solver.pinned[ids]]
+        if grab.soft:
+            rest = self._scene.field.mesh.rest_vertices
+            ids, springs = soft_springs(solver, self.at(grab.handles, rest), ids, radius)
+            solver.grab(ids, *springs)
+        else:
+            solver.grab(ids)
+        grab.ids, grab.radius = ids, radius
+        grab.offsets = grab.reached.undone(positions[ids])
+
+    def widen(self, factor: float) -> None:
+        """Hold more or less than until now, around the same handles."""
+        radius = self.grabbed.radius / self._scene.size * factor
+        smallest = 0.5 * self._scene.handle_radius / self._scene.size
+        self._scene.settings.grab_radius = min(max(radius, smallest), WIDEST)
+        self._widen(self._scene.grab_radius)
+
+    @edit("widen")
+    def _widen(self, radius):
+        if self.grabbed is not None:
+            solver = self._scene.solver
+            solver.release()
+            self._attach(radius, solver.vertices.numpy().copy())
+
+    def drag_to(self, target) -> None:
+        """Send the grabbed handle to a point [3]; exact grabs reach it in the next frame."""
+        self.grabbed.target = self.grabbed.target.moved(target)
+
+    def turn_to(self, rotation, scale: float) -> None:
+        """Turn and scale what is held about its center.
+
+        Args:
+            rotation: Axis times angle [radians], from how it was grabbed.  [3]
+        """
+        self.grabbed.target = self.grabbed.target.turned(rotation, scale)
+
+    @property
+    def behind(self) -> bool:
+        """Whether what is held is not yet where it was sent."""
+        return self.grabbed is not None and self.grabbed.target != self.grabbed.reached
+
+    def follow(self, share: float = 1.0) -> None:
+        """Move what is held by a part of the way to where it was sent."""
+        if self.behind:
+            motion = self.grabbed.reached.towards(self.grabbed.target, share)
+            if motion.plain and self.grabbed.reached.plain:
+                self._move(motion.place)
+            else:
+                self._transform(motion.place, motion.rotation, motion.scale)
+
+    @edit("move")
+    def _move(self, to):
+        if self.grabbed is not None:
+            self._reach(self.grabbed.reached.moved(to))
+
+    @edit("transform")
+    def _transform(self, to, rotation, scale):
+        if self.grabbed is not None:
+            self._reach(self.grabbed.reached.moved(to).turned(rotation, scale))
+
+    def _reach(self, motion):
+        self.grabbed.reached = motion
+        self._scene.solver.move(motion.applied(self.grabbed.offsets))
+
+    @edit("release")
+    def release(self) -> None:
+        if self.grabbed is not None:
+            self._scene.solver.release()
+            self.grabbed = None
+
+    @edit("cancel")
+    def cancel(self) -> None:
+        """Let go, and restore the pose and velocities from before the grab."""
+        scene, grab = self._scene, self.grabbed
+        self.release()
+        if grab is None:
+            return
+        scene.journal.forget_step("drag")
+        scene.solver.set_state(*grab.before)
+        if grab.rest_lengths is not None:
+            scene.solver.set_rest_lengths(grab.rest_lengths)
+        scene.revision += 1
+
+    # -- pins ----------------------------------------------------------------------------
+
+    @property
+    def _pin_radius(self):
+        return self._scene.grab_radius * (PATCH_PART if self._scene.settings.soft_grab else 1.0)
+
+    def pin_grab(self) -> None:
+        """Let go, and pin the patch that was held where it is."""
+        self._pin_grab(self._pin_radius)
+
+    @edit("pin_grab", undo="pin what was held")
+    def _pin_grab(self, radius):
+        grab = self.grabbed
+        self.release()
+        if grab is not None:
+            for handle in grab.handles:
+                self._set_pin(handle, True, radius)
+
+    def set_pin(self, handle: int, pinned: bool) -> None:
+        """Pin a handle and its patch where they are; or free it, and what was pinned with it."""
+        self._set_pin(handle, pinned, self._pin_radius)
+
+    @edit("set_pin", undo="pins")
+    def _set_pin(self, vertex, pinned, radius):
+        if not self.exists(vertex):
+            raise ValueError(f"there is no handle {vertex}")
+        scene = self._scene
+        pins = scene.solver.pinned.copy()
+        if pinned:
+            patch = self.patch(vertex, radius)
+            patch = patch[~pins[patch]]
+            self.patches[patch] = self.patches.max() + 1
+            pins[patch] = True
+        else:
+            number = self.patches[self.corners(vertex)].max()
+            patch = self.patches == number if number else self.corners(vertex)
+            pins[patch], self.patches[patch] = False, 0
+        scene.solver.set_pinned(pins)
+        self.hover = None
+        scene.keep_in_sight()
+
+    # -- more points ---------------------------------------------------------------------
+
+    def add_point(self, place) -> int:
+        """Make a control point at a place of the surface as it is now [3]; returns its id."""
+        tets = self._scene.field.mesh.tets
+        point = located([place], self._scene.solver.vertices.numpy(), tets)
+        self._add_point(point.corners[0], point.weights[0])
+        return len(self._scene.pins) + len(self.points) - 1
+
+    @edit("add_point", undo="new point")
+    def _add_point(self, corners, weights):
+        if len(self.points) >= MOST_ADDED:
+            raise ValueError(f"{MOST_ADDED} control points are the most")
+        weights = np.array(weights, float).reshape(1, 4)
+        self.points = self.points.joined(ControlPoints(np.array(corners).reshape(1, 4), weights))
+
+    # -- undo ----------------------------------------------------------------------------
+
+    def state(self) -> dict:
+        """What edits change, besides pins."""
+        kept = {name: getattr(self, name) for name in ("points", "hidden", "names")}
+        return kept | {"patches": self.patches.copy()}
+
+    def restore(self, state: dict) -> None:
+        """Return to a state."""
+        vars(self).update(state)
+        self.patches = self.patches.copy()
+        self.selected = [one for one in self.selected if self.exists(one)]
+        self.hover = None

@@ -1,0 +1,291 @@
+"""The object in the view, without OpenGL: its pose, pins, and the user's drag.
+
+The solver always steps by 1/60 s, since another length would make it compute its coefficients
+anew; a frame takes as many steps as fit in it.  Positions are model space, V vertices.
+"""
+
+from dataclasses import asdict
+from functools import partial
+
+import numpy as np
+
+from ...core.deform import TIME_STEP, Sphere, falloff, lowest_pins, vertices_within
+from ..history import Journal, edit, is_nothing, restore, state_of
+from ..settings import CPU_TARGET_FPS, SHOWN, Settings
+from ..timeline import Timeline
+from .body import Body, stored_size
+from .grabs import Ball
+from .handles import Handles
+from .surface import bounds, nearest_vertices, of_the_object
+from .viewpoint import Viewpoint
+
+MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
+VISIBLE = 5e-4  # object sizes, half a pixel in the first view
+SMALLEST_BALL = 0.02  # object sizes
+PINNED_PART = 0.05  # of the object's height
+HANDLE_RADIUS = 0.0135  # of its size
+
+
+class Scene:
+    """An object that can be bent."""
+
+    def __init__(self, field, name: str, device: str, surface=None, meters=None, steady=None):
+        """Take a field at rest.
+
+        Args:
+            surface: Points that can be seen, by default its vertices.  [N, 3]
+            steady: Which of them are on the surface for sure, by default all.  [N] bool
+            meters: The longest side of what can be seen; by default what the model says, else
+                one unit is a meter.
+        """
+        self.field = field
+        self.name = name
+        self.settings = Settings()
+        if device == "cpu":
+            self.settings.target_fps = CPU_TARGET_FPS
+        rest, tets = field.mesh.rest_vertices, field.mesh.tets
+        self._surface = rest if surface is None else surface
+        low, high = bounds(self._surface)
+        self.floor = float(self._surface[:, 2].min())  # where a ground is put
+        self.center = 0.5 * (low + high)
+        self.size = float((high - low).max())
+        self.handle_radius = HANDLE_RADIUS * self.size
+        self.handle_bias = 2.5 * self.handle_radius  # a handle so far behind the surface is visible
+        # The pins of a held object [V] bool.  The mesh's lowest vertices may be specks below it.
+        self.pins = lowest_pins(rest, tets)
+        self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
+        meters = stored_size(field.meta) if meters is None else meters
+        factors = None if field.stiffness is None else field.stiffness.astype(float)
+        self.body = Body(rest, tets, self.pins, self.size, meters, device, factors)
+        self.solver = self.body.solver
+        self._nearest = nearest_vertices(self._surface, rest)  # [N], of each point
+        of_object = of_the_object(rest, tets)  # [V]
+        near = np.unique(self._nearest)
+        self._near = near[of_object[near]]
+        chosen = of_object[self._nearest] & (True if steady is None else steady)
+        points = self._surface[chosen if chosen.any() else slice(None)]
+        self.handles = Handles(self, points, self._near)
+        self.ball: Ball | None = None
+        self._paused = False
+        self.revision = 0  # counts the changes of the pose
+        self._time = 0.0  # s that frames have lasted and no step has covered
+        self._host = None  # the revision, and its positions
+        self.viewpoint = Viewpoint(self)
+        self.timeline = Timeline(self)
+        self.journal = Journal(*(partial(act, self) for act in (state_of, restore, is_nothing)))
+        for owner in (self.body, self.handles, self.viewpoint, self.timeline):
+            owner.journal = self.journal
+        self.first_state = state_of(self)
+
+    # -- pose ----------------------------------------------------------------------------
+
+    @property
+    def positions(self):
+        """The current vertices on the host.  [V, 3] float32"""
+        if self._host is None or self._host[0] != self.revision:
+            self._host = self.revision, np.array(self.solver.vertices.numpy())
+        return self._host[1]
+
+    @property
+    def seen_points(self):
+        """Points of the visible surface, as it is now.  [N, 3]"""
+        moved = self.positions - self.field.mesh.rest_vertices
+        return self._surface + moved[self._nearest]
+
+    @property
+    def orbit(self):
+        """The camera, an Orbit."""
+        return self.viewpoint.orbit
+
+    @orbit.setter
+    def orbit(self, orbit):
+        self.viewpoint.orbit = orbit
+
+    @property
+    def moving(self) -> bool:
+        """Whether time changes the pose."""
+        return self.timeline.playing or self._steps
+
+    @property
+    def _steps(self):
+        return not self.paused and not (self.solver.settled and not self._pushes)
+
+    @property
+    def _pushes(self):
+        """Whether the ball is on its way."""
+        return self.ball is not None and bool((self.ball.target != self.ball.reached).any())
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass; the object moves unless it rests or is paused."""
+        self.note_view()
+        self._time += seconds
+        count = min(round(self._time / TIME_STEP), MAX_STEPS)
+        self._time = min(self._time - count * TIME_STEP, TIME_STEP)
+        ball = self.ball
+        for remaining in range(count, 0, -1):  # each tick takes its part of the way
+            if not self.paused:
+                self.handles.follow(1.0 / remaining)
+            if self._pushes and not self.paused:
+                self._move_ball(ball.reached + (ball.target - ball.reached) / remaining)
+            self.tick()
+        self.look()
+
+    def tick(self) -> None:
+        """Let a tick pass: a step, if the object moves and isn't moved by the timeline."""
+        if not self.timeline.advance() and self._steps:
+            self.solver.step(TIME_STEP)
+        self.journal.tick += 1
+
+    def note_view(self, always: bool = False) -> None:
+        """Let the journal know of the camera and of the way to show the object."""
+        shown = {name: getattr(self.settings, name) for name in SHOWN}
+        self.journal.note_view(asdict(self.orbit) | shown, always)
+
+    def look(self, least=VISIBLE) -> None:
+        """Take notice of the pose: it has changed if it differs by more than that [sizes]."""
+        now = self.solver.vertices.numpy()
+        if abs(now - self.positions).max() > least * self.size:
+            self.revision += 1
+            self._host = self.revision, now.copy()
+
+    @property
+    def paused(self) -> bool:
+        """Whether time is stopped."""
+        return self._paused
+
+    @paused.setter
+    def paused(self, paused: bool):
+        self._pause(paused)
+
+    @edit("pause")
+    def _pause(self, on):
+        self._paused = on
+        self.timeline.stands = False
+
+    def single_step(self) -> None:
+        """Pause, and take one step."""
+        self.paused = True
+        self.handles.follow()
+        if self.ball is not None:
+            self._move_ball(self.ball.target)
+        self._single_step()
+        self.look()
+
+    @edit("single_step")
+    def _single_step(self):
+        self.solver.step(TIME_STEP)
+
+    @edit("reset", undo="reset")
+    def reset(self) -> None:
+        """Back to the rest pose with all its pins, nothing grabbed."""
+        self.timeline.stop()
+        self.handles.release()
+        self.end_push()
+        self.solver.reset()
+        if self.held and not self.solver.pinned[self.pins].all():  # some were freed
+            self.solver.set_pinned(self.solver.pinned | self.pins)
+        self.revision += 1
+
+    # -- stiffness -----------------------------------------------------------------------
+
+    def paint(self, point, factor) -> None:
+        """Multiply the stiffness around a point of the surface as it is now [3]."""
+        near = self.solver.vertices.numpy()[self._near] - np.asarray(point, float)
+        vertex = int(self._near[(near**2).sum(axis=1).argmin()])
+        self._paint(vertex, factor, self.grab_radius)
+
+    @edit("paint", undo="paint", merges=True)
+    def _paint(self, vertex, factor, radius):
+        rest = self.field.mesh.rest_vertices
+        ids = vertices_within(rest, vertex, radius)
+        self.body.paint(ids, falloff(rest, vertex, ids, radius), factor)
+
+    # -- the ball ------------------------------------------------------------------------
+
+    def push(self, point, towards_eye) -> None:
+        """Put a ball before a point of the surface [3], in a direction [3]."""
+        self._push(point, towards_eye, max(self.grab_radius, SMALLEST_BALL * self.size))
+
+    @edit("push", undo="push with the ball", begins=True)
+    def _push(self, point, towards_eye, radius):
+        center = np.asarray(point, float) + radius * np.asarray(towards_eye)
+        self.ball = Ball(radius, center, center)
+        self.body.set_options(colliders=(Sphere(tuple(center), radius),))
+
+    def push_to(self, center) -> None:
+        """Send the ball's center to a point [3], which it reaches in the next frame."""
+        self.ball.target = np.asarray(center, float)
+
+    @edit("move_ball")
+    def _move_ball(self, to):
+        """Move the ball in the next step."""
+        if self.ball is not None:
+            self.ball.reached = np.asarray(to, float)
+            self.solver.move_colliders(self.ball.reached[None])
+
+    @edit("end_push")
+    def end_push(self) -> None:
+        """Take the ball away."""
+        if self.ball is not None:
+            self.ball = None
+            self.body.set_options(colliders=())
+
+    # -- the object ----------------------------------------------------------------------
+
+    @property
+    def held(self) -> bool:
+        """Whether anything is pinned."""
+        return bool(self.solver.pinned.any())
+
+    @edit("hold", undo="hold")
+    def hold(self, held: bool) -> None:
+        """Pin the lowest part of the object where it is, or let all of it float."""
+        self.solver.set_pinned((self.pins | self.solver.pinned) & held)
+        self.handles.patches[:] = 0
+        self.keep_in_sight()
+
+    @property
+    def grab_radius(self) -> float:
+        """Within which vertices move together [model units]."""
+        return self.settings.grab_radius * self.size
+
+    # -- what surrounds it ---------------------------------------------------------------
+
+    @property
+    def on_ground(self) -> bool:
+        return self.solver.options.ground is not None
+
+    def set_ground(self, on: bool) -> None:
+        """Put a ground under the visible object at rest, or take it away."""
+        self._set_ground(self.floor if on else None)
+
+    @edit("set_ground", undo="ground")
+    def _set_ground(self, height):
+        self.body.set_options(ground=height)
+
+    @edit("set_gravity", undo="gravity", merges=True)
+    def set_gravity(self, strength: float) -> None:
+        """Set gravity, downwards [m/s²]."""
+        self.body.set_gravity(strength)
+        self.keep_in_sight()
+
+    def keep_in_sight(self):
+        """Put a ground under an object that falls and is not held: it would leave the view."""
+        if self.body.gravity > 0.0 and not self.held and not self.on_ground:
+            self.set_ground(True)
+
+    # -- undo ----------------------------------------------------------------------------
+
+    @edit("undo")
+    def undo(self) -> bool:
+        """Take back the last step; whether there was one."""
+        self.handles.release()
+        self.end_push()
+        return self.journal.undo()
+
+    @edit("redo")
+    def redo(self) -> bool:
+        """Do again what was undone last; whether there was something."""
+        self.handles.release()
+        self.end_push()
+        return self.journal.redo()

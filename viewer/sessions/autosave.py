@@ -1,0 +1,114 @@
+"""The session as it goes, kept in the user's folder: after a crash it can be played again.
+
+The file is written some seconds after the first edit, grows by what is done later, and is
+removed when the viewer ends in order.  One that stays belongs to a run that did not.
+"""
+
+import json
+import os
+import time
+from pathlib import Path
+
+from platformdirs import user_state_path
+
+from .session import append_events, mesh_hash, save_session
+
+SECONDS = 5.0  # between two looks for edits
+SHARE = 0.02  # of the time that writing may take
+ABANDONED = 60.0  # s without a sign of life
+
+
+def autosave_folder() -> Path:
+    """Where the sessions of this user are kept."""
+    return user_state_path("deformrf") / "sessions"
+
+
+class Autosave:
+    """Keeps the session of one scene in a file."""
+
+    def __init__(self, scene, start: dict, kept_in: Path, clock=time.monotonic):
+        """Take a scene that had this `start` (session.start_of), and a folder."""
+        self.path = kept_in / f"{scene.name}-{os.getpid()}-{time.time_ns()}.jsonl"
+        self.failed = False  # a full disk: it is not tried again
+        self._scene, self._start, self._clock = scene, start, clock
+        self._saved = len(scene.journal.events)  # so many need no saving
+        self._written = 0  # events that the file has
+        self._next = clock() + SECONDS
+
+    def update(self) -> str:
+        """Called in every frame: write the file if it is time and something was done.
+
+        Returns:
+            What went wrong, said once; else an empty string.
+        """
+        now = self._clock()
+        if now < self._next or self.failed:
+            return ""
+        self._next = now + SECONDS
+        try:
+            if self._has_news():
+                self.save()
+            elif self.path.exists():
+                os.utime(self.path)
+        except (OSError, ValueError) as error:
+            self.failed = True
+            return f"what you do can't be kept in {self.path.parent}: {error}"
+        self._next += (self._clock() - now) / SHARE
+        return ""
+
+    def save(self) -> None:
+        """Write the file now.
+
+        Raises:
+            OSError: It can't be written.
+        """
+        count = len(self._scene.journal.events)
+        if 0 < self._written <= count and self.path.exists():
+            append_events(self._scene, self.path, self._written)
+        else:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            save_session(self._scene, self._start, self.path)
+        self._saved = self._written = count
+
+    def _has_news(self):
+        """Whether something was done since, but for views."""
+        events = self._scene.journal.events
+        saved = self._saved if self._saved <= len(events) else 0  # another session has begun
+        return any(event.name != "view" for event in events[saved:])
+
+    def end(self) -> None:
+        """The viewer ends in order: the file is not needed."""
+        try:
+            self.path.unlink(missing_ok=True)
+        except OSError:
+            pass  # it will be offered once
+
+
+def left_behind(kept_in: Path, mesh) -> Path | None:
+    """The newest session of this mesh whose viewer did not end in order; None if there is none."""
+    rest, found = mesh_hash(mesh), []
+    for path in kept_in.glob("*.jsonl"):
+        try:
+            with open(path, encoding="utf-8") as file:
+                header = json.loads(file.readline(2**24))
+            if isinstance(header, dict) and header.get("rest") == rest and not _runs(path):
+                found.append((path.stat().st_mtime, path))
+        except (OSError, ValueError, RecursionError):
+            pass  # what can't be read is not offered
+    return max(found)[1] if found else None
+
+
+def _runs(path) -> bool:
+    """Whether the viewer that writes a file is running."""
+    if time.time() - path.stat().st_mtime > ABANDONED:
+        return False  # a viewer touches its file every few seconds
+    if os.name != "posix":  # there, asking for a process could end it
+        return True
+    try:
+        writer = int(path.stem.split("-")[-2])
+        os.kill(writer, 0)
+    except (ProcessLookupError, ValueError, IndexError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return writer != os.getpid()  # ours is new: another run of before had the same number

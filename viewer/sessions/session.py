@@ -1,0 +1,301 @@
+"""Session files: what was done to a model, to be played again.
+
+A session is JSON, one object a line.  The first line says what it is:
+
+    {"deformrf session": 1, "model": "helmet", "vertices": 1611, "tets": 5339,
+     "rest": "<SHA-256 of the rest vertices and tets>", "device": "cpu", "ticks": 600,
+     "start": {"young_modulus": 1e6, ..., "meters": 1.0}}
+
+Each other line is an event: the number of ticks (1/60 s of the object's time) that had passed,
+the edit, and its arguments (journal.py; docs/session-format.md lists them):
+
+    [12, "grab", {"vertex": 407, "radius": 0.08, "soft": false}]
+
+Nothing in a file is trusted: names, kinds and ranges are checked before anything is played.
+"""
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from ...core.paths import program_version, whole_file
+from ..camera import changed
+from ..history import EDITS, Event
+from ..scene import (
+    ControlPoints,
+    Scene,  # its methods and those of its objects are the edits
+)
+from .session_values import ANY_NAMES, MATERIAL, OPTIONS, ORBIT, START, VIEW, is_good, is_number
+
+KEY, VERSION = "deformrf session", 1
+LARGEST_FILE = 512 * 2**20  # bytes
+LONGEST = 24 * 3600 * 60  # ticks: a day
+MOST_EVENTS = 2_000_000
+
+
+class SessionError(ValueError):
+    """A file is no session, or not one of this model; the message is one sentence."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """A session that was read."""
+
+    header: dict
+    events: list[Event]
+
+    @property
+    def ticks(self) -> int:
+        """Its length."""
+        last = self.events[-1].tick if self.events else 0
+        return max(last, self.header.get("ticks", 0))
+
+
+def mesh_hash(mesh) -> str:
+    """A number for the shape of a mesh at rest: SHA-256, hexadecimal."""
+    parts = mesh.rest_vertices.astype("<f4"), mesh.tets.astype("<i4")
+    return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
+
+
+def factor_hash(factors) -> str:
+    """A number for the stiffnesses that a model has: SHA-256, hexadecimal."""
+    return hashlib.sha256(np.asarray(factors, "<f4").tobytes()).hexdigest()
+
+
+def start_of(scene: Scene) -> dict:
+    """What a session begins with, so that other defaults change nothing when it is played."""
+    body, options = scene.body, scene.solver.options
+    material = {name: _finite(value) for name, value in asdict(body.material).items()}
+    return material | {
+        "meters_per_unit": body.meters_per_unit,
+        "substep_count": options.substep_count,
+        "contact": options.contact,
+        "pins": np.flatnonzero(scene.pins).tolist(),
+        "points": scene.handles.points.rows(),
+        "floor": scene.floor,
+        "stiffness": None if scene.field.stiffness is None else factor_hash(scene.field.stiffness),
+    }
+
+
+def save_session(scene, start: dict, path: Path) -> Path:
+    """Write what was done to a scene since it had this `start`.
+
+    Raises:
+        OSError: The file can't be written; one that was there before stays.
+    """
+    mesh = scene.field.mesh
+    header = {
+        KEY: VERSION,
+        "program": program_version(),
+        "model": scene.name,
+        "vertices": mesh.vertex_count,
+        "tets": mesh.tet_count,
+        "rest": mesh_hash(mesh),
+        "device": str(scene.solver.device),
+        "ticks": scene.journal.tick,
+        "start": start,
+    }
+    with whole_file(Path(path)) as partial, open(partial, "w", encoding="utf-8") as file:
+        file.write(_lines([header, *scene.journal.events]))
+    return Path(path)
+
+
+def append_events(scene, path: Path, written: int) -> None:
+    """Add the events behind the first `written` ones to a session's file.
+
+    Raises:
+        OSError: The file can't be written.
+    """
+    with open(path, "a", encoding="utf-8") as file:
+        file.write(_lines(scene.journal.events[written:]))
+
+
+def _lines(entries) -> str:
+    return "".join(
+        json.dumps(_finite_all(entry), separators=(", ", ": "), allow_nan=False) + "\n"
+        for entry in entries
+    )
+
+
+def load_session(path: Path, field, whole: bool = True) -> Session:
+    """Read and check a session of a model.
+
+    Args:
+        whole: False if its writer may have been stopped in the middle of the last line, which
+            is left out then.
+
+    Raises:
+        SessionError: The file is no session, is damaged, or is one of another mesh.
+        OSError: It can't be read.
+    """
+    path = Path(path)
+    if path.stat().st_size > LARGEST_FILE:
+        raise SessionError(f"{path} is larger than {LARGEST_FILE >> 20} MiB")
+    try:
+        with open(path, encoding="utf-8") as file:
+            header = _parsed(path, 1, file.readline())
+            _check_header(path, header, field.mesh)
+            events = []
+            for number, line in enumerate(file, start=2):
+                if not whole and not line.endswith("\n"):
+                    break
+                if number > MOST_EVENTS:
+                    raise SessionError(f"{path} has more than {MOST_EVENTS:,} events")
+                parsed = _parsed(path, number, line)
+                events.append(_event(path, number, parsed, field.mesh.vertex_count))
+    except UnicodeDecodeError as error:
+        raise SessionError(f"{path} is not a session: it is not text") from error
+    if any(a.tick > b.tick for a, b in pairwise(events)):
+        raise SessionError(f"{path}: its events are not in order")
+    return Session(header, events)
+
+
+def _parsed(path, number, line):
+    try:
+        return json.loads(line, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise SessionError(f"{path}, line {number} is not JSON") from error
+
+
+def _refuse(name):
+    raise ValueError(name)
+
+
+def _check_header(path, header, mesh):
+    if not isinstance(header, dict) or KEY not in header:
+        raise SessionError(f"{path} is not a session: its first line doesn't say so")
+    if header[KEY] != VERSION:
+        raise SessionError(f"{path} has version {header[KEY]!r}; this program reads {VERSION}")
+    if header.get("rest") != mesh_hash(mesh):
+        name = header.get("model")
+        raise SessionError(
+            f"{path} is a session of another mesh ({name!r}, {header.get('tets')!r} tets), not of "
+            f"this one of {mesh.tet_count} tets"
+        )
+    start, ticks = header.get("start"), header.get("ticks")
+    if not isinstance(start, dict) or not is_number(ticks, 0, LONGEST, int):
+        raise SessionError(f"{path}: its first line lacks 'start' or 'ticks'")
+    _check(path, 1, "start", start, mesh.vertex_count)
+
+
+# -- events ------------------------------------------------------------------------------------
+
+
+def _event(path, number, line, vertex_count) -> Event:
+    place = f"{path}, line {number}"
+    if not (isinstance(line, list) and len(line) == 3):
+        raise SessionError(f"{place} is not [tick, name, arguments]")
+    tick, name, arguments = line
+    if not is_number(tick, 0, LONGEST, int):
+        raise SessionError(f"{place} has the tick {tick!r}")
+    if not isinstance(name, str) or (name != "view" and name not in EDITS):
+        raise SessionError(f"{place} has the unknown edit {name!r}")
+    if not isinstance(arguments, dict):
+        raise SessionError(f"{place}: the arguments of {name} are not in braces")
+    if name != "view" and not EDITS[name].any_names:
+        missing = set(EDITS[name].parameters) - set(arguments)
+        if missing:
+            raise SessionError(f"{place}: {name} lacks {', '.join(sorted(missing))}")
+    _check(path, number, name, arguments, vertex_count)
+    return Event(tick, name, arguments)
+
+
+def _check(path, number, name, arguments, vertex_count):
+    """Raise a SessionError if an edit has an argument that it can't have."""
+    if name == "start":
+        known = (*MATERIAL, *OPTIONS, *START)
+    elif name == "view":
+        known = VIEW
+    else:
+        known = ANY_NAMES.get(name, EDITS[name].parameters)
+    for key, value in arguments.items():
+        good = key in known and is_good(name, key, value, vertex_count)
+        if not good:
+            raise SessionError(f"{path}, line {number}: {name} can't have {key} = {value!r}"[:300])
+
+
+# -- playing -----------------------------------------------------------------------------------
+
+
+class Player:
+    """Plays a session on a scene at rest, tick by tick."""
+
+    def __init__(self, scene: Scene, session: Session):
+        self.scene, self.session = scene, session
+        self._made = 0  # events
+        start = start_of(scene) | session.header["start"]
+        if start["stiffness"] != start_of(scene)["stiffness"]:
+            raise SessionError("the session is of a copy of this model with other stiffnesses")
+        if start != start_of(scene):
+            start.pop("stiffness")
+            scene.floor = start.pop("floor")
+            scene.handles.points = ControlPoints.of_rows(start.pop("points"))
+            scene.pins = np.isin(np.arange(len(scene.pins)), start.pop("pins"))
+            scene.solver.set_pinned(scene.pins)
+            scene.body.set_scale(start.pop("meters_per_unit"))
+            scene.body.set_options(**{name: start.pop(name) for name in OPTIONS})
+            scene.body.set_material(**_infinite(start))
+            scene.solver.reset()  # it sleeps, as it did when the session began
+            scene.journal.clear()
+
+    def play_to(self, tick: int) -> None:
+        """Let time pass until so many ticks have passed; edits of that tick are made, too."""
+        journal, events = self.scene.journal, self.session.events
+        while True:
+            while self._made < len(events) and events[self._made].tick <= journal.tick:
+                self._make(events[self._made])
+                self._made += 1
+            if journal.tick >= tick:
+                break
+            self.scene.tick()
+        self.scene.look(0.0)
+
+    def _make(self, event):
+        scene = self.scene
+        if event.name == "view":
+            self._show(event.arguments)
+            return
+        made = EDITS[event.name]
+        arguments = event.arguments
+        if event.name == "set_material":
+            arguments = _infinite(arguments)
+        try:
+            owner = getattr(scene, made.owner) if made.owner else scene
+            getattr(owner, made.method)(**arguments)
+        except ValueError as error:
+            place = f"at tick {event.tick}, {event.name} can't be played"
+            raise SessionError(f"the session is damaged: {place} ({error})") from error
+        if scene.handles.grabbed is not None:
+            scene.handles.grabbed.target = scene.handles.grabbed.reached
+        if scene.ball is not None:
+            scene.ball.target = scene.ball.reached
+
+    def _show(self, view):
+        scene = self.scene
+        scene.orbit = changed(scene.orbit, {name: view[name] for name in ORBIT if name in view})
+        for name in set(view) - set(ORBIT):
+            value = tuple(view[name]) if name == "background" else view[name]
+            setattr(scene.settings, name, value)
+        scene.note_view()
+
+
+def _finite(value):
+    """JSON has no infinity; what can be infinite is then None."""
+    return None if isinstance(value, float) and math.isinf(value) else value
+
+
+def _finite_all(value):
+    if isinstance(value, dict):
+        return {key: _finite_all(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite_all(one) for one in value]
+    return _finite(value)
+
+
+def _infinite(material):
+    return {name: math.inf if value is None else value for name, value in material.items()}
