@@ -1,5 +1,7 @@
 """Selections, and drags that move, turn or scale them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,8 @@ from deformrf.viewer.camera import picking
 from deformrf.viewer.input import controls as c
 from deformrf.viewer.input import drags
 from deformrf.viewer.scene import Scene, rotation_matrix, rotation_vector
+from deformrf.viewer.scene.grabs import Motion
+from deformrf.viewer.settings import GRAB_RADII
 
 SIZE = 320, 240
 
@@ -262,3 +266,57 @@ def test_rotation_vectors_are_those_of_their_matrices():
         for angle in (0.0, 1e-9, *random.uniform(0.0, np.pi, 3), np.pi):
             again = rotation_matrix(rotation_vector(rotation_matrix(angle * axis)))
             np.testing.assert_allclose(again, rotation_matrix(angle * axis), atol=2e-6)
+
+
+def test_p_pins_all_that_is_selected_in_one_step_and_frees_it_again(controls, scene):
+    """Neighbors, too: the first one's patch takes in the second."""
+    scene.settings.grab_radius = 0.3
+    ids = [int(i) for i in scene.handles.control_ids[:3]]
+    before = scene.solver.pinned.copy()
+    scene.handles.select(ids)
+    controls.pin()
+    corners = np.concatenate([scene.handles.corners(one) for one in ids])
+    assert scene.solver.pinned[corners].all()
+    assert [step.label for step in scene.journal.steps] == ["pins"]
+    controls.pin()
+    assert not scene.solver.pinned[corners[~before[corners]]].any()
+    pair = np.flatnonzero(scene.pins)[:2]
+    scene.handles.set_pins(pair.tolist(), False)
+    scene.handles.select(pair.tolist())
+    controls.pin()
+    assert scene.solver.pinned[pair].all()
+
+
+def test_an_axis_that_points_at_the_eye_throws_nothing(controls, scene):
+    """A pixel there would be many sizes of the object along it."""
+    scene.orbit = replace(scene.orbit, yaw=0.0, pitch=0.0)
+    vertex = front_vertex(controls)
+    press = pixel_of(controls, vertex)
+    controls.press(press, "left")
+    controls.drag(press + np.array([5.0, 0.0]), 5, 0)
+    controls.along(1)
+    for way in range(-40, 41, 5):
+        controls.drag(press + np.array([float(way), 0.5]), 1, 0)
+        away = scene.handles.grabbed.target.place - scene.handles.grabbed.start
+        assert abs(away).max() <= drags.FARTHEST_DRAG * scene.size
+
+
+def test_half_a_turn_goes_on_the_shorter_way():
+    """Over several ticks of a frame, from just before half a turn to just behind it."""
+    first = Motion(np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 3.1]))
+    last = first.turned([0.0, 0.0, -3.1], 1.0)
+    for share in (0.25, 0.5, 0.75):
+        turned = rotation_matrix(first.towards(last, share).rotation)
+        expected = rotation_matrix([0.0, 0.0, 3.1 + share * (2 * np.pi - 6.2)])
+        np.testing.assert_allclose(turned, expected, atol=1e-5)
+
+
+def test_esc_gives_the_grab_radius_back_that_the_wheel_widened(controls, scene):
+    scene.settings.grab_radius = 0.1
+    press = pixel_of(controls, front_vertex(controls))
+    controls.press(press, "left")
+    controls.drag(press + np.array([5.0, 0.0]), 5, 0)
+    controls.scroll(press, 30)
+    assert scene.settings.grab_radius == pytest.approx(GRAB_RADII[1])
+    controls.cancel()
+    assert scene.settings.grab_radius == pytest.approx(0.1)

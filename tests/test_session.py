@@ -326,3 +326,15 @@ def test_what_is_shown_is_part_of_a_session(ball, scene, tmp_path):
     other = Scene(ball, "ball", "cpu")
     Player(other, session).play_to(session.ticks)
     assert {name: getattr(other.settings, name) for name in shown} == shown
+
+
+def test_names_and_views_that_a_user_can_make_are_ones_that_a_session_can_have(
+    ball, scene, tmp_path
+):
+    start, handle = start_of(scene), int(scene.handles.control_ids[0])
+    scene.handles.name(handle, "a\tname\u00a0" + 70 * "x")
+    scene.handles.name(handle, "\n")
+    scene.orbit = replace(scene.orbit, target=np.array([0.0, -1599.0, 1e7]))
+    scene.note_view()
+    events = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball).events
+    assert [event.name for event in events] == ["name", "name", "view"]

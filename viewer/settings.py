@@ -11,6 +11,7 @@ SHOWN = (  # in films too
 )
 SIDES = "left", "right"
 PHOTOGRAPHS = "hidden", "over", "beside"  # the render
+GRAB_RADII = 0.0, 0.4  # object sizes
 PANEL_WIDTHS = 260.0, 700.0  # points
 TARGET_FPS, CPU_TARGET_FPS = 60.0, 10.0
 

@@ -31,7 +31,7 @@ FORMATS = {  # what a user may choose: the ending of the file's name
 }
 PATIENCE = 60.0  # s that a process has to end a film
 LOWER_PRIORITY = 10  # the viewer's frames come first
-CODE = "import sys; from deformrf.viewer.render_command import main; sys.exit(main())"
+CODE = f"import sys; from {__package__}.render_command import main; sys.exit(main())"
 
 
 @dataclass

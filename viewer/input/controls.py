@@ -25,6 +25,7 @@ from ..camera import (
     within,
     zoomed,
 )
+from ..scene import MOST_ADDED
 from . import drags
 
 # pyglet's numbers; the modules that name them can't be imported without a display.
@@ -227,11 +228,13 @@ class Controls:
             self._log("pin", vertex=vertex, position=self._place(vertex))
             self._end()
             return
-        chosen = handles.movable or [one for one in [handles.hover] if one is not None]
+        chosen = handles.selected or [one for one in [handles.hover] if one is not None]
         if not chosen:
             self._say("nothing to pin: select red points, or point at one")
-        for handle in chosen:
-            self._set_pin(handle, handle not in handles.pin_ids)
+            return
+        free = [one for one in chosen if not handles.is_pinned(one)]
+        handles.set_pins(free or chosen, bool(free))
+        self._log("pin" if free else "free", vertex=chosen[0])
 
     def turn_into(self, kind: str) -> None:
         """Let the drag in progress move, turn or scale what is held."""
@@ -330,7 +333,9 @@ class Controls:
     def _add_point(self, pixel):
         """Make a control point on the surface under the mouse."""
         point = self._surface_at(pixel, beside=False)
-        if point is not None:
+        if len(self.scene.handles.points) >= MOST_ADDED:
+            self._say(f"{MOST_ADDED} red points are the most")
+        elif point is not None:
             handle = self.scene.handles.add_point(point)
             self.mode, self._picked = "pick", handle  # a drag from here takes it
             self._log("add_point", vertex=handle, position=point)

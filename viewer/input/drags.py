@@ -16,7 +16,8 @@ NEAR = 25.0  # points from the center: nearer, only the way to the right counts
 TURN_PER_POINT = 1.0 / 80.0  # radians, if the press was near the center
 SCALE_PER_POINT = 1.0 / 150.0  # of the logarithm, likewise
 SCALES = 0.1, 10.0
-ALONG = 1e-3  # the sine of the least angle between a ray and the axis that it moves along
+ALONG = 0.1  # the sine of the least angle between a ray and the axis that it moves along
+FARTHEST_DRAG = 5.0  # object sizes from the start, along an axis
 
 
 @dataclass
@@ -45,8 +46,10 @@ def follow(drag: Drag, handles, camera, pixel, ratio: float) -> None:
         if drag.axis is None:
             handles.drag_to(onto_view_plane(camera, aim, motion.place))
         else:
-            place = on_axis(ray(camera, aim), handles.grabbed.start, drag.axis)
-            handles.drag_to(motion.place if place is None else place)
+            start, most = handles.grabbed.start, FARTHEST_DRAG * handles.size
+            place = on_axis(ray(camera, aim), start, drag.axis)
+            near = motion.place if place is None else np.clip(place, start - most, start + most)
+            handles.drag_to(near)
         return
     (center,), _ = project(camera, (motion.place + motion.center)[None])
     since, now = drag.press - center, pixel - center

@@ -1,7 +1,7 @@
 """Actions on the timeline: keys, the playhead, what plays."""
 
 from ..camera import values_of
-from ..scene import LONGEST_NAME
+from ..scene import clean_name
 from ..timeline import TICKS_PER_SECOND, as_time
 
 NO_KEYS = "there are no keys yet: K sets one at the playhead"
@@ -87,7 +87,7 @@ def _turntable(app):
 def _save_pose(app):
     """Save the pose under the name that was typed, or the next number."""
     timeline = app.scene.timeline
-    typed = "".join(filter(str.isprintable, app.strip.pose_name)).strip()[:LONGEST_NAME]
+    typed = clean_name(app.strip.pose_name)
     taken = {pose.name for pose in timeline.poses}
     numbers = (f"pose {n}" for n in range(1, len(taken) + 2))
     _done(app, timeline.save_pose, typed or next(one for one in numbers if one not in taken))

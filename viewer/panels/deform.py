@@ -9,13 +9,12 @@ from ...core.deform import LOWEST_POISSON_RATIO, PRESETS, SOFTENED_BELOW, Materi
 from ..input import label_of
 from ..layers import line_spacing
 from ..scene import EARTH
-from ..settings import TOOLS
+from ..settings import GRAB_RADII, TOOLS
 from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider
 
 YOUNG_MODULI = 1e3, 1e9  # Pa
 POISSON_RATIOS = 0.0, 0.49
 DAMPINGS = 0.0, 20.0  # 1/s
-GRAB_RADII = 0.0, 0.4  # object sizes
 SUBSTEP_COUNTS = 1, 60
 GRAVITIES = 0.1, 3.0 * EARTH
 SIZES = 0.01, 100.0  # m

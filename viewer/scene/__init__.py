@@ -11,6 +11,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "points": ["ControlPoints", "MOST_POINTS"],
         "grabs": ["rotation_matrix", "rotation_vector"],
         "surface": ["visible_points"],
-        "viewpoint": ["LONGEST_NAME"],
+        "viewpoint": ["LONGEST_NAME", "clean_name"],
     },
 )

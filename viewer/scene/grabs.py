@@ -44,11 +44,12 @@ class Motion:
         return replace(self, rotation=np.asarray(rotation, float), scale=float(scale))
 
     def towards(self, other: "Motion", share: float) -> "Motion":
-        """A part of the way to another one."""
+        """A part of the way to another one; it turns the shorter way."""
         if share == 1.0:
             return other
         place = self.place + share * (other.place - self.place)
-        rotation = self.rotation + share * (other.rotation - self.rotation)
+        turn, now = rotation_matrix(other.rotation), rotation_matrix(self.rotation)
+        rotation = rotation_vector(rotation_matrix(share * rotation_vector(turn @ now.T)) @ now)
         return replace(
             self,
             place=place,
@@ -111,6 +112,7 @@ class Grab:
     ids: np.ndarray | None = None  # of the vertices that are held  [K]
     offsets: np.ndarray | None = None  # from the place of an unturned Motion  [K, 3]
     radius: float = 0.0  # around the handles [model units]
+    first_radius: float = 0.0  # when it began
 
 
 @dataclass

@@ -10,13 +10,13 @@ import numpy as np
 
 from ...core.deform import vertices_within
 from ..history import edit
+from ..settings import GRAB_RADII
 from .grabs import Grab, Motion, soft_springs
 from .points import ControlPoints, located, placed
-from .viewpoint import LONGEST_NAME
+from .viewpoint import clean_name
 
 PATCH_PART = 0.75  # of a soft grab's radius, that is pinned; beyond it, pulls are weak
 MOST_ADDED = 1000  # points that a user can add
-WIDEST = 2.0  # grab radius [object sizes]
 
 
 class Handles:
@@ -129,16 +129,24 @@ class Handles:
     def _hide(self, ids):
         self.hidden = sorted(set(ids))
 
-    @edit("name", undo="name", merges=True)
-    def name(self, vertex: int, text: str) -> None:
+    def name(self, handle: int, text: str) -> None:
         """Give a handle a name; an empty one takes it away."""
+        self._name(handle, clean_name(text))
+
+    @edit("name", undo="name", merges=True)
+    def _name(self, vertex, text):
         self.names = {key: value for key, value in self.names.items() if key != vertex}
         if text:
-            self.names[vertex] = text[:LONGEST_NAME]
+            self.names[vertex] = text
 
     def title(self, handle: int) -> str:
         """What a handle is called."""
         return self.names.get(handle, f"vertex {handle}")
+
+    @property
+    def size(self) -> float:
+        """The object's size [model units]."""
+        return self._scene.size
 
     @property
     def movable(self) -> list[int]:
@@ -178,6 +186,7 @@ class Handles:
         center = self.at(handles, positions).mean(axis=0)
         motion = Motion(start, center - start)
         self.grabbed = Grab(handles, soft, start, motion, motion, before, lengths)
+        self.grabbed.first_radius = radius
         self._attach(radius, positions)
 
     def _attach(self, radius, positions):
@@ -198,7 +207,7 @@ class Handles:
         """Hold more or less than until now, around the same handles."""
         radius = self.grabbed.radius / self._scene.size * factor
         smallest = 0.5 * self._scene.handle_radius / self._scene.size
-        self._scene.settings.grab_radius = min(max(radius, smallest), WIDEST)
+        self._scene.settings.grab_radius = min(max(radius, smallest), GRAB_RADII[1])
         self._widen(self._scene.grab_radius)
 
     @edit("widen")
@@ -261,6 +270,7 @@ class Handles:
         self.release()
         if grab is None:
             return
+        scene.settings.grab_radius = grab.first_radius / scene.size
         scene.journal.forget_step("drag")
         scene.solver.set_state(*grab.before)
         if grab.rest_lengths is not None:
@@ -288,6 +298,18 @@ class Handles:
     def set_pin(self, handle: int, pinned: bool) -> None:
         """Pin a handle and its patch where they are; or free it, and what was pinned with it."""
         self._set_pin(handle, pinned, self._pin_radius)
+
+    def is_pinned(self, handle: int) -> bool:
+        return bool(self._scene.solver.pinned[self.corners(handle)].all())
+
+    def set_pins(self, handles: list[int], pinned: bool) -> None:
+        """Pin several handles with their patches, or free them, as one step."""
+        self._set_pins(list(handles), pinned, self._pin_radius)
+
+    @edit("set_pins", undo="pins")
+    def _set_pins(self, ids, pinned, radius):
+        for handle in ids:
+            self._set_pin(handle, pinned, radius)
 
     @edit("set_pin", undo="pins")
     def _set_pin(self, vertex, pinned, radius):

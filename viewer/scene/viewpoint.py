@@ -15,7 +15,13 @@ from .surface import bounds
 MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
 DEPTH_PART = 0.75  # of its size, that the object may reach from its center towards the eye
 LONGEST_NAME = 60  # characters
+FARTHEST_TARGET = 500.0  # model units from the origin, along an axis
 FIRST_VIEW = Orbit(yaw=np.radians(30.0), pitch=np.radians(14.0))
+
+
+def clean_name(text: str) -> str:
+    """A name that a session can keep: one line of characters that can be read."""
+    return "".join(filter(str.isprintable, text)).strip()[:LONGEST_NAME]
 
 
 class Viewpoint:
@@ -57,11 +63,21 @@ class Viewpoint:
             away = float((pose[:3, 3] - scene.center) @ pose[:3, 2])
         return max(away - DEPTH_PART * scene.size, 0.0), away + DEPTH_PART * scene.size
 
+    @property
+    def orbit(self) -> Orbit:
+        return self._orbit
+
+    @orbit.setter
+    def orbit(self, orbit: Orbit):
+        """However far a user pans: a session keeps no camera beyond."""
+        target = np.clip(orbit.target, -FARTHEST_TARGET, FARTHEST_TARGET)
+        self._orbit = orbit if (target == orbit.target).all() else replace(orbit, target=target)
+
     # -- views with a name ---------------------------------------------------------------
 
     def save(self) -> str:
         """Save this view under the name that was typed, or the next number; returns it."""
-        name = "".join(filter(str.isprintable, self.new_name)).strip()[:LONGEST_NAME]
+        name = clean_name(self.new_name)
         numbers = (f"view {n}" for n in range(1, len(self.saved) + 2))
         name = name or next(n for n in numbers if n not in self.saved)
         self.new_name, self._last = "", name
