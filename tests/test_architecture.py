@@ -122,10 +122,14 @@ def test_the_tree_names_every_room():
 
 def test_places_of_the_table_exist():
     """`name` in `path`, and paths alone, as the table of places has them."""
-    table = TEXT.split("## Where is ...?")[1].split("## ")[0]
-    for name, path in re.findall(r"`([\w.]+)` in `([\w/.]+)`", table):
-        last = name.rpartition(".")[2]
+    table = TEXT.split("## Where is ...?")[1].split("\n## ")[0]
+    found = re.findall(r"((?:`[\w.]+`(?:, | and ))*`[\w.]+`) in `([\w/]+/[\w.]+)`", table)
+    for names, path in found:
         text = (ROOT / path).read_text(encoding="utf-8")
-        assert re.search(rf"(def|class|auto) {last}\b", text), f"{path} has no {name}"
+        for name in re.findall(r"`([\w.]+)`", names):
+            last = name.rpartition(".")[2]
+            pattern = rf"(def|class|auto) {last}\b|^{last} = "
+            assert re.search(pattern, text, re.MULTILINE), f"{path} has no {name}"
+    assert len(found) > 40
     for path in re.findall(r"`([\w/]+/[\w.]*)`", table):
         assert (ROOT / path).exists(), path
