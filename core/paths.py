@@ -22,6 +22,23 @@ def program_version() -> str:
         return tomllib.loads(project)["project"]["version"]
 
 
+def working_folder() -> Path:
+    """The current folder; the user's own one if that was deleted."""
+    try:
+        return Path.cwd()
+    except FileNotFoundError:
+        return Path.home()
+
+
+def free_name(stem: Path, ending: str) -> Path:
+    """The first path of <stem>[-2, -3 ..]<ending> at which nothing is."""
+    path, count = stem.with_name(stem.name + ending), 1
+    while os.path.lexists(path):
+        count += 1
+        path = stem.with_name(f"{stem.name}-{count}{ending}")
+    return path
+
+
 @contextmanager
 def whole_file(path: Path):
     """Yield a path to write to beside `path`; rename the file if the block ends without error.

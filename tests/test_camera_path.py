@@ -79,6 +79,7 @@ def test_a_path_of_nerfstudio_has_its_own_rate(tmp_path):
         ([PLACE, {"position": [1, 2, 3], "target": [1, 2, 3]}], "looks nowhere"),
         ([PLACE, {"t": 4}], "needs a position"),
         ([PLACE, {"transform_matrix": [[1, 2], [3]]}], "needs a position"),
+        ([PLACE, {"transform_matrix": [[10**400] * 4] * 4}], "needs a position"),
         ([PLACE, {"transform_matrix": np.diag([1, -1, 1, 1]).tolist()}], "not a rotation"),
     ],
 )

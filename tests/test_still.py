@@ -86,3 +86,20 @@ def test_an_array_that_ends_too_soon_is_refused(tmp_path):
         archive.writestr("vertices.npy", whole[:-8])
     with pytest.raises(PoseError, match="ends too soon"):
         load_vertices(tmp_path / "b.npz", 9)
+
+
+@pytest.mark.parametrize("place, value", [(6, 1), (8, 99), (60, 255)])
+def test_a_damaged_archive_is_refused(tmp_path, place, value):
+    """Its data are no stream of zlib, their method is unknown, or a password is asked for."""
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, vertices=np.zeros((9, 3), np.float32))
+    data = bytearray(path.read_bytes())
+    in_list = data.rindex(b"PK\x01\x02")
+    if place < 60:  # the archive's list of files says it, too
+        data[in_list + place + 2] = value
+    data[place : place + 9] = bytes([value]) * 9 if place == 60 else data[place : place + 9]
+    if place < 60:
+        data[place] = value
+    path.write_bytes(data)
+    with pytest.raises(PoseError, match="has no pose of 9 vertices"):
+        load_vertices(path, 9)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from deformrf.core import field as fields
+from deformrf.viewer.films import film_job
 from deformrf.viewer.films.film_job import FilmChoices, _exact_copy
 from deformrf.viewer.sessions import load_session
 
@@ -115,6 +116,27 @@ def test_a_film_that_fails_says_why(taken, capfd, monkeypatch):
     until(lambda: taken.takes.update() or taken.takes.job is None)
     assert "--size is 9x9" in capfd.readouterr().err
     assert not film.exists()
+
+
+def test_a_session_beside_a_film_takes_the_place_of_no_other(taken, tmp_path, monkeypatch):
+    taken.takes.choices = FilmChoices("run.v2", "as the window", 15, 1, format="PNG files")
+    for name in ("run.jsonl", "run.v2.jsonl"):
+        (tmp_path / name).write_text("mine")
+    monkeypatch.setattr(FilmChoices, "arguments", lambda choices, size: ["--size", "9x9"])
+    taken.takes.start_film()
+    for name in ("run.jsonl", "run.v2.jsonl"):
+        assert (tmp_path / name).read_text() == "mine"
+    assert load_session(tmp_path / "run.v2-2.jsonl", taken.scene.field).ticks >= 70
+
+
+def test_a_film_whose_process_talks_nonsense_ends_with_it(taken, monkeypatch):
+    """Nobody reads what else it prints, so it would stand for ever."""
+    code = "import time; print('{no JSON', flush=True); time.sleep(600)"
+    monkeypatch.setattr(film_job, "CODE", code)
+    taken.takes.start_film()
+    job = taken.takes.job
+    until(lambda: job.ended)
+    assert "can't be rendered" in job.problem and job._process.returncode is not None
 
 
 def test_a_take_ends_with_the_scene_it_was_of(app):

@@ -126,7 +126,7 @@ def _pose(place, matrix):
     """A camera's matrix [4, 4]; rows may be in one list, and their last one may be missing."""
     try:
         pose = np.array(matrix, float).reshape(-1, 4)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         message = f"{place} needs a position, or a transform_matrix of 4 × 4 numbers"
         raise CameraPathError(message) from error
     good = pose.shape in ((3, 4), (4, 4)) and np.isfinite(pose).all()

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core import field as fields
+from ...core.paths import free_name, working_folder
 
 SIZES = "as the window", "1280x720", "1920x1080", "3840x2160"
 RATES = 15, 24, 25, 30, 60  # frames a second
@@ -51,7 +52,13 @@ class FilmChoices:
     def path(self) -> Path:
         """The file, or the folder of pictures."""
         ending = FORMATS[self.format]
-        return Path.cwd() / (self.name.removesuffix(ending) + ending)
+        return working_folder() / (self.name.removesuffix(ending) + ending)
+
+    @property
+    def session(self) -> Path:
+        """The file for the session, beside the film: a free name."""
+        stem = self.name.removesuffix(FORMATS[self.format])
+        return free_name(working_folder() / stem, ".jsonl")
 
     @property
     def can_be_transparent(self) -> bool:
@@ -126,6 +133,7 @@ class FilmJob:
             stderr=subprocess.STDOUT,
             text=True,
             env=environment,
+            cwd=working_folder(),
             start_new_session=os.name == "posix",  # Ctrl-C is for the viewer, which ends it
         )
         if os.name == "posix":
@@ -133,13 +141,19 @@ class FilmJob:
         if self._cancelled:  # meanwhile
             process.terminate()
         said = ""
-        for line in process.stdout:
-            if line.startswith("{"):
-                self._note(line)
-            elif line.strip():
-                said = line.strip()
-        if process.wait() and not self._cancelled:
-            self.problem = said.removeprefix("deformrf-render: ")
+        try:
+            for line in process.stdout:
+                if line.startswith("{"):
+                    self._note(line)
+                elif line.strip():
+                    said = line.strip()
+            if process.wait() and not self._cancelled:
+                self.problem = said.removeprefix("deformrf-render: ")
+        finally:
+            process.stdout.close()
+            if process.poll() is None:  # nobody reads it any more
+                process.kill()
+                process.wait()
 
     def _note(self, line):
         for text in line.replace("}{", "}\n{").splitlines():  # an interrupt may swallow the end

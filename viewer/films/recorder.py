@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.field import save
+from ...core.paths import free_name, working_folder
 from ..files import save_surface
 from ..sessions import save_session
 from .video import PictureSeries, VideoWriter, save_png
@@ -150,12 +151,7 @@ class Recorder:
 
 def stamped(stem: str, suffix: str) -> Path:
     """A free name in the current folder: <stem>-<date>-<time>[-2, -3 ..]<suffix>."""
-    base = f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}"
-    path, count = Path.cwd() / f"{base}{suffix}", 1
-    while path.exists():
-        count += 1
-        path = path.with_name(f"{base}-{count}{suffix}")
-    return path
+    return free_name(working_folder() / f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}", suffix)
 
 
 def without_background(image, background):

@@ -1,6 +1,7 @@
 """A pose that doesn't move, for films: from a file of vertices, or the end of a session."""
 
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,10 @@ from ..sessions import FARTHEST_POINT, Player, load_session
 
 NAME = "vertices"  # of the array in an .npz file
 KINDS = "<f4", "<f8"
+UNREADABLE = (  # RuntimeError: of a password; NotImplementedError: of a method of compression
+    *(KeyError, EOFError, ValueError, RuntimeError, NotImplementedError),
+    *(zipfile.BadZipFile, zlib.error),
+)
 
 
 class PoseError(ValueError):
@@ -49,7 +54,7 @@ def load_vertices(path: Path, count: int):
                 vertices = _read(stream, count)
         else:
             raise PoseError(f"{path}: a pose is in a file .npy, .npz or .jsonl")
-    except (KeyError, EOFError, ValueError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         if isinstance(error, PoseError):
             raise
         raise PoseError(f"{path} has no pose of {count} vertices ({error})") from error

@@ -68,6 +68,11 @@ class Takes:
             self.take = Take(0, journal.tick)
         self._ask()
 
+    def forget(self) -> None:
+        """Another scene or session is shown: what was taken of the one before is no more."""
+        self.take = self._began = None
+        self.asking = False
+
     def _ask(self):
         self.choices.name = stamped("film", "").name
         self.asking = True
@@ -82,7 +87,7 @@ class Takes:
         if path.exists():
             app.recorder.say(f"{path} is there already: choose another name")
             return
-        session = path.with_suffix(".jsonl")
+        session = choices.session
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             save_session(app.scene, app.session_start, session)

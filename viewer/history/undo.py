@@ -78,11 +78,14 @@ def unless_it_fails(scene):
     """In the block, the scene is brought elsewhere; if that raises, it is as it was before."""
     journal = scene.journal
     state, floor, pins, paused = state_of(scene), scene.floor, scene.pins, scene.paused
+    view, settings = scene.orbit, dict(vars(scene.settings))
     past = vars(journal) | {"events": list(journal.events), "steps": list(journal.steps)}
     try:
         yield
     except BaseException:
         restore(scene, state)
         scene.floor, scene.pins, scene.paused = floor, pins, paused
+        scene.orbit = view
+        vars(scene.settings).update(settings)
         vars(journal).update(past)
         raise
