@@ -63,6 +63,18 @@ def test_undo_in_the_middle_of_a_drag_lets_go(controls, scene, app_like):
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), before)
 
 
+def test_undo_in_the_middle_of_a_drag_takes_back_the_drag_alone(controls, scene, app_like):
+    scene.set_ground(True)
+    for _ in range(2):
+        controls._grab(int(scene.handles.control_ids[0]))
+        scene.advance(TIME_STEP)
+        a.ACTIONS["undo"](app_like)
+        assert scene.handles.grabbed is None and app_like.said[-1] == "undone: drag"
+        assert scene.on_ground and scene.journal.undoes == "ground"
+    a.ACTIONS["undo"](app_like)
+    assert app_like.said[-1] == "undone: ground" and not scene.on_ground
+
+
 @pytest.mark.parametrize(
     "action, towards", [("front", (0, 1, 0)), ("right", (-1, 0, 0)), ("above", (0, 0, -1))]
 )

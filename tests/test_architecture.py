@@ -133,3 +133,12 @@ def test_places_of_the_table_exist():
     assert len(found) > 40
     for path in re.findall(r"`([\w/]+/[\w.]*)`", table):
         assert (ROOT / path).exists(), path
+
+
+def test_contributing_counts_the_fields_of_the_largest_options():
+    from dataclasses import fields
+
+    from deformrf.viewer.settings import Settings
+
+    told = (ROOT / "CONTRIBUTING.md").read_text()
+    assert f"`Settings`, has {len(fields(Settings))}." in told

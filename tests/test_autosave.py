@@ -178,6 +178,30 @@ def test_a_session_that_was_left_behind_is_offered_and_goes_on(app, ball, tmp_pa
 
 
 @pytest.mark.gl
+def test_a_session_that_ended_at_a_pose_of_the_timeline_shows_it(app, ball):
+    scene = app.scene
+    vertex = int(scene.handles.control_ids[0])
+    scene.handles.grab(vertex)
+    scene.handles.drag_to(scene.handles.grabbed.target.place + np.array([0.1, 0.0, 0.0]))
+    frames(app, 3)
+    scene.timeline.save_pose("bent")
+    scene.handles.release()
+    scene.timeline.blend_pose("bent", 0.5)
+    bent = scene.solver.vertices.numpy().copy()
+    a.autosave_folder().mkdir(parents=True, exist_ok=True)
+    app.left_behind = save_session(
+        scene, app.session_start, a.autosave_folder() / "ball-999999999-1.jsonl"
+    )
+    app.recover()
+    scene.advance(0.1)
+    np.testing.assert_array_equal(scene.solver.vertices.numpy(), bent)
+    assert scene.paused and scene.timeline.stands
+    while scene.undo():
+        pass
+    assert not scene.paused
+
+
+@pytest.mark.gl
 def test_a_damaged_session_that_was_left_behind_is_told_of(app, tmp_path):
     app.left_behind = tmp_path / "damaged.jsonl"
     app.left_behind.write_text("{}")

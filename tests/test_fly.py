@@ -112,6 +112,24 @@ def test_afterwards_the_orbit_turns_about_the_surface_in_the_middle(app):
     assert app.scene.settings.show_wireframe
 
 
+def test_flight_ends_when_rays_become_parallel(app):
+    for change in (lambda: press(app, "_5"), lambda: app.scene.viewpoint.go_to("flat")):
+        press(app, "G")
+        app.fly.begin()
+        flying = app.scene.orbit
+        app.scene.viewpoint.saved = {"flat": {"parallel": True}}
+        change()
+        assert app.scene.orbit.parallel
+        for _ in range(3):
+            move_mouse(app, 10, 0)
+        assert not app.fly.on
+        np.testing.assert_array_equal(app.scene.orbit.target, flying.target)
+    app.fly.begin()
+    press(app, "_5", "W")
+    app.frame(0.02)
+    assert not app.fly.on and app.scene.orbit.distance == flying.distance
+
+
 def test_flight_has_its_keys_and_leaves_the_others(app):
     press(app, "G", "W", "H")
     assert not app.scene.settings.show_wireframe and not app.scene.settings.show_handles

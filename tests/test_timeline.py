@@ -277,6 +277,64 @@ def test_a_hand_lets_time_go_on_that_the_timeline_stopped(scene, line, two_poses
     assert scene.paused
 
 
+@pytest.mark.parametrize("shown", ["scrub", "play", "blend_pose"])
+def test_undo_lets_time_go_on_that_the_undone_edit_stopped(scene, line, two_poses, shown):
+    line.save_pose("a")
+    getattr(line, shown)(*{"scrub": [20], "play": [], "blend_pose": ["a", 0.5]}[shown])
+    assert scene.paused and line.stands
+    scene.undo()
+    assert not scene.paused and not line.stands
+    before = vertices(scene)
+    assert (played(scene, 5)[-1] != before).any()
+    scene.redo()
+    shown = vertices(scene)
+    assert scene.paused and line.stands
+    np.testing.assert_array_equal(played(scene, 5)[-1], shown)
+    scene.undo()
+    scene.paused = True  # by the user: undo leaves it
+    line.scrub(0)
+    scene.undo()
+    assert scene.paused and not line.stands
+
+
+def test_a_drag_that_is_given_up_leaves_time_standing_still(scene, line, two_poses):
+    line.scrub(20)
+    scene.handles.grab(two_poses[0])
+    scene.handles.drag_to(scene.solver.rest_vertices[two_poses[0]])
+    scene.advance(0.1)
+    scene.handles.cancel()
+    assert scene.paused and line.stands
+    np.testing.assert_array_equal(played(scene, 30)[-1], two_poses[2].vertices)
+
+
+@pytest.mark.parametrize("motion", ["interpolation", "physics"])
+@pytest.mark.parametrize("act", ["set_pin", "hold"])
+def test_pins_that_are_set_while_poses_play_stay(scene, line, two_poses, motion, act):
+    line.set_motion(motion)
+    line.play()
+    played(scene, 5)
+    top = two_poses[0]
+    if act == "set_pin":
+        scene.handles.set_pin(top, True)
+    else:
+        scene.hold(False)
+    assert not line.playing
+    played(scene, 30)
+    pinned = scene.solver.pinned
+    assert pinned[top] if act == "set_pin" else not pinned.any()
+    assert scene.paused == (motion == "interpolation")  # the pose that was shown stays
+
+
+def test_a_pause_stops_the_playhead_of_poses_where_they_are(scene, line, two_poses):
+    line.play()
+    there = played(scene, 5)[-1]
+    scene.paused = not scene.paused  # Space
+    assert not line.playing and scene.paused and line.head == 5
+    np.testing.assert_array_equal(played(scene, 30)[-1], there)
+    scene.paused = not scene.paused
+    assert (played(scene, 5)[-1] != there).any()
+
+
 def test_without_keys_nothing_plays(scene, line):
     line.play()
     assert not line.playing and not scene.moving

@@ -185,7 +185,7 @@ class App:
         scene.end_push()
         if scene.timeline.playing:
             scene.timeline.stop()
-        if scene.paused:
+        if scene.paused and not scene.timeline.stands:  # else a pose is shown, and stays
             scene.paused = False
         if self.autosave is not None:
             self.autosave.end()

@@ -18,14 +18,13 @@ import numpy as np
 
 from ...core.render import in_space, look_at
 from ..camera import CLOSEST, FARTHEST, Orbit, facing
-from ..timeline import CameraKey
+from ..timeline import TICKS_PER_SECOND, CameraKey
 
 LARGEST_FILE = 64 * 2**20  # bytes
 MOST_KEYS = 10_000
 LONGEST = 3600.0  # s
 FARTHEST_POINT = 1e4
 APART = 1.0  # s between two keys that have no time
-TICKS_PER_SECOND = 60
 FIELDS_OF_VIEW = 0.1, 170.0  # degrees
 NOT_RIGID = 1e-3  # by how much the axes of a matrix may miss being perpendicular
 

@@ -15,9 +15,8 @@ from ...core.render import Camera
 from ..camera import Orbit, camera_of, changed
 from ..history import begin_anew
 from ..sessions import Player, Session, SessionError
-from ..timeline import CameraKey, orbit_at
+from ..timeline import TICKS_PER_SECOND, CameraKey, orbit_at
 
-TICKS_PER_SECOND = 60
 ROUNDING = 1e-6  # ticks
 CLOSE = 20  # ticks between two views of one move
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..sessions import save_session
+from ..timeline import TICKS_PER_SECOND
 from .film_job import FilmChoices, FilmJob
 from .recorder import stamped
-
-TICKS_PER_SECOND = 60
 
 
 @dataclass(frozen=True)

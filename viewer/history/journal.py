@@ -179,13 +179,23 @@ class Journal:
     # -- undo ----------------------------------------------------------------------------
 
     def forget_step(self, label: str) -> None:
-        """The last step came to nothing, if it has this label and nothing came after it.
+        """The last step with this label came to nothing; what was done during it stays.
 
-        The first step stays: it alone has the state in which all began, to the bit.
+        A first step without others behind it stays as well: it alone has the state in which all
+        began, to the bit.
         """
-        if self.cursor == len(self.steps) > 1 and self.steps[-1].label == label:
-            self.cursor -= 1
-            del self.steps[self.cursor]
+        labels = [step.label for step in self.steps]
+        if self.cursor != len(labels) or label not in labels or len(labels) == 1:
+            return
+        at = len(labels) - 1 - labels[::-1].index(label)
+        gone, *during = self.steps[at:]
+        if during:  # the first of them began as the one that is gone, the others where it was
+            where = {name: gone.before[name] for name in ("vertices", "velocities")}
+            for step in during[1:]:
+                step.before = step.before | where
+            during[0].before = gone.before
+        del self.steps[at]
+        self.cursor -= 1
 
     def _size(self):
         """About how much memory the steps take [bytes]: all states are as large as the last."""

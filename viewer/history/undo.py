@@ -84,8 +84,9 @@ def unless_it_fails(scene):
         yield
     except BaseException:
         restore(scene, state)
-        scene.floor, scene.pins, scene.paused = floor, pins, paused
-        scene.orbit = view
+        scene.floor, scene.pins, scene.orbit = floor, pins, view
         vars(scene.settings).update(settings)
+        if scene.paused != paused:
+            scene.paused = paused
         vars(journal).update(past)
         raise

@@ -204,14 +204,19 @@ def _rest_here(app):
 
 
 def _undo(app):
-    label = app.scene.journal.undoes
+    journal = app.scene.journal
+    count = len(journal.steps)
     app.controls.cancel()
+    if len(journal.steps) < count:  # a drag's step, which is all that is taken back
+        app.recorder.say("undone: drag")
+        return
+    label = journal.undoes
     app.recorder.say(f"undone: {label}" if app.scene.undo() else "nothing to undo")
 
 
 def _redo(app):
-    label = app.scene.journal.redoes
     app.controls.cancel()
+    label = app.scene.journal.redoes
     app.recorder.say(f"done again: {label}" if app.scene.redo() else "nothing to do again")
 
 

@@ -69,13 +69,14 @@ class Fly:
         self._window.remove_handlers(self)
         self._window.set_exclusive_mouse(False)
         depth, camera = self._depth_image(), self._controls.camera
-        if depth is not None:
+        if depth is not None and not camera.parallel:  # whose rays start behind the eye
             middle = np.array([camera.lens.center])
             t = float(depth_at(depth, camera, middle)[0])
             self._put_target(camera.position, t if np.isfinite(t) else self._scene.orbit.distance)
 
     def advance(self, seconds: float) -> None:
         """Move for a time by the keys that are held."""
+        self._end_if_parallel()
         ways = [WAY_OF[name] for name in self._held]
         if not self.on or not ways:
             return
@@ -89,6 +90,11 @@ class Fly:
         away = np.linalg.norm(eye - scene.center)
         eye = scene.center + (eye - scene.center) * min(1.0, FARTHEST_AWAY / max(away, 1e-9))
         self._put_target(eye, np.linalg.norm(eye - scene.center))
+
+    def _end_if_parallel(self):
+        """A key, the panel or a view has made rays parallel: there is no eye that could fly."""
+        if self.on and self._scene.orbit.parallel:
+            self.end()
 
     def _put_target(self, eye, distance):
         orbit = self._scene.orbit
@@ -112,6 +118,9 @@ class Fly:
         self._held.discard(_name(symbol))
 
     def on_mouse_motion(self, x, y, dx, dy):
+        self._end_if_parallel()
+        if not self.on:
+            return None
         eye = self._controls.camera.position
         self._scene.orbit = turned(self._scene.orbit, dx, -dy, self._window.height)
         self._put_target(eye, self._scene.orbit.distance)

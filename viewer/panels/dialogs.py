@@ -32,8 +32,6 @@ def _choice(dialog, width):
     """Draw the folder's entries; returns whether the dialog is done."""
     imgui.text(dialog.title)
     imgui.set_next_item_width(width)
-    if imgui.is_window_appearing():
-        imgui.set_keyboard_focus_here()
     flags = imgui.InputTextFlags_.enter_returns_true.value
     if imgui.is_window_appearing():
         imgui.set_keyboard_focus_here()

@@ -96,7 +96,9 @@ def _tracks(app):
     elif imgui.is_item_active() and strip.holds:
         strip.drag(timeline, mouse.x)
     if imgui.is_item_deactivated():
-        strip.drop(timeline, imgui.get_io().key_ctrl)
+        problem = strip.drop(timeline, imgui.get_io().key_ctrl)
+        if problem:
+            app.recorder.say(problem)
     _draw_tracks(app, at, width)
 
 

@@ -109,6 +109,7 @@ class Grab:
     reached: Motion  # of the steps so far
     before: tuple[np.ndarray, np.ndarray]  # positions and velocities of all vertices
     rest_lengths: np.ndarray | None  # of all edges, if the material yields
+    stood: bool  # whether the timeline had stopped time
     ids: np.ndarray | None = None  # of the vertices that are held  [K]
     offsets: np.ndarray | None = None  # from the place of an unturned Motion  [K, 3]
     radius: float = 0.0  # around the handles [model units]

@@ -176,6 +176,7 @@ class Handles:
     def _hold(self, handles, radius, soft):
         if not all(map(self.exists, handles)):
             raise ValueError(f"there is no handle {max(handles)}")
+        stood = self._scene.timeline.stands
         self._scene.timeline.give_way()
         solver = self._scene.solver
         positions = solver.vertices.numpy().copy()
@@ -185,7 +186,7 @@ class Handles:
         lengths = solver.rest_lengths if yields else None
         center = self.at(handles, positions).mean(axis=0)
         motion = Motion(start, center - start)
-        self.grabbed = Grab(handles, soft, start, motion, motion, before, lengths)
+        self.grabbed = Grab(handles, soft, start, motion, motion, before, lengths, stood)
         self.grabbed.first_radius = radius
         self._attach(radius, positions)
 
@@ -265,7 +266,7 @@ class Handles:
 
     @edit("cancel")
     def cancel(self) -> None:
-        """Let go, and restore the pose and velocities from before the grab."""
+        """Let go; pose, velocities and a time that stood still are as before the grab."""
         scene, grab = self._scene, self.grabbed
         self.release()
         if grab is None:
@@ -275,6 +276,8 @@ class Handles:
         scene.solver.set_state(*grab.before)
         if grab.rest_lengths is not None:
             scene.solver.set_rest_lengths(grab.rest_lengths)
+        if grab.stood:
+            scene.timeline.stand()
         scene.revision += 1
 
     # -- pins ----------------------------------------------------------------------------
@@ -316,6 +319,7 @@ class Handles:
         if not self.exists(vertex):
             raise ValueError(f"there is no handle {vertex}")
         scene = self._scene
+        scene.timeline.stop()  # the next key would set other pins
         pins = scene.solver.pinned.copy()
         if pinned:
             patch = self.patch(vertex, radius)

@@ -159,6 +159,9 @@ class Scene:
 
     @edit("pause")
     def _pause(self, on):
+        if self.timeline.shows_poses:  # time stands still already: the playhead does, too
+            self.timeline.stand()
+            return
         self._paused = on
         self.timeline.stands = False
 
@@ -240,6 +243,7 @@ class Scene:
     @edit("hold", undo="hold")
     def hold(self, held: bool) -> None:
         """Pin the lowest part of the object where it is, or let all of it float."""
+        self.timeline.stop()
         self.solver.set_pinned((self.pins | self.solver.pinned) & held)
         self.handles.patches[:] = 0
         self.keep_in_sight()

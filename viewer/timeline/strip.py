@@ -5,7 +5,7 @@ Along x the strip shows ticks, from 0 at its left end.  Lengths are in points.
 
 from dataclasses import dataclass
 
-from .keys import LONGEST
+from .keys import LONGEST, key_at
 
 TICKS_PER_SECOND = 60
 SHORTEST = 5 * TICKS_PER_SECOND  # that is shown
@@ -89,10 +89,20 @@ class Strip:
         elif tick != timeline.head or timeline.playing:
             timeline.scrub(tick)
 
-    def drop(self, timeline, copy: bool) -> None:
-        """Let go: a key stays where it was dragged to, or its copy does."""
+    def drop(self, timeline, copy: bool) -> str:
+        """Let go: a key stays where it was dragged to, or its copy does.
+
+        Returns:
+            What went wrong, as a sentence; else an empty string.
+        """
         holds, self.holds = self.holds, ""
         if holds == "key" and self.selected and self.selected[1] != self.to_tick:
             track, tick = self.selected
-            (timeline.copy_key if copy else timeline.move_key)(track, tick, self.to_tick)
+            if key_at(timeline.keys[track], tick) is None:  # undone meanwhile
+                return f"the {track} key that you dragged is gone"
+            try:
+                (timeline.copy_key if copy else timeline.move_key)(track, tick, self.to_tick)
+            except ValueError as error:  # there are too many
+                return str(error)
             self.selected = track, self.to_tick
+        return ""

@@ -174,7 +174,7 @@ class Timeline:
             self.head = 0
         self._show()
         if self.keys["pose"] and self.motion == "interpolation":
-            self._stand()  # the pose stays, when the end is reached
+            self.stand()  # the pose stays, when the end is reached
         elif self.keys["pose"]:
             self._scene.paused = False
         self.playing = self.end > 0
@@ -191,12 +191,19 @@ class Timeline:
         self.head = tick
         self._show()
         if self.keys["pose"]:
-            self._stand()
+            self.stand()
 
-    def _stand(self):
+    def stand(self) -> None:
+        """Stop, time too; a hand lets it go on, unless the user had stopped it."""
+        self._end()
         stands = self.stands or not self._scene.paused
         self._scene.paused = True
         self.stands = stands
+
+    @property
+    def shows_poses(self) -> bool:
+        """Whether the pose is the timeline's, at this tick."""
+        return self.playing and bool(self.keys["pose"]) and self.motion == "interpolation"
 
     def give_way(self) -> None:
         """A hand takes hold: nothing plays, and time goes on if the timeline stopped it."""
@@ -344,7 +351,7 @@ class Timeline:
         self._let_go()
         self.poses = tuple(changed if pose.name == name else pose for pose in self.poses)
         scene.solver.set_state(k.blend(scene.solver.rest_shape, self.poses))
-        self._stand()
+        self.stand()
         scene.revision += 1
 
     def _saved(self, name):
@@ -357,11 +364,15 @@ class Timeline:
 
     def state(self) -> dict:
         """What edits change."""
-        names = "poses", "loop", "motion", "head"
+        names = "poses", "loop", "motion", "head", "stands"
         return {name: getattr(self, name) for name in names} | {"keys": dict(self.keys)}
 
     def restore(self, state: dict) -> None:
         """Return to a state; nothing plays."""
         self._end()
+        if self.stands and not state["stands"]:
+            self._scene.paused = False
+        elif state["stands"]:
+            self.stand()
         vars(self).update(state)
         self.keys = dict(self.keys)
