@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from deformrf.viewer.camera import orbit as orbits
-from deformrf.viewer.films.film import Views
+from deformrf.viewer.films.film import Film
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import (
     Player,
-    Session,
     SessionError,
     load_session,
     save_session,
     start_of,
 )
+from deformrf.viewer.sessions.session import append_events
 from deformrf.viewer.timeline import keys as k
 
 
@@ -130,19 +130,70 @@ def test_random_timelines_play_again_to_the_bit_and_undo_to_the_beginning(
     assert scene.timeline.state() == fresh or not scene.journal.steps, f"seed {seed}"
 
 
-def test_the_camera_is_noted_at_every_tick_that_it_plays(scene, line):
-    """A film sees it as it was between two frames of a slow machine."""
-    scene.orbit = replace(scene.orbit, yaw=0.0)
-    line.key(0, view(scene), False)
-    scene.orbit = replace(scene.orbit, yaw=1.0)
-    line.key(30, view(scene), False)
-    line.play()
-    for _ in range(6):
+def test_a_turntable_that_turns_for_long_records_next_to_nothing(ball, scene, line, tmp_path):
+    """A film has its camera all the same: at ticks, between them, and where it was stopped."""
+    start = start_of(scene)
+    scene.advance(0.1)
+    line.turntable(88, view(scene))
+    seen = {}
+    for _ in range(40):
         scene.advance(0.1)
-    assert not line.playing and scene.orbit.yaw == 1.0
-    views = Views(Session({"ticks": 60}, scene.journal.events), scene.orbit)
-    for tick in range(1, 31):
-        assert views.at(tick).yaw == line.orbit_at(tick).yaw
+        seen[scene.journal.tick] = scene.orbit
+    line.stop()
+    last = scene.journal.tick
+    for _ in range(5):
+        scene.advance(0.1)
+    names = [event.name for event in scene.journal.events]
+    assert names == ["view", "turntable", "view", "stop"]
+    session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
+    film = Film(Scene(ball, "ball", "cpu"), session, 25)
+    for frame in range(film.count):
+        film.show(frame)
+        tick = film.tick(frame)
+        angle = 2.0 * np.pi * (min(max(tick, 6.0), last) - 6.0) / 88.0
+        turned = film.scene.orbit.yaw - seen[6 + 6].yaw + 2.0 * np.pi * 6.0 / 88.0
+        assert np.cos(turned - angle) == pytest.approx(1.0, abs=1e-9)
+    whole = Film(Scene(ball, "ball", "cpu"), session, 60)
+    for tick, orbit in seen.items():
+        whole.show(tick)
+        assert view(whole.scene) == orbits.values_of(orbit)
+
+
+def test_a_camera_that_stands_until_the_timeline_plays_stands_in_films(ball, scene, line, tmp_path):
+    start = start_of(scene)
+    line.key(0, orbits.values_of(replace(scene.orbit, yaw=2.0)), False)
+    line.key(6, orbits.values_of(replace(scene.orbit, yaw=2.5)), False)
+    scene.orbit = replace(scene.orbit, yaw=0.0)
+    scene.advance(0.1)
+    line.play()
+    scene.advance(0.1)  # to the end, and
+    scene.advance(0.1)  # beyond
+    session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
+    film = Film(Scene(ball, "ball", "cpu"), session, 60)
+    yaws = []
+    for frame in range(film.count):
+        film.show(frame)
+        yaws.append(film.scene.orbit.yaw)
+    wanted = [line.orbit_at(max(tick - 6, 0)).yaw if tick >= 6 else 0.0 for tick in range(19)]
+    np.testing.assert_array_equal(yaws, wanted[: len(yaws)])
+    assert len(yaws) > 12 and not line.playing
+
+
+def test_a_session_that_could_not_be_read_is_not_written(ball, scene, tmp_path, monkeypatch):
+    start, path = start_of(scene), tmp_path / "s.jsonl"
+    monkeypatch.setattr("deformrf.viewer.sessions.session.MOST_EVENTS", 4)
+    for on in (True, False, True):
+        scene.timeline.set_loop(on)
+    load_session(save_session(scene, start, path), ball)
+    before = path.read_bytes()
+    scene.timeline.set_loop(False)
+    for write in (
+        lambda: save_session(scene, start, path),
+        lambda: append_events(scene, path, 3),
+    ):
+        with pytest.raises(SessionError, match="4 events in 0 ticks, and 3 in"):
+            write()
+    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(

@@ -29,14 +29,18 @@ class Views:
         names = {f.name for f in fields(Orbit)}
         self._ticks, self._orbits = [0], [first]
         for event in session.events:
+            if event.name in ("play", "turntable"):  # until then, the camera stays
+                self._add(event.tick, self._orbits[-1])
             values = {k: v for k, v in event.arguments.items() if k in names}
             if event.name == "view" and values:
-                orbit = changed(self._orbits[-1], values)
-                if event.tick == self._ticks[-1]:
-                    self._orbits[-1] = orbit
-                else:
-                    self._ticks.append(event.tick)
-                    self._orbits.append(orbit)
+                self._add(event.tick, changed(self._orbits[-1], values))
+
+    def _add(self, tick, orbit):
+        if tick == self._ticks[-1]:
+            self._orbits[-1] = orbit
+        else:
+            self._ticks.append(tick)
+            self._orbits.append(orbit)
 
     def at(self, tick: float) -> Orbit:
         """The camera when so many ticks have passed."""
@@ -129,6 +133,7 @@ class Film:
         self._ticks = 0 if session is None else session.ticks
         self.first, self.last = 0, self._ticks  # that are shown
         self._poses = {}  # vertices [V, 3] at ticks, for the times between
+        self._ways = {}  # of the camera from these ticks on, where the timeline moves it
 
     def cut(self, first: int | None, last: int | None) -> None:
         """Show these ticks alone; a ValueError if the session has none of them."""
@@ -153,13 +158,15 @@ class Film:
         return tick if self._player is None else min(max(tick, self.first), self.last)
 
     def orbit(self, tick: float) -> Orbit:
-        """The camera after so many ticks."""
+        """The camera after so many ticks; where the timeline moves it, they have been played."""
         if self._path:
             return orbit_at(self._path, tick - self.first)
         if self._turn is not None:
             seconds = (tick - self.first) / TICKS_PER_SECOND
             return turned_around(self._home, seconds / self._turn)
-        return self._views.at(tick)
+        before = math.floor(tick + ROUNDING)
+        way = self._ways.get(before)
+        return self._views.at(tick) if way is None else way(max(tick - before, 0.0))
 
     def camera(self, tick: float, width: int, height: int) -> Camera:
         """The same as the camera of an image."""
@@ -188,7 +195,7 @@ class Film:
         return [(self.camera(tick, *size), self._vertices(tick)) for tick in ends]
 
     def _play_to(self, tick):
-        """Play until a tick, and keep the poses of the ticks from the last frame on."""
+        """Play until a tick, and keep poses and cameras of the ticks from the last frame on."""
         if self._player is None:
             return
         journal = self.scene.journal
@@ -197,7 +204,9 @@ class Film:
         for now in range(journal.tick, tick + 1):
             self._player.play_to(now)
             self._poses[now] = self.scene.positions
+            self._ways[now] = self.scene.timeline.way_of_camera()
         self._poses = {at: pose for at, pose in self._poses.items() if at >= oldest}
+        self._ways = {at: way for at, way in self._ways.items() if at >= oldest}
 
     def _vertices(self, tick):
         """The vertices between two ticks, on straight ways.  [V, 3]; None without a session"""

@@ -9,7 +9,7 @@ import numpy as np
 from ...core.field import save
 from ...core.paths import free_name, working_folder
 from ..files import save_surface
-from ..sessions import save_session
+from ..sessions import SessionError, save_session
 from .video import PictureSeries, VideoWriter, save_png
 
 MESSAGE_SECONDS = 6.0
@@ -129,6 +129,8 @@ class Recorder:
             self.finished(save_session(scene, start, path))
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
+        except SessionError as error:
+            self._fail(str(error))
 
     def say(self, message: str) -> None:
         """Show a message for a while, and print it."""

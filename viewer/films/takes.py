@@ -7,7 +7,7 @@ in full, whatever the window showed (film_job.py).
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..sessions import save_session
+from ..sessions import SessionError, save_session
 from ..timeline import TICKS_PER_SECOND
 from .film_job import FilmChoices, FilmJob
 from .recorder import stamped
@@ -92,6 +92,9 @@ class Takes:
             save_session(app.scene, app.session_start, session)
         except OSError as error:
             app.recorder.say(f"can't write {session}: {error.strerror or error}")
+            return
+        except SessionError as error:
+            app.recorder.say(str(error))
             return
         device = "cuda" if app.scene.solver.device.is_cuda else "cpu"
         arguments = [*choices.arguments(app.size), "--device", device]

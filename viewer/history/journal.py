@@ -124,7 +124,7 @@ class Journal:
         self.steps: list[Step] = []
         self.cursor = 0  # steps before it can be undone, the others done again
         self._state_of, self._restore, self._is_nothing = state_of, restore, is_nothing
-        self._view, self._view_tick = {}, None  # that was noted last, and when
+        self._view = {}  # that was noted last
 
     @contextmanager
     def editing(self, name, arguments, label, merges, begins):
@@ -154,27 +154,26 @@ class Journal:
         self.events.clear()
         self.steps.clear()
         self.cursor = self.tick = 0
-        self._view, self._view_tick = {}, None
+        self._view = {}
 
     def note(self, name: str, **arguments) -> None:
         """Record what is no edit: a view, for the film."""
         values = {key: _plain(value) for key, value in arguments.items()}
         self.events.append(Event(self.tick, name, values))
 
-    def note_view(self, view: dict, always: bool = False) -> None:
-        """Record what has changed of the camera and of the way to show the object.
-
-        Args:
-            always: Record that nothing has, too, unless a view was recorded at this tick: films
-                move the camera evenly from one view that was recorded to the next.
-        """
+    def note_view(self, view: dict) -> None:
+        """Record what has changed of the camera, of the way to show the object, or of both."""
         view = {name: _plain(value) for name, value in view.items()}
         if not np.isfinite(np.append(view.get("target", 0.0), view.get("distance", 0.0))).all():
             return  # a camera that looks at vertices that aren't numbers
         changed = {name: value for name, value in view.items() if value != self._view.get(name)}
-        if changed or (always and self._view_tick != self.tick):
-            self.note("view", **(changed or {"yaw": view["yaw"]}))
-            self._view, self._view_tick = view, self.tick
+        if changed:
+            self.note("view", **changed)
+            self._view = self._view | view
+
+    def forget_view(self, names) -> None:
+        """Something else has changed these values of the view: they are recorded next time."""
+        self._view = {name: one for name, one in self._view.items() if name not in names}
 
     # -- undo ----------------------------------------------------------------------------
 

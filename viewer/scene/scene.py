@@ -136,10 +136,11 @@ class Scene:
             self.solver.step(TIME_STEP)
         self.journal.tick += 1
 
-    def note_view(self, always: bool = False) -> None:
-        """Let the journal know of the camera and of the way to show the object."""
+    def note_view(self) -> None:
+        """Let the journal know how the object is shown, and of a camera that a hand moves."""
         shown = {name: getattr(self.settings, name) for name in SHOWN}
-        self.journal.note_view(asdict(self.orbit) | shown, always)
+        camera = {} if self.timeline.moves_camera else asdict(self.orbit)
+        self.journal.note_view(camera | shown)
 
     def look(self, least=VISIBLE) -> None:
         """Take notice of the pose: it has changed if it differs by more than that [sizes]."""

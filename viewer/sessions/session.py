@@ -86,8 +86,10 @@ def save_session(scene, start: dict, path: Path) -> Path:
     """Write what was done to a scene since it had this `start`.
 
     Raises:
+        SessionError: It is longer than those that can be read.
         OSError: The file can't be written; one that was there before stays.
     """
+    _check_length(scene.journal)
     mesh = scene.field.mesh
     header = {
         KEY: VERSION,
@@ -109,10 +111,21 @@ def append_events(scene, path: Path, written: int) -> None:
     """Add the events behind the first `written` ones to a session's file.
 
     Raises:
+        SessionError: The session is longer than those that can be read.
         OSError: The file can't be written.
     """
+    _check_length(scene.journal)
     with open(path, "a", encoding="utf-8") as file:
         file.write(_lines(scene.journal.events[written:]))
+
+
+def _check_length(journal):
+    count, most = len(journal.events), MOST_EVENTS - 1  # the header is a line, too
+    if count > most or journal.tick > LONGEST:
+        raise SessionError(
+            f"the session is too long for a file: {count:,} events in {journal.tick:,} ticks, and "
+            f"{most:,} in {LONGEST:,} are the most; open the model again to begin another one"
+        )
 
 
 def _lines(entries) -> str:

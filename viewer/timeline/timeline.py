@@ -62,9 +62,26 @@ class Timeline:
         """Whether the camera is the timeline's, at this tick."""
         return self.playing and bool(self.keys["camera"])
 
+    @property
+    def _waits(self):
+        """Whether it plays by physics while time stands still."""
+        return bool(self.keys["pose"]) and self.motion == "physics" and self._scene.paused
+
     def orbit_at(self, tick: float) -> Orbit:
         """The camera at any time, if there are camera keys."""
         return k.orbit_at(self.keys["camera"], tick)
+
+    def way_of_camera(self):
+        """Where the camera is until the next tick, as it stands now.
+
+        Returns:
+            A function from the time since this tick [ticks] to an Orbit; None if the camera is
+            not the timeline's.
+        """
+        if not self.moves_camera:
+            return None
+        keys, head, speed = self.keys["camera"], self.head, 0.0 if self._waits else 1.0
+        return lambda since: k.orbit_at(keys, head + speed * since)
 
     # -- keys ----------------------------------------------------------------------------
 
@@ -213,17 +230,14 @@ class Timeline:
 
     def advance(self) -> bool:
         """A tick begins.  Returns whether the pose after it is set, so that no step is needed."""
-        scene = self._scene
         if not self.playing:
             return False
-        if self.moves_camera:
-            scene.note_view(always=True)  # so that a film has it at every tick
         ends = self.head >= self.end and not self.loop
         if ends or not self.end:
             self._end()
             return False
         driven = self.keys["pose"] and self.motion == "physics"
-        if driven and scene.paused:
+        if self._waits:
             return False
         with self.journal.unrecorded(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of materials: the panel says what is held
@@ -254,6 +268,7 @@ class Timeline:
     def _show_camera(self):
         if self.keys["camera"]:
             self._scene.orbit = self.orbit_at(self.head)
+            self.journal.forget_view(asdict(self._scene.orbit))
 
     def _show_pose(self):
         """Set vertices, pins and material as the keys have them; returns whether there are any."""
@@ -319,7 +334,9 @@ class Timeline:
 
     def _end(self):
         self._end_drive()
-        self.playing = False
+        moved, self.playing = self.moves_camera, False
+        if moved:  # from here on, the views that are recorded say where the camera is
+            self.journal.note_view(asdict(self._scene.orbit))
 
     def _let_go(self):
         self._scene.handles.release()
