@@ -87,10 +87,35 @@ def test_a_folder_that_cant_be_written_stops_nothing(scene, tmp_path):
     made = a.Autosave(scene, start_of(scene), tmp_path / "file" / "in it", clock)
     scene.set_ground(True)
     clock.now = 100.0
-    made.update()
-    assert made.failed
-    made.update()
+    for _ in range(2):
+        assert "can't be kept" in made.update() and made.failed
+        assert not made.update()  # in this minute
+        clock.now += a.RETRY
     made.end()
+
+
+def test_after_a_failure_the_whole_file_is_written_a_minute_later(
+    saved, scene, ball, tmp_path, monkeypatch
+):
+    """A disk that was full may have half of a line."""
+    scene.set_ground(True)
+    pass_time(saved, a.SECONDS)
+
+    def fail(scene, path, written):
+        with open(path, "a") as file:
+            file.write('[3, "set_gr')
+        raise OSError(28, "No space left on device")
+
+    scene.set_ground(False)
+    with monkeypatch.context() as full:
+        full.setattr(a, "append_events", fail)
+        pass_time(saved, 3600)
+    assert saved[0].failed
+    with pytest.raises(SessionError):
+        load_session(saved[0].path, ball)
+    scene.set_ground(True)
+    pass_time(saved, a.RETRY)
+    assert not saved[0].failed and len(load_session(saved[0].path, ball).events) == 3
 
 
 def test_what_another_run_left_is_found_and_what_runs_is_not(saved, scene, ball, tmp_path):
@@ -226,8 +251,7 @@ def test_the_window_shows_how_far_a_long_session_has_been_played(app, ball, monk
     """The button is in a panel: nothing is played before that panel's frame has ended."""
     from imgui_bundle import imgui
 
-    from deformrf.viewer import app as module
-    from deformrf.viewer import panels
+    from deformrf.viewer import panels, playing
 
     app.scene.set_ground(True)
     app.scene.journal.tick = 100
@@ -237,7 +261,7 @@ def test_the_window_shows_how_far_a_long_session_has_been_played(app, ball, monk
     )
     app.scene.set_ground(False)
     shown, draw = [], panels.playing_window
-    monkeypatch.setattr(module, "SILENT_SECONDS", 0.0)
+    monkeypatch.setattr(playing, "SILENT_SECONDS", 0.0)
     monkeypatch.setattr(panels, "playing_window", lambda *at: (shown.append(at), draw(*at)))
     app.left_behind = path
     with monkeypatch.context() as clicked:
@@ -245,5 +269,5 @@ def test_the_window_shows_how_far_a_long_session_has_been_played(app, ball, monk
         frames(app, 1)
     assert shown == [] and not app.scene.on_ground
     frames(app, 2)
-    assert shown[-1] == (90, 100) and app.scene.on_ground and app.left_behind is None
+    assert shown[-1] == (100, 100) and app.scene.on_ground and app.left_behind is None
     assert not app.gui._failed  # panels

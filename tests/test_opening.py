@@ -8,7 +8,7 @@ import pytest
 
 from deformrf.core import field as fields
 from deformrf.viewer.files import FileDialog, Problem
-from deformrf.viewer.sessions import save_session
+from deformrf.viewer.sessions import load_session, save_session
 
 pytestmark = pytest.mark.gl
 
@@ -51,16 +51,19 @@ def drop(app, path):
     frames(app, 2)
 
 
-def test_a_model_that_is_dropped_takes_the_place_of_the_one_that_is_shown(app, other):
+def test_a_model_that_is_dropped_takes_the_place_of_the_one_that_is_shown(app, ball, other):
     settings = app.scene.settings
     settings.background = (0.1, 0.2, 0.3)
     app.scene.set_ground(True)
     app.autosave.save()
     kept = app.autosave.path
+    app.scene.set_gravity(2.0)  # which the file lacks
     drop(app, other)
+    assert "is kept" in app.recorder.message
+    assert len(load_session(kept, ball).events) == 3  # and the view
     assert app.scene.name == "other" and app.dialog is None
     assert app.scene.settings is settings and not app.scene.on_ground
-    assert not kept.exists() and app.autosave.path != kept
+    assert app.autosave.path != kept
     assert app.preferences.recent == [str(other)]
     app.scene.set_ground(True)
     frames(app, 2)

@@ -9,7 +9,8 @@ import pytest
 from deformrf.core import field as fields
 from deformrf.viewer.films import film_job
 from deformrf.viewer.films.film_job import FilmChoices, _exact_copy
-from deformrf.viewer.sessions import load_session
+from deformrf.viewer.input import ACTIONS
+from deformrf.viewer.sessions import Session, load_session
 
 pytestmark = pytest.mark.gl
 
@@ -21,6 +22,7 @@ def app(window, ball, monkeypatch, tmp_path):
     from deformrf.viewer.events import EventLog
 
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))  # sessions that are kept
     made = App(*window, EventLog(False))
     made.load(ball, "ball", "cpu")
     made.scene.settings.fixed_resolution = 0.5
@@ -85,7 +87,7 @@ def test_a_take_is_made_into_a_film(taken, tmp_path, capfd):
     shown = film_frames(path)
     assert len(shown) == 9 and shown[0].shape == (*taken.size[::-1], 3)
     assert abs(shown[0].astype(int) - shown[-1]).max() > 20  # it moved
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["film.jsonl", "film.mp4"]
+    assert sorted(p.name for p in tmp_path.glob("film*")) == ["film.jsonl", "film.mp4"]
     assert load_session(tmp_path / "film.jsonl", taken.scene.field).ticks >= 70
 
 
@@ -100,7 +102,7 @@ def test_a_viewer_that_closes_ends_the_film_where_it_is(taken, tmp_path, monkeyp
     assert job._process.returncode is not None
     count = len(film_frames(tmp_path / "film.mp4"))
     assert 2 <= count < 31
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["film.jsonl", "film.mp4"]
+    assert sorted(p.name for p in tmp_path.glob("film*")) == ["film.jsonl", "film.mp4"]
 
 
 def test_a_film_that_fails_says_why(taken, capfd, monkeypatch):
@@ -139,6 +141,16 @@ def test_a_film_whose_process_talks_nonsense_ends_with_it(taken, monkeypatch):
     assert "can't be rendered" in job.problem and job._process.returncode is not None
 
 
+def test_a_take_is_of_the_model_that_is_shown(taken, ball):
+    """Another model has no such ticks."""
+    taken.load(ball, "another", "cpu")
+    assert taken.takes.take is None and not taken.takes.asking
+    press(taken)
+    assert taken.takes.recording
+    taken.play(Session({"start": {}, "ticks": 3}, []))
+    assert not taken.takes.recording
+
+
 def test_a_take_ends_with_the_scene_it_was_of(app):
     press(app)
     assert app.takes.recording
@@ -172,7 +184,9 @@ def test_recording_costs_a_frame_nothing(app):
     app.canvas.read = kept
 
 
-def test_enter_renders_and_escape_does_not(taken, tmp_path):
+def test_enter_renders_and_escape_does_not(taken, tmp_path, monkeypatch):
+    """Enter plays no timeline meanwhile, and renders nothing for another window."""
+    from imgui_bundle import imgui
     from pyglet.window import key
 
     def send(symbol):
@@ -186,8 +200,21 @@ def test_enter_renders_and_escape_does_not(taken, tmp_path):
     assert not taken.takes.asking and taken.takes.job is None
     press(taken, key.MOD_CTRL)
     taken.takes.choices.name = "again"
+    played = []
+    monkeypatch.setitem(ACTIONS, "play", played.append)
+    frames(taken)
+    imgui.set_window_focus(None)  # as after a click beside it
+    send(key.RETURN)
+    assert taken.takes.asking and taken.takes.job is None
+    taken.takes.asking = False
+    frames(taken)
+    press(taken, key.MOD_CTRL)
+    taken.takes.choices.name = "again"
+    frames(taken)
+    taken.recorder.say("something else")  # whose window takes nothing away
     frames(taken)
     send(key.RETURN)
+    assert not played
     assert not taken.takes.asking and taken.takes.job is not None
     assert (tmp_path / "again.jsonl").exists()
 

@@ -15,7 +15,7 @@ from deformrf.core.training.run import optimization
 from deformrf.viewer.camera import picking
 from deformrf.viewer.training import live as lives
 from deformrf.viewer.training import train_command
-from deformrf.viewer.training.live import LiveRun
+from deformrf.viewer.training.live import Gate, LiveRun
 from deformrf.viewer.window import WindowError
 
 FEW = preset(
@@ -250,3 +250,51 @@ def test_several_processes_show_no_view(call, data, tmp_path, trainer, monkeypat
     arguments = ("-o", tmp_path / "m.npz", "--device", "cpu", "--preset", "tiny", "--view")
     assert "one process" in refused(call(train_command.main, data, *arguments))
     assert not trainer.calls
+
+
+@pytest.mark.gl
+def test_the_window_is_closed_while_the_run_pauses(window, live_window, live, monkeypatch):
+    """What CUDA frees would get into a graph that the run records."""
+    from deformrf.viewer.app import App
+
+    live.gate = Gate(False)
+    busy, seen = [True], []
+
+    def work():
+        end = time.monotonic() + 30.0
+        while not seen and time.monotonic() < end:
+            busy.append(True)
+            time.sleep(0.02)
+            busy.clear()
+            live.gate.pass_through()
+        return 7
+
+    close = App.close
+    monkeypatch.setattr(App, "close", lambda app: (seen.append(bool(busy)), close(app)))
+    window[0].has_exit = True
+    assert train_command.show(live, work, *window) == 7
+    assert seen == [False]
+
+
+@pytest.mark.gl
+def test_the_window_can_be_quit_before_its_first_picture(shown):
+    from pyglet.window import key
+
+    assert shown.app.scene is None
+    shown.app.window.dispatch_event("on_key_press", key.Q, key.MOD_CTRL)
+    shown.app.window.dispatch_events()
+    assert shown.app.window.has_exit
+
+
+@pytest.mark.gl
+def test_a_trained_model_is_as_one_that_was_opened(shown, live, ball, monkeypatch, tmp_path):
+    """What is done to it is kept, and the run is forgotten with it."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    turns_until(shown, lambda: live.ended and live.peek() is None)
+    monkeypatch.setattr(shown.app, "run", lambda: shown.app.scene.set_ground(True))
+    shown.run()
+    shown.app.autosave._next = 0.0
+    shown.app.frame(0.0)
+    assert shown.app.autosave.path.exists() and shown.app.live is live
+    shown.app.load(ball, "ball", "cpu")
+    assert shown.app.live is None

@@ -14,24 +14,15 @@ from pathlib import Path
 import pyglet
 from pyglet.window import key
 
-from . import logs, panels, preferences
+from . import logs, panels, playing, preferences
 from .camera import Covered, clip_range
 from .events import state_of
 from .files import Problem, open_asked
 from .films import Recorder, Takes, without_background
-from .history import begin_anew, unless_it_fails
 from .input import ACTIONS, Controls, Fly, action_of, placed_photograph
 from .layers import Canvas, HandleLayer, MeshLayer, PhotoLayer, RadianceLayer, choose_path
 from .loading import Progress, prepare
-from .sessions import (
-    Autosave,
-    Player,
-    Session,
-    autosave_folder,
-    left_behind,
-    load_session,
-    start_of,
-)
+from .sessions import Autosave, Session, autosave_folder, left_behind, start_of
 from .timeline import Strip
 from .times import FrameTimes
 
@@ -42,7 +33,6 @@ AWAKE_SECONDS = 1.0  # after an event, frames are drawn: panels answer over seve
 POLL_SECONDS = 1.0 / 30.0  # between two looks for events at rest
 REDRAW_SECONDS = 0.5  # between two frames at rest: messages disappear, curves grow
 STATE_SECONDS = 0.5  # between two "state" events in the log
-SILENT_SECONDS = 0.2  # of a session's playing, between two pictures of how far it is
 INPUT_EVENTS = (
     *("on_key_press", "on_key_release", "on_text", "on_file_drop"),
     *("on_mouse_press", "on_mouse_release", "on_mouse_drag", "on_mouse_motion", "on_mouse_scroll"),
@@ -94,7 +84,7 @@ class App:
         if self.gui is None:
             scene, renderer = prepare(*arguments)
         else:
-            with ThreadPoolExecutor(1) as pool, self._only_shown():
+            with ThreadPoolExecutor(1) as pool, self.only_shown():
                 preparing = pool.submit(prepare, *arguments)
                 while not preparing.done():
                     self.show_alone(panels.loading_window, f"preparing {name}", self.progress)
@@ -106,12 +96,16 @@ class App:
         else:
             scene.settings = self.scene.settings
         self.show(scene, renderer, path)
-        self.loaded_on = device, interop
+        self.loaded_on, self.live = (device, interop), None
         if self.gui is not None:
-            if self.autosave is not None:
-                self.autosave.end()
+            for sentence in [] if self.autosave is None else self.autosave.leave():
+                self.recorder.say(sentence)
             self.left_behind = left_behind(autosave_folder(), field.mesh)
-            self.autosave = Autosave(scene, self.session_start, autosave_folder())
+            self.begin_autosave()
+
+    def begin_autosave(self) -> None:
+        """Keep the session of the scene from now on."""
+        self.autosave = Autosave(self.scene, self.session_start, autosave_folder())
 
     def show(self, scene, renderer, path: str) -> None:
         """Show a scene from now on, in the place of the one before.
@@ -140,15 +134,20 @@ class App:
         self.photographs = None  # of the scene's data set, if its folder was given
         self.fly = Fly(self.window, self.controls, self.radiance.depth_image)
         self.scene, self.session_start = scene, start_of(scene)
+        self.takes.forget()
         # The handlers that are pushed last are asked first.
         self.window.push_handlers(self.controls)
         self.window.push_handlers(*panels_first)
         self.window.push_handlers(**noted)
 
     @contextmanager
-    def _only_shown(self):
-        """In the block, keys, mouse and dropped files do nothing: the scene is not ready."""
-        swallowed = dict.fromkeys(INPUT_EVENTS, lambda *arguments: True)
+    def only_shown(self, **handlers):
+        """In the block, keys, mouse and dropped files do nothing: the scene is not ready.
+
+        Args:
+            handlers: What is done nevertheless, by the events' names.
+        """
+        swallowed = dict.fromkeys(INPUT_EVENTS, lambda *arguments: True) | handlers
         self.window.push_handlers(**swallowed)
         try:
             yield
@@ -167,56 +166,23 @@ class App:
         self.canvas.show()
         self.window.flip()
 
-    def play(self, session: Session) -> None:
-        """Bring the scene to where a session ended; what was done since its start is forgotten.
-
-        The session can be undone and goes on.
-
-        Raises:
-            SessionError: It is damaged, or of another stiffness; the scene stays as it was.
-        """
-        scene = self.scene
-        with unless_it_fails(scene), self._only_shown():
-            begin_anew(scene)
-            start = start_of(scene) | session.header["start"]
-            self._play(Player(scene, session))
-        self.session_start = start
-        scene.handles.release()
-        scene.end_push()
-        if scene.timeline.playing:
-            scene.timeline.stop()
-        if scene.paused and not scene.timeline.stands:  # else a pose is shown, and stays
-            scene.paused = False
-        if self.autosave is not None:
-            self.autosave.end()
-            self.autosave = Autosave(scene, self.session_start, autosave_folder())
-            self.autosave.save()
-
-    def _play(self, player):
-        """Play all of a session; after a moment, the window says how far it is."""
-        ticks, shown = player.session.ticks, time.perf_counter()
-        for tick in range(0, ticks, 30):
-            player.play_to(tick)
-            if self.gui is not None and time.perf_counter() - shown > SILENT_SECONDS:
-                self.show_alone(panels.playing_window, tick, ticks)
-                shown = time.perf_counter()
-        player.play_to(ticks)
+    def play(self, session: Session, said: str = "") -> bool:
+        """Go on where a session ended, as playing.play does."""
+        return playing.play(self, session, said)
 
     def recover(self) -> None:
         """Go on with the session that was left behind."""
-        path, self.left_behind = self.left_behind, None
-        try:
-            self.play(load_session(path, self.scene.field, whole=False))
-            path.unlink()  # the new session has all of it, in a file of its own
-        except (OSError, ValueError) as error:  # a SessionError is one
-            self.recorder.say(str(error))
+        playing.recover(self)
 
     # -- the window's events (the mouse's are in controls.py) ----------------------------
 
     def on_key_press(self, symbol, modifiers):
         ctrl, shift = bool(modifiers & key.MOD_CTRL), bool(modifiers & key.MOD_SHIFT)
         action = action_of(key.symbol_string(symbol), ctrl, shift)
-        if self.scene is not None and action is not None:
+        entered = symbol in (key.ENTER, key.NUM_ENTER)
+        if entered and self.takes.asking:
+            return True  # it is for that window, or for nobody
+        if action == "quit" or (self.scene is not None and action is not None):
             self.log("key", action=action)
             ACTIONS[action](self)
         return True  # pyglet's own handler would close the window on Esc

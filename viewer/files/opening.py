@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ...core import field as fields
 from ...core.arguments import plain_message
+from ...core.paths import working_folder
 from .. import logs
 from ..sessions import load_session
 from .dialogs import FileDialog, Problem
@@ -20,7 +21,7 @@ log = logging.getLogger(__name__)
 def ask_for_file(app) -> None:
     """Show the dialog to choose a model or session in."""
     recent = [Path(name).parent for name in app.preferences.recent]
-    folder = next((path for path in recent if path.is_dir()), Path.cwd())
+    folder = next((path for path in recent if path.is_dir()), working_folder())
 
     def chosen(path):
         app.asked = path
@@ -40,8 +41,9 @@ def open_asked(app) -> None:
             open_photographs(app, path)
             return
         if path.suffix.lower() == SESSION:
-            app.play(load_session(path, app.scene.field))
-            app.recorder.say(f"played {path.name}: go on, or undo it")
+            session = load_session(path, app.scene.field)
+            if not app.play(session, f"played {path.name}: go on, or undo it"):
+                return
         elif path.suffix.lower() == MODEL:
             on = app.loaded_on or (str(app.scene.solver.device), "auto")
             app.load(fields.load(path), path.stem, *on)

@@ -40,13 +40,20 @@ def film_window(app):
         choices.name = name
     imgui.text_disabled(str(choices.path) if choices.name else "a film needs a name")
     imgui.begin_disabled(not choices.name)
-    if (imgui.button("Render") or imgui.is_key_pressed(imgui.Key.enter)) and choices.name:
+    if (imgui.button("Render") or _entered()) and choices.name:
         takes.start_film()
     imgui.end_disabled()
     imgui.same_line()
     if imgui.button("Not now"):
         takes.asking = False
     imgui.pop_item_width()
+
+
+def _entered():
+    """Whether Enter was pressed for this window."""
+    focused = imgui.is_window_focused(imgui.FocusedFlags_.root_and_child_windows.value)
+    keys = imgui.Key.enter, imgui.Key.keypad_enter
+    return focused and any(imgui.is_key_pressed(one, False) for one in keys)
 
 
 def progress_window(app):

@@ -60,24 +60,10 @@ def draw_panels(app) -> None:
         _main_panel(app, top=menu_bar(app))
     if app.scene.settings.show_timeline:
         _strip(app)
-    if app.scene.settings.show_help:
-        _floating("help", (0.5, 0.5))
-        app.gui.guarded(help_overlay, app)
-        app.gui.claim()
-        imgui.end()
-    if app.left_behind is not None:
-        _floating("recovery", (0.5, 0.5))
-        app.gui.guarded(recovery_window, app)
-        app.gui.claim()
-        imgui.end()
-    if app.dialog is not None:
-        _floating("dialog", (0.5, 0.5))
-        app.gui.guarded(dialog_window, app)
-        app.gui.claim()
-        imgui.end()
-    if app.takes.asking:
-        _floating("film", (0.5, 0.5))
-        app.gui.guarded(film_window, app)
+    asked = _asked(app)
+    if asked is not None:
+        _floating(asked[0], (0.5, 0.5))
+        app.gui.guarded(asked[1], app)
         app.gui.claim()
         imgui.end()
     if app.takes.job is not None:
@@ -101,6 +87,19 @@ def draw_panels(app) -> None:
         _floating("message", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value, above)
         imgui.text(app.recorder.message)
         imgui.end()
+
+
+def _asked(app):
+    """Name and panel of the window in the middle: one after another, as they would be one over
+    the other; None if there is none.
+    """
+    if app.left_behind is not None:
+        return "recovery", recovery_window
+    if app.dialog is not None:
+        return "dialog", dialog_window
+    if app.takes.asking:
+        return "film", film_window
+    return ("help", help_overlay) if app.scene.settings.show_help else None
 
 
 def covered(app) -> Covered:
@@ -167,6 +166,8 @@ def _floating(name, place, flags=0, above=0.0, top=0.0):
     x, y = place[0] * size.x, place[1] * (size.y - above)
     inwards = {0.0: MARGIN, 0.5: 0.0, 1.0: -MARGIN}
     imgui.set_next_window_pos((x + inwards[place[0]], y + top + inwards[place[1]]), pivot=place)
+    if flags & imgui.WindowFlags_.no_inputs.value:  # keys stay with the window that has them
+        flags |= imgui.WindowFlags_.no_focus_on_appearing.value
     imgui.begin(name, flags=FLOATING | flags)
 
 

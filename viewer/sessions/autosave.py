@@ -15,6 +15,7 @@ from .session import append_events, mesh_hash, save_session
 
 SECONDS = 5.0  # between two looks for edits
 SHARE = 0.02  # of the time that writing may take
+RETRY = 60.0  # s after a failure, until it is tried again
 ABANDONED = 60.0  # s without a sign of life
 
 
@@ -29,7 +30,8 @@ class Autosave:
     def __init__(self, scene, start: dict, kept_in: Path, clock=time.monotonic):
         """Take a scene that had this `start` (session.start_of), and a folder."""
         self.path = kept_in / f"{scene.name}-{os.getpid()}-{time.time_ns()}.jsonl"
-        self.failed = False  # a full disk: it is not tried again
+        self.failed = False  # as on a full disk: the file is not whole
+        self.kept = False  # for another start, though the viewer ends in order
         self._scene, self._start, self._clock = scene, start, clock
         self._saved = len(scene.journal.events)  # so many need no saving
         self._written = 0  # events that the file has
@@ -39,10 +41,10 @@ class Autosave:
         """Called in every frame: write the file if it is time and something was done.
 
         Returns:
-            What went wrong, said once; else an empty string.
+            What went wrong, said again every minute; else an empty string.
         """
         now = self._clock()
-        if now < self._next or self.failed:
+        if now < self._next:
             return ""
         self._next = now + SECONDS
         try:
@@ -51,8 +53,8 @@ class Autosave:
             elif self.path.exists():
                 os.utime(self.path)
         except (OSError, ValueError) as error:
-            self.failed = True
-            return f"what you do can't be kept in {self.path.parent}: {error}"
+            self._next = now + RETRY
+            return self._failure(error)
         self._next += (self._clock() - now) / SHARE
         return ""
 
@@ -63,12 +65,43 @@ class Autosave:
             OSError: It can't be written.
         """
         count = len(self._scene.journal.events)
-        if 0 < self._written <= count and self.path.exists():
+        if 0 < self._written <= count and not self.failed and self.path.exists():
             append_events(self._scene, self.path, self._written)
         else:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             save_session(self._scene, self._start, self.path)
         self._saved = self._written = count
+        self.failed = False
+
+    def write(self) -> list[str]:
+        """Write the file now; returns a sentence if that fails."""
+        try:
+            self.save()
+        except (OSError, ValueError) as error:
+            return [self._failure(error)]
+        return []
+
+    def keep(self) -> list[str]:
+        """Before another session takes the place of this one: keep it, if anything was done.
+
+        Returns:
+            Sentences for the user.
+        """
+        self.kept = bool(self._scene.journal.steps)
+        if not self.kept:
+            return []
+        return self.write() or ["what you did before is kept, and offered at another start"]
+
+    def leave(self) -> list[str]:
+        """Another session has taken the place of this one: keep it, or remove its file."""
+        sentences = self.keep()
+        if not self.kept:
+            self.end()
+        return sentences
+
+    def _failure(self, error):
+        self.failed = True
+        return f"what you do can't be kept in {self.path.parent}: {error}"
 
     def _has_news(self):
         """Whether something was done since, but for views."""

@@ -122,6 +122,7 @@ class LiveWindow:
         app = self.app
         if app.scene is not None:
             app.scene.settings.accumulate = True
+            app.begin_autosave()
             app.run()
 
 

@@ -79,9 +79,10 @@ def show(live, job: Callable[[], int], window, context) -> int:
     try:
         try:
             LiveWindow(app, live).run()
+            app.end()
         finally:
             live.watched = False
-            app.close()
+            _close(app, live)
         if not (live.ended or live.stopping):
             print("The window is closed; training goes on. Ctrl-C stops it and keeps the work.")
     except KeyboardInterrupt:
@@ -90,3 +91,16 @@ def show(live, job: Callable[[], int], window, context) -> int:
     except Exception:
         logging.getLogger(__name__).exception("The view failed; training goes on.")
     return live.result()
+
+
+def _close(app, live):
+    """Close the window while the run pauses: what is freed would get into a graph it records."""
+    from .live import POLL_SECONDS
+
+    app.window.set_visible(False)
+    closed = False
+    while not closed:
+        with live.gate.entered(POLL_SECONDS) as entered:
+            if entered:
+                closed = True
+                app.close()

@@ -1,0 +1,117 @@
+"""Sessions that are played in the window: they can be stopped, and delete nothing."""
+
+import numpy as np
+import pytest
+
+from deformrf.viewer.sessions import Session, load_session, save_session
+from deformrf.viewer.sessions import autosave as a
+
+pytestmark = pytest.mark.gl
+
+
+@pytest.fixture
+def app(window, ball, monkeypatch, tmp_path):
+    """An App with panels in a window without a display, showing a ball on the ground."""
+    from deformrf.viewer.app import App
+    from deformrf.viewer.events import EventLog
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))  # sessions that are kept
+    made = App(*window, EventLog(False))
+    made.load(ball, "ball", "cpu")
+    made.scene.settings.fixed_resolution = 0.25
+    made.scene.set_ground(True)
+    made.run(2)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def bent(app, tmp_path):
+    """The file of a session in which gravity was set."""
+    app.scene.set_gravity(3.0)
+    path = save_session(app.scene, app.session_start, tmp_path / "bent.jsonl")
+    app.scene.undo()
+    return path
+
+
+@pytest.mark.parametrize("how", ["Esc", "close"])
+def test_a_session_of_a_day_can_be_stopped(app, monkeypatch, how):
+    """A file of a few lines may say that it is so long."""
+    from pyglet.window import key
+
+    from deformrf.viewer import panels, playing
+
+    shown = []
+
+    def draw(*at):
+        shown.append(at)
+        assert len(shown) < 9, "it goes on"
+        pressed = ("on_key_press", key.ESCAPE, 0) if how == "Esc" else ("on_close",)
+        app.window.dispatch_event(*pressed)
+
+    monkeypatch.setattr(playing, "SILENT_SECONDS", 0.0)
+    monkeypatch.setattr(panels, "playing_window", draw)
+    scene = app.scene
+    events, orbit, pose = list(scene.journal.events), scene.orbit, scene.positions.copy()
+    day = Session({"start": {}, "ticks": 24 * 3600 * 60}, [])
+    assert not app.play(day) and app.window.has_exit == (how == "close")
+    assert scene.journal.events == events and scene.orbit == orbit and scene.on_ground
+    np.testing.assert_allclose(scene.positions, pose, atol=1e-6)
+    assert "stopped" in app.recorder.message and scene.undo()
+
+
+def test_what_was_done_before_is_kept_and_offered_later(app, ball, bent):
+    kept = app.autosave.path
+    app.asked = bent
+    app.frame(0.0)
+    assert app.scene.body.gravity == 3.0
+    assert "played bent.jsonl" in app.recorder.message and "is kept" in app.recorder.message
+    names = [event.name for event in load_session(kept, ball).events]
+    assert "set_ground" in names
+    app.end()
+    assert not app.autosave.path.exists()
+    assert a.left_behind(a.autosave_folder(), ball.mesh) == kept
+
+
+def test_what_was_left_behind_stays_until_the_new_file_is_written(app, bent, monkeypatch):
+    def fail(*arguments):
+        raise OSError(28, "No space left on device")
+
+    app.left_behind = bent
+    with monkeypatch.context() as full:
+        full.setattr(a, "save_session", fail)
+        app.recover()
+    assert app.scene.body.gravity == 3.0 and bent.exists()
+    assert "can't be kept" in app.recorder.message
+    kept = app.autosave.path
+    app.left_behind = bent
+    app.recover()
+    assert not bent.exists() and app.autosave.path.exists() and kept.exists()
+
+
+def test_windows_in_the_middle_come_one_after_another(app, bent, monkeypatch):
+    """The question about the session that was left behind is the first."""
+    from imgui_bundle import imgui
+
+    from deformrf.viewer.files import Problem
+
+    drawn, begin = [], imgui.begin
+
+    def noted(name, *arguments, **named):
+        drawn.append(name)
+        return begin(name, *arguments, **named)
+
+    monkeypatch.setattr(imgui, "begin", noted)
+    app.left_behind, app.dialog = bent, Problem("a", "b")
+    app.takes.ask()
+    app.scene.settings.show_help = True
+    for name in ("recovery", "dialog", "film", "help"):
+        drawn.clear()
+        app.frame(0.0)
+        assert [n for n in drawn if n in ("recovery", "dialog", "film", "help")] == [name]
+        if name == "recovery":
+            app.left_behind = None
+        elif name == "dialog":
+            app.dialog = None
+        app.takes.asking &= name != "film"

@@ -1,0 +1,109 @@
+"""Sessions that are played in the window: one that is opened, and one that was left behind.
+
+Playing may take minutes.  The window shows how far it is, and Esc or closing it ends the playing,
+which leaves the scene as it was.
+"""
+
+import time
+
+from pyglet.window import key
+
+from . import panels
+from .history import begin_anew, unless_it_fails
+from .sessions import Player, Session, load_session, start_of
+
+BATCH_SECONDS = 0.05  # of playing, between two looks for events
+SILENT_SECONDS = 0.2  # between two pictures of how far it is
+
+
+class _Stopped(Exception):
+    """The user has ended the playing."""
+
+
+def play(app, session: Session, said: str = "") -> bool:
+    """Bring the App's scene to where a session ended, from which it goes on and can be undone.
+
+    What was done to the scene before is kept in a file, as that of a viewer that did not end in
+    order is.
+
+    Args:
+        said: What to say then.
+
+    Returns:
+        False if the user has stopped it; the scene is as it was.
+
+    Raises:
+        SessionError: It is damaged, or of another stiffness; the scene stays as it was.
+    """
+    scene, before = app.scene, app.autosave
+    sentences = [] if before is None else before.keep()
+    try:
+        with unless_it_fails(scene):
+            begin_anew(scene)
+            start = start_of(scene) | session.header["start"]
+            _play(app, Player(scene, session))
+    except _Stopped:
+        app.recorder.say("the session was stopped: all is as it was before")
+        return False
+    app.session_start = start
+    app.takes.forget()
+    scene.handles.release()
+    scene.end_push()
+    if scene.timeline.playing:
+        scene.timeline.stop()
+    if scene.paused and not scene.timeline.stands:  # else a pose is shown, and stays
+        scene.paused = False
+    if before is not None:
+        app.begin_autosave()
+        sentences += app.autosave.write()
+        if not before.kept:
+            before.end()
+    sentences = [*filter(None, [said]), *sentences]
+    if sentences:
+        app.recorder.say("; ".join(sentences))
+    return True
+
+
+def _play(app, player):
+    """Play all of a session, in batches; raises _Stopped."""
+    ticks, shown = player.session.ticks, time.perf_counter()
+    stopped = []
+
+    def on_key_press(symbol, modifiers):
+        if symbol == key.ESCAPE:
+            stopped.append(symbol)
+        return True
+
+    with app.only_shown(on_key_press=on_key_press):
+        done = size = 0
+        while done < ticks:
+            begin = time.perf_counter()
+            size = min(size, ticks - done)
+            done += size
+            player.play_to(done)
+            now = time.perf_counter()
+            share = BATCH_SECONDS / max(now - begin, 1e-6)
+            size = max(int(size * min(share, 2.0)), 1)
+            if app.gui is None:
+                continue
+            if now - shown > SILENT_SECONDS:
+                app.show_alone(panels.playing_window, done, ticks)  # which handles events
+                shown = time.perf_counter()
+            else:
+                app.window.dispatch_events()
+            if stopped or app.window.has_exit:
+                raise _Stopped
+        player.play_to(ticks)
+
+
+def recover(app) -> None:
+    """Go on with the session that was left behind."""
+    path, app.left_behind = app.left_behind, None
+    try:
+        session = load_session(path, app.scene.field, whole=False)
+        if not play(app, session):
+            app.left_behind = path
+        elif app.autosave.path.exists():  # it has all of it
+            path.unlink(missing_ok=True)
+    except (OSError, ValueError) as error:  # a SessionError is one
+        app.recorder.say(str(error))
