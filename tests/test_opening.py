@@ -1,6 +1,7 @@
 """Files that are opened in a window that shows something already."""
 
 import gc
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -224,3 +225,35 @@ def test_a_path_can_be_typed_and_escape_closes_the_dialog(app, other):
     send(app, "on_key_press", key.RETURN, 0)
     frames(app, 3)
     assert app.scene.name == "other" and app.dialog is None
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are UTF-8 there")
+def test_names_that_are_not_utf_8_are_shown_and_opened(app, other, tmp_path, monkeypatch):
+    """In the dialog, the menu of recent files, the panel and messages."""
+    from imgui_bundle import imgui
+
+    from deformrf.viewer.panels.menu import recent_items
+
+    folder = tmp_path / "caf\udce9"
+    folder.mkdir()
+    path = other.rename(folder / "m\udcff.npz")
+    app.dialog = FileDialog("Open", folder, (".npz",), lambda path: setattr(app, "asked", path))
+    frames(app, 2)
+    assert app.dialog.text.endswith("caf?") and app.dialog.typed() == folder
+    assert app.dialog.choose(Path(app.dialog.entries[0][0]))
+    frames(app, 2)
+    assert app.scene.name == path.stem and app.preferences.recent == [str(path)]
+    shown, draw = [], imgui.menu_item_simple
+    with monkeypatch.context() as opened:
+        opened.setattr(imgui, "begin_menu", lambda *_: shown.append("menu") or True)
+        opened.setattr(imgui, "end_menu", lambda: None)
+        opened.setattr(imgui, "menu_item_simple", lambda s: shown.append(s) or draw(s))
+        app.gui.begin()
+        app.gui.guarded(recent_items, app)
+        app.gui.end()
+    assert shown == ["menu", "m?.npz##0"]
+    app.recorder.say(f"wrote {path}")
+    drop(app, folder / "absent\udcff.npz")
+    assert isinstance(app.dialog, Problem)
+    frames(app, 2)
+    assert not app.gui._failed and "wrote" in app.recorder.message

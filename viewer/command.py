@@ -30,7 +30,7 @@ from ..core.device import Choice, device_name
 from ..core.paths import DEFAULT_MODEL, program_version
 from ..core.render import Mode
 from . import logs
-from .files import Problem
+from .files import Problem, readable
 
 log = logging.getLogger(__name__)
 
@@ -222,7 +222,7 @@ def _open(chosen, kept):
 
     headless = chosen.run.headless
     size = size_of(chosen) if headless or chosen.size else kept.window_size
-    window, context = open_window(size, headless, f"deformrf: {chosen.model.stem}")
+    window, context = open_window(size, headless, f"deformrf: {readable(chosen.model.stem)}")
     from .app import App  # imports pyglet's window, which is possible from now on
     from .events import EventLog
 

@@ -25,7 +25,8 @@ def start(path: Path) -> Path | None:
     """Write warnings and errors of all modules there from now on; None if that is impossible."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handler = RotatingFileHandler(path, maxBytes=LARGEST, backupCount=OLDER, encoding="utf-8")
+        text = {"encoding": "utf-8", "errors": "backslashreplace"}  # of names that aren't UTF-8
+        handler = RotatingFileHandler(path, maxBytes=LARGEST, backupCount=OLDER, **text)
     except OSError as error:
         log.warning("there will be no log in %s: %s", path, error.strerror or error)
         return None

@@ -6,7 +6,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "opening": ["ask_for_file", "open_asked", "open_photographs"],
-        "dialogs": ["FileDialog", "Problem"],
+        "dialogs": ["FileDialog", "Problem", "readable"],
         "export": ["save_surface", "surface_of", "with_colors"],
     },
 )

@@ -17,6 +17,11 @@ class Problem:
     log_file: Path | None = None
 
 
+def readable(name) -> str:
+    """A path, or text that has one, as it can be shown: what isn't UTF-8 in a name becomes "?"."""
+    return str(name).encode("utf-8", "replace").decode()
+
+
 class FileDialog:
     """The choice of a file in the folders of this machine."""
 
@@ -40,7 +45,7 @@ class FileDialog:
             return
         self.problem = ""
         self.folder = folder
-        self.text = str(folder)
+        self.text = readable(folder)
         shown = [
             (name, is_folder)
             for name, is_folder in entries
@@ -48,6 +53,10 @@ class FileDialog:
         ]
         shown.sort(key=lambda entry: (not entry[1], entry[0].lower()))
         self.entries = shown[:MOST_SHOWN]
+
+    def typed(self) -> Path:
+        """The path that the text means; the folder's own text need not be its name."""
+        return self.folder if self.text == readable(self.folder) else Path(self.text)
 
     def choose(self, path: Path) -> bool:
         """Enter a folder, or take a file; whether the dialog is done."""

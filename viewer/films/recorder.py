@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.field import save
 from ...core.paths import free_name, working_folder
-from ..files import save_surface
+from ..files import readable, save_surface
 from ..sessions import SessionError, save_session
 from .video import PictureSeries, VideoWriter, save_png
 
@@ -147,6 +147,7 @@ class Recorder:
         self._say(str(error), sys.stderr)
 
     def _say(self, message, stream):
+        message = readable(message)
         self._said = time.monotonic(), message
         print(message, file=stream, flush=True)
 

@@ -90,8 +90,8 @@ class Takes:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             save_session(app.scene, app.session_start, session)
-        except OSError as error:
-            app.recorder.say(f"can't write {session}: {error.strerror or error}")
+        except (OSError, ValueError) as error:  # a SessionError: it is too long
+            app.recorder.say(f"can't write {session}: {getattr(error, 'strerror', None) or error}")
             return
         except SessionError as error:
             app.recorder.say(str(error))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from ..files import FileDialog, Problem
+from ..files import FileDialog, Problem, readable
 
 WIDTH, LIST_HEIGHT = 520.0, 280.0
 
@@ -19,11 +19,11 @@ def dialog_window(app) -> None:
 
 
 def _problem(problem, width):
-    imgui.text(problem.title)
+    imgui.text(readable(problem.title))
     imgui.push_text_wrap_pos(width)
-    imgui.text_wrapped(problem.sentence)
+    imgui.text_wrapped(readable(problem.sentence))
     if problem.log_file is not None:
-        imgui.text_disabled(f"more in {problem.log_file}")
+        imgui.text_disabled(readable(f"more in {problem.log_file}"))
     imgui.pop_text_wrap_pos()
     return imgui.button("Close")
 
@@ -36,17 +36,19 @@ def _choice(dialog, width):
     if imgui.is_window_appearing():
         imgui.set_keyboard_focus_here()
     entered, dialog.text = imgui.input_text("##path", dialog.text, flags)
-    done = bool(entered) and dialog.choose(Path(dialog.text))
+    done = bool(entered) and dialog.choose(dialog.typed())
     height = min(LIST_HEIGHT, imgui.get_io().display_size.y - 150.0)
     if imgui.begin_child("entries", (width, max(height, 60.0)), imgui.ChildFlags_.borders.value):
         if imgui.selectable("..", False)[0]:
             dialog.choose(Path(".."))
-        for name, is_folder in list(dialog.entries):
-            if imgui.selectable(f"{name}/" if is_folder else name, False)[0]:
+        for number, (name, is_folder) in enumerate(list(dialog.entries)):
+            imgui.push_id(number)  # two names may look the same
+            if imgui.selectable(readable(name) + "/" * is_folder, False)[0]:
                 done = dialog.choose(Path(name)) or done
+            imgui.pop_id()
         if not dialog.entries:
             imgui.text_disabled(f"no {' or '.join(dialog.endings)} here")
     imgui.end_child()
     if dialog.problem:
-        imgui.text_wrapped(dialog.problem)
+        imgui.text_wrapped(readable(dialog.problem))
     return imgui.button("Cancel") or done

@@ -4,6 +4,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
+from ..files import readable
 from ..films import FORMATS, RATES, SAMPLE_COUNTS, SIZES
 from .widgets import checkbox, combo
 
@@ -38,7 +39,7 @@ def film_window(app):
     changed, name = imgui.input_text("name", choices.name)
     if changed:
         choices.name = name
-    imgui.text_disabled(str(choices.path) if choices.name else "a film needs a name")
+    imgui.text_disabled(readable(choices.path) if choices.name else "a film needs a name")
     imgui.begin_disabled(not choices.name)
     if (imgui.button("Render") or _entered()) and choices.name:
         takes.start_film()

@@ -8,6 +8,7 @@ from operator import attrgetter
 from imgui_bundle import imgui
 
 from ..camera import Covered
+from ..files import readable
 from ..input import INPUTS
 from ..loading import STAGES
 from .camera import camera_panel
@@ -217,7 +218,7 @@ def training_window(app) -> None:
 def loading_window(title: str, progress) -> None:
     """The stages of a loading.Progress, with a bar."""
     _floating("loading", (0.5, 0.5), imgui.WindowFlags_.no_inputs.value)
-    imgui.text(title)
+    imgui.text(readable(title))
     done = list(progress.seconds)  # another thread adds to it
     for stage, seconds in zip(STAGES, done, strict=False):
         imgui.text_disabled(f"{stage}, {seconds:.1f} s")

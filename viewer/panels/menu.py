@@ -4,6 +4,7 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
+from ..files import readable
 from ..input import ACTIONS, INPUTS
 
 FIRST, LAST = "File", "Help"  # the others are between them, in the table's order
@@ -45,19 +46,19 @@ def _items(app, menu):
         if not isinstance(item, dict):
             _item(app, title, item)
             if item.action == "open":
-                _recent(app)
+                recent_items(app)
         elif item and imgui.begin_menu(title):
             _items(app, item)
             imgui.end_menu()
 
 
-def _recent(app):
+def recent_items(app):
     """The files that were opened before."""
     if imgui.begin_menu("Open recent", bool(app.preferences.recent)):
-        for path in map(Path, app.preferences.recent):
-            if imgui.menu_item_simple(f"{path.name}##{path}"):
+        for number, path in enumerate(map(Path, app.preferences.recent)):
+            if imgui.menu_item_simple(f"{readable(path.name)}##{number}"):
                 app.asked = path
-            imgui.set_item_tooltip(str(path))
+            imgui.set_item_tooltip(readable(path))
         imgui.end_menu()
 
 

@@ -4,13 +4,15 @@ import time
 
 from imgui_bundle import imgui
 
+from ..files import readable
+
 
 def recovery_window(app):
     """Offer to go on with it; the App's `left_behind` is its path until that is decided."""
     path = app.left_behind
     minutes = (time.time() - path.stat().st_mtime) / 60.0 if path.exists() else 0.0
     imgui.text("A session of this model was left behind.")
-    imgui.text_disabled(f"{minutes:.0f} minutes ago; kept in {path}")
+    imgui.text_disabled(readable(f"{minutes:.0f} minutes ago; kept in {path}"))
     if imgui.button("Go on with it"):
         app.asked = path  # before the next frame: the window shows how far it is
     imgui.same_line()

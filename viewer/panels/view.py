@@ -6,6 +6,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from ...core.render import MODES, caption
+from ..files import readable
 from ..input import label_of
 from ..layers import SAMPLE_COUNT
 from ..memory import memory_line
@@ -33,7 +34,7 @@ and on the CPU the times of all threads are added up"""
 def model_panel(app):
     scene, field = app.scene, app.scene.field
     counts = f"{field.mesh.tet_count:,} tets, {field.mesh.vertex_count:,} vertices"
-    imgui.text(scene.name)
+    imgui.text(readable(scene.name))
     imgui.text_disabled(f"{counts}, {field.options.level_count} levels")
     psnr = (field.meta.get("test_mean") or {}).get("psnr")
     if psnr is not None:
