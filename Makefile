@@ -52,7 +52,14 @@ demo: $(VENV)/viewing
 
 test: venv
 	@$(call SAY_MISSING,$(OPENGL_PACKAGES) $(SCREEN_PACKAGES))
+ifeq ($(PYTEST_ARGS),)
+	@# Most tests keep one thread busy, so two run side by side.  Real windows come after, alone:
+	@# what they show depends on the machine's speed.
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "not e2e"
+	$(BIN)/python -m pytest -m e2e
+else
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
+endif
 
 soak: venv
 	@seed=$$($(BIN)/python -c 'import secrets; print(secrets.randbits(32))'); \
