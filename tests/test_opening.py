@@ -1,7 +1,9 @@
 """Files that are opened in a window that shows something already."""
 
 import gc
+import logging
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -228,12 +230,17 @@ def test_a_path_can_be_typed_and_escape_closes_the_dialog(app, other):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names are UTF-8 there")
-def test_names_that_are_not_utf_8_are_shown_and_opened(app, other, tmp_path, monkeypatch):
+def test_names_that_are_not_utf_8_are_shown_and_opened(
+    app, other, tmp_path, monkeypatch, capsys, request
+):
     """In the dialog, the menu of recent files, the panel and messages."""
     from imgui_bundle import imgui
 
     from deformrf.viewer.panels.menu import recent_items
 
+    # What is printed or logged here, pytest could not pass to its other process.
+    logging.disable()
+    request.addfinalizer(partial(logging.disable, logging.NOTSET))
     folder = tmp_path / "caf\udce9"
     folder.mkdir()
     path = other.rename(folder / "m\udcff.npz")
@@ -257,3 +264,4 @@ def test_names_that_are_not_utf_8_are_shown_and_opened(app, other, tmp_path, mon
     assert isinstance(app.dialog, Problem)
     frames(app, 2)
     assert not app.gui._failed and "wrote" in app.recorder.message
+    capsys.readouterr()
