@@ -386,11 +386,11 @@ def test_stages_of_rendering_are_shown_if_asked_for(app, monkeypatch):
     app.scene.settings.time_rendering = True
     app.scene.settings.background = (0.5, 0.5, 0.5)
     frames(app, 2)
-    assert {"march", "networks"} <= set(lines)
+    assert {"march", "shade"} <= set(lines)
     app.scene.settings.time_rendering = False
     lines.clear()
     frames(app, 1)
-    assert "networks" not in lines
+    assert "shade" not in lines
     assert "render" in lines
 
 

@@ -74,18 +74,21 @@ def test_networks_in_blocks_agree_with_the_reference(make_ball_field, hidden, le
         tuple((w, rng.normal(size=b.shape).astype(np.float32)) for w, b in layers)
         for layers in (field.density_layers, field.color_layers)
     )
-    count = cpu.BLOCK + 100
+    count = cpu.NETWORK_BLOCK + 31
     features = rng.normal(size=(count, 24)).astype(np.float32)
     features[:, 4 * levels :] = 0.0
     basis = spherical_harmonics(random_directions(count)).astype(np.float32)
-    networks = cpu.CpuNetworks(density, color)
-    sigma, rgb = networks.evaluate(features[:, : 4 * levels], basis)
+    sigma, rgb = cpu.evaluate_on_cpu(
+        cpu.native_networks(density, color),
+        wp.array(features.reshape(count, 6, 4)[:, :levels], dtype=wp.vec4, device="cpu"),
+        wp.array(basis, dtype=basis_vector, device="cpu"),
+    )
     double = [
         [(w.astype(float), b.astype(float)) for w, b in layers] for layers in (density, color)
     ]
     expected_sigma, expected_rgb = evaluate(features.astype(float), basis.astype(float), *double)
-    np.testing.assert_allclose(sigma, expected_sigma, rtol=1e-4)
-    np.testing.assert_allclose(rgb, expected_rgb, atol=1e-5)
+    np.testing.assert_allclose(sigma.numpy(), expected_sigma, rtol=1e-4)
+    np.testing.assert_allclose(rgb.numpy(), expected_rgb, atol=1e-5)
 
 
 @pytest.mark.parametrize("hidden", [(64,), (64, 64, 64), (32,)])

@@ -223,7 +223,8 @@ def test_the_reference_knows_its_own_error(study):
 
 def test_stages_take_time(study):
     stages = study.stages(1)
-    assert {"pose", "overlap", "march", "encode", "networks"} <= set(stages)
+    shading = {"shade"} if study.device.is_cpu else {"encode", "networks"}
+    assert {"pose", "overlap", "march"} | shading <= set(stages)
     assert all(0.0 <= time.low <= time.median <= time.high for time in stages.values())
     assert sum(time.median for time in stages.values()) > 0.0
     study.measure([Setting("default", "default")], 1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.render import Pose, empty_rays, empty_samples, march_kernel
+from deformrf.core.render import Entries, Pose, empty_rays, empty_samples, march_kernel
 from deformrf.core.render.rays.marching import FILL_SLOTS
 from deformrf.core.render.rays.pose import Geometry, tet_frames_reference
 from deformrf.core.render.rays.traversal import line_in_tet, speed_and_fade
@@ -113,6 +113,7 @@ def march(field, vertices, origins, directions, device, jitter_seed=0):
         dim=count,
         inputs=[
             pose.geometry,
+            Entries(),
             wp.array(field.occupancy, dtype=wp.uint64, device=device),
             rays,
             wp.array(np.arange(count, dtype=np.int32), dtype=int, device=device),

@@ -11,6 +11,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
         # For the rooms next door: kernels, their functions and array structs.
         "encoding": [
+            "ENCODING_H",
             "Tables",
             "encode_backward_kernel",
             "encode_kernel",
@@ -32,10 +33,15 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "BASIS_COUNT",
             "CONSTANT_BASIS",
             "GEOMETRY_FEATURES",
+            "LAYERS_H",
+            "NATIVE_VALUES",
+            "NETWORK_BLOCK",
+            "NativeNetworks",
             "TorchNetworks",
             "basis_of",
             "basis_vector",
             "evaluators",
+            "native_networks",
             "networks_kernel",
         ],
         "occupancy": [

@@ -9,6 +9,7 @@ Shapes: N samples, L levels, F = 4 features per entry, T tets.  `table` holds th
 one after another, [sum of entry counts, F]; layout.py says where.
 """
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from ..wide import load_wide_half, vec4h
 from .layout import Layout, hash_address, hash_products, products_entry
 
 mat43ui = wp.types.matrix((4, 3), wp.uint32)
+ENCODING_H = Path(__file__).parent / "encoding.h"  # the same for vectors of a CPU
 PREFETCH_SAMPLES = wp.constant(8)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})

@@ -13,6 +13,7 @@ of the image run in a pool of threads.
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import warp as wp
@@ -20,14 +21,23 @@ import warp as wp
 from ..device import thread_count
 from ..field import TetField
 from .overlap import Overlap, PieceMerger
-from .rays import Camera, Pose, camera_rays_kernel, device_camera, empty_rays
+from .rays import (
+    Camera,
+    Entries,
+    FaceRectangles,
+    Pose,
+    camera_rays_kernel,
+    device_camera,
+    empty_rays,
+)
 from .render_options import RenderOptions, checked
 from .rounds import HostRounds, empty_pixels, resolve
 from .shading import Shading
 from .stage_timer import StageTimer
 from .visible import visible_part
 
-CPU_TILE_RAYS = 8192  # many for each launch, few enough for all cores to have some
+CPU_TILE_WORK = 2.0e6  # of FaceRectangles.row_work: much for each launch
+CPU_TILES_PER_THREAD = 3  # at least, so that no thread waits long for the others
 CUDA_TILE_RAYS = 1 << 20
 WAVEFRONT_PIXELS = 1 << 16  # a wavefront has room for a multiple of these
 
@@ -133,21 +143,29 @@ class Renderer:
             self.pose.refresh_face_boxes()
         return found
 
-    def _trace(self, rays, options):
-        """The Pixels of rays, and the number of samples; `_find_overlap` comes before."""
+    def _trace(self, rays, options, entries=None):
+        """The Pixels of rays, and the number of samples; `_find_overlap` comes before.
+
+        `entries`, if given, are those of the rays into the mesh.
+        """
         count = len(rays.origins)
         pixels = empty_pixels(count, self.device)
-        plain = wp.array(np.arange(count, dtype=np.int32), device=self.device)
-        tangled = plain[:0]
+        ids = np.arange(count) if entries is None else np.flatnonzero(entries.count.numpy())
+        plain = wp.array(ids, dtype=int, device=self.device)
+        tangled = wp.empty(0, dtype=int, device=self.device)
         if options.path == "merge":
             plain, tangled = tangled, plain
         elif self.overlap.exists():
             plain, tangled = self.overlap.sort_rays(rays, count)
+            if entries is not None:
+                kept = plain.numpy()
+                plain = wp.array(kept[entries.count.numpy()[kept] != 0], dtype=int, device="cpu")
         sample_count = 0
         if len(tangled):
             with self.stage("merge"):
                 sample_count = self.merger.render(rays, tangled, pixels, options)
-        sample_count += self.host_rounds.render(rays, plain, pixels, options, self.stage)
+        entries = entries or Entries()
+        sample_count += self.host_rounds.render(rays, entries, plain, pixels, options, self.stage)
         return pixels, sample_count
 
     def _render_tiles(self, camera, options, rows) -> Image:
@@ -157,32 +175,37 @@ class Renderer:
             types |= {"tet": int, "samples": int}
         arrays = {k: wp.empty(count, dtype=t, device=self.device) for k, t in types.items()}
 
-        def render_tile(first):
-            part = slice(first, min(first + tile_rays, count))
-            tile = {name: array[part] for name, array in arrays.items()}
-            return self._render_tile(camera, options, first_pixel + first, tile)
-
         self._find_overlap(options)
-        tile_rays = CUDA_TILE_RAYS if self.device.is_cuda else CPU_TILE_RAYS
-        tiles = range(0, count, tile_rays)
+        # On CUDA, many rays search at once.
+        faces = None if self.device.is_cuda else FaceRectangles(camera, self.pose)
+
+        def render_tile(span):
+            part = slice(*(pixel - first_pixel for pixel in span))
+            tile = {name: array[part] for name, array in arrays.items()}
+            return self._render_tile(camera, options, span[0], tile, faces)
+
         if self.device.is_cuda:
-            sample_count = sum(map(render_tile, tiles))
+            starts = [*range(first_pixel, first_pixel + count, CUDA_TILE_RAYS), first_pixel + count]
+            sample_count = sum(map(render_tile, pairwise(starts)))
         else:
             from threadpoolctl import threadpool_limits
 
+            starts = [camera.width * row for row in _tile_starts(faces.row_work(), rows)]
             with threadpool_limits(1, user_api="blas"):  # the tiles are the parallelism
-                sample_count = sum(self._pool.map(render_tile, tiles))
+                sample_count = sum(self._pool.map(render_tile, pairwise(starts)))
         shape = (rows[1] - rows[0], camera.width)
         images = {name: array.reshape(shape) for name, array in arrays.items()}
         return Image(**images, sample_count=sample_count)
 
-    def _render_tile(self, camera, options, first_pixel, tile) -> int:
+    def _render_tile(self, camera, options, first_pixel, tile, faces) -> int:
         count = len(tile["color"])
         rays = empty_rays(count, self.device)
         inputs = [device_camera(camera), first_pixel]
         outputs = [rays.origins, rays.directions]
         wp.launch(camera_rays_kernel, count, inputs, outputs, device=self.device)
-        pixels, sample_count = self._trace(rays, options)
+        with self.stage("march"):
+            entries = faces.entries(rays, first_pixel) if faces and faces.known else None
+        pixels, sample_count = self._trace(rays, options, entries)
         resolve(pixels, options.background, tile["color"], tile["depth"])
         if options.details:
             inputs = [self._tet_ids, pixels.tet]
@@ -217,6 +240,15 @@ class Renderer:
                 self.pose, self._occupancy, self.shading, self.field.options, capacity
             )
         return self._wavefront
+
+
+def _tile_starts(row_work, rows):
+    """Rows that tiles with about as much work begin at, and the last tile's end."""
+    first, last = rows
+    done = np.concatenate([[0.0], row_work[first:last].cumsum()])
+    count = max(CPU_TILES_PER_THREAD * thread_count(), np.ceil(done[-1] / CPU_TILE_WORK))
+    starts = np.searchsorted(done, done[-1] * np.arange(1, count) / count)
+    return sorted({first, last, *(first + starts).tolist()})
 
 
 @wp.kernel

@@ -25,14 +25,15 @@ class Shading:
     """Density and color of samples of one field on one device.
 
     Attributes:
+        table: Its entries in float32; on CUDA None until they are needed.
         evaluate_slots: The `evaluators`' `in_place`, for rounds that do not wait for the host.
     """
 
     def __init__(self, field: TetField, rotations, device):
         """`rotations`: Q of each tet; the renderer writes each new pose to this array."""
-        self._field, self._rotations, self.device = field, rotations, device
+        self.field, self.rotations, self.device = field, rotations, device
         self.tables = make_tables(field.mesh, field.layout, device)
-        self._table = self._half_tables = None
+        self.table = self._half_tables = None
         self._evaluate, self.evaluate_slots = evaluators(field, device)
         if not device.is_cuda:
             self._upload_table()
@@ -50,7 +51,7 @@ class Shading:
     def _shade_half(self, rays, found, options, stage):
         samples, count, device = found.samples, len(found.samples.tet), self.device
         with stage("encode"):
-            level_count = self._field.layout.level_count
+            level_count = self.field.layout.level_count
             features = wp.zeros((count, level_count), dtype=vec4h, device=device)
             inputs = [self.tables, self.half_tables()[0], samples.tet, samples.bary]
             inputs.append(options.level_count or level_count)
@@ -69,35 +70,35 @@ class Shading:
         """Features of samples, float32.  [N, L] vec4"""
         self._upload_table()
         count = len(samples.tet)
-        level_count = level_count or self._field.layout.level_count
+        level_count = level_count or self.field.layout.level_count
         features = wp.empty((count, level_count), dtype=wp.vec4, device=self.device)
-        inputs = [self.tables, self._table, samples.tet, samples.bary, level_count]
+        inputs = [self.tables, self.table, samples.tet, samples.bary, level_count]
         wp.launch(encode_kernel, count, inputs=inputs, outputs=[features], device=self.device)
         return features
 
     def basis(self, rays: Rays, found: RaySamples):
         """Spherical harmonics of the samples' rest directions.  [N] basis_vector"""
         tet, device = found.samples.tet, self.device
-        if not self._field.options.view_dependence:
+        if not self.field.options.view_dependence:
             constant = basis_vector(CONSTANT_BASIS)
             return wp.full(len(tet), constant, dtype=basis_vector, device=device)
         basis = wp.empty(len(tet), dtype=basis_vector, device=device)
-        inputs = [rays, self._rotations, found.ids, found.counts, found.ends, tet]
+        inputs = [rays, self.rotations, found.ids, found.counts, found.ends, tet]
         wp.launch(basis_kernel, len(found.ids), inputs=inputs, outputs=[basis], device=device)
         return basis
 
     def half_tables(self):
         """Entries, and nodes of the dense levels, in half precision.  Two arrays of vec4h"""
         if self._half_tables is None:
-            table = self._field.table.astype(np.float16)
-            tables = table, node_table(self._field.layout, table)
+            table = self.field.table.astype(np.float16)
+            tables = table, node_table(self.field.layout, table)
             self._half_tables = [wp.array(a, dtype=vec4h, device=self.device) for a in tables]
         return self._half_tables
 
     def _upload_table(self):
         """In float32: on CUDA at the first need, as default mode reads `half_tables`."""
-        if self._table is None:
-            self._table = wp.array(self._field.table, dtype=wp.vec4, device=self.device)
+        if self.table is None:
+            self.table = wp.array(self.field.table, dtype=wp.vec4, device=self.device)
 
 
 @wp.kernel

@@ -48,8 +48,8 @@ class Rung:
 
 
 # What the settings save and lose on two CPU cores, at 0.35 of 1200 × 800 of the bundled model:
-# 0.82 of the time at 50 dB, 0.75 at 46 dB, 0.71 at 45 dB.  Two levels less would be 38 dB.
-CHEAPER = ((1.4, 0, 0.82), (2.0, 0, 0.75), (2.0, 1, 0.71))
+# 0.86 of the time at 49 dB, 0.73 at 45 dB, 0.70 at 44 dB.  Two levels less would be 38 dB.
+CHEAPER = ((1.4, 0, 0.86), (2.0, 0, 0.73), (2.0, 1, 0.70))
 
 
 def _rung(factor, step_factor=1.0, spared_levels=0, share=1.0):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import warp as wp
 
+from ...native import native_source
 from ..arrays import FrameArrays
 from ..colliders import COLLIDER_SIZE
 from ..constraints import (
@@ -27,10 +28,6 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
         values: What stands for @NAME in the text, by NAME.
         options: Options of wp.kernel.
     """
-    source = (FOLDER / name).read_text(encoding="utf-8")
-    for shared in SHARED:
-        text = (FOLDER / shared).read_text(encoding="utf-8")
-        source = source.replace(f'#include "{shared}"\n', text)
     limits = {
         "COLLAPSED": COLLAPSED,
         "STEP_LIMIT": STEP_LIMIT,
@@ -41,8 +38,8 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
     }
     values = values | {name: f"{value}f" for name, value in limits.items()}
     values["COLLIDER_SIZE"] = COLLIDER_SIZE
-    for name, value in values.items():
-        source = source.replace(f"@{name}", str(value))
+    shared = [FOLDER / text for text in SHARED]
+    source = native_source(FOLDER / name, shared, values)
 
     @wp.func_native(source)
     def frame_native(

@@ -1,78 +1,87 @@
-"""The networks in NumPy and float32, in blocks: for rendering on the CPU.
-
-A block's activations stay in a core's cache, and its passes are few, as each costs as much
-as a small layer.  relu(x + b) is max(x, -b) + b, and the next layer's bias adds that b; the
-first color layer reads h and the basis from one buffer, which the last density layer writes
-to.  Biases are as large as a block, because NumPy is 2 to 4 times slower with a row.
+"""The networks on a CPU, in float32: native code, block by block in registers (layers.h).
 
 Shapes: N samples, l <= L levels, F features per level.
 """
 
+from pathlib import Path
+
 import numpy as np
+import warp as wp
 
-from .reference import BASIS_COUNT, GEOMETRY_FEATURES, MAX_LOG_SIGMA, Layers, sigmoid
+from ...native import native_source
+from .reference import BASIS_COUNT, GEOMETRY_FEATURES, MAX_LOG_SIGMA, Layers, basis_vector
 
-BLOCK = 512  # samples; 128 KB for 64 channels
-
-
-class CpuNetworks:
-    """Both networks of a field; `reference.evaluate` up to rounding."""
-
-    def __init__(self, density_layers: Layers, color_layers: Layers):
-        missing = np.zeros(len(density_layers[0][0]), np.float32)
-        self._density = _HiddenLayers(density_layers[:-1], missing)
-        self._h_weights, bias = density_layers[-1]
-        missing = bias + self._density.missing @ self._h_weights
-        self._log_sigma_bias = missing[0]
-        missing = np.append(missing, np.zeros(BASIS_COUNT, np.float32))
-        self._color = _HiddenLayers(color_layers[:-1], missing)
-        self._rgb_weights, bias = color_layers[-1]
-        self._rgb_bias = np.tile(bias + self._color.missing @ self._rgb_weights, (BLOCK, 1))
-
-    def evaluate(self, features, basis):
-        """sigma [N] and rgb [N, 3] of samples, from features [N, l·F] and Y(d) [N, 16]."""
-        count = len(features)
-        sigma, rgb = np.empty(count, np.float32), np.empty((count, 3), np.float32)
-        joined = np.empty((BLOCK, GEOMETRY_FEATURES + BASIS_COUNT), np.float32)
-        density_buffers, color_buffers = self._density.buffers(), self._color.buffers()
-        for start in range(0, count, BLOCK):
-            part = slice(start, start + BLOCK)
-            color = rgb[part]
-            x = self._density.apply(features[part], density_buffers)
-            y = joined[: len(x)]
-            np.matmul(x, self._h_weights[: x.shape[1]], out=y[:, :GEOMETRY_FEATURES])
-            np.add(y[:, 0], self._log_sigma_bias, out=sigma[part])
-            y[:, GEOMETRY_FEATURES:] = basis[part]
-            x = self._color.apply(y, color_buffers)
-            np.matmul(x, self._rgb_weights, out=color)
-            color += self._rgb_bias[: len(x)]
-            sigmoid(color)
-        np.minimum(sigma, MAX_LOG_SIGMA, out=sigma)
-        return np.exp(sigma, out=sigma), rgb
+LEAST_WIDTH = 16  # rows of weights are a multiple of it: lanes of the widest vector
+NETWORK_BLOCK = 48  # samples that pass the layers together; a multiple of layers.h's ROWS
+LAYERS_H = Path(__file__).parent / "layers.h"
+NATIVE_VALUES = {
+    "BLOCK": NETWORK_BLOCK,
+    "GEOMETRY_FEATURES": GEOMETRY_FEATURES,
+    "BASIS_COUNT": BASIS_COUNT,
+    "MAX_LOG_SIGMA": f"{MAX_LOG_SIGMA}f",
+}
 
 
-class _HiddenLayers:
-    """Layers with ReLU, each without the addition of its bias.
+@wp.struct
+class NativeNetworks:
+    """Both networks; columns of weights are filled up with zeros."""
 
-    Attributes:
-        missing: The bias that `apply` leaves out; the next layer's bias includes it.  [width]
-    """
+    values: wp.array(dtype=float)  # weights [in, width] and bias [width] of each layer
+    shapes: wp.array(dtype=int)  # of each layer: in, width, where its weights and bias begin
+    density_count: int  # layers
+    color_count: int
+    widest: int  # of all layers
 
-    def __init__(self, layers: Layers, missing):
-        """`missing` is the bias that the input lacks.  [in]"""
-        self._layers = []
-        self.missing = missing
-        for weights, bias in layers:
-            self.missing = bias + self.missing @ weights
-            self._layers.append((weights, np.tile(-self.missing, (BLOCK, 1))))
 
-    def buffers(self):
-        """One for each layer's output in a block."""
-        return [np.empty_like(bias) for _, bias in self._layers]
+def native_networks(density_layers: Layers, color_layers: Layers) -> NativeNetworks:
+    """Copy the layers to where native code finds them."""
+    values, shapes, start = [], [], 0
+    for weights, bias in (*density_layers, *color_layers):
+        missing = -len(bias) % LEAST_WIDTH
+        weights = np.pad(weights, ((0, 0), (0, missing)))
+        bias = np.pad(bias, (0, missing))
+        shapes.append((*weights.shape, start, start + weights.size))
+        values += [weights.ravel(), bias]
+        start += weights.size + bias.size
+    networks = NativeNetworks()
+    networks.values = wp.array(np.concatenate(values), dtype=float, device="cpu")
+    networks.shapes = wp.array(np.ravel(shapes).astype(np.int32), dtype=int, device="cpu")
+    networks.density_count, networks.color_count = len(density_layers), len(color_layers)
+    networks.widest = max(width for _, width, *_ in shapes)
+    return networks
 
-    def apply(self, x, buffers):
-        """[n, in] -> [n, width], one of the buffers.  Missing inputs are taken to be zero."""
-        for (weights, bias), y in zip(self._layers, buffers, strict=True):
-            x = np.matmul(x, weights[: x.shape[1]], out=y[: len(x)])
-            np.maximum(x, bias[: len(x)], out=x)
-        return x
+
+@wp.func_native(native_source(Path(__file__).parent / "cpu.cpp", [LAYERS_H], NATIVE_VALUES))
+def evaluate_native(
+    networks: NativeNetworks,
+    features: wp.array2d(dtype=wp.vec4),
+    basis: wp.array(dtype=basis_vector),
+    scratch: wp.array(dtype=float),
+    sigma: wp.array(dtype=float),
+    rgb: wp.array(dtype=wp.vec3),
+): ...
+
+
+@wp.kernel(enable_backward=False)
+def evaluate_kernel(
+    networks: NativeNetworks,
+    features: wp.array2d(dtype=wp.vec4),  # [N, l]
+    basis: wp.array(dtype=basis_vector),  # [N]
+    scratch: wp.array(dtype=float),
+    sigma: wp.array(dtype=float),  # [N] out
+    rgb: wp.array(dtype=wp.vec3),  # [N] out
+):
+    """`reference.evaluate` for all samples, by one thread."""
+    evaluate_native(networks, features, basis, scratch, sigma, rgb)
+
+
+def evaluate_on_cpu(networks: NativeNetworks, features, basis):
+    """sigma [N] and rgb [N] of samples, from features [N, l] and Y(d) [N] in the CPU's memory."""
+    count, level_count = features.shape
+    sigma = wp.empty(count, dtype=float, device="cpu")
+    rgb = wp.empty(count, dtype=wp.vec3, device="cpu")
+    width = 2 * networks.widest + 4 * level_count + GEOMETRY_FEATURES + BASIS_COUNT
+    scratch = wp.empty(NETWORK_BLOCK * width, dtype=float, device="cpu")
+    inputs = [networks, features, basis, scratch]
+    wp.launch(evaluate_kernel, 1, inputs, [sigma, rgb], device="cpu")
+    return sigma, rgb

@@ -18,7 +18,7 @@ from functools import cache
 import warp as wp
 
 from . import mma
-from .cpu import CpuNetworks
+from .cpu import evaluate_on_cpu, native_networks
 
 
 def evaluators(field, device):
@@ -31,14 +31,14 @@ def evaluators(field, device):
             nothing; None where only `packed` is there.
     """
     if not device.is_cuda:
-        return _in_numpy(field), None
+        return _on_cpu(field), None
     in_place = None
     if mma.fits(field, device):
         in_place = mma.TensorCoreNetworks(field, device).evaluate
 
     @cache
     def networks():
-        return _in_torch(field, device) if _torch_finds_a_gpu() else _in_numpy(field)
+        return _in_torch(field, device) if _torch_finds_a_gpu() else _on_cpu(field)
 
     def packed(features, basis, half):
         return networks()(features, basis, half)
@@ -54,17 +54,13 @@ def _torch_finds_a_gpu() -> bool:
     return torch.cuda.is_available()  # a CPU build of torch finds none
 
 
-def _in_numpy(field):
-    networks = CpuNetworks(field.density_layers, field.color_layers)
+def _on_cpu(field):
+    networks = native_networks(field.density_layers, field.color_layers)
 
     def packed(features, basis, half):
-        rows = features.numpy().reshape(len(basis), 4 * features.shape[1])
-        sigma, rgb = networks.evaluate(rows, basis.numpy())
         device = features.device  # of a GPU's arrays, these calls copy down and up
-        return (
-            wp.array(sigma, dtype=float, device=device, copy=False),
-            wp.array(rgb, dtype=wp.vec3, device=device, copy=False),
-        )
+        sigma, rgb = evaluate_on_cpu(networks, features.to("cpu"), basis.to("cpu"))
+        return sigma.to(device), rgb.to(device)
 
     return packed
 

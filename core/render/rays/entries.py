@@ -107,26 +107,64 @@ def walk_back(
 
 
 @wp.func
-def crossing_of(geometry: Geometry, index: int, origin: wp.vec3, direction: wp.vec3):
-    """A ray's crossing of a boundary face: 1 along its normal, -1 against it, 0 none; its t."""
+def edge_volumes(geometry: Geometry, index: int, origin: wp.vec3, direction: wp.vec3):
+    """Volumes of the tets that a ray spans with a boundary face's edges, times 6."""
     face = geometry.faces[index]
     a = geometry.vertices[face[0]] - origin
     b = geometry.vertices[face[1]] - origin
     c = geometry.vertices[face[2]] - origin
-    # Volumes of the tets that the ray spans with the edges: all of one sign inside.
-    u = wp.dot(direction, wp.cross(c, b))
-    v = wp.dot(direction, wp.cross(a, c))
-    w = wp.dot(direction, wp.cross(b, a))
-    same = (u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)
+    return wp.vec3(
+        wp.dot(direction, wp.cross(c, b)),
+        wp.dot(direction, wp.cross(a, c)),
+        wp.dot(direction, wp.cross(b, a)),
+    )
+
+
+@wp.func
+def meets_edge(geometry: Geometry, index: int, origin: wp.vec3, direction: wp.vec3, slack: float):
+    """Whether a ray meets an edge of a face, or might; `slack` is in squares of its distance."""
+    v = edge_volumes(geometry, index, origin, direction)
+    a = geometry.vertices[geometry.faces[index][0]] - origin
+    gap = slack * wp.dot(a, a)
+    low = wp.min(v)
+    high = wp.max(v)
+    return (low >= -gap and low <= gap) or (high >= -gap and high <= gap)
+
+
+@wp.func
+def crossing_of(geometry: Geometry, index: int, origin: wp.vec3, direction: wp.vec3):
+    """A ray's crossing of a boundary face: 1 along its normal, -1 against it, 0 none; its t."""
+    v = edge_volumes(geometry, index, origin, direction)
+    same = (v[0] >= 0.0 and v[1] >= 0.0 and v[2] >= 0.0) or (
+        v[0] <= 0.0 and v[1] <= 0.0 and v[2] <= 0.0
+    )
     crossing = int(0)
     t = float(0.0)
-    if same and u + v + w != 0.0:
+    if same and v[0] + v[1] + v[2] != 0.0:
+        face = geometry.faces[index]
+        a = geometry.vertices[face[0]] - origin
+        b = geometry.vertices[face[1]] - origin
+        c = geometry.vertices[face[2]] - origin
         normal = wp.cross(b - a, c - a)
         along = wp.dot(normal, direction)
         t = wp.dot(normal, a) / along
         if t >= 0.0:
             crossing = wp.where(along < 0.0, -1, 1)
     return crossing, t
+
+
+@wp.func
+def add_entry(entries: Entries, ray: int, count: int, t: float, tet: int):
+    """Sort an entry in among `count` others, if there is room; returns how many there are now."""
+    place = wp.min(count, MOST_ENTRIES)
+    if count < MOST_ENTRIES:
+        while place > 0 and entries.t[wp.max(place - 1, 0), ray] > t:
+            entries.t[place, ray] = entries.t[place - 1, ray]
+            entries.tet[place, ray] = entries.tet[place - 1, ray]
+            place -= 1
+        entries.t[place, ray] = t
+        entries.tet[place, ray] = tet
+    return count + 1
 
 
 @wp.func
@@ -147,15 +185,7 @@ def find_entries(
         if float(crossing) * facing > 0.0:
             exits += 1
         elif crossing != 0:
-            place = wp.min(count, MOST_ENTRIES)
-            if count < MOST_ENTRIES:
-                while place > 0 and entries.t[wp.max(place - 1, 0), ray] > t:
-                    entries.t[place, ray] = entries.t[place - 1, ray]
-                    entries.tet[place, ray] = entries.tet[place - 1, ray]
-                    place -= 1
-                entries.t[place, ray] = t
-                entries.tet[place, ray] = geometry.boundary_tets[index]
-            count += 1
+            count = add_entry(entries, ray, count, t, geometry.boundary_tets[index])
     if count != exits or count > MOST_ENTRIES:
         count = UNKNOWN
     entries.count[ray] = count

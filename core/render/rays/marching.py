@@ -186,6 +186,7 @@ def march_ray(
 @wp.kernel
 def march_kernel(
     geometry: Geometry,
+    entries: Entries,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
     alive: wp.array(dtype=int),  # [R] ray of each thread
@@ -206,7 +207,7 @@ def march_kernel(
         limit = counts[i]
     count = march_ray(
         geometry,
-        Entries(),  # none: rays use enter_mesh
+        entries,
         occupancy,
         rays,
         alive[i],

@@ -2,9 +2,11 @@
 
 Each round gives every ray that is left at most K samples:
 
-    march        rays to slots [R, K], then packed without gaps
-    shade        samples to density and color (shading.py)
+    march        rays to slots [R, K]
+    shade        samples to density and color (shading.py), after they are packed without gaps
     accumulate   samples to pixels, and the list of rays that are left
+
+On the CPU the last two are one launch (cpu.py).
 
 Shapes: R rays, K slots per ray, N packed samples.
 """
@@ -22,6 +24,7 @@ from ..rays import (
     pack_kernel,
 )
 from .compositing import Pixels, accumulate_kernel
+from .cpu import CpuShading
 
 ROUND_SLOTS = (4, 4, 4, 4, 8, 8, 16, 32, 64, 128)  # K by round: most rays end after 12 samples
 
@@ -35,40 +38,60 @@ class HostRounds:
         self._pose, self._occupancy = pose, occupancy
         self._shading, self._march_step = shading, march_step
         self._middle = wp.full(1, MIDDLE, dtype=int, device=pose.device)
+        self._cpu_shading = CpuShading(shading) if pose.device.is_cpu else None
+        self._no_ends = wp.empty(0, dtype=int, device=pose.device)
 
-    def render(self, rays: Rays, alive, pixels: Pixels, options, stage) -> int:
-        """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
-        sample_count, round_, device = 0, 0, self._pose.device
+    def render(self, rays: Rays, entries, alive, pixels: Pixels, options, stage) -> int:
+        """Add the rays `alive` to the pixels, to their ends; returns the number of samples.
+
+        `entries` are those of the rays into the mesh; empty ones, if rays have to search.
+        """
+        sample_count, round_ = 0, 0
+        shade = self._shade if self._cpu_shading is None else self._cpu_shading.round
         while len(alive):
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
             with stage("march"):
-                found = self.march(rays, alive, slot_count, options)
-            sigma, rgb = self._shading.shade(rays, found, options, stage)
-            with stage("accumulate"):
-                still_alive = wp.empty(len(alive), dtype=int, device=device)
-                still_alive_count = wp.zeros(1, dtype=int, device=device)
-                closing = int(not options.conformance)
-                inputs = [sigma, rgb, found, rays.tet, options.stop, closing, pixels]
-                outputs = [still_alive, still_alive_count]
-                wp.launch(accumulate_kernel, len(alive), inputs, outputs, device=device)
-                alive = still_alive[: int(still_alive_count.numpy()[0])]
-            sample_count += len(sigma)
+                slots, counts = self._march(rays, entries, alive, slot_count, options)
+            alive, count = shade(rays, alive, slots, counts, pixels, options, stage)
+            sample_count += count
             round_ += 1
         return sample_count
 
-    def march(self, rays, alive, slot_count, options) -> RaySamples:
-        """One round's samples of the rays `alive`."""
+    def _march(self, rays, entries, alive, slot_count, options):
+        """One round's samples of the rays `alive` in slots, and how many each ray has."""
         pose, count, device = self._pose, len(alive), self._pose.device
         slots = empty_samples(count * slot_count, device)
-        found = RaySamples()
-        found.ids = alive
-        found.counts = wp.empty(count, dtype=int, device=device)
-        found.ends = wp.empty(count, dtype=int, device=device)
+        counts = wp.empty(count, dtype=int, device=device)
         step = self._march_step * options.step_factor
-        inputs = [pose.geometry, self._occupancy, rays, alive, step, slot_count]
-        inputs += [self._middle, FILL_SLOTS, found.ends]
-        wp.launch(march_kernel, count, inputs, [slots, found.counts], device=device)
-        wp.utils.array_scan(found.counts, found.ends, inclusive=True)
-        found.samples = empty_samples(int(found.ends[count - 1 : count].numpy()[0]), device)
-        wp.launch(pack_kernel, count, [slots, slot_count], [found], device=device)
-        return found
+        inputs = [pose.geometry, entries, self._occupancy, rays, alive, step, slot_count]
+        inputs += [self._middle, FILL_SLOTS, self._no_ends]
+        wp.launch(march_kernel, count, inputs, [slots, counts], device=device)
+        return slots, counts
+
+    def _shade(self, rays, alive, slots, counts, pixels, options, stage):
+        """Add a round's samples to the pixels: the rays that are left, the number of samples."""
+        device, count = self._pose.device, len(alive)
+        with stage("march"):
+            found = packed(slots, counts, alive)
+        sigma, rgb = self._shading.shade(rays, found, options, stage)
+        with stage("accumulate"):
+            still_alive = wp.empty(count, dtype=int, device=device)
+            still_alive_count = wp.zeros(1, dtype=int, device=device)
+            closing = int(not options.conformance)
+            inputs = [sigma, rgb, found, rays.tet, options.stop, closing, pixels]
+            outputs = [still_alive, still_alive_count]
+            wp.launch(accumulate_kernel, count, inputs, outputs, device=device)
+            return still_alive[: int(still_alive_count.numpy()[0])], len(sigma)
+
+
+def packed(slots, counts, ids) -> RaySamples:
+    """Samples of the rays `ids` from slots [R · K], without gaps."""
+    count, device = len(ids), ids.device
+    found = RaySamples()
+    found.ids, found.counts = ids, counts
+    found.ends = wp.empty(count, dtype=int, device=device)
+    wp.utils.array_scan(counts, found.ends, inclusive=True)
+    found.samples = empty_samples(int(found.ends[count - 1 : count].numpy()[0]), device)
+    slot_count = len(slots.tet) // count
+    wp.launch(pack_kernel, count, [slots, slot_count], [found], device=device)
+    return found

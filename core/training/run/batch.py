@@ -12,7 +12,16 @@ import torch
 import warp as wp
 
 from ...field import CONSTANT_BASIS, basis_vector
-from ...render import COUNT, WRITE, Pose, basis_kernel, empty_rays, empty_samples, march_kernel
+from ...render import (
+    COUNT,
+    WRITE,
+    Entries,
+    Pose,
+    basis_kernel,
+    empty_rays,
+    empty_samples,
+    march_kernel,
+)
 from ..data import Drawn, RayBank
 
 MAX_RAY_SAMPLES = 2048  # beyond, a ray is cut off; √3/Δ and one for each tet are far fewer
@@ -115,7 +124,8 @@ class Batch:
 
         Without `view_dependence` their basis is constant.
         """
-        common = [pose.geometry, mask, self._rays, self._everyone, step, MAX_RAY_SAMPLES, self.seed]
+        common = [pose.geometry, Entries(), mask, self._rays, self._everyone, step]
+        common += [MAX_RAY_SAMPLES, self.seed]
         nowhere = empty_samples(0, self.device)
         self._launch(
             march_kernel, self.ray_count, [*common, COUNT, self.ends], [nowhere, self.counts]

@@ -1,0 +1,23 @@
+"""Kernels whose body is C++: texts that include each other, with values in their places.
+
+Warp compiles such a body inside of a function, so the texts have lambdas in place of functions
+and templates.
+"""
+
+from pathlib import Path
+
+
+def native_source(path: Path, includes=(), values=None) -> str:
+    """The text of a file with others in it.
+
+    Args:
+        includes: Files that stand for the lines `#include "name"`.
+        values: What stands for @NAME in all of them, by NAME.
+    """
+    source = path.read_text(encoding="utf-8")
+    for file in includes:
+        line = f'#include "{file.name}"\n'
+        source = source.replace(line, file.read_text(encoding="utf-8"))
+    for name, value in (values or {}).items():
+        source = source.replace(f"@{name}", str(value))
+    return source

@@ -1,0 +1,126 @@
+"""The entries of a camera's rays into the mesh, found face by face instead of ray by ray.
+
+A boundary face can only be met by rays of pixels in its bounding rectangle in the image.  To
+try these takes a CPU a third of the time that a search in a BVH for each ray takes, and rays
+that meet nothing cost nothing.
+
+Shapes: R rays, B boundary faces, T tets.
+"""
+
+import numpy as np
+import warp as wp
+
+from .camera import Camera
+from .entries import (
+    MOST_ENTRIES,
+    UNKNOWN,
+    Entries,
+    add_entry,
+    crossing_of,
+    empty_entries,
+    meets_edge,
+)
+from .marching import Rays
+from .pose import Geometry, Pose
+from .traversal import MAX_TETS, orientation
+
+FACE_WORK = 16.0  # a pixel in a face's rectangle, in pixels where there is none
+# Of a face's edge, in squares of its distance: a walk through the tets may see such a ray on the
+# edge's other side, so the ray has to search.
+SLACK = wp.constant(1.0e-6)
+MARGIN = 1.0  # pixels around a face: half of one, and roundings
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+class FaceRectangles:
+    """The boundary faces of a pose as a camera sees them, on the CPU."""
+
+    def __init__(self, camera: Camera, pose: Pose):
+        self._pose, self._width, self._height = pose, camera.width, camera.height
+        vertices = pose.vertices.numpy().astype(float)
+        rectangles = bounding_rectangles(camera, vertices, pose.boundary_faces)
+        self.known = rectangles is not None  # otherwise rays have to search
+        if self.known:
+            self._rectangles = wp.array(rectangles, dtype=wp.vec4i, device="cpu")
+
+    def row_work(self):
+        """About how much there is to do in each row: pixels, and those in rectangles.  [H]"""
+        work = np.full(self._height, float(self._width))
+        if self.known:
+            left, top, right, bottom = self._rectangles.numpy().T
+            size = self._height + 1
+            begun = np.bincount(top, right - left, size) - np.bincount(bottom, right - left, size)
+            work += begun.cumsum()[:-1] * FACE_WORK
+        return work
+
+    def entries(self, rays: Rays, first_pixel: int) -> Entries:
+        """All entries of the rays of the pixels first_pixel, first_pixel + 1, ..."""
+        count = len(rays.tet)
+        entries = empty_entries(count, "cpu")
+        exits = wp.zeros(count, dtype=int, device="cpu")
+        entries.count.zero_()
+        entries.next.zero_()
+        inputs = [self._pose.geometry, self._rectangles, self._width, first_pixel, rays]
+        wp.launch(raster_kernel, len(self._rectangles), inputs, [entries, exits], device="cpu")
+        counts = entries.count.numpy()
+        counts[(counts != exits.numpy()) | (counts > int(MOST_ENTRIES))] = UNKNOWN
+        return entries
+
+
+def bounding_rectangles(camera: Camera, vertices, faces):
+    """First column and row, and those after the last, of what each face may cover.  [B, 4] int
+
+    None if a face reaches behind the camera, or the lens bends its edges.
+    """
+    if camera.lens.is_distorted:
+        return None
+    local = (vertices - camera.position) @ camera.camera_to_world[:3, :3]
+    depth = np.ones(len(local)) if camera.parallel else -local[:, 2]
+    if not (depth[faces] > 0.0).all():
+        return None
+    (fx, fy), (cx, cy) = camera.lens.focal, camera.lens.center
+    with np.errstate(all="ignore"):  # vertices that no face has may be anywhere
+        columns = (cx + fx * local[:, 0] / depth)[faces]
+        rows = (cy - fy * local[:, 1] / depth)[faces]
+    ranges = []
+    for places, count in ((columns, camera.width), (rows, camera.height)):
+        low, high = places.min(axis=1) - MARGIN, places.max(axis=1) + MARGIN
+        ranges.append(np.clip([np.floor(low), np.ceil(high)], 0, count))
+    (left, right), (top, bottom) = ranges
+    return np.ascontiguousarray(np.stack([left, top, right, bottom], axis=1), np.int32)
+
+
+@wp.kernel
+def raster_kernel(
+    geometry: Geometry,
+    rectangles: wp.array(dtype=wp.vec4i),  # [B] `bounding_rectangles`
+    width: int,  # of the image
+    first_pixel: int,  # of ray 0
+    rays: Rays,  # [R]
+    entries: Entries,  # added to
+    exits: wp.array(dtype=int),  # [R] added to
+):
+    """Add a face's crossings to the rays of its rectangle; faces follow one another."""
+    index = wp.tid()
+    facing = orientation(geometry)
+    box = rectangles[index]
+    last_pixel = first_pixel + rays.tet.shape[0] - 1
+    row = wp.max(box[1], first_pixel / width)
+    end = wp.min(box[3], last_pixel / width + 1)
+    while row < end:
+        pixel = wp.max(row * width + box[0], first_pixel)
+        last = wp.min(row * width + box[2] - 1, last_pixel)
+        while pixel <= last:
+            ray = pixel - first_pixel
+            origin, direction = rays.origins[ray], rays.directions[ray]
+            crossing, t = crossing_of(geometry, index, origin, direction)
+            if meets_edge(geometry, index, origin, direction, SLACK):
+                exits[ray] = MAX_TETS  # no ray has as many entries
+            if float(crossing) * facing > 0.0:
+                exits[ray] = exits[ray] + 1
+            elif crossing != 0:
+                tet = geometry.boundary_tets[index]
+                entries.count[ray] = add_entry(entries, ray, entries.count[ray], t, tet)
+            pixel += 1
+        row += 1

@@ -1,0 +1,185 @@
+// One round's samples to pixels, on a CPU: the body of shade_native in cpu.py, which fills in
+// @NAMES and includes.  Some rays at a time: features and densities of all their samples, then the
+// weights, then the colors of samples that weigh something, then the sums.
+#if !defined(__CUDA_ARCH__)
+#include "layers.h"
+#include "encoding.h"
+
+// -- memory for one chunk of samples -----------------------------------------------------------
+enum { CHUNK = @CHUNK, JOINED = @GEOMETRY_FEATURES + @BASIS_COUNT };
+char* free_memory = reinterpret_cast<char*>(scratch.data);
+auto take = [&](auto*& room, int count) {
+    free_memory += -reinterpret_cast<unsigned long long>(free_memory) & 63;  // vectors' alignment
+    room = reinterpret_cast<decltype(&room[0])>(free_memory);
+    free_memory += count * sizeof(room[0]);
+};
+struct Colored { int sample, tet, ray; float weight; };
+struct Run { int ray, first, count, first_colored; float transmittance; };
+const int stride = 4 * level_count;
+Corners corners[2];
+Places* places;
+float *features, *h, *joined, *one, *other;
+float* kept;  // 1 - opacity of each sample alone
+int* slots;
+Colored* colored;
+Run* runs;
+for (Corners& of_level : corners)
+    for (int k = 0; k < 4; ++k) {
+        take(of_level.entries[k], CHUNK);
+        take(of_level.weights[k], CHUNK);
+    }
+take(places, CHUNK / LANES);
+take(features, CHUNK * stride);
+take(h, CHUNK * @GEOMETRY_FEATURES);
+take(kept, CHUNK);
+take(joined, @BLOCK * JOINED);
+take(one, @BLOCK * networks.widest);
+take(other, @BLOCK * networks.widest);
+take(slots, CHUNK);
+take(colored, CHUNK);
+take(runs, CHUNK);
+
+// -- the stages of a chunk ---------------------------------------------------------------------
+auto width_of = [&](int layer) { return networks.shapes.data[4 * layer + 1]; };
+
+auto find_densities = [&](int count) {
+    const int width = width_of(networks.density_count - 1);
+    for (int first = 0; first < count; first += @BLOCK) {
+        const int rows = count - first < @BLOCK ? count - first : @BLOCK;
+        const float* const x = features + first * stride;
+        const float* const y =
+            apply_network(0, networks.density_count, rows, x, stride, stride, one, other);
+        for (int r = 0; r < rows; ++r) {
+            for (int k = 0; k < @GEOMETRY_FEATURES; ++k)
+                h[(first + r) * @GEOMETRY_FEATURES + k] = y[r * width + k];
+            kept[first + r] = smaller(y[r * width], @MAX_LOG_SIGMA);
+        }
+    }
+    for (int first = 0; first < count; first += LANES) {
+        Lanes lengths;
+        for (int lane = 0; lane < LANES; ++lane)
+            lengths[lane] = first + lane < count ? samples.length.data[slots[first + lane]] : 0.0f;
+        Lanes& of_group = *reinterpret_cast<Lanes*>(kept + first);
+        of_group = exp_of(-exp_of(of_group) * lengths);
+    }
+};
+
+// The 16 spherical harmonics of a direction, as spherical_harmonics in networks/reference.py.
+auto put_basis = [&](float* y, int ray, int tet) {
+    for (int k = 0; k < @BASIS_COUNT; ++k) y[k] = 0.0f;
+    y[0] = 0.28209479177387814f;
+    if (!has_directions) return;
+    const auto& d = rays.directions.data[ray];
+    const auto& q = rotations.data[tet];
+    float turned[3];
+    for (int k = 0; k < 3; ++k)
+        turned[k] = q.data[0][k] * d[0] + q.data[1][k] * d[1] + q.data[2][k] * d[2];
+    const float x = turned[0], v = turned[1], z = turned[2];
+    const float xx = x * x, vv = v * v, zz = z * z;
+    y[1] = -0.4886025119029199f * v;
+    y[2] = 0.4886025119029199f * z;
+    y[3] = -0.4886025119029199f * x;
+    y[4] = 1.0925484305920792f * x * v;
+    y[5] = -1.0925484305920792f * v * z;
+    y[6] = 0.31539156525252005f * (3.0f * zz - 1.0f);
+    y[7] = -1.0925484305920792f * x * z;
+    y[8] = 0.5462742152960396f * (xx - vv);
+    y[9] = -0.5900435899266435f * v * (3.0f * xx - vv);
+    y[10] = 2.890611442640554f * x * v * z;
+    y[11] = -0.4570457994644658f * v * (5.0f * zz - 1.0f);
+    y[12] = 0.3731763325901154f * z * (5.0f * zz - 3.0f);
+    y[13] = -0.4570457994644658f * x * (5.0f * zz - 1.0f);
+    y[14] = 1.445305721320277f * z * (xx - vv);
+    y[15] = -0.5900435899266435f * x * (xx - 3.0f * vv);
+};
+
+// The samples of a ray that need a color, and the color's weight: that of the samples before that
+// weigh too little, too.  Returns the number of all chosen ones.
+auto weigh = [&](Run& run, int colored_count) {
+    const int ray = run.ray;
+    float transmittance = pixels.transmittance.data[ray], depth = 0.0f, pending = 0.0f;
+    const float before = 1.0f - transmittance;
+    run.first_colored = colored_count;
+    int end = run.first;
+    for (; end < run.first + run.count && transmittance >= stop; ++end) {
+        const int slot = slots[end];
+        const float next = transmittance * kept[end], weight = transmittance - next;
+        depth += weight * samples.t.data[slot];
+        if (transmittance >= 0.5f && next < 0.5f) pixels.tet.data[ray] = samples.tet.data[slot];
+        pending += weight;
+        transmittance = next;
+        if (pending > least_weight) {
+            colored[colored_count++] = {end, samples.tet.data[slot], ray, pending};
+            pending = 0.0f;
+        }
+    }
+    if (pending > 0.0f && colored_count > run.first_colored)
+        colored[colored_count - 1].weight += pending;
+    else if (pending > 0.0f && before > 0.0f)
+        pixels.color.data[ray] = wp::mul(pixels.color.data[ray], 1.0f + pending / before);
+    else if (pending > 0.0f)
+        colored[colored_count++] = {end - 1, samples.tet.data[slots[end - 1]], ray, pending};
+    pixels.depth.data[ray] += depth;
+    run.transmittance = transmittance;
+    return colored_count;
+};
+
+auto add_colors = [&](int count) {
+    const int first_layer = networks.density_count, layer_count = networks.color_count;
+    const int width = width_of(first_layer + layer_count - 1);
+    for (int first = 0; first < count; first += @BLOCK) {
+        const int rows = count - first < @BLOCK ? count - first : @BLOCK;
+        for (int r = 0; r < rows; ++r) {
+            const Colored& c = colored[first + r];
+            float* const x = joined + r * JOINED;
+            for (int k = 0; k < @GEOMETRY_FEATURES; ++k)
+                x[k] = h[c.sample * @GEOMETRY_FEATURES + k];
+            put_basis(x + @GEOMETRY_FEATURES, c.ray, c.tet);
+        }
+        const float* const y =
+            apply_network(first_layer, layer_count, rows, joined, JOINED, JOINED, one, other);
+        for (int r = 0; r < rows; ++r) {
+            const Colored& c = colored[first + r];
+            Entry color = *reinterpret_cast<const Entry*>(y + r * width);
+            color = c.weight / (1.0f + exp_of(-color));
+            for (int k = 0; k < 3; ++k) pixels.color.data[c.ray][k] += color[k];
+        }
+    }
+};
+
+// -- the chunks --------------------------------------------------------------------------------
+int left_count = 0, run_count = 0, count = 0;
+auto finish_chunk = [&]() {
+    if (count > 0) {
+        encode(slots, count, level_count, places, corners, features, stride);
+        find_densities(count);
+    }
+    int colored_count = 0;
+    for (int i = 0; i < run_count; ++i) colored_count = weigh(runs[i], colored_count);
+    add_colors(colored_count);
+    for (int i = 0; i < run_count; ++i) {
+        const int ray = runs[i].ray;
+        float transmittance = runs[i].transmittance;
+        const bool ended = transmittance < stop;
+        if (ended && closing) {
+            const float scale = 1.0f / (1.0f - transmittance);
+            pixels.color.data[ray] = wp::mul(pixels.color.data[ray], scale);
+            pixels.depth.data[ray] *= scale;
+            transmittance = 0.0f;
+        }
+        pixels.transmittance.data[ray] = transmittance;
+        pixels.sample_count.data[ray] += runs[i].count;
+        if (!ended && rays.tet.data[ray] > -2) still_alive.data[left_count++] = ray;
+    }
+    run_count = count = 0;
+};
+
+for (int i = 0; i < alive.shape[0]; ++i) {
+    const int ray_count = counts.data[i];
+    if (run_count == CHUNK || count + ray_count > CHUNK) finish_chunk();
+    runs[run_count++] = {alive.data[i], count, ray_count, 0, 0.0f};
+    for (int k = 0; k < ray_count; ++k) slots[count++] = i * slot_count + k;
+}
+finish_chunk();
+still_alive_count.data[0] = left_count;
+#endif

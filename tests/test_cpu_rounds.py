@@ -1,0 +1,138 @@
+"""Native shading on a CPU: a round's pixels are those of encoding, networks and sums one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+
+from deformrf.core.field import modelfile
+from deformrf.core.field.encoding import encode_reference
+from deformrf.core.field.networks import evaluate, spherical_harmonics
+from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at
+from deformrf.core.render.rays import Entries, empty_rays
+from deformrf.core.render.rounds import empty_pixels
+from deformrf.core.render.rounds.compositing import composite_reference
+from deformrf.core.training.metrics import psnr
+
+SLOTS, RAYS = 16, 700
+
+
+@pytest.fixture
+def round_of(make_ball_field):
+    """Shade one round of random rays: pixels, the rays that are left, and what was shaded."""
+
+    def shaded(options, slot_count=SLOTS, **field_options):
+        rng = np.random.default_rng()
+        field = make_ball_field(int(rng.integers(1000)), **field_options)
+        renderer = Renderer(field, "cpu")
+        origins = rng.normal(size=(RAYS, 3))
+        origins = 0.5 + 1.5 * origins / np.linalg.norm(origins, axis=1, keepdims=True)
+        directions = rng.uniform(0.25, 0.75, (RAYS, 3)) - origins
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        rays, pixels = empty_rays(RAYS, "cpu"), empty_pixels(RAYS, "cpu")
+        rays.origins.assign(origins.astype(np.float32))
+        rays.directions.assign(directions.astype(np.float32))
+        alive = wp.array(np.arange(RAYS), dtype=int, device="cpu")
+        rounds = renderer.host_rounds
+        slots, counts = rounds._march(rays, Entries(), alive, slot_count, options)
+        left, count = rounds._cpu_shading.round(
+            rays, alive, slots, counts, pixels, options, renderer.stage
+        )
+        assert count == counts.numpy().sum() > 0
+        return renderer, rays, slots, counts.numpy(), pixels, left.numpy()
+
+    return shaded
+
+
+def composited(renderer, rays, slots, counts, level_count=None):
+    """The float64 definition of a round: color, opacity, depth."""
+    part = renderer.part
+    taken = (np.arange(SLOTS) < counts[:, None]).ravel()
+    tet, bary = slots.tet.numpy()[taken], slots.bary.numpy()[taken].astype(float)
+    features = encode_reference(
+        part.mesh, part.layout, part.table.astype(float), tet, bary, level_count
+    )
+    features = np.pad(features, ((0, 0), (0, 4 * part.layout.level_count - features.shape[1])))
+    directions = np.repeat(rays.directions.numpy(), counts, axis=0)
+    if not part.options.view_dependence:
+        basis = spherical_harmonics(directions) * (np.arange(16) == 0)
+    else:
+        turned = np.einsum("nji,nj->ni", renderer.shading.rotations.numpy()[tet], directions)
+        basis = spherical_harmonics(turned.astype(float))
+    layers = (
+        [(w.astype(float), b) for w, b in n] for n in (part.density_layers, part.color_layers)
+    )
+    sigma, rgb = evaluate(features, basis, *layers)
+    lengths, t = slots.length.numpy()[taken], slots.t.numpy()[taken]
+    return composite_reference(sigma, rgb, lengths.astype(float), t.astype(float), counts)[:3]
+
+
+@pytest.mark.parametrize(
+    "field_options, level_count",
+    [
+        ({}, None),
+        ({}, 2),
+        ({"view_dependence": False}, None),
+        ({"density_hidden": (64, 32)}, None),
+        ({"density_hidden": ()}, None),
+        ({"level_count": 3, "dense_levels": 1}, None),
+    ],
+)
+def test_a_round_sums_what_the_reference_sums(round_of, field_options, level_count):
+    options = RenderOptions(conformance=True, termination=0.0, level_count=level_count)
+    renderer, rays, slots, counts, pixels, left = round_of(options, **field_options)
+    color, opacity, depth = composited(renderer, rays, slots, counts, level_count)
+    np.testing.assert_allclose(pixels.color.numpy(), color, atol=2e-5)
+    np.testing.assert_allclose(1.0 - pixels.transmittance.numpy(), opacity, atol=2e-5)
+    np.testing.assert_allclose(pixels.depth.numpy(), depth * opacity, atol=1e-4)
+    np.testing.assert_array_equal(pixels.sample_count.numpy(), counts)
+    np.testing.assert_array_equal(left, np.flatnonzero(rays.tet.numpy() > -2))
+    assert len(left) > 0 and opacity.max() > 0.5
+
+
+def test_rays_end_where_they_are_opaque(round_of):
+    options = RenderOptions(conformance=True, termination=0.3)
+    renderer, rays, slots, counts, pixels, left = round_of(options)
+    transmittance = pixels.transmittance.numpy()
+    assert not set(left) & set(np.flatnonzero(transmittance < 0.3))
+    assert (transmittance < 0.3).any() and (transmittance >= 0.3).any()
+    _, opacity, _ = composited(renderer, rays, slots, counts)
+    assert (1.0 - transmittance <= opacity + 2e-5).all()
+
+
+def test_light_samples_lend_their_weight_to_others(round_of):
+    """Default mode leaves colors out, and neither opacity nor depth."""
+    options = RenderOptions(termination=0.0)
+    renderer, rays, slots, counts, pixels, _ = round_of(options)
+    color, opacity, depth = composited(renderer, rays, slots, counts)
+    np.testing.assert_allclose(1.0 - pixels.transmittance.numpy(), opacity, atol=2e-5)
+    np.testing.assert_allclose(pixels.depth.numpy(), depth * opacity, atol=1e-4)
+    error = np.abs(pixels.color.numpy() - color)
+    assert 0.0 < error.max() < 0.03 and error.mean() < 2e-3
+
+
+def test_rounds_without_samples_leave_the_pixels_alone(round_of):
+    options = RenderOptions()
+    renderer, rays, _, _, pixels, _ = round_of(options)
+    before = pixels.color.numpy().copy(), pixels.transmittance.numpy().copy()
+    alive = wp.array([3, 5], dtype=int, device="cpu")
+    slots, counts = renderer.host_rounds._march(rays, Entries(), alive, 4, options)
+    counts.zero_()
+    renderer.host_rounds._cpu_shading.round(
+        rays, alive, slots, counts, pixels, options, renderer.stage
+    )
+    np.testing.assert_array_equal(pixels.color.numpy(), before[0])
+    np.testing.assert_array_equal(pixels.transmittance.numpy(), before[1])
+
+
+def test_the_bundled_model_looks_the_same_in_default_mode():
+    from deformrf.core import paths
+
+    renderer = Renderer(modelfile.load(paths.DEFAULT_MODEL), "cpu")
+    camera = from_field_of_view(look_at((1.5, -1.0, 1.0), (0.5, 0.5, 0.45)), 0.5, 160, 160)
+    exact, fast = (
+        renderer.render(camera, replace(RenderOptions(), conformance=exactly)).color_array() / 255.0
+        for exactly in (True, False)
+    )
+    assert psnr(fast[..., :3], exact[..., :3]) > 55.0

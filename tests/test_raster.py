@@ -1,0 +1,119 @@
+"""Entries by rasterized faces: those that rays find by searching, in any pose and view."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+
+from deformrf.core.render import Pose, empty_rays, from_field_of_view, look_at
+from deformrf.core.render.rays import FaceRectangles, camera_rays_kernel, device_camera
+from deformrf.core.render.rays.entries import UNKNOWN
+from deformrf.core.render.rays.raster import bounding_rectangles
+
+SIZE = 80
+
+
+def view(rng, parallel=False, distance=1.6):
+    direction = rng.normal(size=3) * [1, 1, 0.5]
+    eye = 0.5 + distance * direction / np.linalg.norm(direction)
+    camera = from_field_of_view(look_at(eye, (0.5, 0.5, 0.5)), 0.6, SIZE, SIZE + 7)
+    lens = replace(camera.lens, focal=(100.0, 90.0), center=(33.0, 51.0)) if parallel else None
+    return replace(camera, lens=lens, parallel=True) if parallel else camera
+
+
+def pose_of(field, rng):
+    pose = Pose(field.mesh, field.neighbours, "cpu")
+    vertices = field.mesh.rest_vertices
+    pose.set_vertices(vertices + 0.004 * rng.normal(size=vertices.shape))
+    return pose
+
+
+def rays_of(camera, first=0, count=None):
+    count = count or camera.width * camera.height
+    rays = empty_rays(count, "cpu")
+    outputs = [rays.origins, rays.directions]
+    wp.launch(camera_rays_kernel, count, [device_camera(camera), first], outputs, device="cpu")
+    return rays
+
+
+def crossings(pose, rays):
+    """All crossings of each ray with the boundary, in float64: t and whether it enters.  Lists"""
+    corners = pose.vertices.numpy().astype(float)[pose.boundary_faces]
+    found = []
+    for o, d in zip(rays.origins.numpy(), rays.directions.numpy(), strict=True):
+        a, b, c = (corners[:, k] - o for k in range(3))
+        volumes = np.stack([np.cross(c, b) @ d, np.cross(a, c) @ d, np.cross(b, a) @ d])
+        normals = np.cross(b - a, c - a)
+        with np.errstate(all="ignore"):
+            t = (normals * a).sum(axis=1) / (normals @ d)
+        hit = ((volumes >= 0).all(axis=0) | (volumes <= 0).all(axis=0)) & (t >= 0)
+        entering = normals[hit] @ d < 0
+        order = np.argsort(t[hit])
+        found.append(list(zip(t[hit][order], entering[order], strict=True)))
+    return found
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_rays_enter_where_they_cross_the_boundary(make_ball_field, parallel):
+    rng = np.random.default_rng()
+    field = make_ball_field(int(rng.integers(1000)), gap=float(rng.choice([0.0, 0.1])))
+    pose, camera = pose_of(field, rng), view(rng, parallel)
+    rays = rays_of(camera)
+    entries = FaceRectangles(camera, pose).entries(rays, 0)
+    counts, t = entries.count.numpy(), entries.t.numpy()
+    expected = crossings(pose, rays)
+    assert (counts > 0).mean() > 0.05 and (counts == UNKNOWN).mean() < 0.03
+    for ray in np.flatnonzero(counts != UNKNOWN):
+        enters = [t for t, entering in expected[ray] if entering]
+        np.testing.assert_allclose(t[: counts[ray], ray], enters, rtol=1e-5)
+
+
+def test_a_tile_has_the_entries_of_its_pixels(make_ball_field):
+    rng = np.random.default_rng()
+    pose, camera = pose_of(make_ball_field(3), rng), view(rng)
+    faces = FaceRectangles(camera, pose)
+    whole = faces.entries(rays_of(camera), 0).count.numpy()
+    first, count = 17 * SIZE + 5, 23 * SIZE + 11
+    part = faces.entries(rays_of(camera, first, count), first).count.numpy()
+    np.testing.assert_array_equal(part, whole[first : first + count])
+    assert part.any()
+
+
+def test_a_ray_that_starts_inside_has_to_search(make_ball_field):
+    rng = np.random.default_rng()
+    pose = pose_of(make_ball_field(3), rng)
+    inside = from_field_of_view(look_at((0.5, 0.5, 0.5), (1.0, 0.6, 0.55)), 0.6, 20, 20)
+    assert not FaceRectangles(inside, pose).known
+
+
+def test_rectangles_hold_their_faces(make_ball_field):
+    """Also faces that reach beyond the image; and nothing is known behind the camera."""
+    rng = np.random.default_rng()
+    field, camera = make_ball_field(3), view(rng, distance=0.9)
+    pose = pose_of(field, rng)
+    vertices = pose.vertices.numpy().astype(float)
+    left, top, right, bottom = bounding_rectangles(camera, vertices, pose.boundary_faces).T
+    assert (0 <= left).all() and (right <= camera.width).all() and (left <= right).all()
+    assert (0 <= top).all() and (bottom <= camera.height).all() and (top <= bottom).all()
+    local = (vertices - camera.position) @ camera.camera_to_world[:3, :3]
+    u = camera.lens.center[0] - camera.lens.focal[0] * local[:, 0] / local[:, 2]
+    v = camera.lens.center[1] + camera.lens.focal[1] * local[:, 1] / local[:, 2]
+    u, v = u[pose.boundary_faces], v[pose.boundary_faces]
+    seen = (u > 0) & (u < camera.width) & (v > 0) & (v < camera.height)
+    for values, low, high in ((u, left, right), (v, top, bottom)):
+        assert (values[seen] > np.broadcast_to(low[:, None], u.shape)[seen]).all()
+        assert (values[seen] < np.broadcast_to(high[:, None], u.shape)[seen]).all()
+    behind = replace(camera, camera_to_world=camera.camera_to_world @ np.diag([1, 1, -1, 1]))
+    assert bounding_rectangles(behind, vertices, pose.boundary_faces) is None
+    bent = replace(camera, lens=replace(camera.lens, radial=(0.1, 0.0, 0.0, 0.0)))
+    assert bounding_rectangles(bent, vertices, pose.boundary_faces) is None
+
+
+def test_rows_with_faces_have_more_work(make_ball_field):
+    rng = np.random.default_rng()
+    camera = view(rng)
+    faces = FaceRectangles(camera, pose_of(make_ball_field(3), rng))
+    work = faces.row_work()
+    assert work.shape == (camera.height,) and (work >= camera.width).all()
+    assert work[0] == camera.width < 10 * work[camera.height // 2]
