@@ -2,12 +2,12 @@
 
 import warp as wp
 
-from ..field import encode_kernel, networks_kernel
+from ..field import encode_kernel, evaluate_kernel, networks_kernel
 from . import modes, shading, subpixel
 from .overlap import Overlap, PieceMerger
-from .rays import Pose, camera_rays_kernel, march_kernel
+from .rays import Pose, camera_rays_kernel, march_kernel, raster_kernel
 from .render import Renderer
-from .rounds import resolve_kernel
+from .rounds import resolve_kernel, shade_kernel
 
 
 def kernel_modules(device) -> list[str]:
@@ -19,4 +19,6 @@ def kernel_modules(device) -> list[str]:
         from .rounds import begin_kernel
 
         kernels += [begin_kernel, shading.half_basis_kernel, networks_kernel]
+    else:
+        kernels += [raster_kernel, shade_kernel, evaluate_kernel]
     return sorted({*names, *(kernel.module.name for kernel in kernels)})

@@ -5,7 +5,14 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "cpu": ["LAYERS_H", "NATIVE_VALUES", "NETWORK_BLOCK", "NativeNetworks", "native_networks"],
+        "cpu": [
+            "LAYERS_H",
+            "NATIVE_VALUES",
+            "NETWORK_BLOCK",
+            "NativeNetworks",
+            "evaluate_kernel",
+            "native_networks",
+        ],
         "dispatch": ["evaluators"],
         "mma": ["networks_kernel"],
         "reference": [

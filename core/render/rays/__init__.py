@@ -29,7 +29,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "pack_kernel",
         ],
         "pose": ["Geometry", "Pose", "box_tree", "tet_frames_reference"],
-        "raster": ["FaceRectangles"],
+        "raster": ["FaceRectangles", "raster_kernel"],
         "traversal": ["FADED", "interval_in_tet", "orientation", "speed_and_fade"],
     },
 )
