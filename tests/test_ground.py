@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver
+from deformrf.core.deform.constraints import LEAVING_SPEED
+from deformrf.core.deform.frame import reference
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
@@ -80,3 +82,58 @@ def test_friction_stops_a_sliding_body_where_coulomb_says(device):
         way = (positions(x) - settled).mean(axis=0)
         expected = speed**2 / (2 * friction * G) if friction else speed
         assert way[0] == pytest.approx(expected, rel=0.1)
+
+
+def test_a_body_that_was_held_below_the_ground_leaves_it_slowly(device):
+    """It isn't thrown into the air by where it is let go."""
+    depth, low = 0.04, SLAB.rest_vertices[:, 2].min()
+    for gravity in (0.0, G):
+        x = make_solver(device, ground=low + depth)
+        x.set_options(replace(x.options, gravity=(0.0, 0.0, -gravity)))
+        bottom = SLAB.rest_vertices[:, 2] < low + 0.5 * depth
+        x.set_pinned(bottom)
+        run(x, 0.5)
+        x.set_pinned(np.zeros(SLAB.vertex_count, bool))
+        lows, rises = [], []
+        for _ in range(round(2.0 / DT)):
+            x.step(DT)
+            now = positions(x)
+            lows.append(now[:, 2].min() - low)
+            rises.append((now[:, 2] - SLAB.rest_vertices[:, 2]).mean())
+        assert np.diff(lows).max() < 3.0 * LEAVING_SPEED * DT  # it also springs back into shape
+        assert np.linalg.norm(x.velocities.numpy(), axis=1).max() < 3.0 * LEAVING_SPEED
+        if gravity:
+            assert max(rises) < 1.3 * depth and lows[-1] > 0.98 * depth
+
+
+def test_vertices_below_the_ground_move_as_the_reference_says(device):
+    rng = np.random.default_rng()
+    material, friction = Material(damping=0.0), float(rng.uniform(0.0, 1.0))
+    options = XpbdOptions(substep_count=6, ground=0.3, friction=friction, rescue=False)
+    free = np.zeros(SLAB.vertex_count, bool)
+    x = XpbdSolver(SLAB.rest_vertices, SLAB.tets, material, free, options, device)
+    start = SLAB.rest_vertices + 0.002 * rng.normal(size=SLAB.rest_vertices.shape)
+    start = start.astype(np.float32).astype(float)
+    velocities = (0.3 * rng.normal(size=start.shape)).astype(np.float32).astype(float)
+    assert (start[:, 2] < 0.25).any() and (start[:, 2] > 0.3).any()
+    h, w = DT / 6, x._holds.inverse_masses
+    of_edges, of_volumes = material.compliances(x.edges, x.volumes)
+    frame = reference.Frame(
+        options.timing(DT, 0.0, x.object_size),
+        6,
+        w,
+        start,
+        start,
+        x.edges,
+        x.edges.regularization(of_edges, w, h),
+        x.volumes,
+        x.volumes.regularization(of_volumes, w, h),
+    )
+    expected, expected_velocities = reference.step(frame, start, velocities)
+    x.set_state(start, velocities)
+    x.step(DT)
+    np.testing.assert_allclose(positions(x), expected, atol=3e-6)
+    np.testing.assert_allclose(x.velocities.numpy(), expected_velocities, atol=3e-3)
+    deep = start[:, 2] < 0.25
+    risen = (positions(x) - start)[deep, 2]
+    assert risen.max() < 1.01 * LEAVING_SPEED * DT + 0.02 and (risen > 0.0).any()

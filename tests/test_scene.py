@@ -301,3 +301,17 @@ def test_reset_brings_pins_back_but_not_to_what_floats(scene):
     scene.hold(False)
     scene.reset()
     assert not scene.solver.pinned.any()
+
+
+def test_an_object_that_is_let_go_on_the_ground_stays_there(make_ball_field):
+    """Its lowest vertices are held below the visible object, where the ground is."""
+    scene = Scene(make_ball_field(3), "ball", "cpu")
+    scene.floor = float(scene.field.mesh.rest_vertices[:, 2].min()) + 0.1 * scene.size
+    scene.set_ground(True)
+    scene.set_gravity(9.81)
+    scene.hold(False)
+    heights = []
+    for _ in range(120):
+        scene.advance(1 / 60)
+        heights.append(scene.solver.vertices.numpy()[:, 2].mean())
+    assert max(heights) < scene.field.mesh.rest_vertices[:, 2].mean() + 0.03 * scene.size

@@ -39,6 +39,9 @@ SECOND_SOFTENING = 0.07
 SOFTENED_BELOW = 0.66  # r of a constraint at its floor: 0.05 = r − 0.5 − 0.07 / r
 STEP_LIMIT = 0.5
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
+# A vertex that begins a substep below the ground, because it was held there or the ground came up,
+# leaves it no faster, and without keeping that speed [m/s].
+LEAVING_SPEED = 0.05
 PRESS_SHARE = 1.0 / 16.0  # of a substep in the mean of a vertex's pushes, which bounds friction
 COLLAPSED = 1e-12  # of L; a shorter edge counts as one of length 0
 NO_SPRING = -1.0  # in place of a, which is never negative

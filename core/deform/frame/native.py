@@ -12,6 +12,7 @@ from ..constraints import (
     CONTACT_LOAD_UNIT,
     CONTACT_SHARE_OUT,
     CONTACT_SLACK,
+    LEAVING_SPEED,
     PRESS_SHARE,
     STEP_LIMIT,
 )
@@ -32,6 +33,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
         "COLLAPSED": COLLAPSED,
         "STEP_LIMIT": STEP_LIMIT,
         "PRESS_SHARE": PRESS_SHARE,
+        "LEAVING_SPEED": LEAVING_SPEED,
         "CONTACT_LOAD_UNIT": float(CONTACT_LOAD_UNIT),
         "CONTACT_SHARE_OUT": CONTACT_SHARE_OUT,
         "CONTACT_SLACK": CONTACT_SLACK,

@@ -11,7 +11,8 @@ A frame is n substeps of length h.  The order within a substep is part of the de
 4.  Contacts, all at once (contact/reference.py).
 5.  Ground.      A vertex that is p below it moves up by p; p = 0 above it.  With the running
                  mean p̄ ← p̄ + (p − p̄) PRESS_SHARE it moves back along the ground by at most
-                 friction · p̄ of its way in this substep.
+                 friction · p̄ of its way in this substep.  One that began the substep more than
+                 LEAVING_SPEED h below gets no higher than by that way, and no velocity from it.
 6.  Colliders.   One after another: a vertex that is p inside moves out by p, and back across
                  that way by at most friction · p of its way relative to the collider.
 7.  Velocities.  v ← (x − x before the substep)/h
@@ -36,6 +37,7 @@ from ...geometry import signed_volumes
 from ..colliders import way_out
 from ..constraints import (
     COLLAPSED,
+    LEAVING_SPEED,
     PRESS_SHARE,
     STEP_LIMIT,
     EdgeConstraints,
@@ -86,7 +88,7 @@ def step(frame: Frame, vertices, velocities):
             timing = frame.timing
             inputs = frame.inverse_masses, timing.substep, timing.friction
             x, before = pushed(frame.contacts, x, before, *inputs)
-        x, presses = _above_ground(frame, x, before, presses)
+        x, before, presses = _above_ground(frame, x, before, presses)
         for row in frame.colliders:
             x = _outside(frame, row, x, before, fraction)
         v = (x - before) / frame.timing.substep
@@ -142,7 +144,10 @@ def _pulled(frame, x, fraction):
 
 def _above_ground(frame, x, before, presses):
     free = frame.inverse_masses > 0
-    push = np.where(free, np.maximum(frame.timing.ground - x[:, 2], 0.0), 0.0)
+    leaving = LEAVING_SPEED * frame.timing.substep
+    deep = before[:, 2] < frame.timing.ground - leaving
+    lowest = np.where(deep, before[:, 2] + leaving, frame.timing.ground)
+    push = np.where(free, np.maximum(lowest - x[:, 2], 0.0), 0.0)
     presses = presses + PRESS_SHARE * (push - presses)
     along = (x - before)[:, :2]
     length = np.linalg.norm(along, axis=1)
@@ -150,7 +155,9 @@ def _above_ground(frame, x, before, presses):
     x = x.copy()
     x[:, 2] += push
     x[:, :2] -= np.where(free, undone, 0.0)[:, None] * along
-    return x, presses
+    before = before.copy()
+    before[:, 2] = np.where(deep & (push > 0.0), x[:, 2], before[:, 2])
+    return x, before, presses
 
 
 def _outside(frame, row, x, before, fraction):

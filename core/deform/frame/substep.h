@@ -199,7 +199,10 @@ auto finish = [&](auto moving, int i, int substep, Vector& d, Vector from) {
     if (!moving && has_ground) {
         // The mean of pushes bounds friction: a vertex that is pushed by fits and starts would
         // slide while it is not, and the body would creep.
-        const float below = (timing[6] - x[3 * i + 2]) - d.z;
+        const float ground = timing[6] - x[3 * i + 2], leaving = @LEAVING_SPEED * h;
+        const bool deep = from.z < ground - leaving;
+        const float lowest = deep ? from.z + leaving : ground;
+        const float below = lowest - d.z;
         const float push = below > 0.0f ? below : 0.0f;
         float* const press = frame.state.presses.data + i;
         *press += @PRESS_SHARE * (push - *press);
@@ -212,6 +215,7 @@ auto finish = [&](auto moving, int i, int substep, Vector& d, Vector from) {
             d.x -= held * sx;
             d.y -= held * sy;
         }
+        if (deep && push > 0.0f) from.z = d.z;
     }
     for (int c = 0; c < (moving ? 0 : collider_count); ++c) leave_collider(i, c, substep, d, from);
     return times(per_h, plus(d, -1.0f, from));
