@@ -98,6 +98,26 @@ def test_flat_tets_fade_out(make_ball_field, device):
     assert np.isfinite(pose.geometry.rows.numpy()).all()
 
 
+@pytest.mark.parametrize("far", [10.0, 1e3, 1e6, 1e9, 1e12])
+def test_tets_that_reach_far_away_fade(make_ball_field, device, far):
+    """Their middle stretch would be lost beside the largest one, and they would be solid."""
+    rng = np.random.default_rng()
+    field = make_ball_field(1)
+    vertices = field.mesh.rest_vertices.copy()
+    moved = rng.choice(len(vertices), 20, replace=False)
+    directions = rng.normal(size=(20, 3))
+    vertices[moved] += far * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    vertices = vertices.astype(np.float32)
+    pose = Pose(field.mesh, field.neighbours, device)
+    pose.set_vertices(vertices)
+    fade = pose.geometry.shapes.numpy()[1::2, 2]
+    *_, expected = tet_frames_reference(
+        field.mesh.rest_vertices, vertices.astype(float), field.mesh.tets
+    )
+    np.testing.assert_allclose(fade, expected, atol=1e-5)
+    assert (expected < 1.0).any() and (expected == 1.0).any()
+
+
 def march(field, vertices, origins, directions, device, jitter_seed=0):
     """All pieces of all rays in one round: ray, tet, bary, length, t."""
     pose = Pose(field.mesh, field.neighbours, device)

@@ -91,6 +91,31 @@ def smoothstep(low: float, high: float, x: float):
     return y * y * (3.0 - 2.0 * y)
 
 
+@wp.func
+def stretch_ratio(f: wp.mat33d, largest: float):
+    """σ_min/σ_max of F, whose largest stretch is known.
+
+    The others are lost in a float32 decomposition if the tet is flat or long.  With σ1 known,
+    det F and the areas of F's columns give (σ2 σ3)² and σ2² + σ3².
+    """
+    a = wp.vec3d(f[0, 0], f[1, 0], f[2, 0])
+    b = wp.vec3d(f[0, 1], f[1, 1], f[2, 1])
+    c = wp.vec3d(f[0, 2], f[1, 2], f[2, 2])
+    norm = wp.length_sq(a) + wp.length_sq(b) + wp.length_sq(c)
+    areas = (
+        wp.length_sq(wp.cross(a, b)) + wp.length_sq(wp.cross(b, c)) + wp.length_sq(wp.cross(c, a))
+    )
+    volume = wp.determinant(f)
+    first = wp.float64(largest) * wp.float64(largest)
+    first = wp.clamp(first, norm / wp.float64(3.0), norm)
+    product = volume * volume / first
+    total = (areas - product) / first
+    root = wp.sqrt(wp.max(total * total - wp.float64(4.0) * product, wp.float64(0.0)))
+    second = wp.float64(0.5) * (total + root)
+    ratio = wp.sqrt(product / second / first)
+    return wp.where(second > wp.float64(0.0), wp.min(float(ratio), 1.0), 0.0)
+
+
 @wp.kernel
 def tet_frames_kernel(
     tets: wp.array(dtype=wp.vec4i),  # [T]
@@ -114,7 +139,6 @@ def tet_frames_kernel(
     # svd3 returns rotations and puts a reflection into the sign of a stretch.
     flips = wp.vec3(wp.sign(stretches[0]), wp.sign(stretches[1]), wp.sign(stretches[2]))
     rotations[i] = u * wp.diag(flips) * wp.transpose(v)
-    # The smallest stretch of a flat tet is lost in rounding, so it is computed from the volume.
     # Volume and inverse are float64: in float32 the coordinates of a thin tet would be off by its
     # thickness.
     x0d = wp.vec3d(x0)
@@ -124,12 +148,7 @@ def tet_frames_kernel(
         wp.vec3d(vertices[tet[3]]) - x0d,
     )
     volume = wp.determinant(current)
-    rest_volume = wp.determinant(wp.mat33d(rest_edges[i]))
-    a = wp.abs(stretches)
-    largest = wp.max(a)
-    middle = a[0] + a[1] + a[2] - largest - wp.min(a)
-    smallest = wp.abs(float(volume / rest_volume)) / wp.max(largest * middle, 1.0e-30)
-    ratio = wp.min(smallest / wp.max(largest, 1.0e-30), 1.0)
+    ratio = stretch_ratio(current * wp.mat33d(rest_edges_inverse[i]), wp.max(wp.abs(stretches)))
     fade = smoothstep(1.0e-3, 1.0e-2, ratio)
     m = wp.mat33d()
     if ratio > FLAT:  # rays cross a faded tet, though it has no density
