@@ -21,6 +21,7 @@ QUERY_GAP = wp.constant(4.0e-6)
 # A tet flatter than this (σ_min/σ_max) has no coordinates.  Rays that meet a fading tet are
 # tangled (overlap/search.py).  A walk meets a flat one by rounding only, and ends there.
 FLAT = wp.constant(1.0e-5)
+LONG = wp.constant(1.0e3)  # a stretch; svd3 computes with fourth powers, which have to fit
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
@@ -132,6 +133,13 @@ def tet_frames_kernel(
     x0 = vertices[tet[0]]
     edges = wp.matrix_from_cols(vertices[tet[1]] - x0, vertices[tet[2]] - x0, vertices[tet[3]] - x0)
     f = edges * rest_edges_inverse[i]
+    scale = float(1.0)
+    longest = wp.max(wp.abs(f[0]))
+    longest = wp.max(longest, wp.max(wp.abs(f[1])))
+    longest = wp.max(longest, wp.max(wp.abs(f[2])))
+    if longest > LONG:
+        scale = longest
+        f /= scale
     u = wp.mat33()
     v = wp.mat33()
     stretches = wp.vec3()
@@ -148,7 +156,8 @@ def tet_frames_kernel(
         wp.vec3d(vertices[tet[3]]) - x0d,
     )
     volume = wp.determinant(current)
-    ratio = stretch_ratio(current * wp.mat33d(rest_edges_inverse[i]), wp.max(wp.abs(stretches)))
+    largest = scale * wp.max(wp.abs(stretches))
+    ratio = stretch_ratio(current * wp.mat33d(rest_edges_inverse[i]), largest)
     fade = smoothstep(1.0e-3, 1.0e-2, ratio)
     m = wp.mat33d()
     if ratio > FLAT:  # rays cross a faded tet, though it has no density
