@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.core import images
 from deformrf.core.render import Camera, Lens, Renderer, look_at, pinhole
 from deformrf.core.training import DatasetError
 from deformrf.viewer.camera import Covered, in_free_part
@@ -165,7 +166,7 @@ def test_render_and_photograph_share_what_panels_leave_free():
 
 
 def test_a_photograph_that_cant_be_shown_is_refused(folder, to_model, monkeypatch):
-    Image.new("RGB", (120, 120)).save(folder / "photos/0.png", "BMP")
+    Image.new("RGB", (120, 120)).save(folder / "photos/0.png", "GIF")
     photographs = p.Photographs(folder, to_model)
     with pytest.raises(DatasetError, match="can't be read as an image"):
         photographs.step(1)
@@ -174,7 +175,7 @@ def test_a_photograph_that_cant_be_shown_is_refused(folder, to_model, monkeypatc
     with pytest.raises(DatasetError, match="model sizes away"):
         photographs.step(-1)
     photographs = p.Photographs(folder, to_model)
-    monkeypatch.setattr(p, "MOST_PIXELS", 100)
+    monkeypatch.setattr(images, "MOST_PIXELS", 100)
     with pytest.raises(DatasetError, match="120x100 pixels"):
         photographs.step(-1)
     for path in (folder / "photos").iterdir():

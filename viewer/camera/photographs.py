@@ -15,8 +15,6 @@ from ...core.training import DatasetError, list_images, read_image, shrunk_size,
 from . import orbit as orbits
 from .framing import SMALLEST_SHARE, Covered, free_part
 
-FORMATS = "PNG", "JPEG", "WEBP"  # that are decoded
-MOST_PIXELS = 100 * 2**20  # of a photograph on disk
 FARTHEST = 100.0  # model units, of a camera
 WIDEST = np.radians(150.0)  # field of view
 LONGEST_SIDE = 2048  # pixels, of what is shown
@@ -76,14 +74,10 @@ def read_photograph(image, world_to_model) -> Photograph:
     Raises:
         DatasetError: It is too large, damaged, or in another format.
     """
-    size = size_on_disk(image.path, FORMATS)
-    if size[0] * size[1] > MOST_PIXELS:
-        raise DatasetError(
-            f"{image.path} has {size[0]}x{size[1]} pixels, {MOST_PIXELS >> 20} million are the most"
-        )
+    size = size_on_disk(image.path)
     lens = image.lens(*size)
     lens = lens.resized(*shrunk_size(size, LONGEST_SIDE))
-    pixels = read_image(image.path, lens.width, lens.height, FORMATS)
+    pixels = read_image(image.path, lens.width, lens.height)
     if lens.is_distorted:
         pixels = undistorted(pixels, lens)
     pose = in_space(image.camera_to_world, world_to_model)

@@ -15,17 +15,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 from rich import progress
 from rich.console import Console
 
 from ...device import thread_count
+from ...images import ImageError, open_image, rgba
 from ...render import Lens
 from . import colmap, nsvf, transforms
 from .posed_images import IMAGE_ENDINGS, DatasetError, NoImagesError, NoSplitError
 
 PIXELS_MAX = 2**31 - 1  # that a RayBank takes: Warp's arrays and kernels count in int32
-UNREADABLE = (OSError, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError)
 
 
 @dataclass(frozen=True)
@@ -152,13 +152,13 @@ def white_composite(images):
     return values[..., :3] * alpha + (1.0 - alpha)
 
 
-def size_on_disk(path, formats=None):
-    """Width and height, without decoding the image; of Pillow's formats if none are named."""
+def size_on_disk(path):
+    """Width and height, without decoding the image; DatasetError if it can't be read."""
     try:
-        with Image.open(path, formats=formats) as file:
+        with open_image(path) as file:
             return file.size
-    except UNREADABLE:
-        raise DatasetError(f"{path} can't be read as an image") from None
+    except ImageError as error:
+        raise DatasetError(str(error)) from None
 
 
 def shrunk_size(size, image_size):
@@ -201,13 +201,17 @@ def read_images(paths, lenses):
     return pixels
 
 
-def read_image(path, width, height, formats=None):
-    """One image, shrunk to that size.  [H, W, 4] uint8"""
+def read_image(path, width, height):
+    """One image, shrunk to that size.  [H, W, 4] uint8
+
+    Raises:
+        DatasetError: It can't be read.
+    """
     try:
-        with Image.open(path, formats=formats) as file:
-            image = file.convert("RGBA")
-    except UNREADABLE:  # Pillow raises SyntaxError where a PNG's chunks are broken
-        raise DatasetError(f"{path} can't be read as an image") from None
+        with open_image(path) as file:
+            image = rgba(file)
+    except ImageError as error:
+        raise DatasetError(str(error)) from None
     if image.size != (width, height):
         # A box filter is the mean over a pixel's area; Pillow weights RGBA by alpha for it.
         image = image.resize((width, height), Image.Resampling.BOX)

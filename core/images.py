@@ -1,0 +1,94 @@
+"""Image files, opened in this one place: anybody may have written them.
+
+Pillow knows some forty formats and chooses among them by a file's content, whatever its name.
+One of them starts another program (PostScript), and a small file can declare billions of pixels.
+So formats are named, and the declared size is checked before anything is decoded.
+"""
+
+import warnings
+from contextlib import contextmanager
+
+import numpy as np
+from PIL import Image
+
+FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+MOST_PIXELS = 100 * 2**20  # 400 MiB when decoded; the largest common cameras have 102 million
+ORIENTATION = 0x0112  # EXIF's tag: 1 is upright, 5 to 8 exchange width and height
+DIRECT = {"RGBA", "RGB", "L", "LA", "1", "P", "PA"}  # Pillow's modes that convert to RGBA
+BY_RGB = {"CMYK", "YCbCr", "RGBX"}
+TURNS = {  # by orientation
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+
+# Pillow warns of what open_image refuses in a sentence, and of harmless faults in metadata.
+warnings.filterwarnings("ignore", module=r"PIL\.")
+
+
+class ImageError(ValueError):
+    """The image can't be read; the message is one sentence for the user."""
+
+
+@contextmanager
+def open_image(path):
+    """Yield a file as Pillow's image, not decoded yet.
+
+    Raises:
+        ImageError: It is missing, too large, damaged (the block may find that), or in a format
+            that is not among FORMATS.
+    """
+    try:
+        with Image.open(path, formats=FORMATS) as image:
+            width, height = image.size
+            if width * height > MOST_PIXELS:
+                raise ImageError(
+                    f"{path} has {width}x{height} pixels, and at most {MOST_PIXELS >> 20} million "
+                    f"are read: shrink it"
+                )
+            yield image
+    except ImageError:
+        raise
+    except Exception as error:  # of damaged files Pillow raises errors of a dozen kinds
+        if getattr(error, "strerror", None):  # of the operating system
+            raise ImageError(f"{path} can't be read: {error.strerror}") from None
+        raise ImageError(
+            f"{path} can't be read as an image: it has to be a whole {', '.join(FORMATS)} file"
+        ) from None
+
+
+def orientation(image) -> int:
+    """EXIF's number of how the camera was held, 1 to 8."""
+    if image.format == "TIFF":
+        return 1  # Pillow turns these itself
+    # PNG's own getexif decodes the whole image to find a tag behind the pixels.
+    value = Image.Image.getexif(image).get(ORIENTATION, 1)
+    return value if isinstance(value, int) and 1 <= value <= 8 else 1
+
+
+def rgba(image, upright=False):
+    """Decode an image that `open_image` yields; in Pillow's mode RGBA.
+
+    Args:
+        upright: Turn it as its EXIF orientation says.
+    """
+    if image.mode.startswith("I;16") or (image.mode == "I" and image.format == "PNG"):
+        values = np.asarray(image).astype(np.uint32)  # Pillow itself would clip them at 255
+        decoded = Image.fromarray(((values * 255 + 32767) // 65535).astype(np.uint8))
+    elif image.mode in DIRECT:
+        image.load()
+        decoded = image
+    elif image.mode in BY_RGB:
+        decoded = image.convert("RGB")
+    else:
+        raise ImageError(
+            f"{image.filename} has pixels of a kind that is not read (Pillow calls it "
+            f"{image.mode}): store 8 or 16 bits a color"
+        )
+    if upright and (number := orientation(image)) > 1:
+        decoded = decoded.transpose(TURNS[number])
+    return decoded.convert("RGBA")

@@ -1,0 +1,151 @@
+"""Image files of anybody: named formats, checked sizes, one kind of error."""
+
+import re
+import struct
+import subprocess
+import sys
+import zlib
+
+import numpy as np
+import pytest
+from PIL import EpsImagePlugin, Image
+
+from deformrf.core import images
+from deformrf.core.images import ImageError, open_image, rgba
+from deformrf.core.paths import ROOT
+
+
+def read(path, upright=False):
+    with open_image(path) as image:
+        return np.asarray(rgba(image, upright))
+
+
+def test_postscript_named_png_starts_nothing(tmp_path, monkeypatch):
+    path = tmp_path / "r_0.png"
+    path.write_text(
+        "%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 8 8\n%%EndComments\nshowpage\n%%EOF\n"
+    )
+    started = []
+    monkeypatch.setattr(EpsImagePlugin, "Ghostscript", lambda *a, **k: started.append(a))
+    with pytest.raises(ImageError, match=r"r_0\.png can't be read as an image.*PNG, JPEG"):
+        read(path)
+    assert not started
+
+
+def test_images_are_opened_in_one_place():
+    """Every other call would need the formats and the limit as well."""
+    opens = re.compile(r"Image\.open\(|ImageFile\.Parser|imread\(")
+    sources = [*(ROOT / "core").rglob("*.py"), *(ROOT / "viewer").rglob("*.py")]
+    found = [path.name for path in sources if opens.search(path.read_text(encoding="utf-8"))]
+    assert found == ["images.py"]
+
+
+def huge_png(path, side, bits=1):
+    """A PNG of zeros, compressed to a few kilobytes."""
+
+    def chunk(kind, data):
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    packer = zlib.compressobj(9)
+    row = bytes(1 + (side * bits + 7) // 8)
+    rows = b"".join(packer.compress(row) for _ in range(side)) + packer.flush()
+    header = struct.pack(">IIBBBBB", side, side, bits, 0, 0, 0, 0)
+    path.write_bytes(
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    )
+    return path
+
+
+def test_a_size_is_checked_before_it_is_decoded(tmp_path):
+    path = huge_png(tmp_path / "huge.png", 13_000)
+    assert path.stat().st_size < 100_000
+    program = f"""
+import resource
+from deformrf.core.images import ImageError, open_image, rgba
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+try:
+    with open_image({str(path)!r}) as image:
+        rgba(image)
+except ImageError as error:
+    print(error)
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    sentence, kilobytes = run.stdout.splitlines()
+    assert sentence.endswith("has 13000x13000 pixels, and at most 100 million are read: shrink it")
+    assert int(kilobytes) < 10_000  # it has 169 million pixels
+    assert run.stderr == ""  # the sentence is all that is said
+
+
+@pytest.mark.parametrize("ending, byte_order", [("png", "<"), ("tif", "<"), ("tif", ">")])
+def test_16_bit_gray_keeps_its_shades(tmp_path, ending, byte_order):
+    shades = np.array([[0, 1000, 128 * 257], [50_000, 65_000, 65_535]])
+    path = tmp_path / f"gray.{ending}"
+    Image.fromarray(shades.astype(byte_order + "u2")).save(path)
+    pixels = read(path)
+    for channel in range(3):
+        np.testing.assert_array_equal(pixels[..., channel], np.round(shades / 257))
+    assert (pixels[..., 3] == 255).all()
+
+
+def test_what_has_no_8_or_16_bits_is_refused(tmp_path):
+    """Floating point: its white is unknown."""
+    path = tmp_path / "float.tif"
+    Image.fromarray(np.full((4, 4), 0.5, np.float32)).save(path)
+    with pytest.raises(ImageError, match=r"float\.tif has pixels of a kind .* calls it F\)"):
+        read(path)
+
+
+@pytest.mark.parametrize("mode", ["1", "L", "LA", "P", "RGB", "RGBA", "CMYK"])
+def test_other_pixels_become_rgba(tmp_path, mode):
+    colors = Image.effect_noise((9, 7), 90.0).convert("RGBA")
+    image = colors.convert("RGB").convert(mode) if mode == "CMYK" else colors.convert(mode)
+    path = tmp_path / ("a.tif" if mode == "CMYK" else "a.png")
+    image.save(path)
+    expected = image.convert("RGB").convert("RGBA") if mode == "CMYK" else image.convert("RGBA")
+    np.testing.assert_array_equal(read(path), np.asarray(expected))
+
+
+@pytest.mark.parametrize("number", range(1, 9))
+@pytest.mark.parametrize("ending", ["png", "webp"])
+def test_an_image_is_turned_as_its_camera_was(tmp_path, number, ending):
+    image = Image.effect_noise((5, 3), 90.0).convert("RGB")
+    exif = Image.Exif()
+    exif[images.ORIENTATION] = number
+    path = tmp_path / f"a.{ending}"
+    image.save(path, exif=exif, lossless=True)
+    stored, upright = read(path), read(path, upright=True)
+    np.testing.assert_array_equal(stored[..., :3], np.asarray(image))
+    # Row and column of the stored image of which the upright one shows the first.
+    corner = {1: (0, 0), 2: (0, -1), 3: (-1, -1), 4: (-1, 0), 5: (0, 0), 6: (-1, 0)}
+    corner |= {7: (-1, -1), 8: (0, -1)}
+    assert upright.shape[:2] == ((3, 5) if number < 5 else (5, 3))
+    np.testing.assert_array_equal(upright[0, 0], stored[corner[number]])
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning:PIL")  # as core/images.py does
+def test_damaged_files_end_in_one_sentence(tmp_path):
+    """Each format with bytes changed, cut or repeated; whatever Pillow raises, the error is one."""
+    rng = np.random.default_rng()
+    image = Image.fromarray(rng.integers(0, 256, (16, 16, 3), np.uint8))
+    path, refused = tmp_path / "a.png", 0
+    exif = Image.Exif()
+    exif[images.ORIENTATION] = 6
+    for kind in images.FORMATS:
+        image.save(path, kind, **({"exif": exif} if kind != "BMP" else {}))
+        whole = path.read_bytes()
+        for _ in range(60):
+            data = bytearray(whole)
+            for place in rng.integers(0, min(len(data), 200), rng.integers(1, 6)):
+                data[place] = rng.integers(256)
+            path.write_bytes(data[: rng.integers(1, len(data) + 1)] if rng.random() < 0.3 else data)
+            try:
+                with open_image(path) as opened:
+                    images.orientation(opened)
+                    rgba(opened, upright=True)
+            except ImageError as error:
+                refused += 1
+                assert str(path) in str(error) and "\n" not in str(error)
+    assert refused > 100
