@@ -103,3 +103,24 @@ def test_upright_turns_the_mean_up_to_z():
         np.testing.assert_allclose(turn[:3, :3] @ turn[:3, :3].T, np.eye(3), atol=1e-9)
         assert np.linalg.det(turn) == pytest.approx(1.0)
         np.testing.assert_allclose(turn[:3, :3] @ up / np.linalg.norm(up), [0, 0, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "file, old, new, sentence",
+    [
+        ("images", " 1 r_0.png", " 7 r_0.png", "sparse/0"),
+        ("cameras", "1 SIMPLE_PINHOLE 16 12", "1 SIMPLE_PINHOLE 0 12", "0x12"),
+        ("cameras", "1 SIMPLE_PINHOLE 16 12", "1 SIMPLE_PINHOLE 99999 12", "99999x12"),
+        ("cameras", "1 SIMPLE_PINHOLE 16 12 20 8 6", "1 SIMPLE_PINHOLE 16 12 20", "sparse/0"),
+    ],
+)
+def test_unusable_reconstructions_are_refused_in_one_sentence(tmp_path, file, old, new, sentence):
+    pytest.importorskip("pycolmap")
+    folder, _ = write(tmp_path, count=1)
+    path = folder / f"sparse/0/{file}.txt"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(DatasetError, match=sentence) as caught:
+        load_dataset(folder, "train")
+    assert "\n" not in str(caught.value)

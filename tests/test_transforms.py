@@ -145,3 +145,57 @@ def test_the_fox_capture_is_read(shared_data):
     assert (train.view_count, test.view_count) == (43, 7)
     assert (train.lenses[0].width, train.lenses[0].height) == (68, 120)
     assert train.lenses[0].is_distorted
+
+
+BIG = 10**400  # as an integer it fits into no float
+
+
+@pytest.mark.parametrize(
+    "change, sentence",
+    [
+        ({"fl_x": BIG}, "are not all finite"),
+        ({"w": BIG}, "infx40"),
+        ({"w": 0}, "0x40"),
+        ({"w": -30, "h": -40}, "-30x-40"),
+        ({"w": 1e-308, "h": 1e308}, r"1e-308x1e\+308"),
+        ({"k1": BIG}, "are not all finite"),
+        ({"cx": True}, "cx = True: it has to be a number"),
+        ({"camera_model": []}, r"camera_model \[\], which is no"),
+        ({"camera_model": {}}, r"camera_model \{\}, which is no"),
+        ({"train_filenames": 5}, "train_filenames = 5.0: it has to be a list of names"),
+        ({"train_filenames": [[]]}, r"train_filenames = \[\[\]\]: it has to be a list"),
+        ({"per_frame": {1: {"transform_matrix": [[BIG] * 4] * 4}}}, "4 finite numbers"),
+        ({"per_frame": {1: {"transform_matrix": {"a": 1}}}}, "4 finite numbers"),
+        ({"per_frame": {1: {"camera_model": [1]}}}, r"camera_model \[1.0\]"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_values_of_another_kind_are_named(tmp_path, change, sentence):
+    with pytest.raises(DatasetError, match=sentence) as caught:
+        load_dataset(write(tmp_path, **change), "train")
+    assert "\n" not in str(caught.value)
+
+
+def test_null_is_no_value(tmp_path):
+    without = dict.fromkeys(("w", "h", "cx", "cy", "fl_y", "k1", "p1", "camera_model"))
+    (lens,) = load_dataset(write(tmp_path, count=2, **without), "train").lenses
+    assert (lens.focal, lens.center) == ((40.0, 40.0), (15.0, 20.0))
+
+
+def test_json_that_is_no_scene_is_refused_quickly(tmp_path):
+    """Nested deeply, with a number of a million digits, or endless."""
+    path = write(tmp_path) / "transforms.json"
+    for text in ("[" * 100_000, '{"frames": 1' + "0" * 1_000_000 + "}"):
+        path.write_text(text)
+        with pytest.raises(DatasetError, match=r"transforms\.json"):
+            load_dataset(tmp_path, "train")
+    with path.open("wb") as file:
+        file.truncate(2**33)  # takes no space on the disk
+    with pytest.raises(DatasetError, match=r"transforms\.json has 8,?590 MB, and at most 64 MB"):
+        load_dataset(tmp_path, "train")
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "a\0b", "\ud800", "images", "."])
+def test_a_path_that_no_file_can_have_is_a_missing_image(tmp_path, name):
+    write(tmp_path, per_frame={1: {"file_path": name}}, name="transforms_train.json")
+    assert load_dataset(tmp_path, "train").missing == (name,)

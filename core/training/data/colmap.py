@@ -10,7 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from ...render import Lens
-from .posed_images import DatasetError, PosedImage, checked_lens, from_opencv, is_of_split
+from .posed_images import (
+    DatasetError,
+    PosedImage,
+    check_shape,
+    checked_lens,
+    existing,
+    from_opencv,
+    is_of_split,
+    rigid_pose,
+)
 
 # Where each model has fx, fy, cx, cy, k1, k2, p1, p2 among its parameters; None is zero.
 PARAMETERS = {
@@ -36,21 +45,22 @@ def read(folder, split):
     sparse = sparse_folder(folder)
     try:
         reconstruction = pycolmap.Reconstruction(str(sparse))
-    except (RuntimeError, ValueError) as error:
-        raise DatasetError(f"{sparse} can't be read by pycolmap: {error}") from None
+    except Exception as error:  # pycolmap's C++ ends in errors of many kinds, over several lines
+        reason = " ".join(str(error).split())[:200]
+        raise DatasetError(f"{sparse} can't be read by pycolmap: {reason}") from None
     registered = sorted(reconstruction.images.values(), key=lambda image: image.name)
     if not registered:
         raise DatasetError(f"{sparse} holds no registered images")
     poses = [pose_of(image) for image in registered]
-    lenses = [lens_reader(reconstruction.cameras[i.camera_id], i.name) for i in registered]
+    cameras = [camera_of(reconstruction, image, sparse) for image in registered]
     turn = upright(np.mean([pose[:3, 1] for pose in poses], axis=0))
     found, missing = [], []
-    for index, (image, pose, lens) in enumerate(zip(registered, poses, lenses, strict=True)):
-        path = folder / "images" / image.name
+    for index, (image, pose, camera) in enumerate(zip(registered, poses, cameras, strict=True)):
         if not is_of_split(index, len(registered), split):
             continue
-        if path.is_file():
-            found.append(PosedImage(path, turn @ pose, lens))
+        if path := existing(folder / "images", image.name):
+            lens, size = lens_reader(camera, image.name, sparse), (camera.width, camera.height)
+            found.append(PosedImage(path, turn @ pose, lens, size))
         else:
             missing.append(f"images/{image.name}")
     return found, missing, None
@@ -60,7 +70,17 @@ def pose_of(image):
     """Camera to world, OpenGL's axes.  [4, 4]"""
     rigid = image.cam_from_world
     matrix = (rigid() if callable(rigid) else rigid).matrix()  # a method since pycolmap 3.12
-    return from_opencv(np.linalg.inv(np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])))
+    world_to_camera = rigid_pose(matrix, f"the pose of {image.name}")
+    return from_opencv(np.linalg.inv(world_to_camera))
+
+
+def camera_of(reconstruction, image, sparse):
+    """The camera that took an image; DatasetError without one."""
+    if image.camera_id not in reconstruction.cameras:
+        raise DatasetError(
+            f"{sparse} has no camera {image.camera_id}, which is that of {image.name}"
+        )
+    return reconstruction.cameras[image.camera_id]
 
 
 def upright(up):
@@ -76,8 +96,8 @@ def upright(up):
     return turn
 
 
-def lens_reader(camera, name):
-    """The function that makes an image's lens from its width and height on disk."""
+def lens_reader(camera, name, sparse):
+    """The function that makes an image's lens from its width and height."""
     model = getattr(camera.model, "name", str(camera.model))
     if model not in PARAMETERS:
         raise DatasetError(
@@ -87,5 +107,11 @@ def lens_reader(camera, name):
     fx, fy, cx, cy, k1, k2, p1, p2 = (
         0.0 if place is None else float(camera.params[place]) for place in PARAMETERS[model]
     )
-    whole = Lens(camera.width, camera.height, (fx, fy), (cx, cy), (k1, k2, 0.0, 0.0), (p1, p2))
-    return lambda width, height: checked_lens(whole.resized(width, height), name)
+    size = camera.width, camera.height
+    whole = Lens(*size, (fx, fy), (cx, cy), (k1, k2, 0.0, 0.0), (p1, p2))
+
+    def lens(width, height):
+        check_shape((width, height), size, name, sparse)
+        return checked_lens(whole.resized(width, height), name)
+
+    return lens

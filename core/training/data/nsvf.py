@@ -22,6 +22,7 @@ from .posed_images import (
     checked_lens,
     from_opencv,
     rigid_pose,
+    text_of,
 )
 
 IGNATIUS = "; the published Ignatius has such a file"
@@ -63,8 +64,10 @@ def numbers(path, shape=None):
     if not path.is_file():
         raise DatasetError(f"{path} is missing")
     try:
-        values = np.array(path.read_text(encoding="utf-8").split(), np.float64)
+        values = np.array(text_of(path).split(), np.float64)
         return values if shape is None else values.reshape(shape)
+    except DatasetError:
+        raise
     except ValueError:
         raise DatasetError(
             f"{path} has to hold numbers" + (f", {shape[0]} rows of {shape[1]}" if shape else "")

@@ -14,6 +14,8 @@ import numpy as np
 from ...render import Lens, has_rays
 
 IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg")
+TEXT_MEGABYTES = 64  # of a file that lists views: about a hundred thousand of them
+SHAPE_TOLERANCE = 0.02  # between the stated width : height and the image's
 EVERY_TEST_VIEW = 8  # for data without a split, as in LLFF and mip-NeRF 360
 
 
@@ -35,7 +37,8 @@ class PosedImage:
 
     path: Path
     camera_to_world: np.ndarray  # [4, 4] OpenGL's axes: the camera looks along -z, y is up
-    lens: Callable[[int, int], Lens]  # for an image of that width and height on disk
+    lens: Callable[[int, int], Lens]  # for an image of that width and height
+    stated_size: tuple[float, float] | None = None  # width and height by the data set's files
 
 
 def is_of_split(index: int, count: int, split: str) -> bool:
@@ -47,6 +50,44 @@ def is_of_split(index: int, count: int, split: str) -> bool:
     return is_test == (split != "train")
 
 
+def text_of(path: Path) -> str:
+    """A text file of a data set; DatasetError if it is too long, or not UTF-8."""
+    try:
+        if (megabytes := path.stat().st_size / 1e6) > TEXT_MEGABYTES:
+            raise DatasetError(
+                f"{path} has {megabytes:.0f} MB, and at most {TEXT_MEGABYTES} MB are read"
+            )
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise DatasetError(f"{path} can't be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise DatasetError(f"{path} is not a text file (UTF-8)") from None
+
+
+def existing(folder: Path, name: str) -> Path | None:
+    """The file of that name in a folder; None without one, or if no file can have that name."""
+    try:
+        path = folder / name
+        return path if path.is_file() else None
+    except (OSError, ValueError):  # too long, or with characters that no name has
+        return None
+
+
+def have_one_shape(size, other) -> bool:
+    """Whether two sizes (width, height) have about the same ratio of sides."""
+    across, down = size[0] * other[1], size[1] * other[0]
+    return down < across * (1 + SHAPE_TOLERANCE) and across < down * (1 + SHAPE_TOLERANCE)
+
+
+def check_shape(size, stated, name, source):
+    """DatasetError unless an image has the shape that the data set's files state for it."""
+    if not have_one_shape(size, stated):
+        raise DatasetError(
+            f"{source} says that images have {stated[0]:g}x{stated[1]:g} pixels, but {name} has "
+            f"{size[0]}x{size[1]}: turned or cropped images need intrinsics of their own"
+        )
+
+
 def rigid_pose(values, name):
     """A camera-to-world matrix.  [4, 4] float64
 
@@ -55,7 +96,7 @@ def rigid_pose(values, name):
     """
     try:
         matrix = np.array(values, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape == (3, 4):
         matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])

@@ -20,13 +20,15 @@ from .posed_images import (
     DatasetError,
     NoSplitError,
     PosedImage,
+    check_shape,
     checked_lens,
+    existing,
     is_of_split,
     rigid_pose,
+    text_of,
 )
 
 PERSPECTIVE = {None, "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"}
-ASPECT_TOLERANCE = 0.02  # between the JSON's w : h and the image's
 
 
 def transforms_path(folder, split) -> Path | None:
@@ -41,7 +43,10 @@ def read(folder, split):
     """The images of a split, those missing, no box."""
     path = transforms_path(folder, split)
     try:
-        scene = json.loads(path.read_text(encoding="utf-8"))
+        # As floats, too large integers are infinite, and no number is read digit by digit.
+        scene = json.loads(text_of(path), parse_int=float)
+    except DatasetError:
+        raise
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{path} is not JSON: {error}") from None
     frames = scene.get("frames") if isinstance(scene, dict) else None
@@ -53,21 +58,30 @@ def read(folder, split):
         if not isinstance(name, str) or not name:
             raise DatasetError(f"a frame of {path} has no file_path")
     if path.name == "transforms.json":
-        frames = frames_of(scene, frames, split)
+        frames = frames_of(scene, frames, split, path)
     found, missing = [], []
     for frame in frames:
         name = frame["file_path"]
         if image := image_path(folder, name):
             pose = rigid_pose(frame.get("transform_matrix"), f"the transform_matrix of {name}")
-            found.append(PosedImage(image, pose, lens_reader({**scene, **frame}, path)))
+            values = {**scene, **frame}
+            lens, size = lens_reader(values, path), (values.get("w"), values.get("h"))
+            stated = size if all(map(is_number, size)) else None
+            found.append(PosedImage(image, pose, lens, stated))
         else:
             missing.append(name)
     return found, missing, None
 
 
-def frames_of(scene, frames, split):
-    """The frames of a split, in the order of the file."""
+def frames_of(scene, frames, split, path):
+    """The frames of a split, in the order of the file, whose path is for messages."""
     lists = {name: scene.get(f"{name}_filenames") for name in ("train", "val", "test")}
+    for name, names in lists.items():
+        is_list = isinstance(names, list) and all(isinstance(entry, str) for entry in names)
+        if names is not None and not is_list:
+            raise DatasetError(
+                f"{path} has {name}_filenames = {shown(names)}: it has to be a list of names"
+            )
     if any(lists.values()):
         chosen = set(lists.get(split) or ())
         if split == "test" and not chosen:
@@ -79,8 +93,17 @@ def frames_of(scene, frames, split):
 
 
 def image_path(folder, name) -> Path | None:
-    paths = (folder / (name + ending) for ending in ("", *IMAGE_ENDINGS))
-    return next((path for path in paths if path.is_file()), None)
+    return next(filter(None, (existing(folder, name + e) for e in ("", *IMAGE_ENDINGS))), None)
+
+
+def shown(value) -> str:
+    """A value of a JSON file, for a message."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:60]}..."
+
+
+def is_number(value) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def lens_reader(values, path):
@@ -91,16 +114,20 @@ def lens_reader(values, path):
         path: Path of the JSON, for messages.
     """
     model = values.get("camera_model")
-    if model not in PERSPECTIVE or values.get("is_fisheye"):
+    is_known = model is None or (isinstance(model, str) and model in PERSPECTIVE)
+    if not is_known or values.get("is_fisheye"):
+        kind = "fisheye" if is_known else model if isinstance(model, str) else shown(model)
         raise DatasetError(
-            f"{path} has camera_model {model or 'fisheye'}, which is no perspective camera: "
+            f"{path} has camera_model {kind}, which is no perspective camera: "
             f"undistort the images first"
         )
 
     def number(key, otherwise=None):
-        value = values.get(key, otherwise)
-        if value is not None and not isinstance(value, int | float):
-            raise DatasetError(f"{path} has {key} = {value!r}: it has to be a number")
+        value = values.get(key)
+        if value is None:
+            return otherwise
+        if not is_number(value):
+            raise DatasetError(f"{path} has {key} = {shown(value)}: it has to be a number")
         return value
 
     angle = number("camera_angle_x")
@@ -111,12 +138,9 @@ def lens_reader(values, path):
         )
 
     def lens(width, height):
-        w, h = number("w", width), number("h", height)  # of the images that the numbers are for
-        if w <= 0 or h <= 0 or abs(np.log((w / h) / (width / height))) > ASPECT_TOLERANCE:
-            raise DatasetError(
-                f"{path} says that images have {w:g}x{h:g} pixels, but {values['file_path']} has "
-                f"{width}x{height}: turned or cropped images need intrinsics of their own"
-            )
+        # Of the images that the numbers are for.
+        w, h = number("w", width), number("h", height)
+        check_shape((width, height), (w, h), values["file_path"], path)
         focal_x = number("fl_x")
         if focal_x is None:
             focal_x = 0.5 * w / np.tan(0.5 * angle)
