@@ -17,13 +17,21 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 # Each part may import itself and the parts named on its right.
 MAY_IMPORT = {
     "core.paths": [],
+    "core.memory": [],
     "core.arguments": [],
     "core.device": [],
     "core.wide": [],
     "core.native": [],
     "core.images": [],
     "core.geometry": [],
-    "core.field": ["core.device", "core.paths", "core.wide", "core.native", "core.geometry"],
+    "core.field": [
+        "core.device",
+        "core.paths",
+        "core.memory",
+        "core.wide",
+        "core.native",
+        "core.geometry",
+    ],
     "core.render": ["core.device", "core.wide", "core.native", "core.geometry", "core.field"],
     "core.deform": ["core.device", "core.native", "core.geometry"],
     "core.training": [

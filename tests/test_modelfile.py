@@ -285,11 +285,14 @@ def test_wrong_metadata_is_named_in_one_sentence(path, changes, words):
         ({"view_dependence": 1}, "'view_dependence' is 1"),
         ({"density_hidden": 64}, "damaged"),
         ({"density_hidden": [64, 64]}, "density_weights_1"),
-        ({"color_hidden": {"64": 64}}, "color_weights_0"),
+        ({"color_hidden": {"64": 64}}, "hidden layers"),
         ({"march_step": 1e-9}, "march step is 1e-09"),
         ({"march_step": [0.01]}, "damaged"),
         ({"march_step": float("nan")}, "march step is nan"),
         ({"later_option": 1}, "later_option"),
+        ({"color_hidden": [20_000, 20_000]}, "400700000 weights, more than"),
+        ({"density_hidden": [1] * 9}, "hidden layers"),
+        ({"table_size": 2**40}, "more than"),
     ],
 )
 def test_a_wrong_option_is_named_in_one_sentence(path, changes, words):

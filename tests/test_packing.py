@@ -9,18 +9,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.field import FEATURES, ModelFileError
+from deformrf.core.field import FEATURES, ModelFileError, load
+from deformrf.core.field.archive import open_arrays
 from deformrf.core.field.layout import Layout
 from deformrf.core.field.packing import (
     array,
     pack_mesh,
     pack_tables,
     quantize,
-    read_arrays,
     unpack_mesh,
     unpack_tables,
 )
 from deformrf.core.geometry import a15_grid
+
+
+def read_arrays(path):
+    with open_arrays(path) as arrays:
+        return {name: np.asarray(arrays[name]) for name in arrays}
+
 
 LAYOUT = Layout((300, 1024, 1024), 0, ())
 
@@ -126,17 +132,6 @@ def test_other_files_are_refused(tmp_path):
             read_arrays(path)
 
 
-def test_a_zip_bomb_is_refused_by_its_headers(tmp_path):
-    path = tmp_path / "bomb.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        with archive.open("meta.npy", "w", force_zip64=True) as stream:
-            block = bytes(2**24)
-            for _ in range(2**31 // len(block) + 1):
-                stream.write(block)
-    with pytest.raises(ModelFileError, match="GiB"):
-        read_arrays(path)
-
-
 def test_a_header_that_promises_too_much_is_refused(path):
     """Without a look at it first, NumPy would ask for the memory."""
     data = path.read_bytes()
@@ -158,8 +153,8 @@ def test_an_encrypted_file_is_refused(path, flag):
             data[place + offset] |= flag & 0xFF
             place = data.find(signature, place + 4)
     path.write_bytes(bytes(data))
-    with pytest.raises(ModelFileError):
-        read_arrays(path)
+    with pytest.raises(ModelFileError, match=r"encrypted|strong"):
+        load(path)
 
 
 def test_a_truncated_file_is_refused(path):

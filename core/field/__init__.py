@@ -6,7 +6,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "modelfile": ["load", "save"],
-        "packing": ["ModelFileError", "STIFFNESS_RANGE", "parts_of_file"],
+        "archive": ["ModelFileError", "parts_of_file"],
+        "packing": ["STIFFNESS_RANGE"],
         "field": ["FieldOptions", "TetField", "random_field"],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
         # For the rooms next door: kernels, their functions and array structs.

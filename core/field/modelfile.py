@@ -14,16 +14,27 @@ import numpy as np
 
 from ..geometry import tet_neighbours
 from ..paths import program_version, whole_file
+from .archive import ModelFileError, check, open_arrays
+from .bounds import (
+    SMALLEST_MARCH_STEP,
+    check_geometry,
+    check_levels,
+    check_weights,
+    check_widths,
+    check_work,
+    check_world,
+)
 from .field import FieldOptions, TetField, layer_widths
 from .layout import FEATURES, MOST_ENTRIES, make_layout
 from .packing import (
-    ModelFileError,
-    check,
+    INTEGERS,
+    array,
+    check_tables,
+    declared,
     pack_layers,
     pack_mesh,
     pack_surroundings,
     pack_tables,
-    read_arrays,
     unpack_layers,
     unpack_mesh,
     unpack_stiffness,
@@ -36,7 +47,7 @@ FORMAT = "deformrf-model"
 FORMAT_VERSION = 2
 READABLE_VERSIONS = (1, 2)
 ACTIVATION = "relu"  # older programs could train density networks with "sigmoid" as well
-SMALLEST_MARCH_STEP = 1e-4  # a finer one would take a ray through a million pieces
+LONGEST_META = 2**20  # bytes; ours has some 30,000
 HISTORY_KEYS = ("seconds", "stage", "step", "psnr")
 TRAINING_TYPES = {
     "data": str,
@@ -91,8 +102,10 @@ def pack(field: TetField, metadata_: dict | None = None, entry_bits=16) -> dict:
         arrays |= pack_surroundings(field.surroundings)
     if field.stiffness is not None:
         arrays["stiffness"] = field.stiffness.astype(np.float16)
-    meta = meta_text(field, spacing, {**field.meta, **(metadata_ or {})})
-    return arrays | {"meta": np.frombuffer(meta.encode(), np.uint8)}
+    meta = meta_text(field, spacing, {**field.meta, **(metadata_ or {})}).encode()
+    if len(meta) > LONGEST_META:
+        raise ValueError(f"what is said of the training has {len(meta)} bytes, over {LONGEST_META}")
+    return arrays | {"meta": np.frombuffer(meta, np.uint8)}
 
 
 def load(path) -> TetField:
@@ -102,12 +115,15 @@ def load(path) -> TetField:
         ModelFileError: The file is missing, is no model, has another version or is damaged.
     """
     path = Path(path)
-    arrays = read_arrays(path)
     try:
-        return _build(arrays)
+        with open_arrays(path) as arrays:
+            return _build(arrays)
     except ModelFileError as error:
-        raise ModelFileError(f"{path}: {_one_line(error)}") from error
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        line = _one_line(error)
+        raise ModelFileError(line if str(path) in line else f"{path}: {line}") from error
+    except MemoryError as error:
+        raise ModelFileError(f"{path} needs more memory than is free") from error
+    except Exception as error:  # a file can hold anything: what was not foreseen is damage too
         raise ModelFileError(f"{path} is damaged: {_one_line(error)}") from error
 
 
@@ -117,39 +133,58 @@ def _one_line(error) -> str:
 
 
 def _build(arrays) -> TetField:
-    meta = read_meta(arrays["meta"].tobytes().decode())
+    meta_bytes = declared(arrays, "meta", np.uint8, (None,)).shape[0]
+    check(meta_bytes <= LONGEST_META, f"its 'meta' has {meta_bytes} bytes, over {LONGEST_META}")
+    meta = read_meta(array(arrays, "meta", np.uint8, (None,)).tobytes().decode())
     options = read_options(meta["options"])
+    entry_counts, dense_count = meta["entry_counts"], meta["dense_level_count"]
+    check_levels(entry_counts, dense_count, options)
+    check_tables(arrays, entry_counts)
+    tet_count = declared(arrays, "tets", INTEGERS, (None, 4)).shape[0]
+    check_work(tet_count, entry_counts, dense_count, options)
+    world_to_model = np.array(meta["world_to_model"], float)
+    check_world(world_to_model)
     # Version 1 has no lattice spacing: it stores every rest vertex.
     mesh, occupancy = unpack_mesh(arrays, meta.get("lattice_spacing"), options.level_count)
+    neighbours = tet_neighbours(mesh.tets)
+    check_geometry(mesh, neighbours, options.march_step)
     layout = make_layout(mesh, options.level_count, options.table_size, options.dense_levels)
     check(
-        list(layout.entry_counts) == meta["entry_counts"]
-        and layout.dense_level_count == meta["dense_level_count"],
+        list(layout.entry_counts) == entry_counts and layout.dense_level_count == dense_count,
         f"its levels should have {list(layout.entry_counts)} entries, "
         f"{layout.dense_level_count} of them dense; "
-        f"it declares {meta['entry_counts']}, {meta['dense_level_count']} of them dense",
-    )
-    world_to_model = np.array(meta["world_to_model"], float)
-    check(
-        world_to_model.shape == (4, 4) and np.isfinite(world_to_model).all(),
-        "its 'world_to_model' is no 4x4 matrix",
+        f"it declares {entry_counts}, {dense_count} of them dense",
     )
     table = unpack_tables(arrays, layout)
-    density, color = layer_widths(options)
+    surroundings = unpack_surroundings(arrays)
+    density, color = (
+        unpack_layers(arrays, name, widths)
+        for name, widths in zip(("density", "color"), layer_widths(options), strict=True)
+    )
+    _check_networks("", table, density, color)
+    if surroundings:
+        parts = surroundings.table, surroundings.density_layers, surroundings.color_layers
+        _check_networks("surroundings_", *parts)
     return TetField(
         mesh=mesh,
-        neighbours=tet_neighbours(mesh.tets),
+        neighbours=neighbours,
         occupancy=occupancy,
         layout=layout,
         table=table,
-        density_layers=unpack_layers(arrays, "density", density),
-        color_layers=unpack_layers(arrays, "color", color),
+        density_layers=density,
+        color_layers=color,
         options=options,
         world_to_model=world_to_model,
         meta=read_training(meta.get("training")),
-        surroundings=unpack_surroundings(arrays),
+        surroundings=surroundings,
         stiffness=unpack_stiffness(arrays, mesh.vertex_count),
     )
+
+
+def _check_networks(prefix, table, density, color):
+    """Interpolated features are at most as large as the table's; harmonics are below 2."""
+    h = check_weights(f"{prefix}density", density, float(np.abs(table).max(initial=0.0)))
+    check_weights(f"{prefix}color", color, max(h, 2.0))
 
 
 def meta_text(field: TetField, lattice_spacing: float | None, training: dict) -> str:
@@ -221,6 +256,8 @@ def read_options(values: dict) -> FieldOptions:
         SMALLEST_MARCH_STEP <= options.march_step < 1.0,
         f"its march step is {options.march_step}, below {SMALLEST_MARCH_STEP} or above 1",
     )
+    for name, widths in zip(("density", "color"), layer_widths(options), strict=True):
+        check_widths(name, widths)
     return options
 
 

@@ -1,8 +1,8 @@
 """A field's mesh, tables and networks <-> the arrays of a model file.
 
-Files are read without trust in their contents.  `read_arrays` checks the sizes in the zip's own
-headers first, so that a small file cannot unpack to gigabytes; `array` checks an array's name,
-type, shape and finiteness.  Every error is a ModelFileError of one sentence.
+Files are read without trust in their contents.  `declared` checks an array's name, type and
+shape before anything of it is read (archive.py); `array` reads it and checks that it is finite.
+Every error is a ModelFileError of one sentence.
 
 docs/model-format.md describes the arrays.  The file stores nothing that follows from the rest:
 
@@ -18,84 +18,26 @@ docs/model-format.md describes the arrays.  The file stores nothing that follows
 Shapes: V vertices, T tets, F features per entry.
 """
 
-import math
-import zipfile
-import zlib
-
 import numpy as np
 
-from ..geometry import TetMesh, lattice_spacing, lattice_vertices, signed_volumes
+from ..geometry import TetMesh, lattice_spacing, lattice_vertices
+from .archive import check
 from .grid import GRID_ENTRIES, GRID_LEVELS, Surroundings, surroundings_widths
 from .layout import FEATURES, MOST_ENTRIES, Layout
 
-MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")
-TABLE_ARRAYS = ("table_", "reached_", "scale_")
-MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
-# Errors of zipfile and NumPy on damaged files; RuntimeError is for encrypted ones.
-UNREADABLE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    EOFError,
-    OSError,
-    ValueError,
-    KeyError,
-    MemoryError,
-    RuntimeError,
-)
 ENTRY_BITS = (8, 16)
+ENTRY_TYPES = (np.float16, np.int8)
 LARGEST_INT8 = 127
 STIFFNESS_RANGE = 1e-3, 1e3
 LARGEST_SCALE = 1e3  # values then reach as far as float16's
 INTEGERS = (np.uint16, np.int32)
 
 
-class ModelFileError(ValueError):
-    """A model file cannot be read; the message is one sentence for the user."""
+def declared(arrays, name, dtypes, shape):
+    """The named array, not read, if it has that type (or one of a tuple) and shape.
 
-
-def read_arrays(path) -> dict:
-    """All arrays of a file by name."""
-    check(path.is_file(), f"there is no model file at {path}")
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-            check(
-                size <= MAX_BYTES,
-                f"{path} would unpack to {size / 2**30:.1f} GiB; models have less than "
-                f"{MAX_BYTES / 2**30:.0f} GiB",
-            )
-            for entry in archive.infolist():
-                _check_header(archive, entry)
-        with np.load(path, allow_pickle=False) as archive:
-            named = "meta" in archive.files
-            check(named, f"{path} is not a deformrf model: it has no 'meta' array")
-            return {name: archive[name] for name in archive.files}
-    except ModelFileError:
-        raise
-    except UNREADABLE as error:
-        raise ModelFileError(f"{path} is not a model file, or is damaged ({error})") from error
-
-
-def parts_of_file(path) -> dict:
-    """Bytes of a model's mesh (occupancy included) and of its tables, as stored."""
-    parts = {"mesh_bytes": 0, "table_bytes": 0}
-    with zipfile.ZipFile(path) as archive:
-        for entry in archive.infolist():
-            name = entry.filename.removesuffix(".npy")
-            if name in MESH_ARRAYS:
-                parts["mesh_bytes"] += entry.compress_size
-            elif name.startswith(TABLE_ARRAYS):
-                parts["table_bytes"] += entry.compress_size
-    return parts
-
-
-def check(condition, sentence):
-    if not condition:
-        raise ModelFileError(sentence)
-
-
-def array(arrays, name, dtypes, shape):
-    """The named array of that type (or one of a tuple) and shape; None there is any length."""
+    None in the shape stands for any length.
+    """
     dtypes = dtypes if isinstance(dtypes, tuple) else (dtypes,)
     check(name in arrays, f"the array '{name}' is missing")
     found = arrays[name]
@@ -108,23 +50,15 @@ def array(arrays, name, dtypes, shape):
         f"it should be {' or '.join(str(np.dtype(t)) for t in dtypes)} "
         f"{['any' if s is None else s for s in shape]}",
     )
-    if found.dtype.kind == "f":
-        check(np.isfinite(found).all(), f"'{name}' holds NaN or infinite values")
     return found
 
 
-def _check_header(archive, entry):
-    """Refuse an array whose header declares more than the zip holds."""
-    with archive.open(entry) as stream:
-        version = np.lib.format.read_magic(stream)
-        read = {(1, 0): np.lib.format.read_array_header_1_0}.get(
-            version, np.lib.format.read_array_header_2_0
-        )
-        shape, _, dtype = read(stream)
-    check(
-        math.prod(shape) * dtype.itemsize <= entry.file_size,
-        f"'{entry.filename}' declares {shape}, more than the file holds",
-    )
+def array(arrays, name, dtypes, shape):
+    """The values of an array that is as `declared` wants it, and finite."""
+    found = np.asarray(declared(arrays, name, dtypes, shape))
+    if found.dtype.kind == "f":
+        check(np.isfinite(found).all(), f"'{name}' holds NaN or infinite values")
+    return found
 
 
 def pack_mesh(mesh: TetMesh, occupancy):
@@ -154,13 +88,14 @@ def unpack_mesh(arrays, spacing, level_count: int):
     else:
         check(0.0 < spacing < 1.0, f"its lattice spacing is {spacing}, not between 0 and 1")
         rest_vertices = lattice_vertices(addresses, spacing)
+    tet_count = declared(arrays, "tets", INTEGERS, (None, 4)).shape[0]
+    declared(arrays, "occupancy", np.uint64, (tet_count,))
     tets = array(arrays, "tets", INTEGERS, (None, 4)).astype(np.int32)
     check(len(tets) > 0, "it has no tets")
     check(
         tets.min() >= 0 and tets.max() < vertex_count,
         f"'tets' names vertices outside 0..{vertex_count - 1}",
     )
-    check((signed_volumes(rest_vertices, tets) > 0).all(), "some tets have no rest volume")
     occupancy = array(arrays, "occupancy", np.uint64, (len(tets),))
     return TetMesh(rest_vertices, addresses, tets), occupancy
 
@@ -187,21 +122,40 @@ def pack_tables(table, layout: Layout, reached, entry_bits=16):
     return arrays
 
 
+def check_tables(arrays, entry_counts) -> None:
+    """Whether the tables in the file are as large as levels of so many entries need.
+
+    It reads none of them, so a small file can't ask for many entries.
+    """
+    total = sum(entry_counts)
+    check(total <= MOST_ENTRIES, f"it has {total} entries, more than {MOST_ENTRIES}")
+    for level, entry_count in enumerate(entry_counts):
+        table = declared(arrays, f"table_{level}", ENTRY_TYPES, (None, FEATURES))
+        stored_count = table.shape[0]
+        if f"reached_{level}" in arrays:
+            declared(arrays, f"reached_{level}", np.uint8, (-(-entry_count // 8),))
+        else:
+            check(
+                stored_count == entry_count,
+                f"'table_{level}' holds {stored_count} entries, but the level has {entry_count}",
+            )
+
+
 def unpack_tables(arrays, layout: Layout):
     """The table, checked; 0 where an entry is not stored.  [entries, F] float32"""
-    total = sum(layout.entry_counts)  # a small file can declare many entries
-    check(total <= MOST_ENTRIES, f"it has {total} entries, more than {MOST_ENTRIES}")
+    check_tables(arrays, layout.entry_counts)
+    total = sum(layout.entry_counts)
     table = np.zeros((total, FEATURES), np.float32)
     for level, entry_count in enumerate(layout.entry_counts):
         name = f"table_{level}"
-        stored_count, kept, source = entry_count, slice(None), "the level has"
+        stored_count, kept = entry_count, slice(None)
         if f"reached_{level}" in arrays:
             kept = _unpack_bits(arrays, f"reached_{level}", entry_count)
-            stored_count, source = int(kept.sum()), f"'reached_{level}' marks"
-        values = array(arrays, name, (np.float16, np.int8), (None, FEATURES))
+            stored_count = int(kept.sum())
+        values = array(arrays, name, ENTRY_TYPES, (None, FEATURES))
         check(
             len(values) == stored_count,
-            f"'{name}' holds {len(values)} entries, but {source} {stored_count}",
+            f"'{name}' holds {len(values)} entries, but 'reached_{level}' marks {stored_count}",
         )
         if values.dtype == np.int8:
             scale = array(arrays, f"scale_{level}", np.float32, (FEATURES,))

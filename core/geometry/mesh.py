@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # [4, 3], outward
+KEY_BITS = 21  # of a vertex id in the number of a face: three ids fit 63 bits
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # [6, 2], Bey's m01..m23
 
 
@@ -47,14 +48,20 @@ def tet_neighbours(tets):
     """The tet across face i of each tet, -1 where there is none.  [T, 4] int32
 
     Raises:
-        ValueError: A face belongs to more than two tets.
+        ValueError: A face belongs to more than two tets, or there are more than 2^21 vertices.
     """
-    faces = np.sort(tets[:, FACES].reshape(-1, 3), axis=1)
-    order = np.lexsort(faces.T)
-    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
+    if tets.max(initial=0) >= 1 << KEY_BITS:
+        raise ValueError(f"the mesh has more than {1 << KEY_BITS} vertices")
+    keys = np.empty((len(tets), 4), np.int64)  # a face is one number: its sorted vertex ids
+    for face, corners in enumerate(FACES):
+        a, b, c = np.sort(tets[:, corners], axis=1).T.astype(np.int64)
+        keys[:, face] = (a << 2 * KEY_BITS) | (b << KEY_BITS) | c
+    keys = keys.ravel()
+    order = np.argsort(keys)
+    same = keys[order[1:]] == keys[order[:-1]]
     if (same[1:] & same[:-1]).any():
         raise ValueError("the mesh is not a manifold: a face belongs to more than two tets")
-    neighbours = np.full(len(faces), -1, np.int32)
+    neighbours = np.full(len(keys), -1, np.int32)
     first, second = order[:-1][same], order[1:][same]
     neighbours[first], neighbours[second] = second // 4, first // 4
     return neighbours.reshape(-1, 4)

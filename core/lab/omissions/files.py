@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from ...field import modelfile
-from ...field.packing import pack_tables, read_arrays
+from ...field.archive import open_arrays
+from ...field.packing import pack_tables
 from ...field.reach import reached_entries
 from ...geometry import lattice_spacing, lattice_vertices
 from ..stopwatch import in_turns
@@ -25,9 +26,11 @@ OLDER = "This file is of an older format that stores it; writing the model again
 
 def file_rows(frames: Frames, path) -> list[Omission]:
     """The rows of a model file, whose field is that of the frames."""
-    field, stored = frames.field, read_arrays(Path(path))
-    bits = 8 * stored["table_0"].dtype.itemsize
-    left_out = json.loads(stored["meta"].tobytes())["format_version"] >= FIRST_VERSION
+    field = frames.field
+    with open_arrays(Path(path)) as stored:
+        bits = 8 * stored["table_0"].dtype.itemsize
+        meta = json.loads(np.asarray(stored["meta"]).tobytes())
+    left_out = meta["format_version"] >= FIRST_VERSION
     arrays = modelfile.pack(field, entry_bits=bits)
     rows = [_entries(frames, arrays, bits, left_out), _rest_vertices(field, arrays, left_out)]
     return [*rows, _surroundings(frames, arrays)] if field.surroundings else rows

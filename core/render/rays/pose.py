@@ -214,11 +214,16 @@ class Pose:
     """The mesh in its current shape on one device: `geometry` for kernels, and its arrays.
 
     `boundary_faces` are vertex ids, in NumPy [B, 3]; `revision` counts changes of the vertices.
+
+    Raises:
+        ValueError: The mesh has no boundary.
     """
 
     def __init__(self, mesh: TetMesh, neighbours, device):
         self.device = wp.get_device(device)
         faces, behind = boundary_faces(mesh.tets, neighbours)
+        if len(faces) == 0:  # Warp ends the process when it refits an empty mesh
+            raise ValueError("the mesh has no boundary, so no ray can enter it")
         self.boundary_faces, self.revision = faces, 0
         rest_edges = np.swapaxes(
             mesh.rest_vertices[mesh.tets[:, 1:]] - mesh.rest_vertices[mesh.tets[:, :1]], 1, 2
