@@ -197,6 +197,17 @@ def test_bad_flags_of_training_end_in_one_sentence(call, trainer, data, flags, s
     assert not trainer.calls
 
 
+def test_images_outside_the_data_set_are_read_if_that_is_asked_for(
+    call, trainer, data, tmp_path, refused
+):
+    for split in ("train", "test"):  # of the one, training reads; of the other, the scores
+        (data / split).rename(tmp_path / f"all of {split}")
+        (data / split).symlink_to(tmp_path / f"all of {split}")
+        command = train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu"
+        assert "r_0.png lies outside the data set's folder" in refused(call(*command))
+        assert call(*command, "--outside-images").code == 0
+
+
 def test_an_empty_data_folder_is_refused(call, tmp_path, refused):
     result = call(train.main, tmp_path, "-o", tmp_path / "m.npz")
     assert "holds no transforms_train.json" in refused(result)

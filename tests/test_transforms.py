@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageOps
 
 from deformrf.core.render import Camera, camera_rays
 from deformrf.core.training import DatasetError, NoSplitError, load_dataset
@@ -199,3 +199,63 @@ def test_json_that_is_no_scene_is_refused_quickly(tmp_path):
 def test_a_path_that_no_file_can_have_is_a_missing_image(tmp_path, name):
     write(tmp_path, per_frame={1: {"file_path": name}}, name="transforms_train.json")
     assert load_dataset(tmp_path, "train").missing == (name,)
+
+
+def turn(folder, number):
+    """Give image 1 an EXIF orientation; the image as stored, and as that turns it."""
+    path, exif = folder / "images/0001.png", Image.Exif()
+    exif[0x0112] = number
+    Image.open(path).save(path, exif=exif)
+    return np.asarray(Image.open(path)), np.asarray(ImageOps.exif_transpose(Image.open(path)))
+
+
+@pytest.mark.parametrize("number", range(1, 9))
+def test_the_stated_size_tells_whether_cameras_are_those_of_turned_images(tmp_path, number):
+    """COLMAP's and instant-ngp's are not."""
+    stored, _ = turn(write(tmp_path / "as stored", count=2), number)
+    image = load_dataset(tmp_path / "as stored", "train").image(0)
+    np.testing.assert_array_equal(image[..., :3], stored)
+    _, turned = turn(write(tmp_path / "turned", count=2, sizes={1: (40, 30)}), number)
+    if number < 5:  # it has 40x30 pixels, either way up
+        with pytest.raises(DatasetError, match=r"30x40 pixels, but .* has 40x30"):
+            load_dataset(tmp_path / "turned", "train")
+    else:
+        image = load_dataset(tmp_path / "turned", "train").image(0)
+        np.testing.assert_array_equal(image[..., :3], turned)
+
+
+def test_without_a_stated_size_a_turned_image_is_refused(tmp_path):
+    write(tmp_path, count=2, w=None, h=None)
+    turn(tmp_path, 6)
+    with pytest.raises(DatasetError, match=r"0001\.png has EXIF orientation 6, .*store it upright"):
+        load_dataset(tmp_path, "train")
+
+
+@pytest.mark.parametrize("way", ["..", "absolute", "link", "linked folder"])
+def test_images_outside_the_folder_are_refused_unless_asked_for(tmp_path, way):
+    folder, other = write(tmp_path / "data", count=2), write(tmp_path / "other", count=2)
+    name = "images/0001.png"
+    if way == "..":
+        write(folder, count=2, per_frame={1: {"file_path": f"../other/{name}"}})
+    elif way == "absolute":
+        write(folder, count=2, per_frame={1: {"file_path": str(other / name)}})
+    else:
+        inner, target = (name, other / name) if way == "link" else ("images", other / "images")
+        (folder / inner).rename(tmp_path / "before")
+        (folder / inner).symlink_to(target)
+    for split in ("train", "test"):
+        try:
+            load_dataset(folder, split)
+        except DatasetError as error:
+            assert "lies outside the data set's folder" in str(error)
+            break
+    else:
+        pytest.fail("both splits were read")
+    expected = np.asarray(Image.open(other / name))
+    dataset = load_dataset(folder, split, outside=True)
+    assert any((dataset.image(i)[..., :3] == expected).all() for i in range(dataset.view_count))
+
+
+def test_a_link_to_the_data_set_is_no_way_out(tmp_path):
+    (tmp_path / "link").symlink_to(write(tmp_path / "data"))
+    assert load_dataset(tmp_path / "link", "train").view_count == 7

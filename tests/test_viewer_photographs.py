@@ -184,6 +184,16 @@ def test_a_photograph_that_cant_be_shown_is_refused(folder, to_model, monkeypatc
         p.Photographs(folder, to_model)
 
 
+def test_those_outside_the_folder_are_refused_unless_asked_for(folder, to_model, tmp_path):
+    scene = tmp_path / "scene"
+    scene.mkdir()
+    (scene / "transforms_train.json").symlink_to(folder / "transforms_train.json")
+    (scene / "photos").symlink_to(folder / "photos")
+    with pytest.raises(DatasetError, match="outside the data set's folder"):
+        p.Photographs(scene, to_model)
+    assert p.Photographs(scene, to_model, outside=True).step(1).name == "0"
+
+
 def test_no_torch_is_needed(folder):
     program = (
         "import sys; sys.modules['torch'] = None; import numpy as np;"

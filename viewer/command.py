@@ -78,6 +78,16 @@ class InnerArguments:
 
 
 @dataclass(frozen=True)
+class PhotographArguments:
+    """What the model was trained on."""
+
+    data: File = None
+    """Folder of the data set: [ and ] jump to its cameras."""
+    outside_images: Flag = False
+    """Read images that lie outside that folder, too."""
+
+
+@dataclass(frozen=True)
 class ViewArguments:
     """Grab red control vertices of an object and bend it."""
 
@@ -93,8 +103,6 @@ class ViewArguments:
     The same material is stiffer for its weight where the object is smaller."""
     session: File = None
     """Begin where this session ended (Ctrl+Shift+S saves one)."""
-    data: File = None
-    """Folder of the data set that the model was trained on: [ and ] jump to its cameras."""
     mode: Annotated[Mode | None, tyro.conf.arg(help_behavior_hint="")] = None
     """View mode, color by default; error is the difference from the exact mode of rendering."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
@@ -103,6 +111,7 @@ class ViewArguments:
     """Print the version."""
     doctor: Flag = False
     """Print versions, OpenGL, CUDA, how frames reach OpenGL, the video encoder."""
+    photographs: PhotographArguments = field(default_factory=PhotographArguments)
     run: RunArguments = field(default_factory=RunArguments)
     inner: InnerArguments = field(default_factory=InnerArguments)
 
@@ -127,8 +136,9 @@ def check(arguments: ViewArguments) -> None:
     object_size("--object-size", arguments.object_size)
     if arguments.session is not None and arguments.object_size is not None:
         raise ValueError("--session has the object's size: leave --object-size out")
-    if arguments.data is not None and not arguments.data.is_dir():
-        raise ValueError(f"--data is {arguments.data}: give the folder of a data set")
+    data = arguments.photographs.data
+    if data is not None and not data.is_dir():
+        raise ValueError(f"--data is {data}: give the folder of a data set")
     if run.frames is not None:
         at_least(1, "--frames", run.frames)
     if run.drag is not None and not run.headless:
@@ -196,8 +206,9 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
         if session is not None:
             app.play(session)
         drag = None if drag is None else resolved(drag, app.scene)
-        if chosen.data is not None:
-            open_photographs(app, chosen.data)
+        photographs = chosen.photographs
+        if photographs.data is not None:
+            open_photographs(app, photographs.data, photographs.outside_images)
     except BaseException:
         app.close()
         raise

@@ -42,6 +42,8 @@ class EvaluateArguments:
     """Shrink the images to this longer side [pixels]."""
     step_factor: float = 1.0
     """March with that part of the model's step: 0.5 takes longer and comes closer."""
+    outside_images: bool = False
+    """Read images that lie outside DATA, too."""
     device: Choice = "auto"
     """auto takes CUDA if there is any."""
 
@@ -59,7 +61,13 @@ def prepare(arguments: EvaluateArguments):
         raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
     if arguments.split not in SPLITS:
         raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
-    dataset = load_views(arguments.data, arguments.split, arguments.image_size, arguments.views)
+    dataset = load_views(
+        arguments.data,
+        arguments.split,
+        arguments.image_size,
+        arguments.views,
+        outside=arguments.outside_images,
+    )
     for lens in dataset.lenses:
         training.check_size(lens.height, lens.width)
         if arguments.lpips_weights:

@@ -77,6 +77,8 @@ class TrainArguments:
     size: Meters = None
     """The object's longest side [m], which the model states: the viewer's material and gravity
     follow it. By default one model unit, about the width of the box, is 1 m."""
+    outside_images: bool = False
+    """Read images that lie outside DATA, too."""
     resume: bool = False
     """Continue the interrupted run that was to write MODEL."""
 
@@ -115,7 +117,13 @@ def prepare_training(
     checkpoint_path = output.with_suffix(".checkpoint")
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
     options = resumed.options if resumed else train_options(arguments)
-    train_views = load_views(arguments.data, "train", arguments.image_size, for_training=True)
+    train_views = load_views(
+        arguments.data,
+        "train",
+        arguments.image_size,
+        for_training=True,
+        outside=arguments.outside_images,
+    )
     if resumed:
         check_resumed_views(resumed.report, train_views)
     # It raises an error here if there is no box, or a bad one.
@@ -173,7 +181,9 @@ def prepare_training(
 def load_test_views(arguments: TrainArguments):
     """The views that score the model; None without a split for them, or without its images."""
     try:
-        views = load_views(arguments.data, "test", arguments.image_size)
+        views = load_views(
+            arguments.data, "test", arguments.image_size, outside=arguments.outside_images
+        )
     except training.NoSplitError:
         return None
     except training.NoImagesError as error:

@@ -48,6 +48,8 @@ class ReportArguments:
     """Folder of report.html, report.md, report.json, tables and pictures."""
     data: File = None
     """Data set whose test views the renderings are compared with, too."""
+    outside_images: bool = False
+    """Read images of --data that lie outside its folder, too."""
     device: Choice = "auto"
     """auto takes CUDA if there is any."""
     quick: bool = False
@@ -77,7 +79,7 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
     field = modelfile.load(arguments.model)
     device = device_name(arguments.device)
     effort = EFFORTS[device == "cpu", arguments.quick]
-    photos = photographs_for(field, arguments.data, effort)
+    photos = photographs_for(field, arguments.data, effort, arguments.outside_images)
     writable_file(arguments.output / "report.html", ".html")
     jobs = plan(field, arguments, device, effort, photos)
     return lambda: report(field, arguments, device, jobs)
@@ -135,14 +137,14 @@ def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> i
     return 0
 
 
-def photographs_for(field, data, effort: Effort):
+def photographs_for(field, data, effort: Effort, outside=False):
     """Pixels of the data set's test views; None without data, or if they can't be compared."""
     if data is None:
         return None
     from ..training import lacks_surroundings, load_dataset
     from .rendering import photographs
 
-    dataset = load_dataset(data, TEST_SPLIT, view_count=effort.photo_count)
+    dataset = load_dataset(data, TEST_SPLIT, view_count=effort.photo_count, outside=outside)
     if field.surroundings is not None or lacks_surroundings(field, dataset):
         print(
             "The photographs show what surrounds the object, but the report is about the object "

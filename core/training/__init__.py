@@ -18,7 +18,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "list_images",
             "read_image",
             "shrunk_size",
-            "size_on_disk",
+            "size_of",
         ],
         "evaluation": [
             "evaluate",

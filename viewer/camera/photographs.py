@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.render import Lens, distort, in_space
-from ...core.training import DatasetError, list_images, read_image, shrunk_size, size_on_disk
+from ...core.training import DatasetError, list_images, read_image, shrunk_size, size_of
 from . import orbit as orbits
 from .framing import SMALLEST_SHARE, Covered, free_part
 
@@ -34,13 +34,16 @@ class Photograph:
 class Photographs:
     """The photographs of a data set, and the one that is looked at."""
 
-    def __init__(self, folder: Path, world_to_model):
+    def __init__(self, folder: Path, world_to_model, outside=False):
         """List the training photographs; none is read yet.
+
+        Args:
+            outside: Also those that lie outside the folder.
 
         Raises:
             DatasetError: The folder is no data set, or has no photograph.
         """
-        self._images, _, _ = list_images(Path(folder), "train")
+        self._images, _, _ = list_images(Path(folder), "train", outside)
         if not self._images:
             raise DatasetError(f"{folder} has none of its photographs")
         self._world_to_model = world_to_model
@@ -74,10 +77,10 @@ def read_photograph(image, world_to_model) -> Photograph:
     Raises:
         DatasetError: It is too large, damaged, or in another format.
     """
-    size = size_on_disk(image.path)
+    size = size_of(image)
     lens = image.lens(*size)
     lens = lens.resized(*shrunk_size(size, LONGEST_SIDE))
-    pixels = read_image(image.path, lens.width, lens.height)
+    pixels = read_image(image, lens.width, lens.height)
     if lens.is_distorted:
         pixels = undistorted(pixels, lens)
     pose = in_space(image.camera_to_world, world_to_model)

@@ -64,15 +64,18 @@ def open_asked(app) -> None:
             app.recorder.say(problem)
 
 
-def open_photographs(app, folder: Path) -> None:
+def open_photographs(app, folder: Path, outside=False) -> None:
     """Take the photographs of the scene's data set from its folder.
+
+    Args:
+        outside: Also those that lie outside the folder.
 
     Raises:
         DatasetError: The folder is no data set, or has no photograph.
     """
     from ..camera import Photographs
 
-    app.photographs = Photographs(folder, app.scene.field.world_to_model)
+    app.photographs = Photographs(folder, app.scene.field.world_to_model, outside)
     app.recorder.say(f"{len(app.photographs)} photographs: [ and ] jump to their cameras")
 
 

@@ -11,7 +11,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "load_dataset",
             "read_image",
             "shrunk_size",
-            "size_on_disk",
+            "size_of",
             "track",
             "white_composite",
         ],

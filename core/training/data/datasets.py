@@ -20,10 +20,17 @@ from rich import progress
 from rich.console import Console
 
 from ...device import thread_count
-from ...images import ImageError, open_image, rgba
+from ...images import ImageError, open_image, orientation, rgba
 from ...render import Lens
 from . import colmap, nsvf, transforms
-from .posed_images import IMAGE_ENDINGS, DatasetError, NoImagesError, NoSplitError
+from .posed_images import (
+    IMAGE_ENDINGS,
+    DatasetError,
+    NoImagesError,
+    NoSplitError,
+    PosedImage,
+    have_one_shape,
+)
 
 PIXELS_MAX = 2**31 - 1  # that a RayBank takes: Warp's arrays and kernels count in int32
 
@@ -85,7 +92,9 @@ def from_images(images, poses, lenses, names, split, missing=(), bounds=None) ->
     )
 
 
-def load_dataset(folder, split, image_size=None, view_count=None, for_training=False) -> Dataset:
+def load_dataset(
+    folder, split, image_size=None, view_count=None, for_training=False, outside=False
+) -> Dataset:
     """Read one split.
 
     Args:
@@ -94,6 +103,7 @@ def load_dataset(folder, split, image_size=None, view_count=None, for_training=F
         image_size: Longer side in pixels to shrink the images to; they are never enlarged.
         view_count: Read that many views, spread evenly over the split; None reads all.
         for_training: Refuse more pixels than a RayBank takes.
+        outside: Read images that lie outside the folder, too.
 
     Raises:
         NoSplitError: The files list no such images.
@@ -103,7 +113,7 @@ def load_dataset(folder, split, image_size=None, view_count=None, for_training=F
     for name, value in (("image size", image_size), ("number of views", view_count)):
         if value is not None and value < 1:
             raise DatasetError(f"The {name} is {value}: it has to be at least 1")
-    images, missing, bounds = list_images(Path(folder), split)
+    images, missing, bounds = list_images(Path(folder), split, outside)
     if not images and not missing:
         raise NoSplitError(f"the data set names no {split} images")
     if not images:
@@ -114,7 +124,7 @@ def load_dataset(folder, split, image_size=None, view_count=None, for_training=F
     if view_count is not None and view_count < len(images):
         chosen = np.linspace(0, len(images) - 1, view_count).round().astype(int)
         images = [images[i] for i in chosen]
-    sizes = [size_on_disk(image.path) for image in images]
+    sizes = [size_of(image) for image in images]
     shrunk = [shrunk_size(size, image_size) for size in sizes]
     if for_training:
         check_pixel_count(shrunk)
@@ -122,16 +132,33 @@ def load_dataset(folder, split, image_size=None, view_count=None, for_training=F
         image.lens(*size).resized(*small)
         for image, size, small in zip(images, sizes, shrunk, strict=True)
     ]
-    pixels = read_images([image.path for image in images], lenses)
+    pixels = read_images(images, lenses)
     poses = np.stack([image.camera_to_world for image in images])
     names = tuple(image.path.stem for image in images)
     return Dataset(pixels, poses, tuple(lenses), names, split, tuple(missing), bounds)
 
 
-def list_images(folder, split):
-    """What the layout's reader finds; see posed_images.py."""
+def list_images(folder, split, outside=False):
+    """What the layout's reader finds; see posed_images.py.
+
+    Raises:
+        DatasetError: The files are not as they have to be; or one of the images lies outside the
+            folder, and `outside` is False.
+    """
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder: give the one that holds the data set")
+    images, missing, bounds = read_layout(folder, split)
+    for image in () if outside else images:
+        if not image.path.resolve().is_relative_to(folder.resolve()):
+            raise DatasetError(
+                f"{image.path} lies outside the data set's folder: copy it there, or allow this "
+                f"with --outside-images if you trust the data set"
+            )
+    return images, missing, bounds
+
+
+def read_layout(folder, split):
+    """What the reader of the folder's layout finds, wherever it lies."""
     if transforms.transforms_path(folder, split):
         return transforms.read(folder, split)
     if nsvf.is_here(folder):
@@ -152,13 +179,37 @@ def white_composite(images):
     return values[..., :3] * alpha + (1.0 - alpha)
 
 
-def size_on_disk(path):
-    """Width and height, without decoding the image; DatasetError if it can't be read."""
+def size_of(image: PosedImage):
+    """Width and height as the image's lens sees it, without decoding the image.
+
+    Raises:
+        DatasetError: It can't be read.
+    """
     try:
-        with open_image(path) as file:
-            return file.size
+        with open_image(image.path) as file:
+            return file.size[::-1] if is_turned(image, file) else file.size
     except ImageError as error:
         raise DatasetError(str(error)) from None
+
+
+def is_turned(image: PosedImage, file) -> bool:
+    """Whether the camera is that of the image as its EXIF orientation turns it.
+
+    COLMAP and instant-ngp find cameras for the pixels as they are stored, whatever the
+    orientation says; others turn the images first.  The size that the data set states tells.
+    """
+    number = orientation(file)
+    if number == 1:
+        return False
+    if image.stated_size is None:
+        raise ImageError(
+            f"{image.path} has EXIF orientation {number}, and the data set's files state no size "
+            f"that tells whether its camera is that of the turned image: store it upright, or "
+            f"remove the orientation"
+        )
+    stored, turned = file.size, file.size[::-1]
+    fits = have_one_shape(turned, image.stated_size)
+    return number >= 5 and fits and not have_one_shape(stored, image.stated_size)
 
 
 def shrunk_size(size, image_size):
@@ -185,37 +236,37 @@ def check_pixel_count(sizes):
     )
 
 
-def read_images(paths, lenses):
+def read_images(images, lenses):
     """All images in their lenses' sizes, decoded by a few threads.  [P, 4] uint8"""
     first = np.cumsum([0, *(lens.width * lens.height for lens in lenses)])
     pixels = np.empty((first[-1], 4), np.uint8)
 
     def read(index):
         lens = lenses[index]
-        image = read_image(paths[index], lens.width, lens.height)
+        image = read_image(images[index], lens.width, lens.height)
         pixels[first[index] : first[index + 1]] = image.reshape(-1, 4)
 
     with ThreadPoolExecutor(min(8, thread_count())) as pool:
-        for _ in track(pool.map(read, range(len(paths))), len(paths), "Loading images"):
+        for _ in track(pool.map(read, range(len(images))), len(images), "Loading images"):
             pass
     return pixels
 
 
-def read_image(path, width, height):
-    """One image, shrunk to that size.  [H, W, 4] uint8
+def read_image(image: PosedImage, width, height):
+    """One image as its lens sees it, shrunk to that size.  [H, W, 4] uint8
 
     Raises:
         DatasetError: It can't be read.
     """
     try:
-        with open_image(path) as file:
-            image = rgba(file)
+        with open_image(image.path) as file:
+            pixels = rgba(file, upright=is_turned(image, file))
     except ImageError as error:
         raise DatasetError(str(error)) from None
-    if image.size != (width, height):
+    if pixels.size != (width, height):
         # A box filter is the mean over a pixel's area; Pillow weights RGBA by alpha for it.
-        image = image.resize((width, height), Image.Resampling.BOX)
-    return np.asarray(image)
+        pixels = pixels.resize((width, height), Image.Resampling.BOX)
+    return np.asarray(pixels)
 
 
 def track(items, count, description):

@@ -37,7 +37,7 @@ class PosedImage:
 
     path: Path
     camera_to_world: np.ndarray  # [4, 4] OpenGL's axes: the camera looks along -z, y is up
-    lens: Callable[[int, int], Lens]  # for an image of that width and height
+    lens: Callable[[int, int], Lens]  # given width and height of the image
     stated_size: tuple[float, float] | None = None  # width and height by the data set's files
 
 
