@@ -260,6 +260,22 @@ def test_more_pixels_than_can_be_trained_on_are_refused_before_memory_is_taken(
         assert (26 * width * height < 2**31) == fits
 
 
+def test_images_that_do_not_fit_into_memory_are_refused_before_it_is_taken(
+    call, trainer, data, tmp_path, monkeypatch, refused
+):
+    """Three images of 16x12 pixels and 4.5 kB that are free; the sentence says what fits."""
+    command = train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu"
+    monkeypatch.setattr(datasets, "free_bytes", lambda: 4500)
+    sentence = refused(call(*command))
+    assert "the 3 images take 0.00 GB of memory, and 0.00 GB are free" in sentence
+    size = re.search(r"--image-size (\d+)", sentence)[1]
+    assert size == "15"  # 15x11: 12 bytes for each of 192 pixels, and 4 for each of 3 * 165
+    assert call(*command, "--image-size", size).code == 0
+    assert "--image-size 15, or less" in refused(call(*command, "--image-size", 16))
+    monkeypatch.setattr(datasets, "free_bytes", lambda: 2000)
+    assert "end other programs" in refused(call(*command))
+
+
 def full_disk(*_, **__):
     raise OSError(errno.ENOSPC, "No space left on device")
 

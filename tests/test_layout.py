@@ -37,6 +37,7 @@ MAY_IMPORT = {
     "core.training": [
         "core.paths",
         "core.images",
+        "core.memory",
         "core.device",
         "core.wide",
         "core.geometry",

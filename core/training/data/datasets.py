@@ -21,6 +21,7 @@ from rich.console import Console
 
 from ...device import thread_count
 from ...images import ImageError, open_image, orientation, rgba
+from ...memory import free_bytes
 from ...render import Lens
 from . import colmap, nsvf, transforms
 from .posed_images import (
@@ -32,6 +33,7 @@ from .posed_images import (
     have_one_shape,
 )
 
+DECODED_BYTES = 12  # a pixel on disk takes while it is decoded: Pillow's two images, an array
 PIXELS_MAX = 2**31 - 1  # that a RayBank takes: Warp's arrays and kernels count in int32
 
 
@@ -128,11 +130,12 @@ def load_dataset(
     shrunk = [shrunk_size(size, image_size) for size in sizes]
     if for_training:
         check_pixel_count(shrunk)
+    threads = decoding_threads(sizes, shrunk)
     lenses = [
         image.lens(*size).resized(*small)
         for image, size, small in zip(images, sizes, shrunk, strict=True)
     ]
-    pixels = read_images(images, lenses)
+    pixels = read_images(images, lenses, threads)
     poses = np.stack([image.camera_to_world for image in images])
     names = tuple(image.path.stem for image in images)
     return Dataset(pixels, poses, tuple(lenses), names, split, tuple(missing), bounds)
@@ -220,24 +223,54 @@ def shrunk_size(size, image_size):
     return tuple(max(1, round(scale * side)) for side in size)
 
 
+def pixel_count(sizes, image_size=None) -> int:
+    """The pixels of images of these sizes, if they are shrunk to that longer side."""
+    return sum(width * height for width, height in (shrunk_size(s, image_size) for s in sizes))
+
+
+def longest_side(sizes, pixels) -> int:
+    """The largest --image-size with which images have no more pixels than that."""
+    sides = range(max(map(max, sizes)))
+    return bisect_left(sides, True, key=lambda side: pixel_count(sizes, side + 1) > pixels)
+
+
 def check_pixel_count(sizes):
     """DatasetError, which names an --image-size, if these are too many pixels to train on."""
-
-    def count(image_size=None):
-        return sum(width * height for width, height in (shrunk_size(s, image_size) for s in sizes))
-
-    if count() <= PIXELS_MAX:
-        return
-    fits = bisect_left(range(max(map(max, sizes))), True, key=lambda n: count(n + 1) > PIXELS_MAX)
-    raise DatasetError(
-        f"the {len(sizes)} training images have {count() / 1e9:.2f} billion pixels together, and "
-        f"at most {PIXELS_MAX / 1e9:.2f} billion can be trained on: give --image-size {fits}, "
-        f"or less"
-    )
+    count = pixel_count(sizes)
+    if count > PIXELS_MAX:
+        raise DatasetError(
+            f"the {len(sizes)} training images have {count / 1e9:.2f} billion pixels together, "
+            f"and at most {PIXELS_MAX / 1e9:.2f} billion can be trained on: give --image-size "
+            f"{longest_side(sizes, PIXELS_MAX)}, or less"
+        )
 
 
-def read_images(images, lenses):
-    """All images in their lenses' sizes, decoded by a few threads.  [P, 4] uint8"""
+def decoding_threads(sizes, shrunk) -> int:
+    """How many images may be decoded at once in the memory that is free.
+
+    Args:
+        sizes: Width and height of each image on disk.
+        shrunk: The same as loaded.
+
+    Raises:
+        DatasetError: All images don't fit; it names an --image-size.
+    """
+    most, free = min(8, thread_count()), free_bytes()
+    if free is None:
+        return most
+    taken, decoded = 4 * pixel_count(shrunk), DECODED_BYTES * max(w * h for w, h in sizes)
+    if taken + decoded > free:
+        side = longest_side(shrunk, (free - decoded) // 4)
+        raise DatasetError(
+            f"the {len(sizes)} images take {(taken + decoded) / 1e9:.2f} GB of memory, and "
+            f"{free / 1e9:.2f} GB are free: "
+            + (f"give --image-size {side}, or less" if side else "end other programs")
+        )
+    return max(1, min(most, (free - taken) // max(decoded, 1)))
+
+
+def read_images(images, lenses, threads):
+    """All images in their lenses' sizes, decoded by that many threads.  [P, 4] uint8"""
     first = np.cumsum([0, *(lens.width * lens.height for lens in lenses)])
     pixels = np.empty((first[-1], 4), np.uint8)
 
@@ -246,7 +279,7 @@ def read_images(images, lenses):
         image = read_image(images[index], lens.width, lens.height)
         pixels[first[index] : first[index + 1]] = image.reshape(-1, 4)
 
-    with ThreadPoolExecutor(min(8, thread_count())) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         for _ in track(pool.map(read, range(len(images))), len(images), "Loading images"):
             pass
     return pixels

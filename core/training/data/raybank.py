@@ -105,7 +105,8 @@ class RayBank:
         ]
         self.bank = Bank()
         with wp.ScopedDevice(self.device):
-            self.bank.pixels = wp.array(dataset.pixels, dtype=wp.vec4ub)
+            # On a CPU the kernels read the data set's own array: it may be most of the memory.
+            self.bank.pixels = wp.array(dataset.pixels, dtype=wp.vec4ub, copy=False)
             self.bank.first_pixels = wp.array(dataset.first_pixels.astype(np.int32), dtype=int)
             self.bank.cameras = wp.array(cameras, dtype=DeviceCamera)
             self._random = wp.empty(0, dtype=int)
