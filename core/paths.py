@@ -1,6 +1,8 @@
 """Folders of shaders and assets, the program's version, and the writing of files."""
 
+import errno
 import os
+import secrets
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -43,11 +45,53 @@ def free_name(stem: Path, ending: str) -> Path:
 def whole_file(path: Path):
     """Yield a path to write to beside `path`; rename the file if the block ends without error.
 
-    So a full disk or an interrupt leaves an older file as it was.
+    So a full disk, an interrupt or a power failure leaves an older file as it was.  The path is
+    a free name, which ends as `path` does, so nobody else's file is overwritten.
     """
-    partial = path.with_name(path.name + ".part")
+    path = Path(path)
+    partial = reserved(path)
     try:
         yield partial
+        sync(partial)
         os.replace(partial, path)
+        sync(path.parent)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def reserved(path: Path) -> Path:
+    """A new empty file beside `path`, to be renamed to it: .<stem>-<random>.part<ending>."""
+    for _ in range(100):
+        # A long name would become too long with what is added.
+        name = f".{path.stem[:40]}-{secrets.token_hex(4)}.part{path.suffix}"
+        partial = path.with_name(name)
+        try:
+            os.close(os.open(partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+            return partial
+        except FileExistsError:
+            continue
+    raise FileExistsError(errno.EEXIST, "no name is free beside it", str(path))
+
+
+def sync(path: Path) -> None:
+    """Have the system write a file or a folder's names to the disk.
+
+    Raises:
+        OSError: A file can't be written.  Of folders, which some systems can't do this for,
+            errors are passed over.
+    """
+    folder = path.is_dir()
+    try:
+        descriptor = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
+    except OSError:
+        if folder:
+            return
+        raise
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        # EINVAL: what a link leads to is no file on a disk.
+        if not folder and error.errno != errno.EINVAL:
+            raise
+    finally:
+        os.close(descriptor)

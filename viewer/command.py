@@ -29,6 +29,7 @@ from ..core.commands import FAILED, run
 from ..core.device import Choice, device_name
 from ..core.paths import DEFAULT_MODEL, program_version
 from ..core.render import Mode
+from ..core.streams import keep_going
 from . import logs
 from .files import Problem, readable
 
@@ -118,6 +119,7 @@ class ViewArguments:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit code, which the console script passes to sys.exit."""
+    keep_going()
     chosen = tyro.cli(
         ViewArguments,
         prog=PROGRAM,

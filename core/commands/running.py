@@ -15,6 +15,7 @@ from collections.abc import Callable
 from .. import training
 from ..arguments import plain_message
 from ..paths import program_version
+from ..streams import keep_going, printable
 
 FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
@@ -46,7 +47,13 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     job (training found nothing in the images).  `run` prints these as one sentence.  Any other
     error of the job is a fault of the program and keeps its traceback.
     """
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as batch systems send it
+    keep_going()
+    # SIGTERM comes from batch systems, SIGHUP from a terminal that was closed.
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        # nohup has SIGHUP ignored, a shell SIGINT in what runs in the background.
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
     job = None
     try:
         job = prepare()
@@ -76,6 +83,7 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
 
 def asked_for_version() -> bool:
     """Print the version if --version is all that was asked for."""
+    keep_going()  # --help prints as well
     asked = sys.argv[1:] == ["--version"]
     if asked:
         print(f"deformrf {program_version()}")
@@ -100,7 +108,7 @@ def load_views(*arguments, **options):
         total = len(dataset.missing) + dataset.view_count
         print(
             f"{len(dataset.missing)} of {total} {dataset.split} images are missing and were "
-            f"skipped, first {dataset.missing[0]}",
+            f"skipped, first {printable(dataset.missing[0])}",
             file=sys.stderr,
         )
     return dataset
@@ -114,7 +122,7 @@ def is_first() -> bool:
 def complain(program: str, sentence: str) -> int:
     """Print a sentence on stderr, its beginning in red on a terminal; returns INPUT_ERROR."""
     red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
-    print(f"{red}{program}:{plain} {sentence}", file=sys.stderr)
+    print(f"{red}{program}:{plain} {printable(sentence)}", file=sys.stderr)
     return INPUT_ERROR
 
 

@@ -30,6 +30,7 @@ from ...core.deform import PRESETS, Material
 from ...core.device import Choice, device_name
 from ...core.paths import DEFAULT_MODEL, program_version
 from ...core.render import Mode
+from ...core.streams import keep_going
 from ..command import Flag, frame_size, told_if_slow
 
 PROGRAM = "deformrf-render"
@@ -104,6 +105,7 @@ class RenderArguments:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit code."""
+    keep_going()
     chosen = tyro.cli(
         RenderArguments,
         prog=PROGRAM,

@@ -1,0 +1,62 @@
+"""What is printed: standard output and error that never decide over work.
+
+A terminal may be closed, a pipe have no reader, a disk be full.  What can't be printed then is
+lost, and the work goes on.
+"""
+
+import os
+import sys
+
+
+class Stream:
+    """A text stream whose writing never fails.
+
+    Attributes:
+        failure: The first error, after which nothing more is written; None without one.
+    """
+
+    def __init__(self, stream):
+        self._stream = stream
+        self.failure: Exception | None = None
+        if hasattr(stream, "reconfigure"):  # a file's name may hold what no encoding has
+            stream.reconfigure(errors="backslashreplace")
+
+    def write(self, text: str) -> int:
+        self._attempt(self._stream.write, text)
+        return len(text)
+
+    def writelines(self, lines):
+        for line in lines:
+            self.write(line)
+
+    def flush(self):
+        self._attempt(self._stream.flush)
+
+    def _attempt(self, act, *arguments):
+        if self.failure is None:
+            try:
+                act(*arguments)
+            except (OSError, ValueError) as error:  # ValueError: of a closed file
+                self.failure = error
+
+    def __getattr__(self, name):
+        return getattr(self._stream, name)
+
+
+def keep_going() -> None:
+    """From now on no print and no progress bar raises an error, wherever it is written to."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # it was closed before the start
+            stream = open(os.devnull, "w", encoding="utf-8")
+        if not isinstance(stream, Stream):
+            setattr(sys, name, Stream(stream))
+
+
+def printable(words) -> str:
+    """Words as one line for a terminal: control characters as their codes, such as \\x1b.
+
+    Names and contents of files may hold escape codes, or bytes that are no text.
+    """
+    text = str(words).encode("utf-8", "backslashreplace").decode()
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
