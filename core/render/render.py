@@ -37,7 +37,7 @@ from .stage_timer import StageTimer
 from .visible import visible_part
 
 CPU_TILE_WORK = 2.0e6  # of FaceRectangles.row_work: much for each launch
-CPU_TILES_PER_THREAD = 3  # at least, so that no thread waits long for the others
+CPU_TILES_PER_THREAD = 2  # at least, so that no thread waits long for the others
 CUDA_TILE_RAYS = 1 << 20
 WAVEFRONT_PIXELS = 1 << 16  # a wavefront has room for a multiple of these
 

@@ -26,7 +26,7 @@ from ..rays import (
 from .compositing import Pixels, accumulate_kernel
 from .cpu import CpuShading
 
-ROUND_SLOTS = (4, 4, 4, 4, 8, 8, 16, 32, 64, 128)  # K by round: most rays end after 12 samples
+ROUND_SLOTS = (8, 4, 8, 8, 16, 32, 64, 128)  # K by round: most rays end after 12 samples
 
 wp.set_module_options({"enable_backward": False})
 
