@@ -48,15 +48,34 @@ def whole_file(path: Path):
     So a full disk, an interrupt or a power failure leaves an older file as it was.  The path is
     a free name, which ends as `path` does, so nobody else's file is overwritten.
     """
-    path = Path(path)
-    partial = reserved(path)
-    try:
+    with whole_files([path]) as (partial,):
         yield partial
-        sync(partial)
-        os.replace(partial, path)
-        sync(path.parent)
+
+
+@contextmanager
+def whole_files(paths):
+    """The same for several files: none is renamed before all are on the disk."""
+    paths, partials = [Path(path) for path in paths], []
+    try:
+        for path in paths:
+            partials.append(reserved(path))
+        yield partials
+        for path, partial in zip(paths, partials, strict=True):
+            sync(partial)
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        for path, partial in zip(paths, partials, strict=True):
+            os.replace(partial, path)
+        for folder in {path.parent for path in paths}:
+            sync(folder)
+    except OSError as error:
+        for path, partial in zip(paths, partials, strict=False):
+            if error.filename in (str(partial), partial):  # a name that no user knows
+                error.filename, error.filename2 = str(path), None
+        raise
     finally:
-        partial.unlink(missing_ok=True)
+        for partial in partials:
+            partial.unlink(missing_ok=True)
 
 
 def reserved(path: Path) -> Path:
@@ -70,6 +89,9 @@ def reserved(path: Path) -> Path:
             return partial
         except FileExistsError:
             continue
+        except OSError as error:
+            error.filename = str(path)
+            raise
     raise FileExistsError(errno.EEXIST, "no name is free beside it", str(path))
 
 

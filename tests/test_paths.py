@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from deformrf.core.paths import free_name, whole_file, working_folder
+from deformrf.core.paths import free_name, whole_file, whole_files, working_folder
 
 
 def test_a_name_is_free(tmp_path):
@@ -52,3 +52,15 @@ def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
     with whole_file(tmp_path / "a") as partial:
         partial.write_text("new")
     assert order[:2] == ["fsync", "replace"]
+
+
+def test_of_several_files_all_are_written_or_none(tmp_path):
+    old, new = tmp_path / "a", tmp_path / "b"
+    old.write_text("old")
+    new.mkdir()
+    with pytest.raises(IsADirectoryError) as caught, whole_files([old, new]) as partials:
+        for partial in partials:
+            partial.write_text("new")
+    assert caught.value.filename == str(new)
+    assert old.read_text() == "old"
+    assert sorted(tmp_path.iterdir()) == [old, new]

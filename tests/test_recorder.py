@@ -81,7 +81,7 @@ def test_a_picture_that_fails_leaves_no_file(tmp_path, monkeypatch, error, step)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["a.png.part", "a.part.mp4", "model.npz.part"])
+@pytest.mark.parametrize("name", ["a.png.part", "a.part.mp4", ".model-0123abcd.part.npz"])
 def test_git_ignores_unfinished_files(name):
     patterns = (Path(__file__).resolve().parent.parent / ".gitignore").read_text().split()
     assert any(fnmatch(name, pattern) for pattern in patterns)

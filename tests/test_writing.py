@@ -236,13 +236,13 @@ def test_names_are_unique(report, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_is_replaced_as_a_whole_or_not_at_all(report, tmp_path):
+def test_files_are_replaced_all_together_or_not_at_all(report, tmp_path):
     (tmp_path / "report.json").write_text("old")
     (tmp_path / "report.html").mkdir()  # can't be replaced by a file
     with pytest.raises(OSError):
         write(report, tmp_path)
-    assert read_json(tmp_path / "report.json")["complete"] is True
-    assert not list(tmp_path.glob("*.part"))
+    assert (tmp_path / "report.json").read_text() == "old"
+    assert {path.name for path in tmp_path.iterdir()} == {"report.json", "report.html"}
 
 
 def test_what_an_older_report_had_more_is_removed(report, tmp_path):

@@ -22,7 +22,7 @@ from string import Template
 import numpy as np
 from markdown_it import MarkdownIt
 
-from ...paths import program_version, whole_file
+from ...paths import program_version, whole_files
 from . import markdown
 from .parts import Report, Table, record
 
@@ -37,7 +37,7 @@ def is_complete(folder) -> bool:
 
 
 def write(report: Report, folder) -> list[Path]:
-    """Write all files into a folder, the page last; each appears only when it is complete.
+    """Write all files into a folder, the page last; they appear when all are complete.
 
     Files of an older report there that this one doesn't have are removed.
 
@@ -62,8 +62,8 @@ def write(report: Report, folder) -> list[Path]:
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     older = _last(folder).get("files", [])
-    for name, content in files.items():
-        with whole_file(folder / name) as partial:
+    with whole_files([folder / name for name in files]) as partials:  # never old beside new
+        for partial, content in zip(partials, files.values(), strict=True):
             partial.write_bytes(content)
     for name in {*older} - {*files}:
         if Path(name).name == name:  # nothing outside the folder, whatever stands there
