@@ -121,7 +121,7 @@ MIRRORED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
 @pytest.mark.parametrize(
     "change, sentence",
     [
-        ({"camera_model": "OPENCV_FISHEYE"}, "OPENCV_FISHEYE, which is no perspective"),
+        ({"camera_model": "OPENCV_FISHEYE"}, "'OPENCV_FISHEYE', which is no perspective"),
         ({"is_fisheye": True}, "no perspective camera"),
         ({"fl_x": "wide"}, "fl_x = 'wide'"),
         ({"fl_x": 0.0}, "focal lengths 0 and"),
@@ -165,6 +165,7 @@ BIG = 10**400  # as an integer it fits into no float
         ({"train_filenames": 5}, "train_filenames = 5.0: it has to be a list of names"),
         ({"train_filenames": [[]]}, r"train_filenames = \[\[\]\]: it has to be a list"),
         ({"per_frame": {1: {"transform_matrix": [[BIG] * 4] * 4}}}, "4 finite numbers"),
+        ({"per_frame": {1: {"transform_matrix": [[1e300] * 4] * 4}}}, r"up to 1e\+12"),
         ({"per_frame": {1: {"transform_matrix": {"a": 1}}}}, "4 finite numbers"),
         ({"per_frame": {1: {"camera_model": [1]}}}, r"camera_model \[1.0\]"),
     ],
@@ -174,6 +175,42 @@ def test_values_of_another_kind_are_named(tmp_path, change, sentence):
     with pytest.raises(DatasetError, match=sentence) as caught:
         load_dataset(write(tmp_path, **change), "train")
     assert "\n" not in str(caught.value)
+
+
+NASTY = (
+    None, True, -1, 0.5, 1e-320, 1e308, BIG, float("nan"), "", "\ud800", "a\0\n", "..", "/dev/zero",
+    "x" * 5000, [], [[]], {}, {"a": 1}, [[0] * 4] * 4, [["a"] * 4] * 4, [[1e300] * 4] * 4,
+)  # fmt: skip
+
+
+def places(value):
+    """The holder and the key of every value in a JSON value."""
+    for key in list(value) if isinstance(value, dict) else range(len(value)):
+        yield value, key
+        if isinstance(value[key], dict | list):
+            yield from places(value[key])
+
+
+@pytest.mark.filterwarnings("error")
+def test_whatever_a_scene_holds_it_is_read_or_refused(tmp_path):
+    """Up to three of its values are replaced by nasty ones."""
+    rng = np.random.default_rng()
+    scene = json.loads((write(tmp_path, count=4) / "transforms.json").read_text())
+    scene |= {"train_filenames": ["images/0001.png"], "camera_model": "OPENCV", "is_fisheye": 0}
+    counts = {True: 0, False: 0}
+    for _ in range(400):
+        changed = json.loads(json.dumps(scene))
+        for _ in range(rng.integers(1, 4)):
+            found = list(places(changed))
+            holder, key = found[rng.integers(len(found))]
+            holder[key] = json.loads(json.dumps(NASTY[rng.integers(len(NASTY))]))
+        (tmp_path / "transforms.json").write_text(json.dumps(changed))
+        try:
+            load_dataset(tmp_path, "train")
+            counts[True] += 1
+        except DatasetError:
+            counts[False] += 1
+    assert min(counts.values()) > 20, counts
 
 
 def test_null_is_no_value(tmp_path):

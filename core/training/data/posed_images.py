@@ -15,6 +15,7 @@ from ...render import Lens, has_rays
 
 IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg")
 TEXT_MEGABYTES = 64  # of a file that lists views: about a hundred thousand of them
+FARTHEST = 1e12  # that a camera may be, so that no product overflows
 SHAPE_TOLERANCE = 0.02  # between the stated width : height and the image's
 EVERY_TEST_VIEW = 8  # for data without a split, as in LLFF and mip-NeRF 360
 
@@ -92,7 +93,7 @@ def rigid_pose(values, name):
     """A camera-to-world matrix.  [4, 4] float64
 
     Raises:
-        DatasetError: It is not 4x4, not finite, or mirrors or distorts.
+        DatasetError: It is not 4x4, not finite, beyond FARTHEST, or mirrors or distorts.
     """
     try:
         matrix = np.array(values, np.float64)
@@ -100,8 +101,8 @@ def rigid_pose(values, name):
         matrix = np.empty(0)
     if matrix.shape == (3, 4):
         matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise DatasetError(f"{name} has to be 4 rows of 4 finite numbers")
+    if matrix.shape != (4, 4) or not (np.abs(matrix) <= FARTHEST).all():
+        raise DatasetError(f"{name} has to be 4 rows of 4 finite numbers, up to {FARTHEST:g}")
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if (lengths < 1e-8).any():
         raise DatasetError(f"{name} is no camera pose: an axis has no length")

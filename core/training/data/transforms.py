@@ -116,7 +116,7 @@ def lens_reader(values, path):
     model = values.get("camera_model")
     is_known = model is None or (isinstance(model, str) and model in PERSPECTIVE)
     if not is_known or values.get("is_fisheye"):
-        kind = "fisheye" if is_known else model if isinstance(model, str) else shown(model)
+        kind = "fisheye" if is_known else shown(model)
         raise DatasetError(
             f"{path} has camera_model {kind}, which is no perspective camera: "
             f"undistort the images first"
