@@ -28,6 +28,7 @@ MAY_IMPORT = {
         "core.device",
         "core.paths",
         "core.memory",
+        "core.streams",
         "core.wide",
         "core.native",
         "core.geometry",

@@ -322,6 +322,8 @@ def test_a_training_entry_without_a_documented_type_is_dropped(path):
     rewrite_meta(path, training={**known, **wrong, "history": rows, "test_mean": scores})
     expected = {**known, "history": [row], "test_mean": {"psnr": 30.5}}
     assert modelfile.load(path).meta == expected
+    rewrite_meta(path, training={"device": "a\x1b[31m\nb"})
+    assert modelfile.load(path).meta == {"device": "a\\x1b[31m\\nb"}
     for value in (None, 7, "text", [known]):
         rewrite_meta(path, training=value)
         assert modelfile.load(path).meta == {}

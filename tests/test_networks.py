@@ -1,6 +1,8 @@
 """The networks: torch, NumPy in blocks and the definition agree; the view basis is orthonormal."""
 
+import re
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -173,3 +175,20 @@ def test_truncated_exp_has_the_gradient_of_exp_and_stays_finite():
     y.backward()
     assert torch.isfinite(y).all()
     assert torch.isfinite(huge.grad).all()
+
+
+def test_the_documented_harmonics_are_those_of_the_program():
+    """docs/model-format.md writes them out for other programs."""
+    root = Path(__file__).resolve().parent.parent
+    text = (root / "docs/model-format.md").read_text(encoding="utf-8")
+    rows = text.split("| i | Yᵢ | i | Yᵢ |")[1].split("\n\n")[0].splitlines()[2:]
+    cells = [cell.strip() for row in rows for cell in row.strip("|").split("|")]
+    formulas = dict(zip(map(int, cells[::2]), cells[1::2], strict=True))
+    directions = np.random.default_rng().normal(size=(20, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    names = dict(zip("xyz", directions.T, strict=True))
+    expected = spherical_harmonics(directions)
+    for i in range(16):
+        formula = formulas[i].replace("−", "-").replace("²", "**2")
+        formula = re.sub(r"(?<=[\dxyz)])\s*(?=[xyz(])", "*", formula)
+        np.testing.assert_allclose(eval(formula, names) + 0 * names["x"], expected[:, i])

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..geometry import tet_neighbours
 from ..paths import program_version, whole_file
+from ..streams import printable
 from .archive import ModelFileError, check, open_arrays
 from .bounds import (
     SMALLEST_MARCH_STEP,
@@ -128,7 +129,7 @@ def load(path) -> TetField:
 
 
 def _one_line(error) -> str:
-    line = " ".join(str(error).split())
+    line = printable(" ".join(str(error).split()))
     return line if len(line) <= LONGEST_MESSAGE else line[:LONGEST_MESSAGE] + " ..."
 
 
@@ -270,6 +271,9 @@ def read_training(values) -> dict:
         for key, value in values.items()
         if key not in TRAINING_TYPES or _has_type(value, TRAINING_TYPES[key])
     }
+    for key, kind in TRAINING_TYPES.items():
+        if kind is str and key in known:  # it is shown in windows and terminals
+            known[key] = printable(known[key])
     if "history" in known:
         known["history"] = [row for row in known["history"] if _is_history_row(row)]
     if "test_mean" in known:

@@ -98,8 +98,7 @@ def with_arrays(rng, data, arrays):
         elif kind == 4:
             array = rng.permutation(array)
         elif kind == 5:
-            with np.errstate(all="ignore"):
-                array = array.astype(TYPES[rng.integers(len(TYPES))])
+            array = np.zeros(array.shape, TYPES[rng.integers(len(TYPES))])
         else:
             array = array * array.dtype.type(rng.choice([0, 2, 7]))
         arrays[name] = array
