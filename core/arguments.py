@@ -29,6 +29,13 @@ def at_least(smallest: int, name: str, value: int) -> int:
     return value
 
 
+def at_most(largest: int, name: str, value: int) -> int:
+    """The value; a ValueError that calls it by its name if it is larger."""
+    if value > largest:
+        raise ValueError(f"{name} is {value}: it has to be at most {largest}")
+    return value
+
+
 def object_size(name: str, meters: float | None) -> float | None:
     """The length [m]; a ValueError that calls it by its name if no object has it."""
     if meters is not None and not SMALLEST_SIZE <= meters <= LARGEST_SIZE:

@@ -2,6 +2,8 @@
 
 import resource
 import signal
+import struct
+import zipfile
 
 import numpy as np
 import pytest
@@ -95,3 +97,39 @@ def test_what_can_not_be_used_is_one_sentence(tmp_path, spoil, sentence):
     with pytest.raises(CheckpointError, match=sentence) as caught:
         load_checkpoint(path)
     assert "\n" not in str(caught.value)
+
+
+def test_a_flipped_bit_of_any_array_is_found(tmp_path):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    whole = path.read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        arrays = [i for i in archive.infolist() if "/data/" in i.filename and i.file_size > 8]
+    assert len(arrays) >= 4
+    for info in arrays:
+        lengths = struct.unpack_from("<HH", whole, info.header_offset + 26)  # of name and padding
+        at = info.header_offset + 30 + sum(lengths) + info.file_size // 2
+        damaged = bytearray(whole)
+        damaged[at] ^= 1
+        path.write_bytes(damaged)
+        with pytest.raises(CheckpointError, match=r"a\.checkpoint can't be read"):
+            load_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        {"stage": 7},
+        {"mesh": [1, 2, 3]},
+        {"mesh": []},
+        {"report": None},
+        {"world_to_model": [[1], [2, 3]]},
+        {"options": {"seed": [], "aabb": 5}},
+    ],
+)
+def test_a_forged_checkpoint_is_one_sentence(tmp_path, forged):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    torch.save(torch.load(path, weights_only=True) | forged, path)
+    with pytest.raises(CheckpointError, match="no checkpoint of this version"):
+        load_checkpoint(path)

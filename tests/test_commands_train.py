@@ -139,6 +139,14 @@ def test_a_run_that_finds_nothing_ends_in_one_sentence(call, trainer, data, monk
     assert "found nothing" in refused(result)
 
 
+@pytest.mark.parametrize("flag", ["--seed", "--steps"])
+def test_a_number_that_is_too_large_is_said(call, trainer, data, tmp_path, flag, refused):
+    number = "9" * 20
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu", flag, number)
+    assert f"{flag} is {number}: it has to be at most" in refused(result)
+    assert not trainer.calls
+
+
 @pytest.mark.parametrize(
     "error, sentence",
     [
@@ -306,6 +314,28 @@ def test_a_full_disk_without_a_checkpoint_promises_none(call, trainer, data, tmp
         f"deformrf-train: can't write {output}: No space left on device; the run has no "
         f"checkpoint to continue from\n"
     )
+
+
+def test_a_model_that_can_not_be_written_goes_to_a_second_place(
+    call, trainer, data, tmp_path, monkeypatch
+):
+    """The folder of --output is full; the user's own one has room."""
+    savez = np.savez
+
+    def full_there(stream, **arrays):
+        return full_disk() if str(tmp_path / "out") in stream.name else savez(stream, **arrays)
+
+    monkeypatch.setattr(np, "savez", full_there)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    output = tmp_path / "out" / "m.npz"
+    result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
+    assert result.code == INPUT_ERROR
+    place = tmp_path / "state" / "deformrf" / "models" / "m.npz"
+    assert result.err == (
+        f"deformrf-train: can't write {output}: No space left on device; the model is in "
+        f"{place}, without scores\n"
+    )
+    assert modelfile.load(place).mesh.tet_count == trainer.trained.field.mesh.tet_count
 
 
 def test_a_disk_that_fills_before_the_scores_are_written_leaves_the_model(

@@ -1,17 +1,29 @@
 """deformrf-train: photographs with known cameras in, a model file out."""
 
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
+from platformdirs import user_state_path
 
 from .. import field as fields
 from .. import training
-from ..arguments import Count, Meters, at_least, object_size, positive, with_size, writable_file
+from ..arguments import (
+    Count,
+    Meters,
+    at_least,
+    at_most,
+    object_size,
+    positive,
+    with_size,
+    writable_file,
+)
 from ..device import Choice, device_name
+from ..paths import free_name
 from .running import (
     FAILED,
     INTERRUPTED,
@@ -24,6 +36,7 @@ from .running import (
 )
 
 PROGRAM = "deformrf-train"
+LARGEST_SEED, MOST_STEPS = 2**63 - 1, 10**8  # torch's; a year on a GPU
 SAME_NAMED = ("seed", "aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
@@ -136,17 +149,20 @@ def prepare_training(
         if is_first():
             announce(arguments, device, checkpoint_path)
         name = arguments.data.resolve().name
-        with training.torchrun_workers(device) as workers:
-            trained = training.train(
-                train_views,
-                options,
-                device,
-                name,
-                checkpoint_path,
-                resumed,
-                on_pause=on_pause,
-                workers=workers,
-            )
+        try:
+            with training.torchrun_workers(device) as workers:
+                trained = training.train(
+                    train_views,
+                    options,
+                    device,
+                    name,
+                    checkpoint_path,
+                    resumed,
+                    on_pause=on_pause,
+                    workers=workers,
+                )
+        except training.CheckpointError as error:
+            return complain(PROGRAM, str(error))
         on_trained(trained)
         if not workers.is_first:
             return 0  # the first process reports; torchrun would end it if this one failed
@@ -157,7 +173,8 @@ def prepare_training(
         try:
             scores = save(trained, path, arguments, test_views, device)
         except OSError as error:
-            return complain(PROGRAM, lost(error, path, checkpoint))
+            second = second_place(trained, path, arguments)
+            return complain(PROGRAM, lost(error, path, second, checkpoint))
         print(summary(trained, path, scores))
         if "coarse-stage" in options.leave_out:
             print("Without the coarse stage the model holds the whole grid, empty tets too.")
@@ -213,9 +230,7 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
     The first writing keeps the model if the evaluation is interrupted; an OSError says that it
     failed.  Returns the report of the evaluation, None without one.
     """
-    kept = with_size(trained.field, arguments.size)
-    if not arguments.keep_surroundings:
-        kept = replace(kept, surroundings=None)
+    kept = model_of(trained, arguments)
     fields.save(kept, path, entry_bits=arguments.entry_bits)
     if not trained.complete or not test_views:
         return None
@@ -230,18 +245,42 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
     return report
 
 
-def lost(error: OSError, path: Path, checkpoint_path: Path | None) -> str:
-    """Why the model could not be written, and where the run's checkpoint is, if it has one."""
-    rest = "the run has no checkpoint to continue from"
+def model_of(trained, arguments: TrainArguments):
+    """The TetField that is written."""
+    kept = with_size(trained.field, arguments.size)
+    return kept if arguments.keep_surroundings else replace(kept, surroundings=None)
+
+
+def second_place(trained, path: Path, arguments: TrainArguments) -> Path | None:
+    """Write a model that can't be written to `path` elsewhere; returns where, None if nowhere."""
+    for folder in (user_state_path("deformrf") / "models", Path(tempfile.gettempdir())):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            place = free_name(folder / path.stem, path.suffix)
+            fields.save(model_of(trained, arguments), place, entry_bits=arguments.entry_bits)
+        except OSError:  # as full as the first
+            continue
+        return place
+    return None
+
+
+def lost(error: OSError, path: Path, second: Path | None, checkpoint_path: Path | None) -> str:
+    """Why the model could not be written, where it is instead, and the run's checkpoint."""
+    parts = [f"can't write {path}: {error.strerror or error}"]
+    if second:
+        parts.append(f"the model is in {second}, without scores")
     if checkpoint_path:
-        rest = f"the run is kept in {checkpoint_path}: make room, then add --resume"
-    return f"can't write {path}: {error.strerror or error}; {rest}"
+        parts.append(f"the run is kept in {checkpoint_path}: make room, then add --resume")
+    elif not second:
+        parts.append("the run has no checkpoint to continue from")
+    return "; ".join(parts)
 
 
 def train_options(arguments: TrainArguments):
     """The preset, and what the flags change in it."""
     if arguments.seed is not None:
         at_least(0, "--seed", arguments.seed)
+        at_most(LARGEST_SEED, "--seed", arguments.seed)
     positive("--scene-radius", arguments.scene_radius)
     values = {name: getattr(arguments, name) for name in SAME_NAMED}
     if arguments.seed is None:
@@ -249,6 +288,7 @@ def train_options(arguments: TrainArguments):
     options = training.preset(arguments.preset, **values)
     if arguments.steps is None:
         return options
+    at_most(MOST_STEPS, "--steps", arguments.steps)
     return with_steps(options, at_least(2, "--steps", arguments.steps))
 
 

@@ -29,6 +29,7 @@ from .run import (
     ALLOCATION_ERRORS,
     ALONE,
     Checkpoint,
+    CheckpointError,
     Diverged,
     History,
     LearnedSurroundings,
@@ -245,12 +246,25 @@ class _Run:
         has_alpha = self.dataset.has_alpha
         optimization = Optimization(field, self.bank, self.options, has_alpha, step_count)
         if self.resumed and self.resumed.stage == stage:
-            optimization.load_state(self.resumed.fit)
+            try:
+                optimization.load_state(self.resumed.fit)
+            except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+                raise self._unfit() from error
+            except RuntimeError as error:
+                if lacks_memory(error):
+                    raise
+                raise self._unfit() from error
         # Not before: an interrupt keeps the stage before, or the checkpoint as it was.
         self.stage, self.field, self.optimization = stage, field, optimization
         history = History(self.report["history"], stage, step_count, self._seconds)
         optimization.run(self.progress, f"stage {stage}", self._pause, history.note)
         self._note_memory()
+
+    def _unfit(self) -> CheckpointError:
+        return CheckpointError(
+            f"{self.checkpoint_path} does not fit its own options and mesh: train anew, without "
+            f"--resume"
+        )
 
     def _hide_unseen(self, look, smallest_weight):
         most = look * self.options.samples_per_step

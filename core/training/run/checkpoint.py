@@ -5,7 +5,9 @@ Other programs don't read it, and later versions may not: a model file is what l
 """
 
 import pickle
+import struct
 import zipfile
+import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -18,7 +20,11 @@ from ..train_options import TrainOptions
 
 FORMAT = "deformrf-checkpoint-1"
 GONE = {"density_layers": 1, "density_activation": "relu"}  # of older checkpoints
-UNREADABLE = (OSError, EOFError, RuntimeError, pickle.UnpicklingError, zipfile.BadZipFile)
+UNREADABLE = (  # what zipfile, pickle and torch raise for bytes that nobody has written so
+    *(OSError, EOFError, RuntimeError, ValueError, TypeError, KeyError, IndexError, MemoryError),
+    *(AttributeError, AssertionError, OverflowError, ImportError),
+    *(pickle.UnpicklingError, zipfile.BadZipFile, zlib.error, struct.error),
+)
 
 
 class CheckpointError(ValueError):
@@ -75,6 +81,10 @@ def load_checkpoint(path) -> Checkpoint:
     if not zipfile.is_zipfile(path):
         raise CheckpointError(f"{path} can't be read as a checkpoint: it is damaged")
     try:
+        with zipfile.ZipFile(path) as archive:  # torch itself doesn't look at the checksums
+            damaged = archive.testzip()
+        if damaged is not None:
+            raise zipfile.BadZipFile(f"{damaged!r} is damaged")
         content = torch.load(path, map_location="cpu", weights_only=True)
     except UNREADABLE as error:
         raise CheckpointError(
@@ -92,6 +102,8 @@ def load_checkpoint(path) -> Checkpoint:
                 )
         if options["aabb"] is not None:
             options["aabb"] = tuple(options["aabb"])
+        if content["stage"] not in (1, 2) or not isinstance(content["report"], dict):
+            raise KeyError
         return Checkpoint(
             TrainOptions(**options),
             content["stage"],
@@ -100,7 +112,9 @@ def load_checkpoint(path) -> Checkpoint:
             np.array(content["world_to_model"]),
             content["report"],
         )
-    except (KeyError, TypeError):
+    except CheckpointError:
+        raise
+    except UNREADABLE:
         raise CheckpointError(f"{path} is no checkpoint of this version") from None
 
 
