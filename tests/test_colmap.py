@@ -109,6 +109,7 @@ def test_upright_turns_the_mean_up_to_z():
     "file, old, new, sentence",
     [
         ("images", " 1 r_0.png", " 7 r_0.png", "sparse/0"),
+        ("images", " 1 r_0.png", " 1 \udcff.png", "sparse/0"),
         ("cameras", "1 SIMPLE_PINHOLE 16 12", "1 SIMPLE_PINHOLE 0 12", "0x12"),
         ("cameras", "1 SIMPLE_PINHOLE 16 12", "1 SIMPLE_PINHOLE 99999 12", "99999x12"),
         ("cameras", "1 SIMPLE_PINHOLE 16 12 20 8 6", "1 SIMPLE_PINHOLE 16 12 20", "sparse/0"),
@@ -120,7 +121,7 @@ def test_unusable_reconstructions_are_refused_in_one_sentence(tmp_path, file, ol
     path = folder / f"sparse/0/{file}.txt"
     text = path.read_text()
     assert old in text
-    path.write_text(text.replace(old, new))
+    path.write_text(text.replace(old, new), errors="surrogateescape")
     with pytest.raises(DatasetError, match=sentence) as caught:
         load_dataset(folder, "train")
     assert "\n" not in str(caught.value)

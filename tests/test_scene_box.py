@@ -6,7 +6,7 @@ import pytest
 from deformrf.core.render import look_at, pinhole
 from deformrf.core.training import DatasetError, world_to_unit_cube
 from deformrf.core.training.data.datasets import from_images
-from deformrf.core.training.data.scene_box import focus
+from deformrf.core.training.data.scene_box import box_to_unit_cube, focus
 
 
 def dataset(poses, bounds=None):
@@ -76,3 +76,10 @@ def test_parallel_views_need_a_box():
 def test_an_empty_box_is_refused(aabb):
     with pytest.raises(DatasetError, match="--aabb has to be x0 y0 z0"):
         world_to_unit_cube(dataset(around(np.zeros(3), 4.0)), aabb=aabb)
+
+
+@pytest.mark.parametrize("side", [np.inf, np.nan, 1e300, 1e-320, 0.0])
+@pytest.mark.filterwarnings("error")
+def test_a_box_without_a_size_is_refused(side):
+    with pytest.raises(DatasetError, match=r"the box has to be x0 y0 z0 x1 y1 z1 .* up to 1e\+12"):
+        box_to_unit_cube([[0.0] * 3, [side] * 3], "the box")

@@ -45,10 +45,10 @@ def read(folder, split):
     sparse = sparse_folder(folder)
     try:
         reconstruction = pycolmap.Reconstruction(str(sparse))
+        registered = sorted(reconstruction.images.values(), key=lambda image: image.name)
     except Exception as error:  # pycolmap's C++ ends in errors of many kinds, over several lines
         reason = " ".join(str(error).split())[:200]
         raise DatasetError(f"{sparse} can't be read by pycolmap: {reason}") from None
-    registered = sorted(reconstruction.images.values(), key=lambda image: image.name)
     if not registered:
         raise DatasetError(f"{sparse} holds no registered images")
     poses = [pose_of(image) for image in registered]

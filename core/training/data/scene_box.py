@@ -9,7 +9,7 @@ model has no tets for what stands beside the object.
 import numpy as np
 
 from .datasets import Dataset
-from .posed_images import DatasetError
+from .posed_images import FARTHEST, DatasetError
 
 # Half an edge over the cameras' median distance: NeRF-synthetic's cameras stand 4.03 from
 # the center of the box from -1.5 to 1.5, and instant-ngp scales captures to about the same.
@@ -68,12 +68,13 @@ def has_white_border(dataset: Dataset) -> bool:
 def box_to_unit_cube(box, name):
     """The similarity from a box [2, 3] to the unit cube; `name` is for the message.  [4, 4]"""
     low, high = np.asarray(box, float)
-    size = high - low
-    if not np.isfinite(size).all() or (size <= 0.0).any():
+    is_sane = (np.abs(box) <= FARTHEST).all() and (high > low).all()
+    if not is_sane or (high - low).max() < 1.0 / FARTHEST:
         raise DatasetError(
             f"{name} has to be x0 y0 z0 x1 y1 z1 with each of the first three smaller than its "
-            f"counterpart; it is {' '.join(f'{v:g}' for v in (*low, *high))}"
+            f"counterpart, up to {FARTHEST:g}; it is {' '.join(f'{v:g}' for v in (*low, *high))}"
         )
+    size = high - low
     matrix = np.eye(4) / size.max()
     matrix[:3, 3] = 0.5 - 0.5 * (low + high) / size.max()
     matrix[3, 3] = 1.0
