@@ -32,7 +32,7 @@ endif
 help:
 	@echo "make demo   open the bundled model (set-up included: what viewing needs)"
 	@echo "make test   run the tests (set-up included; PYTEST_ARGS='-k camera' for some of them)"
-	@echo "make soak   run the tests with new random inputs"
+	@echo "make soak   run the tests with new random inputs, and load damaged models for two minutes"
 	@echo "make random-use   a million frames of random use of the solver (some ten minutes)"
 	@echo "make lint   check style and formatting"
 	@echo "make venv   set-up alone: $(VENV) with everything, in the versions of constraints.txt"
@@ -66,7 +66,8 @@ soak: venv
 	again="DEFORMRF_TEST_SEED=$$seed make test PYTEST_ARGS='$(PYTEST_ARGS)'"; \
 	echo "Random inputs of seed $$seed; to repeat this run: $$again"; \
 	DEFORMRF_TEST_SEED=$$seed $(BIN)/python -m pytest $(PYTEST_ARGS) \
-	|| { echo "To repeat this run: $$again"; exit 1; }
+	|| { echo "To repeat this run: $$again"; exit 1; }; \
+	$(BIN)/python tests/benchmarks/fuzz_models.py --seconds 120 --seed $$seed
 
 random-use: venv
 	$(BIN)/python tests/benchmarks/random_use.py

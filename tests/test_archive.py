@@ -117,6 +117,20 @@ def test_what_is_refused_takes_little_memory_and_time(path):
         assert float(megabytes) < 200 and float(seconds) < 1.0, sentence
 
 
+def test_a_long_list_of_entries_is_not_read(path):
+    """zipfile would take it into memory at once."""
+    data = bytearray(path.read_bytes())
+    place = data.rindex(b"PK\x05\x06")
+    data[place + 12 : place + 16] = (10**9).to_bytes(4, "little")
+    data[place + 16 : place + 20] = bytes(4)
+    with open(path, "wb") as stream:
+        stream.truncate(10**9)  # a hole, which takes no room on the disk
+        stream.seek(10**9)
+        stream.write(data[place:])
+    with pytest.raises(ModelFileError, match="list of entries takes 1000000000 bytes"):
+        load(path)
+
+
 def test_unknown_arrays_are_skipped_unread(path):
     """Neither their headers nor their values, damaged or large."""
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
