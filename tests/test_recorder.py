@@ -1,5 +1,6 @@
 """Screenshots and videos of whatever the canvas shows, and the PNG files."""
 
+import shutil
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -106,3 +107,26 @@ def test_a_background_is_taken_out_of_a_picture():
     error = abs(straight[..., :3] - 255 * color) * alpha  # as it shows over any color
     assert error.max() <= 1.01
     assert (straight[alpha[..., 0] == 0, :3] == 0).all()
+
+
+def test_a_recording_without_a_frame_is_a_sentence(recorder, tmp_path, capsys):
+    """Shift+F9 twice between two frames."""
+    recorder.start_or_stop()
+    recorder.start_or_stop()
+    assert recorder.video is None
+    assert recorder.message
+    assert not list(tmp_path.glob("*.part*"))
+
+
+def test_a_folder_that_is_deleted_while_recording_is_a_sentence(recorder, tmp_path, monkeypatch):
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    recorder.start(folder / "a.mp4")
+    recorder.add_frame()
+    shutil.rmtree(folder)
+    recorder.stop()
+    assert recorder.failed and "can't write" in recorder.message
+    monkeypatch.setattr(r, "working_folder", lambda: folder)
+    recorder.start_or_stop()
+    recorder.start_or_stop()
+    assert recorder.video is None and "can't" in recorder.message

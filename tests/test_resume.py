@@ -103,3 +103,11 @@ def test_what_can_not_be_resumed_is_one_sentence(call, data, tmp_path, flags, ru
     result = call(train.main, data, "-o", output, "--device", "cpu", "--resume", *flags)
     assert (result.code, result.out, result.err.count("\n")) == (INPUT_ERROR, "", 1)
     assert sentence in result.err
+
+
+def test_a_state_that_does_not_fit_is_one_sentence(call, data, tmp_path):
+    """The checkpoint is whole, but what it learned is of something else."""
+    unfinished(tmp_path / "m.checkpoint")
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu", "--resume")
+    assert result.code == INPUT_ERROR and result.err.count("\n") == 1
+    assert "does not fit its own options and mesh" in result.err

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.arguments import plain_message
 from ...core.field import save
 from ...core.paths import free_name, working_folder
 from ..files import readable, save_surface
@@ -63,10 +64,13 @@ class Recorder:
         self._log("recording", path=path)
 
     def start_or_stop(self) -> None:
-        if self.video is None:
-            self.start()
-        else:
+        if self.video is not None:
             self.stop()
+            return
+        try:
+            self.start()
+        except (OSError, RuntimeError, ValueError) as error:  # the folder is gone, or read-only
+            self._fail(f"can't record: {plain_message(error)}")
 
     def stop(self) -> None:
         """Finish the video, if one is being recorded."""

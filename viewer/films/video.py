@@ -1,9 +1,10 @@
 """Writes images to a video file, or to a folder of numbered pictures.
 
 A thread converts and encodes behind a short queue, so that the next image can be made
-meanwhile.  A file is written as <name>.part.mp4 and renamed when it is complete, since no player
-reads an MP4 that was never closed.  Without a clock each image is one frame of the video; with a
-clock images are repeated or dropped, so that a second of the video shows a second of the clock.
+meanwhile.  A file is written as .<name>-<random>.part.mp4 and renamed when it is complete, since
+no player reads an MP4 that was never closed.  Without a clock each image is one frame of the
+video; with a clock images are repeated or dropped, so that a second of the video shows a second
+of the clock.
 
 A transparent image has four channels, and its color is what it adds to the one behind it
 (premultiplied by the opacity).  Files have the color itself (straight alpha).
@@ -21,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.device import thread_count
-from ...core.paths import whole_file
+from ...core.paths import reserved, sync, whole_file
 
 QUEUE_LENGTH, QUEUE_BYTES = 8, 256 * 2**20  # images that wait, and about their size
 PNG_LEVEL = 4  # of zlib: twice as fast as the usual 6, a few percent larger
@@ -107,7 +108,10 @@ class VideoWriter:
         chosen = encoder(self.path, codec, transparent)
         # Or it prints its version.  It is read when the encoder opens.
         os.environ.setdefault("SVT_LOG", "1")
-        self.part = self.path.with_name(f"{self.path.stem}.part{self.path.suffix}")
+        try:
+            self.part = reserved(self.path)
+        except OSError:  # the encoder finds the same, and says so with the first image
+            self.part = self.path.with_name(f".{self.path.stem}.part{self.path.suffix}")
         self.width, self.height = self._size = max(size[0] & ~1, 2), max(size[1] & ~1, 2)
         self.fps = fps
         self.frame_count = 0  # in the file, or queued for it
@@ -180,7 +184,12 @@ class VideoWriter:
         if self._error:
             self.part.unlink(missing_ok=True)
             raise self._failure() from self._error
-        os.replace(self.part, self.path)
+        try:
+            sync(self.part)
+            os.replace(self.part, self.path)
+        except OSError as error:  # its folder was deleted, say
+            self.part.unlink(missing_ok=True)
+            raise RuntimeError(f"can't write {self.path}: {error.strerror}") from error
         return self.path
 
     def _failure(self):
