@@ -271,3 +271,24 @@ def test_the_window_shows_how_far_a_long_session_has_been_played(app, ball, monk
     frames(app, 2)
     assert shown[-1] == (100, 100) and app.scene.on_ground and app.left_behind is None
     assert not app.gui._failed  # panels
+
+
+@pytest.mark.gl
+def test_an_interrupt_keeps_what_was_done_since_the_last_writing(app, ball, monkeypatch):
+    """SIGTERM, or SIGHUP when the terminal is closed, which `commands.run` makes a Ctrl-C."""
+    from deformrf.viewer import command
+
+    app.begin_autosave()
+    app.scene.set_ground(True)
+    path = app.autosave.path
+    assert not path.exists()
+
+    def interrupted(frames):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(app, "run", interrupted)
+    monkeypatch.setattr(app, "close", lambda: None)  # the fixture does it
+    with pytest.raises(KeyboardInterrupt):
+        command._show(app, command.ViewArguments(), None)
+    assert "set_ground" in [e.name for e in load_session(path, ball).events]
+    path.unlink()

@@ -227,7 +227,7 @@ def test_two_headless_runs_are_the_same_picture(ball_file, tmp_path, window):
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_and_sigterm_finish_the_clip(ball_file, tmp_path, window, sent):
     clip = tmp_path / "a.mp4"
     arguments = "--headless --frames 100000 --log-events --device cpu --size 64x64".split()

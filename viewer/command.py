@@ -264,7 +264,13 @@ def _show(app, chosen, drag):
             if run.screenshot is not None:
                 app.recorder.screenshot(run.screenshot)
                 app.frame(0.0, whole=True)
+    except KeyboardInterrupt:  # SIGHUP and SIGTERM, too
+        for sentence in [] if app.autosave is None else app.autosave.keep():
+            app.recorder.say(sentence)
+        raise
     except Exception as error:
+        if app.autosave is not None:
+            app.autosave.keep()
         logs.note(error)
         raise
     finally:

@@ -9,6 +9,7 @@ import numpy as np
 from ...core.arguments import plain_message
 from ...core.field import save
 from ...core.paths import free_name, working_folder
+from ...core.streams import printable
 from ..files import readable, save_surface
 from ..sessions import SessionError, save_session
 from .video import PictureSeries, VideoWriter, save_png
@@ -153,7 +154,7 @@ class Recorder:
     def _say(self, message, stream):
         message = readable(message)
         self._said = time.monotonic(), message
-        print(message, file=stream, flush=True)
+        print(printable(message), file=stream, flush=True)
 
 
 def stamped(stem: str, suffix: str) -> Path:
