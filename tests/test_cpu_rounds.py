@@ -9,7 +9,13 @@ import warp as wp
 from deformrf.core.field import modelfile
 from deformrf.core.field.encoding import encode_reference
 from deformrf.core.field.networks import evaluate, spherical_harmonics
-from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at
+from deformrf.core.render import (
+    Renderer,
+    RenderOptions,
+    camera_rays,
+    from_field_of_view,
+    look_at,
+)
 from deformrf.core.render.rays import Entries, empty_rays
 from deformrf.core.render.rounds import empty_pixels
 from deformrf.core.render.rounds.compositing import composite_reference
@@ -136,3 +142,28 @@ def test_the_bundled_model_looks_the_same_in_default_mode():
         for exactly in (True, False)
     )
     assert psnr(fast[..., :3], exact[..., :3]) > 55.0
+
+
+def test_rounds_without_a_color_of_their_own_take_the_color_so_far(make_ball_field):
+    """Where all colors are the same, nothing is lost, however light a round is."""
+    rng = np.random.default_rng()
+    field = make_ball_field(int(rng.integers(1000)))
+    weights, bias = field.color_layers[-1]
+    field = replace(field, color_layers=(*field.color_layers[:-1], (0.0 * weights, 0.0 * bias)))
+    renderer, options = Renderer(field, "cpu"), RenderOptions(termination=0.0)
+    camera = from_field_of_view(look_at((1.7, -0.7, 1.0), (0.5, 0.5, 0.5)), 0.5, 30, 30)
+    origins, directions = camera_rays(camera)
+    rays, pixels = empty_rays(900, "cpu"), empty_pixels(900, "cpu")
+    rays.origins.assign(origins.astype(np.float32))
+    rays.directions.assign(directions.astype(np.float32))
+    alive, rounds = wp.array(np.arange(900), dtype=int, device="cpu"), renderer.host_rounds
+    for number in range(4):
+        slots, counts = rounds._march(rays, Entries(), alive, 4, options)
+        if number % 2:
+            slots.length.assign(1e-4 * slots.length.numpy())  # hardly anything is there
+        alive, _ = rounds._cpu_shading.round(
+            rays, alive, slots, counts, pixels, options, renderer.stage
+        )
+    opacity = 1.0 - pixels.transmittance.numpy()
+    assert (opacity > 0.3).sum() > 50
+    np.testing.assert_allclose(pixels.color.numpy(), 0.5 * opacity[:, None].repeat(3, 1), atol=1e-5)

@@ -126,7 +126,7 @@ auto encode = [&](const int* slots, int count, int level_count, Places* places,
         for (int i = 0; i < count; ++i) {
             Entry f = at.weights[0][i] * entries[at.entries[0][i]];
             for (int k = 1; k < 4; ++k)
-                f = __builtin_elementwise_fma(Entry(at.weights[k][i]), entries[at.entries[k][i]], f);
+                f = multiply_add(Entry(at.weights[k][i]), entries[at.entries[k][i]], f);
             *reinterpret_cast<Entry*>(rows + i * stride + 4 * level) = f;
         }
     }

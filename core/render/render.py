@@ -37,7 +37,9 @@ from .stage_timer import StageTimer
 from .visible import visible_part
 
 CPU_TILE_WORK = 2.0e6  # of FaceRectangles.row_work: much for each launch
-CPU_TILES_PER_THREAD = 2  # at least, so that no thread waits long for the others
+CPU_TILES_PER_THREAD = 2  # or more, so that no thread waits long for the others
+LEAST_TILE_WORK = 1.0e5  # a tile costs a millisecond besides its work
+CPU_TILE_RAYS = 1 << 16  # bound what a tile takes of memory
 CUDA_TILE_RAYS = 1 << 20
 WAVEFRONT_PIXELS = 1 << 16  # a wavefront has room for a multiple of these
 
@@ -190,7 +192,8 @@ class Renderer:
         else:
             from threadpoolctl import threadpool_limits
 
-            starts = [camera.width * row for row in _tile_starts(faces.row_work(), rows)]
+            limit = max(CPU_TILE_RAYS // camera.width, 1)
+            starts = [camera.width * row for row in _tile_starts(faces.row_work(), rows, limit)]
             with threadpool_limits(1, user_api="blas"):  # the tiles are the parallelism
                 sample_count = sum(self._pool.map(render_tile, pairwise(starts)))
         shape = (rows[1] - rows[0], camera.width)
@@ -242,11 +245,15 @@ class Renderer:
         return self._wavefront
 
 
-def _tile_starts(row_work, rows):
-    """Rows that tiles with about as much work begin at, and the last tile's end."""
+def _tile_starts(row_work, rows, row_limit):
+    """Rows that tiles with about as much work begin at, and the last tile's end.
+
+    There are so many that equal ones would have at most `row_limit` rows.
+    """
     first, last = rows
     done = np.concatenate([[0.0], row_work[first:last].cumsum()])
-    count = max(CPU_TILES_PER_THREAD * thread_count(), np.ceil(done[-1] / CPU_TILE_WORK))
+    count = min(CPU_TILES_PER_THREAD * thread_count(), done[-1] // LEAST_TILE_WORK)
+    count = max(count, np.ceil(done[-1] / CPU_TILE_WORK), np.ceil((last - first) / row_limit), 1.0)
     starts = np.searchsorted(done, done[-1] * np.arange(1, count) / count)
     return sorted({first, last, *(first + starts).tolist()})
 

@@ -16,7 +16,8 @@ class RenderOptions:
     Attributes:
         background: Color behind the object, 0..1.
         conformance: Equal the reference (float32, stop at T < 1e-3).  Otherwise rays stop
-            earlier and, on CUDA, the networks are evaluated in half precision.
+            earlier; on CUDA the networks are evaluated in half precision; on a CPU samples
+            that weigh less than a byte's step lend their weight to the color of the next.
         step_factor: Multiplies the model's march step Δ.  A smaller step takes longer and
             comes closer to the integral that the sum approximates.
         level_count: Levels that are encoded, all by default; the features of finer ones are 0.

@@ -1,4 +1,4 @@
-// Density and color of samples from their features, on a CPU: the body of evaluate_native in cpu.py.
+// Density and color of samples from their features, on a CPU: the body of evaluate_native.
 #if !defined(__CUDA_ARCH__)
 #include "layers.h"
 enum { JOINED = @GEOMETRY_FEATURES + @BASIS_COUNT };

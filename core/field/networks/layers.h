@@ -15,10 +15,19 @@ typedef Lanes LooseLanes __attribute__((aligned(4)));
 struct Narrow { enum { VECTORS = 1 }; };
 enum { LANES = sizeof(Lanes) / sizeof(float), ROWS = 6 };
 
+// a b + c, in one instruction where there is one: elsewhere fma would call a function for each lane.
+auto multiply_add = [](auto a, auto b, auto c) __attribute__((always_inline)) {
+#if defined(__FMA__) || defined(__aarch64__)
+    return __builtin_elementwise_fma(a, b, c);
+#else
+    return a * b + c;
+#endif
+};
+
 struct Layer { int in, width; const float *weights, *bias; };  // width: of its rows of weights
 
 // A block: y = max(x W + b, lowest), for ROWS rows and some columns.
-auto block = [](auto columns, Layer layer, const float* x, int x_stride, float* y, int y_stride,
+auto block = [&](auto columns, Layer layer, const float* x, int x_stride, float* y, int y_stride,
                 float lowest) __attribute__((always_inline)) {
     enum { VECTORS = decltype(columns)::VECTORS };
     Lanes sums[ROWS][VECTORS];
@@ -38,8 +47,8 @@ auto block = [](auto columns, Layer layer, const float* x, int x_stride, float* 
         for (int r = 0; r < ROWS; ++r) {
             const Lanes value = x[r * x_stride + k];
 #pragma clang loop unroll(full)
-            for (int v = 0; v < VECTORS; ++v) 
-                sums[r][v] = __builtin_elementwise_fma(value, weights[v], sums[r][v]);
+            for (int v = 0; v < VECTORS; ++v)
+                sums[r][v] = multiply_add(value, weights[v], sums[r][v]);
         }
     }
 #pragma clang loop unroll(full)
@@ -78,7 +87,8 @@ auto apply_network = [&](int first_layer, int layer_count, int row_count, const 
     for (int l = 0; l < layer_count; ++l) {
         const int* const shape = networks.shapes.data + 4 * (first_layer + l);
         const float* const values = networks.values.data;
-        const Layer layer = {l == 0 ? in : shape[0], shape[1], values + shape[2], values + shape[3]};
+        const int inputs = l == 0 ? in : shape[0];
+        const Layer layer = {inputs, shape[1], values + shape[2], values + shape[3]};
         const bool last = l + 1 == layer_count;
         apply_layer(layer, row_count, rows, x_stride, buffer, last ? -__builtin_inff() : 0.0f);
         rows = buffer;
@@ -91,7 +101,9 @@ auto apply_network = [&](int first_layer, int layer_count, int row_count, const 
 
 // exp of each lane, to 2e-7 of itself: 2^n times a polynomial, as in Cephes.
 auto exp_of = [](auto x) {
-    x = __builtin_elementwise_min(__builtin_elementwise_max(x, decltype(x)(-87.0f)), decltype(x)(88.0f));
+    typedef decltype(x) Numbers;
+    x = __builtin_elementwise_max(x, Numbers(-87.0f));
+    x = __builtin_elementwise_min(x, Numbers(88.0f));
     const auto n = __builtin_elementwise_roundeven(x * 1.44269504f);
     const auto r = (x - n * 0.693359375f) + n * 2.12194440e-4f;
     auto y = 1.9875691500e-4f * r + 1.3981999507e-3f;

@@ -65,7 +65,7 @@ print(json.dumps(time.perf_counter() - start))
 MODULES = {  # name: modules, and why a start omits them
     "torch": (
         TORCH,
-        "Networks run in NumPy on the CPU and in a Warp kernel on CUDA; torch is for training.",
+        "Networks run in C++ on the CPU and in a Warp kernel on CUDA; torch is for training.",
     ),
     "matplotlib and scipy": (
         REPORTS,

@@ -39,6 +39,9 @@ take(slots, CHUNK);
 take(colored, CHUNK);
 take(runs, CHUNK);
 
+static_assert(@BLOCK % ROWS == 0 && CHUNK % @BLOCK == 0 && CHUNK % LANES == 0, "whole blocks");
+if (free_memory > reinterpret_cast<char*>(scratch.data + scratch.shape[0])) __builtin_trap();
+
 // -- the stages of a chunk ---------------------------------------------------------------------
 auto width_of = [&](int layer) { return networks.shapes.data[4 * layer + 1]; };
 
@@ -115,7 +118,7 @@ auto weigh = [&](Run& run, int colored_count) {
     }
     if (pending > 0.0f && colored_count > run.first_colored)
         colored[colored_count - 1].weight += pending;
-    else if (pending > 0.0f && before > 0.0f)
+    else if (pending > 0.0f && pending < 0.25f * least_weight * before)  // it adds up over rounds
         pixels.color.data[ray] = wp::mul(pixels.color.data[ray], 1.0f + pending / before);
     else if (pending > 0.0f)
         colored[colored_count++] = {end - 1, samples.tet.data[slots[end - 1]], ray, pending};

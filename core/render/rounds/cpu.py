@@ -23,7 +23,7 @@ from ...native import native_source
 from ..rays import Rays, Samples
 from .compositing import Pixels
 
-CHUNK = 10 * NETWORK_BLOCK  # samples that are shaded together; as many as a vector's lanes fit in
+CHUNK = 10 * NETWORK_BLOCK  # samples that are shaded together; a multiple of a vector's lanes
 LEAST_WEIGHT = 4e-3  # of a color in default mode: a step of a byte
 SAMPLE_BYTES = 256  # of scratch, beside features
 
@@ -121,7 +121,9 @@ class CpuShading:
             still_alive = wp.empty(count, dtype=int, device="cpu")
             still_alive_count = wp.zeros(1, dtype=int, device="cpu")
             exact = options.conformance
-            inputs = [rays, self._rotations, alive, slots, counts, len(slots.tet) // count]
+            slot_count = len(slots.tet) // count
+            assert slot_count <= CHUNK, slot_count
+            inputs = [rays, self._rotations, alive, slots, counts, slot_count]
             inputs += [self._tables, self._table, self._networks, level_count]
             inputs += [self._has_directions, options.stop, int(not exact)]
             inputs += [0.0 if exact else LEAST_WEIGHT, self._scratch(level_count), pixels]

@@ -11,6 +11,7 @@ On the CPU the last two are one launch (cpu.py).
 Shapes: R rays, K slots per ray, N packed samples.
 """
 
+import numpy as np
 import warp as wp
 
 from ..rays import (
@@ -27,6 +28,8 @@ from .compositing import Pixels, accumulate_kernel
 from .cpu import CpuShading
 
 ROUND_SLOTS = (8, 4, 8, 8, 16, 32, 64, 128)  # K by round: most rays end after 12 samples
+
+CPU_SLOTS = 1 << 19  # of a launch; 15 MB
 
 wp.set_module_options({"enable_backward": False})
 
@@ -50,12 +53,23 @@ class HostRounds:
         shade = self._shade if self._cpu_shading is None else self._cpu_shading.round
         while len(alive):
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
-            with stage("march"):
-                slots, counts = self._march(rays, entries, alive, slot_count, options)
-            alive, count = shade(rays, alive, slots, counts, pixels, options, stage)
-            sample_count += count
+            left = []
+            for part in self._parts(alive, slot_count):
+                with stage("march"):
+                    slots, counts = self._march(rays, entries, part, slot_count, options)
+                still, count = shade(rays, part, slots, counts, pixels, options, stage)
+                left.append(still)
+                sample_count += count
+            alive = left[0] if len(left) == 1 else joined(left)
             round_ += 1
         return sample_count
+
+    def _parts(self, alive, slot_count):
+        """Some of the rays at a time, on a CPU: their slots have to fit into memory."""
+        most = CPU_SLOTS // slot_count
+        if self._pose.device.is_cuda or len(alive) <= most:
+            return [alive]
+        return [alive[k : k + most] for k in range(0, len(alive), most)]
 
     def _march(self, rays, entries, alive, slot_count, options):
         """One round's samples of the rays `alive` in slots, and how many each ray has."""
@@ -82,6 +96,11 @@ class HostRounds:
             outputs = [still_alive, still_alive_count]
             wp.launch(accumulate_kernel, count, inputs, outputs, device=device)
             return still_alive[: int(still_alive_count.numpy()[0])], len(sigma)
+
+
+def joined(arrays):
+    """Arrays of numbers of rays in one."""
+    return wp.array(np.concatenate([a.numpy() for a in arrays]), dtype=int, device="cpu")
 
 
 def packed(slots, counts, ids) -> RaySamples:
