@@ -286,9 +286,9 @@ def test_an_interrupt_keeps_what_was_done_since_the_last_writing(app, ball, monk
     def interrupted(frames):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(app, "run", interrupted)
-    monkeypatch.setattr(app, "close", lambda: None)  # the fixture does it
-    with pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(app, "run", interrupted)
+        patched.setattr(app, "close", lambda: None)  # the fixture does it
         command._show(app, command.ViewArguments(), None)
     assert "set_ground" in [e.name for e in load_session(path, ball).events]
     path.unlink()

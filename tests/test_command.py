@@ -66,7 +66,9 @@ def test_rendering_s_numbers_are_consistent(report):
         assert (row["largest_anywhere"] is None) == (row["setting"] == "conformance")
     assert [row["setting"] for row in rows.values() if row["default"]] == ["default"]
     assert rows["conformance"]["psnr"] > rows["default"]["psnr"] > rows["stop 0.2"]["psnr"]
-    assert rows["stop 0"]["samples"] > rows["default"]["samples"] > rows["stop 0.2"]["samples"]
+    # Rays get samples by rounds, so a few of them may have as many whenever they end.
+    assert rows["stop 0"]["samples"] >= rows["default"]["samples"] >= rows["stop 0.2"]["samples"]
+    assert rows["stop 0"]["samples"] > rows["stop 0.2"]["samples"]
     assert rows["step × 4"]["psnr"] < rows["step × 2"]["psnr"]
     assert rows["default"]["relative_percent"] == 100
     assert any(row["front"] for row in rows.values())

@@ -236,8 +236,11 @@ def test_ctrl_c_and_sigterm_finish_the_clip(ball_file, tmp_path, window, sent):
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
-        # A shell starts what it runs in the background with SIGINT ignored, tests included.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        # A shell starts what it runs in the background with SIGINT ignored, nohup with SIGHUP,
+        # tests included.
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT if sent == signal.SIGTERM else sent, signal.SIG_DFL
+        ),
     )
     for line in process.stdout:
         if '"ready"' in line:
