@@ -92,7 +92,7 @@ def test_another_model_is_named(tmp_path):
 def test_without_pycolmap_the_command_says_what_to_install(call, tmp_path, monkeypatch, refused):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     result = call(train.main, write(tmp_path)[0], "-o", tmp_path / "m.npz", "--device", "cpu")
-    sentence = "pycolmap, which reads COLMAP reconstructions, is not installed: pip install 'defo"
+    sentence = "photographs and reads COLMAP's, is not installed: pip install 'deformrf[colmap]'"
     assert sentence in refused(result)
 
 

@@ -24,6 +24,7 @@ MAY_IMPORT = {
     "core.native": [],
     "core.images": [],
     "core.geometry": [],
+    "core.capture": ["core.paths", "core.images", "core.memory", "core.streams", "core.device"],
     "core.field": [
         "core.device",
         "core.paths",
@@ -36,6 +37,7 @@ MAY_IMPORT = {
     "core.render": ["core.device", "core.wide", "core.native", "core.geometry", "core.field"],
     "core.deform": ["core.device", "core.native", "core.geometry"],
     "core.training": [
+        "core.capture",
         "core.paths",
         "core.images",
         "core.memory",

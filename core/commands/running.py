@@ -30,7 +30,7 @@ PACKAGES = {
     "scipy": ("measures models", WHOLE),
     "matplotlib": ("draws the report's figures", WHOLE),
     "markdown_it": ("writes the report's page", WHOLE),
-    "pycolmap": ("reads COLMAP reconstructions", "'deformrf[colmap]'"),
+    "pycolmap": ("finds the cameras of photographs and reads COLMAP's", "'deformrf[colmap]'"),
     "lpips": ("computes LPIPS", "'deformrf[lpips]'"),
     "pyglet": ("opens the window", WHOLE),
     "moderngl": ("draws in the window", WHOLE),
