@@ -12,6 +12,8 @@ from math import ceil
 from pathlib import Path
 from typing import Literal
 
+from . import kernel_cache
+
 Choice = Literal["auto", "cpu", "cuda"]
 
 
@@ -73,9 +75,15 @@ def start_warp():
     try:
         ctypes.CDLL("libcuda.so.1" if sys.platform != "win32" else "nvcuda.dll")
     except OSError:
-        with _stderr_silenced():  # Warp's C++ says so there, whatever the log level
-            wp.init()
+        kernel_cache.start(_init_silently)
     else:
+        kernel_cache.start(wp.init)
+
+
+def _init_silently():
+    import warp as wp
+
+    with _stderr_silenced():  # Warp's C++ says so there, whatever the log level
         wp.init()
 
 

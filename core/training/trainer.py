@@ -21,6 +21,7 @@ import numpy as np
 import torch
 import warp as wp
 
+from ..device import start_warp
 from ..field import FieldOptions, TetField, below_pixel, level_edges, narrowest_pixel
 from ..geometry import TetMesh, a15_grid
 from ..render import in_space
@@ -117,7 +118,7 @@ def train(
             worker saves one before; several cannot, because each has a part of it and the others
             wait for this worker in the middle of a step: their last checkpoint remains.
     """
-    wp.init()
+    start_warp()
     if not workers.is_first:
         checkpoint_path = on_pause = None
     with (
