@@ -133,3 +133,65 @@ def test_a_forged_checkpoint_is_one_sentence(tmp_path, forged):
     torch.save(torch.load(path, weights_only=True) | forged, path)
     with pytest.raises(CheckpointError, match="no checkpoint of this version"):
         load_checkpoint(path)
+
+
+def repacked(path, method):
+    """The same entries, compressed."""
+    with zipfile.ZipFile(path) as archive:
+        entries = [(info.filename, archive.read(info)) for info in archive.infolist()]
+    with zipfile.ZipFile(path, "w", method) as archive:
+        for name, content in entries:
+            archive.writestr(name, content)
+
+
+def test_a_small_file_takes_little_memory(tmp_path):
+    """Neither what is compressed nor one number that stands for many is unpacked."""
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    content = torch.load(path, weights_only=True)
+    torch.save(content | {"fit": torch.zeros(2**20)}, path)
+    repacked(path, zipfile.ZIP_DEFLATED)
+    with pytest.raises(CheckpointError, match="declares more than it holds"):
+        load_checkpoint(path)
+    torch.save(content | {"fit": torch.zeros(1).expand(2**40)}, path)
+    with pytest.raises(CheckpointError, match="declare more than it holds"):
+        load_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    "name, value",
+    [
+        ("table_size_log2", 60),
+        ("spacing", 1e-9),
+        ("samples_per_step", 2**40),
+        ("level_count", True),
+        ("learning_rate", float("nan")),
+        ("surroundings", 5),
+        ("aabb", [0.0] * 5 + [float("inf")]),
+        ("scene_radius", "x"),
+    ],
+)
+def test_options_that_no_run_has_are_one_sentence(tmp_path, name, value):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    content = torch.load(path, weights_only=True)
+    torch.save(content | {"options": content["options"] | {name: value}}, path)
+    with pytest.raises(CheckpointError, match="no checkpoint of this version"):
+        load_checkpoint(path)
+
+
+def test_a_mesh_that_leads_out_of_itself_is_one_sentence(tmp_path):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    content = torch.load(path, weights_only=True)
+    vertices, addresses, tets = content["mesh"]
+    for mesh in (
+        [vertices, addresses, tets + 10**6],
+        [vertices * float("nan"), addresses, tets],
+        [vertices.float(), addresses, tets],
+        [vertices, addresses - 2**30, tets],
+        [vertices, addresses, tets[:0]],
+    ):
+        torch.save(content | {"mesh": mesh}, path)
+        with pytest.raises(CheckpointError, match="no checkpoint of this version"):
+            load_checkpoint(path)

@@ -111,3 +111,12 @@ def test_a_state_that_does_not_fit_is_one_sentence(call, data, tmp_path):
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu", "--resume")
     assert result.code == INPUT_ERROR and result.err.count("\n") == 1
     assert "does not fit its own options and mesh" in result.err
+
+
+def test_somebody_elses_file_is_not_taken_for_a_checkpoint(call, trainer, data, tmp_path, refused):
+    """Where checkpoints go, a file of another program can be; it is never replaced."""
+    theirs = tmp_path / "m.checkpoint"
+    theirs.write_text("a diary")
+    said = refused(call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu"))
+    assert str(theirs) in said and "no checkpoint of this program" in said
+    assert theirs.read_text() == "a diary" and not trainer.calls

@@ -2,6 +2,6 @@
 
 import sys
 
-from .command import main
+from .entry import view
 
-sys.exit(main())
+sys.exit(view())

@@ -129,6 +129,11 @@ def prepare_training(
     output = writable_file(arguments.output, ".npz")
     checkpoint_path = output.with_suffix(".checkpoint")
     resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
+    if checkpoint_path.exists() and not training.is_checkpoint(checkpoint_path):
+        raise ValueError(
+            f"this run would write its checkpoints to {checkpoint_path}, which is no checkpoint "
+            f"of this program: move it, or give the model another name"
+        )
     options = resumed.options if resumed else train_options(arguments)
     train_views = load_views(
         arguments.data,

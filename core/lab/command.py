@@ -103,6 +103,8 @@ def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> i
     except (KeyboardInterrupt, Exception) as error:  # what is done is written first
         failure = error
         if not found:
+            if isinstance(error, KeyboardInterrupt):
+                raise
             complain(PROGRAM, "nothing was measured yet, nothing is written")
             raise
     output = arguments.output

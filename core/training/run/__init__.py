@@ -6,7 +6,13 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "batch": ["Batch", "looks"],
-        "checkpoint": ["Checkpoint", "CheckpointError", "load_checkpoint", "save_checkpoint"],
+        "checkpoint": [
+            "Checkpoint",
+            "CheckpointError",
+            "is_checkpoint",
+            "load_checkpoint",
+            "save_checkpoint",
+        ],
         "differentiable": ["on_warp_stream"],
         "distributed": ["ALONE", "Workers", "torchrun_workers"],
         "memory": ["ALLOCATION_ERRORS", "OutOfMemory", "give_memory_back", "lacks_memory"],

@@ -17,6 +17,7 @@ import torch
 from ...geometry import TetMesh
 from ...paths import whole_file
 from ..train_options import TrainOptions
+from .checkpoint_checks import check_archive, check_tensors, checked_mesh, checked_options
 
 FORMAT = "deformrf-checkpoint-1"
 GONE = {"density_layers": 1, "density_activation": "relu"}  # of older checkpoints
@@ -66,6 +67,13 @@ def save_checkpoint(checkpoint: Checkpoint, path):
         raise OSError(f"{path} can't be written ({_first_line(error)})") from error
 
 
+def is_checkpoint(path) -> bool:
+    """Whether a file is a checkpoint of some version, whole or not, or empty."""
+    with open(path, "rb") as stream:
+        start = stream.read(2**20)  # torch writes what is no array first
+    return not start or (start[:2] == b"PK" and FORMAT.rpartition("-")[0].encode() in start)
+
+
 def load_checkpoint(path) -> Checkpoint:
     """Read a checkpoint; its tensors come to the CPU.
 
@@ -81,11 +89,9 @@ def load_checkpoint(path) -> Checkpoint:
     if not zipfile.is_zipfile(path):
         raise CheckpointError(f"{path} can't be read as a checkpoint: it is damaged")
     try:
-        with zipfile.ZipFile(path) as archive:  # torch itself doesn't look at the checksums
-            damaged = archive.testzip()
-        if damaged is not None:
-            raise zipfile.BadZipFile(f"{damaged!r} is damaged")
+        check_archive(path)
         content = torch.load(path, map_location="cpu", weights_only=True)
+        check_tensors(content, path.stat().st_size)
     except UNREADABLE as error:
         raise CheckpointError(
             f"{path} can't be read as a checkpoint: {_first_line(error)}"
@@ -104,10 +110,11 @@ def load_checkpoint(path) -> Checkpoint:
             options["aabb"] = tuple(options["aabb"])
         if content["stage"] not in (1, 2) or not isinstance(content["report"], dict):
             raise KeyError
+        options = checked_options(options)
         return Checkpoint(
-            TrainOptions(**options),
+            options,
             content["stage"],
-            TetMesh(*(tensor.numpy() for tensor in content["mesh"])),
+            checked_mesh(content["mesh"], options),
             content["fit"],
             np.array(content["world_to_model"]),
             content["report"],

@@ -1,0 +1,109 @@
+"""What a checkpoint declares, compared with bounds before anything follows from it.
+
+A file can be forged, or come from a program with a fault.  Its tensors can take no more memory
+than it has bytes, and its options and mesh are those of runs that can be.
+"""
+
+import dataclasses
+import math
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ...field import check_geometry
+from ...geometry import TetMesh, tet_neighbours
+from ..train_options import TrainOptions
+
+BOUNDS = {  # of numbers, both included
+    "spacing": (0.002, 0.5),
+    "coarse_steps": (0, 10**8),
+    "fine_steps": (0, 10**8),
+    "level_count": (1, 10),
+    "table_size_log2": (1, 24),
+    "march_step": (1e-4, 1.0),
+    "samples_per_step": (1, 2**26),
+    "learning_rate": (0.0, 1e3),
+    "distortion": (0.0, 1e6),
+    "seed": (0, 2**63 - 1),
+}
+
+
+def check_archive(path: Path) -> None:
+    """Whether a file's entries are whole, and not larger than the file.
+
+    torch looks at no checksum, and unpacks what is compressed, however long.
+
+    Raises:
+        zipfile.BadZipFile, or what zipfile raises for damaged files.
+    """
+    size = path.stat().st_size
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+        if (
+            any(entry.compress_type != zipfile.ZIP_STORED for entry in entries)
+            or sum(entry.file_size for entry in entries) > size
+        ):
+            raise zipfile.BadZipFile("it is compressed, or declares more than it holds")
+        damaged = archive.testzip()
+        if damaged is not None:
+            raise zipfile.BadZipFile(f"{damaged!r} is damaged")
+
+
+def check_tensors(content, most: int) -> None:
+    """Whether all tensors together have at most so many bytes, also when they are copied.
+
+    A tensor with steps of 0 bytes shows one number as often as it likes.
+    """
+    seen, ahead, total = set(), [content], 0
+    while ahead:
+        value = ahead.pop()
+        if id(value) in seen:
+            continue
+        seen.add(id(value))
+        if isinstance(value, torch.Tensor):
+            total += value.numel() * value.element_size()
+            if value.layout != torch.strided or value.device.type != "cpu" or total > most:
+                raise ValueError("its arrays declare more than it holds")
+        elif isinstance(value, dict):
+            ahead += value.values()
+        elif isinstance(value, list | tuple):
+            ahead += value
+
+
+def checked_options(values: dict) -> TrainOptions:
+    """The options; a ValueError or TypeError if no run has such."""
+    options = TrainOptions(**values)
+    for field in dataclasses.fields(options):
+        value = getattr(options, field.name)
+        if field.name in BOUNDS:
+            low, high = BOUNDS[field.name]
+            kinds = (int,) if field.type is int else (int, float)
+            if type(value) not in kinds or not low <= value <= high:
+                raise ValueError(f"its option {field.name} is {value!r}")
+        elif field.type in (bool, str) and type(value) is not field.type:
+            raise ValueError(f"its option {field.name} is {value!r}")
+    numbers = [*(options.aabb or ()), options.scene_radius or 1.0]
+    if options.aabb is not None and len(options.aabb) != 6:
+        raise ValueError("its box has no six numbers")
+    if not all(type(n) in (int, float) and math.isfinite(n) for n in numbers):
+        raise ValueError("its box is not finite")
+    return options
+
+
+def checked_mesh(tensors, options: TrainOptions) -> TetMesh:
+    """The mesh; a ValueError if its indices lead out of it, or if no ray can meet it."""
+    mesh = TetMesh(*(tensor.numpy() for tensor in tensors))
+    kinds = mesh.rest_vertices.dtype, mesh.addresses.dtype, mesh.tets.dtype
+    if kinds != (np.float64, np.int32, np.int32) or mesh.tet_count == 0:
+        raise ValueError("its mesh is of another kind")
+    limit = 2**20 >> (options.level_count - 1)
+    if (
+        not np.isfinite(mesh.rest_vertices).all()
+        or not (0 <= mesh.tets.min() and mesh.tets.max() < mesh.vertex_count)
+        or not (0 <= mesh.addresses.min() and mesh.addresses.max() < limit)
+    ):
+        raise ValueError("its mesh is damaged")
+    check_geometry(mesh, tet_neighbours(mesh.tets), options.march_step)
+    return mesh
