@@ -291,7 +291,7 @@ def full_disk(*_, **__):
 def test_a_full_disk_leaves_the_checkpoint_and_says_so(call, trainer, data, tmp_path, monkeypatch):
     monkeypatch.setattr(np, "savez", full_disk)
     output, checkpoint_path = tmp_path / "m.npz", tmp_path / "m.checkpoint"
-    checkpoint_path.write_text("the run")
+    checkpoint_path.write_text("PK deformrf-checkpoint-1: the run")
     trainer.trained.resumable = True
     result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
     assert result.code == INPUT_ERROR
@@ -299,14 +299,14 @@ def test_a_full_disk_leaves_the_checkpoint_and_says_so(call, trainer, data, tmp_
         f"deformrf-train: can't write {output}: No space left on device; the run is kept in "
         f"{checkpoint_path}: make room, then add --resume\n"
     )
-    assert checkpoint_path.read_text() == "the run"
+    assert checkpoint_path.read_text().endswith("the run")
     assert not output.exists()
 
 
 def test_a_full_disk_without_a_checkpoint_promises_none(call, trainer, data, tmp_path, monkeypatch):
     """A file that another run left is not this run's checkpoint."""
     monkeypatch.setattr(np, "savez", full_disk)
-    (tmp_path / "m.checkpoint").write_text("another run")
+    (tmp_path / "m.checkpoint").write_text("PK deformrf-checkpoint-1: another run")
     trainer.trained.interrupted = True
     output = tmp_path / "m.npz"
     result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
