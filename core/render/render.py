@@ -26,9 +26,13 @@ from .rays import (
     Entries,
     FaceRectangles,
     Pose,
+    ball_around,
+    begin_at_ball,
+    camera_rays,
     camera_rays_kernel,
     device_camera,
     empty_rays,
+    is_far,
 )
 from .render_options import RenderOptions, checked
 from .rounds import HostRounds, empty_pixels, resolve
@@ -127,14 +131,15 @@ class Renderer:
         options = checked(options, self.field.layout.level_count)
         self._find_overlap(options)
         rays = empty_rays(len(origins), self.device)
-        rays.origins.assign(np.ascontiguousarray(origins, np.float32))
-        rays.directions.assign(np.ascontiguousarray(directions, np.float32))
+        ball = ball_around(self.pose.vertices.numpy())
+        skipped = begin_at_ball(rays, origins, directions, ball)
         pixels, _ = self._trace(rays, options)
         transmittance = pixels.transmittance.numpy()
         self.stage.collect()
         opacity = 1.0 - transmittance
         color = pixels.color.numpy() + transmittance[:, None] * np.float32(options.background)
-        return color, opacity, pixels.depth.numpy() / np.maximum(opacity, 1e-6)
+        depth = pixels.depth.numpy() / np.maximum(opacity, 1e-6)
+        return color, opacity, depth + np.where(opacity > 0.0, skipped, 0.0)
 
     def _find_overlap(self, options) -> bool:
         """Prepare sorting and merging if rays may be tangled; returns whether they may."""
@@ -180,11 +185,13 @@ class Renderer:
         self._find_overlap(options)
         # On CUDA, many rays search at once.
         faces = None if self.device.is_cuda else FaceRectangles(camera, self.pose)
+        ball = None if self.device.is_cuda else ball_around(self.pose.vertices.numpy())
+        ball = ball if is_far(camera.position, ball) else None
 
         def render_tile(span):
             part = slice(*(pixel - first_pixel for pixel in span))
             tile = {name: array[part] for name, array in arrays.items()}
-            return self._render_tile(camera, options, span[0], tile, faces)
+            return self._render_tile(camera, options, span[0], tile, faces, ball)
 
         if self.device.is_cuda:
             starts = [*range(first_pixel, first_pixel + count, CUDA_TILE_RAYS), first_pixel + count]
@@ -200,15 +207,20 @@ class Renderer:
         images = {name: array.reshape(shape) for name, array in arrays.items()}
         return Image(**images, sample_count=sample_count)
 
-    def _render_tile(self, camera, options, first_pixel, tile, faces) -> int:
+    def _render_tile(self, camera, options, first_pixel, tile, faces, ball) -> int:
         count = len(tile["color"])
         rays = empty_rays(count, self.device)
-        inputs = [device_camera(camera), first_pixel]
-        outputs = [rays.origins, rays.directions]
-        wp.launch(camera_rays_kernel, count, inputs, outputs, device=self.device)
+        if ball is None:
+            inputs = [device_camera(camera), first_pixel]
+            outputs = [rays.origins, rays.directions]
+            wp.launch(camera_rays_kernel, count, inputs, outputs, device=self.device)
+        else:  # of a far camera
+            skipped = begin_at_ball(rays, *camera_rays(camera, first_pixel, count), ball)
         with self.stage("march"):
             entries = faces.entries(rays, first_pixel) if faces and faces.known else None
         pixels, sample_count = self._trace(rays, options, entries)
+        if ball is not None:
+            pixels.depth.numpy()[:] += (1.0 - pixels.transmittance.numpy()) * skipped
         resolve(pixels, options.background, tile["color"], tile["depth"])
         if options.details:
             inputs = [self._tet_ids, pixels.tet]

@@ -5,10 +5,12 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "approach": ["ball_around", "begin_at_ball", "is_far"],
         "camera": [
             "Camera",
             "DeviceCamera",
             "camera_ray",
+            "camera_rays",
             "camera_rays_kernel",
             "device_camera",
         ],

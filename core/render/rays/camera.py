@@ -116,14 +116,18 @@ def view_projection(camera: Camera, near: float, far: float):
     return np.array(projection) @ np.linalg.inv(camera.camera_to_world)
 
 
-def camera_rays(camera: Camera):
-    """One ray per pixel, row by row: origins and unit directions, each [H·W, 3] float64."""
+def camera_rays(camera: Camera, first_pixel=0, count=None):
+    """One ray per pixel, row by row: origins and unit directions, each [H·W, 3] float64.
+
+    Or those of the pixels first_pixel, first_pixel + 1, ...: [count, 3]
+    """
     lens, camera_to_world = camera.lens, np.asarray(camera.camera_to_world, float)
-    u, v = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
+    pixels = np.arange(first_pixel, first_pixel + (count or lens.width * lens.height))
+    u, v = pixels % lens.width + 0.5, pixels // lens.width + 0.5
     x, y = undistort(
         lens, (u - lens.center[0]) / lens.focal[0], (v - lens.center[1]) / lens.focal[1]
     )
-    local = np.stack([x, -y, -np.ones_like(x)], axis=-1).reshape(-1, 3)
+    local = np.stack([x, -y, -np.ones_like(x)], axis=-1)
     if camera.parallel:
         aside = local * [1.0, 1.0, 0.0] @ camera_to_world[:3, :3].T
         return camera_to_world[:3, 3] + aside, np.broadcast_to(camera.forward, aside.shape)

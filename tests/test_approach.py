@@ -1,0 +1,66 @@
+"""A camera may be any distance away: the image, and what float32 keeps of it, stay the same."""
+
+import numpy as np
+import pytest
+
+from deformrf.core.render import Renderer, RenderOptions, look_at, reference
+from deformrf.core.render.rays import FaceRectangles, ball_around, begin_at_ball, empty_rays
+from deformrf.core.render.rays.camera import Camera, camera_rays
+from deformrf.core.render.rays.entries import UNKNOWN
+from deformrf.core.render.rays.lens import pinhole
+
+SIZE = 24
+
+
+@pytest.fixture(scope="module")
+def renderer(make_ball_field):
+    return Renderer(make_ball_field(4), "cpu")
+
+
+def view(distance, size=SIZE):
+    """The object fills the image, at every distance."""
+    eye = 0.5 + distance * np.array([0.48, -0.6, 0.64])
+    return Camera(look_at(eye, (0.5, 0.5, 0.5)), pinhole(1.2 * size * distance, size, size))
+
+
+def exact(renderer, origins, directions):
+    field = renderer.field
+    vertices = field.mesh.rest_vertices.astype(np.float32)
+    return reference.render_rays(field, vertices, origins, directions, (1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize("distance", [12.0, 1e3, 1e6])
+def test_the_image_is_that_of_the_definition(renderer, distance):
+    origins, directions = camera_rays(view(distance))
+    color, opacity, depth = exact(renderer, origins, directions)
+    options = RenderOptions(conformance=True)
+    found = renderer.render_rays(origins, directions, options)
+    wrong = np.abs(found[0] - color).max(axis=1) > 2 / 255
+    assert wrong.mean() <= 0.01 and np.abs(found[0] - color).mean() < 0.1 / 255
+    seen = (opacity > 0.5) & ~wrong
+    np.testing.assert_allclose(found[2][seen], depth[seen], rtol=1e-6, atol=2e-3)
+    image = renderer.render(view(distance), options)
+    off = np.abs(image.color_array()[..., :3].reshape(-1, 3) - 255.0 * color).max(axis=1)
+    assert (off > 2.6).mean() <= 0.01
+    np.testing.assert_allclose(image.depth_array().ravel()[seen], depth[seen], rtol=1e-6, atol=2e-3)
+
+
+def test_rays_from_afar_find_their_entries_without_a_search(renderer):
+    camera = view(1e3, 80)
+    rays = empty_rays(80 * 80, "cpu")
+    begin_at_ball(rays, *camera_rays(camera), ball_around(renderer.pose.vertices.numpy()))
+    entries = FaceRectangles(camera, renderer.pose).entries(rays, 0)
+    count = entries.count.numpy()
+    assert (count == UNKNOWN).sum() <= 0.01 * (count != 0).sum()
+
+
+def test_rays_from_nearby_and_from_nowhere_stay_what_they_are(renderer):
+    rays = empty_rays(2, "cpu")
+    origins, directions = (
+        np.array([[0.5, 0.5, 3.0], [1e9, 0, 0]]),
+        np.array([[0, 0, -1.0], [1, 0, 0]]),
+    )
+    ball = ball_around(renderer.pose.vertices.numpy())
+    assert (begin_at_ball(rays, origins, directions, ball) == 0.0).all()  # the second looks away
+    np.testing.assert_array_equal(rays.origins.numpy(), origins.astype(np.float32))
+    assert ball_around(np.array([[0.0, 0.0, np.inf]])) is None
