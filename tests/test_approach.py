@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.render import Renderer, RenderOptions, look_at, reference
-from deformrf.core.render.rays import FaceRectangles, ball_around, begin_at_ball, empty_rays
+from deformrf.core.render.rays import ASIDE, FaceRectangles, ball_around, begin_at_ball, empty_rays
 from deformrf.core.render.rays.camera import Camera, camera_rays
 from deformrf.core.render.rays.entries import UNKNOWN
 from deformrf.core.render.rays.lens import pinhole
@@ -58,9 +58,34 @@ def test_rays_from_nearby_and_from_nowhere_stay_what_they_are(renderer):
     rays = empty_rays(2, "cpu")
     origins, directions = (
         np.array([[0.5, 0.5, 3.0], [1e9, 0, 0]]),
-        np.array([[0, 0, -1.0], [1, 0, 0]]),
+        np.array([[0.48, 0.6, -0.64], [0.8, 0.36, 0.48]]),
     )
     ball = ball_around(renderer.pose.vertices.numpy())
     assert (begin_at_ball(rays, origins, directions, ball) == 0.0).all()  # the second looks away
     np.testing.assert_array_equal(rays.origins.numpy(), origins.astype(np.float32))
     assert ball_around(np.array([[0.0, 0.0, np.inf]])) is None
+
+
+def lattice_rays(field, count):
+    """Rays along the axes through vertices, edges and faces of a mesh whose spacing is 0.06."""
+    rng = np.random.default_rng()
+    points = field.mesh.rest_vertices[rng.integers(field.mesh.vertex_count, size=count)].copy()
+    points = np.where(rng.random((count, 1)) < 0.5, points, np.round(points / 0.015) * 0.015)
+    axis, sign = rng.integers(3, size=count), rng.choice([-1.0, 1.0], count)
+    directions = np.zeros((count, 3))
+    directions[np.arange(count), axis] = sign
+    points[np.arange(count), axis] = 0.5 - 2.0 * sign
+    rays = np.unique(np.concatenate([points, directions], axis=1), axis=0)
+    return rays[:, :3].astype(np.float32).astype(float), rays[:, 3:]
+
+
+def test_rays_along_edges_and_faces_see_one_side(make_ball_field):
+    """The definition counts a face's piece once, and the walk doesn't leave through an edge."""
+    field = make_ball_field(1, spacing=0.06, occupied_share=1.0)
+    renderer = Renderer(field, "cpu")
+    origins, directions = lattice_rays(field, 600)
+    beside, _, _ = exact(renderer, origins + ASIDE, directions)
+    color, _, _ = exact(renderer, origins, directions)
+    found, _, _ = renderer.render_rays(origins, directions, RenderOptions(conformance=True))
+    assert (np.abs(color - beside).max(axis=1) > 0.02).mean() <= 0.02
+    assert (np.abs(found - beside).max(axis=1) > 0.02).mean() <= 0.01

@@ -17,8 +17,9 @@ from itertools import pairwise
 import numpy as np
 
 from ..field import TetField, is_occupied_reference
-from .rays import tet_frames_reference
+from .rays import ASIDE, tet_frames_reference
 
+ROUNDING = 1e-12  # relative; what is smaller counts as 0
 EVALUATE_CHUNK = 1 << 18  # samples per call of the field: bounds the memory
 
 
@@ -37,11 +38,17 @@ def ray_pieces(field: TetField, vertices, origins, directions):
     for ray, (o, d) in enumerate(zip(origins, directions, strict=True)):
         alpha = gradients[:, :, :3] @ o + gradients[:, :, 3]
         slope = gradients[:, :, :3] @ d
+        # A ray within a face belongs to the tet that it is in when it is moved by ASIDE.
+        steepest = np.linalg.norm(gradients[:, :, :3], axis=2)
+        slope[np.abs(slope) <= ROUNDING * steepest] = 0.0
+        aside = gradients[:, :, :3] @ ASIDE
+        on_face = np.abs(alpha) <= ROUNDING * (1.0 + steepest * np.linalg.norm(o))
+        beyond = np.where(on_face, aside, alpha) < 0
         with np.errstate(divide="ignore", invalid="ignore"):
             crossing = -alpha / slope
         t_in = np.where(slope > 0, crossing, -np.inf).max(axis=1)
         t_out = np.where(slope < 0, crossing, np.inf).min(axis=1)
-        outside = ((slope == 0) & (alpha < 0)).any(axis=1)
+        outside = ((slope == 0) & beyond).any(axis=1)
         t_in = np.maximum(t_in, 0.0)
         tet = np.flatnonzero((t_out > t_in) & ~outside & (fades > 0))
         speed = np.linalg.norm(inverse_f[tet] @ d, axis=1)

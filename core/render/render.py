@@ -33,6 +33,8 @@ from .rays import (
     device_camera,
     empty_rays,
     is_far,
+    move_aside,
+    moved_aside,
 )
 from .render_options import RenderOptions, checked
 from .rounds import HostRounds, empty_pixels, resolve
@@ -111,6 +113,8 @@ class Renderer:
             ValueError: See render_options.checked.
         """
         options = checked(options, self.field.layout.level_count)
+        if self.device.is_cuda:
+            camera = moved_aside(camera)  # on a CPU each ray is looked at
         fast = options.path == "auto" and options.half and not options.details
         fast = fast and self.shading.evaluate_slots is not None
         way = self._render_wavefront if fast else self._render_tiles
@@ -214,6 +218,8 @@ class Renderer:
             inputs = [device_camera(camera), first_pixel]
             outputs = [rays.origins, rays.directions]
             wp.launch(camera_rays_kernel, count, inputs, outputs, device=self.device)
+            if self.device.is_cpu:
+                move_aside(rays)
         else:  # of a far camera
             skipped = begin_at_ball(rays, *camera_rays(camera, first_pixel, count), ball)
         with self.stage("march"):

@@ -5,7 +5,14 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "approach": ["ball_around", "begin_at_ball", "is_far"],
+        "approach": [
+            "ASIDE",
+            "ball_around",
+            "begin_at_ball",
+            "is_far",
+            "move_aside",
+            "moved_aside",
+        ],
         "camera": [
             "Camera",
             "DeviceCamera",

@@ -1,14 +1,24 @@
-"""Rays of a far camera begin close to the mesh: float32 would lose their t to the distance.
+"""Where rays begin, so that float32 is enough: beside edges, and close to the mesh.
+
+A ray along an edge or within a face meets tets on both sides in an interval, or neither: rounding
+decides at each face anew, and a walk can leave the mesh there.  Lattices have such rays in every
+view along an axis, and in planes.  So rays that are parallel to a plane of the lattice's axes are
+moved by ASIDE, and see one of the two sides.
 
 A t is kept to 6e-8 of itself, and a face is found within 4e-6, so an object is drawn well from up
 to some ten times its size away.  From farther, rays are computed in float64 and begin at the ball
 around the mesh; what they skip is added to their depth.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
+from .camera import Camera
 from .marching import Rays
 
+ASIDE = 2e-6 * np.array([0.4124, 0.5763, 0.7056])  # some units in the last place of 1
+PARALLEL = 1e-7  # a component of a unit direction
 FAR = 8.0  # radii of the ball around the mesh, from its center
 GAP = 0.05  # of a radius: rays begin that far before the ball
 
@@ -26,13 +36,35 @@ def is_far(origin, ball) -> bool:
     return ball is not None and np.linalg.norm(np.asarray(origin) - ball[0]) > FAR * ball[1]
 
 
+def is_parallel(directions):
+    """Whether unit directions [..., 3] are parallel to a plane of two axes."""
+    return (np.abs(directions) < PARALLEL).any(axis=-1)
+
+
+def move_aside(rays: Rays) -> None:
+    """Move the rays that may be in faces; on the CPU."""
+    chosen = is_parallel(rays.directions.numpy())
+    if chosen.any():
+        rays.origins.numpy()[chosen] += ASIDE.astype(np.float32)
+
+
+def moved_aside(camera: Camera) -> Camera:
+    """A camera whose parallel rays are moved, if they may be in faces."""
+    if not camera.parallel or not is_parallel(camera.forward):
+        return camera
+    pose = np.array(camera.camera_to_world, float)
+    pose[:3, 3] += ASIDE
+    return replace(camera, camera_to_world=pose)
+
+
 def begin_at_ball(rays: Rays, origins, directions, ball):
-    """Give rays their origins [R, 3] and unit directions; those from afar begin at the ball.
+    """Give rays origins [R, 3] and unit directions: beside faces, and not far from the ball.
 
     Returns:
         The t of the beginnings on the given rays, float32 [R].
     """
     origins, directions = np.asarray(origins, float), np.asarray(directions, float)
+    origins = origins + np.where(is_parallel(directions)[:, None], ASIDE, 0.0)
     skipped = np.zeros(len(origins))
     if ball is not None:
         center, radius = ball
