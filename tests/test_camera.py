@@ -10,6 +10,7 @@ from deformrf.core.render import (
     Lens,
     camera_rays,
     from_field_of_view,
+    in_space,
     look_at,
     pinhole,
     view_projection,
@@ -88,3 +89,22 @@ def test_a_shifted_axis_and_unequal_focal_lengths_project_to_their_pixels(camera
     u, v = np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5)
     np.testing.assert_allclose((clip[:, 0] / clip[:, 3] + 1) * 20, u.ravel(), atol=1e-9)
     np.testing.assert_allclose((1 - clip[:, 1] / clip[:, 3]) * 15, v.ravel(), atol=1e-9)
+
+
+def test_a_similarity_takes_cameras_along_with_what_they_see(camera):
+    rng = np.random.default_rng()
+    turn = look_at(rng.normal(size=3), rng.normal(size=3))[:3, :3]
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = 0.3 * turn, rng.normal(size=3)
+    pose = in_space(camera.camera_to_world, matrix)
+    np.testing.assert_allclose(pose[:3, :3], turn @ camera.camera_to_world[:3, :3], atol=1e-12)
+    seen = rng.normal(size=3)  # in the camera's axes
+    before = camera.camera_to_world[:3, :3] @ seen + camera.camera_to_world[:3, 3]
+    after = matrix[:3, :3] @ before + matrix[:3, 3]
+    np.testing.assert_allclose(pose[:3, :3].T @ (after - pose[:3, 3]), 0.3 * seen, atol=1e-12)
+
+
+def test_without_a_rotation_a_cameras_axes_stay_bit_for_bit(camera):
+    matrix = np.diag([0.37, 0.37, 0.37, 1.0])
+    pose = in_space(camera.camera_to_world, matrix)
+    assert (pose[:3, :3] == camera.camera_to_world[:3, :3]).all()

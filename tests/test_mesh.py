@@ -111,3 +111,6 @@ def test_a_hollow_ball_is_filled_and_a_bowl_is_not():
     np.testing.assert_array_equal(filled, radius < 0.4)
     bowl = shell & (middles[:, 2] < 0.1)
     np.testing.assert_array_equal(fill_enclosed(bowl, neighbours), bowl)
+    lid = middles[:, 2] >= 0.1  # it closes the bowl, and isn't added
+    inside = (radius < 0.4) & ~lid
+    np.testing.assert_array_equal(fill_enclosed(bowl, neighbours, lid), inside)

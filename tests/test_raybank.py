@@ -69,3 +69,24 @@ def test_every_pixel_is_as_likely_as_any_other(device):
     often = np.bincount((drawn.rgba.numpy()[:, 0] * 255).round().astype(int), minlength=count)
     # Each is binomial with mean 200 and deviation 14.
     assert np.abs(often - 200).max() < 6 * 14
+
+
+def test_only_pixels_whose_rays_meet_a_box_are_drawn_if_asked_for(device):
+    dataset, box = views(), np.array([[0.45, 0.4, 0.42], [0.6, 0.55, 0.5]])
+    world_to_model = world_to_unit_cube(dataset, radius=1.5)
+    bank = RayBank(dataset, world_to_model, device)
+    bank.draw_from_box(box)
+    drawn = empty_drawn(2000, device)
+    bank.draw(wp.ones(1, dtype=int, device=device), drawn)
+    origins, directions = drawn.origins.numpy(), drawn.directions.numpy()
+
+    def meets(origins, directions):
+        ends = (box[:, None] - origins) / directions
+        return np.min(ends.max(axis=0), axis=1) > np.max(ends.min(axis=0), axis=1)
+
+    assert meets(origins, directions).all()
+    poses = in_space(dataset.poses, world_to_model)
+    rays = [camera_rays(Camera(pose, lens)) for lens, pose in zip(LENSES, poses, strict=True)]
+    expected = sum(meets(*pair).sum() for pair in rays)
+    assert 0 < expected < bank.pixel_count
+    assert len(np.unique(directions.round(6), axis=0)) == expected

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from deformrf.core.field import FieldOptions
-from deformrf.core.geometry import a15_grid
+from deformrf.core.field import FieldOptions, pack_mask, random_field, unpack_mask
+from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.training import DatasetError, trained_tets
-from deformrf.core.training.run import TrainingField
+from deformrf.core.training.data import Plane
+from deformrf.core.training.run import TrainingField, subtet_middles
 
 
 def test_nothing_occupied_is_said_so():
@@ -31,3 +32,49 @@ def test_floaters_are_measured_by_what_is_seen_of_them(share, stays):
     mesh = trained_tets.kept_mesh(stage)
     more = mesh.tet_count - whole.tet_count
     assert count > 5 and more > 1.3 * count if stays else more == 0
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A hollow column on a table, a mug cut by the box's side, a speck; the column's middle."""
+    mesh = a15_grid(0.04)
+    middles = subtet_middles(mesh)
+    x, y, z = np.moveaxis(middles, 2, 0)
+    radius = np.hypot(x - 0.5, y - 0.5)
+    column = (radius < 0.2) & (z > 0.05) & (z < 0.8) & ((radius > 0.13) | (z > 0.73))
+    table = (abs(z - 0.05) < 0.012) & (radius > 0.2)  # what is below the column isn't seen
+    mug = (x > 0.85) & (z > 0.05) & (z < 0.25) & (abs(y - 0.5) < 0.1)
+    speck = np.linalg.norm(middles - [0.15, 0.5, 0.5], axis=2) < 0.03
+    matter = column | table | mug | speck
+    options = FieldOptions(level_count=2, table_size=2**10)
+    field = random_field(mesh, tet_neighbours(mesh.tets), options)
+    field.occupancy[:] = pack_mask(matter)
+    return field, column
+
+
+def test_the_object_is_left_alone_and_solid(scene):
+    field, column = scene
+    box, ground = np.array([[0.0] * 3, [1.0] * 3]), Plane(np.array([0.0, 0.0, 1.0]), 0.05)
+    alone = trained_tets.object_alone(field, box, ground)
+    left = subtet_middles(alone.mesh)[unpack_mask(alone.occupancy)]
+    expected = subtet_middles(field.mesh)[column]
+    edge = 0.022
+    assert left[:, 2].min() > 0.05
+    assert (np.hypot(*(left[:, :2] - 0.5).T) < 0.2 + 1e-6).mean() > 0.995
+    high = expected[:, 2] > 0.05 + edge
+    assert (left[:, 2] > 0.05 + edge).sum() >= 0.99 * high.sum()
+    # The column's inside is not hollow, and no tet lies below the table.
+    middles, whole = (m.rest_vertices[m.tets].mean(axis=1) for m in (alone.mesh, field.mesh))
+
+    def inside(points):
+        radius = np.hypot(*(points[:, :2] - 0.5).T)
+        return ((radius < 0.1) & (points[:, 2] > 0.15) & (points[:, 2] < 0.7)).sum()
+
+    assert inside(middles) == inside(whole) > 50
+    assert middles[:, 2].min() > 0.0
+
+
+def test_without_matter_nothing_is_taken_away(scene):
+    field, _ = scene
+    box, ground = np.array([[0.0] * 3, [1.0] * 3]), Plane(np.array([0.0, 0.0, 1.0]), 5.0)
+    assert trained_tets.object_alone(field, box, ground) is field

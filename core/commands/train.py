@@ -72,7 +72,7 @@ class TrainArguments:
     """Shrink the images to this longer side [pixels]."""
     aabb: Box = None
     """The object's box, lowest and highest corner [the data's units]; else the box in the data,
-    or one around the place that the cameras look at."""
+    the one that is found in photographs, or one around the place that the cameras look at."""
     scene_radius: Number = None
     """The same, for a box from -R to R around the data's origin."""
     surroundings: Literal["auto", "learnt", "white"] = "auto"
@@ -84,7 +84,8 @@ class TrainArguments:
     """Without it colors look the same from all sides, and cost less."""
     leave_out: Words = ()
     """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
-    (tets are occupied as a whole), dense-levels (all are hashed), distortion (no such loss)."""
+    (tets are occupied as a whole), dense-levels (all are hashed), distortion (no such loss),
+    found-box (the object isn't sought: its box is around the place that the cameras look at)."""
     entry_bits: Literal[8, 16] = 8
     """Bits of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
     size: Meters = None
@@ -239,8 +240,13 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
     fields.save(kept, path, entry_bits=arguments.entry_bits)
     if not trained.complete or not test_views:
         return None
-    # The file's rounded field is scored, in front of the surroundings of the photographs.
+    # The file's rounded field is scored, in front of the surroundings of the photographs.  Views
+    # without alpha show what the object stands on, too, which only the whole field has.
     scored = replace(fields.load(path), surroundings=trained.field.surroundings)
+    if trained.whole is not None and not test_views.has_alpha:
+        scored = trained.whole
+    elif test_views.has_alpha and trained.report.get("object_box"):
+        scored = replace(scored, surroundings=None)
     report = training.evaluate(scored, test_views, None, device, model_path=path)
     scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
     try:

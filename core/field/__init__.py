@@ -10,6 +10,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "packing": ["STIFFNESS_RANGE"],
         "bounds": ["check_geometry"],
         "field": ["FieldOptions", "TetField", "random_field"],
+        "reduction": ["reduced"],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
         # For the rooms next door: kernels, their functions and array structs.
         "encoding": [
@@ -52,6 +53,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "is_occupied",
             "is_occupied_reference",
             "occupied_share",
+            "pack_mask",
             "subtet_ahead",
             "subtet_corners",
             "subtet_of",

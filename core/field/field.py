@@ -44,7 +44,7 @@ class TetField:
     density_layers: Layers
     color_layers: Layers
     options: FieldOptions
-    world_to_model: np.ndarray  # [4, 4] uniform scale and translation from the data's space
+    world_to_model: np.ndarray  # [4, 4] similarity from the data's space
     meta: dict = field(default_factory=dict)  # JSON: `training` in docs/model-format.md
     surroundings: Surroundings | None = None
     stiffness: np.ndarray | None = None  # [V] factors of Young's modulus; None: 1 everywhere

@@ -112,14 +112,17 @@ def face_components(neighbours, keep=None):
     return labels
 
 
-def fill_enclosed(occupied, neighbours):
+def fill_enclosed(occupied, neighbours, closed=False):
     """Add the empty tets that no path through empty tets joins to the outside.
+
+    No path leads through tets that are `closed` ([T] bool), but they aren't added for it.
 
     [T] bool -> [T] bool.  The result is solid, as dynamics needs it; the image does not change.
     """
-    labels = face_components(neighbours, ~occupied)
+    is_open = ~(occupied | closed)
+    labels = face_components(neighbours, is_open)
     at_border = (neighbours < 0).any(axis=1)
-    return occupied | ~np.isin(labels, labels[at_border & ~occupied])
+    return occupied | (is_open & ~np.isin(labels, labels[at_border & is_open]))
 
 
 def extract(mesh: TetMesh, keep):

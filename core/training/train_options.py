@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-LEAVE_OUT = ("coarse-stage", "subtet-mask", "dense-levels", "distortion")
+LEAVE_OUT = ("coarse-stage", "subtet-mask", "dense-levels", "distortion", "found-box")
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class TrainOptions:
         view_dependence: Whether color may depend on the direction.
         distortion: Weight of the distortion loss (the paper's 1e-2).
         leave_out: Parts of the method that this scene is learned without, of LEAVE_OUT:
+            "found-box": the object isn't sought, its box lies where the cameras look;
             "coarse-stage": all fine_steps go to all levels on the whole grid, which the model
             then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":
             every level is hashed; "distortion": the loss has no such term.

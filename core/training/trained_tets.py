@@ -1,12 +1,26 @@
 """The tets that a stage trains on: those in the scene box, then those near what stage 1 found."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from ..geometry import TetMesh, extract, face_components, fill_enclosed, tet_neighbours
-from .data import DatasetError
-from .run import TrainingField
+from ..field import TetField, pack_mask, reduced, unpack_mask
+from ..geometry import (
+    TetMesh,
+    extract,
+    face_components,
+    fill_enclosed,
+    signed_volumes,
+    tet_neighbours,
+)
+from .data import DatasetError, Plane
+from .run import TrainingField, subtet_middles
 
 SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters
+SMALLEST_PART = 0.01  # of the object's matter
+# Edges of a sub-tet: what is lower over the ground is the ground's; what is lower than LOW is the
+# object's only if something is ABOVE it, up to ASIDE beside it.
+CLEARANCE, LOW, ABOVE, ASIDE = 0.6, 2.2, 4.4, 1.5
 
 
 def boxed(mesh: TetMesh, box, spacing) -> TetMesh:
@@ -16,8 +30,12 @@ def boxed(mesh: TetMesh, box, spacing) -> TetMesh:
     return mesh if inside.all() else extract(mesh, inside)[0]
 
 
-def kept_mesh(field: TrainingField) -> TetMesh:
+def kept_mesh(field: TrainingField, ground: Plane | None = None) -> TetMesh:
     """The tets of stage 2: occupied, their neighbours, enclosed; no floaters.
+
+    Args:
+        ground: What the object stands on, if that was found.  It closes the object, whose
+            underside no image shows.
 
     Raises:
         DatasetError: Nothing is occupied.
@@ -31,8 +49,93 @@ def kept_mesh(field: TrainingField) -> TetMesh:
         )
     keep, beside = occupied.copy(), neighbours[occupied]
     keep[beside[beside >= 0]] = True
-    keep = fill_enclosed(keep, neighbours)
+    keep = solid(keep, neighbours, closed_by(mesh, ground))
     labels = face_components(neighbours, keep)
     sizes = np.bincount(labels[occupied])  # neighbours would make six times as much of a speck
     keep[keep] = sizes[labels[keep]] >= SMALLEST_COMPONENT * occupied.sum()
     return extract(mesh, keep)[0]
+
+
+def closed_by(mesh: TetMesh, ground: Plane | None):
+    """The tets through which nothing leads out of the object: up to half a tet above ground.  [T]
+
+    They close it below, where no image shows a surface.
+    """
+    if ground is None:
+        return np.zeros(mesh.tet_count, bool)
+    heights = ground.height(mesh.rest_vertices[mesh.tets].mean(axis=1))
+    return heights < 0.5 * regular_edge(mesh)
+
+
+def solid(keep, neighbours, closed):
+    """These tets, what they and the closed ones enclose, and closed ones next to that.  [T] bool"""
+    filled = fill_enclosed(keep, neighbours, closed)
+    beside = neighbours[filled & ~keep]
+    filled[beside[beside >= 0]] = True
+    return filled
+
+
+def object_alone(field: TetField, box, ground: Plane | None) -> TetField:
+    """What stands on the ground in the middle of a box, without the ground and what is beside it.
+
+    Matter is counted in occupied sub-tets.  The largest connected part is the object; parts of
+    less than 1 % go, and so do those at the box's sides, which go on outside of it.
+
+    Args:
+        box: The object's, in model space.  [2, 3]
+        ground: In model space; None if the object stands on nothing.
+    """
+    mesh, neighbours = field.mesh, field.neighbours
+    matter = unpack_mask(field.occupancy)
+    is_ground = np.zeros(mesh.tet_count, bool)
+    if ground is not None:
+        edge = 0.25 * regular_edge(mesh)  # of a sub-tet
+        places = subtet_middles(mesh)
+        heights = ground.height(places)
+        matter &= heights > CLEARANCE * edge
+        matter[matter] = carried(places[matter], ground, edge)
+        is_ground = (heights < CLEARANCE * edge).all(axis=1)
+    occupied = matter.any(axis=1)
+    if not occupied.any():
+        return field
+    labels = face_components(neighbours, occupied)
+    sizes = np.bincount(labels[occupied], matter.sum(axis=1)[occupied])
+    middles = mesh.rest_vertices[mesh.tets].mean(axis=1)
+    reach = 0.5 * regular_edge(mesh)
+    sides = [0, 1] if ground is None else np.flatnonzero(abs(ground.normal) < 0.5)
+    at_side = ((middles < box[0] + reach) | (middles > box[1] - reach))[:, sides].any(axis=1)
+    touches = np.bincount(labels[occupied], at_side[occupied]) > 0
+    stays = (sizes >= SMALLEST_PART * sizes.sum()) & ~touches
+    stays[sizes.argmax()] = True
+    occupied &= stays[labels]
+    keep, beside = occupied.copy(), neighbours[occupied]
+    keep[beside[beside >= 0]] = True
+    keep = solid(keep, neighbours, closed_by(mesh, ground)) & ~is_ground
+    matter &= occupied[:, None]
+    return reduced(replace(field, occupancy=pack_mask(matter)), keep)
+
+
+def carried(places, ground: Plane, edge):
+    """Whether sub-tets are more than a layer of the ground: high, or below others.  [n] bool
+
+    Args:
+        places: Their middles.  [n, 3]
+        edge: Their edges' length.
+    """
+    from scipy.spatial import cKDTree
+
+    heights = ground.height(places)
+    flat = places - heights[:, None] * ground.normal
+    low = heights < LOW * edge
+    above = ~low & (heights < ABOVE * edge)
+    stays = ~low
+    if low.any() and above.any():
+        distances = cKDTree(flat[above]).query(flat[low], distance_upper_bound=ASIDE * edge)[0]
+        stays[low] = np.isfinite(distances)
+    return stays
+
+
+def regular_edge(mesh: TetMesh) -> float:
+    """The edge of a regular tet of the mesh's mean volume."""
+    volume = signed_volumes(mesh.rest_vertices, mesh.tets).mean()
+    return float(np.cbrt(6.0 * np.sqrt(2.0) * volume))

@@ -13,7 +13,7 @@ all of those tets, the empty ones too.
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
@@ -25,7 +25,16 @@ from ..device import start_warp
 from ..field import FieldOptions, TetField, below_pixel, level_edges, narrowest_pixel
 from ..geometry import TetMesh, a15_grid
 from ..render import in_space
-from .data import Dataset, RayBank, learns_surroundings, object_box, world_to_unit_cube
+from .data import (
+    Dataset,
+    Plane,
+    RayBank,
+    learns_surroundings,
+    object_box,
+    seeks_object,
+    world_to_unit_cube,
+)
+from .finding import Found, ground_under, search
 from .run import (
     ALLOCATION_ERRORS,
     ALONE,
@@ -46,11 +55,10 @@ from .run import (
     random_surroundings,
     save_checkpoint,
 )
+from .stages import coarse_options, field_options
 from .train_options import TrainOptions
-from .trained_tets import boxed, kept_mesh
+from .trained_tets import boxed, kept_mesh, object_alone
 
-COARSE_LEVELS = 4
-COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
 UNSEEN_WEIGHT = 1e-3  # a sub-tet in which no sample weighs as much is hidden
 COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
 COARSE_LOOK, FINE_LOOK = 4, 16  # rays that look for it, over the samples of a step
@@ -80,6 +88,7 @@ class Trained:
     diverged: str | None = None  # why it ended early, a sentence
     out_of_memory: str | None = None  # a sentence, if what no image sees could not be hidden
     resumable: bool = False  # whether `checkpoint_path` holds a checkpoint of this run
+    whole: TetField | None = None  # with all that is in the object's box, as photographs show it
 
     @property
     def complete(self) -> bool:
@@ -174,6 +183,9 @@ class _Run:
             }
         self.report["workers"] = self.workers.count
         self.box = object_box(self.world_to_model, self.options.aabb)
+        self.found = Found.of_report(self.report)
+        if self.found:
+            self.box = self.found.box
 
     def train(self) -> Trained:
         try:
@@ -184,12 +196,16 @@ class _Run:
             raise self._out_of_memory(error) from error
 
     def _train(self) -> Trained:
+        if not self.resumed and seeks_object(self.dataset, self.options):
+            self._find_object()
         if learns_surroundings(self.options.surroundings, self.dataset):
             start = random_surroundings(self.box, self.options.seed)
             self.surroundings = LearnedSurroundings(start, self.device)
         interrupted, diverged, out_of_memory = False, None, None
         try:
             self.bank = RayBank(self.dataset, self.world_to_model, self.device)
+            if self.found:
+                self.bank.draw_from_box(self.found.seen)
             if self.resumed:  # another version's grid may order corners otherwise
                 mesh = self.resumed.mesh
             else:
@@ -208,6 +224,18 @@ class _Run:
             diverged = str(error)
         return self._result(interrupted, diverged, out_of_memory)
 
+    def _find_object(self):
+        """Look where the object is; if that is clear, its upright box is what is trained."""
+        seed = self.options.seed
+        self.found, place = search(self.dataset, seed, self.device, self.workers, self.progress)
+        if self.found:
+            self.world_to_model, self.box = place, self.found.box
+            self.report |= self.found.as_report()
+
+    def _ground(self) -> Plane | None:
+        """What the object that was found stands on, where the field has it now."""
+        return self.found and ground_under(self.found, self.field, self.bank, self.workers)
+
     def _train_coarse(self, mesh) -> TetMesh:
         """Stage 1; the tets that it keeps."""
         self._train_stage(1, mesh, coarse_options(self.options), self.options.coarse_steps)
@@ -218,7 +246,7 @@ class _Run:
         self._hide_unseen(COARSE_LOOK, COARSE_UNSEEN_WEIGHT)
         self.report["stage_1_seconds"] = self._seconds()
         self.report["stage_1_tet_count"] = mesh.tet_count
-        return kept_mesh(self.field)
+        return kept_mesh(self.field, self._ground())
 
     def _train_fine(self, mesh) -> str | None:
         """Stage 2; a sentence if a single worker lacks the memory to hide what no image sees."""
@@ -241,6 +269,7 @@ class _Run:
             self.surroundings,
             "subtet-mask" not in self.options.leave_out,
             self.workers,
+            self.found and self.found.room,
         )
         if field.device.is_cuda:
             torch.cuda.reset_peak_memory_stats()
@@ -357,8 +386,10 @@ class _Run:
             report["peak_memory_bytes"] = self.memory
         report["device"] = field.device.name
         report["levels_below_pixel"] = self._levels_below_pixel()
-        field = self._export()
-        return Trained(field, report, interrupted, diverged, out_of_memory, self.resumable)
+        alone = whole = self._export()
+        if self.found:  # without what it stands on
+            alone = object_alone(whole, self.found.box, self._ground())
+        return Trained(alone, report, interrupted, diverged, out_of_memory, self.resumable, whole)
 
     def _levels_below_pixel(self) -> list[int]:
         """Levels that no training image could tell apart."""
@@ -368,23 +399,3 @@ class _Run:
         pixel = narrowest_pixel(positions, focals, mesh.rest_vertices)
         edges = level_edges(mesh, self.field.options.level_count)
         return np.flatnonzero(below_pixel(edges, pixel)).tolist()
-
-
-def field_options(options: TrainOptions) -> FieldOptions:
-    return FieldOptions(
-        level_count=options.level_count,
-        table_size=2**options.table_size_log2,
-        march_step=options.march_step,
-        view_dependence=options.view_dependence,
-        dense_levels="dense-levels" not in options.leave_out,
-    )
-
-
-def coarse_options(options: TrainOptions) -> FieldOptions:
-    """The field of stage 1."""
-    fine = field_options(options)
-    return replace(
-        fine,
-        level_count=min(COARSE_LEVELS, options.level_count),
-        march_step=COARSE_STEP_FACTOR * fine.march_step,
-    )

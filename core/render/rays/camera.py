@@ -86,11 +86,13 @@ def look_at(eye, target, up=(0.0, 0.0, 1.0)):
 
 
 def in_space(poses, matrix):
-    """Camera-to-world matrices [..., 4, 4] after a uniform scale and a translation [4, 4].
+    """Camera-to-world matrices [..., 4, 4] after a similarity [4, 4]: positions and axes turn.
 
-    Positions are mapped; rotations, and so directions, stay what they are.
+    Without a rotation in it the axes stay what they are, bit for bit.
     """
-    poses = np.array(poses, float)
+    poses, linear = np.array(poses, float), matrix[:3, :3]
+    if (linear != np.diag(np.diag(linear))).any():
+        poses[..., :3, :3] = linear / np.cbrt(np.linalg.det(linear)) @ poses[..., :3, :3]
     poses[..., :3, 3] = poses[..., :3, 3] @ matrix[:3, :3].T + matrix[:3, 3]
     return poses
 

@@ -69,7 +69,8 @@ class HostRounds:
         most = CPU_SLOTS // slot_count
         if self._pose.device.is_cuda or len(alive) <= most:
             return [alive]
-        return [alive[k : k + most] for k in range(0, len(alive), most)]
+        count = len(alive)  # Warp takes no slice beyond the end
+        return [alive[k : min(k + most, count)] for k in range(0, count, most)]
 
     def _march(self, rays, entries, alive, slot_count, options):
         """One round's samples of the rays `alive` in slots, and how many each ray has."""

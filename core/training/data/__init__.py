@@ -17,6 +17,16 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         ],
         "posed_images": ["DatasetError", "NoImagesError", "NoSplitError"],
         "raybank": ["Drawn", "RayBank"],
-        "scene_box": ["learns_surroundings", "object_box", "world_to_unit_cube"],
+        "found_object": ["FoundObject", "Plane", "find_object", "ground_of"],
+        "scene_box": [
+            "REACH",
+            "box_to_unit_cube",
+            "found_to_unit_cube",
+            "learns_surroundings",
+            "object_box",
+            "seeks_object",
+            "world_to_unit_cube",
+        ],
+        "views": ["focus"],
     },
 )

@@ -20,6 +20,7 @@ from .posed_images import (
     is_of_split,
     rigid_pose,
 )
+from .views import upright
 
 # Where each model has fx, fy, cx, cy, k1, k2, p1, p2 among its parameters; None is zero.
 PARAMETERS = {
@@ -40,6 +41,33 @@ def sparse_folder(folder) -> Path | None:
 
 def read(folder, split):
     """The images of a split, those missing, no box; ModuleNotFoundError without pycolmap."""
+    sparse, reconstruction, registered, poses = reconstruction_of(folder)
+    cameras = [camera_of(reconstruction, image, sparse) for image in registered]
+    turn = turn_upright(poses)
+    found, missing = [], []
+    for index, (image, pose, camera) in enumerate(zip(registered, poses, cameras, strict=True)):
+        if not is_of_split(index, len(registered), split):
+            continue
+        if path := existing(folder / "images", image.name):
+            lens, size = lens_reader(camera, image.name, sparse), (camera.width, camera.height)
+            found.append(PosedImage(path, turn @ pose, lens, size))
+        else:
+            missing.append(f"images/{image.name}")
+    return found, missing, None
+
+
+def read_points(folder):
+    """The reconstruction's points, in the world that `read` turns.  [n, 3]"""
+    _, reconstruction, _, poses = reconstruction_of(folder)
+    points = np.array([point.xyz for point in reconstruction.points3D.values()]).reshape(-1, 3)
+    return points @ turn_upright(poses)[:3, :3].T
+
+
+def reconstruction_of(folder):
+    """The folder of a reconstruction, itself, its images in the order of their names, their poses.
+
+    DatasetError if it can't be read; ModuleNotFoundError without pycolmap.
+    """
     import pycolmap
 
     sparse = sparse_folder(folder)
@@ -51,19 +79,7 @@ def read(folder, split):
         raise DatasetError(f"{sparse} can't be read by pycolmap: {reason}") from None
     if not registered:
         raise DatasetError(f"{sparse} holds no registered images")
-    poses = [pose_of(image) for image in registered]
-    cameras = [camera_of(reconstruction, image, sparse) for image in registered]
-    turn = upright(np.mean([pose[:3, 1] for pose in poses], axis=0))
-    found, missing = [], []
-    for index, (image, pose, camera) in enumerate(zip(registered, poses, cameras, strict=True)):
-        if not is_of_split(index, len(registered), split):
-            continue
-        if path := existing(folder / "images", image.name):
-            lens, size = lens_reader(camera, image.name, sparse), (camera.width, camera.height)
-            found.append(PosedImage(path, turn @ pose, lens, size))
-        else:
-            missing.append(f"images/{image.name}")
-    return found, missing, None
+    return sparse, reconstruction, registered, [pose_of(image) for image in registered]
 
 
 def pose_of(image):
@@ -83,16 +99,10 @@ def camera_of(reconstruction, image, sparse):
     return reconstruction.cameras[image.camera_id]
 
 
-def upright(up):
-    """The smallest rotation that takes a direction to +z.  [4, 4]"""
-    up = np.asarray(up, float) / max(np.linalg.norm(up), 1e-12)
-    z = np.array([0.0, 0.0, 1.0])
-    axis, cosine = np.cross(up, z), up @ z
-    if cosine < -0.999999:
-        return np.diag([1.0, -1.0, -1.0, 1.0])
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+def turn_upright(poses):
+    """The rotation of the world that takes the cameras' mean up direction to +z.  [4, 4]"""
     turn = np.eye(4)
-    turn[:3, :3] += cross + cross @ cross / (1.0 + cosine)
+    turn[:3, :3] = upright(np.mean([pose[:3, 1] for pose in poses], axis=0))
     return turn
 
 

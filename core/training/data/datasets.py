@@ -19,6 +19,7 @@ from PIL import Image
 from rich import progress
 from rich.console import Console
 
+from ...capture import load_points
 from ...device import thread_count
 from ...images import ImageError, open_image, orientation, rgba
 from ...memory import free_bytes
@@ -50,6 +51,8 @@ class Dataset:
         split: "train", "test", ...
         missing: Images that the files name but that are not there.
         bounds: Lowest and highest corner of the object's box, if the files have one.  [2, 3]
+        points: Places on surfaces that were found along with the cameras, if the files have such,
+            and if it is for training.  [n, 3]
     """
 
     pixels: np.ndarray
@@ -59,6 +62,7 @@ class Dataset:
     split: str
     missing: tuple[str, ...] = ()
     bounds: np.ndarray | None = None
+    points: np.ndarray | None = None
 
     def __post_init__(self):
         assert len(self.lenses) == len(self.names) == len(self.poses)
@@ -116,6 +120,7 @@ def load_dataset(
         if value is not None and value < 1:
             raise DatasetError(f"The {name} is {value}: it has to be at least 1")
     images, missing, bounds = list_images(Path(folder), split, outside)
+    points = sparse_points(Path(folder), split) if for_training else None
     if not images and not missing:
         raise NoSplitError(f"the data set names no {split} images")
     if not images:
@@ -138,7 +143,7 @@ def load_dataset(
     pixels = read_images(images, lenses, threads)
     poses = np.stack([image.camera_to_world for image in images])
     names = tuple(image.path.stem for image in images)
-    return Dataset(pixels, poses, tuple(lenses), names, split, tuple(missing), bounds)
+    return Dataset(pixels, poses, tuple(lenses), names, split, tuple(missing), bounds, points)
 
 
 def list_images(folder, split, outside=False):
@@ -173,6 +178,23 @@ def read_layout(folder, split):
         f"{folder} holds no transforms_{split}.json (transforms files there: {others}), and "
         f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP)"
     )
+
+
+def sparse_points(folder, split):
+    """Points that were found along with the cameras; None without any.  [n, 3]
+
+    Raises:
+        DatasetError: Their file is damaged.
+    """
+    if transforms.transforms_path(folder, split):
+        try:
+            sparse = load_points(folder)
+        except ValueError as error:
+            raise DatasetError(str(error)) from None
+        return None if sparse is None else sparse.points
+    if nsvf.is_here(folder) or not colmap.sparse_folder(folder):
+        return None
+    return colmap.read_points(folder)
 
 
 def white_composite(images):

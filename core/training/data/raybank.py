@@ -1,7 +1,7 @@
 """All training pixels as rays on one device, drawn at random.
 
-Rays are in model space: `world_to_model` is a uniform scale and a translation, so it keeps the
-directions of the data's cameras.  One kernel draws pixels, makes their rays and reads their
+Rays are in model space, to which `world_to_model`, a similarity, takes the data's cameras.  One
+kernel draws pixels, makes their rays and reads their
 colors; its seed is an array on the device, so the host never waits.
 
 Shapes: P pixels of N views, R rays.
@@ -27,6 +27,7 @@ class Bank:
     pixels: wp.array(dtype=wp.vec4ub)  # [P] straight alpha
     first_pixels: wp.array(dtype=int)  # [N + 1]
     cameras: wp.array(dtype=DeviceCamera)  # [N] in model space
+    pool: wp.array(dtype=int)  # pixels to draw from; [0]: from all
 
 
 @dataclass(frozen=True)
@@ -75,11 +76,15 @@ def draw_kernel(
     i = wp.tid()
     random = wp.rand_init(seed[0], DRAW + first + i)
     pixel_count = bank.pixels.shape[0]
+    if bank.pool.shape[0] > 0:
+        pixel_count = bank.pool.shape[0]
     pixel = int(0)
     if chosen.shape[0] > 0:
         pixel = chosen[i]
     else:
         pixel = int(wp.randu(random) % wp.uint32(pixel_count))
+        if bank.pool.shape[0] > 0:
+            pixel = bank.pool[pixel]
     view = view_of(bank.first_pixels, pixel)
     camera = bank.cameras[view]
     place = pixel - bank.first_pixels[view]
@@ -90,6 +95,28 @@ def draw_kernel(
     c = bank.pixels[pixel]
     background[i] = wp.vec3(wp.randf(random), wp.randf(random), wp.randf(random))
     rgba[i] = wp.vec4(float(c[0]), float(c[1]), float(c[2]), float(c[3])) / 255.0
+
+
+@wp.kernel
+def meets_kernel(bank: Bank, low: wp.vec3, high: wp.vec3, meets: wp.array(dtype=wp.uint8)):
+    """Whether each pixel's ray meets a box."""
+    pixel = wp.tid()
+    view = view_of(bank.first_pixels, pixel)
+    camera = bank.cameras[view]
+    place = pixel - bank.first_pixels[view]
+    width = camera.lens.width
+    origin, direction = camera_ray(camera, place % width, place / width)
+    enter = float(0.0)
+    leave = float(1.0e30)
+    for axis in range(3):
+        if wp.abs(direction[axis]) > 1.0e-9:
+            a = (low[axis] - origin[axis]) / direction[axis]
+            b = (high[axis] - origin[axis]) / direction[axis]
+            enter = wp.max(enter, wp.min(a, b))
+            leave = wp.min(leave, wp.max(a, b))
+        elif origin[axis] < low[axis] or origin[axis] > high[axis]:
+            leave = -1.0
+    meets[pixel] = wp.uint8(wp.where(enter < leave, 1, 0))
 
 
 class RayBank:
@@ -110,6 +137,21 @@ class RayBank:
             self.bank.first_pixels = wp.array(dataset.first_pixels.astype(np.int32), dtype=int)
             self.bank.cameras = wp.array(cameras, dtype=DeviceCamera)
             self._random = wp.empty(0, dtype=int)
+            self.bank.pool = wp.empty(0, dtype=int)
+
+    def draw_from_box(self, box):
+        """Draw only pixels whose rays meet a box [2, 3] from now on; all, if none does."""
+        low, high = wp.vec3(*map(float, box[0])), wp.vec3(*map(float, box[1]))
+        meets = wp.zeros(self.pixel_count, dtype=wp.uint8, device=self.device)
+        wp.launch(
+            meets_kernel,
+            dim=self.pixel_count,
+            inputs=[self.bank, low, high],
+            outputs=[meets],
+            device=self.device,
+        )
+        pixels = np.flatnonzero(meets.numpy()).astype(np.int32)
+        self.bank.pool = wp.array(pixels, dtype=int, device=self.device)
 
     @property
     def pixel_count(self) -> int:

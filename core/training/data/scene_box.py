@@ -1,21 +1,23 @@
 """Which part of the world becomes the unit cube, in which the tets live.
 
 The object's box is, in this order: the user's (`--aabb`, or `--scene-radius` around the data's
-origin), the data set's (NSVF's bbox.txt), or a box around the point that the cameras look at.
-The cube's edge is the box's longest side.  Tets outside the user's box are left out, so the
-model has no tets for what stands beside the object.
+origin), the data set's (NSVF's bbox.txt), the one that is found in photographs with surroundings
+(found_object.py), or a box around the point that the cameras look at.  The cube's edge is the
+box's longest side.  Tets outside the user's box or the found one are left out, so the model has
+no tets for what stands beside the object.
 """
 
 import numpy as np
 
 from .datasets import Dataset
+from .found_object import FoundObject
 from .posed_images import FARTHEST, DatasetError
+from .views import focus
 
 # Half an edge over the cameras' median distance: NeRF-synthetic's cameras stand 4.03 from
 # the center of the box from -1.5 to 1.5, and instant-ngp scales captures to about the same.
 REACH = 1.5 / 4.031
 WHITE, WHITE_SHARE = 250, 0.8  # of 255; of the border
-PARALLEL = 0.02  # below this smallest eigenvalue of the mean projector views have no focus
 
 
 def world_to_unit_cube(dataset: Dataset, aabb=None, radius=None):
@@ -45,6 +47,28 @@ def object_box(world_to_model, aabb=None):
         return np.array([[0.0] * 3, [1.0] * 3])
     corners = np.reshape(aabb, (2, 3))
     return corners * np.diag(world_to_model)[:3] + world_to_model[:3, 3]
+
+
+def found_to_unit_cube(found: FoundObject):
+    """The similarity that puts a found object upright into the unit cube, and its box there.
+
+    The box stands on z = 0, in the middle of x and y.  [4, 4], [2, 3]
+    """
+    low, high = found.box
+    scale = 1.0 / (high - low).max()
+    foot = np.array([*(0.5 * (low + high)[:2]), low[2]])
+    matrix = np.eye(4)
+    matrix[:3, :3] = scale * found.turn
+    matrix[:3, 3] = [0.5, 0.5, 0.0] - scale * foot
+    return matrix, scale * (found.box - foot) + [0.5, 0.5, 0.0]
+
+
+def seeks_object(dataset: Dataset, options) -> bool:
+    """Whether nothing says where the object is, by TrainOptions, and photographs may show it."""
+    is_given = options.aabb is not None or options.scene_radius is not None
+    if is_given or dataset.bounds is not None or "found-box" in options.leave_out:
+        return False
+    return learns_surroundings(options.surroundings, dataset)
 
 
 def learns_surroundings(choice: str, dataset: Dataset) -> bool:
@@ -79,16 +103,3 @@ def box_to_unit_cube(box, name):
     matrix[:3, 3] = 0.5 - 0.5 * (low + high) / size.max()
     matrix[3, 3] = 1.0
     return matrix
-
-
-def focus(poses):
-    """The point nearest to all cameras' axes by squared distance; they can't be parallel.  [3]"""
-    origins, axes = poses[:, :3, 3], poses[:, :3, 2]
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # projectors across each axis
-    mean = across.mean(axis=0)
-    if np.linalg.eigvalsh(mean)[0] < PARALLEL:
-        raise DatasetError(
-            "the cameras look into about the same direction, so the place of the object is "
-            "unknown: give its box with --aabb x0 y0 z0 x1 y1 z1 in the data's units"
-        )
-    return np.linalg.solve(mean, np.einsum("nij,nj->i", across, origins) / len(poses))

@@ -62,6 +62,8 @@ class TrainingField:
     Args:
         surroundings: LearnedSurroundings that learn beside it, or None.
         subtet_mask: If false, a tet is occupied as a whole as soon as one sub-tet is.
+        box: Sub-tets whose middle lies outside of it never hold anything; None: no such box.
+            [2, 3]
     """
 
     def __init__(
@@ -73,6 +75,7 @@ class TrainingField:
         surroundings=None,
         subtet_mask=True,
         workers: Workers = ALONE,
+        box=None,
     ):
         self.device = wp.get_device(device)
         self.torch_device = torch.device(wp.device_to_torch(self.device))
@@ -99,6 +102,11 @@ class TrainingField:
         self.thickness = torch.zeros(shape, device=self.torch_device)
         self.occupied = torch.ones(shape, dtype=torch.bool, device=self.torch_device)
         self.hidden = torch.zeros(shape, dtype=torch.bool, device=self.torch_device)
+        self._outside = None
+        if box is not None:
+            self._outside = torch.from_numpy(outside(mesh, box)).to(self.torch_device)
+            self.hidden |= self._outside
+            self.occupied &= ~self.hidden
         self._mask_bits = torch.zeros(shape[0], dtype=torch.int64, device=self.torch_device)
         self.mask = wp.from_torch(self._mask_bits, dtype=wp.uint64)
         self.refresh_mask()
@@ -213,6 +221,8 @@ class TrainingField:
         )
         self.workers.max_(seen)
         self.hidden = (seen < smallest_weight).view_as(self.hidden)
+        if self._outside is not None:
+            self.hidden |= self._outside
         self._occupy(self.occupied & ~self.hidden)
 
     def _occupy(self, subtets):
@@ -289,3 +299,15 @@ class TrainingField:
         bits = torch.arange(SUBTET_COUNT, device=self.torch_device)
         # Wraps to the same 64 bits; in place, because a CUDA graph knows the address.
         self._mask_bits.copy_((self.occupied.long() << bits).sum(dim=1))
+
+
+def outside(mesh: TetMesh, box):
+    """Which sub-tets have their middle outside of a box [2, 3].  [T, 64] bool"""
+    middles = subtet_middles(mesh)
+    return ((middles < box[0]) | (middles > box[1])).any(axis=2)
+
+
+def subtet_middles(mesh: TetMesh):
+    """The middles of all sub-tets at rest.  [T, 64, 3] float32"""
+    corners = mesh.rest_vertices[mesh.tets].astype(np.float32)
+    return np.einsum("sk,tkx->tsx", subtet_corners().mean(axis=1).astype(np.float32), corners)

@@ -1,0 +1,256 @@
+"""Where the object is: the plane that it stands on, what is up, and the box around it.
+
+It is found among points of surfaces, from structure from motion or from a coarse field's depths.
+A point's *attention* says how much the cameras look at it: its place in their images, weighted
+by a bell around the middle.  Planes are those with much attention that all cameras are in
+front of (RANSAC, then least squares).  What is in front of it falls into clusters of points
+that are near each other; the object is the one with the most attention.  Of several planes, as a
+table's and the floor's, the highest counts that has an object on it.
+
+Where the plane's normal is about the cameras' common up, the object stands on it, and the normal
+is up.  Otherwise it hangs on it, as on a wall: the cameras' up is kept, parallel to the plane.
+
+Shapes: n points, N cameras.  Lengths are in the data's units; below, the scale is the median
+distance of the cameras from the point that they look at.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .views import common_up, focus, upright
+
+POINTS_MAX, PAIRED_MAX = 20_000, 6_000  # that a plane, that clusters are made of
+FAR = 1.5  # farther from the focus points don't count [scale]
+BELL = 0.6  # standard deviation of attention, over half the image's shorter side
+THICKNESS = 0.012  # of a plane to each side [scale]
+TRIES, PLANES = 600, 5
+PLANE_SHARE = 0.03  # of the attention that a plane has at least
+CAMERAS_IN_FRONT = 0.95  # of the cameras
+STANDS = 0.35  # cosine between the plane's normal and the cameras' up from which the object stands
+CLEAR = 3.0  # thicknesses: what is nearer to the plane belongs to it
+NEIGHBOURS = 6  # of a point in a cluster
+REACH_OF_POINT = 3.0  # of the median distance to that many neighbours
+CLUSTER_SHARE = 0.2  # of the attention in front of the plane that an object has at least
+OBJECT_SHARE = 0.1  # of all attention that it has at least
+FEWEST_POINTS = 40  # of an object
+OUTLIERS = 0.3  # percent of its points at each side of the box
+MARGIN = 0.12  # around them: thin parts are missing among points [the box's longest side]
+NEAR_GUESS = 0.1  # of a found plane, to look for it anew [model units]
+GROUND_THICKNESS = 0.008  # to each side [model units]
+SAME_TILT, GROUND_SHARE = 0.985, 0.15  # cosine to the guess; of the points near it
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Points x with normal · x = offset."""
+
+    normal: np.ndarray  # [3] a unit vector
+    offset: float
+
+    def height(self, points):
+        """How far points lie in front of it.  [..., 3] -> [...]"""
+        return points @ self.normal - self.offset
+
+
+@dataclass(frozen=True)
+class FoundObject:
+    """The object's place.
+
+    Attributes:
+        turn: Rotation from the data's space to one with the object upright.  [3, 3]
+        box: Lowest and highest corner after the turn; it begins at the plane.  [2, 3]
+        stands: Whether the plane is below the object, not behind it.
+    """
+
+    turn: np.ndarray
+    box: np.ndarray
+    stands: bool
+
+
+def find_object(points, poses, lenses) -> FoundObject | None:
+    """Find the object among points of surfaces; None if it isn't clear where it is.
+
+    Args:
+        points: [n, 3]
+        poses: Camera to world, OpenGL's axes.  [N, 4, 4]
+        lenses: [N]
+
+    Raises:
+        DatasetError: The cameras don't look at one place.
+    """
+    rng = np.random.default_rng(0)
+    center = focus(poses)
+    scale = np.median(np.linalg.norm(poses[:, :3, 3] - center, axis=1))
+    points = np.asarray(points, float)
+    near = np.isfinite(points).all(axis=1)
+    near[near] = np.linalg.norm(points[near] - center, axis=1) < FAR * scale
+    points = some(points[near], POINTS_MAX, rng)
+    if len(points) < FEWEST_POINTS:
+        return None
+    weights = attention(points, poses, lenses)
+    up = common_up(poses)
+    found = None
+    for plane in planes(points, weights, poses[:, :3, 3], up, THICKNESS * scale, rng):
+        heights = plane.height(points)
+        is_above = heights > CLEAR * THICKNESS * scale
+        chosen = watched_cluster(points[is_above], weights[is_above], weights.sum(), rng)
+        ground = points[abs(heights) < THICKNESS * scale]
+        if chosen is not None and carries(plane, ground, chosen):
+            found = plane, chosen
+            break
+    if found is None:
+        return None
+    plane, chosen = found
+    stands = bool(plane.normal @ up > STANDS)
+    turn = upright(plane.normal) if stands else against_wall(plane.normal, up)
+    low, high = np.percentile(chosen @ turn.T, [OUTLIERS, 100.0 - OUTLIERS], axis=0)
+    margin = MARGIN * (high - low).max()
+    low, high = low - margin, high + margin
+    axis = 2 if stands else 1
+    if stands:
+        low[axis] = plane.offset
+    else:  # the wall's normal is -y
+        high[axis] = -plane.offset
+    return FoundObject(turn, np.array([low, high]), stands)
+
+
+def ground_of(points, guess: Plane) -> Plane:
+    """The plane that surface points near a guess lie on; the guess if too few do.
+
+    Lengths are those of model space, where the object is about 1 long.
+    """
+    rng = np.random.default_rng(0)
+    low = some(points[abs(guess.height(points)) < NEAR_GUESS], POINTS_MAX, rng)
+    plane = heaviest_plane(low, np.ones(len(low)), GROUND_THICKNESS, rng)
+    if plane is None:
+        return guess
+    if plane.normal @ guess.normal < 0.0:
+        plane = Plane(-plane.normal, -plane.offset)
+    share = (abs(plane.height(low)) < GROUND_THICKNESS).mean()
+    is_good = plane.normal @ guess.normal > SAME_TILT and share > GROUND_SHARE
+    return plane if is_good else guess
+
+
+def some(array, count, rng):
+    """At most `count` of the rows, drawn at random."""
+    return array if len(array) <= count else array[rng.choice(len(array), count, replace=False)]
+
+
+def attention(points, poses, lenses):
+    """How much the cameras look at points, 0..1.  [n]"""
+    total = np.zeros(len(points))
+    for pose, lens in zip(poses, lenses, strict=True):
+        local = (points - pose[:3, 3]) @ pose[:3, :3]
+        depth = -local[:, 2]
+        in_front = depth > 0.0
+        depth = np.where(in_front, depth, 1.0)
+        x, y = lens.focal[0] * local[:, 0] / depth, lens.focal[1] * local[:, 1] / depth
+        x, y = x + lens.center[0] - 0.5 * lens.width, y - lens.center[1] + 0.5 * lens.height
+        seen = in_front & (abs(x) < 0.5 * lens.width) & (abs(y) < 0.5 * lens.height)
+        sigma = BELL * 0.5 * min(lens.width, lens.height)
+        total += seen * np.exp(-0.5 * (x**2 + y**2) / sigma**2)
+    return total / len(poses)
+
+
+def planes(points, weights, cameras, up, thickness, rng) -> list[Plane]:
+    """Planes that the object may stand on, the highest first, and then those it may hang on.
+
+    All of them have enough attention, and the cameras are in front of them.
+    """
+    left, found = np.ones(len(points), bool), []
+    for _ in range(PLANES):
+        plane = heaviest_plane(points[left], weights[left], thickness, rng)
+        if plane is None:
+            break
+        sides = plane.height(cameras)
+        if np.median(sides) < 0.0:
+            plane, sides = Plane(-plane.normal, -plane.offset), -sides
+        distances = abs(plane.height(points))
+        share = weights[left & (distances < thickness)].sum() / weights.sum()
+        left &= distances > CLEAR * thickness
+        if share >= PLANE_SHARE and (sides > 0.0).mean() >= CAMERAS_IN_FRONT:
+            stands = bool(plane.normal @ up > STANDS)
+            # The nearer to the cameras the higher; of walls, the one that is looked at most.
+            found.append((stands, -np.median(sides) if stands else share, plane))
+    return [plane for *_, plane in sorted(found, key=lambda entry: entry[:2], reverse=True)]
+
+
+def carries(plane: Plane, ground, points) -> bool:
+    """Whether the ground's points [m, 3] on a plane reach farther than the object's [n, 3]."""
+
+    def extent(places):
+        flat = places - places @ plane.normal[:, None] * plane.normal
+        return np.linalg.norm(flat - np.median(flat, axis=0), axis=1).mean()
+
+    return len(ground) > 0 and extent(ground) > extent(points)
+
+
+def heaviest_plane(points, weights, thickness, rng) -> Plane | None:
+    """The plane with the most weight near it; None of too few points."""
+    if len(points) < FEWEST_POINTS or weights.sum() <= 0.0:
+        return None
+    corners = points[rng.choice(len(points), (TRIES, 3), p=weights / weights.sum())]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    sane = lengths > 1e-12
+    if not sane.any():
+        return None
+    normals, origins = normals[sane] / lengths[sane, None], corners[sane, 0]
+    offsets = (normals * origins).sum(axis=1)
+    few = rng.choice(len(points), min(len(points), 4000), replace=False)
+    near = abs(points[few] @ normals.T - offsets) < thickness
+    best = np.argmax(weights[few] @ near)
+    normal, offset = normals[best], offsets[best]
+    for _ in range(5):
+        inside = abs(points @ normal - offset) < thickness
+        if inside.sum() < 3:
+            return None
+        w = weights[inside] / weights[inside].sum()
+        mean = w @ points[inside]
+        away = points[inside] - mean
+        axes = np.linalg.eigh((w[:, None] * away).T @ away)[1]
+        normal = axes[:, 0] * np.sign(axes[:, 0] @ normal or 1.0)
+        offset = normal @ mean
+    return Plane(normal, float(offset))
+
+
+def watched_cluster(points, weights, total, rng):
+    """The points of the cluster with the most attention; None if it has too little.  [m, 3]
+
+    Args:
+        total: Attention of all points, those below the plane too.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    if len(points) < FEWEST_POINTS:
+        return None
+    if len(points) > PAIRED_MAX:
+        few = rng.choice(len(points), PAIRED_MAX, replace=False)
+        total *= len(few) / len(points)
+        points, weights = points[few], weights[few]
+    tree = cKDTree(points)
+    distances = tree.query(points, NEIGHBOURS + 1)[0][:, -1]
+    reach = REACH_OF_POINT * np.median(distances)
+    is_dense = distances < reach
+    points, weights = points[is_dense], weights[is_dense]
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    scores = np.bincount(labels, weights)
+    best = scores.argmax()
+    chosen = labels == best
+    enough = max(CLUSTER_SHARE * weights.sum(), OBJECT_SHARE * total)
+    if chosen.sum() < FEWEST_POINTS or scores[best] < enough:
+        return None
+    return points[chosen]
+
+
+def against_wall(normal, up):
+    """The rotation that takes up to about +z, and a wall's normal to -y.  [3, 3]"""
+    z = up - (up @ normal) * normal
+    z /= np.linalg.norm(z)
+    y = -normal
+    return np.array([np.cross(y, z), y, z])

@@ -1,0 +1,203 @@
+"""The first seconds of a run that doesn't know where the object is: it is found.
+
+Points of surfaces are looked at (data/found_object.py): those that came with the cameras, or, if
+there are none or nothing is found among them, those of a coarse field.  This field is trained on
+everything around the place that the cameras look at, and depths of random training rays in it
+are the points.  If these don't show an object either, nothing changes.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+import warp as wp
+
+from ..geometry import a15_grid
+from .data import (
+    REACH,
+    Dataset,
+    FoundObject,
+    Plane,
+    RayBank,
+    box_to_unit_cube,
+    find_object,
+    focus,
+    found_to_unit_cube,
+    ground_of,
+)
+from .run import (
+    LearnedSurroundings,
+    Optimization,
+    TrainingField,
+    Workers,
+    looks,
+    random_surroundings,
+)
+from .stages import coarse_options
+from .train_options import preset
+
+WIDER = 1.5  # than the box that the cameras look at: the table's plane is seen, and what's on it
+STEPS = 150
+LOOK_RAYS, LOOK_SIZE = 1 << 16, 1 << 12  # whose depths are taken, and as many at once
+HALF = 0.5  # of a ray's light: where it has ended
+AROUND = 0.05  # of the box: rays that pass there are learned from [model units]
+NOT_FOUND = (
+    "No object was found that stands on a plane or hangs on one, so all that lies where the "
+    "cameras look is trained; --aabb gives the object's box."
+)
+
+
+@dataclass(frozen=True)
+class Found:
+    """The object's box, found.
+
+    Attributes:
+        box: In model space, on z = 0.  [2, 3]
+        stands: Whether the object stands on a plane below it, or hangs on one at its largest y.
+    """
+
+    box: np.ndarray
+    stands: bool
+
+    @staticmethod
+    def of_report(report: dict) -> "Found | None":
+        """What `as_report` wrote into the report of a run."""
+        if "object_box" not in report:
+            return None
+        return Found(np.array(report["object_box"]), bool(report["object_stands"]))
+
+    def as_report(self) -> dict:
+        return {"object_box": self.box.tolist(), "object_stands": self.stands}
+
+    @property
+    def plane(self) -> Plane:
+        """What it stands or hangs on, in model space: a face of the box."""
+        if self.stands:
+            return Plane(np.array([0.0, 0.0, 1.0]), self.box[0, 2])
+        return Plane(np.array([0.0, -1.0, 0.0]), -self.box[1, 1])
+
+    @property
+    def room(self):
+        """Where matter may be: the box, and all behind the plane, where its surface is.  [2, 3]"""
+        room = self.box.copy()
+        room[(0, 2) if self.stands else (1, 1)] -= self.plane.normal.sum()
+        return room
+
+    @property
+    def seen(self):
+        """The part of space whose rays are learned from.  [2, 3]"""
+        return self.box + np.array([[-AROUND], [AROUND]])
+
+
+def search(dataset: Dataset, seed: int, device, workers: Workers, progress):
+    """Look for the object in photographs, and say what was found.
+
+    Args:
+        seed: Of the run.
+        progress: A TrainingProgress.
+
+    Returns:
+        What was found, None if it isn't clear; and the similarity that takes it upright into the
+        unit cube.  Found, [4, 4]
+    """
+    found = None
+    if dataset.points is not None:
+        found = find_object(dataset.points, dataset.poses, dataset.lenses)
+    if found is None:
+        found = found_by_a_field(dataset, seed, device, workers, progress)
+    if found is None:
+        progress.say(NOT_FOUND)
+        return None, None
+    progress.say(said(found))
+    world_to_model, box = found_to_unit_cube(found)
+    return Found(box, found.stands), world_to_model
+
+
+def found_by_a_field(dataset, seed, device, workers, progress) -> FoundObject | None:
+    """The object, found among the depths of a coarse field."""
+    center = focus(dataset.poses)
+    half = WIDER * REACH * np.median(np.linalg.norm(dataset.poses[:, :3, 3] - center, axis=1))
+    whole = box_to_unit_cube([center - half, center + half], "the box around all")
+    points = coarse_points(dataset, whole, seed, device, workers, progress)
+    return first_workers(find_object(points, dataset.poses, dataset.lenses), device, workers)
+
+
+def first_workers(found: FoundObject | None, device, workers: Workers) -> FoundObject | None:
+    """What the first worker has found: others may have rounded differently."""
+    if workers.count == 1:
+        return found
+    values = torch.zeros(17, dtype=torch.float64)
+    if found is not None:
+        parts = found.turn.ravel(), found.box.ravel(), [found.stands, 1.0]
+        values = torch.from_numpy(np.concatenate(parts))
+    values = values.to(wp.device_to_torch(device))
+    workers.broadcast_(values)
+    turn, box, (stands, is_found) = np.split(values.cpu().numpy(), [9, 15])
+    return FoundObject(turn.reshape(3, 3), box.reshape(2, 3), bool(stands)) if is_found else None
+
+
+def said(found: FoundObject) -> str:
+    """A sentence about a found object, with the --aabb around it."""
+    corners = np.stack(np.meshgrid(*found.box.T), axis=-1).reshape(-1, 3) @ found.turn
+    around = " ".join(f"{v:.3g}" for v in (*corners.min(axis=0), *corners.max(axis=0)))
+    size = " x ".join(f"{v:.3g}" for v in found.box[1] - found.box[0])
+    where = "stands on a plane" if found.stands else "hangs on a plane behind it"
+    return (
+        f"Found an object that {where}, in a box of {size} of the data's units, about --aabb "
+        f"{around}: give another box if this is not the object."
+    )
+
+
+def coarse_points(dataset, world_to_model, seed, device, workers, progress):
+    """Where random training rays end in a coarse field of all that lies in the unit cube.
+
+    In the data's space.  [n, 3]
+    """
+    options = preset("tiny", seed=seed)
+    bank = RayBank(dataset, world_to_model, device)
+    cube = np.array([[0.0] * 3, [1.0] * 3])
+    around = LearnedSurroundings(random_surroundings(cube, seed), device)
+    coarse = replace(coarse_options(options), view_dependence=False)
+    mesh = a15_grid(options.spacing)
+    field = TrainingField(mesh, coarse, device, seed, around, workers=workers)
+    optimization = Optimization(field, bank, options, False, STEPS)
+    optimization.run(progress, "finding the object")
+    field.update_occupancy()
+    inverse = np.linalg.inv(world_to_model)
+    return surface_points(field, bank) @ inverse[:3, :3].T + inverse[:3, 3]
+
+
+def ground_under(found: Found, field: TrainingField, bank: RayBank, workers: Workers) -> Plane:
+    """The plane that a found object stands or hangs on, where a field of it has the surface."""
+    ground = ground_of(surface_points(field, bank), found.plane)
+    values = torch.tensor([*ground.normal, ground.offset], dtype=torch.float64)
+    values = values.to(field.torch_device)
+    workers.broadcast_(values)
+    *normal, offset = values.tolist()
+    return Plane(np.array(normal), offset)
+
+
+@torch.no_grad()
+def surface_points(field: TrainingField, bank: RayBank):
+    """Where random training rays end in a field, in model space.  [n, 3]"""
+    points = []
+    for number, batch in enumerate(looks(bank, field.device, LOOK_RAYS, LOOK_SIZE), start=1):
+        batch.seed.fill_(number)
+        field.march(batch)
+        points.append(ends_of_rays(batch, field.composite(batch)[3]).cpu().numpy())
+    return np.concatenate(points)
+
+
+def ends_of_rays(batch, weights):
+    """Where half of a ray's light is gone; rays that keep more have no end.  torch [n, 3]"""
+    counts, ends = (wp.to_torch(a).long() for a in (batch.counts, batch.ends))
+    rays = torch.repeat_interleave(torch.arange(len(counts), device=counts.device), counts)
+    sums = torch.cumsum(weights.double(), 0)
+    before = torch.cat([sums.new_zeros(1), sums])[ends - counts]
+    places = torch.arange(len(weights), device=counts.device)
+    past = (sums - before[rays]) >= HALF
+    first = torch.full_like(counts, len(weights))
+    first.scatter_reduce_(0, rays[past], places[past], "amin")
+    ended = first < len(weights)
+    t = wp.to_torch(batch.samples.t)[first[ended]]
+    return batch.origins[ended] + t[:, None] * batch.directions[ended]

@@ -1,0 +1,29 @@
+"""The fields that the stages of a run train."""
+
+from dataclasses import replace
+
+from ..field import FieldOptions
+from .train_options import TrainOptions
+
+COARSE_LEVELS = 4
+COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
+
+
+def field_options(options: TrainOptions) -> FieldOptions:
+    return FieldOptions(
+        level_count=options.level_count,
+        table_size=2**options.table_size_log2,
+        march_step=options.march_step,
+        view_dependence=options.view_dependence,
+        dense_levels="dense-levels" not in options.leave_out,
+    )
+
+
+def coarse_options(options: TrainOptions) -> FieldOptions:
+    """The field of stage 1."""
+    fine = field_options(options)
+    return replace(
+        fine,
+        level_count=min(COARSE_LEVELS, options.level_count),
+        march_step=COARSE_STEP_FACTOR * fine.march_step,
+    )
