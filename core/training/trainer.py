@@ -182,10 +182,8 @@ class _Run:
                 "history": [],
             }
         self.report["workers"] = self.workers.count
-        self.box = object_box(self.world_to_model, self.options.aabb)
-        self.found = Found.of_report(self.report)
-        if self.found:
-            self.box = self.found.box
+        self.found, aabb = Found.of_report(self.report), self.options.aabb
+        self.box = self.found.box if self.found else object_box(self.world_to_model, aabb)
 
     def train(self) -> Trained:
         try:
