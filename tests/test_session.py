@@ -57,10 +57,11 @@ def act(scene, random, count):
             )
 
     def push():
-        if scene.ball is None:
-            scene.push(scene.handles.at(scene.handles.control_ids[:1])[0], [0.0, -1.0, 0.0])
-        else:
+        shown = scene.handles.control_ids
+        if scene.ball is not None:
             scene.push_to(scene.ball.target + random.normal(scale=0.05, size=3))
+        elif len(shown):  # not all are hidden
+            scene.push(scene.handles.at(shown[:1])[0], [0.0, -1.0, 0.0])
 
     def cancel():
         if scene.handles.grabbed is not None:
