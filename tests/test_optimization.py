@@ -24,6 +24,7 @@ from deformrf.core.training.run import (
     monitoring,
     optimization,
 )
+from deformrf.core.training.run.loss import needed_decay
 
 OPTIONS = preset("tiny", samples_per_step=2**15, coarse_steps=50, fine_steps=50)
 
@@ -49,6 +50,39 @@ def test_the_distortion_loss_can_be_left_out(run):
     without = replace(OPTIONS, leave_out=("distortion",))
     assert run.distortion == OPTIONS.distortion > 0.0
     assert Optimization(run.field, run.bank, without, run.has_alpha, 1).distortion == 0.0
+
+
+def test_features_decay_more_at_finer_levels_and_no_other_weight(run):
+    """Gradients are those of the term in loss.py."""
+    run.set_ray_count(64)
+    table, offsets = run.field.table, run.field.layout.offsets
+    with torch.no_grad():
+        table.normal_()
+    found = []
+    for run.table_decay in (0.0, 3e-3):
+        run._prepare(run.batch, 0)
+        run._march(run.batch)
+        run._backpropagate(run.batch)
+        found.append([p.grad / optimization.LOSS_SCALE for p in run.field.parameters()])
+    without, decayed = found
+    values = table.detach().requires_grad_()
+    squares = [values[offsets[level] : offsets[level + 1]].square().sum() for level in (0, 1)]
+    (expected,) = torch.autograd.grad(3e-3 * 0.5 * (squares[0] / 4.0 + squares[1]), values)
+    torch.testing.assert_close(decayed[0] - without[0], expected, rtol=1e-3, atol=1e-6)
+    for mine, other in zip(decayed[1:], without[1:], strict=True):
+        assert torch.equal(mine, other)
+
+
+def test_features_decay_where_they_outnumber_what_photographs_show(run):
+    """All of the 4 · 8 · 8 pixels show the object: 768 numbers."""
+    assert run.bank.object_pixel_count == 4 * 64
+    features = run.field.table.numel()
+    assert needed_decay(1.0, features // 3, features) == pytest.approx(1.0, abs=0.01)
+    assert needed_decay(1.0, features // 2, features) == pytest.approx(0.5, abs=0.01)
+    assert needed_decay(1.0, features, features) == 0.0
+    assert run.table_decay == needed_decay(OPTIONS.table_decay, 256, features) > 0.0
+    without = replace(OPTIONS, leave_out=("table-decay",))
+    assert Optimization(run.field, run.bank, without, run.has_alpha, 1).table_decay == 0.0
 
 
 def test_the_learning_rate_warms_up_and_falls_along_a_cosine():

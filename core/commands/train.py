@@ -84,8 +84,9 @@ class TrainArguments:
     """Without it colors look the same from all sides, and cost less."""
     leave_out: Words = ()
     """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
-    (tets are occupied as a whole), dense-levels (all are hashed), distortion (no such loss),
-    found-box (the object isn't sought: its box is around the place that the cameras look at)."""
+    (tets are occupied as a whole), dense-levels (all are hashed), distortion, table-decay (no
+    such loss), found-box (the object isn't sought: its box is around the place that the cameras
+    look at)."""
     entry_bits: Literal[8, 16] = 8
     """Bits of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
     size: Meters = None

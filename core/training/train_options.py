@@ -2,7 +2,14 @@
 
 from dataclasses import dataclass, replace
 
-LEAVE_OUT = ("coarse-stage", "subtet-mask", "dense-levels", "distortion", "found-box")
+LEAVE_OUT = (
+    "coarse-stage",
+    "subtet-mask",
+    "dense-levels",
+    "distortion",
+    "table-decay",
+    "found-box",
+)
 
 
 @dataclass(frozen=True)
@@ -25,11 +32,13 @@ class TrainOptions:
             beside it, or "auto": learned where images have neither alpha nor a white border.
         view_dependence: Whether color may depend on the direction.
         distortion: Weight of the distortion loss (the paper's 1e-2).
+        table_decay: Weight of the squares of features, see loss.py, where features outnumber
+            what photographs show; against noise.
         leave_out: Parts of the method that this scene is learned without, of LEAVE_OUT:
             "found-box": the object isn't sought, its box lies where the cameras look;
             "coarse-stage": all fine_steps go to all levels on the whole grid, which the model
             then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":
-            every level is hashed; "distortion": the loss has no such term.
+            every level is hashed; "distortion", "table-decay": the loss has no such term.
         seed: Seed of all random choices.
     """
 
@@ -46,6 +55,7 @@ class TrainOptions:
     surroundings: str = "auto"
     view_dependence: bool = True
     distortion: float = 1e-2
+    table_decay: float = 5e-7
     leave_out: tuple[str, ...] = ()
     seed: int = 0
 

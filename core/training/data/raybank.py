@@ -8,6 +8,7 @@ Shapes: P pixels of N views, R rays.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import warp as wp
@@ -120,7 +121,11 @@ def meets_kernel(bank: Bank, low: wp.vec3, high: wp.vec3, meets: wp.array(dtype=
 
 
 class RayBank:
-    """Draws pixels of a data set; DatasetError if these are more than an array can index."""
+    """Draws pixels of a data set; DatasetError if these are more than an array can index.
+
+    Attributes:
+        object_pixel_count: Pixels that may be drawn and are not wholly transparent, or a few more.
+    """
 
     def __init__(self, dataset: Dataset, world_to_model, device):
         check_pixel_count([(lens.width, lens.height) for lens in dataset.lenses])
@@ -138,6 +143,10 @@ class RayBank:
             self.bank.cameras = wp.array(cameras, dtype=DeviceCamera)
             self._random = wp.empty(0, dtype=int)
             self.bank.pool = wp.empty(0, dtype=int)
+        # View by view: all pixels may be most of the memory.
+        views = pairwise(dataset.first_pixels)
+        counts = [np.count_nonzero(dataset.pixels[start:end, 3]) for start, end in views]
+        self.object_pixel_count = int(sum(counts))
 
     def draw_from_box(self, box):
         """Draw only pixels whose rays meet a box [2, 3] from now on; all, if none does."""
@@ -151,6 +160,8 @@ class RayBank:
             device=self.device,
         )
         pixels = np.flatnonzero(meets.numpy()).astype(np.int32)
+        if len(pixels):
+            self.object_pixel_count = min(self.object_pixel_count, len(pixels))
         self.bank.pool = wp.array(pixels, dtype=int, device=self.device)
 
     @property

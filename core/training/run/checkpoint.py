@@ -21,6 +21,7 @@ from .checkpoint_checks import check_archive, check_tensors, checked_mesh, check
 
 FORMAT = "deformrf-checkpoint-1"
 GONE = {"density_layers": 1, "density_activation": "relu"}  # of older checkpoints
+ADDED = {"table_decay": 0.0}  # options that older checkpoints lack, and what they trained with
 UNREADABLE = (  # what zipfile, pickle and torch raise for bytes that nobody has written so
     *(OSError, EOFError, RuntimeError, ValueError, TypeError, KeyError, IndexError, MemoryError),
     *(AttributeError, AssertionError, OverflowError, ImportError),
@@ -110,7 +111,7 @@ def load_checkpoint(path) -> Checkpoint:
             options["aabb"] = tuple(options["aabb"])
         if content["stage"] not in (1, 2) or not isinstance(content["report"], dict):
             raise KeyError
-        options = checked_options(options)
+        options = checked_options(ADDED | options)
         return Checkpoint(
             options,
             content["stage"],

@@ -1,9 +1,15 @@
-"""The loss of a batch: the error of its rays' colors, and the price of scattered samples.
+"""The loss of a batch: the error of its rays' colors, and what scattered samples and features cost.
 
     loss = mean over rays of (squared error + distortion weight · distortion)
+           + table decay · ½ Σ 4^(l + 1 − L) θ²    over the features θ of the levels l = 0 … L − 1
 
 Images with alpha are composited on a random background per ray or on white, so that empty
 space learns to be empty.  Where surroundings are learned, `surrounded_cost` is the second term.
+
+The last term is against noise: fine levels explain what differs between photographs and is no
+texture.  A feature costs most at the finest level.  Where photographs show more than twice as
+many numbers as there are features, noise is no matter and the term costs detail: `needed_decay`.
+Only its gradient is ever needed: `add_table_decay`.
 """
 
 import torch
@@ -39,3 +45,22 @@ def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: 
     shares = batch.fits / batch.fits.sum().clamp(min=1.0)
     error = (shares[:, None] * (color - target) ** 2).sum() / 3.0
     return error + (shares * cost).sum(), error
+
+
+def needed_decay(weight: float, pixel_count: int, feature_count: int) -> float:
+    """The table decay for so many pixels of the object, of three numbers each, and features.
+
+    It is the whole weight up to one number a feature, and 0 from two.  That was measured:
+    docs/performance.md, Against noise.
+    """
+    return weight * min(max(2.0 - 3.0 * pixel_count / feature_count, 0.0), 1.0)
+
+
+@torch.no_grad()
+def add_table_decay(gradient, field: TrainingField, weight: float):
+    """Add the gradient of the table's decay to `gradient`.  [entries, F]"""
+    entries, offsets = field.entries(), field.layout.offsets
+    level_count = field.layout.level_count
+    for level in range(level_count):
+        part = slice(offsets[level], offsets[level + 1])
+        gradient[part].add_(entries[part], alpha=weight * 4.0 ** (level + 1 - level_count))

@@ -21,7 +21,7 @@ from ..data import RayBank
 from ..train_options import TrainOptions
 from . import recorded_steps
 from .batch import Batch
-from .loss import training_loss
+from .loss import add_table_decay, needed_decay, training_loss
 from .memory import ALLOCATION_ERRORS, give_memory_back, halved, memory_name
 from .monitoring import Diverged, LossWatch, TrainingProgress
 from .peer_exchange import make_exchange
@@ -80,6 +80,8 @@ class Optimization:
         self.has_alpha, self.step_count = has_alpha, step_count
         self.workers = field.workers
         self.distortion = 0.0 if "distortion" in options.leave_out else options.distortion
+        decay = 0.0 if "table-decay" in options.leave_out else options.table_decay
+        self.table_decay = needed_decay(decay, bank.object_pixel_count, field.table.numel())
         self.samples_per_step = options.samples_per_step
         self.number = 0
         # Draws and jitter follow from the step's number and the seed.
@@ -210,6 +212,8 @@ class Optimization:
         loss, error = training_loss(self.field, batch, self._white, self.distortion)
         parameters = self.field.parameters()
         gradients = torch.autograd.grad(loss * LOSS_SCALE, parameters)
+        if self.table_decay:
+            add_table_decay(gradients[0], self.field, self.table_decay * LOSS_SCALE)
         self.error.copy_(error.detach())
         if self._exchange:
             self._exchange.collect(gradients, batch.fits.sum())

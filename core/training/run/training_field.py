@@ -139,12 +139,16 @@ class TrainingField:
             sigma, rgb = self.networks.evaluate(features, batch.basis, sample_count)
         return Composite.apply(sigma, rgb, samples.length, samples.t, batch.counts, batch.ends)
 
+    def entries(self):
+        """The table's values that this worker has whole: float32, or exchanged as float16."""
+        if self.half_rows is None:
+            return self.table.detach()
+        return self.half_rows[: len(self.table)]
+
     def encode(self, sample_tet, sample_bary):
         """Features of samples, differentiable in the table.  [N, L·F]"""
-        entries = self.table.detach()
-        if self.half_rows is not None:
-            entries = self.half_rows[: len(entries)]
-        elif self.device.is_cuda:
+        entries = self.entries()
+        if self.device.is_cuda:
             entries = entries.half()  # halves what the gathers move
         return Encode.apply(
             self.table, entries, self.tables, self.layout.level_count, sample_tet, sample_bary
