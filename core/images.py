@@ -7,12 +7,14 @@ So formats are named, and the declared size is checked before anything is decode
 
 import warnings
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 MOST_PIXELS = 100 * 2**20  # 400 MiB when decoded; the largest common cameras have 102 million
+LARGE = 25 * 2**20  # pixels, 100 MiB: a damaged file is refused before it takes as much
 ORIENTATION = 0x0112  # EXIF's tag: 1 is upright, 5 to 8 exchange width and height
 DIRECT = {"RGBA", "RGB", "L", "LA", "1", "P", "PA"}  # Pillow's modes that convert to RGBA
 BY_RGB = {"CMYK", "YCbCr", "RGBX"}
@@ -70,12 +72,40 @@ def orientation(image) -> int:
     return value if isinstance(value, int) and 1 <= value <= 8 else 1
 
 
+def _check_whole(image) -> None:
+    """Raise an error for a file that ends too early, without the memory of its pixels."""
+    length = Path(image.filename).stat().st_size
+    if image.format in ("PNG", "JPEG"):
+        with Image.open(image.filename, formats=FORMATS) as again:
+            if image.format == "PNG":
+                again.verify()  # checksums of what is compressed
+            else:
+                again.draft(None, (image.width // 8, image.height // 8))
+                again.load()
+        return
+    needed = 0
+    if image.format == "WEBP":  # RIFF, its length, WEBP
+        with open(image.filename, "rb") as stream:
+            needed = 8 + int.from_bytes(stream.read(8)[4:], "little")
+    elif image.format == "TIFF":
+        for offsets, counts in ((273, 279), (324, 325)):  # of strips, of tiles
+            parts = zip(image.tag_v2.get(offsets, ()), image.tag_v2.get(counts, ()), strict=False)
+            needed = max([needed, *(offset + count for offset, count in parts)])
+    elif not image.info.get("compression"):  # BMP's rows are multiples of 4 bytes
+        bits = {"1": 1, "L": 8, "P": 8}.get(image.mode, 24)
+        needed = (image.width * bits + 31) // 32 * 4 * image.height
+    if length < needed:
+        raise OSError(f"{length} of {needed} bytes")
+
+
 def rgba(image, upright=False):
     """Decode an image that `open_image` yields; in Pillow's mode RGBA.
 
     Args:
         upright: Turn it as its EXIF orientation says.
     """
+    if image.width * image.height > LARGE:
+        _check_whole(image)
     if image.mode.startswith("I;16") or (image.mode == "I" and image.format == "PNG"):
         values = np.asarray(image).astype(np.uint32)  # Pillow itself would clip them at 255
         decoded = Image.fromarray(((values * 255 + 32767) // 65535).astype(np.uint8))

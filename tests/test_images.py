@@ -149,3 +149,25 @@ def test_damaged_files_end_in_one_sentence(tmp_path):
                 refused += 1
                 assert str(path) in str(error) and "\n" not in str(error)
     assert refused > 100
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg", "webp", "tif", "bmp"])
+def test_a_large_file_that_ends_early_takes_no_memory(tmp_path, monkeypatch, ending):
+    """Of a whole one nothing is refused."""
+    monkeypatch.setattr(images, "LARGE", 1000)
+    path = tmp_path / f"a.{ending}"
+    noise = np.random.default_rng().integers(0, 256, (96, 80, 3), np.uint8)
+    Image.fromarray(noise).save(path)
+    assert read(path).shape == (96, 80, 4)
+    for options in {"tif": ({"compression": "tiff_lzw"},), "png": ({"optimize": True},)}.get(
+        ending, ()
+    ):
+        Image.fromarray(noise[..., 0]).save(path, **options)
+        assert read(path).shape == (96, 80, 4)
+    path.write_bytes(path.read_bytes()[:-3000])
+    full = []
+    load = images.Image.Image.convert
+    monkeypatch.setattr(images.Image.Image, "convert", lambda *a: full.append(1) or load(*a))
+    with pytest.raises(ImageError, match="can't be read as an image"):
+        read(path)
+    assert not full

@@ -293,3 +293,18 @@ def test_a_wrong_number_of_vertices_is_named(make_ball_field):
     renderer = Renderer(make_ball_field(11))
     with pytest.raises(ValueError, match="17 were given"):
         renderer.set_vertices(np.zeros((17, 3)))
+
+
+@pytest.mark.parametrize("part", ["table", "density_layers", "color_layers", "mesh"])
+def test_numbers_that_are_none_are_refused(make_ball_field, part):
+    """A file with them is not loaded; a field can be made in other ways."""
+    field = make_ball_field(0)
+    value = getattr(field, part)
+    if part == "table":
+        bad = value + np.float32(np.nan)
+    elif part == "mesh":
+        bad = replace(value, rest_vertices=value.rest_vertices * np.inf)
+    else:
+        bad = tuple((w * np.float32(np.nan), b) for w, b in value)
+    with pytest.raises(ValueError, match="holds NaN or infinite numbers"):
+        Renderer(replace(field, **{part: bad}), "cpu")

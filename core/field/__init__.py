@@ -8,7 +8,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "modelfile": ["load", "save"],
         "archive": ["ModelFileError", "parts_of_file"],
         "packing": ["STIFFNESS_RANGE"],
-        "bounds": ["check_geometry"],
+        "bounds": ["check_finite", "check_geometry"],
         "field": ["FieldOptions", "TetField", "random_field"],
         "reduction": ["reduced"],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],

@@ -139,3 +139,17 @@ def check_world(matrix) -> None:
         scale >= 1.0 / limit and (matrix[3] == [0, 0, 0, 1]).all(),
         "its 'world_to_model' is no uniform scale and translation",
     )
+
+
+def check_finite(field) -> None:
+    """A ValueError if a TetField that no file was read to holds NaN or infinite numbers.
+
+    On a CPU a maximum passes over NaN, and pixels would show numbers that mean nothing.
+    """
+    arrays = {"the table": [field.table], "the mesh": [field.mesh.rest_vertices]}
+    for name in ("density", "color"):
+        layers = getattr(field, f"{name}_layers")
+        arrays[f"the {name} network"] = [array for layer in layers for array in layer]
+    for name, values in arrays.items():
+        if not all(np.isfinite(array).all() for array in values):
+            raise ValueError(f"{name} of the field holds NaN or infinite numbers")

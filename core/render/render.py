@@ -19,7 +19,7 @@ import numpy as np
 import warp as wp
 
 from ..device import thread_count
-from ..field import TetField
+from ..field import TetField, check_finite
 from .overlap import Overlap, PieceMerger
 from .rays import (
     Camera,
@@ -82,7 +82,12 @@ class Renderer:
     """
 
     def __init__(self, field: TetField, device="cpu", part_of=visible_part):
-        """`part_of` chooses the tets that rays visit, as visible_part does."""
+        """`part_of` chooses the tets that rays visit, as visible_part does.
+
+        Raises:
+            ValueError: The field's table, mesh or networks hold NaN or infinite numbers.
+        """
+        check_finite(field)
         self.field = field
         self.device = wp.get_device(device)
         self.stage = StageTimer(self.device)
