@@ -164,3 +164,20 @@ def test_up_is_common():
     poses = cameras(np.random.default_rng(), np.zeros(3))
     assert common_up(poses)[2] > 0.95
     assert THICKNESS < 0.02
+
+
+def test_masks_vote_for_what_is_looked_at_less():
+    """The mug is the object if masks say so."""
+    rng = np.random.default_rng()
+    scene, poses = table_scene(rng), cameras(rng, np.array([0, 0, 0.4]))
+    masks = []
+    for pose in poses:
+        seen = (np.array([0.9, 0.2, 0.15]) - pose[:3, 3]) @ pose[:3, :3]
+        x, y = 300.0 * seen[:2] / -seen[2] * [1, -1] + [160, 120]
+        columns, rows = np.meshgrid(np.arange(320) + 0.5, np.arange(240) + 0.5)
+        masks.append(255 * (np.hypot(columns - x, rows - y) < 32).astype(np.uint8))
+    found = find_object(scene, poses, [LENS] * len(poses), lambda view: masks[view])
+    assert found.stands
+    middle = found.turn @ np.array([0.9, 0.2, 0.15])
+    assert ((middle > found.box[0]) & (middle < found.box[1])).all()
+    assert not (found.turn @ np.array([0, 0, 0.5]) > found.box[0]).all()

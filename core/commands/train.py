@@ -79,7 +79,8 @@ class TrainArguments:
     """The surroundings of the object: learnt (a field of their own), or white (or cut out by
     alpha); auto decides by the images."""
     keep_surroundings: bool = False
-    """Store the surroundings in the model, so that deformrf-eval can compare whole images."""
+    """Store the surroundings in the model, and all that is in the object's box, so that
+    deformrf-eval can compare whole images."""
     view_dependence: bool = True
     """Without it colors look the same from all sides, and cost less."""
     leave_out: Words = ()
@@ -92,6 +93,9 @@ class TrainArguments:
     size: Meters = None
     """The object's longest side [m], which the model states: the viewer's material and gravity
     follow it. By default one model unit, about the width of the box, is 1 m."""
+    masks: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER", help_behavior_hint="")] = None
+    """Folder of the images' masks, white where the object is: of the same names, or with _mask
+    behind them."""
     outside_images: bool = False
     """Read images that lie outside DATA, too."""
     resume: bool = False
@@ -143,6 +147,7 @@ def prepare_training(
         arguments.image_size,
         for_training=True,
         outside=arguments.outside_images,
+        masks=arguments.masks,
     )
     if resumed:
         check_resumed_views(resumed.report, train_views)
@@ -206,7 +211,11 @@ def load_test_views(arguments: TrainArguments):
     """The views that score the model; None without a split for them, or without its images."""
     try:
         views = load_views(
-            arguments.data, "test", arguments.image_size, outside=arguments.outside_images
+            arguments.data,
+            "test",
+            arguments.image_size,
+            outside=arguments.outside_images,
+            masks=arguments.masks,
         )
     except training.NoSplitError:
         return None
@@ -259,7 +268,8 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
 
 def model_of(trained, arguments: TrainArguments):
     """The TetField that is written."""
-    kept = with_size(trained.field, arguments.size)
+    shown = trained.whole if arguments.keep_surroundings else None
+    kept = with_size(shown or trained.field, arguments.size)
     return kept if arguments.keep_surroundings else replace(kept, surroundings=None)
 
 

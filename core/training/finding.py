@@ -102,7 +102,7 @@ def search(dataset: Dataset, seed: int, device, workers: Workers, progress):
     """
     found = None
     if dataset.points is not None:
-        found = find_object(dataset.points, dataset.poses, dataset.lenses)
+        found = find_among(dataset, dataset.points)
     if found is None:
         found = found_by_a_field(dataset, seed, device, workers, progress)
     if found is None:
@@ -113,13 +113,24 @@ def search(dataset: Dataset, seed: int, device, workers: Workers, progress):
     return Found(box, found.stands), world_to_model
 
 
+def find_among(dataset: Dataset, points) -> FoundObject | None:
+    """The object among points; masks, if the data set has such, vote on it."""
+    masks = (lambda view: dataset.image(view)[..., 3]) if dataset.masked else None
+    return find_object(points, dataset.poses, dataset.lenses, masks)
+
+
 def found_by_a_field(dataset, seed, device, workers, progress) -> FoundObject | None:
     """The object, found among the depths of a coarse field."""
     center = focus(dataset.poses)
     half = WIDER * REACH * np.median(np.linalg.norm(dataset.poses[:, :3, 3] - center, axis=1))
     whole = box_to_unit_cube([center - half, center + half], "the box around all")
-    points = coarse_points(dataset, whole, seed, device, workers, progress)
-    return first_workers(find_object(points, dataset.poses, dataset.lenses), device, workers)
+    photographs = dataset
+    if dataset.masked:  # the table is needed as well
+        pixels = dataset.pixels.copy()
+        pixels[:, 3] = 255
+        photographs = replace(dataset, pixels=pixels)
+    points = coarse_points(photographs, whole, seed, device, workers, progress)
+    return first_workers(find_among(dataset, points), device, workers)
 
 
 def first_workers(found: FoundObject | None, device, workers: Workers) -> FoundObject | None:

@@ -386,7 +386,8 @@ class _Run:
         report["levels_below_pixel"] = self._levels_below_pixel()
         alone = whole = self._export()
         if self.found:  # without what it stands on
-            alone = object_alone(whole, self.found.box, self._ground())
+            ground = None if self.dataset.has_alpha else self._ground()
+            alone = object_alone(whole, self.found.box, ground)
         return Trained(alone, report, interrupted, diverged, out_of_memory, self.resumable, whole)
 
     def _levels_below_pixel(self) -> list[int]:

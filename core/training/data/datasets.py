@@ -25,6 +25,7 @@ from ...images import ImageError, open_image, orientation, rgba
 from ...memory import free_bytes
 from ...render import Lens
 from . import colmap, nsvf, transforms
+from .masks import mask_paths, read_mask
 from .posed_images import (
     IMAGE_ENDINGS,
     DatasetError,
@@ -51,6 +52,7 @@ class Dataset:
         split: "train", "test", ...
         missing: Images that the files name but that are not there.
         bounds: Lowest and highest corner of the object's box, if the files have one.  [2, 3]
+        masked: Whether alpha comes from masks of whole photographs.
         points: Places on surfaces that were found along with the cameras, if the files have such,
             and if it is for training.  [n, 3]
     """
@@ -63,6 +65,7 @@ class Dataset:
     missing: tuple[str, ...] = ()
     bounds: np.ndarray | None = None
     points: np.ndarray | None = None
+    masked: bool = False
 
     def __post_init__(self):
         assert len(self.lenses) == len(self.names) == len(self.poses)
@@ -99,7 +102,7 @@ def from_images(images, poses, lenses, names, split, missing=(), bounds=None) ->
 
 
 def load_dataset(
-    folder, split, image_size=None, view_count=None, for_training=False, outside=False
+    folder, split, image_size=None, view_count=None, for_training=False, outside=False, masks=None
 ) -> Dataset:
     """Read one split.
 
@@ -110,6 +113,8 @@ def load_dataset(
         view_count: Read that many views, spread evenly over the split; None reads all.
         for_training: Refuse more pixels than a RayBank takes.
         outside: Read images that lie outside the folder, too.
+        masks: Folder of the images' masks (masks.py), which become their alpha; each image needs
+            one if it is for training.
 
     Raises:
         NoSplitError: The files list no such images.
@@ -140,10 +145,25 @@ def load_dataset(
         image.lens(*size).resized(*small)
         for image, size, small in zip(images, sizes, shrunk, strict=True)
     ]
-    pixels = read_images(images, lenses, threads)
+    mask_files = [None] * len(images)
+    if masks is not None:
+        mask_files = mask_paths(masks, images, needed=for_training)
+    pixels = read_images(images, lenses, threads, mask_files)
+    if masks is not None and not pixels[:, 3].any():
+        raise DatasetError(f"the masks in {masks} are black everywhere: white is the object")
     poses = np.stack([image.camera_to_world for image in images])
     names = tuple(image.path.stem for image in images)
-    return Dataset(pixels, poses, tuple(lenses), names, split, tuple(missing), bounds, points)
+    return Dataset(
+        pixels,
+        poses,
+        tuple(lenses),
+        names,
+        split,
+        tuple(missing),
+        bounds,
+        points,
+        masked=masks is not None,
+    )
 
 
 def list_images(folder, split, outside=False):
@@ -291,14 +311,18 @@ def decoding_threads(sizes, shrunk) -> int:
     return max(1, min(most, (free - taken) // max(decoded, 1)))
 
 
-def read_images(images, lenses, threads):
-    """All images in their lenses' sizes, decoded by that many threads.  [P, 4] uint8"""
+def read_images(images, lenses, threads, masks):
+    """All images in their lenses' sizes, decoded by that many threads.  [P, 4] uint8
+
+    Args:
+        masks: The path of each image's mask, or None.
+    """
     first = np.cumsum([0, *(lens.width * lens.height for lens in lenses)])
     pixels = np.empty((first[-1], 4), np.uint8)
 
     def read(index):
         lens = lenses[index]
-        image = read_image(images[index], lens.width, lens.height)
+        image = read_image(images[index], lens.width, lens.height, masks[index])
         pixels[first[index] : first[index + 1]] = image.reshape(-1, 4)
 
     with ThreadPoolExecutor(threads) as pool:
@@ -307,21 +331,26 @@ def read_images(images, lenses, threads):
     return pixels
 
 
-def read_image(image: PosedImage, width, height):
-    """One image as its lens sees it, shrunk to that size.  [H, W, 4] uint8
+def read_image(image: PosedImage, width, height, mask: Path | None = None):
+    """One image as its lens sees it, shrunk to that size, cut out by a mask.  [H, W, 4] uint8
 
     Raises:
         DatasetError: It can't be read.
     """
     try:
         with open_image(image.path) as file:
-            pixels = rgba(file, upright=is_turned(image, file))
+            turned = is_turned(image, file)
+            pixels = rgba(file, upright=turned)
     except ImageError as error:
         raise DatasetError(str(error)) from None
     if pixels.size != (width, height):
         # A box filter is the mean over a pixel's area; Pillow weights RGBA by alpha for it.
         pixels = pixels.resize((width, height), Image.Resampling.BOX)
-    return np.asarray(pixels)
+    if mask is None:
+        return np.asarray(pixels)
+    cut = np.array(pixels)
+    cut[..., 3] = np.minimum(cut[..., 3], read_mask(mask, width, height, turned))
+    return cut
 
 
 def track(items, count, description):

@@ -32,6 +32,7 @@ CLEAR = 3.0  # thicknesses: what is nearer to the plane belongs to it
 NEIGHBOURS = 6  # of a point in a cluster
 REACH_OF_POINT = 3.0  # of the median distance to that many neighbours
 CLUSTER_SHARE = 0.2  # of the attention in front of the plane that an object has at least
+VOTE = 0.5  # of a point's attention: in so many views masks have to have it
 OBJECT_SHARE = 0.1  # of all attention that it has at least
 FEWEST_POINTS = 40  # of an object
 OUTLIERS = 0.3  # percent of its points at each side of the box
@@ -68,13 +69,15 @@ class FoundObject:
     stands: bool
 
 
-def find_object(points, poses, lenses) -> FoundObject | None:
+def find_object(points, poses, lenses, masks=None) -> FoundObject | None:
     """Find the object among points of surfaces; None if it isn't clear where it is.
 
     Args:
         points: [n, 3]
         poses: Camera to world, OpenGL's axes.  [N, 4, 4]
         lenses: [N]
+        masks: Given a view, how much of its pixels is the object's [H, W], 0..255.  They vote on
+            what may be the object.
 
     Raises:
         DatasetError: The cameras don't look at one place.
@@ -89,12 +92,14 @@ def find_object(points, poses, lenses) -> FoundObject | None:
     if len(points) < FEWEST_POINTS:
         return None
     weights = attention(points, poses, lenses)
+    votes = weights if masks is None else attention(points, poses, lenses, masks)
     up = common_up(poses)
     found = None
     for plane in planes(points, weights, poses[:, :3, 3], up, THICKNESS * scale, rng):
         heights = plane.height(points)
         is_above = heights > CLEAR * THICKNESS * scale
-        chosen = watched_cluster(points[is_above], weights[is_above], weights.sum(), rng)
+        is_above &= votes >= VOTE * weights
+        chosen = watched_cluster(points[is_above], weights[is_above], votes.sum(), rng)
         ground = points[abs(heights) < THICKNESS * scale]
         if chosen is not None and carries(plane, ground, chosen):
             found = plane, chosen
@@ -137,10 +142,10 @@ def some(array, count, rng):
     return array if len(array) <= count else array[rng.choice(len(array), count, replace=False)]
 
 
-def attention(points, poses, lenses):
-    """How much the cameras look at points, 0..1.  [n]"""
+def attention(points, poses, lenses, masks=None):
+    """How much the cameras look at points, 0..1, where masks have the object.  [n]"""
     total = np.zeros(len(points))
-    for pose, lens in zip(poses, lenses, strict=True):
+    for view, (pose, lens) in enumerate(zip(poses, lenses, strict=True)):
         local = (points - pose[:3, 3]) @ pose[:3, :3]
         depth = -local[:, 2]
         in_front = depth > 0.0
@@ -149,7 +154,12 @@ def attention(points, poses, lenses):
         x, y = x + lens.center[0] - 0.5 * lens.width, y - lens.center[1] + 0.5 * lens.height
         seen = in_front & (abs(x) < 0.5 * lens.width) & (abs(y) < 0.5 * lens.height)
         sigma = BELL * 0.5 * min(lens.width, lens.height)
-        total += seen * np.exp(-0.5 * (x**2 + y**2) / sigma**2)
+        looks = seen * np.exp(-0.5 * (x**2 + y**2) / sigma**2)
+        if masks is not None:
+            column = np.clip(x + 0.5 * lens.width, 0, lens.width - 1).astype(int)
+            row = np.clip(0.5 * lens.height - y, 0, lens.height - 1).astype(int)
+            looks *= masks(view)[row, column] / 255.0
+        total += looks
     return total / len(poses)
 
 

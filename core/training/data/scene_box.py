@@ -68,7 +68,7 @@ def seeks_object(dataset: Dataset, options) -> bool:
     is_given = options.aabb is not None or options.scene_radius is not None
     if is_given or dataset.bounds is not None or "found-box" in options.leave_out:
         return False
-    return learns_surroundings(options.surroundings, dataset)
+    return dataset.masked or learns_surroundings(options.surroundings, dataset)
 
 
 def learns_surroundings(choice: str, dataset: Dataset) -> bool:

@@ -1,0 +1,69 @@
+"""Masks of photographs: images that say which pixels show the object.
+
+A photograph's mask lies in the masks' folder, or in the same subfolder of it, under the
+photograph's name with another ending, with `_mask` or `-mask` behind its stem, or with one more
+ending (as 0001.jpg.png).  It is white where the object is, or opaque if it has alpha.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ...images import ImageError, open_image, rgba
+from .posed_images import IMAGE_ENDINGS, DatasetError, PosedImage, existing, have_one_shape
+
+
+def mask_paths(folder, images: list[PosedImage], needed=True) -> list[Path | None]:
+    """The mask of each image; None without one, if they aren't `needed`.
+
+    Raises:
+        DatasetError: There is no such folder, or an image has no mask although it needs one.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise DatasetError(f"--masks {folder} is not a folder: give the one that holds the masks")
+    found = [mask_path(folder, image.path) for image in images]
+    lacking = [image.path for image, mask in zip(images, found, strict=True) if not mask]
+    if lacking and needed:
+        first = lacking[0]
+        raise DatasetError(
+            f"{len(lacking)} of {len(images)} photographs have no mask in {folder}, first "
+            f"{first.name} (tried {first.stem}.png, {first.stem}_mask.png, {first.name}.png and "
+            f"the like): add them, or leave these photographs out"
+        )
+    return found
+
+
+def mask_path(folder: Path, image: Path) -> Path | None:
+    stems = (image.stem, f"{image.stem}_mask", f"{image.stem}-mask", image.name)
+    endings = (*IMAGE_ENDINGS, *map(str.upper, IMAGE_ENDINGS))
+    names = [stem + ending for stem in stems for ending in endings]
+    places = [place for place in (folder / image.parent.name, folder) if place.is_dir()]
+    paths = (existing(place, name) for place in places for name in names)
+    return next((p for p in paths if p and p.resolve() != image.resolve()), None)
+
+
+def read_mask(path: Path, width, height, upright=False):
+    """How much of each pixel is the object's, 0..255.  [H, W] uint8
+
+    Args:
+        width, height: Of the photograph as it is used; the mask is shrunk to that.
+        upright: Turn it as its EXIF orientation says.
+
+    Raises:
+        DatasetError: It can't be read, or has another shape than the photograph.
+    """
+    try:
+        with open_image(path) as file:
+            pixels = rgba(file, upright)
+    except ImageError as error:
+        raise DatasetError(str(error)) from None
+    if not have_one_shape(pixels.size, (width, height)):
+        raise DatasetError(
+            f"the mask {path} has {pixels.size[0]}x{pixels.size[1]} pixels, which is another shape "
+            f"than its photograph's {width}x{height}"
+        )
+    alpha = pixels.getchannel("A")
+    mask = alpha if alpha.getextrema()[0] < 255 else pixels.convert("L")
+    return np.asarray(mask.resize((width, height), Image.Resampling.BOX))
