@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...capture import load_pycolmap, upright
 from ...render import Lens
 from .posed_images import (
     DatasetError,
@@ -68,8 +69,7 @@ def reconstruction_of(folder):
 
     DatasetError if it can't be read; ModuleNotFoundError without pycolmap.
     """
-    import pycolmap
-
+    pycolmap = load_pycolmap()
     sparse = sparse_folder(folder)
     try:
         reconstruction = pycolmap.Reconstruction(str(sparse))
@@ -99,6 +99,7 @@ def camera_of(reconstruction, image, sparse):
     return reconstruction.cameras[image.camera_id]
 
 
+<<<<<<< HEAD
 def turn_upright(poses):
     """The rotation of the world that takes the cameras' mean up direction to +z.  [4, 4]"""
     turn = np.eye(4)
@@ -106,6 +107,8 @@ def turn_upright(poses):
     return turn
 
 
+=======
+>>>>>>> 5762fde (Cameras of photographs are found with pycolmap)
 def lens_reader(camera, name, sparse):
     """The function that makes an image's lens from its width and height."""
     model = getattr(camera.model, "name", str(camera.model))

@@ -232,7 +232,8 @@ def size_of(image: PosedImage):
     """
     try:
         with open_image(image.path) as file:
-            return file.size[::-1] if is_turned(image, file) else file.size
+            swapped = orientation(file) >= 5 and is_turned(image, file)
+            return file.size[::-1] if swapped else file.size
     except ImageError as error:
         raise DatasetError(str(error)) from None
 
@@ -241,11 +242,14 @@ def is_turned(image: PosedImage, file) -> bool:
     """Whether the camera is that of the image as its EXIF orientation turns it.
 
     COLMAP and instant-ngp find cameras for the pixels as they are stored, whatever the
-    orientation says; others turn the images first.  The size that the data set states tells.
+    orientation says; others turn the images first.  The data set says so, or the size that it
+    states tells.
     """
     number = orientation(file)
     if number == 1:
         return False
+    if image.upright:
+        return True
     if image.stated_size is None:
         raise ImageError(
             f"{image.path} has EXIF orientation {number}, and the data set's files state no size "

@@ -40,6 +40,7 @@ class PosedImage:
     camera_to_world: np.ndarray  # [4, 4] OpenGL's axes: the camera looks along -z, y is up
     lens: Callable[[int, int], Lens]  # given width and height of the image
     stated_size: tuple[float, float] | None = None  # width and height by the data set's files
+    upright: bool = False  # the files say that the camera is that of the image turned by EXIF
 
 
 def is_of_split(index: int, count: int, split: str) -> bool:

@@ -3,7 +3,9 @@
 NeRF-synthetic has transforms_<split>.json with `camera_angle_x`, the horizontal field of view in
 radians.  The other two may have one transforms.json for all, with fl_x, fl_y, cx, cy, w, h
 in pixels and OpenCV's distortion k1, k2, k3, k4, p1, p2, for all frames or for each.  Each of
-`frames` has a `file_path` (relative, its ending may be left out) and a `transform_matrix`.
+`frames` has a `file_path` (relative, its ending may be left out) and a `transform_matrix`;
+`upright: true`, which core/capture writes, says that they are those of the image as its EXIF
+orientation turns it.
 
 Without a split of its own, every eighth image of a transforms.json is a test image;
 nerfstudio's lists train_filenames, val_filenames and test_filenames take precedence.
@@ -67,7 +69,7 @@ def read(folder, split):
             values = {**scene, **frame}
             lens, size = lens_reader(values, path), (values.get("w"), values.get("h"))
             stated = size if all(map(is_number, size)) else None
-            found.append(PosedImage(image, pose, lens, stated))
+            found.append(PosedImage(image, pose, lens, stated, frame.get("upright") is True))
         else:
             missing.append(name)
     return found, missing, None

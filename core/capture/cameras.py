@@ -1,0 +1,231 @@
+"""From a folder of photographs to transforms.json and points.npz beside them.
+
+The world that they are in: +z is the mean up direction of the cameras, the origin is the point
+that they look at, and the median camera is DISTANCE away from it.
+"""
+
+import json
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..paths import whole_file
+from .features import find_features, match_photos
+from .library import load_pycolmap
+from .mapping import Mapped, map_photos
+from .phases import Phases
+from .photos import CaptureError, Photo, find_photos, photo_folder
+from .points import SparsePoints, save_points
+from .work import open_work
+
+TRANSFORMS_FILE = "transforms.json"
+MADE_BY = "deformrf-train"  # under the key made_by of transforms.json
+IMAGE_SIZE = 1600  # longer side that photographs are worked at [pixels]
+DISTANCE = 4.0  # about that of NeRF-synthetic's cameras, which is 4.03
+LEAST_PHOTOS = 8  # with which something can be learned at all
+LEAST_SHARE = 0.5  # of the photographs that have to fit together
+FEW_FEATURES = 150  # in the median photograph: there is hardly any texture
+NAMES_SHOWN = 4
+ADVICE = "take 30 to 60 sharp photographs all around the object, each a small step from the last"
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Photographs whose cameras were found.
+
+    Attributes:
+        folder: Where transforms.json and points.npz lie.
+        photos: Those with cameras.  [n]
+        poses: Camera to world, OpenGL's axes.  [n, 4, 4] float64
+        lenses: fx, fy, cx, cy, k1, and the width and height that they are for.  [n, 7] float64
+        points: Sparse points on what the photographs show.
+        pixel_error: Mean distance of the points' images from where they were found [pixels].
+        left_out: Names of photographs without a camera.
+        unreadable: Why files could not be read, a sentence for each.
+        seconds: That it took.
+    """
+
+    folder: Path
+    photos: tuple[Photo, ...]
+    poses: np.ndarray
+    lenses: np.ndarray
+    points: SparsePoints
+    pixel_error: float
+    left_out: tuple[str, ...]
+    unreadable: tuple[str, ...]
+    seconds: float
+
+
+def find_cameras(folder: Path, work_folder: Path, image_size: int | None = None) -> Capture:
+    """Find the cameras of all photographs in a folder, and write what was found beside them.
+
+    Ctrl-C leaves the work folder, from which the next call with the same photographs goes on.
+
+    Args:
+        work_folder: For unfinished work; removed at the end.
+        image_size: Longer side that photographs are shrunk to; None for IMAGE_SIZE.
+
+    Raises:
+        CaptureError: The photographs don't fit together, are too few, or can't be read.
+        ModuleNotFoundError: pycolmap is not installed.
+        OSError: Nothing can be written beside the photographs.
+    """
+    began = time.monotonic()
+    load_pycolmap()
+    photos_at = photo_folder(folder)
+    if photos_at is None:
+        raise CaptureError(f"{folder} holds no photographs: {ADVICE}")
+    if (path := Path(folder) / TRANSFORMS_FILE).exists():
+        raise CaptureError(f"{path} is there already, and is not overwritten: remove or rename it")
+    photos, unreadable = find_photos(photos_at)
+    check_count(folder, photos, unreadable)
+    work, _ = open_work(work_folder, photos, image_size or IMAGE_SIZE)
+    with Phases() as phases:
+        unreadable += find_features(work, phases.phase)
+        match_photos(work, False, phases.phase)
+        mapped = map_photos(work, phases.phase)
+    check_mapped(folder, work, mapped)
+    mapped = placed(mapped)
+    taken = set(mapped.numbers.tolist())
+    capture = Capture(
+        Path(folder),
+        tuple(photos[n] for n in mapped.numbers),
+        mapped.poses,
+        mapped.lenses,
+        mapped.points,
+        mapped.pixel_error,
+        tuple(p.path.name for n, p in enumerate(photos) if n not in taken),
+        tuple(unreadable),
+        time.monotonic() - began,
+    )
+    write(capture, {n: work.look(n).sharpness for n in mapped.numbers})
+    work.remove()
+    return capture
+
+
+def check_count(folder, photos, unreadable):
+    """CaptureError unless there are enough photographs."""
+    if len(photos) >= LEAST_PHOTOS:
+        return
+    if unreadable:
+        raise CaptureError(
+            f"of {len(photos) + len(unreadable)} photographs in {folder} only {len(photos)} can be "
+            f"read, and {LEAST_PHOTOS} are needed; first: {unreadable[0]}"
+        )
+    what = "1 photograph" if len(photos) == 1 else f"{len(photos)} photographs"
+    raise CaptureError(f"{folder} holds {what}, and at least {LEAST_PHOTOS} are needed: {ADVICE}")
+
+
+def check_mapped(folder, work, mapped: Mapped | None):
+    """CaptureError unless enough photographs fit together."""
+    total = len(work.photos)
+    with work.database() as database:
+        features = [
+            database.num_keypoints_for_image(image.image_id) for image in database.read_all_images()
+        ]
+    least = max(LEAST_PHOTOS, LEAST_SHARE * total)
+    if mapped is not None and len(mapped.numbers) >= least:
+        return
+    found = 0 if mapped is None else len(mapped.numbers)
+    names = [photo.path.name for photo in work.photos]
+    if np.median(features or [0]) < FEW_FEATURES:
+        raise CaptureError(
+            f"the cameras of {found} of {total} photographs in {folder} were found, because most "
+            f"show hardly any texture ({np.median(features or [0]):.0f} features in the median "
+            f"one): put the object on a patterned cloth or a newspaper, and photograph it in focus"
+        )
+    if mapped is not None and len(mapped.groups) > 1:
+        shown = "; ".join(
+            f"{len(group)} from {names[group[0]]} to {names[group[-1]]}"
+            for group in mapped.groups[:3]
+        )
+        raise CaptureError(
+            f"the {total} photographs in {folder} fall into {len(mapped.groups)} groups that "
+            f"show nothing in common ({shown}): photograph the way from one to the other in small "
+            f"steps, or put one group alone into a folder"
+        )
+    raise CaptureError(
+        f"only {found} of {total} photographs in {folder} fit together, and {least:.0f} are "
+        f"needed: neighbors have to show mostly the same things, so {ADVICE}"
+    )
+
+
+def placed(mapped: Mapped) -> Mapped:
+    """The same in the world that this module's docstring describes."""
+    turn = upright(mapped.poses[:, :3, 1].mean(axis=0))
+    poses = turn @ mapped.poses
+    points = mapped.points.points @ turn[:3, :3].T
+    center = focus(poses, points)
+    scale = DISTANCE / np.median(np.linalg.norm(poses[:, :3, 3] - center, axis=1))
+    poses[:, :3, 3] = scale * (poses[:, :3, 3] - center)
+    moved = (scale * (points - center)).astype(np.float32)
+    return replace(mapped, poses=poses, points=replace(mapped.points, points=moved))
+
+
+def focus(poses, points):
+    """The point nearest to all cameras' axes; the points' median if these are near parallel.  [3]"""
+    origins, axes = poses[:, :3, 3], poses[:, :3, 2]
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    mean = across.mean(axis=0)
+    if np.linalg.eigvalsh(mean)[0] < 0.02:
+        return np.median(points, axis=0)
+    return np.linalg.solve(mean, np.einsum("nij,nj->i", across, origins) / len(poses))
+
+
+def upright(up):
+    """The smallest rotation that takes a direction to +z.  [4, 4]"""
+    up = np.asarray(up, float) / max(np.linalg.norm(up), 1e-12)
+    z = np.array([0.0, 0.0, 1.0])
+    axis, cosine = np.cross(up, z), up @ z
+    if cosine < -0.999999:
+        return np.diag([1.0, -1.0, -1.0, 1.0])
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    turn = np.eye(4)
+    turn[:3, :3] += cross + cross @ cross / (1.0 + cosine)
+    return turn
+
+
+def write(capture: Capture, sharpness: dict):
+    """Write transforms.json, which is never overwritten, and points.npz."""
+    frames = []
+    rows = zip(capture.photos, capture.poses, capture.lenses, sharpness.values(), strict=True)
+    for photo, pose, lens, sharp in rows:
+        # pycolmap's pixels, and ours, have their center at ½, so the lens is scaled alone.
+        x, y = photo.size[0] / lens[5], photo.size[1] / lens[6]
+        numbers = {"w": photo.size[0], "h": photo.size[1]}
+        numbers |= {"fl_x": lens[0] * x, "fl_y": lens[1] * y, "cx": lens[2] * x, "cy": lens[3] * y}
+        frame = {
+            "file_path": photo.path.relative_to(capture.folder).as_posix(),
+            "transform_matrix": pose.tolist(),
+            "sharpness": sharp,
+            **numbers,
+            "k1": lens[4],
+        }
+        if photo.is_turned:
+            frame["upright"] = True
+        frames.append(frame)
+    scene = {"camera_model": "OPENCV", "made_by": MADE_BY, "pixel_error": capture.pixel_error}
+    save_points(capture.points, capture.folder)
+    with whole_file(capture.folder / TRANSFORMS_FILE) as partial:
+        partial.write_text(json.dumps({**scene, "frames": frames}, indent=1), encoding="utf-8")
+
+
+def summary(capture: Capture) -> str:
+    """What was found, as lines for the user."""
+    total = len(capture.photos) + len(capture.left_out)
+    text = (
+        f"The cameras of {len(capture.photos)} of {total} photographs were found, "
+        f"{capture.pixel_error:.2f} pixels off in the mean, in {capture.seconds:.0f} s: "
+        f"{capture.folder / TRANSFORMS_FILE}"
+    )
+    if capture.left_out:
+        shown = ", ".join(capture.left_out[:NAMES_SHOWN])
+        more = len(capture.left_out) - NAMES_SHOWN
+        text += f"\nWithout a camera, and not used: {shown}" + (
+            f" and {more} more" if more > 0 else ""
+        )
+    if capture.unreadable:
+        text += f"\n{len(capture.unreadable)} files can't be read: {capture.unreadable[0]}"
+    return text

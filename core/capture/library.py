@@ -1,0 +1,61 @@
+"""The library pycolmap, loaded in this one place, and calls of it that Ctrl-C can end."""
+
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import cache
+
+import numpy  # noqa: F401
+from PIL import Image  # noqa: F401
+
+POLL_SECONDS = 0.2  # how often Python looks for Ctrl-C during a call
+SEED = 0  # of all random numbers, so that the same photographs have the same cameras
+
+
+@cache
+def load_pycolmap():
+    """The module pycolmap 4.2: silent, and without handlers of signals.
+
+    NumPy and Pillow have to be loaded before it: Pillow's PNG encoder, loaded after pycolmap,
+    destroys the heap (pycolmap 4.2.1, Pillow 13.0).
+
+    Raises:
+        ModuleNotFoundError: It is not installed.
+    """
+    handlers = {}
+    if is_main := threading.current_thread() is threading.main_thread():
+        numbers = (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", None))
+        handlers = {n: signal.getsignal(n) for n in numbers if n is not None}
+    import pycolmap
+
+    # Its log library would end the process at SIGTERM, where ours saves what is done.
+    for number, handler in handlers.items() if is_main else ():
+        if handler is not None:
+            signal.signal(number, handler)
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    pycolmap.set_random_seed(SEED)
+    return pycolmap
+
+
+def interruptible(call: Callable, *arguments, token=None, each: Callable = lambda: None, **named):
+    """Call a function of pycolmap in a thread, so that Ctrl-C is heard meanwhile.
+
+    Args:
+        token: A pycolmap.CancellationToken that `call` looks at; without one, Ctrl-C leaves the
+            thread to its work.
+        each: Called every POLL_SECONDS, in this thread.
+    """
+    pool = ThreadPoolExecutor(1)
+    future: Future = pool.submit(call, *arguments, **named)
+    try:
+        while not wait([future], POLL_SECONDS).done:
+            each()
+        return future.result()
+    except KeyboardInterrupt:
+        if token is not None:
+            token.cancel()
+            wait([future])
+        raise
+    finally:
+        pool.shutdown(wait=future.done(), cancel_futures=True)

@@ -1,0 +1,168 @@
+"""Cameras and points from matched features: pycolmap's mapping, and which result is taken.
+
+Incremental mapping comes first.  Where it leaves out photographs that share matches with the
+others, global mapping is the second try, and the one with more photographs is taken.  Either may
+find several groups of photographs that nothing connects; the largest is taken.
+"""
+
+import tempfile
+from dataclasses import dataclass
+
+import numpy as np
+
+from .features import LEAST_MATCHES
+from .library import SEED, interruptible, load_pycolmap
+from .points import SparsePoints
+from .work import Work, number_of
+
+SMALLEST_GROUP = 4  # photographs of a group that is found at all
+ENOUGH = 0.9  # of the photographs that matches connect: with fewer, there is a second try
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """The largest group of photographs whose cameras are known; lengths have no unit.
+
+    Attributes:
+        numbers: Of the photographs.  [n] int
+        poses: Camera to world, OpenGL's axes.  [n, 4, 4] float64
+        lenses: fx, fy, cx, cy, k1, and the width and height that they are for.  [n, 7] float64
+        points: In the same world.
+        pixel_error: Mean distance of a point's image from its feature [pixels of the work size].
+        groups: Photographs of all groups, the largest first, by number.
+    """
+
+    numbers: np.ndarray
+    poses: np.ndarray
+    lenses: np.ndarray
+    points: SparsePoints
+    pixel_error: float
+    groups: tuple[tuple[int, ...], ...]
+
+
+def map_photos(work: Work, begin) -> Mapped | None:
+    """Find the cameras; None if no two photographs fit together.
+
+    Args:
+        begin: Phases.phase.
+    """
+    count = len(connected(work))
+    found = incremental(work, begin)
+    if largest(found) < ENOUGH * count:
+        found = max(found, global_mapping(work, begin), key=largest)
+    if not found:
+        return None
+    found = sorted(found, key=lambda group: group.num_reg_images(), reverse=True)
+    return mapped_of(work, found)
+
+
+def largest(found) -> int:
+    """The photographs of the largest group."""
+    return max((group.num_reg_images() for group in found), default=0)
+
+
+def incremental(work: Work, begin) -> list:
+    pycolmap = load_pycolmap()
+    options = pycolmap.IncrementalPipelineOptions(
+        min_model_size=SMALLEST_GROUP, extract_colors=False, random_seed=SEED
+    )
+    token, registered = pycolmap.CancellationToken(), [0]
+
+    def on_image():
+        registered[0] += 1
+
+    with begin("Finding cameras", len(work.photos)) as advance:
+        with tempfile.TemporaryDirectory(dir=work.folder) as folder:
+            found = interruptible(
+                pycolmap.incremental_mapping,
+                str(work.database_path),
+                folder,  # of images, none of which is read
+                folder,
+                options,
+                next_image_callback=on_image,
+                cancellation_token=token,
+                token=token,
+                each=lambda: advance(registered[0]),
+            )
+        advance(largest(found.values()))
+    return list(found.values())
+
+
+def global_mapping(work: Work, begin) -> list:
+    pycolmap = load_pycolmap()
+    options = pycolmap.GlobalPipelineOptions(min_model_size=SMALLEST_GROUP, random_seed=SEED)
+    with begin("Finding more cameras", len(work.photos)) as advance:
+        with tempfile.TemporaryDirectory(dir=work.folder) as folder:
+            try:
+                found = interruptible(
+                    pycolmap.global_mapping, str(work.database_path), folder, folder, options
+                )
+            except RuntimeError:  # from its solvers; the first try stands
+                return []
+        advance(largest(found.values()))
+    return list(found.values())
+
+
+def connected(work: Work) -> set[int]:
+    """The largest set of photographs that matches connect, by number."""
+    pycolmap = load_pycolmap()
+    with work.database() as database:
+        names = {image.image_id: image.name for image in database.read_all_images()}
+        pairs, counts = database.read_two_view_geometry_num_inliers()
+    groups = {key: {key} for key in names}
+    for pair, count in zip(pairs, counts, strict=True):
+        if count >= LEAST_MATCHES:
+            one, other = (groups[key] for key in pycolmap.pair_id_to_image_pair(pair))
+            if one is not other:
+                one |= other
+                groups.update(dict.fromkeys(other, one))
+    return {number_of(names[key]) for key in max(groups.values(), key=len, default=())}
+
+
+def mapped_of(work: Work, found: list) -> Mapped:
+    """Arrays of pycolmap's reconstructions, the largest first."""
+    groups = [
+        tuple(sorted(number_of(group.images[key].name) for key in group.reg_image_ids()))
+        for group in found
+    ]
+    best = found[0]
+    by_number = {number_of(best.images[key].name): best.images[key] for key in best.reg_image_ids()}
+    images = [by_number[number] for number in groups[0]]
+    poses, lenses = [], []
+    for image in images:
+        pose = np.eye(4)
+        pose[:3] = image.cam_from_world().inverse().matrix()
+        poses.append(pose * np.array([1.0, -1.0, -1.0, 1.0]))  # OpenCV's axes to OpenGL's
+        camera = best.cameras[image.camera_id]
+        focal, x, y, k1 = camera.params
+        lenses.append((focal, focal, x, y, k1, camera.width, camera.height))
+    points = points_of(work, best)
+    return Mapped(
+        np.array(groups[0]),
+        np.array(poses),
+        np.array(lenses),
+        points,
+        float(best.compute_mean_reprojection_error()),
+        tuple(groups),
+    )
+
+
+def points_of(work: Work, group) -> SparsePoints:
+    """The points of a reconstruction, each in the mean color of its features."""
+    keys = list(group.points3D)
+    row = {key: index for index, key in enumerate(keys)}
+    sums, counts = np.zeros((len(keys), 3)), np.zeros(len(keys), int)
+    for image in (group.images[key] for key in group.reg_image_ids()):
+        colors = work.look(number_of(image.name)).colors
+        seen = [(i, row[p.point3D_id]) for i, p in enumerate(image.points2D) if p.has_point3D()]
+        if seen:
+            features, rows = np.array(seen).T
+            np.add.at(sums, rows, colors[features])
+            np.add.at(counts, rows, 1)
+    points = [group.points3D[key] for key in keys]
+    return SparsePoints(
+        np.array([p.xyz for p in points], np.float32).reshape(-1, 3),
+        np.round(sums / np.maximum(counts, 1)[:, None]).astype(np.uint8),
+        counts.astype(np.int32),
+        np.array([p.error for p in points], np.float32),
+    )
