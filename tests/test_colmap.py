@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.core.capture import upright
 from deformrf.core.commands import train
 from deformrf.core.render import look_at
 from deformrf.core.training import DatasetError, load_dataset
-from deformrf.core.training.data.views import upright
 
 CAMERAS = {
     1: ("SIMPLE_PINHOLE", 16, 12, (20, 8, 6)),

@@ -5,9 +5,18 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "cameras": ["Capture", "IMAGE_SIZE", "MADE_BY", "find_cameras", "summary", "upright"],
+        "cameras": [
+            "Capture",
+            "IMAGE_SIZE",
+            "find_cameras",
+            "frames_of_video",
+            "is_capture",
+            "summary",
+        ],
         "library": ["load_pycolmap"],
+        "video": ["frames_folder", "is_video"],
         "photos": ["CaptureError", "photo_folder"],
+        "placing": ["focus", "upright"],
         "points": ["POINTS_FILE", "SparsePoints", "load_points", "save_points"],
     },
 )

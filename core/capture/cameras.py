@@ -1,7 +1,7 @@
 """From a folder of photographs to transforms.json and points.npz beside them.
 
 The world that they are in: +z is the mean up direction of the cameras, the origin is the point
-that they look at, and the median camera is DISTANCE away from it.
+that they look at (among the points, if they look the same way), and the median camera is DISTANCE away from it.
 """
 
 import json
@@ -17,15 +17,17 @@ from .library import load_pycolmap
 from .mapping import Mapped, map_photos
 from .phases import Phases
 from .photos import CaptureError, Photo, find_photos, photo_folder
+from .placing import focus, upright
 from .points import SparsePoints, save_points
+from .video import take_frames
 from .work import open_work
 
 TRANSFORMS_FILE = "transforms.json"
 MADE_BY = "deformrf-train"  # under the key made_by of transforms.json
+HEAD = 1000  # characters of the file, in which that stands
 IMAGE_SIZE = 1600  # longer side that photographs are worked at [pixels]
 DISTANCE = 4.0  # about that of NeRF-synthetic's cameras, which is 4.03
 LEAST_PHOTOS = 8  # with which something can be learned at all
-LEAST_SHARE = 0.5  # of the photographs that have to fit together
 FEW_FEATURES = 150  # in the median photograph: there is hardly any texture
 NAMES_SHOWN = 4
 ADVICE = "take 30 to 60 sharp photographs all around the object, each a small step from the last"
@@ -58,7 +60,9 @@ class Capture:
     seconds: float
 
 
-def find_cameras(folder: Path, work_folder: Path, image_size: int | None = None) -> Capture:
+def find_cameras(
+    folder: Path, work_folder: Path, image_size: int | None = None, is_sequence: bool = False
+) -> Capture:
     """Find the cameras of all photographs in a folder, and write what was found beside them.
 
     Ctrl-C leaves the work folder, from which the next call with the same photographs goes on.
@@ -66,6 +70,7 @@ def find_cameras(folder: Path, work_folder: Path, image_size: int | None = None)
     Args:
         work_folder: For unfinished work; removed at the end.
         image_size: Longer side that photographs are shrunk to; None for IMAGE_SIZE.
+        is_sequence: They are frames of a video, in order.
 
     Raises:
         CaptureError: The photographs don't fit together, are too few, or can't be read.
@@ -84,7 +89,7 @@ def find_cameras(folder: Path, work_folder: Path, image_size: int | None = None)
     work, _ = open_work(work_folder, photos, image_size or IMAGE_SIZE)
     with Phases() as phases:
         unreadable += find_features(work, phases.phase)
-        match_photos(work, False, phases.phase)
+        match_photos(work, is_sequence, phases.phase)
         mapped = map_photos(work, phases.phase)
     check_mapped(folder, work, mapped)
     mapped = placed(mapped)
@@ -125,7 +130,7 @@ def check_mapped(folder, work, mapped: Mapped | None):
         features = [
             database.num_keypoints_for_image(image.image_id) for image in database.read_all_images()
         ]
-    least = max(LEAST_PHOTOS, LEAST_SHARE * total)
+    least = max(LEAST_PHOTOS, total // 2 + 1)
     if mapped is not None and len(mapped.numbers) >= least:
         return
     found = 0 if mapped is None else len(mapped.numbers)
@@ -147,7 +152,7 @@ def check_mapped(folder, work, mapped: Mapped | None):
             f"steps, or put one group alone into a folder"
         )
     raise CaptureError(
-        f"only {found} of {total} photographs in {folder} fit together, and {least:.0f} are "
+        f"only {found} of {total} photographs in {folder} fit together, and {least} are "
         f"needed: neighbors have to show mostly the same things, so {ADVICE}"
     )
 
@@ -155,36 +160,16 @@ def check_mapped(folder, work, mapped: Mapped | None):
 def placed(mapped: Mapped) -> Mapped:
     """The same in the world that this module's docstring describes."""
     turn = upright(mapped.poses[:, :3, 1].mean(axis=0))
-    poses = turn @ mapped.poses
-    points = mapped.points.points @ turn[:3, :3].T
-    center = focus(poses, points)
+    poses = mapped.poses.copy()
+    poses[:, :3] = turn @ poses[:, :3]
+    points = mapped.points.points @ turn.T
+    center = focus(poses)
+    if center is None:
+        center = np.median(points, axis=0)
     scale = DISTANCE / np.median(np.linalg.norm(poses[:, :3, 3] - center, axis=1))
     poses[:, :3, 3] = scale * (poses[:, :3, 3] - center)
     moved = (scale * (points - center)).astype(np.float32)
     return replace(mapped, poses=poses, points=replace(mapped.points, points=moved))
-
-
-def focus(poses, points):
-    """The point nearest to all cameras' axes; the points' median if these are near parallel.  [3]"""
-    origins, axes = poses[:, :3, 3], poses[:, :3, 2]
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    mean = across.mean(axis=0)
-    if np.linalg.eigvalsh(mean)[0] < 0.02:
-        return np.median(points, axis=0)
-    return np.linalg.solve(mean, np.einsum("nij,nj->i", across, origins) / len(poses))
-
-
-def upright(up):
-    """The smallest rotation that takes a direction to +z.  [4, 4]"""
-    up = np.asarray(up, float) / max(np.linalg.norm(up), 1e-12)
-    z = np.array([0.0, 0.0, 1.0])
-    axis, cosine = np.cross(up, z), up @ z
-    if cosine < -0.999999:
-        return np.diag([1.0, -1.0, -1.0, 1.0])
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    turn = np.eye(4)
-    turn[:3, :3] += cross + cross @ cross / (1.0 + cosine)
-    return turn
 
 
 def write(capture: Capture, sharpness: dict):
@@ -210,6 +195,26 @@ def write(capture: Capture, sharpness: dict):
     save_points(capture.points, capture.folder)
     with whole_file(capture.folder / TRANSFORMS_FILE) as partial:
         partial.write_text(json.dumps({**scene, "frames": frames}, indent=1), encoding="utf-8")
+
+
+def frames_of_video(path: Path, image_size: int | None = None) -> Path:
+    """Take the sharp frames of a video; returns the folder beside it that they are in.
+
+    Raises:
+        CaptureError: The video can't be read, or something else is in that folder.
+    """
+    with Phases() as phases:
+        return take_frames(path, image_size or IMAGE_SIZE, phases.phase)
+
+
+def is_capture(folder: Path) -> bool:
+    """Whether a folder's transforms.json was written here."""
+    path = Path(folder) / TRANSFORMS_FILE
+    try:
+        with path.open(encoding="utf-8") as file:
+            return f'"made_by": "{MADE_BY}"' in file.read(HEAD)
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def summary(capture: Capture) -> str:

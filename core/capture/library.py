@@ -1,10 +1,10 @@
 """The library pycolmap, loaded in this one place, and calls of it that Ctrl-C can end."""
 
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from functools import cache
 
 import numpy  # noqa: F401
 from PIL import Image  # noqa: F401
@@ -13,9 +13,8 @@ POLL_SECONDS = 0.2  # how often Python looks for Ctrl-C during a call
 SEED = 0  # of all random numbers, so that the same photographs have the same cameras
 
 
-@cache
 def load_pycolmap():
-    """The module pycolmap 4.2: silent, and without handlers of signals.
+    """The module pycolmap: silent, and without handlers of signals.
 
     NumPy and Pillow have to be loaded before it: Pillow's PNG encoder, loaded after pycolmap,
     destroys the heap (pycolmap 4.2.1, Pillow 13.0).
@@ -23,6 +22,8 @@ def load_pycolmap():
     Raises:
         ModuleNotFoundError: It is not installed.
     """
+    if sys.modules.get("pycolmap"):
+        return sys.modules["pycolmap"]
     handlers = {}
     if is_main := threading.current_thread() is threading.main_thread():
         numbers = (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", None))

@@ -24,6 +24,7 @@ from ..arguments import (
 )
 from ..device import Choice, device_name
 from ..paths import free_name
+from .capturing import needs_cameras, prepared
 from .running import (
     FAILED,
     INTERRUPTED,
@@ -49,14 +50,16 @@ Words = Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...", help_behavi
 
 @dataclass(frozen=True)
 class TrainArguments:
-    """Train a model from posed images: Blender, nerfstudio, instant-ngp, NSVF or COLMAP.
+    """Train a model from photographs, or from images with cameras: Blender, nerfstudio,
+    instant-ngp, NSVF or COLMAP.
 
     On N GPUs of one host: torchrun --standalone --nproc-per-node N --no-python deformrf-train
     DATA -o MODEL.
     """
 
     data: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
-    """Folder with transforms_train.json, transforms.json, rgb/ and pose/, or sparse/0/."""
+    """Folder of photographs, or a video; or a folder with transforms_train.json, transforms.json,
+    rgb/ and pose/, or sparse/0/."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="MODEL")]
     """Model file to write, an .npz."""
     preset: Literal["default", "fast", "small", "tiny"] = "default"
@@ -69,7 +72,8 @@ class TrainArguments:
     seed: Count = None
     """Seed of all random numbers."""
     image_size: Count = None
-    """Shrink the images to this longer side [pixels]."""
+    """Shrink the images to this longer side [pixels]; photographs whose cameras are found here
+    to 1600 if it isn't given."""
     aabb: Box = None
     """The object's box, lowest and highest corner [the data's units]; else the box in the data,
     the one that is found in photographs, or one around the place that the cameras look at."""
@@ -99,7 +103,8 @@ class TrainArguments:
     outside_images: bool = False
     """Read images that lie outside DATA, too."""
     resume: bool = False
-    """Continue the interrupted run that was to write MODEL."""
+    """Continue the interrupted run that was to write MODEL. Finding cameras always goes on where
+    it was interrupted."""
 
 
 def main():
@@ -134,13 +139,17 @@ def prepare_training(
     object_size("--size", arguments.size)
     output = writable_file(arguments.output, ".npz")
     checkpoint_path = output.with_suffix(".checkpoint")
-    resumed = resumed_run(arguments, checkpoint_path) if arguments.resume else None
+    # A run that was interrupted while it sought cameras has no checkpoint yet.
+    begun = arguments.resume and not needs_cameras(arguments.data)
+    resumed = resumed_run(arguments, checkpoint_path) if begun else None
     if checkpoint_path.exists() and not training.is_checkpoint(checkpoint_path):
         raise ValueError(
             f"this run would write its checkpoints to {checkpoint_path}, which is no checkpoint "
             f"of this program: move it, or give the model another name"
         )
     options = resumed.options if resumed else train_options(arguments)
+    data = prepared(arguments.data, output, arguments.image_size)
+    arguments = replace(arguments, data=data.folder, image_size=data.image_size)
     train_views = load_views(
         arguments.data,
         "train",

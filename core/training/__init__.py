@@ -12,6 +12,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             # for the commands and the lab
             "NoImagesError",
             "NoSplitError",
+            "has_cameras",
             "white_composite",
             "world_to_unit_cube",
             # for the viewer

@@ -7,6 +7,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "datasets": [
             "Dataset",
+            "has_cameras",
             "list_images",
             "load_dataset",
             "read_image",

@@ -21,7 +21,6 @@ from .posed_images import (
     is_of_split,
     rigid_pose,
 )
-from .views import upright
 
 # Where each model has fx, fy, cx, cy, k1, k2, p1, p2 among its parameters; None is zero.
 PARAMETERS = {
@@ -99,7 +98,6 @@ def camera_of(reconstruction, image, sparse):
     return reconstruction.cameras[image.camera_id]
 
 
-<<<<<<< HEAD
 def turn_upright(poses):
     """The rotation of the world that takes the cameras' mean up direction to +z.  [4, 4]"""
     turn = np.eye(4)
@@ -107,8 +105,6 @@ def turn_upright(poses):
     return turn
 
 
-=======
->>>>>>> 5762fde (Cameras of photographs are found with pycolmap)
 def lens_reader(camera, name, sparse):
     """The function that makes an image's lens from its width and height."""
     model = getattr(camera.model, "name", str(camera.model))

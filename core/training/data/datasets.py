@@ -185,6 +185,13 @@ def list_images(folder, split, outside=False):
     return images, missing, bounds
 
 
+def has_cameras(folder: Path) -> bool:
+    """Whether a folder's files are in one of the layouts, for any split."""
+    return bool(
+        any(folder.glob("transforms*.json")) or nsvf.is_here(folder) or colmap.sparse_folder(folder)
+    )
+
+
 def read_layout(folder, split):
     """What the reader of the folder's layout finds, wherever it lies."""
     if transforms.transforms_path(folder, split):
@@ -196,7 +203,7 @@ def read_layout(folder, split):
     others = ", ".join(sorted(p.name for p in folder.glob("transforms*.json"))) or "none"
     raise NoSplitError(
         f"{folder} holds no transforms_{split}.json (transforms files there: {others}), and "
-        f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP)"
+        f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP) nor photographs"
     )
 
 

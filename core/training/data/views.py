@@ -2,36 +2,22 @@
 
 import numpy as np
 
+from ... import capture
 from .posed_images import DatasetError
-
-PARALLEL = 0.02  # below this smallest eigenvalue of the mean projector views have no focus
 
 
 def focus(poses):
     """The point nearest to all cameras' axes by squared distance; they can't be parallel.  [3]"""
-    origins, axes = poses[:, :3, 3], poses[:, :3, 2]
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # projectors across each axis
-    mean = across.mean(axis=0)
-    if np.linalg.eigvalsh(mean)[0] < PARALLEL:
+    point = capture.focus(poses)
+    if point is None:
         raise DatasetError(
             "the cameras look into about the same direction, so the place of the object is "
             "unknown: give its box with --aabb x0 y0 z0 x1 y1 z1 in the data's units"
         )
-    return np.linalg.solve(mean, np.einsum("nij,nj->i", across, origins) / len(poses))
+    return point
 
 
 def common_up(poses):
     """The mean of the cameras' up directions, a unit vector.  [3]"""
     up = poses[:, :3, 1].mean(axis=0)
     return up / max(np.linalg.norm(up), 1e-12)
-
-
-def upright(up):
-    """The smallest rotation that takes a direction to +z.  [3, 3]"""
-    up = np.asarray(up, float) / max(np.linalg.norm(up), 1e-12)
-    z = np.array([0.0, 0.0, 1.0])
-    axis, cosine = np.cross(up, z), up @ z
-    if cosine < -0.999999:
-        return np.diag([1.0, -1.0, -1.0])
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + cross + cross @ cross / (1.0 + cosine)

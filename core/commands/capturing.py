@@ -1,0 +1,79 @@
+"""Photographs without cameras as a command's data: the cameras are found first."""
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from .. import capture, training
+from ..streams import printable
+from .running import is_first
+
+WAIT_SECONDS = 1.0  # of further processes, between looks for the first one's result
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A data set whose cameras are known.
+
+    Attributes:
+        folder: Of the data set.
+        image_size: Longer side to shrink images to; None for none.
+        is_new: Whether the cameras were found just now.
+    """
+
+    folder: Path
+    image_size: int | None
+    is_new: bool = False
+
+
+def needs_cameras(data: Path) -> bool:
+    """Whether this is a folder of photographs, or a video, that no file says the cameras of."""
+    if capture.is_video(data):
+        data = capture.frames_folder(data)
+        return not data.is_dir() or not training.has_cameras(data)
+    return data.is_dir() and not training.has_cameras(data) and bool(capture.photo_folder(data))
+
+
+def prepared(data: Path, output: Path, image_size: int | None) -> Prepared:
+    """Find the cameras of photographs, if no file has them.
+
+    Args:
+        output: The model to be written; unfinished work is kept beside it, as in MODEL.capture.
+        image_size: The user's; without one, captures are worked at capture.IMAGE_SIZE.
+
+    Raises:
+        ValueError: The photographs don't fit together, or the like; a sentence for the user.
+    """
+    is_sequence = capture.is_video(data)
+    if is_sequence:
+        data = capture.frames_of_video(data, image_size)
+    is_new = needs_cameras(data)
+    if is_new and is_first():
+        found_by(data, output.with_suffix(".capture"), image_size, is_sequence)
+    while is_new and needs_cameras(data):  # torchrun ends this process if the first one fails
+        time.sleep(WAIT_SECONDS)
+    if image_size is None and capture.is_capture(data):
+        image_size = capture.IMAGE_SIZE
+    return Prepared(data, image_size, is_new)
+
+
+def found_by(data: Path, work: Path, image_size: int | None, is_sequence: bool):
+    """Find the cameras, and say what was found; after Ctrl-C, how to go on."""
+    side = image_size or capture.IMAGE_SIZE
+    known = "going on with the work in" if work.exists() else "unfinished work is kept in"
+    print(
+        f"No file in {printable(data)} has the photographs' cameras: they are found first, at "
+        f"{side} pixels (--image-size); {known} {printable(work)}.",
+        flush=True,
+    )
+    try:
+        found = capture.find_cameras(data, work, image_size, is_sequence)
+    except KeyboardInterrupt:
+        print(
+            f"What was found so far is in {printable(work)}: the same command goes on there.",
+            file=sys.stderr,
+        )
+        raise
+    for line in capture.summary(found).splitlines():
+        print(printable(line), flush=True)

@@ -1,0 +1,76 @@
+"""Videos as photographs: which frames are taken, and what is refused."""
+
+import av
+import numpy as np
+import pytest
+from PIL import Image, ImageFilter
+
+from deformrf.core import capture
+from deformrf.core.capture import CaptureError, frames_of_video, video
+from deformrf.core.capture.sharpness import sharpness_of
+
+
+def picture(rng, width=400, height=120):
+    coarse = rng.integers(0, 256, (height // 3, width // 3, 3)).astype(np.uint8)
+    return Image.fromarray(coarse).resize((width, height), Image.Resampling.NEAREST)
+
+
+def write_video(path, frames):
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = *frames[0].size, "yuv420p"
+        stream.options = {"crf": "12"}
+        for frame in [*map(av.VideoFrame.from_image, frames), None]:
+            for packet in stream.encode(frame):
+                container.mux(packet)
+
+
+def test_blur_lowers_sharpness_and_exposure_does_not():
+    image = picture(np.random.default_rng()).convert("L")
+    sharp = [sharpness_of(np.asarray(image.filter(ImageFilter.GaussianBlur(r)))) for r in range(4)]
+    assert sharp == sorted(sharp, reverse=True) and sharp[1] < 0.9 * sharp[0]
+    darker = np.asarray(image) // 2
+    assert sharpness_of(darker) == pytest.approx(sharp[0], rel=0.02)
+    assert sharpness_of(np.full((60, 80), 200, np.uint8)) == 0.0
+
+
+def test_sharp_frames_are_taken_evenly_along_the_way(tmp_path):
+    """The camera rests for half of the video, then pans; every second frame is blurred."""
+    wide = picture(np.random.default_rng())
+    frames = [wide.crop((0, 0, 160, 120))] * 30
+    frames += [wide.crop((4 * i, 0, 4 * i + 160, 120)) for i in range(30)]
+    frames = [f.filter(ImageFilter.GaussianBlur(2)) if i % 2 else f for i, f in enumerate(frames)]
+    write_video(tmp_path / "pan.mp4", frames)
+    folder = video.take_frames(tmp_path / "pan.mp4", 80, capture.phases.Phases().phase, count=12)
+    numbers = [int(path.stem) for path in sorted(folder.glob("*.jpg"))]
+    assert all(n % 2 == 0 for n in numbers), "sharp ones"
+    assert len(numbers) >= 10 and sum(n < 30 for n in numbers) <= len(numbers) // 2 + 1
+    with Image.open(folder / f"{numbers[0]:06d}.jpg") as image:
+        assert image.size == (80, 60)
+    assert frames_of_video(tmp_path / "pan.mp4") == folder, "they are there already"
+    assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+def test_each_part_of_the_way_gives_its_sharpest_frame():
+    rng = np.random.default_rng()
+    way, sharpness = np.cumsum(rng.random(200) * (np.arange(200) < 150)), rng.random(200)
+    chosen = video.chosen_frames(sharpness, way, 20)
+    assert len(chosen) == 20 and chosen == sorted(chosen)
+    steps = np.diff(way[chosen])
+    assert steps.max() < 2.1 * way[-1] / 20
+    assert video.chosen_frames(sharpness[:5], way[:5], 20) == list(range(5))
+    assert len(video.chosen_frames(sharpness, np.zeros(200), 20)) == 20
+
+
+def test_what_is_no_video_ends_in_one_sentence(tmp_path):
+    (tmp_path / "a.mp4").write_text("no video")
+    # A playlist names other files, and would be read under any ending.
+    (tmp_path / "b.mp4").write_text("#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nc.mp4\n")
+    for name in "ab":
+        with pytest.raises(CaptureError, match="can't be read as a video") as caught:
+            frames_of_video(tmp_path / f"{name}.mp4")
+        assert "\n" not in str(caught.value)
+    write_video(tmp_path / "c.mp4", [Image.new("RGB", (64, 48))] * 3)
+    (tmp_path / "c-frames").mkdir()
+    with pytest.raises(CaptureError, match="something else is there"):
+        frames_of_video(tmp_path / "c.mp4")
