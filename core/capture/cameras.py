@@ -1,7 +1,8 @@
 """From a folder of photographs to transforms.json and points.npz beside them.
 
 The world that they are in: +z is the mean up direction of the cameras, the origin is the point
-that they look at (among the points, if they look the same way), and the median camera is DISTANCE away from it.
+that they look at (the points' median, if they all look the same way), and the median camera is
+DISTANCE away from it.
 """
 
 import json
