@@ -206,12 +206,9 @@ class Renderer:
             starts = [*range(first_pixel, first_pixel + count, CUDA_TILE_RAYS), first_pixel + count]
             sample_count = sum(map(render_tile, pairwise(starts)))
         else:
-            from threadpoolctl import threadpool_limits
-
             limit = max(CPU_TILE_RAYS // camera.width, 1)
             starts = [camera.width * row for row in _tile_starts(faces.row_work(), rows, limit)]
-            with threadpool_limits(1, user_api="blas"):  # the tiles are the parallelism
-                sample_count = sum(self._pool.map(render_tile, pairwise(starts)))
+            sample_count = sum(self._pool.map(render_tile, pairwise(starts)))
         shape = (rows[1] - rows[0], camera.width)
         images = {name: array.reshape(shape) for name, array in arrays.items()}
         return Image(**images, sample_count=sample_count)
