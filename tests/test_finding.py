@@ -7,14 +7,13 @@ import pytest
 import torch
 import warp as wp
 
-from deformrf.core.field import unpack_mask
+from deformrf.core.field import subtet_middles, unpack_mask
 from deformrf.core.render import Camera, camera_rays, look_at, pinhole
 from deformrf.core.training import finding, preset, trainer
 from deformrf.core.training.data import seeks_object
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.finding import Found, ends_of_rays, first_workers, search
 from deformrf.core.training.run import ALONE, Optimization, TrainingProgress, load_checkpoint
-from deformrf.core.training.run.training_field import subtet_middles
 
 LENS = pinhole(60.0, 48, 40)
 RADIUS, HEIGHT = 0.3, 0.9

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from deformrf.core.field import FieldOptions, random_field, reduced
+from deformrf.core.field import (
+    FieldOptions,
+    cut,
+    pack_mask,
+    random_field,
+    reduced,
+    subtet_middles,
+    unpack_mask,
+    without_specks,
+)
 from deformrf.core.geometry import a15_grid, tet_neighbours
 
 
@@ -35,3 +44,49 @@ def test_something_has_to_stay():
     field = random_field(mesh, tet_neighbours(mesh.tets), FieldOptions(level_count=2))
     with pytest.raises(ValueError, match="no tet"):
         reduced(field, np.zeros(mesh.tet_count, bool))
+
+
+@pytest.fixture
+def two_balls():
+    """A large ball, a small one with 3 % of its matter, and a speck, all in one mesh."""
+    mesh = a15_grid(0.04)
+    options = FieldOptions(level_count=2, table_size=2**10)
+    field = random_field(mesh, tet_neighbours(mesh.tets), options)
+    places = subtet_middles(mesh)
+    matter = np.zeros(places.shape[:2], bool)
+    for center, radius in (
+        ([0.3, 0.5, 0.5], 0.25),
+        ([0.8, 0.5, 0.5], 0.08),
+        ([0.9, 0.9, 0.9], 0.03),
+    ):
+        matter |= np.linalg.norm(places - center, axis=2) < radius
+    field.occupancy[:] = pack_mask(matter)
+    return field
+
+
+def matter_at(field, center, radius=0.3):
+    """Occupied sub-tets near a place."""
+    places = subtet_middles(field.mesh)[unpack_mask(field.occupancy)]
+    return int((np.linalg.norm(places - center, axis=1) < radius).sum())
+
+
+def test_specks_go_and_smaller_parts_stay(two_balls):
+    left = without_specks(two_balls)
+    for center, radius in (([0.3, 0.5, 0.5], 0.26), ([0.8, 0.5, 0.5], 0.09)):
+        assert matter_at(left, center, radius) == matter_at(two_balls, center, radius) > 0
+    assert matter_at(two_balls, [0.9, 0.9, 0.9], 0.1) > matter_at(left, [0.9, 0.9, 0.9], 0.1) == 0
+    assert left.mesh.tet_count < two_balls.mesh.tet_count
+    assert without_specks(two_balls, 0.0) is two_balls
+    assert matter_at(without_specks(two_balls, 0.99), [0.3, 0.5, 0.5]) > 0  # the largest stays
+
+
+def test_a_box_is_cut_out_or_kept(two_balls):
+    box = np.array([[0.6, 0.3, 0.3], [1.0, 0.7, 0.7]])
+    kept, dropped = cut(two_balls, box), cut(two_balls, box, keep_inside=False)
+    for field, inside in ((kept, True), (dropped, False)):
+        places = subtet_middles(field.mesh)[unpack_mask(field.occupancy)]
+        assert (((places >= box[0]) & (places <= box[1])).all(axis=1) == inside).all()
+    total = unpack_mask(two_balls.occupancy).sum()
+    assert unpack_mask(kept.occupancy).sum() + unpack_mask(dropped.occupancy).sum() == total
+    with pytest.raises(ValueError, match="nothing of the model"):
+        cut(two_balls, box + 5.0)

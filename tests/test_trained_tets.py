@@ -3,11 +3,17 @@
 import numpy as np
 import pytest
 
-from deformrf.core.field import FieldOptions, pack_mask, random_field, unpack_mask
+from deformrf.core.field import (
+    FieldOptions,
+    pack_mask,
+    random_field,
+    subtet_middles,
+    unpack_mask,
+)
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.training import DatasetError, trained_tets
 from deformrf.core.training.data import Plane
-from deformrf.core.training.run import TrainingField, subtet_middles
+from deformrf.core.training.run import TrainingField
 
 
 def test_nothing_occupied_is_said_so():

@@ -13,6 +13,7 @@ COMMANDS = {
     "deformrf-render": "deformrf.viewer.films.render_command",
     "deformrf-train": "deformrf.viewer.training.train_command",
     "deformrf-eval": "deformrf.core.commands.evaluate",
+    "deformrf-edit": "deformrf.core.commands.edit",
     "deformrf-report": "deformrf.core.lab.command",
 }
 INTERRUPTED = 130
@@ -32,6 +33,10 @@ def train() -> int:
 
 def evaluate() -> int:
     return begin("deformrf-eval")
+
+
+def edit() -> int:
+    return begin("deformrf-edit")
 
 
 def report() -> int:

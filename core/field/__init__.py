@@ -10,7 +10,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "packing": ["STIFFNESS_RANGE"],
         "bounds": ["check_finite", "check_geometry"],
         "field": ["FieldOptions", "TetField", "random_field"],
-        "reduction": ["reduced"],
+        "reduction": ["cut", "reduced", "without_specks"],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
         # For the rooms next door: kernels, their functions and array structs.
         "encoding": [
@@ -56,6 +56,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "pack_mask",
             "subtet_ahead",
             "subtet_corners",
+            "subtet_middles",
             "subtet_of",
             "unpack_mask",
         ],

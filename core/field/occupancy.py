@@ -10,7 +10,7 @@ Shapes: T tets, N samples.
 import numpy as np
 import warp as wp
 
-from ..geometry import child_of, child_path, into_child, path_corners
+from ..geometry import TetMesh, child_of, child_path, into_child, path_corners
 
 LEVELS = 2
 SUBTET_COUNT = 64  # 8^LEVELS
@@ -19,6 +19,12 @@ SUBTET_COUNT = 64  # 8^LEVELS
 def subtet_corners():
     """Corners of the sub-tets in barycentric coordinates of the tet.  [64, corner, 4]"""
     return path_corners(LEVELS) / 2**LEVELS
+
+
+def subtet_middles(mesh: TetMesh):
+    """The middles of all sub-tets at rest.  [T, 64, 3] float32"""
+    corners = mesh.rest_vertices[mesh.tets].astype(np.float32)
+    return np.einsum("sk,tkx->tsx", subtet_corners().mean(axis=1).astype(np.float32), corners)
 
 
 def pack_mask(occupied):

@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..geometry import extract, path_nodes, tet_neighbours
+from ..geometry import extract, face_components, path_nodes, tet_neighbours
 from .field import TetField
 from .layout import FEATURES, hash_address, make_layout
+from .occupancy import pack_mask, subtet_middles, unpack_mask
+
+SPECK = 0.01  # of the matter: a smaller part is a speck
 
 
 def reduced(field: TetField, keep) -> TetField:
@@ -40,6 +43,48 @@ def reduced(field: TetField, keep) -> TetField:
         table=np.concatenate(parts),
         stiffness=None if field.stiffness is None else field.stiffness[used],
     )
+
+
+def cut(field: TetField, box, keep_inside=True) -> TetField:
+    """The field inside a box, or outside of it, cut at the sub-tets whose middles lie there.
+
+    Args:
+        box: Lowest and highest corner, model space.  [2, 3]
+
+    Raises:
+        ValueError: Nothing is left.
+    """
+    middles = subtet_middles(field.mesh)
+    stays = ((middles >= box[0]) & (middles <= box[1])).all(axis=2) == keep_inside
+    matter = unpack_mask(field.occupancy) & stays
+    if not matter.any():
+        raise ValueError("nothing of the model would be left: take another box")
+    return reduced(replace(field, occupancy=pack_mask(matter)), stays.any(axis=1))
+
+
+def without_specks(field: TetField, share=SPECK) -> TetField:
+    """The field without its connected parts that have less than that share of the matter.
+
+    Matter is counted in occupied sub-tets; parts are connected through faces of tets that have
+    some.  The largest part stays in any case.
+    """
+    matter = unpack_mask(field.occupancy)
+    occupied = matter.any(axis=1)
+    if not occupied.any():
+        return field
+    goes = occupied & ~_large(field, matter, occupied, share)
+    # Empty tets stay, unless everything that they are joined with goes.
+    keep = ~goes & _large(field, matter * ~goes[:, None], np.ones(len(goes), bool), share)
+    return field if keep.all() else reduced(field, keep)
+
+
+def _large(field, matter, among, share):
+    """Which tets belong to a part, of the tets `among`, that has that share of the matter.  [T]"""
+    labels = face_components(field.neighbours, among)
+    sizes = np.bincount(labels[among], matter.sum(axis=1)[among])
+    large = sizes >= share * matter.sum()
+    large[sizes.argmax()] = True
+    return among & large[labels]
 
 
 def _entries(field, mesh, level, keep):

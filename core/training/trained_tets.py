@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..field import TetField, pack_mask, reduced, unpack_mask
+from ..field import TetField, pack_mask, reduced, subtet_middles, unpack_mask
 from ..geometry import (
     TetMesh,
     extract,
@@ -14,7 +14,7 @@ from ..geometry import (
     tet_neighbours,
 )
 from .data import DatasetError, Plane
-from .run import TrainingField, subtet_middles
+from .run import TrainingField
 
 SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters
 SMALLEST_PART = 0.01  # of the object's matter

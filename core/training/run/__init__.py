@@ -19,6 +19,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "monitoring": ["Diverged", "History", "TrainingProgress"],
         "optimization": ["Optimization"],
         "surroundings": ["LearnedSurroundings", "over", "random_surroundings"],
-        "training_field": ["TrainingField", "subtet_middles"],
+        "training_field": ["TrainingField"],
     },
 )

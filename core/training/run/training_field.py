@@ -24,6 +24,7 @@ from ...field import (
     make_tables,
     random_field,
     subtet_corners,
+    subtet_middles,
     subtet_of,
 )
 from ...geometry import TetMesh, tet_neighbours
@@ -309,9 +310,3 @@ def outside(mesh: TetMesh, box):
     """Which sub-tets have their middle outside of a box [2, 3].  [T, 64] bool"""
     middles = subtet_middles(mesh)
     return ((middles < box[0]) | (middles > box[1])).any(axis=2)
-
-
-def subtet_middles(mesh: TetMesh):
-    """The middles of all sub-tets at rest.  [T, 64, 3] float32"""
-    corners = mesh.rest_vertices[mesh.tets].astype(np.float32)
-    return np.einsum("sk,tkx->tsx", subtet_corners().mean(axis=1).astype(np.float32), corners)
