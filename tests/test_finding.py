@@ -9,7 +9,7 @@ import warp as wp
 
 from deformrf.core.field import subtet_middles, unpack_mask
 from deformrf.core.render import Camera, camera_rays, look_at, pinhole
-from deformrf.core.training import finding, preset, trainer
+from deformrf.core.training import finding, preset, trained_tets, trainer
 from deformrf.core.training.data import seeks_object
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.finding import Found, ends_of_rays, first_workers, search
@@ -80,6 +80,7 @@ def few_steps(monkeypatch):
     monkeypatch.setattr(finding, "LOOK_RAYS", 1 << 11)
     monkeypatch.setattr(trainer, "COARSE_UNSEEN_WEIGHT", 0.0)
     monkeypatch.setattr(trainer, "UNSEEN_WEIGHT", 0.0)
+    monkeypatch.setattr(trained_tets, "FOG", 0.0)
 
 
 def test_the_object_alone_is_trained_upright(capture, few_steps):

@@ -154,10 +154,10 @@ def test_the_ground_is_found_anew_beside_a_guess():
     rng = np.random.default_rng()
     scene = table_scene(rng)[:4500] + np.array([0, 0, 0.03])
     guess = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
-    ground = ground_of(scene, guess)
+    ground = ground_of(scene, guess, 0.1)
     assert ground.offset == pytest.approx(0.03, abs=0.004)
     assert ground.normal[2] > 0.9999
-    assert ground_of(5.0 + scene, guess) is guess  # nothing is near
+    assert ground_of(5.0 + scene, guess, 0.1) is guess  # nothing is near
 
 
 def test_up_is_common():

@@ -40,6 +40,8 @@ WIDER = 1.5  # than the box that the cameras look at: the table's plane is seen,
 STEPS = 150
 LOOK_RAYS, LOOK_SIZE = 1 << 16, 1 << 12  # whose depths are taken, and as many at once
 HALF = 0.5  # of a ray's light: where it has ended
+# How far the ground may be from where points of structure from motion, or a field's fog, have it.
+POINTS_SLACK, FIELD_SLACK = 0.04, 0.1  # [model units]
 AROUND = 0.05  # of the box: rays that pass there are learned from [model units]
 NOT_FOUND = (
     "No object was found that stands on a plane or hangs on one, so all that lies where the "
@@ -54,20 +56,27 @@ class Found:
     Attributes:
         box: In model space, on z = 0.  [2, 3]
         stands: Whether the object stands on a plane below it, or hangs on one at its largest y.
+        slack: How far the plane's surface may be from the box's face [model units].
     """
 
     box: np.ndarray
     stands: bool
+    slack: float = FIELD_SLACK
 
     @staticmethod
     def of_report(report: dict) -> "Found | None":
         """What `as_report` wrote into the report of a run."""
         if "object_box" not in report:
             return None
-        return Found(np.array(report["object_box"]), bool(report["object_stands"]))
+        stands, slack = report["object_stands"], report["object_slack"]
+        return Found(np.array(report["object_box"]), bool(stands), float(slack))
 
     def as_report(self) -> dict:
-        return {"object_box": self.box.tolist(), "object_stands": self.stands}
+        return {
+            "object_box": self.box.tolist(),
+            "object_stands": self.stands,
+            "object_slack": self.slack,
+        }
 
     @property
     def plane(self) -> Plane:
@@ -100,17 +109,18 @@ def search(dataset: Dataset, seed: int, device, workers: Workers, progress):
         What was found, None if it isn't clear; and the similarity that takes it upright into the
         unit cube.  Found, [4, 4]
     """
-    found = None
+    found, slack = None, POINTS_SLACK
     if dataset.points is not None:
         found = find_among(dataset, dataset.points)
     if found is None:
+        slack = FIELD_SLACK
         found = found_by_a_field(dataset, seed, device, workers, progress)
     if found is None:
         progress.say(NOT_FOUND)
         return None, None
     progress.say(said(found))
     world_to_model, box = found_to_unit_cube(found)
-    return Found(box, found.stands), world_to_model
+    return Found(box, found.stands, slack), world_to_model
 
 
 def find_among(dataset: Dataset, points) -> FoundObject | None:
@@ -180,7 +190,7 @@ def coarse_points(dataset, world_to_model, seed, device, workers, progress):
 
 def ground_under(found: Found, field: TrainingField, bank: RayBank, workers: Workers) -> Plane:
     """The plane that a found object stands or hangs on, where a field of it has the surface."""
-    ground = ground_of(surface_points(field, bank), found.plane)
+    ground = ground_of(surface_points(field, bank), found.plane, found.slack)
     values = torch.tensor([*ground.normal, ground.offset], dtype=torch.float64)
     values = values.to(field.torch_device)
     workers.broadcast_(values)

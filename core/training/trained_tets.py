@@ -18,6 +18,7 @@ from .run import TrainingField
 
 SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters
 SMALLEST_PART = 0.01  # of the object's matter
+FOG = 0.1  # optical depth across a sub-tet; a tet without more is fog
 # Edges of a sub-tet: what is lower over the ground is the ground's; what is lower than LOW is the
 # object's only if something is ABOVE it, up to ASIDE beside it.
 CLEARANCE, LOW, ABOVE, ASIDE = 0.6, 2.2, 4.4, 1.5
@@ -75,21 +76,24 @@ def solid(keep, neighbours, closed):
     return filled
 
 
-def object_alone(field: TetField, box, ground: Plane | None) -> TetField:
+def object_alone(field: TetField, densities, box, ground: Plane | None) -> TetField:
     """What stands on the ground in the middle of a box, without the ground and what is beside it.
 
+    Tets that are fog throughout go: photographs leave some in the air, and it joins things.
     Matter is counted in occupied sub-tets.  The largest connected part is the object; parts of
     less than 1 % go, and so do those at the box's sides, which go on outside of it.
 
     Args:
+        densities: Of all sub-tets.  [T, 64]
         box: The object's, in model space.  [2, 3]
         ground: In model space; None if the object stands on nothing.
     """
     mesh, neighbours = field.mesh, field.neighbours
+    edge = 0.25 * regular_edge(mesh)  # of a sub-tet
     matter = unpack_mask(field.occupancy)
+    matter &= ((matter * densities).max(axis=1) * edge >= FOG)[:, None]
     is_ground = np.zeros(mesh.tet_count, bool)
     if ground is not None:
-        edge = 0.25 * regular_edge(mesh)  # of a sub-tet
         places = subtet_middles(mesh)
         heights = ground.height(places)
         matter &= heights > CLEARANCE * edge

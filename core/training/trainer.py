@@ -387,7 +387,7 @@ class _Run:
         alone = whole = self._export()
         if self.found:  # without what it stands on
             ground = None if self.dataset.has_alpha else self._ground()
-            alone = object_alone(whole, self.found.box, ground)
+            alone = object_alone(whole, field.densities().cpu().numpy(), self.found.box, ground)
         return Trained(alone, report, interrupted, diverged, out_of_memory, self.resumable, whole)
 
     def _levels_below_pixel(self) -> list[int]:

@@ -38,7 +38,6 @@ OBJECT_SHARE = 0.1  # of all attention that it has at least
 FEWEST_POINTS = 40  # of an object
 OUTLIERS = 0.3  # percent of its points at each side of the box
 MARGIN = 0.12  # around them: thin parts are missing among points [the box's longest side]
-NEAR_GUESS = 0.1  # of a found plane, to look for it anew [model units]
 GROUND_THICKNESS = 0.008  # to each side [model units]
 SAME_TILT, GROUND_SHARE = 0.985, 0.15  # cosine to the guess; of the points near it
 
@@ -121,13 +120,16 @@ def find_object(points, poses, lenses, masks=None) -> FoundObject | None:
     return FoundObject(turn, np.array([low, high]), stands)
 
 
-def ground_of(points, guess: Plane) -> Plane:
+def ground_of(points, guess: Plane, slack: float) -> Plane:
     """The plane that surface points near a guess lie on; the guess if too few do.
 
     Lengths are those of model space, where the object is about 1 long.
+
+    Args:
+        slack: How near points have to be to the guess.
     """
     rng = np.random.default_rng(0)
-    low = some(points[abs(guess.height(points)) < NEAR_GUESS], POINTS_MAX, rng)
+    low = some(points[abs(guess.height(points)) < slack], POINTS_MAX, rng)
     plane = heaviest_plane(low, np.ones(len(low)), GROUND_THICKNESS, rng)
     if plane is None:
         return guess

@@ -176,6 +176,13 @@ class TrainingField:
         threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
         self._occupy((self.thickness > threshold) & ~self.hidden)
 
+    @torch.no_grad()
+    def densities(self):
+        """The density at a random point of each sub-tet, whether it is occupied or not.  [T, 64]"""
+        cells = torch.arange(self.thickness.numel(), device=self.torch_device)
+        found = torch.cat([self._thickness_of(some) for some in cells.split(self._chunk)])
+        return found.view_as(self.thickness) / self.options.march_step
+
     def _thickness_of(self, cells):
         """σ·Δ at a random point of each sub-tet.  [n] int64 -> [n]"""
         beta = torch.empty(len(cells), 4, device=self.torch_device)
