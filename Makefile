@@ -67,7 +67,9 @@ soak: venv
 	echo "Random inputs of seed $$seed; to repeat this run: $$again"; \
 	DEFORMRF_TEST_SEED=$$seed $(BIN)/python -m pytest $(PYTEST_ARGS) \
 	|| { echo "To repeat this run: $$again"; exit 1; }; \
-	$(BIN)/python tests/benchmarks/fuzz_models.py --seconds 120 --seed $$seed
+	$(BIN)/python tests/benchmarks/fuzz_models.py --seconds 120 --seed $$seed && \
+	$(BIN)/python tests/benchmarks/fuzz_inputs.py --seconds 120 --seed $$seed && \
+	$(BIN)/python tests/benchmarks/kills.py --count 10 --seed $$seed
 
 random-use: venv
 	$(BIN)/python tests/benchmarks/random_use.py

@@ -80,12 +80,21 @@ def truncate(path):
     path.write_bytes(path.read_bytes()[:1000])
 
 
+def spoil_end(path):
+    """A zip that spans several disks, which zipfile itself doesn't even want to look at."""
+    content = bytearray(path.read_bytes())
+    assert content[-42:-38] == b"PK\x06\x07"
+    content[-26:-22] = b"\1\0\0\xff"
+    path.write_bytes(content)
+
+
 @pytest.mark.parametrize(
     "spoil, sentence",
     [
         (lambda path: path.unlink(), "no .* to resume from"),
         (lambda path: path.write_text("text"), "can't be read as a checkpoint"),
         (truncate, "can't be read as a checkpoint"),
+        (spoil_end, "can't be read as a checkpoint"),
         (lambda path: torch.save({"format": "other"}, path), "another version"),
         (lambda path: torch.save([1], path), "no checkpoint of this version"),
         (lambda path: torch.save({"format": FORMAT}, path), "no checkpoint of this"),

@@ -87,8 +87,6 @@ def load_checkpoint(path) -> Checkpoint:
             f"there is no {path} to resume from: it is written every minute and when a run is "
             f"interrupted, and removed when the model is complete"
         )
-    if not zipfile.is_zipfile(path):
-        raise CheckpointError(f"{path} can't be read as a checkpoint: it is damaged")
     try:
         check_archive(path)
         content = torch.load(path, map_location="cpu", weights_only=True)

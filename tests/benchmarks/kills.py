@@ -1,0 +1,233 @@
+"""Kill commands at random moments, and look at what they leave.
+
+    python tests/benchmarks/kills.py --count 100 [--seed 7] [--only model]
+
+SIGKILL, which no program can answer.  In each trial a process writes a file again and again, and is
+killed; the file that was there before has to be whole, or the new one.  What begins with a dot and
+holds .part may be left beside it.  A run that is trained goes on from its last checkpoint.
+`interrupts` sends Ctrl-C in a command's first three seconds instead: one line and exit code 130.
+"""
+
+import argparse
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import av
+import numpy as np
+from fuzz_models import small_models
+from PIL import Image
+
+from deformrf.core.field import load
+from deformrf.viewer.entry import COMMANDS
+
+START = "import sys; print('started', flush=True);"
+MODEL = (
+    START
+    + """
+from deformrf.core.field import load, save
+fields = [load(path) for path in sys.argv[1:3]]
+print('ready', flush=True)
+while True:
+    for field in fields:
+        save(field, sys.argv[3])
+"""
+)
+REPORT = (
+    START
+    + """
+from deformrf.core.lab.report.parts import Figure, Report, Section
+from deformrf.core.lab.report.writing import write
+def report(n):
+    figures = [Figure(f"f{k}", f"n {n}", b"\\x89PNG" + bytes([n]) * 200_000) for k in range(3)]
+    return Report("Killed", {"n": str(n)}, [Section("a", "A", [f"n {n}"], figures=figures)], True)
+print('ready', flush=True)
+n = 0
+while True:
+    n = (n + 1) % 256
+    write(report(n), sys.argv[1])
+"""
+)
+TRAIN = (
+    START
+    + """
+from deformrf.core.training import trainer
+trainer.CHECKPOINT_SECONDS = 0.1
+from deformrf.core.commands.train import main
+print('ready', flush=True)
+main()
+"""
+)
+COMMAND = (
+    START
+    + """
+from deformrf.viewer.entry import begin
+program, *sys.argv[1:] = sys.argv[1:]
+print('ready', flush=True)
+sys.exit(begin(program))
+"""
+)
+
+
+def killed(program, arguments, seconds, number=signal.SIGKILL):
+    """Run Python, and send a signal some seconds after it is ready; exit code and stderr."""
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as process:
+        for line in process.stdout:
+            if line == "ready\n":
+                break
+        time.sleep(seconds)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=120)
+    return process.returncode, said
+
+
+class Trials:
+    """`trial` does one; it returns "old", "new" or a fault in words."""
+
+    def __init__(self, folder, rng):
+        self.folder, self.rng = folder, rng
+
+
+class Model(Trials):
+    def trial(self):
+        first, second = small_models(self.folder)
+        path = self.folder / "model.npz"
+        path.write_bytes(first.read_bytes())
+        killed(MODEL, [first, second, path], self.rng.uniform(0.0, 0.4))
+        count = load(path).mesh.tet_count
+        levels = load(path).options.level_count
+        return {3: "first", 1: "second"}[levels] if count else "fault: no tets"
+
+
+class WrittenReport(Trials):
+    def trial(self):
+        killed(REPORT, [self.folder], self.rng.uniform(0.05, 0.5))
+        numbers = set()
+        try:
+            for path in self.folder.glob("f*.png"):
+                content = path.read_bytes()
+                if len(set(content[4:])) != 1 or len(content) != 200_004:
+                    return f"fault: {path.name} is not whole"
+                numbers.add(content[-1])
+            if (report := self.folder / "report.json").exists():
+                json.loads(report.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            return f"fault: {error}"
+        return {0: "nothing yet", 1: "whole"}.get(len(numbers), "whole files of two reports")
+
+
+class Film(Trials):
+    def trial(self):
+        model, path = next(small_models(self.folder)), self.folder / "film.mp4"
+        path.write_bytes(b"old")
+        options = ["--turntable", 0.3, "--size", "64x48", "--device", "cpu", "-o", path]
+        killed(COMMAND, ["deformrf-render", model, *options], self.rng.uniform(0.0, 4.0))
+        if path.read_bytes() == b"old":
+            return "old"
+        with av.open(str(path)) as film:
+            return "new" if sum(1 for _ in film.decode(video=0)) >= 9 else "fault: too short"
+
+
+class Training(Trials):
+    def trial(self):
+        data, path = self.folder / "data", self.folder / "m.npz"
+        if not data.exists():
+            write_data(data)
+        options = [data, "-o", path, "--preset", "tiny", "--steps", 60, "--device", "cpu"]
+        options += ["--leave-out", "coarse-stage"]
+        killed(TRAIN, options, self.rng.uniform(1.0, 8.0))
+        went_on = "anew"
+        if path.with_suffix(".checkpoint").exists():
+            went_on, options = "resumed", [*options, "--resume"]
+        elif path.exists():
+            went_on = "was done"
+        command = [sys.executable, "-c", COMMAND, "deformrf-train", *map(str, options)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode or load(path).meta["interrupted"]:
+            return f"fault: {done.stderr}"
+        path.unlink()
+        return went_on
+
+
+class Interrupts(Trials):
+    def trial(self):
+        model, out = next(small_models(self.folder)), self.folder / "out"
+        arguments = {
+            "deformrf-view": [model, "--headless", "--frames", 900, "--record", f"{out}.mp4"],
+            "deformrf-render": [model, "--turntable", 9, "-o", f"{out}.mp4"],
+            "deformrf-train": [self.folder / "data", "-o", f"{out}.npz", "--device", "cpu"],
+            "deformrf-eval": [model, self.folder / "data", "--device", "cpu"],
+            "deformrf-report": [model, "--device", "cpu", "-o", out],
+        }
+        if not (self.folder / "data").exists():
+            write_data(self.folder / "data")
+        program = str(self.rng.choice(list(COMMANDS)))
+        moment = self.rng.uniform(0.0, 3.0)
+        code, said = killed(COMMAND, [program, *arguments[program]], moment, signal.SIGINT)
+        lines = [line for line in said.splitlines() if "interrupted" in line or "Error" in line]
+        if "Traceback" in said or code not in (0, 130) or len(lines) > 1:
+            return f"fault: {program} after {moment:.2f} s: {code}, {said}"
+        return "quiet"
+
+
+def write_data(folder):
+    """A gray square in front of three cameras."""
+    pixels = np.zeros((16, 16, 4), np.uint8)
+    pixels[4:12, 4:12] = 200
+    for split in ("train", "test"):
+        (folder / split).mkdir(parents=True)
+        frames = []
+        for number in range(3):
+            Image.fromarray(pixels).save(folder / split / f"r_{number}.png")
+            matrix = np.eye(4)
+            matrix[:3, 3] = [0.0, 0.1 * number, 3.0]
+            name = f"{split}/r_{number}"
+            frames.append({"file_path": name, "transform_matrix": matrix.tolist()})
+        scene = {"camera_angle_x": 0.7, "frames": frames}
+        (folder / f"transforms_{split}.json").write_text(json.dumps(scene), encoding="utf-8")
+
+
+KINDS = {
+    "model": Model,
+    "report": WrittenReport,
+    "film": Film,
+    "training": Training,
+    "interrupts": Interrupts,
+}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--count", type=int, default=10, help="trials of each kind")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", choices=KINDS)
+    arguments = parser.parse_args()
+    rng, failed = np.random.default_rng(arguments.seed), False
+    for name in [arguments.only] if arguments.only else KINDS:
+        counts = {}
+        with tempfile.TemporaryDirectory(prefix="kills-") as folder:
+            trials = KINDS[name](Path(folder), rng)
+            for _ in range(arguments.count):
+                try:
+                    result = trials.trial()
+                except Exception as error:  # what is left can't be read
+                    result = f"fault: {error!r}"
+                if result.startswith("fault"):
+                    print(name, result, flush=True)
+                key = result.split(":")[0]
+                counts[key] = counts.get(key, 0) + 1
+        failed |= "fault" in counts
+        print(
+            name, ", ".join(f"{key} {count}" for key, count in sorted(counts.items())), flush=True
+        )
+    sys.exit(failed)
+
+
+if __name__ == "__main__":
+    main()
