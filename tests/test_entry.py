@@ -1,5 +1,6 @@
 """Ctrl-C at a command's start: one line, exit code 130."""
 
+import os
 import subprocess
 import sys
 import tomllib
@@ -40,3 +41,46 @@ def test_an_interrupt_of_the_imports_is_one_line(program, package):
 def test_every_command_begins_here():
     assert SCRIPTS.keys() == entry.COMMANDS.keys()
     assert all(target.startswith("deformrf.viewer.entry:") for target in SCRIPTS.values())
+
+
+FAULT = """
+import sys
+from deformrf.viewer import command, entry
+
+def broken(chosen):
+    from deformrf.viewer.events import EventLog
+
+    EventLog(False)("grab", secret="contents")
+    open("{folder}/private/name.npz")
+
+def job(chosen):
+    return lambda: broken(chosen)
+
+command.prepare = job
+sys.argv = ["x", *{arguments}]
+sys.exit(entry.view())
+"""
+
+
+@pytest.mark.parametrize("arguments", [[], ["--verbose"]])
+def test_a_fault_leaves_a_report_that_can_be_passed_on(tmp_path, arguments):
+    program = FAULT.format(folder=tmp_path, arguments=arguments)
+    state = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state")}
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=state)
+    assert run.returncode == 1 and "Traceback" in run.stderr
+    assert ("deformrf-view: grab\n" in run.stderr) == bool(arguments)
+    (report,) = (tmp_path / "state").rglob("crash-*.txt")
+    assert str(report) in run.stderr
+    text = report.read_text()
+    for expected in ("numpy 2", "FileNotFoundError", "deformrf.viewer.events: grab", "name.npz"):
+        assert expected in text, text
+    assert str(tmp_path) not in text and "contents" not in text
+
+
+def test_a_mistake_of_the_user_leaves_none(tmp_path):
+    program = "from deformrf.viewer.entry import view; import sys; sys.exit(view())"
+    state = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
+    command = [sys.executable, "-c", program, "nothing.npz", "--headless", "--screenshot", "a.png"]
+    run = subprocess.run(command, capture_output=True, text=True, env=state, cwd=tmp_path)
+    assert run.returncode == 2 and run.stderr.count("\n") == 1
+    assert not list(tmp_path.rglob("crash-*"))

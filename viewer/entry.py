@@ -8,6 +8,8 @@ import signal
 import sys
 from importlib import import_module
 
+from ..core.streams import keep_going
+
 COMMANDS = {
     "deformrf-view": "deformrf.viewer.command",
     "deformrf-render": "deformrf.viewer.films.render_command",
@@ -44,7 +46,11 @@ def report() -> int:
 
 
 def begin(program: str) -> int:
-    """Import a command and run it; returns its exit code."""
+    """Import a command and run it; returns its exit code.
+
+    A fault of the program leaves a report that a user can attach.  With --verbose, any command
+    shows on stderr what its modules note.
+    """
 
     def end(*_):
         # No exception: an import that one passes through may turn it into another, or go on.
@@ -56,4 +62,19 @@ def begin(program: str) -> int:
 
     if signal.getsignal(signal.SIGINT) == signal.default_int_handler:  # ignored in the background
         signal.signal(signal.SIGINT, end)
-    return import_module(COMMANDS[program]).main()
+    keep_going()
+    verbose = "--verbose" in sys.argv[1:]
+    sys.argv[1:] = [word for word in sys.argv[1:] if word != "--verbose"]
+    crash = import_module("deformrf.viewer.crash")
+    recent = crash.begin_logging(program, verbose)
+    try:
+        return import_module(COMMANDS[program]).main()
+    except Exception as error:
+        path = crash.write_report(program, error, recent)
+        if path is not None:
+            print(
+                f"{program}: this is a fault of the program; {path} has what is known of it, "
+                f"without contents of your files: please attach it to a report",
+                file=sys.stderr,
+            )
+        raise

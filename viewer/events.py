@@ -1,10 +1,13 @@
 """The event log: one JSON line per event of interest, for a program that drives the viewer."""
 
 import json
+import logging
 
 import numpy as np
 
 from .camera import project
+
+log = logging.getLogger(__name__)
 
 
 class EventLog:
@@ -14,6 +17,7 @@ class EventLog:
         self.enabled = enabled
 
     def __call__(self, event: str, **fields) -> None:
+        log.debug(event)  # for crash reports: no values, which may name files
         if self.enabled:
             print(json.dumps({"event": event, **fields}, default=_plain), flush=True)
 

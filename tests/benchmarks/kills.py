@@ -140,7 +140,7 @@ class Training(Trials):
         if not data.exists():
             write_data(data)
         options = [data, "-o", path, "--preset", "tiny", "--steps", 60, "--device", "cpu"]
-        options += ["--leave-out", "coarse-stage"]
+        options += ["--leave-out", "coarse-stage", "--scene-radius", 1.3]
         killed(TRAIN, options, self.rng.uniform(1.0, 8.0))
         went_on = "anew"
         if path.with_suffix(".checkpoint").exists():
@@ -161,7 +161,7 @@ class Interrupts(Trials):
         arguments = {
             "deformrf-view": [model, "--headless", "--frames", 900, "--record", f"{out}.mp4"],
             "deformrf-render": [model, "--turntable", 9, "-o", f"{out}.mp4"],
-            "deformrf-train": [self.folder / "data", "-o", f"{out}.npz", "--device", "cpu"],
+            "deformrf-train": [self.folder / "data", "-o", f"{out}.npz", "--scene-radius", 1.3],
             "deformrf-eval": [model, self.folder / "data", "--device", "cpu"],
             "deformrf-report": [model, "--device", "cpu", "-o", out],
         }
@@ -170,8 +170,9 @@ class Interrupts(Trials):
         program = str(self.rng.choice(list(COMMANDS)))
         moment = self.rng.uniform(0.0, 3.0)
         code, said = killed(COMMAND, [program, *arguments[program]], moment, signal.SIGINT)
+        # -2: after the command's end, while Python itself ends; a shell says 130 then, too.
         lines = [line for line in said.splitlines() if "interrupted" in line or "Error" in line]
-        if "Traceback" in said or code not in (0, 130) or len(lines) > 1:
+        if "Traceback" in said or code not in (0, 130, -2) or len(lines) > 1:
             return f"fault: {program} after {moment:.2f} s: {code}, {said}"
         return "quiet"
 
