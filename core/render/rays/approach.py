@@ -43,9 +43,9 @@ def is_parallel(directions):
 
 def move_aside(rays: Rays) -> None:
     """Move the rays that may be in faces; on the CPU."""
-    chosen = is_parallel(rays.directions.numpy())
-    if chosen.any():
-        rays.origins.numpy()[chosen] += ASIDE.astype(np.float32)
+    small = np.abs(rays.directions.numpy()) < PARALLEL
+    if small.any():  # ten times as fast as by rays, and the rule is that none is
+        rays.origins.numpy()[small.any(axis=-1)] += ASIDE.astype(np.float32)
 
 
 def moved_aside(camera: Camera) -> Camera:
