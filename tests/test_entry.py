@@ -38,6 +38,15 @@ def test_an_interrupt_of_the_imports_is_one_line(program, package):
     assert run.stderr == f"{program}: interrupted\n"
 
 
+def test_an_interrupt_waits_until_torch_is_imported(data, tmp_path):
+    """It can't be imported again after an import that was ended halfway."""
+    arguments = [str(data), "-o", str(tmp_path / "m.npz"), "--preset", "tiny", "--device", "cpu"]
+    arguments += ["--scene-radius", "1.3"]
+    command = [sys.executable, "-c", PROGRAM, "torch.optim.adam", SCRIPTS["deformrf-train"]]
+    run = subprocess.run([*command, *arguments], capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (130, "deformrf-train: interrupted\n")
+
+
 def test_every_command_begins_here():
     assert SCRIPTS.keys() == entry.COMMANDS.keys()
     assert all(target.startswith("deformrf.viewer.entry:") for target in SCRIPTS.values())

@@ -5,6 +5,7 @@ sentence on stderr and exit code 2.  Then it works.  Ctrl-C ends it with exit co
 it has written the results so far.
 """
 
+import importlib
 import importlib.util
 import os
 import signal
@@ -99,6 +100,25 @@ def require(*packages: str):
     for name in packages:
         if importlib.util.find_spec(name) is None:
             raise ModuleNotFoundError(f"No module named '{name}'", name=name)
+
+
+def load_whole(package: str):
+    """Import a package, and let an interrupt wait meanwhile.
+
+    What an exception ends halfway can't be imported again: whatever asks for it next, such as an
+    `except` that names a class of ours, fails with an error that nobody understands.
+    """
+    asked, before = [], {}
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) == signal.default_int_handler:
+            before[number] = signal.signal(number, lambda *_: asked.append(True))
+    try:
+        importlib.import_module(package)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if asked:
+        raise KeyboardInterrupt
 
 
 def load_views(*arguments, **options):

@@ -32,6 +32,7 @@ from .running import (
     complain,
     is_first,
     load_views,
+    load_whole,
     require,
     run,
 )
@@ -163,6 +164,7 @@ def prepare_training(
     # It raises an error here if there is no box, or a bad one.
     training.world_to_unit_cube(train_views, options.aabb, options.scene_radius)
     test_views = load_test_views(arguments)
+    load_whole("torch")
     device = device_name(arguments.device, for_training=True)
     existed = output.exists()
 

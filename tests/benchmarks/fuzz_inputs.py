@@ -73,6 +73,7 @@ class Datasets:
             frames.append({"file_path": name, "transform_matrix": matrix.tolist()})
         self.scene = {"camera_angle_x": 0.7, "w": 16, "h": 12, "frames": frames}
         self.path = self.folder / "transforms_train.json"
+        self.path.write_text(json.dumps(self.scene), encoding="utf-8")
 
     def mutate(self, rng):
         for path, content in self.images:
@@ -171,6 +172,7 @@ class CameraPaths:
         matrix[2, 3] = 3.0
         turned = {"t": 2.0, "transform_matrix": matrix.tolist(), "fov": 35}
         self.value = {"keys": [{"t": 0.0} | place, turned]}
+        self.path.write_text(json.dumps(self.value), encoding="utf-8")
 
     def mutate(self, rng):
         if rng.random() < 0.4:
@@ -218,6 +220,7 @@ def main():
     for name in chosen:
         (folder / name).mkdir()
         subject = KINDS[name](folder / name)
+        assert (result := outcome(subject)) == "read", result
         end = time.monotonic() + arguments.seconds / len(chosen)
         while time.monotonic() < end:
             subject.mutate(rng)

@@ -23,7 +23,6 @@ from fuzz_models import small_models
 from PIL import Image
 
 from deformrf.core.field import load
-from deformrf.viewer.entry import COMMANDS
 
 START = "import sys; print('started', flush=True);"
 MODEL = (
@@ -167,7 +166,7 @@ class Interrupts(Trials):
         }
         if not (self.folder / "data").exists():
             write_data(self.folder / "data")
-        program = str(self.rng.choice(list(COMMANDS)))
+        program = str(self.rng.choice(list(arguments)))
         moment = self.rng.uniform(0.0, 3.0)
         code, said = killed(COMMAND, [program, *arguments[program]], moment, signal.SIGINT)
         # -2: after the command's end, while Python itself ends; a shell says 130 then, too.
