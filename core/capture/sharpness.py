@@ -23,8 +23,10 @@ def sharpness_of(gray) -> float:
     """
     scale = SIDE / max(gray.shape)
     if scale < 1.0:
-        size = [max(2, round(scale * side)) for side in gray.shape[::-1]]
+        size = [max(1, round(scale * side)) for side in gray.shape[::-1]]
         gray = np.asarray(Image.fromarray(gray).resize(size, Image.Resampling.BOX))
+    if min(gray.shape) < 4:
+        return 0.0
     fine = gray.astype(np.float32)
     height, width = (side // 2 * 2 for side in fine.shape)
     coarse = fine[:height, :width].reshape(height // 2, 2, width // 2, 2).mean(axis=(1, 3))

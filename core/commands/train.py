@@ -25,6 +25,7 @@ from ..arguments import (
 from ..device import Choice, device_name
 from ..paths import free_name
 from .capturing import needs_cameras, prepared
+from .checking import check
 from .running import (
     FAILED,
     INTERRUPTED,
@@ -101,6 +102,10 @@ class TrainArguments:
     masks: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER", help_behavior_hint="")] = None
     """Folder of the images' masks, white where the object is: of the same names, or with _mask
     behind them."""
+    check: Annotated[bool, tyro.conf.arg(help_behavior_hint=""), tyro.conf.FlagCreatePairsOff] = (
+        False
+    )
+    """Don't train: find the cameras of photographs, and write MODEL-check.png about them."""
     outside_images: bool = False
     """Read images that lie outside DATA, too."""
     resume: bool = False
@@ -151,6 +156,8 @@ def prepare_training(
     options = resumed.options if resumed else train_options(arguments)
     data = prepared(arguments.data, output, arguments.image_size)
     arguments = replace(arguments, data=data.folder, image_size=data.image_size)
+    if arguments.check:
+        return lambda: check(arguments.data, output, arguments.outside_images)
     train_views = load_views(
         arguments.data,
         "train",

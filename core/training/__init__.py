@@ -12,7 +12,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             # for the commands and the lab
             "NoImagesError",
             "NoSplitError",
+            "find_object",
             "has_cameras",
+            "track",
             "white_composite",
             "world_to_unit_cube",
             # for the viewer

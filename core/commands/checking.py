@@ -1,0 +1,105 @@
+"""deformrf-train --check: a page about the photographs and their cameras, instead of training."""
+
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from .. import capture, training
+from ..paths import whole_file
+from ..streams import printable
+from .running import is_first
+
+SIDE = 480  # longer side that photographs are looked at [pixels]
+
+
+def check(data: Path, output: Path, outside: bool = False) -> int:
+    """Write MODEL-check.png for a data set whose cameras are known; returns the exit code.
+
+    Args:
+        output: The model that would be trained.
+        outside: Read images that lie outside the data set's folder, too.
+
+    Raises:
+        DatasetError: Its files are not as they have to be.
+    """
+    if not is_first():
+        return 0
+    posed = sorted(chain(*(images_of(data, s, outside) for s in ("train", "test"))), key=by_name)
+    posed = list({image.path: image for image in posed}.values())
+    shown = [shown_of(image) for image in training.track(posed, len(posed), "Looking at images")]
+    known = {image.path.resolve() for image in posed}
+    others, unreadable = capture.find_photos(posed[0].path.parent) if posed else ([], [])
+    shown += [shown_alone(photo) for photo in others if photo.path.resolve() not in known]
+    sparse = capture.load_points(data)
+    points = np.zeros((0, 3)) if sparse is None else sparse.points
+    colors = np.zeros((0, 3), np.uint8) if sparse is None else sparse.colors
+    corners = box_corners(posed, points)
+    title = f"{data.resolve().name}: {len(posed)} of {len(shown)} photographs with cameras, "
+    title += f"{len(points)} points, " + ("no object found" if corners is None else "object found")
+    page = capture.page_of(printable(title), shown, points, colors, corners)
+    path = output.with_name(f"{output.stem}-check.png")
+    with whole_file(path) as partial:
+        page.save(partial)
+    for line in capture.judge(shown).sentences(shown) + unreadable[:1]:
+        print(printable(line))
+    print(f"Wrote {printable(path)}. Without --check the model is trained.")
+    return 0
+
+
+def by_name(image) -> str:
+    return image.path.name
+
+
+def images_of(data: Path, split: str, outside: bool):
+    """The images of a split; none without such a split."""
+    try:
+        return training.list_images(data, split, outside)[0]
+    except training.NoSplitError:
+        if split == "train":
+            raise
+        return []
+
+
+def shown_of(image) -> capture.Shown:
+    """A photograph with a camera."""
+    width, height = training.shrunk_size(training.size_of(image), SIDE)
+    rgba = training.read_image(image, width, height)
+    white = np.round(255.0 * training.white_composite(rgba)).astype(np.uint8)
+    return shown_as(image.path.name, white, image.camera_to_world)
+
+
+def shown_alone(photo) -> capture.Shown:
+    """A photograph without one."""
+    try:
+        rgb = capture.read_photo(photo, SIDE)
+    except ValueError:  # damaged
+        rgb = np.zeros((3, 4, 3), np.uint8)
+    return shown_as(photo.path.name, rgb, None)
+
+
+def shown_as(name: str, rgb, pose) -> capture.Shown:
+    gray = capture.gray_of(rgb)
+    small = Image.fromarray(rgb)
+    small.thumbnail(capture.THUMBNAIL)
+    sharpness, exposure = capture.sharpness_of(gray), capture.exposure_of(gray)
+    return capture.Shown(name, np.asarray(small), sharpness, exposure, pose)
+
+
+def box_corners(posed, points):
+    """Corners of the object's box, if it is found among the points; else None.  [8, 3]"""
+    if len(points) == 0 or len(posed) < 2:
+        return None
+    poses = np.array([image.camera_to_world for image in posed])
+    lenses = [image.lens(*training.size_of(image)) for image in posed]
+    try:
+        found = training.find_object(points, poses, lenses)
+    except training.DatasetError:  # the cameras look into one direction
+        return None
+    if found is None:
+        return None
+    (x0, y0, z0), (x1, y1, z1) = found.box
+    ring = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    corners = np.array([(x, y, z) for z in (z0, z1) for x, y in ring])
+    return corners @ found.turn  # back: the turn's inverse is its transpose

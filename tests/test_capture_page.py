@@ -1,0 +1,79 @@
+"""The page about a capture: what it calls wrong, what it draws, and the command that writes it."""
+
+import numpy as np
+import pytest
+from captures import circle
+from PIL import Image
+
+from deformrf.core.capture import SparsePoints, gray_of, page, save_points, sharpness_of
+from deformrf.core.commands import train
+
+
+def shown(poses, sharpness=0.6, exposure=0.5):
+    image = np.full((90, 120, 3), 120, np.uint8)
+    return [page.Shown(f"{i:03d}.jpg", image, sharpness, exposure, p) for i, p in enumerate(poses)]
+
+
+def changed(photo, **values):
+    return page.Shown(**{**photo.__dict__, **values})
+
+
+def test_photographs_that_stand_out_are_named_with_what_to_do():
+    photos = shown(circle(20))
+    photos[3] = changed(photos[3], sharpness=0.4)
+    photos[7] = changed(photos[7], exposure=0.2)
+    photos[9] = changed(photos[9], pose=None)
+    judged = page.judge(photos)
+    assert [i for i, words in enumerate(judged.faults) if words] == [3, 7, 9]
+    told = "\n".join(judged.sentences(photos))
+    for words in ("blurred: 003.jpg (hold", "dark: 007.jpg", "no camera: 009.jpg"):
+        assert words in told
+
+
+def test_directions_without_a_camera_are_named():
+    whole = shown(circle(24))
+    assert page.judge(whole).gaps == []
+    (gap,) = page.judge(whole[:6] + whole[12:]).gaps
+    assert gap.startswith("no camera in 105° between 005.jpg and 012.jpg"), gap
+    (half,) = page.judge(shown(circle(8, end=2.0))).gaps
+    assert "its back stays unknown" in half
+
+
+def test_the_page_shows_cameras_points_box_and_all_photographs():
+    photos = shown(circle(12))
+    photos[2] = changed(photos[2], sharpness=0.1)
+    points = np.random.default_rng().normal(size=(500, 3)) * 0.2
+    colors = np.tile(np.array([[250, 0, 250]], np.uint8), (500, 1))
+    ring = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    corners = np.array([(x, y, z) for z in (0, 1) for x, y in ring], float)
+    drawn = np.asarray(page.page_of("a capture", photos, points, colors, corners)).reshape(-1, 3)
+    counts = {c: (drawn == c).all(axis=1).sum() for c in (page.GREEN, page.RED, page.BLUE)}
+    assert counts[page.GREEN] > 500 and counts[page.RED] > 300 and counts[page.BLUE] > 500
+    assert (drawn == colors[0]).all(axis=1).sum() > 500
+    assert (drawn == 120).all(axis=1).sum() >= 12 * 86 * 116  # a red frame covers the border
+    assert page.page_of("no points", photos[:1], points[:0], colors[:0]).width == page.WIDTH
+
+
+def test_check_writes_a_page_and_trains_nothing(call, trainer, data, tmp_path):
+    rng = np.random.default_rng()
+    save_points(
+        SparsePoints(
+            rng.normal(size=(50, 3)).astype(np.float32),
+            np.zeros((50, 3), np.uint8),
+            np.full(50, 3, np.int32),
+            np.zeros(50, np.float32),
+        ),
+        data,
+    )
+    result = call(train.main, data, "-o", tmp_path / "m.npz", "--check")
+    assert result.code == 0, result.err
+    assert "m-check.png" in result.out and not trainer.calls
+    with Image.open(tmp_path / "m-check.png") as image:
+        assert image.width == page.WIDTH
+    assert not (tmp_path / "m.npz").exists()
+
+
+@pytest.mark.parametrize("shape", [(7, 900), (900, 7), (1, 1)])
+def test_sharpness_of_images_of_any_shape_is_a_number(shape):
+    image = np.random.default_rng().integers(0, 256, (*shape, 3)).astype(np.uint8)
+    assert 0.0 <= sharpness_of(gray_of(image)) < 10.0
