@@ -40,11 +40,13 @@ def find_features(work: Work, begin) -> list[str]:
     pycolmap = load_pycolmap()
     with work.database() as database:
         cameras = camera_ids(work, database)
-        done = {
+        extracted = {
             number_of(image.name)
             for image in database.read_all_images()
             if database.exists_descriptors(image.image_id)
         }
+    # An interrupt may come between a photograph's features and its look.
+    done = {number for number in extracted if work.has_look(number)}
     todo = [n for n in range(len(work.photos)) if n not in done]
     unreadable, at_once = [], 2 * thread_count()
     options = pycolmap.FeatureExtractionOptions()
@@ -54,13 +56,14 @@ def find_features(work: Work, begin) -> list[str]:
             numbers = todo[first : first + at_once]
             with tempfile.TemporaryDirectory(dir=work.folder) as folder:
                 images = written_images(work, numbers, Path(folder), unreadable)
-                for camera in {cameras[n] for n in images}:
+                missing = [n for n in images if n not in extracted]
+                for camera in {cameras[n] for n in missing}:
                     token = pycolmap.CancellationToken()
                     interruptible(
                         pycolmap.extract_features,
                         str(work.database_path),
                         folder,
-                        [name_of(n) + ".png" for n in images if cameras[n] == camera],
+                        [name_of(n) + ".png" for n in missing if cameras[n] == camera],
                         reader_options=pycolmap.ImageReaderOptions(existing_camera_id=camera),
                         extraction_options=options,
                         token=token,

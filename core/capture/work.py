@@ -56,17 +56,19 @@ class Work:
         """pycolmap's database, open; a context manager."""
         return load_pycolmap().Database.open(str(self.database_path))
 
+    def look_path(self, number: int) -> Path:
+        return self.folder / f"{name_of(number)}.npz"
+
+    def has_look(self, number: int) -> bool:
+        return self.look_path(number).is_file()
+
     def look(self, number: int) -> Look:
-        with np.load(self.folder / f"{name_of(number)}.npz", allow_pickle=False) as file:
+        with np.load(self.look_path(number), allow_pickle=False) as file:
             return Look(file["colors"], float(file["sharpness"]), float(file["exposure"]))
 
     def keep_look(self, number: int, look: Look):
-        np.savez(
-            self.folder / f"{name_of(number)}.npz",
-            colors=look.colors,
-            sharpness=look.sharpness,
-            exposure=look.exposure,
-        )
+        with whole_file(self.look_path(number)) as partial:
+            np.savez(partial, **vars(look))
 
     def remove(self):
         shutil.rmtree(self.folder, ignore_errors=True)

@@ -1,6 +1,5 @@
 """deformrf-train --check: a page about the photographs and their cameras, instead of training."""
 
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +25,9 @@ def check(data: Path, output: Path, outside: bool = False) -> int:
     """
     if not is_first():
         return 0
-    posed = sorted(chain(*(images_of(data, s, outside) for s in ("train", "test"))), key=by_name)
-    posed = list({image.path: image for image in posed}.values())
+    teaching = images_of(data, "train", outside)
+    posed = {image.path: image for image in (*teaching, *images_of(data, "test", outside))}
+    posed = [posed[path] for path in sorted(posed)]
     shown = [shown_of(image) for image in training.track(posed, len(posed), "Looking at images")]
     known = {image.path.resolve() for image in posed}
     others, unreadable = capture.find_photos(posed[0].path.parent) if posed else ([], [])
@@ -35,7 +35,7 @@ def check(data: Path, output: Path, outside: bool = False) -> int:
     sparse = capture.load_points(data)
     points = np.zeros((0, 3)) if sparse is None else sparse.points
     colors = np.zeros((0, 3), np.uint8) if sparse is None else sparse.colors
-    corners = box_corners(posed, points)
+    corners = box_corners(teaching, points)  # as training will look for it
     title = f"{data.resolve().name}: {len(posed)} of {len(shown)} photographs with cameras, "
     title += f"{len(points)} points, " + ("no object found" if corners is None else "object found")
     page = capture.page_of(printable(title), shown, points, colors, corners)
@@ -46,10 +46,6 @@ def check(data: Path, output: Path, outside: bool = False) -> int:
         print(printable(line))
     print(f"Wrote {printable(path)}. Without --check the model is trained.")
     return 0
-
-
-def by_name(image) -> str:
-    return image.path.name
 
 
 def images_of(data: Path, split: str, outside: bool):
