@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image
 
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+HEIF_ENDINGS = (".heic", ".heif")
 MOST_PIXELS = 100 * 2**20  # 400 MiB when decoded; the largest common cameras have 102 million
 LARGE = 25 * 2**20  # pixels, 100 MiB: a damaged file is refused before it takes as much
 ORIENTATION = 0x0112  # EXIF's tag: 1 is upright, 5 to 8 exchange width and height
@@ -44,8 +45,9 @@ def open_image(path):
         ImageError: It is missing, too large, damaged (the block may find that), or in a format
             that is not among FORMATS.
     """
+    formats = formats_of(path)
     try:
-        with Image.open(path, formats=FORMATS) as image:
+        with Image.open(path, formats=formats) as image:
             width, height = image.size
             if width * height > MOST_PIXELS:
                 raise ImageError(
@@ -61,6 +63,25 @@ def open_image(path):
         raise ImageError(
             f"{path} can't be read as an image: it has to be a whole {', '.join(FORMATS)} file"
         ) from None
+
+
+def formats_of(path) -> tuple[str, ...]:
+    """The formats that a file may have: HEIC under that name alone, since a plugin reads it.
+
+    Raises:
+        ImageError: It is called HEIC, and the plugin is not installed.
+    """
+    if Path(str(path)).suffix.lower() not in HEIF_ENDINGS:
+        return FORMATS
+    try:
+        import pillow_heif
+    except ImportError:
+        raise ImageError(
+            f"{path} is a HEIC image, for which Pillow needs a plugin: pip install pillow-heif, or "
+            f"store it as JPEG"
+        ) from None
+    pillow_heif.register_heif_opener()
+    return (*FORMATS, "HEIF")
 
 
 def orientation(image) -> int:

@@ -3,8 +3,10 @@
 import json
 import shutil
 import signal
+import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from deformrf.core.capture import (
 )
 from deformrf.core.commands import INTERRUPTED, train
 from deformrf.core.field import modelfile
+from deformrf.core.render import Lens, has_rays
 from deformrf.core.training import load_dataset
 
 pytest.importorskip("pycolmap")
@@ -242,5 +245,24 @@ def test_pairs_of_few_photographs_are_all_of_videos_those_near_and_keys():
 
 def test_the_fuller_of_two_tries_is_taken(photos, tmp_path, monkeypatch):
     """Incremental mapping that stops early makes way for global mapping."""
-    monkeypatch.setattr(mapping, "incremental", lambda work, begin: [])
+    monkeypatch.setattr(mapping, "incremental", lambda *_, **named: [])
     assert len(find_cameras(photos, tmp_path / "work").photos) == COUNT
+
+
+def test_lenses_that_bend_back_before_the_corner_are_known():
+    """As core/render judges them, which refuses such lenses in data sets."""
+    rng, answers = np.random.default_rng(), set()
+    for k1, focal in zip(rng.uniform(-0.6, 0.3, 60), rng.uniform(150, 400, 60), strict=True):
+        numbers = SimpleNamespace(params=(focal, 120.0, 90.0, k1), width=240, height=180)
+        lens = Lens(240, 180, (focal, focal), (120.0, 90.0), (k1, 0.0, 0.0, 0.0))
+        answers.add(has_rays(lens))
+        assert mapping.reaches_corners(numbers) == has_rays(lens), (k1, focal)
+    assert answers == {True, False}
+
+
+def test_heic_without_its_plugin_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    for number in range(9):
+        (tmp_path / f"{number}.HEIC").write_bytes(b"\0\0\0\x18ftypheic")
+    with pytest.raises(CaptureError, match=r"0\.HEIC is a HEIC image, .* pip install pillow-heif"):
+        find_cameras(tmp_path, tmp_path / "work")

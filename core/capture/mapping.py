@@ -48,23 +48,47 @@ def map_photos(work: Work, begin) -> Mapped | None:
     """
     count = len(connected(work))
     found = incremental(work, begin)
+    if found and not all(map(reaches_corners, max(found, key=size_of).cameras.values())):
+        found = incremental(work, begin, distorts=False)
     if largest(found) < ENOUGH * count:
         found = max(found, global_mapping(work, begin), key=largest)
     if not found:
         return None
-    found = sorted(found, key=lambda group: group.num_reg_images(), reverse=True)
+    found = sorted(found, key=size_of, reverse=True)
     return mapped_of(work, found)
+
+
+def size_of(group) -> int:
+    return group.num_reg_images()
 
 
 def largest(found) -> int:
     """The photographs of the largest group."""
-    return max((group.num_reg_images() for group in found), default=0)
+    return max(map(size_of, found), default=0)
 
 
-def incremental(work: Work, begin) -> list:
+def reaches_corners(camera) -> bool:
+    """Whether a SIMPLE_RADIAL camera has a ray for each pixel.
+
+    A radius r is seen at r + k r³, which has its maximum at r = 1/sqrt(-3 k) if k is negative.
+    """
+    focal, x, y, k = camera.params
+    corner = np.hypot(max(x, camera.width - x), max(y, camera.height - y)) / focal
+    return bool(k >= 0.0 or corner < 2.0 / 3.0 / np.sqrt(-3.0 * k))
+
+
+def incremental(work: Work, begin, distorts=True) -> list:
+    """Groups of photographs, by incremental mapping.
+
+    Args:
+        distorts: Lenses may; few photographs of little can suggest one that no camera has.
+    """
     pycolmap = load_pycolmap()
     options = pycolmap.IncrementalPipelineOptions(
-        min_model_size=SMALLEST_GROUP, extract_colors=False, random_seed=SEED
+        min_model_size=SMALLEST_GROUP,
+        extract_colors=False,
+        random_seed=SEED,
+        ba_refine_extra_params=distorts,
     )
     token, registered = pycolmap.CancellationToken(), [0]
 

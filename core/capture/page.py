@@ -143,8 +143,8 @@ def draw_photo(page, draw, place, photo: Shown, faults):
     if faults:
         draw.rectangle((x - 2, y - 2, x + small.width + 1, y + small.height + 1), None, RED, 3)
     below = y + THUMBNAIL[1]
-    words = ", ".join(faults) or photo.name
-    draw.text((x, below + 1), fitted(words, 20), RED if faults else GRAY, font(12))
+    words = ": ".join(filter(None, (photo.name, ", ".join(faults))))
+    draw.text((x, below + 1), fitted(words, 26), RED if faults else GRAY, font(12))
     for number, (value, color) in enumerate(((photo.sharpness, BLUE), (photo.exposure, GREEN))):
         bar = (x, below + 19 + 7 * number, x + THUMBNAIL[0], below + 23 + 7 * number)
         draw.rectangle(bar, (230, 230, 230))
