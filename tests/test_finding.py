@@ -13,7 +13,13 @@ from deformrf.core.training import finding, preset, trained_tets, trainer
 from deformrf.core.training.data import seeks_object
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.finding import Found, ends_of_rays, first_workers, search
-from deformrf.core.training.run import ALONE, Optimization, TrainingProgress, load_checkpoint
+from deformrf.core.training.run import (
+    ALONE,
+    Optimization,
+    TrainingProgress,
+    load_checkpoint,
+    optimization,
+)
 
 LENS = pinhole(60.0, 48, 40)
 RADIUS, HEIGHT = 0.3, 0.9
@@ -77,7 +83,8 @@ def degrees_from_upright(world_to_model):
 @pytest.fixture
 def few_steps(monkeypatch):
     """Runs of so few steps that everything is fog still."""
-    monkeypatch.setattr(finding, "LOOK_RAYS", 1 << 11)
+    monkeypatch.setattr(finding, "LOOK_RAYS", 1 << 10)
+    monkeypatch.setattr(optimization, "RAYS_AT_START", 1 << 8)
     monkeypatch.setattr(trainer, "COARSE_UNSEEN_WEIGHT", 0.0)
     monkeypatch.setattr(trainer, "UNSEEN_WEIGHT", 0.0)
     monkeypatch.setattr(trained_tets, "FOG", 0.0)
@@ -86,7 +93,7 @@ def few_steps(monkeypatch):
 def test_the_object_alone_is_trained_upright(capture, few_steps):
     """A few steps, which tell where things are, and not yet what they look like."""
     dataset = replace(capture, points=surface(np.random.default_rng()))
-    few = {"coarse_steps": 6, "fine_steps": 6, "samples_per_step": 2**12}
+    few = {"coarse_steps": 3, "fine_steps": 3, "samples_per_step": 2**9}
     trained = trainer.train(dataset, preset("tiny", spacing=0.1, **few))
     field, whole = trained.field, trained.whole
     assert trained.complete and Found.of_report(trained.report).stands
@@ -103,9 +110,9 @@ def test_the_object_alone_is_trained_upright(capture, few_steps):
 
 def test_a_run_that_is_resumed_keeps_the_box(capture, few_steps, monkeypatch, tmp_path):
     dataset = replace(capture, points=surface(np.random.default_rng()))
-    few = {"coarse_steps": 4, "fine_steps": 4, "samples_per_step": 2**12}
+    few = {"coarse_steps": 2, "fine_steps": 2, "samples_per_step": 2**9}
     options, path = preset("tiny", spacing=0.15, **few), tmp_path / "m.checkpoint"
-    steps = iter([None] * 6 + [KeyboardInterrupt] * 99)
+    steps = iter([None] * 3 + [KeyboardInterrupt] * 99)
 
     def step(self, *arguments, before=Optimization.step):
         if error := next(steps):
@@ -124,9 +131,8 @@ def test_a_run_that_is_resumed_keeps_the_box(capture, few_steps, monkeypatch, tm
     assert second.report["object_box"] == first.report["object_box"]
 
 
-def test_without_points_those_of_a_coarse_field_are_looked_at(capture, monkeypatch):
-    monkeypatch.setattr(finding, "STEPS", 4)
-    monkeypatch.setattr(finding, "LOOK_RAYS", 1 << 11)
+def test_without_points_those_of_a_coarse_field_are_looked_at(capture, few_steps, monkeypatch):
+    monkeypatch.setattr(finding, "STEPS", 2)
     asked = []
 
     def points_of(dataset, world_to_model, *rest, before=finding.coarse_points):

@@ -115,10 +115,10 @@ def search(dataset: Dataset, seed: int, device, workers: Workers, progress):
     if found is None:
         slack = FIELD_SLACK
         found = found_by_a_field(dataset, seed, device, workers, progress)
+    if workers.is_first:
+        progress.say(said(found) if found else NOT_FOUND)
     if found is None:
-        progress.say(NOT_FOUND)
         return None, None
-    progress.say(said(found))
     world_to_model, box = found_to_unit_cube(found)
     return Found(box, found.stands, slack), world_to_model
 

@@ -60,8 +60,8 @@ class TrainingProgress:
         return self._bar.add_task(title, total=step_count, completed=done, psnr="", rate="")
 
     def say(self, sentence: str):
-        """A line above the bar."""
-        self._bar.console.print(sentence)
+        """A line above the bar; the terminal wraps it, so that numbers can be copied."""
+        self._bar.console.print(sentence, soft_wrap=True)
 
     def advance(self, task, step_count: int, mse: float, sample_count: int):
         """Count steps; `mse` and `sample_count` are those of the last one."""
