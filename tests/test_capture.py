@@ -266,3 +266,19 @@ def test_heic_without_its_plugin_is_one_sentence(tmp_path, monkeypatch):
         (tmp_path / f"{number}.HEIC").write_bytes(b"\0\0\0\x18ftypheic")
     with pytest.raises(CaptureError, match=r"0\.HEIC is a HEIC image, .* pip install pillow-heif"):
         find_cameras(tmp_path, tmp_path / "work")
+
+
+def test_a_large_photograph_is_decoded_small_and_upright(tmp_path):
+    """JPEG's decoder halves it first; EXIF turns it."""
+    ramp = np.linspace(0, 255, 1200).astype(np.uint8)
+    pixels = np.stack([np.tile(ramp, (900, 1)), np.tile(ramp[:900, None], (1, 1200))] * 2, axis=-1)
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(pixels[..., :3]).save(tmp_path / "a.jpg", quality=95, exif=exif)
+    ((photo,), _) = capture.photos.find_photos(tmp_path)
+    assert photo.size == (900, 1200) and photo.is_turned
+    small = capture.read_photo(photo, 400)
+    assert small.shape == (400, 300, 3)
+    upright = Image.fromarray(pixels[..., :3]).transpose(Image.Transpose.ROTATE_270)
+    expected = np.asarray(upright.resize((300, 400), Image.Resampling.BOX)).astype(int)
+    assert np.abs(small - expected).max() < 6

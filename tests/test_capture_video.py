@@ -3,11 +3,13 @@
 import av
 import numpy as np
 import pytest
+from captures import circle, write_capture
 from PIL import Image, ImageFilter
 
 from deformrf.core import capture
 from deformrf.core.capture import CaptureError, frames_of_video, video
 from deformrf.core.capture.sharpness import sharpness_of
+from deformrf.core.commands import train
 
 
 def picture(rng, width=400, height=120):
@@ -74,3 +76,17 @@ def test_what_is_no_video_ends_in_one_sentence(tmp_path):
     (tmp_path / "c-frames").mkdir()
     with pytest.raises(CaptureError, match="something else is there"):
         frames_of_video(tmp_path / "c.mp4")
+
+
+def test_training_starts_with_a_video(call, trainer, tmp_path):
+    """Its frames and their cameras lie beside it, and are there for the next run."""
+    write_capture(tmp_path / "photos", circle(16), np.random.default_rng(7))
+    frames = [Image.open(path) for path in sorted((tmp_path / "photos").iterdir())]
+    write_video(tmp_path / "toy.mp4", frames)
+    flags = (tmp_path / "toy.mp4", "-o", tmp_path / "m.npz", "--device", "cpu")
+    result = call(train.main, *flags, "--scene-radius", 1)
+    assert result.code == 0, result.err
+    assert "cameras of 16 of 16" in result.out and trainer.calls[0][0].view_count == 14
+    again = call(train.main, *flags, "--scene-radius", 1)
+    assert again.code == 0 and "cameras of" not in again.out
+    assert (tmp_path / "toy-frames" / "transforms.json").is_file()

@@ -45,14 +45,14 @@ def prepared(data: Path, output: Path, image_size: int | None) -> Prepared:
     Raises:
         ValueError: The photographs don't fit together, or the like; a sentence for the user.
     """
-    is_sequence = capture.is_video(data)
-    if is_sequence:
-        data = capture.frames_of_video(data, image_size)
-    is_new = needs_cameras(data)
+    is_new, is_video = needs_cameras(data), capture.is_video(data)
     if is_new and is_first():
-        found_by(data, output.with_suffix(".capture"), image_size, is_sequence)
+        photos = capture.frames_of_video(data, image_size) if is_video else data
+        found_by(photos, output.with_suffix(".capture"), image_size, is_video)
     while is_new and needs_cameras(data):  # torchrun ends this process if the first one fails
         time.sleep(WAIT_SECONDS)
+    if is_video:
+        data = capture.frames_folder(data)
     if image_size is None and capture.is_capture(data):
         image_size = capture.IMAGE_SIZE
     return Prepared(data, image_size, is_new)
