@@ -138,9 +138,9 @@ class Training(Trials):
         data, path = self.folder / "data", self.folder / "m.npz"
         if not data.exists():
             write_data(data)
-        options = [data, "-o", path, "--preset", "tiny", "--steps", 60, "--device", "cpu"]
+        options = [data, "-o", path, "--preset", "tiny", "--steps", 80, "--device", "cpu"]
         options += ["--leave-out", "coarse-stage", "--scene-radius", 1.3]
-        killed(TRAIN, options, self.rng.uniform(1.0, 8.0))
+        killed(TRAIN, options, self.rng.uniform(4.0, 14.0))
         went_on = "anew"
         if path.with_suffix(".checkpoint").exists():
             went_on, options = "resumed", [*options, "--resume"]
