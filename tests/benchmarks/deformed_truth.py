@@ -110,7 +110,8 @@ class WayRenderer(Renderer):
     def __init__(self, field, device):
         super().__init__(field, device)
         self._defined_basis, self.shading.basis = self.shading.basis, self._basis
-        self._defined_march, self.host_rounds.march = self.host_rounds.march, self._march
+        self._defined_shade, self.shading.shade = self.shading.shade, self._shade
+        self.host_rounds._cpu_shading = None  # native code knows no other way
 
     def set_vertices(self, vertices):
         super().set_vertices(vertices)
@@ -122,13 +123,12 @@ class WayRenderer(Renderer):
             for turns in (inverses, still)
         )
 
-    def _march(self, rays, *rest):
-        found = self._defined_march(rays, *rest)
+    def _shade(self, rays, found, *rest):
         if self.length == "current":
             inputs = self._inputs(rays, self._rest_from_current, found)
             outputs = [found.samples.length]
             wp.launch(current_length_kernel, len(found.ids), inputs, outputs, device=self.device)
-        return found
+        return self._defined_shade(rays, found, *rest)
 
     def _basis(self, rays, found):
         if self.direction == "Qᵀd":
