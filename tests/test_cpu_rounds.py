@@ -17,7 +17,7 @@ from deformrf.core.render import (
     look_at,
 )
 from deformrf.core.render.rays import Entries, empty_rays
-from deformrf.core.render.rounds import empty_pixels
+from deformrf.core.render.rounds import cpu, empty_pixels
 from deformrf.core.render.rounds.compositing import composite_reference
 from deformrf.core.training.metrics import psnr
 
@@ -42,9 +42,7 @@ def round_of(make_ball_field):
         alive = wp.array(np.arange(RAYS), dtype=int, device="cpu")
         rounds = renderer.host_rounds
         slots, counts = rounds._march(rays, Entries(), alive, slot_count, options)
-        left, count = rounds._cpu_shading.round(
-            rays, alive, slots, counts, pixels, options, renderer.stage
-        )
+        left, count = rounds._on_cpu.shade(rays, alive, slots, counts, pixels, options)
         assert count == counts.numpy().sum() > 0
         return renderer, rays, slots, counts.numpy(), pixels, left.numpy()
 
@@ -125,11 +123,32 @@ def test_rounds_without_samples_leave_the_pixels_alone(round_of):
     alive = wp.array([3, 5], dtype=int, device="cpu")
     slots, counts = renderer.host_rounds._march(rays, Entries(), alive, 4, options)
     counts.zero_()
-    renderer.host_rounds._cpu_shading.round(
-        rays, alive, slots, counts, pixels, options, renderer.stage
-    )
+    renderer.host_rounds._on_cpu.shade(rays, alive, slots, counts, pixels, options)
     np.testing.assert_array_equal(pixels.color.numpy(), before[0])
     np.testing.assert_array_equal(pixels.transmittance.numpy(), before[1])
+
+
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("room", [cpu.SLOTS, 256])
+def test_all_rounds_at_once_are_those_that_the_host_waits_for(
+    make_ball_field, monkeypatch, room, exact
+):
+    """Timing the stages makes the host wait for rounds, and changes nothing but sums' order."""
+    monkeypatch.setattr(cpu, "SLOTS", room)
+    rng = np.random.default_rng()
+    renderer = Renderer(make_ball_field(int(rng.integers(1000))), "cpu")
+    eye = rng.normal(size=3)
+    pose = look_at(0.5 + 1.6 * eye / np.linalg.norm(eye), (0.5, 0.5, 0.5))
+    camera, options = from_field_of_view(pose, 0.6, 50, 40), RenderOptions(conformance=exact)
+    options = replace(options, details=True)
+    at_once = renderer.render(camera, options)
+    renderer.stage.seconds = {}
+    waited = renderer.render(camera, options)
+    assert {"march", "shade"} <= set(renderer.stage.seconds)
+    assert at_once.sample_count == waited.sample_count > 1000
+    for name in ("color", "depth", "tet", "samples"):
+        one, other = (getattr(image, name).numpy() for image in (at_once, waited))
+        np.testing.assert_allclose(one.astype(float), other, atol=1.0 if name == "color" else 1e-6)
 
 
 def test_the_bundled_model_looks_the_same_in_default_mode():
@@ -161,9 +180,7 @@ def test_rounds_without_a_color_of_their_own_take_the_color_so_far(make_ball_fie
         slots, counts = rounds._march(rays, Entries(), alive, 4, options)
         if number % 2:
             slots.length.assign(1e-4 * slots.length.numpy())  # hardly anything is there
-        alive, _ = rounds._cpu_shading.round(
-            rays, alive, slots, counts, pixels, options, renderer.stage
-        )
+        alive, _ = rounds._on_cpu.shade(rays, alive, slots, counts, pixels, options)
     opacity = 1.0 - pixels.transmittance.numpy()
     assert (opacity > 0.3).sum() > 50
     np.testing.assert_allclose(pixels.color.numpy(), 0.5 * opacity[:, None].repeat(3, 1), atol=1e-5)

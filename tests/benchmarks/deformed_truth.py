@@ -111,7 +111,7 @@ class WayRenderer(Renderer):
         super().__init__(field, device)
         self._defined_basis, self.shading.basis = self.shading.basis, self._basis
         self._defined_shade, self.shading.shade = self.shading.shade, self._shade
-        self.host_rounds._cpu_shading = None  # native code knows no other way
+        self.host_rounds._on_cpu = None  # native code knows no other way
 
     def set_vertices(self, vertices):
         super().set_vertices(vertices)

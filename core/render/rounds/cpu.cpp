@@ -151,7 +151,7 @@ auto add_colors = [&](int count) {
 };
 
 // -- the chunks --------------------------------------------------------------------------------
-int left_count = 0, run_count = 0, count = 0;
+int left_count = left_before, run_count = 0, count = 0;
 auto finish_chunk = [&]() {
     if (count > 0) {
         encode(slots, count, level_count, places, corners, features, stride);
@@ -177,10 +177,10 @@ auto finish_chunk = [&]() {
     run_count = count = 0;
 };
 
-for (int i = 0; i < alive.shape[0]; ++i) {
+for (int i = 0; i < alive_count; ++i) {
     const int ray_count = counts.data[i];
     if (run_count == CHUNK || count + ray_count > CHUNK) finish_chunk();
-    runs[run_count++] = {alive.data[i], count, ray_count, 0, 0.0f};
+    runs[run_count++] = {alive.data[first_alive + i], count, ray_count, 0, 0.0f};
     for (int k = 0; k < ray_count; ++k) slots[count++] = i * slot_count + k;
 }
 finish_chunk();

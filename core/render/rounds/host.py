@@ -6,7 +6,7 @@ Each round gives every ray that is left at most K samples:
     shade        samples to density and color (shading.py), after they are packed without gaps
     accumulate   samples to pixels, and the list of rays that are left
 
-On the CPU the last two are one launch (cpu.py).
+On the CPU the last two are one launch, and all rounds are, unless stages are timed (cpu.py).
 
 Shapes: R rays, K slots per ray, N packed samples.
 """
@@ -25,9 +25,7 @@ from ..rays import (
     pack_kernel,
 )
 from .compositing import Pixels, accumulate_kernel
-from .cpu import CpuShading
-
-ROUND_SLOTS = (8, 4, 8, 8, 16, 32, 64, 128)  # K by round: most rays end after 12 samples
+from .cpu import ROUND_SLOTS, CpuRounds
 
 CPU_SLOTS = 1 << 19  # of a launch; 15 MB
 
@@ -41,7 +39,9 @@ class HostRounds:
         self._pose, self._occupancy = pose, occupancy
         self._shading, self._march_step = shading, march_step
         self._middle = wp.full(1, MIDDLE, dtype=int, device=pose.device)
-        self._cpu_shading = CpuShading(shading) if pose.device.is_cpu else None
+        self._on_cpu = None
+        if pose.device.is_cpu:
+            self._on_cpu = CpuRounds(pose, occupancy, shading, march_step)
         self._no_ends = wp.empty(0, dtype=int, device=pose.device)
 
     def render(self, rays: Rays, entries, alive, pixels: Pixels, options, stage) -> int:
@@ -49,15 +49,16 @@ class HostRounds:
 
         `entries` are those of the rays into the mesh; empty ones, if rays have to search.
         """
+        if self._on_cpu and stage.seconds is None:
+            return self._on_cpu.trace(rays, entries, alive, pixels, options)
         sample_count, round_ = 0, 0
-        shade = self._shade if self._cpu_shading is None else self._cpu_shading.round
         while len(alive):
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
             left = []
             for part in self._parts(alive, slot_count):
                 with stage("march"):
                     slots, counts = self._march(rays, entries, part, slot_count, options)
-                still, count = shade(rays, part, slots, counts, pixels, options, stage)
+                still, count = self._shade(rays, part, slots, counts, pixels, options, stage)
                 left.append(still)
                 sample_count += count
             alive = left[0] if len(left) == 1 else joined(left)
@@ -85,6 +86,9 @@ class HostRounds:
 
     def _shade(self, rays, alive, slots, counts, pixels, options, stage):
         """Add a round's samples to the pixels: the rays that are left, the number of samples."""
+        if self._on_cpu:
+            with stage("shade"):
+                return self._on_cpu.shade(rays, alive, slots, counts, pixels, options)
         device, count = self._pose.device, len(alive)
         with stage("march"):
             found = packed(slots, counts, alive)
