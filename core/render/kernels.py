@@ -14,11 +14,11 @@ def kernel_modules(device) -> list[str]:
     """Names of those that `Renderer`, `render_mode` and `RunningMean` launch on a device."""
     names = [owner.__module__ for owner in (Renderer, Pose, Overlap, PieceMerger)]
     names += [module.__name__ for module in (modes, subpixel)]
-    kernels = [camera_rays_kernel, resolve_kernel, encode_kernel]
+    kernels = [camera_rays_kernel, march_kernel, resolve_kernel, encode_kernel]
     if wp.get_device(device).is_cuda:
         from .rounds import begin_kernel
 
-        kernels += [march_kernel, begin_kernel, shading.half_basis_kernel, networks_kernel]
+        kernels += [begin_kernel, shading.half_basis_kernel, networks_kernel]
     else:
         kernels += [raster_kernel, trace_kernel, evaluate_kernel]
     return sorted({*names, *(kernel.module.name for kernel in kernels)})
