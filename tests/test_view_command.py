@@ -50,6 +50,15 @@ def test_a_file_that_is_no_model_is_refused(capfd, tmp_path):
     assert "not a model file" in refused(capfd, tmp_path / "text.npz")
 
 
+def test_photographs_are_answered_with_the_command_that_trains(capfd, tmp_path):
+    folder = tmp_path / "my toy"
+    folder.mkdir()
+    (folder / "a.jpg").write_bytes(b"")
+    (tmp_path / "b.mp4").write_bytes(b"")
+    assert f"deformrf-train '{folder}' -o model.npz --view" in refused(capfd, folder)
+    assert f"deformrf-train {tmp_path / 'b.mp4'}" in refused(capfd, tmp_path / "b.mp4")
+
+
 def test_a_model_of_another_version_is_refused(capfd, tmp_path, ball_file):
     with np.load(ball_file) as archive:
         arrays = dict(archive)

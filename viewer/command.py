@@ -5,15 +5,18 @@ to be good, so that --help is quick.
 """
 
 import logging
+import shlex
 import sys
 import threading
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
+from ..core import capture
 from ..core import field as fields
 from ..core.arguments import (
     AnyModel,
@@ -133,6 +136,7 @@ def main(arguments: list[str] | None = None) -> int:
 def check(arguments: ViewArguments) -> None:
     """Raise a ValueError for what can be known to be wrong before any work."""
     run = arguments.run
+    refuse_photographs(arguments.model)
     size_of(arguments)
     at_least(1, "--fps", arguments.fps)
     object_size("--object-size", arguments.object_size)
@@ -155,6 +159,16 @@ def check(arguments: ViewArguments) -> None:
                 writable_file(path, ending)
         except OSError as error:
             raise ValueError(f"can't write {path}: {error.strerror}") from error
+
+
+def refuse_photographs(model: Path) -> None:
+    """Raise a ValueError with the command that makes a model of photographs, if these are any."""
+    if (model.is_dir() and capture.photo_folder(model)) or capture.is_video(model):
+        what = shlex.quote(str(model))
+        raise ValueError(
+            f"{model} holds photographs, not a model; this trains one of them, and shows it "
+            f"meanwhile: deformrf-train {what} -o model.npz --view"
+        )
 
 
 def size_of(arguments: ViewArguments) -> tuple[int, int]:
