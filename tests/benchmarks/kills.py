@@ -140,7 +140,7 @@ class Training(Trials):
             write_data(data)
         options = [data, "-o", path, "--preset", "tiny", "--steps", 80, "--device", "cpu"]
         options += ["--leave-out", "coarse-stage", "--scene-radius", 1.3]
-        killed(TRAIN, options, self.rng.uniform(4.0, 14.0))
+        killed(TRAIN, options, self.rng.uniform(2.0, 9.0))
         went_on = "anew"
         if path.with_suffix(".checkpoint").exists():
             went_on, options = "resumed", [*options, "--resume"]
