@@ -96,6 +96,19 @@ def test_what_stands_on_a_table_is_found_upright_in_any_world(turned):
     assert to_model([[0, 0, 0]])[0, 2] == pytest.approx(0.0, abs=0.02)
 
 
+def test_arms_that_are_spread_are_no_table():
+    """They lie in a plane with a head on it, but the body is below it, where a table hides all."""
+    rng = np.random.default_rng()
+    arms = np.column_stack([rng.uniform(-0.8, 0.8, (1500, 2)), np.full(1500, 0.6)])
+    arms = arms[(abs(arms[:, :2]) < 0.12).any(axis=1)]
+    head = cylinder(rng, 500, [0, 0, 0.65], 0.2, 0.35)
+    points = np.concatenate([table_scene(rng), arms, head])
+    poses = cameras(rng, np.array([0, 0, 0.5]))
+    found = find_object(points, poses, [LENS] * len(poses))
+    assert found.stands
+    assert found.box[0, 2] == pytest.approx(0.0, abs=0.02)
+
+
 def test_what_hangs_on_a_wall_is_found_behind_no_wall():
     rng = np.random.default_rng()
     wall = np.column_stack([rng.uniform(-2, 2, 4000), np.zeros(4000), rng.uniform(-2, 2, 4000)])

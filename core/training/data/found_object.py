@@ -5,7 +5,8 @@ A point's *attention* says how much the cameras look at it: its place in their i
 by a bell around the middle.  Planes are those with much attention that all cameras are in
 front of (RANSAC, then least squares).  What is in front of it falls into clusters of points
 that are near each other; the object is the one with the most attention.  Of several planes, as a
-table's and the floor's, the highest counts that has an object on it.
+table's and the floor's, the highest counts that has an object on it and hides what is below the
+object: arms that are spread lie in a plane, too, with a body below it.
 
 Where the plane's normal is about the cameras' common up, the object stands on it, and the normal
 is up.  Otherwise it hangs on it, as on a wall: the cameras' up is kept, parallel to the plane.
@@ -25,7 +26,7 @@ POINTS_MAX, PAIRED_MAX = 20_000, 6_000  # that a plane, that clusters are made o
 FAR = 1.5  # farther from the focus points don't count [scale]
 BELL = 0.6  # standard deviation of attention, over half the image's shorter side
 THICKNESS = 0.012  # of a plane to each side [scale]
-TRIES, PLANES = 600, 5
+TRIES, PLANES = 1500, 8
 PLANE_SHARE = 0.03  # of the attention that a plane has at least
 CAMERAS_IN_FRONT = 0.95  # of the cameras
 STANDS = 0.35  # cosine between the plane's normal and the cameras' up from which the object stands
@@ -35,6 +36,8 @@ REACH_OF_POINT = 3.0  # of the median distance to that many neighbours
 CLUSTER_SHARE = 0.2  # of the attention in front of the plane that an object has at least
 VOTE = 0.5  # of a point's attention: in so many views masks have to have it
 OBJECT_SHARE = 0.1  # of all attention that it has at least
+BELOW, AS_GOOD = 0.3, 0.05  # attention below a plane, where the object is, over that above
+FOOTPRINT = 80.0  # percent of the object's points that lie over its footprint
 FEWEST_POINTS = 40  # of an object
 OUTLIERS = 0.3  # percent of its points at each side of the box
 MARGIN = 0.12  # around them: thin parts are missing among points [the box's longest side]
@@ -94,19 +97,21 @@ def find_object(points, poses, lenses, masks=None) -> FoundObject | None:
     weights = attention(points, poses, lenses)
     votes = weights if masks is None else attention(points, poses, lenses, masks)
     up = common_up(poses)
-    found = None
+    found = []
     for plane in planes(points, weights, poses[:, :3, 3], up, THICKNESS * scale, rng):
         heights = plane.height(points)
-        is_above = heights > CLEAR * THICKNESS * scale
+        is_above, is_below = (side * heights > CLEAR * THICKNESS * scale for side in (1.0, -1.0))
         is_above &= votes >= VOTE * weights
         chosen = watched_cluster(points[is_above], weights[is_above], votes.sum(), rng)
-        ground = points[abs(heights) < THICKNESS * scale]
-        if chosen is not None and carries(plane, ground, chosen):
-            found = plane, chosen
-            break
-    if found is None:
+        if chosen is None or not carries(plane, points[abs(heights) < THICKNESS * scale], chosen):
+            continue
+        above, below = over_footprint(plane, chosen, points, weights, is_above, is_below)
+        if below < BELOW * above:
+            found.append((below / above, plane, chosen))
+    if not found:
         return None
-    plane, chosen = found
+    least = min(share for share, *_ in found)
+    plane, chosen = next(rest for share, *rest in found if share <= least + AS_GOOD)
     stands = bool(plane.normal @ up > STANDS)
     turn = upright(plane.normal) if stands else against_wall(plane.normal, up)
     low, high = np.percentile(chosen @ turn.T, [OUTLIERS, 100.0 - OUTLIERS], axis=0)
@@ -193,10 +198,24 @@ def carries(plane: Plane, ground, points) -> bool:
     """Whether the ground's points [m, 3] on a plane reach farther than the object's [n, 3]."""
 
     def extent(places):
-        flat = places - places @ plane.normal[:, None] * plane.normal
+        flat = flattened(plane, places)
         return np.linalg.norm(flat - np.median(flat, axis=0), axis=1).mean()
 
     return len(ground) > 0 and extent(ground) > extent(points)
+
+
+def over_footprint(plane: Plane, chosen, points, weights, *parts):
+    """The attention of each part of the points [n] where the object's `chosen` [m, 3] lie."""
+    flat = flattened(plane, chosen)
+    center = np.median(flat, axis=0)
+    radius = np.percentile(np.linalg.norm(flat - center, axis=1), FOOTPRINT)
+    is_over = np.linalg.norm(flattened(plane, points) - center, axis=1) < radius
+    return [weights[part & is_over].sum() for part in parts]
+
+
+def flattened(plane: Plane, points):
+    """Points moved along a plane's normal to the plane through 0.  [n, 3]"""
+    return points - points @ plane.normal[:, None] * plane.normal
 
 
 def heaviest_plane(points, weights, thickness, rng) -> Plane | None:
