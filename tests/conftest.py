@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import sys
 import zlib
 from dataclasses import replace
@@ -13,6 +14,9 @@ import pytest
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"  # beside the checkout, if at all
 
+# A shell starts what it runs in the background with SIGINT ignored, and all that it starts.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SEED = int(os.environ.get("DEFORMRF_TEST_SEED", 0))  # make soak draws a new one
 
