@@ -14,14 +14,11 @@ import pytest
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"  # beside the checkout, if at all
 
-# A shell starts what it runs in the background with SIGINT ignored, and all that it starts.
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-
 SEED = int(os.environ.get("DEFORMRF_TEST_SEED", 0))  # make soak draws a new one
 
 
 def pytest_report_header():
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells may have it ignored
     return f"random inputs: DEFORMRF_TEST_SEED={SEED}"
 
 
