@@ -20,7 +20,9 @@ from ...core.render import RunningMean, shifted
 from .upload import ImageTexture
 
 FACTORS = tuple(0.5 ** (0.5 * step) for step in range(7))  # 1 .. 0.125
-TOO_SLOW, FITS = 1.25, 1.1  # of the target: what leads to less, what more may be expected to take
+TOO_SLOW, LATE = 1.25, 1.05  # of the target: what leads to less at once, and if it goes on
+FITS = 0.9  # of the target: what more may be expected to take
+IN_A_ROW = 3  # frames that are late, or have time to spare
 SMALLEST_SHARE = 0.4  # of a frame that rendering gets, whatever else takes time
 RECOGNIZABLE = 0.35  # the factor below which pixels are the last thing to save on
 STRIP_SECONDS = 0.045  # rendering a strip
@@ -72,7 +74,8 @@ class MovingResolution:
     target_seconds: float
     ladder: tuple[Rung, ...] = LADDER
     step: int = 3
-    _patience: int = 0
+    _late: int = 0
+    _early: int = 0
 
     @property
     def rung(self) -> Rung:
@@ -85,20 +88,25 @@ class MovingResolution:
     def measured(self, seconds: float) -> None:
         """Take account of one frame that was rendered as the present rung says.
 
-        Too slow a frame leads down at once, by as many rungs as are needed; three frames in a
-        row with time to spare lead up by one.
+        Too slow a frame leads down at once, by as many rungs as are needed; three late ones in
+        a row lead down by one, and three with time to spare lead up by one.
         """
         while seconds > TOO_SLOW * self.target_seconds and self.step < len(self.ladder) - 1:
             seconds *= self.ladder[self.step + 1].cost / self.rung.cost
-            self.step += 1
-            self._patience = 0
-        if self.step == 0:
-            return
-        expected = seconds * self.ladder[self.step - 1].cost / self.rung.cost
-        self._patience = self._patience + 1 if expected < FITS * self.target_seconds else 0
-        if self._patience == 3:
-            self.step -= 1
-            self._patience = 0
+            self._go(1)
+        is_late = seconds > LATE * self.target_seconds and self.step < len(self.ladder) - 1
+        self._late = self._late + 1 if is_late else 0
+        expected = seconds * self.ladder[max(self.step - 1, 0)].cost / self.rung.cost
+        is_early = expected < FITS * self.target_seconds and self.step > 0
+        self._early = self._early + 1 if is_early else 0
+        if self._late == IN_A_ROW:
+            self._go(1)
+        elif self._early == IN_A_ROW:
+            self._go(-1)
+
+    def _go(self, rungs: int) -> None:
+        self.step += rungs
+        self._late = self._early = 0
 
 
 def finer(factor: float) -> float:
