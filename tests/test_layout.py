@@ -25,11 +25,13 @@ MAY_IMPORT = {
     "core.wide": [],
     "core.native": [],
     "core.images": [],
+    "core.archive": ["core.memory"],
     "core.geometry": [],
     "core.capture": ["core.paths", "core.images", "core.memory", "core.streams", "core.device"],
     "core.field": [
         "core.device",
         "core.paths",
+        "core.archive",
         "core.memory",
         "core.streams",
         "core.wide",

@@ -1,7 +1,7 @@
 """A field's mesh, tables and networks <-> the arrays of a model file.
 
 Files are read without trust in their contents.  `declared` checks an array's name, type and
-shape before anything of it is read (archive.py); `array` reads it and checks that it is finite.
+shape before anything of it is read (`core.archive`); `array` reads it and checks that it is finite.
 Every error is a ModelFileError of one sentence.
 
 docs/model-format.md describes the arrays.  The file stores nothing that follows from the rest:

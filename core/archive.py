@@ -1,0 +1,169 @@
+"""An .npz file: a zip of NumPy arrays, read without trust in what it declares.
+
+`open_archive` gives the arrays by name.  Nothing of an array is read before somebody asks for it:
+its type and shape come from its own header, whose length is bounded, and its values are read when
+`numpy.asarray` takes them.  So an array that nobody asks for costs nothing, however large it is,
+and whoever asks can compare the shape with what it should be first.
+
+A file of n bytes may unpack to FREE_BYTES + EXPANSION · n, at most MAX_BYTES, and to a quarter of
+the memory that is free.  Every error is an ArchiveError of one sentence.
+"""
+
+import ast
+import math
+import zipfile
+from collections.abc import Mapping
+from contextlib import ExitStack, contextmanager
+
+import numpy as np
+
+from .memory import free_bytes
+
+MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
+FREE_BYTES = 2**24
+EXPANSION = 16  # how far compression shrinks: models themselves are not compressed
+LONGEST_READ = 2**20  # also of the zip's list of its entries, which zipfile reads at once
+LONGEST_HEADER = 2**12  # ours have 118 bytes
+HEADER_KEYS = {"descr", "fortran_order", "shape"}
+
+
+class ArchiveError(ValueError):
+    """A file of arrays cannot be read; the message is one sentence for the user."""
+
+
+def _check(condition, sentence):
+    if not condition:
+        raise ArchiveError(sentence)
+
+
+class StoredArray:
+    """An array of an open file: its type and shape are known, `numpy.asarray` reads it."""
+
+    def __init__(self, archive: "Archive", entry: zipfile.ZipInfo):
+        self.archive, self.entry = archive, entry
+        with archive.zip.open(entry) as stream:
+            self.dtype, self.shape, self.fortran, self.start = _read_header(stream, entry)
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    @property
+    def nbytes(self) -> int:
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __array__(self, dtype=None, copy=None):
+        self.archive.take(self.nbytes)
+        values = np.empty(self.nbytes, np.uint8)
+        with self.archive.zip.open(self.entry) as stream:
+            stream.read(self.start)
+            for first in range(0, self.nbytes, LONGEST_READ):
+                part = memoryview(values)[first : first + LONGEST_READ]
+                if stream.readinto(part) != len(part):
+                    raise EOFError(f"'{self.entry.filename}' ends too early")
+            stream.read(1)  # the zip's checksum is compared at the end of an entry
+        shape = self.shape[::-1] if self.fortran else self.shape
+        values = values.view(self.dtype).reshape(shape)
+        values = values.T if self.fortran else values
+        return values if dtype is None else values.astype(dtype)
+
+
+class Archive(Mapping):
+    """The arrays of an open file by name, as StoredArray."""
+
+    def __init__(self, zip_file: zipfile.ZipFile, file_size: int):
+        self.zip = zip_file
+        self.names = {entry.filename: entry for entry in zip_file.infolist()}
+        self.allowed = self.left = min(MAX_BYTES, FREE_BYTES + EXPANSION * file_size)
+        free = free_bytes()
+        if free is not None:
+            self.allowed = self.left = min(self.allowed, free // 4)
+
+    def __getitem__(self, name) -> StoredArray:
+        return StoredArray(self, self.names[f"{name}.npy"])
+
+    def __contains__(self, name):
+        return f"{name}.npy" in self.names
+
+    def __iter__(self):
+        return (name.removesuffix(".npy") for name in self.names)
+
+    def __len__(self):
+        return len(self.names)
+
+    def take(self, byte_count: int) -> None:
+        """Account for bytes that are about to be read."""
+        self.left -= byte_count
+        _check(
+            self.left >= 0,
+            f"its arrays unpack to more than {self.allowed / 2**20:.0f} MiB, which is more than "
+            "a file of its size may hold, or than this machine's memory",
+        )
+
+
+class _BoundedFile:
+    """A file of which no single call reads much, whatever the zip's headers ask for."""
+
+    def __init__(self, stream):
+        self.stream = stream
+        self.seek, self.tell, self.seekable = stream.seek, stream.tell, stream.seekable
+
+    def read(self, count=-1):
+        _check(count <= LONGEST_READ, f"its list of entries takes {count} bytes")
+        return self.stream.read(count if count >= 0 else LONGEST_READ)
+
+
+@contextmanager
+def open_archive(path, kind: str):
+    """The arrays of a file, while it is open; what reading them raises is the caller's.
+
+    Args:
+        kind: What the file should be, for the error's sentence: "model file".
+
+    Raises:
+        ArchiveError: The file is missing, or is no zip.
+    """
+    _check(path.is_file(), f"there is no {kind} at {path}")
+    with ExitStack() as stack:
+        try:
+            stream = stack.enter_context(open(path, "rb"))
+            zip_file = stack.enter_context(zipfile.ZipFile(_BoundedFile(stream)))
+            arrays = Archive(zip_file, path.stat().st_size)
+        except ArchiveError:
+            raise
+        except Exception as error:  # zipfile has many ways to fail
+            raise ArchiveError(f"{path} is not a {kind}, or is damaged ({error})") from error
+        yield arrays
+
+
+def _read_header(stream, entry):
+    """Type, shape, Fortran order and the values' first byte, of an array in a zip.
+
+    NumPy's own reader takes a header of any length into memory and hands it to Python's parser.
+    """
+    name = entry.filename
+    known = entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+    _check(known, f"'{name}' is compressed in a way that NumPy does not write")
+    start = stream.read(12)
+    _check(start[:6] == b"\x93NUMPY" and len(start) == 12, f"'{name}' is no NumPy array")
+    size = 2 if start[6] == 1 else 4
+    length = int.from_bytes(start[8 : 8 + size], "little")
+    _check(length <= LONGEST_HEADER, f"the header of '{name}' has {length} bytes")
+    text = start[8 + size :] + stream.read(length - (4 - size))
+    try:
+        header = ast.literal_eval(text.decode().strip())
+        assert header.keys() == HEADER_KEYS and type(header["descr"]) is str
+        dtype, shape = np.dtype(header["descr"]), header["shape"]
+        assert type(shape) is tuple and all(type(n) is int and n >= 0 for n in shape)
+    except Exception as error:  # Python's parser has a dozen ways to fail
+        raise ArchiveError(f"the header of '{name}' is damaged") from error
+    _check(dtype.kind in "biuf", f"'{name}' is damaged: it holds {dtype}, not numbers")
+    wanted, found = math.prod(shape) * dtype.itemsize, entry.file_size - 8 - size - length
+    _check(
+        wanted == found,
+        f"'{name}' declares {list(shape)}, {wanted} bytes, but the file holds {found}",
+    )
+    return dtype, shape, bool(header["fortran_order"]), 8 + size + length
