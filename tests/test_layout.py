@@ -38,6 +38,7 @@ MAY_IMPORT = {
         "core.native",
         "core.geometry",
     ],
+    "core.rig": ["core.paths", "core.archive", "core.geometry"],
     "core.render": ["core.device", "core.wide", "core.native", "core.geometry", "core.field"],
     "core.deform": ["core.device", "core.native", "core.geometry"],
     "core.training": [
@@ -222,6 +223,7 @@ def test_every_dependency_is_pinned():
     [
         "deformrf.core.commands.train",
         "deformrf.core.commands.evaluate",
+        "deformrf.core.commands.rig",
         "deformrf.core.lab.command",
         "deformrf.viewer.command",
         "deformrf.viewer.training.train_command",

@@ -16,6 +16,7 @@ COMMANDS = {
     "deformrf-train": "deformrf.viewer.training.train_command",
     "deformrf-eval": "deformrf.core.commands.evaluate",
     "deformrf-edit": "deformrf.core.commands.edit",
+    "deformrf-rig": "deformrf.core.commands.rig",
     "deformrf-report": "deformrf.core.lab.command",
 }
 INTERRUPTED = 130
@@ -39,6 +40,10 @@ def evaluate() -> int:
 
 def edit() -> int:
     return begin("deformrf-edit")
+
+
+def rig() -> int:
+    return begin("deformrf-rig")
 
 
 def report() -> int:

@@ -48,6 +48,7 @@ class TetField:
     meta: dict = field(default_factory=dict)  # JSON: `training` in docs/model-format.md
     surroundings: Surroundings | None = None
     stiffness: np.ndarray | None = None  # [V] factors of Young's modulus; None: 1 everywhere
+    rig_arrays: dict[str, np.ndarray] | None = None  # of a rig that it carries
 
     def __post_init__(self):
         assert self.neighbours.shape == (self.mesh.tet_count, 4), self.neighbours.shape

@@ -38,6 +38,7 @@ from .packing import (
     pack_tables,
     unpack_layers,
     unpack_mesh,
+    unpack_rig,
     unpack_stiffness,
     unpack_surroundings,
     unpack_tables,
@@ -106,6 +107,7 @@ def pack(field: TetField, metadata_: dict | None = None, entry_bits=16) -> dict:
         arrays |= pack_surroundings(field.surroundings)
     if field.stiffness is not None:
         arrays["stiffness"] = field.stiffness.astype(np.float16)
+    arrays |= field.rig_arrays or {}
     meta = meta_text(field, spacing, {**field.meta, **(metadata_ or {})}).encode()
     if len(meta) > LONGEST_META:
         raise ValueError(f"what is said of the training has {len(meta)} bytes, over {LONGEST_META}")
@@ -182,6 +184,7 @@ def _build(arrays) -> TetField:
         meta=read_training(meta.get("training")),
         surroundings=surroundings,
         stiffness=unpack_stiffness(arrays, mesh.vertex_count),
+        rig_arrays=unpack_rig(arrays, mesh.vertex_count),
     )
 
 

@@ -31,6 +31,7 @@ LARGEST_INT8 = 127
 STIFFNESS_RANGE = 1e-3, 1e3
 LARGEST_SCALE = 1e3  # values then reach as far as float16's
 INTEGERS = (np.uint16, np.int32)
+RIG_FRAMES = "rig_frames_"
 
 
 def declared(arrays, name, dtypes, shape):
@@ -242,3 +243,25 @@ def _unpack_bits(arrays, name, count):
     bits = np.unpackbits(packed).astype(bool)
     check(not bits[count:].any(), f"'{name}' marks entries beyond the level's {count}")
     return bits[:count]
+
+
+def unpack_rig(arrays, vertex_count: int) -> dict | None:
+    """The arrays of a rig, None without one; core/rig/rigfile.py checks what they hold."""
+    names = [name for name in arrays if name.startswith("rig_")]
+    for name in names:
+        if name == "rig_weights":
+            declared(arrays, name, np.float32, (vertex_count, None))
+        elif name == "rig_weight_bones":
+            declared(arrays, name, np.uint16, (vertex_count, None))
+        elif name.startswith(RIG_FRAMES):
+            declared(arrays, name, np.float32, (None, vertex_count, 3))
+    return {name: np.asarray(arrays[name]) for name in names} or None
+
+
+def reduced_rig(arrays: dict | None, used) -> dict | None:
+    """A rig's arrays for the vertices `used` alone."""
+    if arrays is None:
+        return None
+    rows = ("rig_weights", "rig_weight_bones")
+    arrays = {name: a[used] if name in rows else a for name, a in arrays.items()}
+    return {n: a[:, used] if n.startswith(RIG_FRAMES) else a for n, a in arrays.items()}

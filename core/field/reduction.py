@@ -8,6 +8,7 @@ from ..geometry import extract, face_components, path_nodes, tet_neighbours
 from .field import TetField
 from .layout import FEATURES, hash_address, make_layout
 from .occupancy import pack_mask, subtet_middles, unpack_mask
+from .packing import reduced_rig
 
 SPECK = 0.01  # of the matter: a smaller part is a speck
 
@@ -42,6 +43,7 @@ def reduced(field: TetField, keep) -> TetField:
         layout=layout,
         table=np.concatenate(parts),
         stiffness=None if field.stiffness is None else field.stiffness[used],
+        rig_arrays=reduced_rig(field.rig_arrays, used),
     )
 
 

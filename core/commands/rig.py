@@ -1,0 +1,27 @@
+"""deformrf-rig: skeletons, weights and clips of models.
+
+Each subcommand is a dataclass of arguments with a function that prepares its work: those of
+rigs themselves are in rig_bind.py.
+"""
+
+import sys
+
+import tyro
+
+from .rig_bind import InfoArguments, prepare_info
+from .running import asked_for_version, run
+
+PROGRAM = "deformrf-rig"
+COMMANDS = {"info": (InfoArguments, prepare_info)}  # subcommand: its arguments, what prepares it
+
+
+def main():
+    if asked_for_version():
+        sys.exit(0)
+    arguments = tyro.extras.subcommand_cli_from_dict(
+        {name: kind for name, (kind, _) in COMMANDS.items()},
+        prog=PROGRAM,
+        description="Rigs of models: bones, weights, clips.",
+    )
+    prepare = next(prepare for kind, prepare in COMMANDS.values() if type(arguments) is kind)
+    sys.exit(run(PROGRAM, lambda: prepare(arguments)))

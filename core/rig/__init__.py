@@ -1,0 +1,35 @@
+"""Bones that pose a mesh: skeletons, clips, weights, skinning, and the files of rigs."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submodules=["rotations"],
+    submod_attrs={
+        "skeleton": [
+            "MOST_BONES",
+            "Pose",
+            "Skeleton",
+            "make_skeleton",
+            "mixed",
+            "parents_first",
+            "pose_of",
+            "posed",
+            "posed_tails",
+            "reach",
+            "skinning_matrices",
+            "turned",
+        ],
+        "clips": [
+            "Channel",
+            "Clip",
+            "VertexClip",
+            "clip_of_matrices",
+            "clip_of_poses",
+            "phase",
+        ],
+        "skinning": ["METHODS", "Method", "Skinner", "skinned"],
+        "rig": ["Rig", "check_weights"],
+        "rigfile": ["arrays_of", "load_rig", "rig_from", "save_rig"],
+    },
+)

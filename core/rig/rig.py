@@ -1,0 +1,68 @@
+"""A rig: a skeleton, how much each bone moves each vertex, and clips."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .clips import Clip, VertexClip
+from .skeleton import Skeleton
+
+MOST_CLIPS = 1000
+SUM_ERROR = 1e-4  # of a vertex's weights from 1
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What poses the vertices of one model.
+
+    Raises:
+        ValueError: The parts don't fit each other; one sentence.
+    """
+
+    skeleton: Skeleton
+    weights: np.ndarray  # [V, B] float32, ≥ 0, rows that sum to 1
+    clips: tuple[Clip | VertexClip, ...] = ()
+
+    def __post_init__(self):
+        check_weights(self.weights, self.skeleton)
+        if len(self.clips) > MOST_CLIPS:
+            raise ValueError(f"the rig has {len(self.clips)} clips, more than {MOST_CLIPS}")
+        names = [clip.name for clip in self.clips]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"the rig has two clips with the name {name!r}")
+        for clip in self.clips:
+            if isinstance(clip, Clip):
+                clip.check(self.skeleton)
+            elif clip.vertices.shape[1] != len(self.weights):
+                raise ValueError(
+                    f"clip {clip.name!r} moves {clip.vertices.shape[1]} vertices, but the rig "
+                    f"has weights for {len(self.weights)}"
+                )
+
+    def clip(self, name: str) -> Clip | VertexClip:
+        """The clip of that name; ValueError without one."""
+        found = [clip for clip in self.clips if clip.name == name]
+        if not found:
+            others = ", ".join(clip.name for clip in self.clips) or "none"
+            raise ValueError(f"the rig has no clip {name!r}; its clips: {others}")
+        return found[0]
+
+
+def check_weights(weights: np.ndarray, skeleton: Skeleton):
+    """ValueError unless weights are [V, B], not negative, and rows sum to 1."""
+    if weights.ndim != 2 or weights.shape[1] != skeleton.bone_count:
+        raise ValueError(
+            f"the weights are {list(weights.shape)}; the skeleton has {skeleton.bone_count} bones"
+        )
+    if not ((weights >= 0.0) & (weights <= 1.0 + SUM_ERROR)).all():  # NaN fails, too
+        vertex = int(np.argmin(((weights >= 0.0) & (weights <= 1.0 + SUM_ERROR)).all(axis=1)))
+        raise ValueError(f"the weights of vertex {vertex} hold NaN, or leave 0 to 1")
+    sums = weights.sum(axis=1, dtype=np.float64)
+    wrong = np.abs(sums - 1.0) > SUM_ERROR
+    if wrong.any():
+        vertex = int(np.argmax(wrong))
+        raise ValueError(
+            f"the weights of vertex {vertex} sum to {sums[vertex]:.4g}, not 1 "
+            f"({int(wrong.sum())} of {len(sums)} vertices do so); normalize them"
+        )
