@@ -38,7 +38,7 @@ MAY_IMPORT = {
         "core.native",
         "core.geometry",
     ],
-    "core.rig": ["core.paths", "core.archive", "core.geometry"],
+    "core.rig": ["core.paths", "core.memory", "core.archive", "core.geometry"],
     "core.render": ["core.device", "core.wide", "core.native", "core.geometry", "core.field"],
     "core.deform": ["core.device", "core.native", "core.geometry"],
     "core.training": [

@@ -33,6 +33,8 @@ PACKAGES = {
     "markdown_it": ("writes the report's page", WHOLE),
     "pycolmap": ("finds the cameras of photographs and reads COLMAP's", "'deformrf[colmap]'"),
     "lpips": ("computes LPIPS", "'deformrf[lpips]'"),
+    "meshio": ("writes .vtu files", "'deformrf[exchange]'"),
+    "pxr": ("writes USD files", "'deformrf[exchange]' (its name there is usd-core)"),
     "pyglet": ("opens the window", WHOLE),
     "moderngl": ("draws in the window", WHOLE),
     "imgui_bundle": ("draws the panels", WHOLE),

@@ -17,6 +17,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "signed_volumes",
             "tet_neighbours",
         ],
+        "embedded": ["EmbeddedSurface", "located"],
         "lattice": [
             "A15",
             "BCC",

@@ -16,6 +16,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "view_projection",
         ],
         "rays.lens": ["Lens", "distort", "has_rays", "pinhole"],
+        "preview": ["preview", "seen_from_outside", "vertex_normals"],
         "modes": ["caption", "render_mode"],
         "subpixel": ["RunningMean", "shifted"],
         "visible": ["visible_part"],

@@ -28,6 +28,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "clip_of_poses",
             "phase",
         ],
+        "caches": ["FRAMES_PER_SECOND", "read_cache", "write_cache"],
+        "export": ["Solid", "export_mesh"],
         "skinning": ["METHODS", "Method", "Skinner", "skinned"],
         "rig": ["Rig", "check_weights"],
         "rigfile": ["arrays_of", "load_rig", "rig_from", "save_rig"],

@@ -11,11 +11,9 @@ import numpy as np
 
 from ...core.geometry import boundary_faces
 from ...core.paths import whole_file
-from ...core.render import RenderOptions
+from ...core.render import seen_from_outside, vertex_normals
 
-GRAY = 128
 OUTSIDE = 0.01  # object sizes from a vertex to where its ray starts
-FEWEST_OPAQUE = 0.5  # opacity that a color needs
 ENDINGS = ".ply", ".obj"
 
 
@@ -48,25 +46,9 @@ def with_colors(surface: Surface, renderer, size: float) -> Surface:
     Args:
         size: The object's, in model units.
     """
-    normals = vertex_normals(surface)
-    origins = surface.vertices + OUTSIDE * size * normals
-    options = RenderOptions(background=(0.0, 0.0, 0.0))
-    color, opacity, _ = renderer.render_rays(origins, -normals, options)
-    own = color / np.maximum(opacity, 1e-3)[:, None]
-    colors = np.clip(255.0 * own + 0.5, 0.0, 255.0).astype(np.uint8)
-    colors[opacity < FEWEST_OPAQUE] = GRAY
+    normals = vertex_normals(surface.vertices, surface.faces)
+    colors, _, _ = seen_from_outside(renderer, surface.vertices, normals, OUTSIDE * size)
     return Surface(surface.vertices, surface.faces, colors)
-
-
-def vertex_normals(surface: Surface):
-    """Unit normals outwards, means of those of the faces by area.  [N, 3] float32"""
-    a, b, c = surface.vertices.astype(float)[surface.faces].transpose(1, 0, 2)
-    normals = np.zeros(surface.vertices.shape)
-    for corner in surface.faces.T:
-        np.add.at(normals, corner, np.cross(b - a, c - a))
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    upright = np.array([0.0, 0.0, 1.0])  # where faces cancel each other out
-    return np.where(lengths > 0.0, normals / np.maximum(lengths, 1e-30), upright).astype(np.float32)
 
 
 def save_surface(surface: Surface, path: Path) -> Path:
