@@ -1,13 +1,15 @@
 """deformrf-rig: what a rig holds, and what is refused."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from gltf_files import make_bar
 
 from deformrf.core import field as fields
 from deformrf.core.commands import rig as command
-from deformrf.core.rig import Clip, Rig, arrays_of, make_skeleton
+from deformrf.core.rig import Clip, Rig, arrays_of, make_skeleton, rig_from
 
 
 @pytest.fixture
@@ -43,3 +45,49 @@ def test_a_bad_rig_in_a_model_is_one_sentence(call, model, refused):
     arrays = field.rig_arrays | {"rig_parents": np.array([-1, 1], np.int32)}
     fields.save(replace(field, rig_arrays=arrays), model)
     assert "the parent of bone 'upper' is number 1" in refused(call(command.main, "info", model))
+
+
+def test_bind_gives_a_model_bones_weights_and_clips(call, make_ball_field, tmp_path):
+    """The skin of the bar lies on no ball: a matrix and automatic weights place it."""
+    field = make_ball_field(0)
+    fields.save(field, tmp_path / "model.npz")
+    make_bar(np.random.default_rng())[0].save(tmp_path / "bar.glb")
+    arguments = ["-o", tmp_path / "rigged.npz", "--weights", "automatic", "--transform"]
+    arguments += [0.3, 0, 0, 0.5, 0, 0.3, 0, 0.5, 0, 0, 0.3, 0.5, 0, 0, 0, 1]
+    result = call(command.main, "bind", tmp_path / "model.npz", tmp_path / "bar.glb", *arguments)
+    assert result.code == 0 and "2 bones, clips Wave" in result.out
+    loaded = fields.load(tmp_path / "rigged.npz")
+    rig = rig_from(loaded.rig_arrays, field.mesh.vertex_count)
+    assert rig.skeleton.names == ("lower", "upper")
+    again = call(
+        command.main, "bind", tmp_path / "model.npz", tmp_path / "rigged.npz", *arguments[:2]
+    )
+    assert again.code == 0
+    copied = rig_from(fields.load(tmp_path / "rigged.npz").rig_arrays, field.mesh.vertex_count)
+    np.testing.assert_array_equal(copied.weights, rig.weights)
+
+
+@pytest.mark.parametrize(
+    "name, flags, sentence",
+    [
+        (
+            "bar.glb",
+            ["--transform", *np.diag([1.0, 1, -1, 1]).ravel()],
+            "--transform mirrors",
+        ),
+        ("bar.glb", ["--transform", *np.eye(4).ravel() * np.nan], "--transform is no finite"),
+        ("bar.glb", ["--transform", *np.diag([9, 9, 9, 1]).ravel()], "lies inside the model"),
+        ("none.glb", [], "there is no file at"),
+        ("bar.fbx", [], "has to be a .glb, .gltf, .npz or .json"),
+        ("rigged.npz", ["--weights", "rigid"], "leave out --weights and --transform"),
+        ("rig.json", ["--weights", "harmonic"], "has no skinned mesh"),
+    ],
+)
+def test_what_can_not_be_bound_is_said_so(call, model, tmp_path, refused, name, flags, sentence):
+    make_bar(np.random.default_rng())[0].save(tmp_path / "bar.glb")
+    bone = {"name": "a", "parent": None, "head": [0, 0, 0], "tail": [0, 0, 1]}
+    (tmp_path / "rig.json").write_text(json.dumps({"bones": [bone]}))
+    output = tmp_path / "out.npz"
+    result = call(command.main, "bind", model, tmp_path / name, "-o", output, *flags)
+    assert sentence in refused(result)
+    assert not output.exists()

@@ -8,11 +8,15 @@ import sys
 
 import tyro
 
-from .rig_bind import InfoArguments, prepare_info
+from ..device import start_warp
+from .rig_bind import BindArguments, InfoArguments, prepare_bind, prepare_info
 from .running import asked_for_version, run
 
 PROGRAM = "deformrf-rig"
-COMMANDS = {"info": (InfoArguments, prepare_info)}  # subcommand: its arguments, what prepares it
+COMMANDS = {  # subcommand: its arguments, and what prepares it
+    "bind": (BindArguments, prepare_bind),
+    "info": (InfoArguments, prepare_info),
+}
 
 
 def main():
@@ -24,4 +28,9 @@ def main():
         description="Rigs of models: bones, weights, clips.",
     )
     prepare = next(prepare for kind, prepare in COMMANDS.values() if type(arguments) is kind)
-    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
+
+    def start():
+        start_warp()
+        return prepare(arguments)
+
+    sys.exit(run(PROGRAM, start))

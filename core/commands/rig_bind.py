@@ -1,15 +1,43 @@
-"""deformrf-rig info: what a model's rig holds."""
+"""deformrf-rig bind and info: a rig for a model, and what a model's rig holds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
 
 from .. import field as fields
 from .. import rig as rigs
+from ..arguments import writable_file
+from ..geometry import components
 from ..streams import printable
+from .running import require
+
+Weights = Literal["harmonic", "nearest", "rigid", "automatic"]
+Transform = Annotated[
+    tuple[(float,) * 16] | None, tyro.conf.arg(metavar="M11 .. M44", help_behavior_hint="")
+]
+POOR_FIT = 0.03  # of the object's size: a rig that lies farther off is said to be so
+
+
+@dataclass(frozen=True)
+class BindArguments:
+    """Give a model the bones, weights and clips of a rig."""
+
+    model: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+    """Model file, an .npz."""
+    rig: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RIG")]
+    """A skinned mesh and its clips (.glb, .gltf), a rig.npz of this model, or bones with matrices
+    (.json)."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="RIGGED")]
+    """Model file to write, an .npz; it may be MODEL."""
+    weights: Weights | None = None
+    """Those of the skinned mesh, smooth inside (harmonic) or of its nearest point (nearest); from
+    the bones, smooth (automatic) or one each (rigid).  Default: harmonic, automatic for a .json."""
+    transform: Transform = None
+    """Matrix [4x4, row by row] from the rig's space (z up) to that of the photographs' cameras;
+    without it the rig's surface is laid on the model."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +48,19 @@ class InfoArguments:
     """Model file with a rig, an .npz."""
 
 
+def prepare_bind(arguments: BindArguments):
+    field = fields.load(arguments.model)
+    output = writable_file(arguments.output, ".npz")
+    rig = bound(field, arguments)
+
+    def job():
+        fields.save(replace(field, rig_arrays=rigs.arrays_of(rig)), output)
+        print(f"Wrote {printable(output)}: {summary(rig)}.")
+        return 0
+
+    return job
+
+
 def prepare_info(arguments: InfoArguments):
     rig = rig_of_model(arguments.model)[1]
 
@@ -28,6 +69,77 @@ def prepare_info(arguments: InfoArguments):
         return 0
 
     return job
+
+
+def bound(field, arguments: BindArguments) -> rigs.Rig:
+    """The rig of a file for a TetField.
+
+    Raises:
+        ValueError: The file holds no rig, or none that fits.
+    """
+    path, mesh = arguments.rig, field.mesh
+    if path.suffix == ".npz":
+        if arguments.weights or arguments.transform:
+            raise ValueError(f"{path} has weights of its own: leave out --weights and --transform")
+        return rigs.load_rig(path, mesh.vertex_count)
+    if path.suffix in (".glb", ".gltf"):
+        require("pygltflib")
+        source = rigs.read_gltf(path)
+    elif path.suffix == ".json":
+        source = rigs.read_matrices(path)
+    else:
+        raise ValueError(f"the rig, {path}, has to be a .glb, .gltf, .npz or .json")
+    surface = len(source.points) > 0
+    kind = arguments.weights or ("harmonic" if surface else "automatic")
+    if kind in ("harmonic", "nearest") and not surface:
+        raise ValueError(f"{path} has no skinned mesh: take --weights automatic, or rigid")
+    source = rigs.aligned(source, placed(field, source, arguments))
+    return rigs.Rig(source.skeleton, weights_of(mesh, source, kind), source.clips)
+
+
+def placed(field, source: rigs.GltfRig, arguments: BindArguments):
+    """The matrix from the rig's space to model space.  [4, 4]"""
+    if arguments.transform is not None:
+        matrix = np.reshape(arguments.transform, (4, 4))
+        rigs.scale_of(matrix, "--transform")
+        return field.world_to_model @ matrix
+    if len(source.points) == 0:
+        return field.world_to_model
+    edge = 0.02 * float(np.linalg.norm(np.ptp(source.points, axis=0)))
+    surface = source.points, source.triangles, source.point_weights[:, :1]
+    matrix, distance = rigs.align(rigs.surface_samples(*surface, edge)[0], matter_of(field))
+    print(f"Laid the rig on the model: they lie {distance:.2%} of its size apart on average.")
+    if distance > POOR_FIT:
+        print(
+            "That is much: if the object is in another pose than the rig at rest, pose one like "
+            "the other, or give --transform."
+        )
+    return matrix
+
+
+def weights_of(mesh, source: rigs.GltfRig, kind: Weights):
+    """Weights of a mesh [V, B] for a rig in its space."""
+    if kind == "harmonic":
+        return rigs.fitted_weights(mesh, source.points, source.triangles, source.point_weights)
+    if kind == "nearest":
+        surface = source.points, source.triangles, source.point_weights
+        return rigs.nearest_point_weights(mesh, *surface)
+    moving = source.point_weights.any(axis=0) if len(source.points) else None
+    make = rigs.automatic_weights if kind == "automatic" else rigs.rigid_weights
+    return make(mesh, source.skeleton, moving)
+
+
+def matter_of(field):
+    """Points of the object's surface, without specks.  [N, 3]"""
+    middles, occupied = fields.subtet_middles(field.mesh), fields.unpack_mask(field.occupancy)
+    labels = components(field.mesh.vertex_count, field.mesh.tets)[field.mesh.tets[:, 0]]
+    counts = np.bincount(labels, occupied.sum(axis=1))
+    occupied &= (counts >= 0.05 * counts.sum())[labels][:, None]
+    places = middles[occupied]
+    if not len(places):
+        raise ValueError("the model is empty: there is nothing to bind")
+    box = np.ptp(field.mesh.rest_vertices[field.mesh.tets], axis=1)
+    return rigs.outer_points(places, 0.4 * float(np.median(box)))
 
 
 def rig_of_model(path: Path):
@@ -45,6 +157,12 @@ def rig_of_model(path: Path):
         return field, rigs.rig_from(field.rig_arrays, field.mesh.vertex_count)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def summary(rig: rigs.Rig) -> str:
+    names = ", ".join(clip.name for clip in rig.clips)
+    clips = f"clips {names}" if names else "no clips"
+    return printable(f"{rig.skeleton.bone_count} bones, {clips}")
 
 
 def description(rig: rigs.Rig) -> list[str]:

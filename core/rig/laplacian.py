@@ -1,0 +1,116 @@
+"""Smooth functions on a tet mesh: the Laplacian, and equations with it, in NumPy alone.
+
+The viewer makes weights while a hand waits, and viewing is installed without SciPy.
+
+Shapes: V vertices, T tets, E edges, B functions at once.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry import EDGES, TetMesh, edges, signed_volumes
+
+SMALLEST = 1e-2  # of an edge's weight, as a share of the median: see `laplacian`
+TOLERANCE = 1e-6  # of weights, which lie between 0 and 1
+MOST_STEPS = 2000
+OPPOSITE = EDGES[::-1]  # the edge that shares no corner with edge k of a tet is edge 5 − k
+
+
+@dataclass(frozen=True)
+class Laplacian:
+    """Σ_j k_ij (u_i − u_j): an edge list in which each edge appears at both of its ends."""
+
+    ends: np.ndarray  # [2E] the other end j
+    conductances: np.ndarray  # [2E] k_ij > 0
+    starts: np.ndarray  # [V] where the edges of vertex i begin
+    degrees: np.ndarray  # [V] Σ_j k_ij
+    volumes: np.ndarray  # [V] a quarter of the incident tets' volumes
+
+    def gathered(self, values) -> np.ndarray:
+        """Σ_j k_ij u_j.  [V, B]"""
+        return np.add.reduceat(self.conductances[:, None] * values[self.ends], self.starts, axis=0)
+
+
+def laplacian(mesh: TetMesh) -> Laplacian:
+    """The stiffness matrix of linear elements: k_ij = −Σ_tets V ∇λ_i·∇λ_j.
+
+    In acute tets, such as those of the A15 lattice, each k is positive, so a solution has no
+    maximum inside (it is bounded).  Edges of other tets may have k ≤ 0; they get a small
+    positive one instead, which keeps the bound and gives up some accuracy.
+    """
+    x, tets = mesh.rest_vertices, mesh.tets
+    volumes = np.abs(signed_volumes(x, tets))
+    matrices = x[tets[:, 1:]] - x[tets[:, :1]]  # rows: edges from corner 0
+    gradients = np.empty((len(tets), 4, 3))
+    gradients[:, 1:] = np.swapaxes(np.linalg.inv(matrices), 1, 2)
+    gradients[:, 0] = -gradients[:, 1:].sum(axis=1)
+    products = np.einsum("tei,tei->te", gradients[:, EDGES[:, 0]], gradients[:, EDGES[:, 1]])
+    pairs = edges(tets).astype(np.int64)
+    keys = pairs[:, 0] * len(x) + pairs[:, 1]
+    ordered = np.sort(tets[:, EDGES].reshape(-1, 2), axis=1).astype(np.int64)
+    place = np.searchsorted(keys, ordered[:, 0] * len(x) + ordered[:, 1])
+    k = -np.bincount(place, (volumes[:, None] * products).ravel(), minlength=len(pairs))
+    k = np.maximum(k, SMALLEST * np.median(np.abs(k)))
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    order = np.lexsort((both[:, 1], both[:, 0]))
+    both, k = both[order], np.tile(k, 2)[order]
+    starts = np.searchsorted(both[:, 0], np.arange(len(x)))
+    corner_volumes = np.repeat(volumes / 4.0, 4)
+    return Laplacian(
+        both[:, 1],
+        k,
+        starts,
+        np.bincount(both[:, 0], k, minlength=len(x)),
+        np.bincount(tets.ravel(), corner_volumes, minlength=len(x)),
+    )
+
+
+def solved(operator: Laplacian, pull, sources, fixed=None) -> np.ndarray:
+    """u with Σ_j k_ij (u_i − u_j) + p_i u_i = s_i.
+
+    Args:
+        pull: p ≥ 0 [V].
+        sources: s [V, B]; at fixed vertices their values.
+        fixed: Which vertices are fixed [V] bool; None: none.
+
+    Returns:
+        [V, B] float64.
+    """
+    return solved_with(operator, lambda u: pull[:, None] * u, pull, sources, fixed)
+
+
+def solved_with(operator: Laplacian, pulled, diagonal, sources, fixed=None) -> np.ndarray:
+    """The same with P u in the place of p_i u_i, by conjugate gradients with Jacobi's scaling.
+
+    Args:
+        pulled: Maps u to P u, P positive semidefinite.  [V, B] -> [V, B]
+        diagonal: Of P [V].
+    """
+    free = np.ones(len(diagonal), bool) if fixed is None else ~fixed
+    mask = free[:, None]
+    u = np.where(mask, 0.0, sources)
+    degrees = operator.degrees[:, None]
+    scaling = np.where(free, operator.degrees + diagonal, 1.0)[:, None]
+
+    def applied(v):
+        return mask * (degrees * v - operator.gathered(v) + pulled(v))
+
+    r = mask * sources - applied(u)
+    z = r / scaling
+    p = z.copy()
+    rho = np.sum(r * z, axis=0)
+    size = np.sqrt(np.maximum(rho, 1e-300))
+    for _ in range(MOST_STEPS):
+        q = applied(p)
+        curvature = np.sum(p * q, axis=0)
+        step = np.where(curvature > 0.0, rho / np.maximum(curvature, 1e-300), 0.0)
+        u += step * p
+        r -= step * q
+        z = r / scaling
+        new = np.sum(r * z, axis=0)
+        if (np.sqrt(np.maximum(new, 0.0)) <= TOLERANCE * size).all():
+            break
+        p = z + np.where(rho > 0.0, new / np.maximum(rho, 1e-300), 0.0) * p
+        rho = new
+    return u

@@ -1,0 +1,216 @@
+"""Weights: how much each bone moves each vertex.
+
+    harmonic   of given weights on the surface: Δw = 0 inside, so w has no maximum there
+    nearest    those of the nearest surface point
+    rigid      1 for the nearest bone
+    automatic  from the bones alone: −Δw_b + h (w_b − p_b) = 0 with p_b = 1 where b is the nearest
+               bone and h = HEAT / d², d the distance to it: heat that flows from the bones (the
+               idea of Baran and Popović 2007, here in the volume)
+
+Distances to bones are measured through the mesh, so that a bone of one leg has no weight in the
+other leg, however near.  All weights are ≥ 0 and sum to 1; those below LEAST become 0.
+
+Shapes: V vertices, B bones, S points of a surface.
+"""
+
+import numpy as np
+
+from ..geometry import TetMesh, components
+from .laplacian import Laplacian, laplacian, solved
+from .skeleton import Skeleton
+
+LEAST = 1e-3
+HEAT = 0.1  # less is smoother, and lets bones reach farther
+SEEDS = 24  # points of a bone from which distances are measured
+BLOCK = 2**22  # numbers of a table of distances
+
+
+def automatic_weights(mesh: TetMesh, skeleton: Skeleton, moving=None) -> np.ndarray:
+    """From the bones alone.  [V, B] float32
+
+    Args:
+        moving: Which bones move vertices [B] bool; None: all.
+    """
+    operator = laplacian(mesh)
+    distances = bone_distances(mesh, operator, skeleton)
+    if moving is not None:
+        distances[:, ~moving] = np.inf
+    nearest = distances.min(axis=1)
+    sources = distances <= nearest[:, None] * (1.0 + 1e-9)
+    sources = sources / sources.sum(axis=1, keepdims=True)
+    closest = 0.5 * np.cbrt(operator.volumes)  # a vertex on a bone is not pulled infinitely
+    pull = HEAT * operator.volumes / np.maximum(nearest, closest) ** 2
+    return cleaned(solved(operator, pull, pull[:, None] * sources))
+
+
+def harmonic_weights(mesh: TetMesh, ids, surface_weights) -> np.ndarray:
+    """Of given weights at some vertices, those of all.  [V, B] float32
+
+    Parts of the mesh without any of these vertices take the weights of the nearest one.
+
+    Args:
+        ids: Vertices [S].
+        surface_weights: Theirs [S, B].
+    """
+    ids = np.asarray(ids)
+    values = np.zeros((mesh.vertex_count, surface_weights.shape[1]))
+    values[ids] = surface_weights
+    fixed = np.zeros(mesh.vertex_count, bool)
+    fixed[ids] = True
+    labels = components(mesh.vertex_count, mesh.tets)
+    alone = ~np.isin(labels, labels[ids])
+    w = solved(laplacian(mesh), np.zeros(mesh.vertex_count), values, fixed | alone)
+    return cleaned(copied_to_lone_parts(mesh, w, alone))
+
+
+def copied_to_lone_parts(mesh: TetMesh, weights, alone) -> np.ndarray:
+    """The weights, at vertices `alone` those of the nearest other vertex.  [V, B]"""
+    if alone.any():
+        others = np.flatnonzero(~alone)
+        near, _ = _nearest(mesh.rest_vertices[alone], mesh.rest_vertices[others])
+        weights[alone] = weights[others[near]]
+    return weights
+
+
+def nearest_weights(mesh: TetMesh, ids, surface_weights) -> np.ndarray:
+    """Of given weights at some vertices [S], those of the nearest one.  [V, B] float32"""
+    near, _ = _nearest(mesh.rest_vertices, mesh.rest_vertices[np.asarray(ids)])
+    return cleaned(np.asarray(surface_weights, float)[near])
+
+
+def rigid_weights(mesh: TetMesh, skeleton: Skeleton, moving=None) -> np.ndarray:
+    """1 for the bone, of those `moving`, that is nearest through the mesh.  [V, B] float32"""
+    distances = bone_distances(mesh, laplacian(mesh), skeleton)
+    if moving is not None:
+        distances[:, ~moving] = np.inf
+    return np.eye(skeleton.bone_count, dtype=np.float32)[distances.argmin(axis=1)]
+
+
+def nearest_point_weights(mesh: TetMesh, points, triangles, point_weights) -> np.ndarray:
+    """Of a skinned surface, those of the point of it that is nearest.  [V, B] float32"""
+    every = np.arange(mesh.vertex_count)[:, None]
+    _, weights = weights_near(mesh, every, points, triangles, point_weights)
+    return cleaned(weights)
+
+
+def weights_near(mesh: TetMesh, boundary, points, triangles, point_weights):
+    """Weights of a skinned surface at the vertices of our surface.
+
+    Args:
+        boundary: Our surface: vertex ids [N, 3].
+        points: Of the skinned surface [S, 3]; it has to lie on ours.
+        triangles: Ids of points [M, 3].
+        point_weights: [S, B].
+
+    Returns:
+        Ids of vertices [n], and their weights [n, B] float64.
+    """
+    ids = np.unique(boundary)
+    found = np.empty((len(ids), point_weights.shape[1]))
+    corners = np.asarray(points, float)[triangles]
+    rows = max(1, BLOCK // (16 * max(1, len(triangles))))
+    for first in range(0, len(ids), rows):
+        part = ids[first : first + rows]
+        triangle, bary = nearest_on_triangles(mesh.rest_vertices[part], corners)
+        weights = point_weights[triangles[triangle]]
+        found[first : first + rows] = np.einsum("nc,ncb->nb", bary, weights)
+    return ids, found / found.sum(axis=1, keepdims=True)
+
+
+def nearest_on_triangles(places, corners):
+    """The nearest point of a set of triangles [M, 3, 3], for each place [N, 3].
+
+    Returns:
+        The triangle [N], and barycentric coordinates in it [N, 3].
+    """
+    a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    offset = places[:, None] - a
+    d1, d2 = np.sum(offset * ab, axis=2), np.sum(offset * ac, axis=2)
+    bb, cc, bc = np.sum(ab * ab, axis=1), np.sum(ac * ac, axis=1), np.sum(ab * ac, axis=1)
+    area = np.maximum(bb * cc - bc * bc, 1e-30)
+    v, w = (cc * d1 - bc * d2) / area, (bb * d2 - bc * d1) / area
+    inside = (v >= 0.0) & (w >= 0.0) & (v + w <= 1.0) & (bb * cc - bc * bc > 1e-12 * bb * cc)
+    # Else the nearest point lies on one of the three sides.
+    on_ab = np.clip(d1 / np.maximum(bb, 1e-30), 0.0, 1.0)
+    on_ac = np.clip(d2 / np.maximum(cc, 1e-30), 0.0, 1.0)
+    side = np.maximum(bb + cc - 2.0 * bc, 1e-30)
+    on_bc = np.clip((bb - bc + d2 - d1) / side, 0.0, 1.0)  # from b to c
+    zero = np.zeros_like(v)
+    options = [(on_ab, zero), (zero, on_ac), (1.0 - on_bc, on_bc), (v, w)]
+
+    def squared(v, w):
+        away = offset - v[..., None] * ab - w[..., None] * ac
+        return np.sum(away * away, axis=2)
+
+    lengths = [squared(*option) for option in options]
+    lengths[3] = np.where(inside, lengths[3], np.inf)
+    lengths = np.stack(lengths)
+    which, triangle = np.unravel_index(
+        np.moveaxis(lengths, 0, 1).reshape(len(places), -1).argmin(axis=1), (4, len(corners))
+    )
+    row = np.arange(len(places))
+    v, w = (np.stack([o[i] for o in options])[which, row, triangle] for i in range(2))
+    return triangle, np.stack([1.0 - v - w, v, w], axis=1)
+
+
+def bone_distances(mesh: TetMesh, operator: Laplacian, skeleton: Skeleton) -> np.ndarray:
+    """The distance of each vertex to each bone, along edges of the mesh.  [V, B]
+
+    It starts at the vertices near points of the bone: those within the length of their edges,
+    or the nearest one of each part of the mesh.
+    """
+    x = mesh.rest_vertices
+    shares = np.linspace(0.0, 1.0, SEEDS)[:, None]
+    labels = components(mesh.vertex_count, mesh.tets)
+    lengths = np.linalg.norm(x[operator.ends] - np.repeat(x, _counts(operator), axis=0), axis=1)
+    reach = np.maximum.reduceat(lengths, operator.starts)
+    found = np.full((mesh.vertex_count, skeleton.bone_count), np.inf)
+    for bone in range(skeleton.bone_count):
+        straight = _to_segment(x, skeleton.heads[bone], skeleton.tails[bone])
+        seeds = skeleton.heads[bone] + shares * (skeleton.tails[bone] - skeleton.heads[bone])
+        close = np.zeros(mesh.vertex_count, bool)
+        close[_nearest(seeds, x)[0]] = True
+        close |= straight < reach
+        for label in range(labels.max() + 1):
+            members = np.flatnonzero(labels == label)
+            if not close[members].any():
+                close[members[straight[members].argmin()]] = True
+        found[close, bone] = straight[close]
+    while True:  # Bellman and Ford: each round goes one edge farther
+        through = found[operator.ends] + lengths[:, None]
+        shorter = np.minimum(found, np.minimum.reduceat(through, operator.starts, axis=0))
+        if (shorter >= found - 1e-12).all():
+            return found
+        found = shorter
+
+
+def _counts(operator):
+    return np.diff(np.append(operator.starts, len(operator.ends)))
+
+
+def _to_segment(points, a, b):
+    """The distance of points from the segment a b.  [N]"""
+    along = b - a
+    share = np.clip((points - a) @ along / max(along @ along, 1e-30), 0.0, 1.0)
+    return np.linalg.norm(points - a - share[:, None] * along, axis=1)
+
+
+def _nearest(places, points):
+    """The nearest of the points for each place [N], and its distance [N]."""
+    rows = max(1, BLOCK // max(1, len(points)))
+    ids, distances = [], []
+    squares = np.sum(points * points, axis=1)
+    for first in range(0, len(places), rows):
+        part = places[first : first + rows]
+        closest = (squares - 2.0 * part @ points.T).argmin(axis=1)
+        ids.append(closest)
+        distances.append(np.linalg.norm(part - points[closest], axis=1))
+    return np.concatenate(ids), np.concatenate(distances)
+
+
+def cleaned(weights) -> np.ndarray:
+    """Without what is too small to matter; rows sum to 1.  [V, B] float32"""
+    weights = np.where(weights >= LEAST, weights, 0.0)
+    sums = weights.sum(axis=1, keepdims=True)
+    assert (sums > 0.5).all(), "weights have no sources"
+    return (weights / sums).astype(np.float32)
