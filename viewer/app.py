@@ -25,6 +25,7 @@ from .loading import Progress, prepare
 from .sessions import Autosave, Session, autosave_folder, left_behind, start_of
 from .timeline import Strip
 from .times import FrameTimes
+from .training import follow_job, offer_of
 
 log = logging.getLogger(__name__)
 
@@ -55,6 +56,7 @@ class App:
         self.frame_count = 0
         self.autosave = self.left_behind = None  # see autosave.py
         self.preferences = kept or preferences.Preferences()
+        self.train_job = None  # that a dialog began: train_job.py
         self.asked = self.dialog = None  # the path to open next, and what is asked: opening.py
         self.strip = Strip()  # of the timeline
         self.log_file = self.loaded_on = None  # that dialogs name; the last device and interop
@@ -102,6 +104,10 @@ class App:
                 self.recorder.say(sentence)
             self.left_behind = left_behind(autosave_folder(), field.mesh)
             self.begin_autosave()
+
+    def offer_training(self, data: Path) -> None:
+        """Ask whether a model of these photographs shall be trained."""
+        self.dialog = offer_of(data, str(self.scene.solver.device))
 
     def begin_autosave(self) -> None:
         """Keep the session of the scene from now on."""
@@ -286,6 +292,7 @@ class App:
                 self.canvas.show()
                 self.window.flip()
         self.takes.update()
+        follow_job(self)
         problem = "" if self.autosave is None else self.autosave.update()
         if problem:
             self.recorder.say(problem)
@@ -354,6 +361,8 @@ class App:
         try:
             self.recorder.stop()
             self.takes.close()
+            if self.train_job is not None:
+                self.train_job.close()
         finally:
             if self.gui is not None:
                 self.gui.close()

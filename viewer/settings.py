@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften"
+DELETING = "delete", "delete box", "delete lasso"
+TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften", *DELETING
 SURFACES = "hidden", "plain", "strain", "volume ratio"  # of the coarse mesh
 MESH_RANGES = 0.01, 1.0
 SHOWN = (  # in films too
@@ -37,6 +38,8 @@ class Settings:
     mesh_range: float = 0.2  # the strain, and the change of volume, at the end of the colors
     photograph: str = "over"  # one of PHOTOGRAPHS
     photo_opacity: float = 0.5  # of one over the render
+    brush_radius: float = 24.0  # points, of the brush that deletes
+    show_box: bool = False  # that training found around the object
     show_panel: bool = True
     panel_side: str = "left"  # one of SIDES
     panel_width: float = 330.0  # points

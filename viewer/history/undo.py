@@ -10,6 +10,7 @@ def state_of(scene) -> dict:
     solver = scene.solver
     return {
         "body": scene.body.state(),
+        "cuts": scene.cuts.state(),
         "viewpoint": scene.viewpoint.state(),
         "handles": scene.handles.state(),
         "timeline": scene.timeline.state(),
@@ -49,10 +50,11 @@ def _same(one, other):
 
 def restore(scene, state: dict) -> None:
     """Return to a state; nothing is held afterwards."""
-    solver = scene.solver
     scene.handles.release()
     scene.end_push()
     scene.timeline.restore(state["timeline"])
+    scene.cuts.restore(state["cuts"])
+    solver = scene.solver
     scene.body.restore(state["body"])
     scene.viewpoint.restore(state["viewpoint"])
     solver.set_pinned(state["pinned"])

@@ -4,12 +4,13 @@ INPUTS is the only list: key bindings, menus, tooltips, hints, the help overlay 
 it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import attrgetter
 
 from ...core.render import MODES
 from ..files import ask_for_file, surface_of
-from ..settings import PANEL_WIDTHS, SIDES
+from ..settings import DELETING, PANEL_WIDTHS, SIDES
+from .delete_actions import DELETE_ACTIONS
 from .drags import SCALE, TURN
 from .timeline_actions import TIMELINE_ACTIONS
 from .view_actions import VIEW_ACTIONS
@@ -52,6 +53,10 @@ INPUTS = (
     Input("Ctrl+A", "select all red points in sight", "CTRL+A", "select_all", "Edit/Select all"),
     Input("Ctrl+H", "hide the selected points", "CTRL+H", "hide", "Edit/Hide points"),
     Input("Ctrl+Shift+H", "show hidden points", "CTRL+SHIFT+H", "unhide", "Edit/Show all points"),
+    Input("D", "delete with a brush (Shift: all through)", "D", "delete", "Edit/Delete/Brush"),
+    Input("Shift+D", "in a box (Ctrl: around it)", "SHIFT+D", "delete_box", "Edit/Delete/Box"),
+    Input("Ctrl+Shift+D", "in a lasso", "CTRL+SHIFT+D", "delete_lasso", "Edit/Delete/Lasso"),
+    Input("", "parts with less than 1 % of the matter", "", "delete_specks", "Edit/Delete/Specks"),
     Input("U", "push with a ball instead: left drag", "U", "toggle_push", "Edit/Push with a ball"),
     Input(
         "Ctrl+E",
@@ -63,9 +68,9 @@ INPUTS = (
     Input("Ctrl+O", "open a model or a session", "CTRL+O", "open", "File/Open..."),
     Input(
         "Ctrl+S",
-        "write a copy of the model with its stiffness",
+        "write the model as it is: its stiffness, without what was deleted",
         "CTRL+S",
-        "save_stiffness",
+        "save_model",
         "File/Save model copy",
     ),
     Input("Ctrl+Z", "undo", "CTRL+Z", "undo", "Edit/Undo"),
@@ -114,6 +119,7 @@ INPUTS = (
     Input("M", "next view mode: depth, normals, ...", "M", "next_mode", "View/Next mode"),
     Input("H", "hide or show all points and pins", "H", "toggle_handles", "View/Vertices"),
     Input("W", "wireframe", "W", "toggle_wireframe", "View/Wireframe"),
+    Input("O", "the box that training found around the object", "O", "toggle_box", "View/Box"),
     Input("Tab", "hide or show the panel", "TAB", "toggle_panel", "View/Panel/Shown"),
     Input("", "at the other side", action="panel_side", menu="View/Panel/On the right"),
     Input("", "40 points wider", action="panel_wider", menu="View/Panel/Wider"),
@@ -248,19 +254,14 @@ def _hide(app):
         app.recorder.say("nothing to hide: select red points first")
 
 
-def _save_stiffness(app):
-    factors = app.scene.body.factors
-    factors = None if factors is None else factors.copy()
-    app.recorder.save_model(replace(app.scene.field, stiffness=factors))
-
-
 def _export(ending):
     """A function that writes the surface of the mesh in its pose."""
 
     def write(app):
         scene = app.scene
         try:
-            surface = surface_of(scene.field, scene.solver.vertices.numpy())
+            cuts = scene.cuts
+            surface = surface_of(cuts.tets, cuts.neighbours, scene.solver.vertices.numpy())
         except ValueError as error:
             app.recorder.say(str(error))
         else:
@@ -293,6 +294,7 @@ def _quit(app):
 
 ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which menus check
     **VIEW_ACTIONS,
+    **DELETE_ACTIONS,
     **TIMELINE_ACTIONS,
     "toggle_timeline": _toggle("show_timeline"),
     "reset": _reset,
@@ -310,8 +312,8 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "hide": _hide,
     "unhide": lambda app: app.scene.handles.unhide(),
     "toggle_push": _tool("push"),
+    **{tool.replace(" ", "_"): _tool(tool) for tool in DELETING},
     "clear_paint": lambda app: app.scene.body.clear_paint(),
-    "save_stiffness": _save_stiffness,
     "undo": _undo,
     "redo": _redo,
     "save_session": lambda app: app.recorder.save_session(app.scene, app.session_start),

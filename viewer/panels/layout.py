@@ -11,12 +11,14 @@ from ..camera import Covered
 from ..files import readable
 from ..input import INPUTS
 from ..loading import STAGES
+from .boxes import box_overlay, brush_overlay
 from .camera import camera_panel
 from .deform import deform_panel
 from .dialogs import dialog_window
 from .film import film_window, progress_window
 from .history import history_panel
 from .menu import menu_bar
+from .offering import job_window
 from .recovery import recovery_window
 from .selection import gesture_overlay
 from .timeline import STRIP_HEIGHT, poses_panel, timeline_strip
@@ -55,7 +57,8 @@ SECTIONS = (
 
 def draw_panels(app) -> None:
     """Everything that lies over the view."""
-    gesture_overlay(app)
+    for overlay in (box_overlay, gesture_overlay, brush_overlay):
+        overlay(app)
     above = (STRIP_HEIGHT + MARGIN) * app.scene.settings.show_timeline
     if app.scene.settings.show_panel:
         _main_panel(app, top=menu_bar(app))
@@ -70,6 +73,11 @@ def draw_panels(app) -> None:
     if app.takes.job is not None:
         _floating("film's progress", (1.0, 1.0), above=above)
         app.gui.guarded(progress_window, app)
+        app.gui.claim()
+        imgui.end()
+    if app.train_job is not None:
+        _floating("training's progress", (1.0, 0.0), top=imgui.get_frame_height())
+        app.gui.guarded(job_window, app)
         app.gui.claim()
         imgui.end()
     if app.live is not None:

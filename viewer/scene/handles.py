@@ -32,12 +32,11 @@ class Handles:
         patches: A number for the vertices that were pinned together; 0: none.  [V]
     """
 
-    def __init__(self, scene, surface, near):
-        """Take a scene, points of its surface at rest [N, 3], and the vertices near it."""
+    def __init__(self, scene, surface):
+        """Take a scene, and points of its surface at rest [N, 3]."""
         self._scene = scene
         self.journal = None  # of the scene, once it has one
         mesh = scene.field.mesh
-        self._near = near
         self.points = placed(surface, mesh.rest_vertices, mesh.tets, scene.size)
         self.hover: int | None = None
         self.selected: list[int] = []
@@ -64,16 +63,17 @@ class Handles:
     @property
     def control_ids(self):
         """What can be dragged: control points that are not pinned, and pins that were freed."""
-        pins, pinned = self._scene.pins, self._scene.solver.pinned
-        free = np.flatnonzero(self.points.share(pinned) < 0.5)
-        freed = self._near[pins[self._near] & ~pinned[self._near] & pinned.any()]
+        pins, pinned, near = self._scene.pins, self._scene.solver.pinned, self._scene.near
+        free = np.flatnonzero((self.points.share(pinned) < 0.5) & self._scene.cuts.points_left())
+        freed = near[pins[near] & ~pinned[near] & pinned.any()]
         ids = np.concatenate([len(pins) + free, freed])
         return ids[~np.isin(ids, self.hidden)] if self.hidden else ids
 
     @property
     def pin_ids(self):
         """The pins that are drawn: those by the surface."""
-        return self._near[self._scene.solver.pinned[self._near]]
+        near = self._scene.near
+        return near[self._scene.solver.pinned[near]]
 
     def corners(self, handle: int):
         """The vertices that a handle is made of.  [1 or 4] ids"""
@@ -111,6 +111,11 @@ class Handles:
     @edit("select")
     def _select(self, ids):
         self.selected = [one for one in ids if self.exists(one)]
+
+    def forget_deleted(self) -> None:
+        """Select and point at nothing that was deleted."""
+        left = {*self.control_ids.tolist(), *self.pin_ids.tolist()}
+        self.selected, self.hover = [one for one in self.selected if one in left], None
 
     def hide(self) -> int:
         """Hide the selected handles; returns how many that are."""

@@ -14,6 +14,7 @@ from ..history import Journal, edit, is_nothing, restore, state_of
 from ..settings import CPU_TARGET_FPS, SHOWN, Settings
 from ..timeline import Timeline
 from .body import Body, stored_size
+from .cuts import LOWEST_PART, Cuts
 from .grabs import Ball
 from .handles import Handles
 from .surface import bounds, nearest_vertices, of_the_object
@@ -22,7 +23,6 @@ from .viewpoint import Viewpoint
 MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
 VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 SMALLEST_BALL = 0.02  # object sizes
-PINNED_PART = 0.05  # of the object's height
 HANDLE_RADIUS = 0.0135  # of its size
 
 
@@ -53,18 +53,18 @@ class Scene:
         self.handle_bias = 2.5 * self.handle_radius  # a handle so far behind the surface is visible
         # The pins of a held object [V] bool.  The mesh's lowest vertices may be specks below it.
         self.pins = lowest_pins(rest, tets)
-        self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
+        self.pins |= rest[:, 2] <= low[2] + LOWEST_PART * (high - low)[2]
         meters = stored_size(field.meta) if meters is None else meters
         factors = None if field.stiffness is None else field.stiffness.astype(float)
         self.body = Body(rest, tets, self.pins, self.size, meters, device, factors)
-        self.solver = self.body.solver
+        self.cuts = Cuts(self)
         self._nearest = nearest_vertices(self._surface, rest)  # [N], of each point
         of_object = of_the_object(rest, tets)  # [V]
         near = np.unique(self._nearest)
-        self._near = near[of_object[near]]
+        self._surface_vertices = near[of_object[near]]
         chosen = of_object[self._nearest] & (True if steady is None else steady)
         points = self._surface[chosen if chosen.any() else slice(None)]
-        self.handles = Handles(self, points, self._near)
+        self.handles = Handles(self, points)
         self.ball: Ball | None = None
         self._paused = False
         self.revision = 0  # counts the changes of the pose
@@ -73,7 +73,7 @@ class Scene:
         self.viewpoint = Viewpoint(self)
         self.timeline = Timeline(self)
         self.journal = Journal(*(partial(act, self) for act in (state_of, restore, is_nothing)))
-        for owner in (self.body, self.handles, self.viewpoint, self.timeline):
+        for owner in (self.body, self.cuts, self.handles, self.viewpoint, self.timeline):
             owner.journal = self.journal
         self.first_state = state_of(self)
 
@@ -87,10 +87,22 @@ class Scene:
         return self._host[1]
 
     @property
+    def solver(self):
+        """Moves the vertices; another one after tets were deleted."""
+        return self.body.solver
+
+    @property
+    def near(self):
+        """Vertices by the surface, of tets that are left.  ids"""
+        return self._surface_vertices[self.cuts.vertices[self._surface_vertices]]
+
+    @property
     def seen_points(self):
-        """Points of the visible surface, as it is now.  [N, 3]"""
+        """Points of the surface that is left, as it is now; all if none is.  [N, 3]"""
         moved = self.positions - self.field.mesh.rest_vertices
-        return self._surface + moved[self._nearest]
+        points = self._surface + moved[self._nearest]
+        left = self.cuts.vertices[self._nearest]
+        return points[left] if left.any() else points
 
     @property
     def orbit(self):
@@ -194,8 +206,9 @@ class Scene:
 
     def paint(self, point, factor) -> None:
         """Multiply the stiffness around a point of the surface as it is now [3]."""
-        near = self.solver.vertices.numpy()[self._near] - np.asarray(point, float)
-        vertex = int(self._near[(near**2).sum(axis=1).argmin()])
+        ids = self.near
+        away = self.solver.vertices.numpy()[ids] - np.asarray(point, float)
+        vertex = int(ids[(away**2).sum(axis=1).argmin()])
         self._paint(vertex, factor, self.grab_radius)
 
     @edit("paint", undo="paint", merges=True)
@@ -239,7 +252,7 @@ class Scene:
     @property
     def held(self) -> bool:
         """Whether anything is pinned."""
-        return bool(self.solver.pinned.any())
+        return bool((self.solver.pinned & self.cuts.vertices).any())
 
     @edit("hold", undo="hold")
     def hold(self, held: bool) -> None:
@@ -262,7 +275,7 @@ class Scene:
 
     def set_ground(self, on: bool) -> None:
         """Put a ground under the visible object at rest, or take it away."""
-        self._set_ground(self.floor if on else None)
+        self._set_ground(self.cuts.lowest if on else None)
 
     @edit("set_ground", undo="ground")
     def _set_ground(self, height):

@@ -16,6 +16,8 @@ from ..settings import MESH_RANGES, SHOWN, SURFACES
 from ..timeline import EASINGS, MOTIONS, TRACKS, WEIGHTS
 from ..timeline import LONGEST as LONGEST_KEY
 
+MASK_DIGITS, HEXADECIMAL = 16, set("0123456789abcdef")
+MOST_TETS = 2**31
 FARTHEST_POINT = 1e3  # model units
 MATERIAL = tuple(f.name for f in fields(Material))
 OPTIONS = "substep_count", "contact"
@@ -73,6 +75,15 @@ def _are_points(value, count):
     )
 
 
+def _are_masks(value):
+    """Of sub-tets, in hexadecimal."""
+    return isinstance(value, list) and all(map(_is_mask, value))
+
+
+def _is_mask(value):
+    return isinstance(value, str) and len(value) == MASK_DIGITS and set(value) <= HEXADECIMAL
+
+
 def _is_color(value):
     return isinstance(value, list) and len(value) == 3 and all(is_number(x, 0, 1) for x in value)
 
@@ -93,6 +104,8 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "weights": _are_weights,
     "text": lambda value: value == "" or _is_name(value),
     "point": _is_point,
+    "tets": lambda value: _are_vertices(value, MOST_TETS),  # the edit knows how many there are
+    "masks": _are_masks,
     "towards_eye": _is_point,
     "factor": _number(0.1, 10.0),
     "strength": _number(0.0, 1e4),
