@@ -19,7 +19,7 @@ def app(window, ball):
     field = replace(ball, meta={"object_box": BOX, "object_stands": True})
     app.load(field, "ball", "cpu")
     app.left_behind = None
-    app.scene.settings.show_panel = False
+    app.scene.settings.show_panel = app.scene.settings.accumulate = False
     yield app
     app.end()
     app.close()
@@ -27,7 +27,8 @@ def app(window, ball):
 
 def picture(app):
     """What the window shows, panels included."""
-    app.run(app.frame_count + 2)
+    for _ in range(2):
+        app.frame(0.0, whole=True)
     return app.canvas.read().astype(int)
 
 
@@ -70,7 +71,9 @@ def test_the_brush_has_a_ring_of_its_size_and_a_cross(app):
     shapes = []
     app.window.set_mouse_cursor = shapes.append
     app.window.get_system_mouse_cursor = lambda shape: shape
+    picture(app)
     app.window.dispatch_event("on_mouse_motion", 160, 120, 0, 0)
+    app.window.dispatch_events()
     without = picture(app)
     ACTIONS["delete"](app)
     app.scene.settings.brush_radius = 50.0

@@ -26,6 +26,9 @@ def test_a_stroke_deletes_and_is_undone_and_the_rest_is_saved(viewer, ball):
     count = len(viewer.state()["vertices"])
     before = viewer.pixels()
     viewer.tool("key", "d")
+    viewer.move(*middle)
+    for _ in range(9):  # the brush is larger than a tet
+        viewer.tool("click", 4)
     viewer.tool("keydown", "shift")
     viewer.drag(middle - (60, 0), (120, 0))
     viewer.tool("keyup", "shift")

@@ -25,7 +25,7 @@ TOLD_SECONDS = 0.5  # between two lines of how far it is
 LOWER_PRIORITY = 10  # the viewer's frames come first
 CODE = f"import sys; from {__name__} import main; sys.exit(main())"
 PHOTO_MINUTES, RUN_MINUTES = 0.025, {"cpu": 7.0, "cuda": 1.5}  # per photograph, and of training
-LONGEST_LINE = 200  # characters that are shown
+LONGEST_LINE = 400  # characters that are shown
 
 
 @dataclass(frozen=True)
