@@ -15,7 +15,7 @@ def posed(ball):
     """The surface of a bent ball, and the positions of all vertices."""
     rest = ball.mesh.rest_vertices.astype(float)
     bent = rest + 0.2 * np.sin(3.0 * rest[:, [2]]) * [1.0, 0.0, 0.0]
-    return e.surface_of(ball, bent), bent
+    return e.surface_of(ball.mesh.tets, ball.neighbours, bent), bent
 
 
 def read_ply(path):
@@ -82,7 +82,7 @@ def test_the_surface_is_closed_and_encloses_the_tets_in_their_pose(posed, ball):
 
 
 def test_normals_point_outwards(posed, ball):
-    surface = e.surface_of(ball, ball.mesh.rest_vertices)
+    surface = e.surface_of(ball.mesh.tets, ball.neighbours, ball.mesh.rest_vertices)
     normals = e.vertex_normals(surface.vertices, surface.faces)
     outwards = surface.vertices - surface.vertices.mean(axis=0)
     assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0, abs=1e-5)
@@ -92,7 +92,7 @@ def test_normals_point_outwards(posed, ball):
 def test_colors_are_those_that_are_seen(ball):
     from deformrf.core.render import Renderer
 
-    surface = e.surface_of(ball, ball.mesh.rest_vertices)
+    surface = e.surface_of(ball.mesh.tets, ball.neighbours, ball.mesh.rest_vertices)
     renderer = Renderer(ball)
     renderer.set_vertices(ball.mesh.rest_vertices)
     colored = e.with_colors(surface, renderer, 0.6)
@@ -109,7 +109,7 @@ def test_a_pose_without_numbers_is_refused(ball):
     positions = ball.mesh.rest_vertices.copy()
     positions[:] = np.nan
     with pytest.raises(ValueError, match="reset it"):
-        e.surface_of(ball, positions)
+        e.surface_of(ball.mesh.tets, ball.neighbours, positions)
 
 
 def test_another_ending_is_refused_and_a_full_disk_leaves_the_older_file(
@@ -147,7 +147,7 @@ def test_the_menu_writes_the_mesh_as_it_is_bent(window, ball, monkeypatch, tmp_p
         app.frame(1 / 30)
     for action in ("export_ply", "export_obj"):
         ACTIONS[action](app)
-    bent = e.surface_of(ball, app.scene.solver.vertices.numpy())
+    bent = e.surface_of(ball.mesh.tets, ball.neighbours, app.scene.solver.vertices.numpy())
     for path in app.recorder.written:
         vertices, colors, _ = READ[path.suffix](path)
         np.testing.assert_allclose(vertices, bent.vertices, atol=1e-6)

@@ -41,6 +41,7 @@ class Panel:
             set_gravity=self.called("gravity"),
             set_ground=self.called("ground"),
             hold=self.called("hold"),
+            cuts=SimpleNamespace(some=False),
             paused=False,
             moving=False,
             held=True,

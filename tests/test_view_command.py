@@ -55,8 +55,9 @@ def test_photographs_are_answered_with_the_command_that_trains(capfd, tmp_path):
     folder.mkdir()
     (folder / "a.jpg").write_bytes(b"")
     (tmp_path / "b.mp4").write_bytes(b"")
-    assert f"deformrf-train '{folder}' -o model.npz --view" in refused(capfd, folder)
-    assert f"deformrf-train {tmp_path / 'b.mp4'}" in refused(capfd, tmp_path / "b.mp4")
+    without = "--headless", "--screenshot", tmp_path / "x.png"  # a window, which would ask
+    assert f"deformrf-train '{folder}' -o model.npz" in refused(capfd, folder, *without)
+    assert f"deformrf-train {tmp_path / 'b.mp4'}" in refused(capfd, tmp_path / "b.mp4", *without)
 
 
 def test_a_model_of_another_version_is_refused(capfd, tmp_path, ball_file):

@@ -20,19 +20,12 @@ from .events import state_of
 from .files import Problem, open_asked
 from .films import Recorder, Takes, without_background
 from .input import ACTIONS, Controls, Fly, action_of, placed_photograph
-from .layers import (
-    BoneLayer,
-    Canvas,
-    HandleLayer,
-    MeshLayer,
-    PhotoLayer,
-    RadianceLayer,
-    choose_path,
-)
+from .layers import Canvas, HandleLayer, MeshLayer, PhotoLayer, RadianceLayer, choose_path
 from .loading import Progress, prepare
 from .sessions import Autosave, Session, autosave_folder, left_behind, start_of
 from .timeline import Strip
 from .times import FrameTimes
+from .training import follow_job, offer_of
 
 log = logging.getLogger(__name__)
 
@@ -63,6 +56,7 @@ class App:
         self.frame_count = 0
         self.autosave = self.left_behind = None  # see autosave.py
         self.preferences = kept or preferences.Preferences()
+        self.train_job = None  # that a dialog began: train_job.py
         self.asked = self.dialog = None  # the path to open next, and what is asked: opening.py
         self.strip = Strip()  # of the timeline
         self.log_file = self.loaded_on = None  # that dialogs name; the last device and interop
@@ -111,6 +105,10 @@ class App:
             self.left_behind = left_behind(autosave_folder(), field.mesh)
             self.begin_autosave()
 
+    def offer_training(self, data: Path) -> None:
+        """Ask whether a model of these photographs shall be trained."""
+        self.dialog = offer_of(data, str(self.scene.solver.device))
+
     def begin_autosave(self) -> None:
         """Keep the session of the scene from now on."""
         self.autosave = Autosave(self.scene, self.session_start, autosave_folder())
@@ -126,7 +124,6 @@ class App:
         panels_first = [] if self.gui is None else [self.gui]
         radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
         handle_layer = HandleLayer(self.ctx, scene)
-        bone_layer = BoneLayer(self.ctx, scene)
         if self.scene is not None:
             self.fly.end()
             self.controls.cancel()
@@ -136,8 +133,7 @@ class App:
             self.radiance.release()
             self.mesh_layer.release()
             self.handle_layer.release()
-            self.bone_layer.release()
-        self.radiance, self.handle_layer, self.bone_layer = radiance, handle_layer, bone_layer
+        self.radiance, self.handle_layer = radiance, handle_layer
         self.mesh_layer = MeshLayer(self.ctx, scene, radiance.draw_depth)
         say = self.recorder.say
         self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
@@ -296,6 +292,7 @@ class App:
                 self.canvas.show()
                 self.window.flip()
         self.takes.update()
+        follow_job(self)
         problem = "" if self.autosave is None else self.autosave.update()
         if problem:
             self.recorder.say(problem)
@@ -318,7 +315,6 @@ class App:
         if keep and not in_clips:
             self._record_view()
         self.handle_layer.draw(camera, clips)
-        self.bone_layer.draw(camera, clips, self.controls.bones.place)
         if keep and in_clips:
             self._record_view()
 
@@ -365,6 +361,8 @@ class App:
         try:
             self.recorder.stop()
             self.takes.close()
+            if self.train_job is not None:
+                self.train_job.close()
         finally:
             if self.gui is not None:
                 self.gui.close()

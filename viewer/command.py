@@ -10,7 +10,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -136,7 +136,8 @@ def main(arguments: list[str] | None = None) -> int:
 def check(arguments: ViewArguments) -> None:
     """Raise a ValueError for what can be known to be wrong before any work."""
     run = arguments.run
-    refuse_photographs(arguments.model)
+    if run.headless:
+        refuse_photographs(arguments.model)
     size_of(arguments)
     at_least(1, "--fps", arguments.fps)
     object_size("--object-size", arguments.object_size)
@@ -163,12 +164,17 @@ def check(arguments: ViewArguments) -> None:
 
 def refuse_photographs(model: Path) -> None:
     """Raise a ValueError with the command that makes a model of photographs, if these are any."""
-    if (model.is_dir() and capture.photo_folder(model)) or capture.is_video(model):
+    if holds_photographs(model):
         what = shlex.quote(str(model))
         raise ValueError(
-            f"{model} holds photographs, not a model; this trains one of them, and shows it "
-            f"meanwhile: deformrf-train {what} -o model.npz --view"
+            f"{model} holds photographs, not a model; this trains one of them: "
+            f"deformrf-train {what} -o model.npz"
         )
+
+
+def holds_photographs(model: Path) -> bool:
+    """Whether a path is a folder of photographs, or a video."""
+    return capture.is_video(model) or (model.is_dir() and capture.photo_folder(model) is not None)
 
 
 def size_of(arguments: ViewArguments) -> tuple[int, int]:
@@ -205,17 +211,23 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
     from .script import parse_drag, resolved
 
     drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
+    offered = chosen.model if holds_photographs(chosen.model) else None
+    if offered is not None:
+        chosen = replace(chosen, model=DEFAULT_MODEL)
     field = with_size(fields.load(chosen.model), chosen.object_size)
     from .sessions import load_session
 
     session = None if chosen.session is None else load_session(chosen.session, field)
     device = device_name(chosen.device)
     kept, problem = _remembered(chosen)
-    app = _open(chosen, kept)
+    app = _open(chosen, kept) if offered is None else _open_to_ask(chosen, kept, offered)
     try:
         with told_if_slow(app):
             app.load(field, chosen.model.stem, device, chosen.inner.interop or kept.interop)
-        kept.opened(chosen.model)
+        if offered is None:
+            kept.opened(chosen.model)
+        else:
+            app.offer_training(offered)
         if problem:
             log.warning(problem)
             app.dialog = Problem("The preferences are damaged", problem)
@@ -258,6 +270,17 @@ def _open(chosen, kept):
     if not headless:
         app.log_file = app.gui.log_file = logs.start(logs.file())
     return app
+
+
+def _open_to_ask(chosen, kept, data):
+    """The App in its window, to ask about photographs; without a display, what to type."""
+    from .window import WindowError
+
+    try:
+        return _open(chosen, kept)
+    except WindowError:
+        refuse_photographs(data)
+        raise
 
 
 def _show(app, chosen, drag):

@@ -106,6 +106,7 @@ class Gui:
         self._rectangles = []  # of the panels in the last frame: left, top, right, bottom
         self._building = []
         self.mouse_on_panel = False  # when it was last seen
+        self._cross = False  # whether the mouse is shown as a cross
         self._captured = set()  # buttons that were pressed on a panel
         self.panel_open = True  # not folded up to its title
         self.log_file = None  # that a failed panel names
@@ -154,6 +155,13 @@ class Gui:
         if self.mouse_on_panel:
             self._io.add_mouse_wheel_event(scroll_x, scroll_y)
         return self.mouse_on_panel or None
+
+    def point_with_cross(self, on: bool) -> None:
+        """Show the mouse as a cross, as tools have it, or as an arrow."""
+        if on != self._cross:
+            self._cross = on
+            shape = self.window.CURSOR_CROSSHAIR if on else self.window.CURSOR_DEFAULT
+            self.window.set_mouse_cursor(self.window.get_system_mouse_cursor(shape))
 
     def on_mouse_leave(self, x, y):
         self._io.add_mouse_pos_event(NOWHERE, NOWHERE)

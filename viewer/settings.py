@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 
-TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften", "joints", "bones"
+DELETING = "delete", "delete box", "delete lasso"
+TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften", *DELETING
 SURFACES = "hidden", "plain", "strain", "volume ratio"  # of the coarse mesh
 MESH_RANGES = 0.01, 1.0
 SHOWN = (  # in films too
     *("mode", "background", "checkerboard", "show_handles", "show_wireframe"),
-    *("show_ground", "show_bones", "mesh_surface", "mesh_opacity", "mesh_range"),
+    *("show_ground", "mesh_surface", "mesh_opacity", "mesh_range"),
 )
 SIDES = "left", "right"
 PHOTOGRAPHS = "hidden", "over", "beside"  # the render
@@ -32,12 +33,13 @@ class Settings:
     show_handles: bool = True
     show_wireframe: bool = False
     show_ground: bool = True  # where there is one
-    show_bones: bool = True  # of a rig
     mesh_surface: str = "hidden"  # one of SURFACES, over the picture
     mesh_opacity: float = 0.85
     mesh_range: float = 0.2  # the strain, and the change of volume, at the end of the colors
     photograph: str = "over"  # one of PHOTOGRAPHS
     photo_opacity: float = 0.5  # of one over the render
+    brush_radius: float = 24.0  # points, of the brush that deletes
+    show_box: bool = False  # that training found around the object
     show_panel: bool = True
     panel_side: str = "left"  # one of SIDES
     panel_width: float = 330.0  # points

@@ -10,7 +10,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "packing": ["STIFFNESS_RANGE"],
         "bounds": ["check_finite", "check_geometry"],
         "field": ["FieldOptions", "TetField", "random_field"],
-        "reduction": ["cut", "reduced", "without_specks"],
+        "reduction": ["cut", "nearer_to_matter", "reduced", "specks", "without_specks"],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
         # For the rooms next door: kernels, their functions and array structs.
         "encoding": [

@@ -64,6 +64,37 @@ def cut(field: TetField, box, keep_inside=True) -> TetField:
     return reduced(replace(field, occupancy=pack_mask(matter)), stays.any(axis=1))
 
 
+def nearer_to_matter(neighbours, matter, gone):
+    """The tets that stay when matter has gone: those with some, and the empty ones near it.
+
+    An empty tet keeps an object solid.  It goes with the matter that it is nearest to, counted
+    in steps through faces; where both are as near, it stays.
+
+    Args:
+        neighbours: The tet across each face, or -1.  [T, 4]
+        matter: Tets with matter left.  [T] bool
+        gone: Tets all of whose matter has gone.  [T] bool
+
+    Returns:
+        [T] bool
+    """
+    left, lost = matter.copy(), gone & ~matter
+    while True:
+        free = ~(left | lost)
+        to_left, to_lost = (_beside(neighbours, of) & free for of in (left, lost))
+        if not (to_left.any() or to_lost.any()):
+            return ~lost
+        left |= to_left
+        lost |= to_lost & ~to_left
+
+
+def specks(field: TetField, share=SPECK):
+    """Which tets with matter belong to parts that `without_specks` takes away.  [T] bool"""
+    matter = unpack_mask(field.occupancy)
+    occupied = matter.any(axis=1)
+    return occupied & ~_large(field, matter, occupied, share) if occupied.any() else occupied
+
+
 def without_specks(field: TetField, share=SPECK) -> TetField:
     """The field without its connected parts that have less than that share of the matter.
 
@@ -71,13 +102,17 @@ def without_specks(field: TetField, share=SPECK) -> TetField:
     some.  The largest part stays in any case.
     """
     matter = unpack_mask(field.occupancy)
-    occupied = matter.any(axis=1)
-    if not occupied.any():
+    if not matter.any():
         return field
-    goes = occupied & ~_large(field, matter, occupied, share)
+    goes = specks(field, share)
     # Empty tets stay, unless everything that they are joined with goes.
     keep = ~goes & _large(field, matter * ~goes[:, None], np.ones(len(goes), bool), share)
     return field if keep.all() else reduced(field, keep)
+
+
+def _beside(neighbours, tets):
+    """Whether a face of each tet is one of these tets', [T] bool.  [T] bool"""
+    return (tets[neighbours] & (neighbours >= 0)).any(axis=1)
 
 
 def _large(field, matter, among, share):

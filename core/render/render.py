@@ -4,7 +4,8 @@ A ray takes one of three paths:
 
     rounds/wavefront.py    default mode on CUDA: nothing waits for the host
     rounds/host.py         everything else: rounds of march, shade, accumulate
-    overlap/merging.py     tangled rays, which see the mesh overlap itself
+    overlap/               tangled rays, which see the mesh overlap itself: windows.py on a
+                           CPU, merging.py on CUDA
 
 Each of them marches through the mesh (rays/), and reads density and color of the samples
 (shading.py).  On the CPU a Warp launch uses one core and releases the interpreter, so tiles
@@ -92,6 +93,7 @@ class Renderer:
         self.device = wp.get_device(device)
         self.stage = StageTimer(self.device)
         self.part, tet_ids = part_of(field)
+        self._part_ids = tet_ids  # on the host
         self._tet_ids = wp.array(tet_ids, dtype=int, device=self.device)
         mesh, neighbours, step = self.part.mesh, self.part.neighbours, field.options.march_step
         self._occupancy = wp.array(self.part.occupancy, dtype=wp.uint64, device=self.device)
@@ -107,6 +109,10 @@ class Renderer:
         """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""
         with self.stage("pose"):
             self.pose.set_vertices(vertices)
+
+    def set_occupancy(self, occupancy):
+        """Take other masks, of sub-tets that the field's own masks have, too.  [T] uint64"""
+        self._occupancy.assign(occupancy[self._part_ids])
 
     def render(self, camera: Camera, options: RenderOptions | None = None, rows=None) -> Image:
         """The image, or a strip of it, as `camera` sees the field; its world is model space.

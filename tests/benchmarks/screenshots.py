@@ -16,9 +16,9 @@ SETTLING = 40  # frames
 
 
 class Studio:
-    """The viewer on the bundled model, and what is set up in it."""
+    """The viewer on a model, by default the bundled one, and what is set up in it."""
 
-    def __init__(self):
+    def __init__(self, field=None, name="helmet"):
         pyglet.options.headless = True
         from deformrf.viewer.window import open_window
 
@@ -29,7 +29,7 @@ class Studio:
         from deformrf.viewer.events import EventLog
 
         self.app = App(window, context, EventLog(False))
-        self.app.load(fields.load(DEFAULT_MODEL), "helmet", "cpu")
+        self.app.load(field or fields.load(DEFAULT_MODEL), name, "cpu")
         self.app.left_behind = None
         self.app.scene.settings.panel_in_screenshots = True
 

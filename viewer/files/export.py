@@ -26,13 +26,16 @@ class Surface:
     colors: np.ndarray | None = None  # [N, 3] uint8
 
 
-def surface_of(field, positions) -> Surface:
-    """The surface of a field's mesh with its vertices at `positions` [V, 3].
+def surface_of(tets, neighbours, positions) -> Surface:
+    """The surface of a mesh with its vertices at `positions` [V, 3].
+
+    Args:
+        tets, neighbours: Corners of each tet, and the tet across each face or -1.  [T, 4]
 
     Raises:
         ValueError: Positions are not numbers.
     """
-    faces, _ = boundary_faces(field.mesh.tets, field.neighbours)
+    faces, _ = boundary_faces(tets, neighbours)
     ids, faces = np.unique(faces, return_inverse=True)
     vertices = np.asarray(positions)[ids].astype(np.float32)
     if not np.isfinite(vertices).all():

@@ -7,9 +7,11 @@ the next frame begins with `open_asked`.  A file that can't be opened leaves the
 import logging
 from pathlib import Path
 
+from ...core import capture
 from ...core import field as fields
 from ...core.arguments import plain_message
 from ...core.paths import working_folder
+from ...core.training import has_cameras
 from .. import logs
 from ..sessions import load_session
 from .dialogs import FileDialog, Problem
@@ -37,6 +39,9 @@ def open_asked(app) -> None:
         app.recover()
         return
     try:
+        if needs_training(path):
+            app.offer_training(path)
+            return
         if path.is_dir():
             open_photographs(app, path)
             return
@@ -62,6 +67,13 @@ def open_asked(app) -> None:
         problem = app.preferences.save()
         if problem:
             app.recorder.say(problem)
+
+
+def needs_training(path: Path) -> bool:
+    """Whether these are photographs, or a video, whose cameras no file has."""
+    if capture.is_video(path):
+        return True
+    return path.is_dir() and capture.photo_folder(path) is not None and not has_cameras(path)
 
 
 def open_photographs(app, folder: Path, outside=False) -> None:

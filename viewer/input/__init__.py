@@ -9,8 +9,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "fly": ["Fly"],
         "actions": ["ACTIONS", "INPUTS", "action_of", "label_of"],
         "view_actions": ["AXIS_VIEWS", "FROM_VIEW", "UPS", "set_up", "up_name"],
-        "rig_actions": ["bone_line", "name_bone", "rest_bone", "save_clip"],
-        "timeline_actions": ["delete_key"],
+        "delete_actions": ["found_box"],
+        "deleting": ["BRUSH"],
         "photo_actions": ["line_of", "placed_photograph", "show_photograph"],
     },
 )

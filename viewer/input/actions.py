@@ -9,10 +9,9 @@ from operator import attrgetter
 
 from ...core.render import MODES
 from ..files import ask_for_file, surface_of
-from ..settings import PANEL_WIDTHS, SIDES
-from .controls import OF_BONES
+from ..settings import DELETING, PANEL_WIDTHS, SIDES
+from .delete_actions import DELETE_ACTIONS
 from .drags import SCALE, TURN
-from .rig_actions import RIG_ACTIONS
 from .timeline_actions import TIMELINE_ACTIONS
 from .view_actions import VIEW_ACTIONS
 
@@ -41,7 +40,7 @@ INPUTS = (
     Input("X", "while dragging: along x only, or freely again", "X", "along_x"),
     Input("Y", "along y only", "Y", "along_y"),
     Input("Z", "along z only", "Z", "along_z"),
-    Input("E", "while dragging: turn instead; a bone, or reach with its tip again", "E", "turn"),
+    Input("E", "while dragging: turn instead", "E", "turn"),
     Input("S", "while dragging: scale instead", "S", "scale"),
     Input(
         "B",
@@ -54,6 +53,10 @@ INPUTS = (
     Input("Ctrl+A", "select all red points in sight", "CTRL+A", "select_all", "Edit/Select all"),
     Input("Ctrl+H", "hide the selected points", "CTRL+H", "hide", "Edit/Hide points"),
     Input("Ctrl+Shift+H", "show hidden points", "CTRL+SHIFT+H", "unhide", "Edit/Show all points"),
+    Input("D", "delete with a brush (Shift: all through)", "D", "delete", "Edit/Delete/Brush"),
+    Input("Shift+D", "in a box (Ctrl: around it)", "SHIFT+D", "delete_box", "Edit/Delete/Box"),
+    Input("Ctrl+Shift+D", "in a lasso", "CTRL+SHIFT+D", "delete_lasso", "Edit/Delete/Lasso"),
+    Input("", "parts with less than 1 % of the matter", "", "delete_specks", "Edit/Delete/Specks"),
     Input("U", "push with a ball instead: left drag", "U", "toggle_push", "Edit/Push with a ball"),
     Input(
         "Ctrl+E",
@@ -65,9 +68,9 @@ INPUTS = (
     Input("Ctrl+O", "open a model or a session", "CTRL+O", "open", "File/Open..."),
     Input(
         "Ctrl+S",
-        "write a copy of the model with its stiffness and its rig",
+        "write the model as it is: its stiffness, without what was deleted",
         "CTRL+S",
-        "save_copy",
+        "save_model",
         "File/Save model copy",
     ),
     Input("Ctrl+Z", "undo", "CTRL+Z", "undo", "Edit/Undo"),
@@ -116,6 +119,7 @@ INPUTS = (
     Input("M", "next view mode: depth, normals, ...", "M", "next_mode", "View/Next mode"),
     Input("H", "hide or show all points and pins", "H", "toggle_handles", "View/Vertices"),
     Input("W", "wireframe", "W", "toggle_wireframe", "View/Wireframe"),
+    Input("O", "the box that training found around the object", "O", "toggle_box", "View/Box"),
     Input("Tab", "hide or show the panel", "TAB", "toggle_panel", "View/Panel/Shown"),
     Input("", "at the other side", action="panel_side", menu="View/Panel/On the right"),
     Input("", "40 points wider", action="panel_wider", menu="View/Panel/Wider"),
@@ -134,29 +138,11 @@ INPUTS = (
     Input("Enter", "play the timeline, or stop", "ENTER", "play", "Timeline/Play"),
     Input("Page Down", "next key", "PAGEDOWN", "next_key", "Timeline/Next key"),
     Input("Page Up", "key before", "PAGEUP", "previous_key", "Timeline/Key before"),
-    Input(
-        "Delete",
-        "delete the chosen key; while joints are placed, the joint",
-        "DELETE",
-        "delete_key",
-        "Timeline/Delete key",
-    ),
+    Input("Delete", "delete the chosen key", "DELETE", "delete_key", "Timeline/Delete key"),
     Input("Ctrl+D", "copy a key to the playhead", "CTRL+D", "copy_key", "Timeline/Copy key"),
     Input("Shift+O", "turn around the object", "SHIFT+O", "turntable", "Timeline/Turntable"),
     Input("", "save the pose, to blend it", "", "save_pose", "Timeline/Save pose"),
     Input("", "play again and again", "", "toggle_loop", "Timeline/Loop"),
-    Input(
-        "J",
-        "place joints: click on the object; each goes on from the chosen one",
-        "J",
-        "joints",
-        "Rig/Place joints",
-    ),
-    Input("A", "animate: drag a bone to turn it, its tip to reach", "A", "bones", "Rig/Pose bones"),
-    Input("Shift+A", "bones at rest", "SHIFT+A", "rest_bones", "Rig/Bones at rest"),
-    Input("Shift+Enter", "play the chosen clip, or stop", "SHIFT+ENTER", "play_clip", "Rig/Play"),
-    Input("", "play clips again and again", "", "loop_clip", "Rig/Loop"),
-    Input("Shift+H", "hide or show bones", "SHIFT+H", "toggle_bones", "Rig/Shown"),
     Input("F1", "hide or show the help", "F1", "toggle_help", "Help/Keys and gestures"),
     Input("F2", "screenshot", "F2", "screenshot", "File/Export/Picture"),
     Input(
@@ -225,9 +211,9 @@ def _rest_here(app):
 
 def _undo(app):
     journal = app.scene.journal
-    count = journal.cursor
+    count = len(journal.steps)
     app.controls.cancel()
-    if journal.cursor < count:  # a drag's step, which is all that is taken back
+    if len(journal.steps) < count:  # a drag's step, which is all that is taken back
         app.recorder.say("undone: drag")
         return
     label = journal.undoes
@@ -244,8 +230,6 @@ def _cancel(app):
     app.scene.settings.show_help = False
     app.dialog = None
     app.takes.asking = False
-    if not app.controls.mode and app.scene.settings.tool in OF_BONES:
-        app.scene.settings.tool = "grab"
     app.controls.cancel()
 
 
@@ -276,7 +260,8 @@ def _export(ending):
     def write(app):
         scene = app.scene
         try:
-            surface = surface_of(scene.field, scene.solver.vertices.numpy())
+            cuts = scene.cuts
+            surface = surface_of(cuts.tets, cuts.neighbours, scene.solver.vertices.numpy())
         except ValueError as error:
             app.recorder.say(str(error))
         else:
@@ -309,11 +294,8 @@ def _quit(app):
 
 ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which menus check
     **VIEW_ACTIONS,
+    **DELETE_ACTIONS,
     **TIMELINE_ACTIONS,
-    **RIG_ACTIONS,
-    "joints": _tool("joints"),
-    "bones": _tool("bones"),
-    "toggle_bones": _toggle("show_bones"),
     "toggle_timeline": _toggle("show_timeline"),
     "reset": _reset,
     "pause": _toggle("paused", attrgetter("scene")),
@@ -330,6 +312,7 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "hide": _hide,
     "unhide": lambda app: app.scene.handles.unhide(),
     "toggle_push": _tool("push"),
+    **{tool.replace(" ", "_"): _tool(tool) for tool in DELETING},
     "clear_paint": lambda app: app.scene.body.clear_paint(),
     "undo": _undo,
     "redo": _redo,

@@ -26,8 +26,9 @@ from ..camera import (
     zoomed,
 )
 from ..scene import MOST_ADDED
+from ..settings import DELETING
 from . import drags
-from .bone_tool import BoneTool
+from .deleting import BRUSH, Stroke, delete_region, end_stroke, outline_of, widen_brush
 
 # pyglet's numbers; the modules that name them can't be imported without a display.
 LEFT, MIDDLE, RIGHT = 1, 2, 4
@@ -41,7 +42,6 @@ PICK_SLACK = 5.0  # points around a sphere that still count as on it
 DOUBLE_CLICK = 0.4  # s between two presses at one place
 WIDER_PER_NOTCH = 1.15  # the grab radius, during a drag
 REGIONS = "box", "lasso"
-OF_BONES = "joints", "bones"  # tools
 HOW = {0: "replace", SHIFT: "add", CTRL: "remove", SHIFT | CTRL: "intersect"}  # with a region
 
 
@@ -54,8 +54,7 @@ class Controls:
         `say` shows a message to the user.
         """
         self.scene = scene
-        # "orbit", "pan", "pick", "grab", "push", "paint", "box", "lasso", "bone" while a button
-        # is held
+        # While a button is held: orbit, pan, pick, grab, push, paint, box, lasso or delete.
         self.mode = ""
         self.dragging: drags.Drag | None = None  # of handles
         self.region = []  # pixels of the box's corners, or of the lasso
@@ -68,10 +67,10 @@ class Controls:
         self._miss = np.zeros(2)  # from the center of the ball to the press
         self._press = np.zeros(2)  # where the button went down
         self._picked = self._pin = None  # a handle that a drag would grab, a pin that a click frees
-        self._pointer = np.zeros(2)  # where the mouse is, in a drag
+        self.pointer = np.zeros(2)  # where the mouse is
+        self._stroke: Stroke | None = None  # of the brush that deletes
         self._before = -np.inf, np.zeros(2)  # when and where a button went down before
         self._factor = 1.0  # of the stiffness, of what is being painted
-        self.bones = BoneTool(scene, depth_image, log, say)
 
     @property
     def camera(self):
@@ -84,10 +83,8 @@ class Controls:
     # -- the window's events -------------------------------------------------------------
 
     def on_mouse_motion(self, x, y, dx, dy):
-        if not self.mode and self.scene.settings.tool in OF_BONES:
-            self.scene.handles.hover = None
-        elif not self.mode:
-            pixel = self._pixel(x, y)
+        pixel = self.pointer = self._pixel(x, y)
+        if not self.mode:
             control = self.pick(pixel)
             pin = self.pick(pixel, self.scene.handles.pin_ids) if control is None else None
             self.scene.handles.hover = pin if control is None else control
@@ -96,7 +93,7 @@ class Controls:
         if self.mode or button not in (LEFT, MIDDLE, RIGHT):
             return  # a second button does not interrupt what the first one does
         self._button, tool = button, self.scene.settings.tool
-        pixel = self._press = self._pixel(x, y)
+        pixel = self._press = self.pointer = self._pixel(x, y)
         if button != LEFT:
             self.mode = "pan"
         elif tool == "push":
@@ -104,10 +101,10 @@ class Controls:
         elif tool in PAINTED:
             self.mode, self._factor = "paint", PAINTED[tool]
             self._paint(pixel)
-        elif tool in REGIONS:
-            self.mode, self.region = tool, [pixel, pixel]
-        elif tool in OF_BONES:
-            self.mode = "bone" if self.bones.press(self.camera, pixel, self.ratio) else "orbit"
+        elif tool == BRUSH:
+            self._begin_stroke(pixel, bool(modifiers & SHIFT))
+        elif tool in REGIONS or tool in DELETING:
+            self.mode, self.region = tool.split()[-1], [pixel, pixel]
         else:
             self._press_on(self.pick(pixel), pixel, modifiers)
 
@@ -134,7 +131,8 @@ class Controls:
         return near and now - since < DOUBLE_CLICK
 
     def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
-        scene, pixel = self.scene, self._pixel(x, y)
+        scene, pixel, before = self.scene, self._pixel(x, y), self.pointer
+        self.pointer = pixel
         clicking = np.linalg.norm(pixel - self._press) <= CLICK_SLACK * self.ratio
         if self.mode == "pick":
             if clicking or self._picked is None:
@@ -144,18 +142,15 @@ class Controls:
             if clicking:
                 return
             self._pin = None
-        if self.mode == "bone":
-            self._pointer = pixel
-            if self.bones.drag is not None and not (clicking and self.bones.drag.start is None):
-                self.bones.move(self.camera, pixel, self.ratio)
-        elif self.mode == "push":
+        if self.mode == "push":
             if scene.ball is not None:
                 center = scene.ball.target
                 scene.push_to(onto_view_plane(self.camera, pixel - self._miss, center))
         elif self.mode == "paint":
             self._paint(pixel)
+        elif self.mode == "delete":
+            self._stroke.move(before, pixel, self.brush_radius)
         elif self.mode == "grab":
-            self._pointer = pixel
             if scene.handles.grabbed is not None:  # a reset lets go while the button is still down
                 drags.follow(self.dragging, scene.handles, self.camera, pixel, self.ratio)
         elif self.mode == "box":
@@ -178,23 +173,21 @@ class Controls:
             self._log("end_push")
         elif self.mode == "paint":
             self._log("paint", factors=scene.body.factors is not None)
+        elif self.mode == "delete":
+            self._say_deleted(end_stroke(scene))
         elif self.mode == "grab":
             if handles.grabbed is not None:
                 vertex = handles.grabbed.handles[0]
                 handles.release()
                 self._log("release", vertex=vertex, position=self._place(vertex))
-        elif self.mode == "bone":
-            self.bones.release()
         elif self.mode == "pick":
             if not modifiers & (SHIFT | CTRL):
                 handles.select([self._picked])
             self._log("select", vertices=handles.selected)
         elif self.mode in REGIONS:
-            self._select_region(HOW[modifiers & (SHIFT | CTRL)])
+            self._end_region(modifiers)
         elif self._pin is not None:
             self._set_pin(self._pin, False)
-        elif self.mode == "orbit" and clicked and scene.settings.tool == "joints":
-            self.bones.click(self.camera, self._pixel(x, y))
         elif self.mode == "orbit" and clicked:
             if handles.selected:
                 handles.select([])
@@ -206,13 +199,17 @@ class Controls:
 
     def _end(self):
         self.mode, self._button, self.dragging, self.region = "", 0, None, []
-        self._picked = self._pin = None
+        self._picked = self._pin = self._stroke = None
 
     def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
         handles = self.scene.handles
         if self.mode == "grab" and handles.grabbed is not None:
             handles.widen(WIDER_PER_NOTCH**scroll_y)
             self._say(f"grab radius {self.scene.settings.grab_radius:.2f} of the size")
+            return
+        settings = self.scene.settings
+        if settings.tool == BRUSH:
+            widen_brush(settings, scroll_y)
             return
         scene, anchor = self.scene, self._surface_at(self._pixel(x, y))
         factor = max(ZOOM_PER_NOTCH**scroll_y, self._nearest_zoom(anchor))
@@ -224,14 +221,15 @@ class Controls:
         handles = self.scene.handles
         if self.mode == "push":
             self.scene.end_push()
+        elif self.mode == "delete":
+            self.scene.cuts.show_preview(None)
         elif self.mode == "grab" and handles.grabbed is not None:
             vertex = handles.grabbed.handles[0]
             handles.cancel()
             self._log("cancel", vertex=vertex)
-        self.bones.cancel()
-        if self.mode in ("push", "grab", "pick", "bone", *REGIONS):
+        if self.mode in ("push", "delete", "grab", "pick", *REGIONS):
             self._end()
-        elif not self.mode and self.scene.settings.tool in REGIONS:
+        elif not self.mode and self.scene.settings.tool in (*REGIONS, *DELETING):
             self.scene.settings.tool = "grab"
 
     def pin(self) -> None:
@@ -258,13 +256,11 @@ class Controls:
         grab = self.scene.handles.grabbed
         if self.mode == "grab" and grab is not None:
             kind = drags.MOVE if self.dragging.kind == kind else kind
-            self.dragging.begin(kind, grab.target, self._pointer)
+            self.dragging.begin(kind, grab.target, self.pointer)
             if kind == drags.MOVE:
                 (center,), _ = project(self.camera, grab.target.place[None])
-                self.dragging.miss = self._pointer - center
-            self._say(self._drag_line())
-        elif self.mode == "bone":
-            self.bones.turn_into(kind, self.camera, self._pointer)
+                self.dragging.miss = self.pointer - center
+            self._say(self.dragging.line)
         else:
             self._say(f"{kind}: while you drag a red point")
 
@@ -272,15 +268,7 @@ class Controls:
         """Let the drag in progress go along, or turn about, one axis only; or no longer."""
         if self.mode == "grab" and self.dragging is not None:
             self.dragging.axis = None if self.dragging.axis == axis else axis
-            self._say(self._drag_line())
-        elif self.mode == "bone":
-            self.bones.along(axis)
-
-    def _drag_line(self):
-        drag = self.dragging
-        if drag.axis is None or drag.kind == drags.SCALE:
-            return drag.kind
-        return f"{drag.kind} {'along' if drag.kind == drags.MOVE else 'about'} {'xyz'[drag.axis]}"
+            self._say(self.dragging.line)
 
     # -- what is under the mouse ---------------------------------------------------------
 
@@ -328,7 +316,7 @@ class Controls:
         scene, handles = self.scene, self.scene.handles
         (center,), _ = project(self.camera, self._place(handle)[None])
         self.dragging = drags.Drag(self._press, self._press - center)
-        self._pointer = self._press
+        self.pointer = self._press
         if handle not in handles.selected:
             handles.select([])
         handles.grab(handle)
@@ -338,14 +326,37 @@ class Controls:
             self._say(PAUSED)
         self._log("grab", vertex=handle, position=self._place(handle), pixel=center)
 
-    def _select_region(self, how):
-        """Select the spheres in sight whose centers are in the box or lasso."""
+    @property
+    def brush_radius(self) -> float:
+        """Of the brush that deletes [pixels]."""
+        return self.scene.settings.brush_radius * self.ratio
+
+    def _begin_stroke(self, pixel, through):
+        """Delete what is under the brush; beside the object the drag turns the view."""
+        self._stroke = Stroke(self.scene, self.camera, self._depth_image(), through)
+        if self._stroke.touches(pixel, self.brush_radius):
+            self.mode = "delete"
+            self._stroke.move(pixel, pixel, self.brush_radius)
+        else:
+            self.mode, self._stroke = "orbit", None
+
+    def _end_region(self, modifiers):
+        """A box or lasso is drawn: delete, or select, what is in it."""
+        outline = outline_of(self.mode, self.region)
+        if self.scene.settings.tool in DELETING:
+            others = bool(modifiers & CTRL)
+            self._say_deleted(delete_region(self.scene, self.camera, outline, others))
+        else:
+            self._select_region(outline, HOW[modifiers & (SHIFT | CTRL)])
+
+    def _say_deleted(self, line):
+        self._say(line)
+        self._log("delete", left=int(self.scene.cuts.kept.sum()))
+
+    def _select_region(self, outline, how):
+        """Select the spheres in sight whose centers are in an outline."""
         handles = self.scene.handles
         ids = handles.control_ids
-        outline = self.region
-        if self.mode == "box":
-            (x0, y0), (x1, y1) = self.region
-            outline = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
         pixels, _ = project(self.camera, handles.at(ids))
         handles.select(ids[self.shown(ids) & within(pixels, outline)], how)
         self.scene.settings.tool = "grab"

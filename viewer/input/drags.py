@@ -32,6 +32,13 @@ class Drag:
     scale: float = 1.0  # before this kind began
     angle: float = 0.0  # so far [radians]
 
+    @property
+    def line(self) -> str:
+        """What it does, in words."""
+        if self.axis is None or self.kind == SCALE:
+            return self.kind
+        return f"{self.kind} {'along' if self.kind == MOVE else 'about'} {'xyz'[self.axis]}"
+
     def begin(self, kind: str, motion, pixel) -> None:
         """Go on in another way from where the mouse and what is held are now."""
         self.kind, self.press, self.angle = kind, np.array(pixel, float), 0.0

@@ -60,8 +60,7 @@ def _to_key(step):
     return go
 
 
-def delete_key(app):
-    """Delete the chosen key."""
+def _delete_key(app):
     timeline = app.scene.timeline
     chosen = app.strip.chosen(timeline)
     if chosen is not None:
@@ -109,6 +108,7 @@ TIMELINE_ACTIONS = {
     "play": _play,
     "next_key": _to_key(1),
     "previous_key": _to_key(-1),
+    "delete_key": _delete_key,
     "copy_key": _copy_key,
     "turntable": _turntable,
     "save_pose": _save_pose,

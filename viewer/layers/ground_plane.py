@@ -100,11 +100,11 @@ class GroundPlane:
 
     def __init__(self, ctx: moderngl.Context, scene):
         self._scene = scene
-        self._middles = occupied_middles(scene.field)
+        self._middles = None  # of what is left of the object
         self._texture = ctx.texture((CELLS, CELLS), 1)
         self._texture.repeat_x = self._texture.repeat_y = False
         self._shadow = None
-        self._seen = None  # pose and height of the shadow
+        self._seen = None  # pose, what is left, and height of the shadow
 
     @property
     def shown(self) -> bool:
@@ -116,10 +116,13 @@ class GroundPlane:
         if not self.shown:
             return {}
         height = scene.solver.options.ground
-        if self._seen != (scene.revision, height):
+        if self._middles is None or self._seen[1] != scene.cuts.revision:
+            self._middles = occupied_middles(scene.cuts.field)
+            self._seen = None
+        if self._seen != (scene.revision, scene.cuts.revision, height):
             self._shadow = shadow(self._middles.at(scene.positions), height, scene.size)
             self._texture.write(np.round(255.0 * self._shadow.shade).astype(np.uint8).tobytes())
-            self._seen = scene.revision, height
+            self._seen = scene.revision, scene.cuts.revision, height
         self._texture.use(unit)
         return {
             "ground_shadow": unit,

@@ -32,14 +32,22 @@ class MeshLayer:
     def __init__(self, ctx: moderngl.Context, scene, draw_depth):
         """Take a function that fills the framebuffer's depth with the picture's again."""
         self._ctx, self._scene, self._draw_depth = ctx, scene, draw_depth
-        mesh = scene.field.mesh
-        faces, _ = boundary_faces(mesh.tets, scene.field.neighbours)
+        self._program = gl.program(ctx, "mesh")
+        self._legend = Legend(ctx)
+        self._kept = self._buffer = self._faces = None
+        self._take_tets()
+
+    def _take_tets(self):
+        """Make room for the faces around the tets that are left."""
+        cuts, ctx = self._scene.cuts, self._ctx
+        self._kept, tets = cuts.kept, cuts.tets
+        faces, _ = boundary_faces(tets, cuts.neighbours)
         self._corners = faces.ravel()
-        self._tets = mesh.tets[np.isin(mesh.tets, faces).any(axis=1)]  # about the seen vertices
+        self._tets = tets[np.isin(tets, faces).any(axis=1)]  # about the seen vertices
+        self._release_faces()
         self._buffer = ctx.buffer(reserve=max(16 * len(self._corners), 16), dynamic=True)
         layout = (self._buffer, "3f 1f", "position", "share")
-        self._faces = ctx.vertex_array(gl.program(ctx, "mesh"), [layout])
-        self._legend = Legend(ctx)
+        self._faces = ctx.vertex_array(self._program, [layout])
         self._written = None  # what the buffer holds
         self._shape = self._rest = None  # a rest shape, and its RestTets
 
@@ -49,6 +57,8 @@ class MeshLayer:
         filled = settings.mesh_surface != "hidden" and settings.mesh_opacity > 0.0
         if not filled and not settings.show_wireframe:
             return
+        if self._kept is not self._scene.cuts.kept:
+            self._take_tets()
         self._write()
         view = np.linalg.inv(camera.camera_to_world)
         scale = scale_of(settings)
@@ -75,9 +85,13 @@ class MeshLayer:
             self._legend.draw(scale, (camera.width, camera.height))
 
     def release(self) -> None:
-        self._faces.release()
-        self._buffer.release()
+        self._release_faces()
         self._legend.release()
+
+    def _release_faces(self):
+        for one in (self._faces, self._buffer):
+            if one is not None:
+                one.release()
 
     def _write(self):
         """Bring positions and shares of the scale to the buffer, if they have changed."""

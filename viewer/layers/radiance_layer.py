@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 
 from ...core.field import level_edges
-from ...core.render import RenderOptions, RunningMean, render_mode, shifted
+from ...core.render import Renderer, RenderOptions, RunningMean, render_mode, shifted
 from ..camera import pixels_per_unit
 from ..files import with_colors
 from . import gl
@@ -51,6 +51,7 @@ class RadianceLayer:
         self._spare: ImageTexture | None = None  # for the next finer one
         self._sampling: Sampling | None = None  # once shifted images are rendered
         self._seen = self._pose = None  # what was rendered last
+        self._expect_all()
         self._changed_at = 0.0
 
     # -- how far it is -------------------------------------------------------------------
@@ -91,6 +92,7 @@ class RadianceLayer:
 
     def colored(self, surface):
         """An export.Surface of the pose as it is now, with the colors that it has there."""
+        self._follow_cuts()
         self._renderer.set_vertices(self._scene.solver.vertices)
         self._pose = None  # to be taken anew
         return with_colors(surface, self._renderer, self._scene.size)
@@ -111,6 +113,28 @@ class RadianceLayer:
         """Take another renderer, of a field with the same mesh and levels."""
         self._renderer = renderer
         self._seen = self._pose = None
+        self._expect_all()
+
+    def _expect_all(self):
+        """The renderer is one of the whole field."""
+        cuts = self._scene.cuts
+        self._cuts, self._kept = 0, None if cuts.some else cuts.kept
+
+    def _follow_cuts(self):
+        """Let the renderer have what is left of the object.
+
+        Masks take no time to speak of.  Where tets have gone, a new renderer has fewer of them:
+        the solver no longer moves those that went, and they would overlap others.
+        """
+        cuts = self._scene.cuts
+        if self._cuts == cuts.revision:
+            return
+        if cuts.kept is self._kept:
+            self._renderer.set_occupancy(cuts.left)
+        else:
+            self._renderer = Renderer(cuts.field, self.device)
+        self._cuts, self._kept = cuts.revision, cuts.kept
+        self._seen = self._pose = None
 
     def update(self, camera, whole=False) -> None:
         """Render what has changed since the last call, for a camera at full resolution.
@@ -118,6 +142,7 @@ class RadianceLayer:
         If `whole`, all pixels are rendered at once, however long it takes, but each only once.
         """
         scene, settings = self._scene, self._scene.settings
+        self._follow_cuts()
         seen = (
             camera.camera_to_world.tobytes(),
             (camera.lens, camera.parallel),
@@ -155,6 +180,7 @@ class RadianceLayer:
                 The last one isn't shifted, and the depth is its.
         """
         scene, settings = self._scene, self._scene.settings
+        self._follow_cuts()
         moments = moments if settings.mode in AVERAGED_MODES else moments[-1:]
         seen = [settings.mode, settings.background, scene.revision]
         for camera, vertices in moments:

@@ -9,7 +9,7 @@ from ...core.deform import LOWEST_POISSON_RATIO, PRESETS, SOFTENED_BELOW, Materi
 from ..input import label_of
 from ..layers import line_spacing
 from ..scene import EARTH
-from ..settings import GRAB_RADII, TOOLS
+from ..settings import DELETING, GRAB_RADII, TOOLS
 from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider
 
 YOUNG_MODULI = 1e3, 1e9  # Pa
@@ -32,7 +32,8 @@ POISSON = "how much it gets thinner where it is stretched: near 0.5 it keeps its
 DAMPING = "how fast vibrations fade"
 
 TOOL = f"""what a left drag does: grab a vertex, push with a ball ({label_of("toggle_push")}),
-or make stiffer or softer what the mouse passes, within the grab radius"""
+make stiffer or softer what the mouse passes, within the grab radius, or delete
+({label_of("delete")}: brush, {label_of("delete_box")}: box, {label_of("delete_lasso")}: lasso)"""
 SIZE = "longest side: what is smaller is stiffer for its weight, and moves faster"
 HELD_BY = {
     "pins": "its pins",
@@ -144,11 +145,23 @@ def _shape(app):
 def _tool(app):
     settings, body = app.scene.settings, app.scene.body
     combo("tool", settings.tool, TOOLS, partial(setattr, settings, "tool"), TOOL)
+    if app.scene.settings.tool in DELETING or app.scene.cuts.some:
+        _delete(app)
     if body.factors is not None:
         button("Even", app, "clear_paint", f"equally stiff ({label_of('clear_paint')})")
         imgui.same_line()
-        key = label_of("save_copy")
-        button("Save stiffness", app, "save_copy", f"in a copy of the model, here ({key})")
+        key = label_of("save_model")
+        button("Save stiffness", app, "save_model", f"in a copy of the model, here ({key})")
+
+
+def _delete(app):
+    """What is left, and what belongs to the tools that delete."""
+    kept = app.scene.cuts.kept
+    imgui.text_disabled(f"{int(kept.sum()):,} of {len(kept):,} tets are left")
+    button("Specks", app, "delete_specks", "delete parts with less than 1 % of the matter")
+    imgui.same_line()
+    key = label_of("save_model")
+    button("Save smaller model", app, "save_model", f"without what was deleted, here ({key})")
 
 
 def _grab(settings):

@@ -5,14 +5,20 @@ from pathlib import Path
 from imgui_bundle import imgui
 
 from ..files import FileDialog, Problem, readable
+from ..training import TrainOffer
+from .offering import offer_panel
 
 WIDTH, LIST_HEIGHT = 520.0, 280.0
 
 
 def dialog_window(app) -> None:
     """Draw the App's dialog; it is None once the user has answered."""
-    draw = {FileDialog: _choice, Problem: _problem}[type(app.dialog)]
-    done = draw(app.dialog, min(WIDTH, imgui.get_io().display_size.x - 60.0))
+    width = min(WIDTH, imgui.get_io().display_size.x - 60.0)
+    if isinstance(app.dialog, TrainOffer):
+        done = offer_panel(app, width)
+    else:
+        draw = {FileDialog: _choice, Problem: _problem}[type(app.dialog)]
+        done = draw(app.dialog, width)
     # While a path is typed, Esc comes here alone.
     if done or imgui.is_key_pressed(imgui.Key.escape, False):
         app.dialog = None

@@ -11,14 +11,15 @@ from ..camera import Covered
 from ..files import readable
 from ..input import INPUTS
 from ..loading import STAGES
+from .boxes import box_overlay, brush_overlay
 from .camera import camera_panel
 from .deform import deform_panel
 from .dialogs import dialog_window
 from .film import film_window, progress_window
 from .history import history_panel
 from .menu import menu_bar
+from .offering import job_window
 from .recovery import recovery_window
-from .rig import rig_panel
 from .selection import gesture_overlay
 from .timeline import STRIP_HEIGHT, poses_panel, timeline_strip
 from .training import training_lines, training_panel
@@ -48,7 +49,6 @@ SECTIONS = (
     ("View", view_panel, True),
     ("Camera", camera_panel, False),
     ("Poses", poses_panel, False),
-    ("Rig", rig_panel, False),
     ("Record", record_panel, True),
     ("Time", time_panel, False),
     ("Mouse", hints_panel, True),
@@ -57,7 +57,8 @@ SECTIONS = (
 
 def draw_panels(app) -> None:
     """Everything that lies over the view."""
-    gesture_overlay(app)
+    for overlay in (box_overlay, gesture_overlay, brush_overlay):
+        overlay(app)
     above = (STRIP_HEIGHT + MARGIN) * app.scene.settings.show_timeline
     if app.scene.settings.show_panel:
         _main_panel(app, top=menu_bar(app))
@@ -72,6 +73,11 @@ def draw_panels(app) -> None:
     if app.takes.job is not None:
         _floating("film's progress", (1.0, 1.0), above=above)
         app.gui.guarded(progress_window, app)
+        app.gui.claim()
+        imgui.end()
+    if app.train_job is not None:
+        _floating("training's progress", (1.0, 0.0), top=imgui.get_frame_height())
+        app.gui.guarded(job_window, app)
         app.gui.claim()
         imgui.end()
     if app.live is not None:
@@ -127,7 +133,6 @@ def _main_panel(app, top):
     app.gui.panel_open, _ = imgui.begin("deformrf", flags=flags)
     imgui.push_item_width(0.52 * width)
     for title, panel, is_open in SECTIONS:
-        is_open = is_open or (title == "Rig" and app.scene.rigging.skeleton is not None)
         flags = imgui.TreeNodeFlags_.default_open.value if is_open else 0
         if imgui.collapsing_header(title, flags):
             imgui.push_id(title)  # a button may be called like a header, as Record is

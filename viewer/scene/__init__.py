@@ -7,6 +7,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "scene": ["Scene"],
         "body": ["EARTH"],
+        "cuts": ["masks_of"],
         "handles": ["MOST_ADDED"],
         "points": ["ControlPoints", "MOST_POINTS"],
         "grabs": ["rotation_matrix", "rotation_vector"],

@@ -110,6 +110,29 @@ class Body:
         self.factors = None
         self.solver.set_stiffness(None)
 
+    # -- the tets that it is made of -----------------------------------------------------
+
+    def set_tets(self, tets) -> None:
+        """Be made of these tets [T, 4] alone: a new solver, in the same pose, with all values.
+
+        Vertices of no tet stay where they are.  What is held is let go.
+        """
+        old = self.solver
+        arguments = self._scaled(), old.pinned, old.options, str(old.device)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            new = XpbdSolver(old.rest_vertices, tets, *arguments)
+            new.set_stiffness(self.factors)
+        if not np.array_equal(new.rest_shape, old.rest_shape):
+            new.set_rest_shape(old.rest_shape)
+        _take_lengths(new, old)
+        vertices = old.vertices.numpy()
+        at_rest = old.settled and np.array_equal(vertices, new.vertices.numpy())
+        new.set_state(vertices.copy(), old.velocities.numpy().copy())
+        if at_rest:
+            new.fall_asleep()
+        self.solver, self._stiffness = new, None
+
     # -- rest shape ----------------------------------------------------------------------
 
     @edit("rest_here", undo="rest here")
@@ -188,6 +211,20 @@ class Body:
             "wind": (self.wind / self.meters_per_unit, 0.0, 0.0),
             "air_drag": self.air_drag,
         }
+
+
+def _take_lengths(new, old):
+    """Give a solver's edges the rest lengths that another's have: they may have yielded."""
+    lengths = new.rest_lengths
+    ends, old_ends = (np.sort(solver.edges.vertices, axis=1) for solver in (new, old))
+    count = len(new.rest_vertices)
+    numbers, old_numbers = (pairs @ np.array([count, 1], np.int64) for pairs in (ends, old_ends))
+    order = np.argsort(old_numbers, kind="stable")
+    at = np.minimum(np.searchsorted(old_numbers[order], numbers), len(order) - 1)
+    same = old_numbers[order[at]] == numbers
+    taken = np.where(same, old.rest_lengths[order[at]], lengths)
+    if not np.array_equal(taken, lengths):
+        new.set_rest_lengths(taken)
 
 
 def stored_size(meta: dict) -> float | None:

@@ -32,12 +32,11 @@ class Handles:
         patches: A number for the vertices that were pinned together; 0: none.  [V]
     """
 
-    def __init__(self, scene, surface, near):
-        """Take a scene, points of its surface at rest [N, 3], and the vertices near it."""
+    def __init__(self, scene, surface):
+        """Take a scene, and points of its surface at rest [N, 3]."""
         self._scene = scene
         self.journal = None  # of the scene, once it has one
         mesh = scene.field.mesh
-        self._near = near
         self.points = placed(surface, mesh.rest_vertices, mesh.tets, scene.size)
         self.hover: int | None = None
         self.selected: list[int] = []
@@ -64,16 +63,17 @@ class Handles:
     @property
     def control_ids(self):
         """What can be dragged: control points that are not pinned, and pins that were freed."""
-        pins, pinned = self._scene.pins, self._scene.solver.pinned
-        free = np.flatnonzero(self.points.share(pinned) < 0.5)
-        freed = self._near[pins[self._near] & ~pinned[self._near] & pinned.any()]
+        pins, pinned, near = self._scene.pins, self._scene.solver.pinned, self._scene.near
+        free = np.flatnonzero((self.points.share(pinned) < 0.5) & self._scene.cuts.points_left())
+        freed = near[pins[near] & ~pinned[near] & pinned.any()]
         ids = np.concatenate([len(pins) + free, freed])
         return ids[~np.isin(ids, self.hidden)] if self.hidden else ids
 
     @property
     def pin_ids(self):
         """The pins that are drawn: those by the surface."""
-        return self._near[self._scene.solver.pinned[self._near]]
+        near = self._scene.near
+        return near[self._scene.solver.pinned[near]]
 
     def corners(self, handle: int):
         """The vertices that a handle is made of.  [1 or 4] ids"""
@@ -111,6 +111,11 @@ class Handles:
     @edit("select")
     def _select(self, ids):
         self.selected = [one for one in ids if self.exists(one)]
+
+    def forget_deleted(self) -> None:
+        """Select and point at nothing that was deleted."""
+        left = {*self.control_ids.tolist(), *self.pin_ids.tolist()}
+        self.selected, self.hover = [one for one in self.selected if one in left], None
 
     def hide(self) -> int:
         """Hide the selected handles; returns how many that are."""
@@ -198,9 +203,9 @@ class Handles:
         if grab.soft:
             rest = self._scene.field.mesh.rest_vertices
             ids, springs = soft_springs(solver, self.at(grab.handles, rest), ids, radius)
-            self._scene.grip.grab(ids, *springs)
+            solver.grab(ids, *springs)
         else:
-            self._scene.grip.grab(ids)
+            solver.grab(ids)
         grab.ids, grab.radius = ids, radius
         grab.offsets = grab.reached.undone(positions[ids])
 
@@ -214,8 +219,9 @@ class Handles:
     @edit("widen")
     def _widen(self, radius):
         if self.grabbed is not None:
-            self._scene.grip.release()
-            self._attach(radius, self._scene.solver.vertices.numpy().copy())
+            solver = self._scene.solver
+            solver.release()
+            self._attach(radius, solver.vertices.numpy().copy())
 
     def drag_to(self, target) -> None:
         """Send the grabbed handle to a point [3]; exact grabs reach it in the next frame."""
@@ -255,12 +261,12 @@ class Handles:
 
     def _reach(self, motion):
         self.grabbed.reached = motion
-        self._scene.grip.move(motion.applied(self.grabbed.offsets))
+        self._scene.solver.move(motion.applied(self.grabbed.offsets))
 
     @edit("release")
     def release(self) -> None:
         if self.grabbed is not None:
-            self._scene.grip.release()
+            self._scene.solver.release()
             self.grabbed = None
 
     @edit("cancel")

@@ -10,12 +10,11 @@ from functools import partial
 import numpy as np
 
 from ...core.deform import TIME_STEP, Sphere, falloff, lowest_pins, vertices_within
-from ...core.rig import rig_from
 from ..history import Journal, edit, is_nothing, restore, state_of
-from ..rigging import Hold, Posing, Rigging
 from ..settings import CPU_TARGET_FPS, SHOWN, Settings
 from ..timeline import Timeline
 from .body import Body, stored_size
+from .cuts import LOWEST_PART, Cuts
 from .grabs import Ball
 from .handles import Handles
 from .surface import bounds, nearest_vertices, of_the_object
@@ -24,7 +23,6 @@ from .viewpoint import Viewpoint
 MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
 VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 SMALLEST_BALL = 0.02  # object sizes
-PINNED_PART = 0.05  # of the object's height
 HANDLE_RADIUS = 0.0135  # of its size
 
 
@@ -39,9 +37,6 @@ class Scene:
             steady: Which of them are on the surface for sure, by default all.  [N] bool
             meters: The longest side of what can be seen; by default what the model says, else
                 one unit is a meter.
-
-        Raises:
-            ValueError: The model's rig is none.
         """
         self.field = field
         self.name = name
@@ -58,22 +53,18 @@ class Scene:
         self.handle_bias = 2.5 * self.handle_radius  # a handle so far behind the surface is visible
         # The pins of a held object [V] bool.  The mesh's lowest vertices may be specks below it.
         self.pins = lowest_pins(rest, tets)
-        self.pins |= rest[:, 2] <= low[2] + PINNED_PART * (high - low)[2]
+        self.pins |= rest[:, 2] <= low[2] + LOWEST_PART * (high - low)[2]
         meters = stored_size(field.meta) if meters is None else meters
         factors = None if field.stiffness is None else field.stiffness.astype(float)
         self.body = Body(rest, tets, self.pins, self.size, meters, device, factors)
-        self.solver = self.body.solver
-        self.grip = Hold(self.solver)  # by the mouse and by bones
-        arrays = field.rig_arrays
-        self.rigging = Rigging(self, None if arrays is None else rig_from(arrays, len(rest)))
-        self.posing = Posing(self)
+        self.cuts = Cuts(self)
         self._nearest = nearest_vertices(self._surface, rest)  # [N], of each point
         of_object = of_the_object(rest, tets)  # [V]
         near = np.unique(self._nearest)
-        self._near = near[of_object[near]]
+        self._surface_vertices = near[of_object[near]]
         chosen = of_object[self._nearest] & (True if steady is None else steady)
         points = self._surface[chosen if chosen.any() else slice(None)]
-        self.handles = Handles(self, points, self._near)
+        self.handles = Handles(self, points)
         self.ball: Ball | None = None
         self._paused = False
         self.revision = 0  # counts the changes of the pose
@@ -82,8 +73,7 @@ class Scene:
         self.viewpoint = Viewpoint(self)
         self.timeline = Timeline(self)
         self.journal = Journal(*(partial(act, self) for act in (state_of, restore, is_nothing)))
-        owners = self.body, self.handles, self.viewpoint, self.timeline, self.rigging, self.posing
-        for owner in owners:
+        for owner in (self.body, self.cuts, self.handles, self.viewpoint, self.timeline):
             owner.journal = self.journal
         self.first_state = state_of(self)
 
@@ -97,10 +87,22 @@ class Scene:
         return self._host[1]
 
     @property
+    def solver(self):
+        """Moves the vertices; another one after tets were deleted."""
+        return self.body.solver
+
+    @property
+    def near(self):
+        """Vertices by the surface, of tets that are left.  ids"""
+        return self._surface_vertices[self.cuts.vertices[self._surface_vertices]]
+
+    @property
     def seen_points(self):
-        """Points of the visible surface, as it is now.  [N, 3]"""
+        """Points of the surface that is left, as it is now; all if none is.  [N, 3]"""
         moved = self.positions - self.field.mesh.rest_vertices
-        return self._surface + moved[self._nearest]
+        points = self._surface + moved[self._nearest]
+        left = self.cuts.vertices[self._nearest]
+        return points[left] if left.any() else points
 
     @property
     def orbit(self):
@@ -114,7 +116,7 @@ class Scene:
     @property
     def moving(self) -> bool:
         """Whether time changes the pose."""
-        return self.timeline.playing or self.posing.playing or self._steps
+        return self.timeline.playing or self._steps
 
     @property
     def _steps(self):
@@ -132,12 +134,9 @@ class Scene:
         count = min(round(self._time / TIME_STEP), MAX_STEPS)
         self._time = min(self._time - count * TIME_STEP, TIME_STEP)
         ball = self.ball
-        if self.paused:
-            self.posing.follow()
         for remaining in range(count, 0, -1):  # each tick takes its part of the way
             if not self.paused:
                 self.handles.follow(1.0 / remaining)
-                self.posing.follow(1.0 / remaining)
             if self._pushes and not self.paused:
                 self._move_ball(ball.reached + (ball.target - ball.reached) / remaining)
             self.tick()
@@ -145,8 +144,7 @@ class Scene:
 
     def tick(self) -> None:
         """Let a tick pass: a step, if the object moves and isn't moved by the timeline."""
-        by_timeline, by_clip = self.timeline.advance(), self.posing.advance()
-        if not (by_timeline or by_clip) and self._steps:
+        if not self.timeline.advance() and self._steps:
             self.solver.step(TIME_STEP)
         self.journal.tick += 1
 
@@ -177,11 +175,6 @@ class Scene:
         if self.timeline.shows_poses:  # time stands still already: the playhead does, too
             self.timeline.stand()
             return
-        if self.posing.shows:
-            self.posing.stop_clip()
-            return
-        if not on:
-            self.posing.give_way()
         self._paused = on
         self.timeline.stands = False
 
@@ -202,7 +195,6 @@ class Scene:
     def reset(self) -> None:
         """Back to the rest pose with all its pins, nothing grabbed."""
         self.timeline.stop()
-        self.posing.rest()
         self.handles.release()
         self.end_push()
         self.solver.reset()
@@ -214,8 +206,9 @@ class Scene:
 
     def paint(self, point, factor) -> None:
         """Multiply the stiffness around a point of the surface as it is now [3]."""
-        near = self.solver.vertices.numpy()[self._near] - np.asarray(point, float)
-        vertex = int(self._near[(near**2).sum(axis=1).argmin()])
+        ids = self.near
+        away = self.solver.vertices.numpy()[ids] - np.asarray(point, float)
+        vertex = int(ids[(away**2).sum(axis=1).argmin()])
         self._paint(vertex, factor, self.grab_radius)
 
     @edit("paint", undo="paint", merges=True)
@@ -259,7 +252,7 @@ class Scene:
     @property
     def held(self) -> bool:
         """Whether anything is pinned."""
-        return bool(self.solver.pinned.any())
+        return bool((self.solver.pinned & self.cuts.vertices).any())
 
     @edit("hold", undo="hold")
     def hold(self, held: bool) -> None:
@@ -282,7 +275,7 @@ class Scene:
 
     def set_ground(self, on: bool) -> None:
         """Put a ground under the visible object at rest, or take it away."""
-        self._set_ground(self.floor if on else None)
+        self._set_ground(self.cuts.lowest if on else None)
 
     @edit("set_ground", undo="ground")
     def _set_ground(self, height):

@@ -30,11 +30,10 @@ from ..rays import (
 )
 from ..rounds import Pixels
 from ..stage_timer import StageTimer
-from .front import shade_front
+from .windows import WindowRounds
 
 CPU_PIECES = 1 << 17  # at once, if no single ray has more
 CUDA_PIECES = 1 << 20
-DARKEST = 1e-3  # transmittance at which a ray ends, at the latest: nothing stands for the rest
 DARK = wp.constant(wp.float64(1.0e-9))  # a smaller extinction is rounding, as in reference.py
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
@@ -48,6 +47,9 @@ class PieceMerger:
         self._shading, self._march_step = shading, march_step
         self._revision, self._boxes = -1, None
         self._untimed = StageTimer(pose.device)  # callers time the whole
+        self._windows = None
+        if pose.device.is_cpu:
+            self._windows = WindowRounds(pose, occupancy, shading, march_step)
 
     def prepare(self) -> None:
         """Build the BVH of the present pose, unless it is there."""
@@ -60,9 +62,12 @@ class PieceMerger:
 
         `prepare` comes before.
         """
-        count, shaded = len(ids), 0
+        shaded = 0
+        if self._windows and len(ids):
+            ids, shaded = self._windows.render(self._boxes, rays, ids, pixels, options)
+        count = len(ids)
         if count == 0:
-            return 0
+            return shaded
         device = self._pose.device
         counts = wp.empty(count, dtype=int, device=device)
         self._find_pieces(rays, ids, COUNT, counts, Pieces(), options)
@@ -73,7 +78,8 @@ class PieceMerger:
             last = max(first + 1, int(np.searchsorted(ends, before + most, side="right")))
             part = slice(first, last)
             total = int(ends[last - 1]) - before
-            shaded += self._render_part(rays, ids[part], counts[part], total, pixels, options)
+            self._render_part(rays, ids[part], counts[part], total, pixels, options)
+            shaded += total
             first = last
         return shaded
 
@@ -81,19 +87,14 @@ class PieceMerger:
         device = self._pose.device
         pieces = empty_pieces(total, ids, counts)
         self._find_pieces(rays, ids, WRITE, counts, pieces, options)
-        shaded = total
-        if device.is_cuda or not total:
-            sigma, rgb = self._shading.shade(rays, pieces.found, options, self._untimed)
+        sigma, rgb = self._shading.shade(rays, pieces.found, options, self._untimed)
         if device.is_cuda and total:
             first, last = pieces.first_switches, pieces.last_switches
             wp.utils.segmented_sort_pairs(pieces.places, pieces.switches, 2 * total, first, last)
         elif total:  # on a CPU that function takes 60 µs per ray
             wp.launch(sort_kernel, dim=len(ids), inputs=[pieces], device=device)
-            shade = self._shading, rays, pieces, options, min(options.stop, DARKEST), self._untimed
-            sigma, rgb, shaded = shade_front(*shade)
         inputs = [pieces, sigma, rgb]
         wp.launch(merge_kernel, dim=len(ids), inputs=inputs, outputs=[pixels], device=device)
-        return shaded
 
     def _find_pieces(self, rays, ids, purpose, counts, pieces, options):
         pose, boxes = self._pose, self._boxes.id

@@ -1,7 +1,16 @@
 // One round's samples to pixels, on a CPU: the body of shade_native in cpu.py, which fills in
 // @NAMES and includes.  Some rays at a time: features and densities of all their samples, then the
 // weights, then the colors of samples that weigh something, then the sums.
+//
+// Where `highs` has numbers, samples overlap: samples.t is where one begins, highs where it ends,
+// and samples.length the factor from its density to its extinction.
 #if !defined(__CUDA_ARCH__)
+const auto& tables = shading.tables;
+const auto& table = shading.table;
+const auto& networks = shading.networks;
+const auto& scratch = shading.scratch;
+const int level_count = shading.level_count;
+const float stop = shading.stop, least_weight = shading.least_weight;
 #include "layers.h"
 #include "encoding.h"
 
@@ -19,8 +28,9 @@ const int stride = 4 * level_count;
 Corners corners[2];
 Places* places;
 float *features, *h, *joined, *one, *other;
-float* kept;  // 1 - opacity of each sample alone
-int* slots;
+float* kept;  // 1 - opacity of each sample alone; its extinction, where samples overlap
+float* weights;  // of samples that overlap
+int *slots, *order, *active;
 Colored* colored;
 Run* runs;
 for (Corners& of_level : corners)
@@ -32,15 +42,20 @@ take(places, CHUNK / LANES);
 take(features, CHUNK * stride);
 take(h, CHUNK * @GEOMETRY_FEATURES);
 take(kept, CHUNK);
+take(weights, CHUNK);
 take(joined, @BLOCK * JOINED);
 take(one, @BLOCK * networks.widest);
 take(other, @BLOCK * networks.widest);
 take(slots, CHUNK);
+take(order, CHUNK);
+take(active, CHUNK);
 take(colored, CHUNK);
 take(runs, CHUNK);
 
 static_assert(@BLOCK % ROWS == 0 && CHUNK % @BLOCK == 0 && CHUNK % LANES == 0, "whole blocks");
 if (free_memory > reinterpret_cast<char*>(scratch.data + scratch.shape[0])) __builtin_trap();
+
+const bool overlapping = highs.shape[0] > 0;
 
 // -- the stages of a chunk ---------------------------------------------------------------------
 auto width_of = [&](int layer) { return networks.shapes.data[4 * layer + 1]; };
@@ -63,7 +78,8 @@ auto find_densities = [&](int count) {
         for (int lane = 0; lane < LANES; ++lane)
             lengths[lane] = first + lane < count ? samples.length.data[slots[first + lane]] : 0.0f;
         Lanes& of_group = *reinterpret_cast<Lanes*>(kept + first);
-        of_group = exp_of(-exp_of(of_group) * lengths);
+        of_group = exp_of(of_group) * lengths;
+        if (!overlapping) of_group = exp_of(-of_group);
     }
 };
 
@@ -71,9 +87,9 @@ auto find_densities = [&](int count) {
 auto put_basis = [&](float* y, int ray, int tet) {
     for (int k = 0; k < @BASIS_COUNT; ++k) y[k] = 0.0f;
     y[0] = 0.28209479177387814f;
-    if (!has_directions) return;
+    if (!shading.has_directions) return;
     const auto& d = rays.directions.data[ray];
-    const auto& q = rotations.data[tet];
+    const auto& q = shading.rotations.data[tet];
     float turned[3];
     for (int k = 0; k < 3; ++k)
         turned[k] = q.data[0][k] * d[0] + q.data[1][k] * d[1] + q.data[2][k] * d[2];
@@ -96,6 +112,18 @@ auto put_basis = [&](float* y, int ray, int tet) {
     y[15] = -0.5900435899266435f * x * (xx - 3.0f * vv);
 };
 
+// What weighs too little behind the last color of a run: it counts for that one, or it is colored.
+auto settle = [&](const Run& run, int colored_count, float pending, float before, int last) {
+    const int ray = run.ray;
+    if (pending > 0.0f && colored_count > run.first_colored)
+        colored[colored_count - 1].weight += pending;
+    else if (pending > 0.0f && pending < 0.25f * least_weight * before)  // it adds up over rounds
+        pixels.color.data[ray] = wp::mul(pixels.color.data[ray], 1.0f + pending / before);
+    else if (pending > 0.0f)
+        colored[colored_count++] = {last, samples.tet.data[slots[last]], ray, pending};
+    return colored_count;
+};
+
 // The samples of a ray that need a color, and the color's weight: that of the samples before that
 // weigh too little, too.  Returns the number of all chosen ones.
 auto weigh = [&](Run& run, int colored_count) {
@@ -116,12 +144,63 @@ auto weigh = [&](Run& run, int colored_count) {
             pending = 0.0f;
         }
     }
-    if (pending > 0.0f && colored_count > run.first_colored)
-        colored[colored_count - 1].weight += pending;
-    else if (pending > 0.0f && pending < 0.25f * least_weight * before)  // it adds up over rounds
-        pixels.color.data[ray] = wp::mul(pixels.color.data[ray], 1.0f + pending / before);
-    else if (pending > 0.0f)
-        colored[colored_count++] = {end - 1, samples.tet.data[slots[end - 1]], ray, pending};
+    colored_count = settle(run, colored_count, pending, before, end - 1);
+    pixels.depth.data[ray] += depth;
+    run.transmittance = transmittance;
+    return colored_count;
+};
+
+// The same where samples overlap: on each interval between two of their ends, the media of all
+// that cover it add up (line 4 of the definition).
+auto weigh_overlapping = [&](Run& run, int colored_count) {
+    const int ray = run.ray, end = run.first + run.count;
+    auto low = [&](int i) { return samples.t.data[slots[i]]; };
+    auto high = [&](int i) { return highs.data[slots[i]]; };
+    int* const sorted = order + run.first;
+    for (int i = run.first; i < end; ++i) {
+        weights[i] = 0.0f;
+        int at = i - run.first;
+        for (; at > 0 && low(sorted[at - 1]) > low(i); --at) sorted[at] = sorted[at - 1];
+        sorted[at] = i;
+    }
+    float transmittance = pixels.transmittance.data[ray], depth = 0.0f, t = 0.0f;
+    const float before = 1.0f - transmittance;
+    int next = 0, active_count = 0;
+    while ((next < run.count || active_count > 0) && transmittance >= stop) {
+        float to = next < run.count ? low(sorted[next]) : @FAR, kappa = 0.0f;
+        for (int k = 0; k < active_count; ++k) {
+            to = smaller(to, high(active[k]));
+            kappa += kept[active[k]];
+        }
+        if (kappa > 0.0f && to > t) {
+            const float after = transmittance * wp::exp(-kappa * (to - t));
+            const float weight = transmittance - after;
+            depth += weight * 0.5f * (t + to);
+            if (transmittance >= 0.5f && after < 0.5f)
+                pixels.tet.data[ray] = samples.tet.data[slots[active[0]]];
+            for (int k = 0; k < active_count; ++k)
+                weights[active[k]] += weight * kept[active[k]] / kappa;
+            transmittance = after;
+        }
+        t = to;
+        for (int k = active_count - 1; k >= 0; --k)
+            if (high(active[k]) <= t) active[k] = active[--active_count];
+        for (; next < run.count && low(sorted[next]) <= t; ++next)
+            if (high(sorted[next]) > t) active[active_count++] = sorted[next];
+    }
+    float pending = 0.0f;
+    int last = run.first;
+    run.first_colored = colored_count;
+    for (int k = 0; k < run.count; ++k) {
+        const int i = sorted[k];
+        if (weights[i] > 0.0f) last = i;
+        pending += weights[i];
+        if (pending > least_weight) {
+            colored[colored_count++] = {i, samples.tet.data[slots[i]], ray, pending};
+            pending = 0.0f;
+        }
+    }
+    colored_count = settle(run, colored_count, pending, before, last);
     pixels.depth.data[ray] += depth;
     run.transmittance = transmittance;
     return colored_count;
@@ -158,13 +237,15 @@ auto finish_chunk = [&]() {
         find_densities(count);
     }
     int colored_count = 0;
-    for (int i = 0; i < run_count; ++i) colored_count = weigh(runs[i], colored_count);
+    for (int i = 0; i < run_count; ++i)
+        colored_count = overlapping ? weigh_overlapping(runs[i], colored_count)
+                                    : weigh(runs[i], colored_count);
     add_colors(colored_count);
     for (int i = 0; i < run_count; ++i) {
         const int ray = runs[i].ray;
         float transmittance = runs[i].transmittance;
         const bool ended = transmittance < stop;
-        if (ended && closing) {
+        if (ended && shading.closing) {
             const float scale = 1.0f / (1.0f - transmittance);
             pixels.color.data[ray] = wp::mul(pixels.color.data[ray], scale);
             pixels.depth.data[ray] *= scale;

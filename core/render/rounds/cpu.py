@@ -38,34 +38,43 @@ CHUNK = 10 * NETWORK_BLOCK  # samples that are shaded together; a multiple of a 
 ROUND_SLOTS = (8, 4, 8, 8, 16, 32, 64, 128)  # K by round: most rays end after 12 samples
 SLOTS = 1 << 14  # that are marched and then shaded: they stay in a core's cache
 LEAST_WEIGHT = 4e-3  # of a color in default mode: a step of a byte
-SAMPLE_BYTES = 256  # of scratch, beside features
+SAMPLE_BYTES = 272  # of scratch, beside features
+FAR = 1.0e30  # a t behind everything
+
+
+@wp.struct
+class NativeShading:
+    """What a chunk of samples is shaded with."""
+
+    rotations: wp.array(dtype=wp.mat33)  # [T] Q
+    tables: Tables
+    table: wp.array(dtype=wp.vec4)
+    networks: NativeNetworks
+    level_count: int
+    has_directions: int  # 0: colors do not depend on them
+    stop: float  # transmittance below which a ray ends
+    closing: int  # 1: behind its end a ray looks as before it; 0: black
+    least_weight: float  # a sample's color counts for those before it that weigh less together
+    scratch: wp.array(dtype=float)
 
 
 @wp.func_native(
     native_source(
         Path(__file__).parent / "cpu.cpp",
         [LAYERS_H, ENCODING_H],
-        NATIVE_VALUES | {"CHUNK": CHUNK},
+        NATIVE_VALUES | {"CHUNK": CHUNK, "FAR": f"{FAR}f"},
     )
 )
 def shade_native(
     rays: Rays,
-    rotations: wp.array(dtype=wp.mat33),
     alive: wp.array(dtype=int),
     first_alive: int,
     alive_count: int,
     samples: Samples,
+    highs: wp.array(dtype=float),
     counts: wp.array(dtype=int),
     slot_count: int,
-    tables: Tables,
-    table: wp.array(dtype=wp.vec4),
-    networks: NativeNetworks,
-    level_count: int,
-    has_directions: int,
-    stop: float,
-    closing: int,
-    least_weight: float,
-    scratch: wp.array(dtype=float),
+    shading: NativeShading,
     pixels: Pixels,
     left_before: int,
     still_alive: wp.array(dtype=int),
@@ -82,19 +91,11 @@ def trace_kernel(
     step: float,  # Δ
     round_slots: wp.array(dtype=int),  # K by round; the last one for all that follow
     is_marched: int,  # 1: samples and counts are those of the only round
-    rotations: wp.array(dtype=wp.mat33),  # [T] Q
     alive: wp.array(dtype=int),  # [R] in; out: those that are left
     samples: Samples,  # room for slots
+    no_highs: wp.array(dtype=float),  # empty: samples do not overlap
     counts: wp.array(dtype=int),  # [R] room for samples of each ray
-    tables: Tables,
-    table: wp.array(dtype=wp.vec4),
-    networks: NativeNetworks,
-    level_count: int,
-    has_directions: int,  # 0: colors do not depend on them
-    stop: float,  # transmittance below which a ray ends
-    closing: int,  # 1: behind its end a ray looks as before it; 0: black
-    least_weight: float,  # a sample's color counts for those before it that weigh less together
-    scratch: wp.array(dtype=float),
+    shading: NativeShading,
     pixels: Pixels,
     totals: wp.array(dtype=int),  # [2] out: rays that are left, samples
 ):
@@ -131,22 +132,14 @@ def trace_kernel(
             # It writes behind what it reads of `alive`.
             shade_native(
                 rays,
-                rotations,
                 alive,
                 first,
                 some,
                 samples,
+                no_highs,
                 counts,
                 slot_count,
-                tables,
-                table,
-                networks,
-                level_count,
-                has_directions,
-                stop,
-                closing,
-                least_weight,
-                scratch,
+                shading,
                 pixels,
                 left,
                 alive,
@@ -159,19 +152,37 @@ def trace_kernel(
     totals[1] = sample_count
 
 
+class CpuShader:
+    """What shades samples of one field on the CPU, for launches in any number of threads."""
+
+    def __init__(self, shading):
+        """Take a Shading on the CPU, whose arrays are read."""
+        self._shading, self._field = shading, shading.field
+        self._networks = native_networks(self._field.density_layers, self._field.color_layers)
+
+    def of_launch(self, options) -> NativeShading:
+        """What one launch needs, with memory of its own."""
+        native, exact = NativeShading(), options.conformance
+        native.rotations, native.tables = self._shading.rotations, self._shading.tables
+        native.table, native.networks = self._shading.table, self._networks
+        native.level_count = options.level_count or self._field.layout.level_count
+        native.has_directions = int(self._field.options.view_dependence)
+        native.stop, native.closing = options.stop, int(not exact)
+        native.least_weight = 0.0 if exact else LEAST_WEIGHT
+        size = CHUNK * (SAMPLE_BYTES // 4 + 4 * native.level_count)
+        size += 3 * NETWORK_BLOCK * self._networks.widest + 1024
+        native.scratch = wp.empty(size, dtype=float, device="cpu")
+        return native
+
+
 class CpuRounds:
     """Traces rays of one field, in any number of threads at once."""
 
     def __init__(self, pose: Pose, occupancy, shading, march_step: float):
-        """Take a Shading on the CPU, whose arrays are read."""
-        field = shading.field
         self._pose, self._occupancy, self._march_step = pose, occupancy, march_step
-        self._tables, self._table = shading.tables, shading.table
-        self._rotations = shading.rotations
-        self._networks = native_networks(field.density_layers, field.color_layers)
-        self._level_count = field.layout.level_count
-        self._has_directions = int(field.options.view_dependence)
+        self._shader = CpuShader(shading)
         self._round_slots = wp.array(ROUND_SLOTS, dtype=int, device="cpu")
+        self._no_highs = wp.empty(0, dtype=float, device="cpu")
 
     def trace(self, rays: Rays, entries, alive, pixels: Pixels, options) -> int:
         """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
@@ -193,8 +204,6 @@ class CpuRounds:
 
     def _launch(self, rays, entries, alive, samples, counts, pixels, options, slot_count=0):
         """Trace rays, or shade `slot_count` slots of each: what is left of `alive`, samples."""
-        exact = options.conformance
-        level_count = options.level_count or self._level_count
         round_slots = self._round_slots
         if slot_count:
             round_slots = wp.full(1, slot_count, dtype=int, device="cpu")
@@ -202,15 +211,7 @@ class CpuRounds:
         totals = wp.zeros(2, dtype=int, device="cpu")
         step = self._march_step * options.step_factor
         inputs = [self._pose.geometry, entries, self._occupancy, rays, step, round_slots]
-        inputs += [int(slot_count > 0), self._rotations, alive, samples, counts]
-        inputs += [self._tables, self._table, self._networks, level_count]
-        inputs += [self._has_directions, options.stop, int(not exact)]
-        inputs += [0.0 if exact else LEAST_WEIGHT, self._scratch(level_count), pixels]
+        inputs += [int(slot_count > 0), alive, samples, self._no_highs, counts]
+        inputs += [self._shader.of_launch(options), pixels]
         wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
         return tuple(totals.numpy().tolist())
-
-    def _scratch(self, level_count):
-        """Memory for a chunk."""
-        size = CHUNK * (SAMPLE_BYTES // 4 + 4 * level_count)
-        size += 3 * NETWORK_BLOCK * self._networks.widest + 1024
-        return wp.empty(size, dtype=float, device="cpu")

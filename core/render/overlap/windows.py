@@ -1,0 +1,213 @@
+"""Tangled rays on a CPU: from front to back, one window of t after the other.
+
+Inside a fold a ray crosses hundreds of pieces and sees the first few.  A window holds all pieces
+that overlap it, of all tets, so that what it adds to the pixel depends on no other window; a ray
+ends with the window in which it gets dark.  Windows are as long as SLOTS pieces allow.  Where even
+the shortest one has more, the ray is *crowded*, and merging.py renders it.
+
+Shapes: R rays, M of them tangled, K slots per ray, T tets.
+"""
+
+import numpy as np
+import warp as wp
+
+from ...field import is_occupied, subtet_of
+from ..rays import Geometry, Pose, Rays, Samples, empty_samples, interval_in_tet, speed_and_fade
+from ..rounds import CpuShader, NativeShading, Pixels, shade_native
+
+SLOTS = wp.constant(64)  # K
+FEW = wp.constant(24)  # pieces after which the next window is longer
+AT_ONCE = 256  # rays: their samples stay in a core's cache
+FIRST_STEPS = 6.0  # length of the first window [Δ]
+GROWTH = wp.constant(2.0)
+SHORTEST = wp.constant(1.0e-6)  # of t, or of the unit of space if that is more
+CROWDED = wp.constant(-1.0)  # as a window's length
+MOST_PIECES = wp.constant(1.0e6)  # passed at once: int() takes no larger numbers
+OUTSIDE = wp.constant(-2)  # as a ray's tet: it has left the mesh for good
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+@wp.func
+def pieces_between(
+    geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    boxes: wp.uint64,  # id of the BVH of all tets
+    origin: wp.vec3,
+    direction: wp.vec3,
+    step: float,  # Δ
+    start: float,
+    end: float,
+    first_slot: int,
+    samples: Samples,  # out: t is where a piece begins in the window, length is κ / σ
+    highs: wp.array(dtype=float),  # out: where it ends there
+):
+    """The number of pieces that overlap a window; with more than SLOTS it is SLOTS + 1."""
+    count = int(0)
+    query = wp.bvh_query_ray(boxes, origin, direction)
+    tet = int(0)
+    while count <= SLOTS and wp.bvh_query_next(query, tet, end):
+        mask = occupancy[tet]
+        if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
+            alpha, slope, near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
+            if t_out > t_in and t_out > start and t_in < end:
+                speed, fade = speed_and_fade(geometry, tet, slope)
+                rest_length = (t_out - t_in) * speed
+                piece_count = int(wp.ceil(rest_length / step))
+                passed = wp.clamp((start - t_in) * speed / step - 1.0, 0.0, MOST_PIECES)
+                piece = int(passed)
+                while piece < piece_count and count <= SLOTS:
+                    low = float(piece) * step
+                    high = wp.min(low + step, rest_length)
+                    begin = t_in + low / speed
+                    until = wp.min(t_in + high / speed, end)
+                    if begin >= end:
+                        piece = piece_count
+                    elif until > start:
+                        bary = alpha + (t_in + 0.5 * (low + high) / speed - near) * slope
+                        if is_occupied(mask, subtet_of(bary)):
+                            if count < SLOTS:
+                                slot = first_slot + count
+                                samples.tet[slot] = tet
+                                samples.bary[slot] = bary
+                                samples.length[slot] = fade * speed
+                                samples.t[slot] = wp.max(begin, start)
+                                highs[slot] = until
+                            count += 1
+                    piece += 1
+    return count
+
+
+@wp.func
+def leaves_box(low: wp.vec3, high: wp.vec3, origin: wp.vec3, direction: wp.vec3):
+    """The t at which a ray leaves a box; below 0 if the box lies behind it."""
+    t = float(1.0e30)
+    for axis in range(3):
+        if direction[axis] != 0.0:
+            face = wp.where(direction[axis] > 0.0, high[axis], low[axis])
+            t = wp.min(t, (face - origin[axis]) / direction[axis])
+    return t
+
+
+@wp.kernel
+def trace_windows_kernel(
+    geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    boxes: wp.uint64,  # id of the BVH of all tets
+    box_low: wp.vec3,  # of all vertices
+    box_high: wp.vec3,
+    rays: Rays,
+    step: float,  # Δ
+    lengths: wp.array(dtype=float),  # [R] in: of the first window; out: CROWDED, or not
+    alive: wp.array(dtype=int),  # [M] in: which rays; out: those that are left
+    samples: Samples,  # room for slots
+    highs: wp.array(dtype=float),  # likewise
+    counts: wp.array(dtype=int),  # room for samples of each ray
+    shading: NativeShading,
+    pixels: Pixels,
+    totals: wp.array(dtype=int),  # [2] out: rays that are left, samples
+):
+    """All windows of the rays `alive`, by one thread."""
+    count = alive.shape[0]
+    sample_count = int(0)
+    while count > 0:
+        first = int(0)
+        left = int(0)
+        while first < count:
+            some = wp.min(counts.shape[0], count - first)
+            i = int(0)
+            while i < some:
+                ray = alive[first + i]
+                origin = rays.origins[ray]
+                direction = rays.directions[ray]
+                start = rays.t[ray]
+                length = lengths[ray]
+                last = leaves_box(box_low, box_high, origin, direction)
+                end = float(start)
+                found = SLOTS + 1
+                while found > SLOTS and length > 0.0:
+                    end = wp.min(start + length, last)
+                    found = pieces_between(
+                        geometry,
+                        occupancy,
+                        boxes,
+                        origin,
+                        direction,
+                        step,
+                        start,
+                        end,
+                        i * SLOTS,
+                        samples,
+                        highs,
+                    )
+                    if found > SLOTS:
+                        length *= 0.5
+                        if length < SHORTEST * wp.max(start, 1.0):
+                            length = CROWDED
+                if length < 0.0:
+                    found = 0
+                    end = last
+                elif found < FEW:
+                    length *= GROWTH
+                lengths[ray] = length
+                rays.t[ray] = end
+                rays.tet[ray] = wp.where(end < last, 0, OUTSIDE)
+                counts[i] = found
+                sample_count += found
+                i += 1
+            # It writes behind what it reads of `alive`.
+            shade_native(
+                rays,
+                alive,
+                first,
+                some,
+                samples,
+                highs,
+                counts,
+                SLOTS,
+                shading,
+                pixels,
+                left,
+                alive,
+                totals,
+            )
+            left = totals[0]
+            first += some
+        count = left
+    totals[1] = sample_count
+
+
+class WindowRounds:
+    """Renders tangled rays on the CPU, in any number of threads at once."""
+
+    def __init__(self, pose: Pose, occupancy, shading, march_step: float):
+        self._pose, self._occupancy, self._march_step = pose, occupancy, march_step
+        self._shader = CpuShader(shading)
+
+    def render(self, boxes, rays: Rays, ids, pixels: Pixels, options):
+        """Fill the pixels of the rays `ids` [M].
+
+        Args:
+            boxes: The BVH of all tets in the present pose.
+
+        Returns:
+            The crowded rays, whose pixels are untouched or unfinished, and the number of samples.
+        """
+        vertices = self._pose.vertices.numpy()
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        if not np.isfinite([low, high]).all():
+            return ids, 0
+        room = min(AT_ONCE, len(ids))
+        step = self._march_step * options.step_factor
+        lengths = wp.full(len(rays.t), FIRST_STEPS * step, dtype=float, device="cpu")
+        alive, samples = wp.clone(ids), empty_samples(room * SLOTS, "cpu")
+        highs = wp.empty(room * SLOTS, dtype=float, device="cpu")
+        counts = wp.empty(room, dtype=int, device="cpu")
+        totals = wp.zeros(2, dtype=int, device="cpu")
+        inputs = [self._pose.geometry, self._occupancy, boxes.id, wp.vec3(*low), wp.vec3(*high)]
+        inputs += [rays, step, lengths, alive, samples, highs, counts]
+        inputs += [self._shader.of_launch(options), pixels]
+        wp.launch(trace_windows_kernel, 1, inputs, [totals], device="cpu")
+        chosen = ids.numpy()
+        crowded = chosen[lengths.numpy()[chosen] < 0.0]
+        return wp.array(crowded, dtype=int, device="cpu"), int(totals.numpy()[1])

@@ -1,0 +1,109 @@
+"""Tangled rays on a CPU: windows from front to back give the defined image, and end early."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+
+from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at, reference
+from deformrf.core.render.overlap import PieceMerger, windows
+from deformrf.core.render.rays.camera import camera_rays
+
+EXACT = RenderOptions(conformance=True, details=True)
+
+
+def folded(field):
+    """The vertices, folded three times along x, one sheet a little behind the other."""
+    vertices = field.mesh.rest_vertices.copy()
+    low, high = vertices[:, 0].min(), vertices[:, 0].max()
+    thirds = 3.0 * (vertices[:, 0] - low) / (high - low)
+    vertices[:, 0] = low + (np.abs((thirds + 1) % 2 - 1) + 0.02 * thirds) * (high - low) / 3
+    return vertices.astype(np.float32)
+
+
+def denser(field, factor):
+    """The field with log densities that are so much higher."""
+    weights, bias = field.density_layers[-1]
+    bias = bias + np.float32([factor] + [0.0] * (len(bias) - 1))
+    return replace(field, density_layers=(*field.density_layers[:-1], (weights, bias)))
+
+
+def from_inside(vertices, size=12):
+    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    return from_field_of_view(look_at(middle, middle + np.array([0.1, 0.5, 0.2])), 0.9, size, size)
+
+
+@pytest.mark.parametrize("factor", [-3.0, 0.0, 4.0])
+def test_a_camera_inside_a_fold_sees_the_defined_image(factor, make_ball_field):
+    field = denser(make_ball_field(3, occupied_share=1.0, march_step=0.004), factor)
+    vertices = folded(field)
+    renderer = Renderer(field, "cpu")
+    renderer.set_vertices(vertices)
+    origins, directions = camera_rays(from_inside(vertices))
+    expected, opacity, _ = reference.render_rays(field, vertices, origins, directions, (1, 1, 1))
+    found, seen, _ = renderer.render_rays(origins, directions, EXACT)
+    off = 255.0 * np.abs(found - expected).max(axis=1)
+    assert off.mean() <= 0.3 and (off > 2.0).mean() <= 0.02
+    assert np.abs(seen - opacity).max() <= 2e-3
+
+
+def test_an_opaque_fold_is_not_shaded_to_its_end(make_ball_field):
+    thin = make_ball_field(3, occupied_share=1.0, march_step=0.004)
+    counts = []
+    for field in (denser(thin, -20.0), denser(thin, 4.0)):
+        renderer = Renderer(field, "cpu")
+        vertices = folded(field)
+        renderer.set_vertices(vertices)
+        counts.append(renderer.render(from_inside(vertices), EXACT).sample_count)
+    assert counts[1] < 0.4 * counts[0]
+
+
+def test_windows_of_any_length_give_the_same_pixels(make_ball_field, monkeypatch):
+    field = make_ball_field(5, march_step=0.004)
+    vertices = folded(field)
+    images = []
+    for steps in (0.7, 8.0, 1e4):
+        monkeypatch.setattr(windows, "FIRST_STEPS", steps)
+        renderer = Renderer(field, "cpu")
+        renderer.set_vertices(vertices)
+        origins, directions = camera_rays(from_inside(vertices))
+        images.append(renderer.render_rays(origins, directions, replace(EXACT, termination=0.0)))
+    for image in images[1:]:
+        for found, expected in zip(image, images[0], strict=True):
+            np.testing.assert_allclose(found, expected, atol=2e-4)
+
+
+def test_a_crowded_place_is_merged_as_a_whole(make_ball_field, monkeypatch):
+    """Every other vertex is on the opposite side: hundreds of tets share the middle."""
+    field = denser(make_ball_field(7, spacing=0.04, march_step=0.02), -5.0)
+    middle = field.mesh.rest_vertices.mean(axis=0)
+    vertices = field.mesh.rest_vertices.astype(np.float32)
+    vertices[::2] = (2.0 * middle - vertices[::2]).astype(np.float32)
+    renderer = Renderer(field, "cpu")
+    renderer.set_vertices(vertices)
+    origins, directions = camera_rays(
+        from_field_of_view(look_at(middle + np.array([0.1, -0.8, 0.2]), middle), 0.3, 8, 8)
+    )
+    expected, _, _ = reference.render_rays(field, vertices, origins, directions, (1, 1, 1))
+    crowded, render_part = [], PieceMerger._render_part
+    monkeypatch.setattr(
+        PieceMerger,
+        "_render_part",
+        lambda self, rays, ids, *others: (
+            crowded.append(len(ids)) or render_part(self, rays, ids, *others)
+        ),
+    )
+    found, _, _ = renderer.render_rays(origins, directions, EXACT)
+    assert sum(crowded) >= 4
+    off = 255.0 * np.abs(found - expected).max(axis=1)
+    assert off.mean() <= 0.3 and (off > 2.0).mean() <= 0.02
+
+
+def test_infinite_vertices_end_no_render_in_a_loop(make_ball_field):
+    field = make_ball_field(8)
+    vertices = folded(field)
+    vertices[3] = np.inf
+    renderer = Renderer(field, "cpu")
+    renderer.set_vertices(wp.array(vertices, dtype=wp.vec3, device="cpu"))
+    renderer.render(from_inside(folded(field), 4))

@@ -1,0 +1,124 @@
+"""Tools that delete: which sub-tets are under the brush, in a box or in a lasso.
+
+A stroke of the brush goes by the view in which it began: it takes what was in front then, down
+to a depth below the surface, so that each stroke takes one layer.  Pixels are the image's, x to
+the right, y down.
+
+Shapes: N sub-tets that are left.
+"""
+
+import numpy as np
+
+from ...core.field import subtet_corners, unpack_mask
+from ..camera import depth_at, project, within
+from ..scene import masks_of
+from ..settings import DELETING
+
+BRUSH = DELETING[0]
+BRUSH_RADII = 4.0, 300.0  # points
+WIDER_PER_NOTCH = 1.15
+LAYER = 0.5  # edges of a tet, that a stroke takes below the surface
+
+
+class Seen:
+    """The sub-tets that are left of a scene's object, as a camera sees them now."""
+
+    def __init__(self, scene, camera, depth_image):
+        """Take the depths of the picture, or None if there is none yet."""
+        self._count = scene.field.mesh.tet_count
+        self.tets, self.subtets = np.nonzero(unpack_mask(scene.cuts.left))
+        corners = scene.positions[scene.field.mesh.tets]
+        middles = np.einsum(
+            "nk,nkx->nx", subtet_corners().mean(axis=1)[self.subtets], corners[self.tets]
+        )
+        self.pixels, self._away = project(camera, middles)
+        edge = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).mean())
+        surface = np.full(len(middles), np.inf)
+        if depth_image is not None:
+            surface = depth_at(depth_image, camera, np.nan_to_num(self.pixels, nan=-1.0))
+        self.in_front = self._away <= surface + LAYER * edge
+        self.in_front &= self._away > 0.0
+
+    def near(self, start, end, radius: float):
+        """Which are within a radius [pixels] of the way from one pixel to another.  [N] bool"""
+        way = np.asarray(end, float) - start
+        offsets = self.pixels - start
+        along = np.clip(offsets @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
+        missed = offsets - along[:, None] * way
+        with np.errstate(invalid="ignore"):  # behind the camera
+            return (missed**2).sum(axis=1) <= radius**2
+
+    def inside(self, outline):
+        """Which are inside a closed outline of pixels [K, 2], in the view.  [N] bool"""
+        return within(np.nan_to_num(self.pixels, nan=-1e9), outline) & (self._away > 0.0)
+
+    def masks(self, chosen):
+        """These [N] bool as masks.  [T] uint64"""
+        return masks_of(self.tets[chosen], self.subtets[chosen], self._count)
+
+
+class Stroke:
+    """A stroke of the brush, which shows at once what it takes."""
+
+    def __init__(self, scene, camera, depth_image, through: bool):
+        """`through` takes all that is behind, too."""
+        self._scene, self._through = scene, through
+        self._seen = Seen(scene, camera, depth_image)
+        self._taken = np.zeros(len(self._seen.tets), bool)
+
+    def touches(self, pixel, radius: float) -> bool:
+        """Whether anything is under the brush."""
+        return bool(self._seen.near(pixel, pixel, radius).any())
+
+    def move(self, start, end, radius: float) -> None:
+        """Take what is under the brush on its way."""
+        under = self._seen.near(start, end, radius)
+        if not self._through:
+            under &= self._seen.in_front
+        if (under & ~self._taken).any():
+            self._taken |= under
+            self._scene.cuts.show_preview(self._seen.masks(self._taken))
+
+
+def widen_brush(settings, notches: float) -> None:
+    """Make the brush larger, or smaller if there are fewer than 0 notches of the wheel."""
+    radius = settings.brush_radius * WIDER_PER_NOTCH**notches
+    settings.brush_radius = float(np.clip(radius, *BRUSH_RADII))
+
+
+def outline_of(mode: str, region):
+    """The pixels around a region that was drawn: a box's two corners, or a lasso.  [K, 2]"""
+    if mode != "box":
+        return region
+    (x0, y0), (x1, y1) = region
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+
+
+def delete_region(scene, camera, outline, others: bool) -> str:
+    """Delete what is inside an outline of pixels [K, 2], all through, or what is outside of it.
+
+    Returns a line for the user.
+    """
+    seen = Seen(scene, camera, None)
+    chosen = seen.inside(outline)
+    return said(scene, lambda: scene.cuts.delete(seen.masks(chosen != others)))
+
+
+def end_stroke(scene) -> str:
+    """Delete what a stroke of the brush has taken; returns a line for the user."""
+    return said(scene, scene.cuts.keep_preview)
+
+
+def said(scene, delete) -> str:
+    """Call a function that deletes, and say what came of it."""
+    pins = scene.pins
+    try:
+        if not delete():
+            return "nothing to delete there"
+    except ValueError as error:  # nothing would be left
+        return str(error)
+    kept = scene.cuts.kept
+    line = f"{int(kept.sum()):,} of {len(kept):,} tets are left"
+    if scene.pins is not pins:
+        line += "; its pins were deleted: now its lowest part is pinned"
+    return line

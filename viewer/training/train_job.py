@@ -1,0 +1,190 @@
+"""Training of photographs by a process of its own, which the viewer begins when it is asked to.
+
+`main` is that process: deformrf-train, which prints a JSON line of how far it is now and then.
+Whatever else it prints is for people.  It is ended as by Ctrl-C, which keeps its work.
+"""
+
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...core import capture
+from ...core.commands import TrainArguments, prepare_training, train_command
+from ...core.paths import free_name, working_folder
+from ..files import readable
+
+PATIENCE = 120.0  # s that the process has to write its work
+TOLD_SECONDS = 0.5  # between two lines of how far it is
+LOWER_PRIORITY = 10  # the viewer's frames come first
+CODE = f"import sys; from {__name__} import main; sys.exit(main())"
+PHOTO_MINUTES, RUN_MINUTES = 0.025, {"cpu": 7.0, "cuda": 1.5}  # per photograph, and of training
+LONGEST_LINE = 400  # characters that are shown
+
+
+@dataclass(frozen=True)
+class TrainOffer:
+    """What the viewer would do with photographs: a dialog asks whether it shall.
+
+    Attributes:
+        data: Folder of photographs, or a video.
+        count: Of the photographs; None of a video.
+        output: The model to be written.
+        device: "cpu" or "cuda".
+    """
+
+    data: Path
+    count: int | None
+    output: Path
+    device: str
+
+    @property
+    def title(self) -> str:
+        return "Train a model of these photographs?"
+
+    @property
+    def arguments(self) -> list[str]:
+        """Those of deformrf-train."""
+        preset = ["--preset", "tiny"] if self.device == "cpu" else []
+        return [str(self.data), "-o", str(self.output), *preset, "--device", self.device]
+
+    @property
+    def command(self) -> str:
+        """The same, as one types it."""
+        return "deformrf-train " + " ".join(map(shlex.quote, self.arguments))
+
+    @property
+    def minutes(self) -> int:
+        """How long it may take."""
+        return round((self.count or 100) * PHOTO_MINUTES + RUN_MINUTES[self.device]) + 1
+
+    def lines(self) -> list[str]:
+        """What would happen, in sentences."""
+        count = "The video" if self.count is None else f"The folder has {self.count} photographs"
+        where = "a GPU" if self.device == "cuda" else "this CPU"
+        return [
+            f"{count}: {readable(self.data)}",
+            f"Their cameras are found and a model is trained, in about {self.minutes} minutes on "
+            f"{where}. It is opened here when it is done. This command does the same:",
+            readable(self.command),
+        ]
+
+
+def offer_of(data: Path, device: str) -> TrainOffer:
+    """The offer to train a video or a folder of photographs, on a Warp device.
+
+    Raises:
+        CaptureError: Several folders in it hold photographs.
+    """
+    folder = None if capture.is_video(data) else capture.photo_folder(data)
+    count = None if folder is None else len(capture.find_photos(folder)[0])
+    output = free_name(working_folder() / data.resolve().stem, ".npz")
+    return TrainOffer(data, count, output, "cpu" if device == "cpu" else "cuda")
+
+
+class TrainJob:
+    """A run of deformrf-train; a thread starts the process and reads what it prints."""
+
+    def __init__(self, offer: TrainOffer):
+        self.offer = offer
+        self.ended = False
+        self.line = "starting"  # that it printed last
+        self.progress: dict | None = None  # stage, step, steps
+        self.stopping = False
+        self.code: int | None = None
+        self.began = time.monotonic()
+        self._process: subprocess.Popen | None = None
+        self._thread = threading.Thread(target=self._work, name="training", daemon=True)
+        self._thread.start()
+
+    @property
+    def share(self) -> float:
+        """Of the steps that are done."""
+        told = self.progress
+        return 0.0 if told is None else (told["stage"] - 1 + told["step"] / told["steps"]) / 2.0
+
+    def stop(self) -> None:
+        """End it as Ctrl-C does: what is done is written."""
+        self.stopping = True
+        process = self._process
+        if process is not None and process.poll() is None:
+            process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
+
+    def close(self) -> None:
+        """End it, and wait for its work to be written."""
+        self.stop()
+        self._thread.join(PATIENCE)
+        if self._thread.is_alive() and self._process is not None:
+            self._process.kill()
+            self._thread.join()
+
+    def _work(self):
+        try:
+            self._run()
+        except OSError as error:
+            self.line = f"training can't begin: {error.strerror or error}"
+        self.ended = True
+
+    def _run(self):
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        process = self._process = subprocess.Popen(
+            [sys.executable, "-c", CODE, *self.offer.arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            env=environment,
+            cwd=working_folder(),
+            start_new_session=os.name == "posix",  # Ctrl-C is for the viewer, which ends it
+        )
+        if os.name == "posix":
+            os.setpriority(os.PRIO_PROCESS, process.pid, LOWER_PRIORITY)
+        if self.stopping:  # meanwhile
+            self.stop()
+        for line in process.stdout:
+            if line.startswith('{"stage"'):
+                self.progress = json.loads(line)
+            elif line.strip():
+                self.line = line.strip()[:LONGEST_LINE]
+        self.code = process.wait()
+
+
+def begin_job(app) -> None:
+    """Do what the App's dialog offers."""
+    offer, app.dialog = app.dialog, None
+    if app.train_job is None:
+        app.train_job = TrainJob(offer)
+        app.log("training", path=offer.data)
+    else:
+        app.recorder.say("one model is being trained: wait for it, or stop it")
+
+
+def follow_job(app) -> None:
+    """Called in every frame: open the model when it is trained, or say why there is none."""
+    job = app.train_job
+    if job is None or not job.ended:
+        return
+    app.train_job = None
+    if job.code == 0:
+        app.asked = job.offer.output
+    app.recorder.say(readable(job.line))
+
+
+def main() -> int:
+    """The process: deformrf-train, which tells how far it is."""
+    told = [0.0]
+
+    def on_pause(pause):
+        if time.monotonic() - told[0] >= TOLD_SECONDS:
+            told[0] = time.monotonic()
+            where = {"stage": pause.stage, "step": pause.step, "steps": pause.step_count}
+            print(json.dumps(where), flush=True)
+
+    return train_command(TrainArguments, lambda chosen: prepare_training(chosen, on_pause))
