@@ -23,7 +23,7 @@ from deformrf.core.capture import (
     mapping,
     work,
 )
-from deformrf.core.commands import INTERRUPTED, train
+from deformrf.core.commands import INTERRUPTED, capturing, train
 from deformrf.core.field import modelfile
 from deformrf.core.render import Lens, has_rays
 from deformrf.core.training import load_dataset
@@ -127,7 +127,15 @@ def test_other_files_where_the_work_would_be_are_left_alone(photos, tmp_path):
     assert (place / "letter.txt").read_text() == "dear"
 
 
-def test_ctrl_c_ends_a_call_of_the_library(rendered, tmp_path):
+@pytest.fixture
+def ctrl_c():
+    """A function that presses Ctrl-C soon, also where the shell has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield lambda: threading.Timer(0.2, signal.raise_signal, [signal.SIGINT]).start()
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_ends_a_call_of_the_library(ctrl_c):
     """The call learns it from its token; the handlers of signals are Python's."""
     token = library.load_pycolmap().CancellationToken()
 
@@ -135,7 +143,7 @@ def test_ctrl_c_ends_a_call_of_the_library(rendered, tmp_path):
         while not token.is_cancelled:
             time.sleep(0.01)
 
-    threading.Timer(0.2, signal.raise_signal, [signal.SIGINT]).start()
+    ctrl_c()
     with pytest.raises(KeyboardInterrupt):
         library.interruptible(long_call, token=token)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -222,19 +230,6 @@ def test_the_command_keeps_what_was_done_at_ctrl_c(call, trainer, photos, tmp_pa
     assert len(trainer.calls) == 1 and not (tmp_path / "m.capture").exists()
 
 
-def test_focal_length_and_device_come_from_exif(tmp_path):
-    for name, length in (("a", 26), ("b", 26), ("c", 52)):
-        exif = Image.Exif()
-        exif[0x0110] = "Phone 3"
-        exif.get_ifd(0x8769)[0xA405] = length
-        Image.new("RGB", (400, 300)).save(tmp_path / f"{name}.jpg", exif=exif)
-    Image.new("L", (400, 300)).save(tmp_path / "a_mask.png")
-    (one, other, tele), unreadable = capture.photos.find_photos(tmp_path)
-    assert not unreadable, "masks are no photographs"
-    assert one.device == other.device != tele.device
-    assert one.focal == pytest.approx(26 / 43.27 * 500, rel=1e-3) and tele.focal == 2 * one.focal
-
-
 def test_pairs_of_few_photographs_are_all_of_videos_those_near_and_keys():
     assert len(features.pairs_to_match(range(50), False)) == 50 * 49 // 2
     for count in (30, 400, 2000):
@@ -260,25 +255,44 @@ def test_lenses_that_bend_back_before_the_corner_are_known():
     assert answers == {True, False}
 
 
-def test_heic_without_its_plugin_is_one_sentence(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pillow_heif", None)
-    for number in range(9):
-        (tmp_path / f"{number}.HEIC").write_bytes(b"\0\0\0\x18ftypheic")
-    with pytest.raises(CaptureError, match=r"0\.HEIC is a HEIC image, .* pip install pillow-heif"):
-        find_cameras(tmp_path, tmp_path / "work")
+def test_portrait_and_landscape_photographs_are_used_together(photos, poses, tmp_path):
+    """A telephone that was turned: each shape has a lens of its own."""
+    for number in range(0, COUNT, 3):
+        path = photos / f"{number:03d}.jpg"
+        image = Image.open(path)
+        image.crop((52, 0, 188, 180)).save(path, quality=95)
+    found = find_cameras(photos, tmp_path / "work")
+    assert len(found.photos) == COUNT
+    views = load_dataset(photos, "train")
+    assert {(lens.width, lens.height) for lens in views.lenses} == {(240, 180), (136, 180)}
+    assert [lens.focal[0] for lens in views.lenses] == pytest.approx([210.0] * 14, rel=0.05)
+    truth = poses[[int(name) for name in views.names]]
+    centers, rotations = similarity_errors(views.poses, truth)
+    assert np.median(centers) < 0.01 and np.median(rotations) < 0.5
 
 
-def test_a_large_photograph_is_decoded_small_and_upright(tmp_path):
-    """JPEG's decoder halves it first; EXIF turns it."""
-    ramp = np.linspace(0, 255, 1200).astype(np.uint8)
-    pixels = np.stack([np.tile(ramp, (900, 1)), np.tile(ramp[:900, None], (1, 1200))] * 2, axis=-1)
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    Image.fromarray(pixels[..., :3]).save(tmp_path / "a.jpg", quality=95, exif=exif)
-    ((photo,), _) = capture.photos.find_photos(tmp_path)
-    assert photo.size == (900, 1200) and photo.is_turned
-    small = capture.read_photo(photo, 400)
-    assert small.shape == (400, 300, 3)
-    upright = Image.fromarray(pixels[..., :3]).transpose(Image.Transpose.ROTATE_270)
-    expected = np.asarray(upright.resize((300, 400), Image.Resampling.BOX)).astype(int)
-    assert np.abs(small - expected).max() < 6
+def test_other_workers_wait_for_the_cameras_that_the_first_finds(photos, tmp_path, monkeypatch):
+    """Of several processes that torchrun starts, one looks for cameras."""
+    monkeypatch.setattr(capturing, "WAIT_SECONDS", 0.01)
+    monkeypatch.setattr(capturing, "found_by", lambda *_: pytest.fail("it is not the first"))
+    monkeypatch.setenv("RANK", "1")
+    waits = []
+
+    def sleep(seconds):
+        waits.append(seconds)
+        if len(waits) == 3:
+            (photos / "transforms.json").write_text('{"made_by": "deformrf-train", "frames": []}')
+
+    monkeypatch.setattr(capturing.time, "sleep", sleep)
+    found = capturing.prepared(photos, tmp_path / "m.npz", None)
+    assert len(waits) == 3
+    assert found.is_new and found.folder == photos and found.image_size == capture.IMAGE_SIZE
+
+
+def test_global_mapping_ends_at_ctrl_c(ctrl_c):
+    """It runs in a process of its own, which is ended."""
+    began = time.monotonic()
+    ctrl_c()
+    with pytest.raises(KeyboardInterrupt):
+        mapping.run_alone([sys.executable, "-c", "import time; time.sleep(600)"])
+    assert time.monotonic() - began < 60.0

@@ -5,7 +5,14 @@ import pytest
 from captures import circle
 from PIL import Image
 
-from deformrf.core.capture import SparsePoints, gray_of, page, save_points, sharpness_of
+from deformrf.core.capture import (
+    SparsePoints,
+    gray_of,
+    page,
+    save_points,
+    sharpness_of,
+    sharpness_weights,
+)
 from deformrf.core.commands import train
 
 
@@ -77,3 +84,17 @@ def test_check_writes_a_page_and_trains_nothing(call, trainer, data, tmp_path):
 def test_sharpness_of_images_of_any_shape_is_a_number(shape):
     image = np.random.default_rng().integers(0, 256, (*shape, 3)).astype(np.uint8)
     assert 0.0 <= sharpness_of(gray_of(image)) < 10.0
+
+
+def test_sharp_photographs_count_whole_and_blurred_ones_by_their_detail():
+    rng = np.random.default_rng()
+    sharp = rng.normal(0.7, 0.02, 60).clip(0.67, 0.75)
+    np.testing.assert_array_equal(sharpness_weights(sharp), 1.0)
+    mixed = np.concatenate([sharp, [0.55, 0.5, 0.2]])
+    weights = sharpness_weights(mixed)
+    np.testing.assert_array_equal(weights[:60], 1.0)
+    left = (0.05 / (np.median(mixed) - 0.5)) ** 2
+    np.testing.assert_allclose(weights[60:], np.maximum([left, 0.0, 0.0], 0.1))
+    # As long as most are sharp, the others don't hide one another.
+    assert (sharpness_weights([*sharp, *[0.55] * 40]) < 1.0).sum() == 40
+    assert len(sharpness_weights([])) == 0 and (sharpness_weights([0.0] * 9) == 1.0).all()

@@ -17,9 +17,12 @@ def picture(rng, width=400, height=120):
     return Image.fromarray(coarse).resize((width, height), Image.Resampling.NEAREST)
 
 
-def write_video(path, frames):
+def write_video(path, frames, turn=0):
+    """`turn`: degrees that a player turns them by, counterclockwise."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=30)
+        if turn:
+            stream.set_display_rotation(turn)
         stream.width, stream.height, stream.pix_fmt = *frames[0].size, "yuv420p"
         stream.options = {"crf": "12"}
         for frame in [*map(av.VideoFrame.from_image, frames), None]:
@@ -90,3 +93,16 @@ def test_training_starts_with_a_video(call, trainer, tmp_path):
     again = call(train.main, *flags, "--scene-radius", 1)
     assert again.code == 0 and "cameras of" not in again.out
     assert (tmp_path / "toy-frames" / "transforms.json").is_file()
+
+
+@pytest.mark.parametrize("turn", [90, 180, -90])
+def test_videos_of_a_telephone_that_was_held_upright_are_turned(tmp_path, turn):
+    """The frames are stored lying, with the angle to turn them by beside them."""
+    image = picture(np.random.default_rng(), 96, 120).filter(ImageFilter.GaussianBlur(2))
+    stored = image.rotate(-turn, expand=True)
+    write_video(tmp_path / "a.mp4", [stored] * 3, turn)
+    folder = video.take_frames(tmp_path / "a.mp4", 400, capture.phases.Phases().phase, count=1)
+    (path,) = folder.glob("*.jpg")
+    with Image.open(path) as frame:
+        assert frame.size == (96, 120)
+        assert np.abs(np.asarray(frame, float) - np.asarray(image, float)).mean() < 12

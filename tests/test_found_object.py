@@ -1,5 +1,7 @@
 """Where an object is: a synthetic table with a toy and a mug on it, seen by cameras around it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from deformrf.core.training.data.found_object import (
     ground_of,
 )
 from deformrf.core.training.data.scene_box import found_to_unit_cube
+from deformrf.core.training.finding import said
 
 LENS = pinhole(300.0, 320, 240)
 
@@ -194,3 +197,19 @@ def test_masks_vote_for_what_is_looked_at_less():
     middle = found.turn @ np.array([0.9, 0.2, 0.15])
     assert ((middle > found.box[0]) & (middle < found.box[1])).all()
     assert not (found.turn @ np.array([0, 0, 0.5]) > found.box[0]).all()
+
+
+def test_another_thing_on_the_table_is_told():
+    rng = np.random.default_rng()
+    twin = cylinder(rng, 1500, [0.2, 1.1, 0], 0.25, 1.0)
+    points, poses = np.concatenate([table_scene(rng), twin]), cameras(rng, np.array([0, 0, 0.4]))
+    found = find_object(points, poses, [LENS] * len(poses))
+    middle = found.box.mean(axis=0) @ found.turn
+    assert np.linalg.norm(middle[:2]) < 0.1, "what is looked at most is the object"
+    low, high = found.others[0]
+    np.testing.assert_allclose(0.5 * (low + high)[:2], [0.2, 1.1], atol=0.1)
+    numbers = " ".join(f"{value:.3g}" for value in (*low, *high))
+    assert f"left out, the one that is looked at most at about --aabb {numbers}" in said(
+        replace(found, others=found.others[:1] * 2)
+    )
+    assert "Another thing beside it" in said(replace(found, others=found.others[:1]))

@@ -1,6 +1,7 @@
 """Drawn rays are those of the cameras and their lenses; all pixels are drawn equally often."""
 
 import numpy as np
+import pytest
 import warp as wp
 
 from deformrf.core.render import Camera, Lens, camera_rays, in_space, look_at
@@ -16,7 +17,7 @@ LENSES = (
 
 
 def empty_drawn(count, device):
-    kinds = (wp.vec3, wp.vec3, wp.vec4, wp.vec3)
+    kinds = (wp.vec3, wp.vec3, wp.vec4, wp.vec3, int)
     return Drawn(*(wp.empty(count, dtype=kind, device=device) for kind in kinds))
 
 
@@ -43,6 +44,8 @@ def test_rays_are_those_of_the_cameras(device):
     np.testing.assert_allclose(drawn.origins.numpy(), origins, atol=1e-6)
     np.testing.assert_allclose(drawn.directions.numpy(), directions, atol=2e-6)
     np.testing.assert_allclose(drawn.rgba.numpy() * 255, dataset.pixels[chosen], atol=1e-4)
+    views_of = np.repeat(np.arange(3), [lens.width * lens.height for lens in LENSES])
+    np.testing.assert_array_equal(drawn.views.numpy(), views_of[chosen])
 
 
 def test_the_same_seed_draws_the_same_rays(device):
@@ -75,7 +78,7 @@ def test_only_pixels_whose_rays_meet_a_box_are_drawn_if_asked_for(device):
     dataset, box = views(), np.array([[0.45, 0.4, 0.42], [0.6, 0.55, 0.5]])
     world_to_model = world_to_unit_cube(dataset, radius=1.5)
     bank = RayBank(dataset, world_to_model, device)
-    bank.draw_from_box(box)
+    bank.draw_from(box)
     drawn = empty_drawn(2000, device)
     bank.draw(wp.ones(1, dtype=int, device=device), drawn)
     origins, directions = drawn.origins.numpy(), drawn.directions.numpy()
@@ -90,3 +93,17 @@ def test_only_pixels_whose_rays_meet_a_box_are_drawn_if_asked_for(device):
     expected = sum(meets(*pair).sum() for pair in rays)
     assert 0 < expected < bank.pixel_count
     assert len(np.unique(directions.round(6), axis=0)) == expected
+
+
+def test_of_views_that_count_less_fewer_pixels_are_drawn(device):
+    dataset = views()
+    bank = RayBank(dataset, np.eye(4), device)
+    bank.draw_from(shares=[1.0, 0.0, 0.5])
+    drawn = empty_drawn(4000, device)
+    bank.draw(wp.ones(1, dtype=int, device=device), drawn)
+    often = np.bincount(drawn.views.numpy(), minlength=3)
+    assert often[1] == 0
+    assert often[0] / 35 == pytest.approx(often[2] / (0.5 * 36), rel=0.6)
+    bank.draw_from()
+    bank.draw_from(shares=[0.0, 0.0, 0.0])
+    assert len(bank.bank.pool) == 0, "all, if none is left"

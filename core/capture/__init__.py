@@ -17,7 +17,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "video": ["frames_folder", "is_video"],
         "page": ["THUMBNAIL", "Shown", "judge", "page_of"],
         "photos": ["CaptureError", "find_photos", "photo_folder", "read_photo"],
-        "sharpness": ["exposure_of", "gray_of", "sharpness_of"],
+        "sharpness": ["exposure_of", "gray_of", "sharpness_of", "sharpness_weights"],
         "placing": ["focus", "upright"],
         "points": ["POINTS_FILE", "SparsePoints", "load_points", "save_points"],
     },

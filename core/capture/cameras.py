@@ -16,6 +16,7 @@ from ..paths import whole_file
 from .features import find_features, match_photos
 from .library import load_pycolmap
 from .mapping import Mapped, map_photos
+from .page import gaps_of
 from .phases import Phases
 from .photos import CaptureError, Photo, find_photos, photo_folder
 from .placing import focus, upright
@@ -46,6 +47,7 @@ class Capture:
         points: Sparse points on what the photographs show.
         pixel_error: Mean distance of the points' images from where they were found [pixels].
         left_out: Names of photographs without a camera.
+        other_groups: How many of these fit together as other scenes, the largest first.
         unreadable: Why files could not be read, a sentence for each.
         seconds: That it took.
     """
@@ -57,6 +59,7 @@ class Capture:
     points: SparsePoints
     pixel_error: float
     left_out: tuple[str, ...]
+    other_groups: tuple[int, ...]
     unreadable: tuple[str, ...]
     seconds: float
 
@@ -103,6 +106,7 @@ def find_cameras(
         mapped.points,
         mapped.pixel_error,
         tuple(p.path.name for n, p in enumerate(photos) if n not in taken),
+        tuple(len(set(group) - taken) for group in mapped.groups[1:]),
         tuple(unreadable),
         time.monotonic() - began,
     )
@@ -232,6 +236,13 @@ def summary(capture: Capture) -> str:
         text += f"\nWithout a camera, and not used: {shown}" + (
             f" and {more} more" if more > 0 else ""
         )
+    if capture.other_groups and capture.other_groups[0] >= LEAST_PHOTOS:
+        text += (
+            f"\n{capture.other_groups[0]} of these fit together, but not with the others: "
+            f"photograph the way between in small steps, or give them a folder of their own"
+        )
+    for gap in gaps_of([photo.path.name for photo in capture.photos], capture.poses):
+        text += f"\n{gap[0].upper()}{gap[1:]}."
     if capture.unreadable:
         text += f"\n{len(capture.unreadable)} files can't be read: {capture.unreadable[0]}"
     return text

@@ -5,18 +5,30 @@ others, global mapping is the second try, and the one with more photographs is t
 find several groups of photographs that nothing connects; the largest is taken.
 """
 
+import subprocess
+import sys
 import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from .features import LEAST_MATCHES
-from .library import SEED, interruptible, load_pycolmap
+from .library import POLL_SECONDS, SEED, interruptible, load_pycolmap
 from .points import SparsePoints
 from .work import Work, number_of
 
 SMALLEST_GROUP = 4  # photographs of a group that is found at all
 ENOUGH = 0.9  # of the photographs that matches connect: with fewer, there is a second try
+GLOBAL_MAPPING = """
+import sys
+import numpy, PIL.Image
+import pycolmap
+database, folder, smallest, seed = sys.argv[1:]
+pycolmap.set_random_seed(int(seed))
+options = pycolmap.GlobalPipelineOptions(min_model_size=int(smallest), random_seed=int(seed))
+pycolmap.global_mapping(database, folder, folder, options)
+"""  # a program of its own; in this order, because of what load_pycolmap says
 
 
 @dataclass(frozen=True)
@@ -113,18 +125,37 @@ def incremental(work: Work, begin, distorts=True) -> list:
 
 
 def global_mapping(work: Work, begin) -> list:
+    """Groups of photographs, by global mapping; none if its solvers give up.
+
+    It knows no cancellation, so it runs in a process of its own, which Ctrl-C ends.
+    """
     pycolmap = load_pycolmap()
-    options = pycolmap.GlobalPipelineOptions(min_model_size=SMALLEST_GROUP, random_seed=SEED)
     with begin("Finding more cameras", len(work.photos)) as advance:
         with tempfile.TemporaryDirectory(dir=work.folder) as folder:
+            arguments = [str(work.database_path), folder, str(SMALLEST_GROUP), str(SEED)]
+            run_alone([sys.executable, "-c", GLOBAL_MAPPING, *arguments])
+            groups = sorted(path for path in Path(folder).iterdir() if path.is_dir())
             try:
-                found = interruptible(
-                    pycolmap.global_mapping, str(work.database_path), folder, folder, options
-                )
-            except RuntimeError:  # from its solvers; the first try stands
+                found = [pycolmap.Reconstruction(str(path)) for path in groups]
+            except (RuntimeError, ValueError):  # what a process that failed has left
                 return []
-        advance(largest(found.values()))
-    return list(found.values())
+        advance(largest(found))
+    return found
+
+
+def run_alone(command: list[str]):
+    """Run a process without input and output; an interrupt ends it, too."""
+    nothing = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+    with subprocess.Popen(command, **nothing) as process:
+        try:
+            while process.poll() is None:
+                try:
+                    process.wait(POLL_SECONDS)
+                except subprocess.TimeoutExpired:
+                    continue
+        except BaseException:
+            process.kill()
+            raise
 
 
 def connected(work: Work) -> set[int]:

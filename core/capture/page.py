@@ -10,11 +10,11 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .placing import focus
+from .sharpness import sharpness_weights
 
 WIDTH, MARGIN, PLOT = 1560, 20, 560  # pixels
 THUMBNAIL = (144, 108)  # pixels, at most
 COLUMNS = 10
-BLURRED = 0.85  # of the median sharpness
 STOP = 2.0  # a photograph that is so much brighter or darker than the median stands out
 GAP = 60.0  # degrees around the object without a camera, from which it is told
 AROUND = 180.0  # degrees between all cameras, from which they are taken to go around
@@ -49,10 +49,12 @@ class Judged:
 
     Attributes:
         faults: Of each photograph, a word each.
+        weights: How much each photograph counts in training, by its sharpness.
         gaps: Sentences about directions that no photograph shows.
     """
 
     faults: list[list[str]]
+    weights: list[float]
     gaps: list[str] = field(default_factory=list)
 
     def sentences(self, shown) -> list[str]:
@@ -66,6 +68,9 @@ class Judged:
         ):
             having = zip(shown, self.faults, strict=True)
             names = [photo.name for photo, faults in having if fault in faults]
+            if fault == "blurred" and names:
+                lowest = min(self.weights)
+                advice += f"; such photographs count less in training, down to {lowest:.0%}"
             if names:
                 more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
                 told.append(f"{fault}: {', '.join(names[:MOST_NAMED])}{more} ({advice})")
@@ -74,20 +79,22 @@ class Judged:
 
 def judge(shown) -> Judged:
     """Find photographs that stand out, and gaps between cameras that go around the object."""
-    sharpness = np.median([s.sharpness for s in shown])
+    weights = sharpness_weights([s.sharpness for s in shown]).tolist()
     exposure = np.median([s.exposure for s in shown])
     faults = []
-    for photo in shown:
+    for photo, weight in zip(shown, weights, strict=True):
         words = [] if photo.pose is not None else ["no camera"]
-        words += ["blurred"] if photo.sharpness < BLURRED * sharpness else []
+        words += ["blurred"] if weight < 1.0 else []
         words += ["dark"] if photo.exposure * STOP < exposure else []
         words += ["bright"] if photo.exposure > exposure * STOP else []
         faults.append(words)
-    return Judged(faults, gaps_of([s for s in shown if s.pose is not None]))
+    posed = [s for s in shown if s.pose is not None]
+    return Judged(faults, weights, gaps_of([s.name for s in posed], [s.pose for s in posed]))
 
 
-def gaps_of(shown) -> list[str]:
-    poses = np.array([s.pose for s in shown]).reshape(-1, 4, 4)
+def gaps_of(names, poses) -> list[str]:
+    """Sentences about directions that no photograph shows."""
+    poses = np.array(poses).reshape(-1, 4, 4)
     center = focus(poses) if len(poses) > 1 else None
     if center is None:
         return []
@@ -97,8 +104,8 @@ def gaps_of(shown) -> list[str]:
     if 360.0 - steps.max() < AROUND:
         return [f"the cameras see {360.0 - steps.max():.0f}° of the object: its back stays unknown"]
     return [
-        f"no camera in {steps[i]:.0f}° between {shown[order[i]].name} and "
-        f"{shown[order[(i + 1) % len(order)]].name}: photograph from there"
+        f"no camera in {steps[i]:.0f}° between {names[order[i]]} and "
+        f"{names[order[(i + 1) % len(order)]]}: photograph from there"
         for i in np.flatnonzero(steps > GAP)
     ]
 

@@ -4,6 +4,10 @@ import numpy as np
 from PIL import Image
 
 SIDE = 480  # longer side that images are compared at [pixels]
+RAMP = 0.5  # sharpness of an image without detail at the fine scale
+OUTLIER = 3.0  # spreads below the median, from which a photograph is blurred
+LEAST_SPREAD = 0.02  # of the median
+LEAST_WEIGHT = 0.1  # of a photograph: it may be the only one that shows something
 
 
 def gray_of(rgb):
@@ -35,6 +39,27 @@ def sharpness_of(gray) -> float:
         for i in (fine, coarse)
     ]
     return float(strengths[0] / strengths[1]) if strengths[1] > 1.0 else 0.0
+
+
+def sharpness_weights(sharpness):
+    """How much photographs count by their sharpness, LEAST_WEIGHT to 1.  [n]
+
+    What they show makes sharpness differ, by a spread that the sharper half tells.  One that is
+    OUTLIER times as far below the median is blurred, and counts by the energy of the fine detail
+    that it has left: the square of its sharpness above RAMP, over the median's.
+
+    Args:
+        sharpness: By `sharpness_of`.  [n]
+    """
+    sharpness = np.asarray(sharpness, float)
+    if len(sharpness) == 0:
+        return sharpness
+    median = np.median(sharpness)
+    # 1.48: from the median of deviations to a normal distribution's standard deviation.
+    spread = 1.4826 * np.median(sharpness[sharpness >= median] - median)
+    is_blurred = sharpness < median - OUTLIER * max(spread, LEAST_SPREAD * median)
+    left = np.clip((sharpness - RAMP) / max(median - RAMP, 1e-6), 0.0, 1.0)
+    return np.where(is_blurred, np.maximum(left**2, LEAST_WEIGHT), 1.0)
 
 
 def exposure_of(gray) -> float:

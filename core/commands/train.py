@@ -92,8 +92,8 @@ class TrainArguments:
     leave_out: Words = ()
     """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
     (tets are occupied as a whole), dense-levels (all are hashed), distortion, table-decay (no
-    such loss), found-box (the object isn't sought: its box is around the place that the cameras
-    look at)."""
+    such loss), found-box (the object isn't sought: its box is where the cameras look), exposure
+    (photographs have one for all), blur-weights (blurred photographs count like others)."""
     entry_bits: Literal[8, 16] = 8
     """Bits of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
     size: Meters = None
@@ -384,13 +384,14 @@ def check_resumed_views(report: dict, views):
 def summary(trained, path: Path, scores: dict | None) -> str:
     """The written file and the model's figures, as text."""
     begun = "Wrote" if trained.complete else "Stopped early; wrote the unfinished model"
-    size = path.stat().st_size / 1e6
-    minutes = trained.report["seconds"] / 60
+    size, minutes = path.stat().st_size / 1e6, trained.report["seconds"] / 60
     text = f"{begun}: {path}, {trained.field.mesh.tet_count} tets, {size:.1f} MB"
     text += f", {minutes:.1f} minutes of training"
     if scores and scores["complete"] and scores["mean"]["psnr"] is not None:
         mean = scores["mean"]
         text += f", {mean['psnr']:.2f} dB and SSIM {mean['ssim']:.4f} on the test views"
+    if spread := trained.report.get("exposure_spread"):
+        text += f"\nThe photographs' exposures differ by {spread:.1%}; the model has the mean one."
     if below := trained.report.get("levels_below_pixel"):
         text += (
             f"\nOf levels 0 to {trained.field.options.level_count - 1}, these are finer than any "

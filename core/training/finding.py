@@ -147,6 +147,7 @@ def first_workers(found: FoundObject | None, device, workers: Workers) -> FoundO
     """What the first worker has found: others may have rounded differently."""
     if workers.count == 1:
         return found
+    mine = found
     values = torch.zeros(17, dtype=torch.float64)
     if found is not None:
         parts = found.turn.ravel(), found.box.ravel(), [found.stands, 1.0]
@@ -154,19 +155,35 @@ def first_workers(found: FoundObject | None, device, workers: Workers) -> FoundO
     values = values.to(wp.device_to_torch(device))
     workers.broadcast_(values)
     turn, box, (stands, is_found) = np.split(values.cpu().numpy(), [9, 15])
-    return FoundObject(turn.reshape(3, 3), box.reshape(2, 3), bool(stands)) if is_found else None
+    if workers.is_first or not is_found:
+        return mine if is_found else None
+    return FoundObject(turn.reshape(3, 3), box.reshape(2, 3), bool(stands))
 
 
 def said(found: FoundObject) -> str:
-    """A sentence about a found object, with the --aabb around it."""
+    """Sentences about a found object and what is left out, with the --aabb around each."""
     corners = np.stack(np.meshgrid(*found.box.T), axis=-1).reshape(-1, 3) @ found.turn
-    around = " ".join(f"{v:.3g}" for v in (*corners.min(axis=0), *corners.max(axis=0)))
+    around = numbers(corners.min(axis=0), corners.max(axis=0))
     size = " x ".join(f"{v:.3g}" for v in found.box[1] - found.box[0])
     where = "stands on a plane" if found.stands else "hangs on a plane behind it"
-    return (
+    text = (
         f"Found an object that {where}, in a box of {size} of the data's units, about --aabb "
         f"{around}: give another box if this is not the object."
     )
+    if found.others:
+        count = len(found.others)
+        things = "Another thing" if count == 1 else f"{count} other things"
+        text += (
+            f" {things} beside it will be left out"
+            + ("" if count == 1 else ", the one that is looked at most")
+            + f" at about --aabb {numbers(*found.others[0])}."
+        )
+    return text
+
+
+def numbers(low, high) -> str:
+    """A box, as --aabb takes it."""
+    return " ".join(f"{value:.3g}" for value in (*low, *high))
 
 
 def coarse_points(dataset, world_to_model, seed, device, workers, progress):

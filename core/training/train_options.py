@@ -9,6 +9,8 @@ LEAVE_OUT = (
     "distortion",
     "table-decay",
     "found-box",
+    "exposure",
+    "blur-weights",
 )
 
 
@@ -38,7 +40,9 @@ class TrainOptions:
             "found-box": the object isn't sought, its box lies where the cameras look;
             "coarse-stage": all fine_steps go to all levels on the whole grid, which the model
             then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":
-            every level is hashed; "distortion", "table-decay": the loss has no such term.
+            every level is hashed; "distortion", "table-decay": the loss has no such term;
+            "exposure": photographs have no color maps (run/exposure.py); "blur-weights": blurred
+            photographs count as much as sharp ones.
         seed: Seed of all random choices.
     """
 

@@ -17,24 +17,22 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import torch
 import warp as wp
 
 from ..device import start_warp
-from ..field import FieldOptions, TetField, below_pixel, level_edges, narrowest_pixel
+from ..field import FieldOptions, TetField
 from ..geometry import TetMesh, a15_grid
-from ..render import in_space
 from .data import (
     Dataset,
     Plane,
-    RayBank,
     learns_surroundings,
     object_box,
     seeks_object,
     world_to_unit_cube,
 )
 from .finding import Found, ground_under, search
+from .photographs import exposure_spread, learned_exposure, levels_below_pixel, photographed_rays
 from .run import (
     ALLOCATION_ERRORS,
     ALONE,
@@ -158,7 +156,7 @@ class _Run:
     def __post_init__(self):
         self.start = self.saved = time.perf_counter()
         self.stage = 0  # 1 or 2 once there is a field
-        self.field = self.optimization = self.surroundings = None
+        self.field = self.optimization = self.surroundings = self.exposure = None
         self.memory = [0, 0]  # bytes at most, of each stage
         self.resumable = bool(self.resumed and self.checkpoint_path)
         self.saved_place = None  # stage and step of the last checkpoint that was written
@@ -199,11 +197,14 @@ class _Run:
         if learns_surroundings(self.options.surroundings, self.dataset):
             start = random_surroundings(self.box, self.options.seed)
             self.surroundings = LearnedSurroundings(start, self.device)
+        self.exposure = learned_exposure(self.dataset, self.options, self.device)
         interrupted, diverged, out_of_memory = False, None, None
         try:
-            self.bank = RayBank(self.dataset, self.world_to_model, self.device)
-            if self.found:
-                self.bank.draw_from_box(self.found.seen)
+            self.bank = photographed_rays(
+                *(self.dataset, self.options, self.world_to_model, self.device),
+                self.found and self.found.seen,
+                self.progress.say if self.workers.is_first else lambda sentence: None,
+            )
             if self.resumed:  # another version's grid may order corners otherwise
                 mesh = self.resumed.mesh
             else:
@@ -268,6 +269,7 @@ class _Run:
             "subtet-mask" not in self.options.leave_out,
             self.workers,
             self.found and self.found.room,
+            self.exposure,
         )
         if field.device.is_cuda:
             torch.cuda.reset_peak_memory_stats()
@@ -383,18 +385,13 @@ class _Run:
         if field.device.is_cuda:
             report["peak_memory_bytes"] = self.memory
         report["device"] = field.device.name
-        report["levels_below_pixel"] = self._levels_below_pixel()
+        report["levels_below_pixel"] = levels_below_pixel(
+            self.dataset, self.world_to_model, field.mesh, field.options.level_count
+        )
+        if self.exposure is not None:
+            report["exposure_spread"] = exposure_spread(self.exposure)
         alone = whole = self._export()
         if self.found:  # without what it stands on
             ground = None if self.dataset.has_alpha else self._ground()
             alone = object_alone(whole, field.densities().cpu().numpy(), self.found.box, ground)
         return Trained(alone, report, interrupted, diverged, out_of_memory, self.resumable, whole)
-
-    def _levels_below_pixel(self) -> list[int]:
-        """Levels that no training image could tell apart."""
-        positions = in_space(self.dataset.poses, self.world_to_model)[:, :3, 3]
-        focals = np.array([max(lens.focal) for lens in self.dataset.lenses])
-        mesh = self.field.mesh
-        pixel = narrowest_pixel(positions, focals, mesh.rest_vertices)
-        edges = level_edges(mesh, self.field.options.level_count)
-        return np.flatnonzero(below_pixel(edges, pixel)).tolist()

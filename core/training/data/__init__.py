@@ -21,6 +21,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "found_object": ["FoundObject", "Plane", "find_object", "ground_of"],
         "scene_box": [
             "REACH",
+            "are_photographs",
             "box_to_unit_cube",
             "found_to_unit_cube",
             "learns_surroundings",

@@ -34,6 +34,7 @@ CLEAR = 3.0  # thicknesses: what is nearer to the plane belongs to it
 NEIGHBOURS = 6  # of a point in a cluster
 REACH_OF_POINT = 3.0  # of the median distance to that many neighbours
 CLUSTER_SHARE = 0.2  # of the attention in front of the plane that an object has at least
+OTHER_SHARE = 0.1  # of the object's attention that something else has at least, to be told
 VOTE = 0.5  # of a point's attention: in so many views masks have to have it
 OBJECT_SHARE = 0.1  # of all attention that it has at least
 BELOW, AS_GOOD = 0.3, 0.05  # attention below a plane, where the object is, over that above
@@ -65,11 +66,14 @@ class FoundObject:
         turn: Rotation from the data's space to one with the object upright.  [3, 3]
         box: Lowest and highest corner after the turn; it begins at the plane.  [2, 3]
         stands: Whether the plane is below the object, not behind it.
+        others: Boxes of other things on the plane, which are left out, in the data's space; the
+            one that is looked at most first.  [m, 2, 3]
     """
 
     turn: np.ndarray
     box: np.ndarray
     stands: bool
+    others: tuple = ()
 
 
 def find_object(points, poses, lenses, masks=None) -> FoundObject | None:
@@ -102,16 +106,17 @@ def find_object(points, poses, lenses, masks=None) -> FoundObject | None:
         heights = plane.height(points)
         is_above, is_below = (side * heights > CLEAR * THICKNESS * scale for side in (1.0, -1.0))
         is_above &= votes >= VOTE * weights
-        chosen = watched_cluster(points[is_above], weights[is_above], votes.sum(), rng)
+        clusters = watched_clusters(points[is_above], weights[is_above], votes.sum(), rng)
+        chosen = clusters[0] if clusters else None
         if chosen is None or not carries(plane, points[abs(heights) < THICKNESS * scale], chosen):
             continue
         above, below = over_footprint(plane, chosen, points, weights, is_above, is_below)
         if below < BELOW * above:
-            found.append((below / above, plane, chosen))
+            found.append((below / above, plane, clusters))
     if not found:
         return None
     least = min(share for share, *_ in found)
-    plane, chosen = next(rest for share, *rest in found if share <= least + AS_GOOD)
+    plane, (chosen, *others) = next(rest for share, *rest in found if share <= least + AS_GOOD)
     stands = bool(plane.normal @ up > STANDS)
     turn = upright(plane.normal) if stands else against_wall(plane.normal, up)
     low, high = np.percentile(chosen @ turn.T, [OUTLIERS, 100.0 - OUTLIERS], axis=0)
@@ -122,7 +127,8 @@ def find_object(points, poses, lenses, masks=None) -> FoundObject | None:
         low[axis] = plane.offset
     else:  # the wall's normal is -y
         high[axis] = -plane.offset
-    return FoundObject(turn, np.array([low, high]), stands)
+    others = [(points.min(axis=0), points.max(axis=0)) for points in others]
+    return FoundObject(turn, np.array([low, high]), stands, tuple(map(np.array, others)))
 
 
 def ground_of(points, guess: Plane, slack: float) -> Plane:
@@ -247,8 +253,11 @@ def heaviest_plane(points, weights, thickness, rng) -> Plane | None:
     return Plane(normal, float(offset))
 
 
-def watched_cluster(points, weights, total, rng):
-    """The points of the cluster with the most attention; None if it has too little.  [m, 3]
+def watched_clusters(points, weights, total, rng):
+    """The points of the cluster with the most attention, then of others that are things, too.
+
+    Returns:
+        Points of each [m, 3], those with more attention first; none if the first has too little.
 
     Args:
         total: Attention of all points, those below the plane too.
@@ -258,7 +267,7 @@ def watched_cluster(points, weights, total, rng):
     from scipy.spatial import cKDTree
 
     if len(points) < FEWEST_POINTS:
-        return None
+        return []
     if len(points) > PAIRED_MAX:
         few = rng.choice(len(points), PAIRED_MAX, replace=False)
         total *= len(few) / len(points)
@@ -272,12 +281,15 @@ def watched_cluster(points, weights, total, rng):
     graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
     labels = connected_components(graph, directed=False)[1]
     scores = np.bincount(labels, weights)
-    best = scores.argmax()
-    chosen = labels == best
+    counts = np.bincount(labels)
+    order = np.argsort(-scores)
+    best = order[0]
     enough = max(CLUSTER_SHARE * weights.sum(), OBJECT_SHARE * total)
-    if chosen.sum() < FEWEST_POINTS or scores[best] < enough:
-        return None
-    return points[chosen]
+    if counts[best] < FEWEST_POINTS or scores[best] < enough:
+        return []
+    least = OTHER_SHARE * scores[best]
+    things = [k for k in order[1:] if counts[k] >= FEWEST_POINTS and scores[k] >= least]
+    return [points[labels == k] for k in (best, *things)]
 
 
 def against_wall(normal, up):

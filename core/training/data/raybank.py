@@ -39,6 +39,7 @@ class Drawn:
         origins, directions: Model space, unit directions.  [R] vec3
         rgba: Straight alpha, 0..1.  [R] vec4
         background: A random color for each ray, 0..1.  [R] vec3
+        views: The view of each ray.  [R] int
         first: Number of ray 0; a ray's random numbers depend on its number.
     """
 
@@ -46,6 +47,7 @@ class Drawn:
     directions: wp.array
     rgba: wp.array
     background: wp.array
+    views: wp.array
     first: int = 0
 
 
@@ -73,6 +75,7 @@ def draw_kernel(
     directions: wp.array(dtype=wp.vec3),  # [R] out
     rgba: wp.array(dtype=wp.vec4),  # [R] out
     background: wp.array(dtype=wp.vec3),  # [R] out
+    views: wp.array(dtype=int),  # [R] out
 ):
     i = wp.tid()
     random = wp.rand_init(seed[0], DRAW + first + i)
@@ -93,6 +96,7 @@ def draw_kernel(
     origin, direction = camera_ray(camera, place % width, place / width)
     origins[i] = origin
     directions[i] = direction
+    views[i] = view
     c = bank.pixels[pixel]
     background[i] = wp.vec3(wp.randf(random), wp.randf(random), wp.randf(random))
     rgba[i] = wp.vec4(float(c[0]), float(c[1]), float(c[2]), float(c[3])) / 255.0
@@ -148,8 +152,29 @@ class RayBank:
         counts = [np.count_nonzero(dataset.pixels[start:end, 3]) for start, end in views]
         self.object_pixel_count = int(sum(counts))
 
-    def draw_from_box(self, box):
-        """Draw only pixels whose rays meet a box [2, 3] from now on; all, if none does."""
+    def draw_from(self, box=None, shares=None):
+        """Draw only some pixels from now on; all, if none of these is left.
+
+        Args:
+            box: Those whose rays meet it.  [2, 3]
+            shares: Of each view's pixels, that are drawn from; chosen at random.  [N]
+        """
+        if box is None and shares is None:
+            return
+        chosen = np.ones(self.pixel_count, bool) if box is None else self._meeting(box)
+        rng, bounds = np.random.default_rng(0), self.bank.first_pixels.numpy()
+        for share, (start, end) in zip(
+            () if shares is None else shares, pairwise(bounds), strict=shares is not None
+        ):
+            if share < 1.0:
+                chosen[start:end] &= rng.random(end - start) < share
+        pixels = np.flatnonzero(chosen).astype(np.int32)
+        if len(pixels):
+            self.object_pixel_count = min(self.object_pixel_count, len(pixels))
+        self.bank.pool = wp.array(pixels, dtype=int, device=self.device)
+
+    def _meeting(self, box):
+        """Whether each pixel's ray meets a box [2, 3].  [P] bool"""
         low, high = wp.vec3(*map(float, box[0])), wp.vec3(*map(float, box[1]))
         meets = wp.zeros(self.pixel_count, dtype=wp.uint8, device=self.device)
         wp.launch(
@@ -159,10 +184,7 @@ class RayBank:
             outputs=[meets],
             device=self.device,
         )
-        pixels = np.flatnonzero(meets.numpy()).astype(np.int32)
-        if len(pixels):
-            self.object_pixel_count = min(self.object_pixel_count, len(pixels))
-        self.bank.pool = wp.array(pixels, dtype=int, device=self.device)
+        return meets.numpy() > 0
 
     @property
     def pixel_count(self) -> int:
@@ -178,6 +200,12 @@ class RayBank:
             draw_kernel,
             dim=len(drawn.origins),
             inputs=[self.bank, self._random if chosen is None else chosen, seed, drawn.first],
-            outputs=[drawn.origins, drawn.directions, drawn.rgba, drawn.background],
+            outputs=[
+                drawn.origins,
+                drawn.directions,
+                drawn.rgba,
+                drawn.background,
+                drawn.views,
+            ],
             device=self.device,
         )

@@ -68,6 +68,11 @@ def seeks_object(dataset: Dataset, options) -> bool:
     is_given = options.aabb is not None or options.scene_radius is not None
     if is_given or dataset.bounds is not None or "found-box" in options.leave_out:
         return False
+    return are_photographs(dataset, options)
+
+
+def are_photographs(dataset: Dataset, options) -> bool:
+    """Whether the images show an object in its surroundings, by TrainOptions."""
     return dataset.masked or learns_surroundings(options.surroundings, dataset)
 
 

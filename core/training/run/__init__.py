@@ -15,6 +15,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         ],
         "differentiable": ["on_warp_stream"],
         "distributed": ["ALONE", "Workers", "torchrun_workers"],
+        "exposure": ["LearnedExposure"],
         "memory": ["ALLOCATION_ERRORS", "OutOfMemory", "give_memory_back", "lacks_memory"],
         "monitoring": ["Diverged", "History", "TrainingProgress"],
         "optimization": ["Optimization"],

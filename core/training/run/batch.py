@@ -64,7 +64,7 @@ class Batch:
 
     Attributes:
         samples: Samples of all rays that fit, without gaps, then tet = -1.  [N]
-        origins, directions, rgba, background: The same as torch tensors.
+        origins, directions, rgba, background, views: The same as torch tensors.
         counts, ends: Number of each ray's samples, and its inclusive scan.  [R]
         drawn: The rays, and the colors that they should see.
         basis: Spherical harmonics of the samples' directions.  torch [N, 16]
@@ -88,12 +88,14 @@ class Batch:
             self._rays.directions,
             wp.zeros(ray_count, dtype=wp.vec4, device=device),
             wp.zeros(ray_count, dtype=wp.vec3, device=device),
+            wp.zeros(ray_count, dtype=int, device=device),
             first_ray,
         )
         self.origins = wp.to_torch(self.drawn.origins)
         self.directions = wp.to_torch(self.drawn.directions)
         self.rgba = wp.to_torch(self.drawn.rgba)
         self.background = wp.to_torch(self.drawn.background)
+        self.views = wp.to_torch(self.drawn.views)
         self._everyone = wp.from_torch(
             torch.arange(ray_count, dtype=torch.int32, device=wp.device_to_torch(device))
         )

@@ -6,6 +6,9 @@
 Images with alpha are composited on a random background per ray or on white, so that empty
 space learns to be empty.  Where surroundings are learned, `surrounded_cost` is the second term.
 
+Where photographs differ in exposure, each has a color map, which exposure.py describes, between the
+model's color and its own, and the maps have their price.
+
 The last term is against noise: fine levels explain what differs between photographs and is no
 texture.  A feature costs most at the finest level.  Where photographs show more than twice as
 many numbers as there are features, noise is no matter and the term costs detail: `needed_decay`.
@@ -38,13 +41,17 @@ def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: 
             )
         cost = surrounded_cost(distortion_weight, distortion, opacity, front[1])
         color = over(front, color, opacity, behind)
-    else:
+        opacity = torch.ones_like(opacity)
+    if field.exposure is not None:
+        color = field.exposure(color, opacity, batch.views)
+    if not field.surroundings:
         background = torch.maximum(batch.background, white)
         target = target * alpha + background * (1.0 - alpha)
         color = color + (1.0 - opacity[:, None]) * background
     shares = batch.fits / batch.fits.sum().clamp(min=1.0)
     error = (shares[:, None] * (color - target) ** 2).sum() / 3.0
-    return error + (shares * cost).sum(), error
+    loss = error + (shares * cost).sum()
+    return loss if field.exposure is None else loss + field.exposure.cost(), error
 
 
 def needed_decay(weight: float, pixel_count: int, feature_count: int) -> float:

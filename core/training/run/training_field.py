@@ -62,6 +62,7 @@ class TrainingField:
 
     Args:
         surroundings: LearnedSurroundings that learn beside it, or None.
+        exposure: LearnedExposure of the photographs, or None.
         subtet_mask: If false, a tet is occupied as a whole as soon as one sub-tet is.
         box: Sub-tets whose middle lies outside of it never hold anything; None: no such box.
             [2, 3]
@@ -77,11 +78,12 @@ class TrainingField:
         subtet_mask=True,
         workers: Workers = ALONE,
         box=None,
+        exposure=None,
     ):
         self.device = wp.get_device(device)
         self.torch_device = torch.device(wp.device_to_torch(self.device))
         self.options = options
-        self.surroundings = surroundings
+        self.surroundings, self.exposure = surroundings, exposure
         self.subtet_mask = subtet_mask
         self.workers = workers
         neighbours = tet_neighbours(mesh.tets)
@@ -249,9 +251,13 @@ class TrainingField:
         return float(self.occupied.float().mean())
 
     def parameters(self) -> list:
-        """The trained parameters: the table, the networks' weights, the surroundings."""
-        around = self.surroundings.parameters() if self.surroundings else ()
-        return [self.table, *self.networks.parameters(), *around]
+        """The trained parameters: those of the table, the networks, and what learns beside them."""
+        beside = [m for m in (self.surroundings, self.exposure) if m is not None]
+        return [
+            self.table,
+            *self.networks.parameters(),
+            *(p for m in beside for p in m.parameters()),
+        ]
 
     @torch.no_grad()
     def set_weights(self, weights):

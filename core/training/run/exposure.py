@@ -1,0 +1,73 @@
+"""Exposure and white balance of photographs: a color map of each, learned, then dropped.
+
+A telephone changes both from photograph to photograph.  Without more, the field explains that by
+colors that depend on the direction, and by fog.  So a color c that the model renders for a pixel
+of view i, of which the share o is opaque, is compared with the photograph as
+
+    c + M_i (c, o),    M_i = SCALE (θ_i − mean over views of θ),    θ_i [3, 4]
+
+an affine map, of which o carries the offset: what is transparent stays black, so backgrounds are
+left alone.  The maps' mean is the identity: the model keeps the mean look.  Their price,
+COST · mean over views of |SCALE θ_i|², holds what a photograph doesn't tell at the identity.
+(Per-image affine maps: Urban Radiance Fields, Rematas et al., CVPR 2022, Section 4.2.)
+
+Shapes: R rays, N views.
+"""
+
+import numpy as np
+import torch
+
+SCALE = 0.1  # of a map over its parameters: Adam moves these by the field's learning rate
+# Per view: a map that scales a mean squared color of 0.2 is off by 0.5 % of what it should do.
+COST = 1e-3
+GRAY = 0.5
+
+
+def adjusted_reference(color, opacity, maps, views):
+    """Colors as photographs show them, in float64.  [R, 3]
+
+    Args:
+        color: Without background, that is, times opacity.  [R, 3]
+        opacity: [R]
+        maps: θ.  [N, 3, 4]
+        views: Of each ray.  int [R]
+    """
+    maps = SCALE * (np.asarray(maps, float) - np.mean(maps, axis=0))
+    whole = np.column_stack([color, opacity])
+    return color + np.einsum("rij,rj->ri", maps[views], whole)
+
+
+def cost_reference(maps) -> float:
+    """The maps' price."""
+    return COST * float(((SCALE * np.asarray(maps, float)) ** 2).sum(axis=(1, 2)).mean())
+
+
+class LearnedExposure(torch.nn.Module):
+    """The color maps of all views, identities at first.
+
+    Attributes:
+        maps: θ.  [N, 3, 4]
+    """
+
+    def __init__(self, view_count: int, device):
+        """`device` is torch's."""
+        super().__init__()
+        self.maps = torch.nn.Parameter(torch.zeros(view_count, 3, 4, device=device))
+
+    def forward(self, color, opacity, views):
+        """As `adjusted_reference`; differentiable in all but the views.  torch [R, 3]"""
+        chosen = self._centered().index_select(0, views)
+        return color + (chosen @ torch.cat([color, opacity[:, None]], dim=1)[..., None])[..., 0]
+
+    def cost(self):
+        """As `cost_reference`.  torch []"""
+        return COST * (SCALE * self.maps).square().sum(dim=(1, 2)).mean()
+
+    def _centered(self):
+        return SCALE * (self.maps - self.maps.mean(dim=0))
+
+    @torch.no_grad()
+    def gains(self):
+        """By how much each view shows middle gray brighter than the mean look.  [N] float32"""
+        gray = torch.tensor([GRAY, GRAY, GRAY, 1.0], device=self.maps.device)
+        return (1.0 + (self._centered() @ gray).mean(dim=1) / GRAY).cpu().numpy()
