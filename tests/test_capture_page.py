@@ -35,6 +35,8 @@ def test_photographs_that_stand_out_are_named_with_what_to_do():
     told = "\n".join(judged.sentences(photos))
     for words in ("blurred: 003.jpg (hold", "dark: 007.jpg", "no camera: 009.jpg"):
         assert words in told
+    assert "count less in training, down to 10%" in told
+    assert page.words_about(judged.faults[3], judged.weights[3]) == "blurred (10%)"
 
 
 def test_directions_without_a_camera_are_named():

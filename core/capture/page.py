@@ -135,23 +135,30 @@ def page_of(title: str, shown, points, colors, corners=None) -> Image.Image:
     for number, (name, x, y) in enumerate(axes):
         place = (MARGIN + number * (width + MARGIN), top + 10)
         page.paste(plot(name, x, y, (width, PLOT), shown, judged, points, colors, corners), place)
-    for number, (photo, faults) in enumerate(zip(shown, judged.faults, strict=True)):
+    captions = map(words_about, judged.faults, judged.weights)
+    for number, (photo, words) in enumerate(zip(shown, captions, strict=True)):
         column, row = number % COLUMNS, number // COLUMNS
-        draw_photo(page, draw, (MARGIN + column * 153, top + PLOT + 40 + row * cell), photo, faults)
+        draw_photo(page, draw, (MARGIN + column * 153, top + PLOT + 40 + row * cell), photo, words)
     return page
 
 
-def draw_photo(page, draw, place, photo: Shown, faults):
-    """A photograph, its name, bars of its sharpness and exposure, and what is wrong with it."""
+def words_about(faults, weight: float) -> str:
+    """What is wrong with a photograph, and how much a blurred one counts; empty if nothing is."""
+    share = f" ({weight:.0%})"
+    return ", ".join(fault + (share if fault == "blurred" else "") for fault in faults)
+
+
+def draw_photo(page, draw, place, photo: Shown, words: str):
+    """A photograph, its name, bars of its sharpness and exposure, and `words_about` it."""
     x, y = place
     small = Image.fromarray(photo.image)
     small.thumbnail(THUMBNAIL)
     page.paste(small, place)
-    if faults:
+    if words:
         draw.rectangle((x - 2, y - 2, x + small.width + 1, y + small.height + 1), None, RED, 3)
     below = y + THUMBNAIL[1]
-    words = ": ".join(filter(None, (photo.name, ", ".join(faults))))
-    draw.text((x, below + 1), fitted(words, 26), RED if faults else GRAY, font(12))
+    caption = ": ".join(filter(None, (photo.name, words)))
+    draw.text((x, below + 1), fitted(caption, 26), RED if words else GRAY, font(12))
     for number, (value, color) in enumerate(((photo.sharpness, BLUE), (photo.exposure, GREEN))):
         bar = (x, below + 19 + 7 * number, x + THUMBNAIL[0], below + 23 + 7 * number)
         draw.rectangle(bar, (230, 230, 230))

@@ -34,7 +34,7 @@ CLEAR = 3.0  # thicknesses: what is nearer to the plane belongs to it
 NEIGHBOURS = 6  # of a point in a cluster
 REACH_OF_POINT = 3.0  # of the median distance to that many neighbours
 CLUSTER_SHARE = 0.2  # of the attention in front of the plane that an object has at least
-OTHER_SHARE = 0.1  # of the object's attention that something else has at least, to be told
+OTHER_SHARE = 0.02  # of the object's attention that something else has at least, to be told
 VOTE = 0.5  # of a point's attention: in so many views masks have to have it
 OBJECT_SHARE = 0.1  # of all attention that it has at least
 BELOW, AS_GOOD = 0.3, 0.05  # attention below a plane, where the object is, over that above
@@ -127,6 +127,8 @@ def find_object(points, poses, lenses, masks=None) -> FoundObject | None:
         low[axis] = plane.offset
     else:  # the wall's normal is -y
         high[axis] = -plane.offset
+    touches = 2.0 * CLEAR * THICKNESS * scale  # in front of the plane: what is there is on it
+    others = [points for points in others if plane.height(points).min() < touches]
     others = [(points.min(axis=0), points.max(axis=0)) for points in others]
     return FoundObject(turn, np.array([low, high]), stands, tuple(map(np.array, others)))
 
