@@ -119,7 +119,7 @@ def test_a_cut_shows_these_ticks_alone(played):
     "arguments, sentence",
     [
         ([], "-o film.mp4"),
-        (["-o", "a.mp4"], "give --session, --turntable or --camera"),
+        (["-o", "a.mp4"], "give --session, --clip, --turntable or --camera"),
         (["-o", "a.mp4", "--turntable", "1", "--camera", "p.json"], "leave one out"),
         (["-o", "a.mp4", "--session", "s", "--pose", "p.npy"], "it can't have a --pose"),
         (["-o", "a.mp4", "--session", "s", "--material", "gold"], "default, jelly, rubber"),

@@ -7,7 +7,7 @@ import pytest
 
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
-from deformrf.viewer.input.controls import NEAREST
+from deformrf.viewer.input.under_mouse import NEAREST
 
 pytestmark = pytest.mark.gl
 

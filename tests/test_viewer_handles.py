@@ -84,6 +84,7 @@ def test_a_speck_has_no_handles(ball):
         mesh=SimpleNamespace(rest_vertices=rest, tets=tets, vertex_count=len(rest)),
         meta={},
         stiffness=None,
+        rig_arrays=None,
     )
     scene = Scene(field, "ball with a speck", "cpu")
     assert len(scene.handles.control_ids) > 10 and scene.handles.points.corners.max() < count

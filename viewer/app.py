@@ -20,7 +20,15 @@ from .events import state_of
 from .files import Problem, open_asked
 from .films import Recorder, Takes, without_background
 from .input import ACTIONS, Controls, Fly, action_of, placed_photograph
-from .layers import Canvas, HandleLayer, MeshLayer, PhotoLayer, RadianceLayer, choose_path
+from .layers import (
+    BoneLayer,
+    Canvas,
+    HandleLayer,
+    MeshLayer,
+    PhotoLayer,
+    RadianceLayer,
+    choose_path,
+)
 from .loading import Progress, prepare
 from .sessions import Autosave, Session, autosave_folder, left_behind, start_of
 from .timeline import Strip
@@ -124,6 +132,7 @@ class App:
         panels_first = [] if self.gui is None else [self.gui]
         radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
         handle_layer = HandleLayer(self.ctx, scene)
+        bone_layer = BoneLayer(self.ctx, scene)
         if self.scene is not None:
             self.fly.end()
             self.controls.cancel()
@@ -133,7 +142,8 @@ class App:
             self.radiance.release()
             self.mesh_layer.release()
             self.handle_layer.release()
-        self.radiance, self.handle_layer = radiance, handle_layer
+            self.bone_layer.release()
+        self.radiance, self.handle_layer, self.bone_layer = radiance, handle_layer, bone_layer
         self.mesh_layer = MeshLayer(self.ctx, scene, radiance.draw_depth)
         say = self.recorder.say
         self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
@@ -315,6 +325,7 @@ class App:
         if keep and not in_clips:
             self._record_view()
         self.handle_layer.draw(camera, clips)
+        self.bone_layer.draw(camera, clips, self.controls.bones.place)
         if keep and in_clips:
             self._record_view()
 

@@ -27,6 +27,8 @@ def state_of(app) -> dict:
     scene, controls, radiance = app.scene, app.controls, app.radiance
     ids, moved = scene.handles.control_ids, displacements(scene)
     pixels, _ = project(controls.camera, scene.handles.at(ids))
+    joints = scene.rigging.joints
+    places, _ = project(controls.camera, np.reshape([joint.place for joint in joints], (-1, 3)))
     return {
         "size": [app.window.width, app.window.height],
         "framebuffer": controls.size,
@@ -39,6 +41,12 @@ def state_of(app) -> dict:
         "pinned": int(scene.solver.pinned.sum()),
         "undoes": scene.journal.undoes,
         "playhead": scene.timeline.head,
+        "joints": [
+            {"bone": joint.bone, "end": joint.end, "at": at / controls.ratio}
+            for joint, at in zip(joints, places, strict=True)
+        ],
+        "clip": scene.posing.clip if scene.posing.playing else None,
+        "tool": scene.settings.tool,
         "dialog": None if app.dialog is None else app.dialog.title,
         "max_displacement": moved.max(),
         "max_pin_displacement": moved[scene.solver.pinned].max(initial=0.0),

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 
 DELETING = "delete", "delete box", "delete lasso"
-TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften", *DELETING
+OF_BONES = "joints", "bones"
+TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften", *DELETING, *OF_BONES
 SURFACES = "hidden", "plain", "strain", "volume ratio"  # of the coarse mesh
 MESH_RANGES = 0.01, 1.0
 SHOWN = (  # in films too
     *("mode", "background", "checkerboard", "show_handles", "show_wireframe"),
-    *("show_ground", "mesh_surface", "mesh_opacity", "mesh_range"),
+    *("show_ground", "show_bones", "mesh_surface", "mesh_opacity", "mesh_range"),
 )
 SIDES = "left", "right"
 PHOTOGRAPHS = "hidden", "over", "beside"  # the render
@@ -33,6 +34,7 @@ class Settings:
     show_handles: bool = True
     show_wireframe: bool = False
     show_ground: bool = True  # where there is one
+    show_bones: bool = True  # of a rig
     mesh_surface: str = "hidden"  # one of SURFACES, over the picture
     mesh_opacity: float = 0.85
     mesh_range: float = 0.2  # the strain, and the change of volume, at the end of the colors

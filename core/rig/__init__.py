@@ -43,6 +43,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "matrix_file": ["read_matrices"],
         "gltf": ["GltfRig", "aligned", "read_gltf", "scale_of"],
         "skinning": ["METHODS", "Method", "Skinner", "skinned"],
+        "driving": ["driven_vertices"],
         "rig": ["Rig", "check_weights"],
         "rigfile": ["arrays_of", "load_rig", "rig_from", "save_rig"],
     },

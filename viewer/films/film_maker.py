@@ -42,6 +42,7 @@ class FilmMaker:
         with self._step("playing"):
             self._film.show(frame)
             settings.show_handles &= options.show_handles
+            settings.show_bones &= options.show_handles
             settings.mode = options.mode or settings.mode
             moments = self._film.moments(frame, app.size, options.samples, options.shutter)
         with self._step("rendering"):

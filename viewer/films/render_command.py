@@ -60,6 +60,11 @@ class RenderArguments:
     turntable: Seconds = None
     """Turn the camera once around the object in so many seconds; without --session, that is the
     film."""
+    clip: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None
+    """Play this clip of the model's rig, once, or as long as --turntable, --camera or --frames
+    say."""
+    softness: Annotated[float, tyro.conf.arg(metavar="PART")] = 0.0
+    """How much of the object physics moves while --clip plays, 0 to 1; 0: bones move all of it."""
     camera: File = None
     """A camera path, a JSON file with keys of positions and targets, or of matrices."""
     pose: File = None
@@ -90,7 +95,7 @@ class RenderArguments:
     codec: Codec = None
     """h264 for .mp4, vp9 for .webm by default."""
     hide_handles: Flag = False
-    """Leave out the red and gray spheres."""
+    """Leave out the red and gray spheres, and bones."""
     mode: Annotated[Mode | None, tyro.conf.arg(help_behavior_hint="")] = None
     """Show this instead of what the session shows."""
     device: Choice = "auto"
@@ -121,16 +126,22 @@ def check(chosen: RenderArguments) -> tuple[int, int]:
     size = frame_size(chosen.size)
     if chosen.output is None:
         raise ValueError("give the file to write: -o film.mp4, film.webm, or a folder")
-    if chosen.session is None and chosen.turntable is None and chosen.camera is None:
-        raise ValueError("there is nothing to film: give --session, --turntable or --camera")
+    shown = chosen.session, chosen.clip, chosen.turntable, chosen.camera
+    if all(one is None for one in shown):
+        raise ValueError(
+            "there is nothing to film: give --session, --clip, --turntable or --camera"
+        )
+    _check_clip(chosen)
     if chosen.timeline and chosen.session is None:
         raise ValueError("--timeline is that of a session: give --session too")
     if chosen.camera is not None and chosen.turntable is not None:
         raise ValueError("--camera and --turntable both move the camera: leave one out")
     if chosen.pose is not None and chosen.session is not None:
         raise ValueError("--session moves the object, so it can't have a --pose")
-    if chosen.material is not None and chosen.session is None:
-        raise ValueError("--material shows in how a session moves the object: it needs --session")
+    if chosen.material is not None and chosen.session is None and chosen.clip is None:
+        raise ValueError(
+            "--material shows in how a session or a clip moves the object: it needs --session"
+        )
     if chosen.material not in (None, *MATERIALS):
         raise ValueError(f"--material is {chosen.material!r}; it is one of {', '.join(MATERIALS)}")
     at_least(1, "--fps", chosen.fps)
@@ -148,6 +159,16 @@ def check(chosen: RenderArguments) -> tuple[int, int]:
     _check_times(chosen)
     _check_output(chosen)
     return size
+
+
+def _check_clip(chosen):
+    """A ValueError unless --clip and --softness make sense."""
+    if not 0.0 <= chosen.softness <= 1.0:
+        raise ValueError(f"--softness is {chosen.softness:g}; it is a part of the object: 0 to 1")
+    if chosen.softness and chosen.clip is None:
+        raise ValueError("--softness is about how a clip moves the object: it needs --clip")
+    if chosen.clip is not None and (chosen.session is not None or chosen.pose is not None):
+        raise ValueError("--clip moves the object: leave --session and --pose out")
 
 
 def _check_times(chosen):
@@ -198,16 +219,22 @@ def prepare(chosen: RenderArguments) -> Callable[[], int]:
     try:
         with told_if_slow(app):
             app.load(field, chosen.model.stem, device)
-        film = _film_of(app.scene, chosen, session)
+        film, most = _film_of(app.scene, chosen, session)
     except BaseException:
         app.close()
         raise
-    return lambda: _film(app, film, chosen)
+    return lambda: _film(app, film, chosen, most)
 
 
 def _film_of(scene, chosen, session):
-    """The Film that is asked for; a ValueError or an OSError if a file doesn't allow it."""
+    """The Film that is asked for, and how many of its frames are.
+
+    Raises:
+        ValueError or OSError: A file doesn't allow it.
+    """
+    from ..timeline import TICKS_PER_SECOND
     from .camera_path import load_camera_path
+    from .clip import clip_session
     from .film import Film, with_timeline
     from .still import strike
 
@@ -216,17 +243,27 @@ def _film_of(scene, chosen, session):
         path = load_camera_path(chosen.camera, scene.field.world_to_model, scene.center)
     if chosen.pose is not None:
         strike(scene, chosen.pose)
-    begin = 0
+    begin, most = 0, chosen.frames
+    if chosen.clip is not None:
+        seconds = None if most is None else most / chosen.fps
+        if most is None and path:
+            seconds = path[-1].tick / TICKS_PER_SECOND
+        elif most is None:
+            seconds = chosen.turntable
+        clip = scene, chosen.clip, chosen.softness, seconds
+        session, begin, seconds = clip_session(*clip)
+        most = most or max(round(seconds * chosen.fps), 1)  # the next one would be the first again
+        scene.settings.show_bones = False
     if chosen.timeline:
         session, begin = with_timeline(scene, session)
     film = Film(scene, session, chosen.fps, chosen.turntable, path)
     film.cut(begin + (chosen.first or 0), None if chosen.last is None else begin + chosen.last)
     if chosen.material is not None:
         scene.body.set_material(**asdict(MATERIALS[chosen.material]))
-    return film
+    return film, most
 
 
-def _film(app, film, chosen):
+def _film(app, film, chosen, most):
     """Render all frames; returns the exit code."""
     from rich.console import Console
     from rich.progress import track
@@ -238,7 +275,7 @@ def _film(app, film, chosen):
         chosen.samples, chosen.shutter, chosen.transparent, not chosen.hide_handles, chosen.mode
     )
     try:
-        count = min(film.count, chosen.frames or film.count)
+        count = min(film.count, most or film.count)
         maker = FilmMaker(app, film, options)
         app.canvas.use(app.size)
         transparent = chosen.transparent

@@ -14,7 +14,9 @@ def state_of(scene) -> dict:
         "viewpoint": scene.viewpoint.state(),
         "handles": scene.handles.state(),
         "timeline": scene.timeline.state(),
-        "pinned": solver.pinned | scene.timeline.taken_pins,
+        "rigging": scene.rigging.state(),
+        "posing": scene.posing.state(),
+        "pinned": solver.pinned | scene.timeline.taken_pins | scene.posing.taken_pins,
         "vertices": solver.vertices.numpy().copy(),
         "velocities": solver.velocities.numpy().copy(),
         "asleep": solver.settled,
@@ -52,6 +54,8 @@ def restore(scene, state: dict) -> None:
     """Return to a state; nothing is held afterwards."""
     scene.handles.release()
     scene.end_push()
+    scene.posing.end()
+    scene.rigging.restore(state["rigging"])
     scene.timeline.restore(state["timeline"])
     scene.cuts.restore(state["cuts"])
     solver = scene.solver
@@ -62,6 +66,7 @@ def restore(scene, state: dict) -> None:
     solver.set_state(state["vertices"], state["velocities"])
     if not np.array_equal(solver.rest_lengths.astype(np.float32), state["rest_lengths"]):
         solver.set_rest_lengths(state["rest_lengths"])  # edges have yielded since
+    scene.posing.restore(state["posing"])
     if state["asleep"]:  # awake, even a body at rest moves by roundings
         solver.fall_asleep()
     scene.revision += 1

@@ -9,9 +9,10 @@ from operator import attrgetter
 
 from ...core.render import MODES
 from ..files import ask_for_file, surface_of
-from ..settings import DELETING, PANEL_WIDTHS, SIDES
+from ..settings import DELETING, OF_BONES, PANEL_WIDTHS, SIDES
 from .delete_actions import DELETE_ACTIONS
 from .drags import SCALE, TURN
+from .rig_actions import RIG_ACTIONS
 from .timeline_actions import TIMELINE_ACTIONS
 from .view_actions import VIEW_ACTIONS
 
@@ -40,7 +41,7 @@ INPUTS = (
     Input("X", "while dragging: along x only, or freely again", "X", "along_x"),
     Input("Y", "along y only", "Y", "along_y"),
     Input("Z", "along z only", "Z", "along_z"),
-    Input("E", "while dragging: turn instead", "E", "turn"),
+    Input("E", "while dragging: turn instead; a bone, or reach with its tip again", "E", "turn"),
     Input("S", "while dragging: scale instead", "S", "scale"),
     Input(
         "B",
@@ -68,7 +69,7 @@ INPUTS = (
     Input("Ctrl+O", "open a model or a session", "CTRL+O", "open", "File/Open..."),
     Input(
         "Ctrl+S",
-        "write the model as it is: its stiffness, without what was deleted",
+        "write the model as it is: its stiffness and rig, without what was deleted",
         "CTRL+S",
         "save_model",
         "File/Save model copy",
@@ -138,11 +139,29 @@ INPUTS = (
     Input("Enter", "play the timeline, or stop", "ENTER", "play", "Timeline/Play"),
     Input("Page Down", "next key", "PAGEDOWN", "next_key", "Timeline/Next key"),
     Input("Page Up", "key before", "PAGEUP", "previous_key", "Timeline/Key before"),
-    Input("Delete", "delete the chosen key", "DELETE", "delete_key", "Timeline/Delete key"),
+    Input(
+        "Delete",
+        "delete the chosen key; while joints are placed, the joint",
+        "DELETE",
+        "delete_key",
+        "Timeline/Delete key",
+    ),
     Input("Ctrl+D", "copy a key to the playhead", "CTRL+D", "copy_key", "Timeline/Copy key"),
     Input("Shift+O", "turn around the object", "SHIFT+O", "turntable", "Timeline/Turntable"),
     Input("", "save the pose, to blend it", "", "save_pose", "Timeline/Save pose"),
     Input("", "play again and again", "", "toggle_loop", "Timeline/Loop"),
+    Input(
+        "J",
+        "place joints: click on the object; each goes on from the chosen one",
+        "J",
+        "joints",
+        "Rig/Place joints",
+    ),
+    Input("A", "animate: drag a bone to turn it, its tip to reach", "A", "bones", "Rig/Pose bones"),
+    Input("Shift+A", "bones at rest", "SHIFT+A", "rest_bones", "Rig/Bones at rest"),
+    Input("Shift+Enter", "play the chosen clip, or stop", "SHIFT+ENTER", "play_clip", "Rig/Play"),
+    Input("", "play clips again and again", "", "loop_clip", "Rig/Loop"),
+    Input("Shift+H", "hide or show bones", "SHIFT+H", "toggle_bones", "Rig/Shown"),
     Input("F1", "hide or show the help", "F1", "toggle_help", "Help/Keys and gestures"),
     Input("F2", "screenshot", "F2", "screenshot", "File/Export/Picture"),
     Input(
@@ -211,9 +230,9 @@ def _rest_here(app):
 
 def _undo(app):
     journal = app.scene.journal
-    count = len(journal.steps)
+    count = journal.cursor
     app.controls.cancel()
-    if len(journal.steps) < count:  # a drag's step, which is all that is taken back
+    if journal.cursor < count:  # a drag's step, which is all that is taken back
         app.recorder.say("undone: drag")
         return
     label = journal.undoes
@@ -230,6 +249,8 @@ def _cancel(app):
     app.scene.settings.show_help = False
     app.dialog = None
     app.takes.asking = False
+    if not app.controls.mode and app.scene.settings.tool in OF_BONES:
+        app.scene.settings.tool = "grab"
     app.controls.cancel()
 
 
@@ -296,6 +317,10 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     **VIEW_ACTIONS,
     **DELETE_ACTIONS,
     **TIMELINE_ACTIONS,
+    **RIG_ACTIONS,
+    "joints": _tool("joints"),
+    "bones": _tool("bones"),
+    "toggle_bones": _toggle("show_bones"),
     "toggle_timeline": _toggle("show_timeline"),
     "reset": _reset,
     "pause": _toggle("paused", attrgetter("scene")),

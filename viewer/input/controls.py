@@ -12,12 +12,10 @@ import numpy as np
 from ..camera import (
     Covered,
     camera_of,
-    depth_at,
     in_free_part,
     onto_view_plane,
     panned,
     pick_sphere,
-    point_at,
     project,
     ray,
     turned,
@@ -26,9 +24,11 @@ from ..camera import (
     zoomed,
 )
 from ..scene import MOST_ADDED
-from ..settings import DELETING
+from ..settings import DELETING, OF_BONES
 from . import drags
+from .bone_tool import BoneTool
 from .deleting import BRUSH, Stroke, delete_region, end_stroke, outline_of, widen_brush
+from .under_mouse import nearest_zoom, surface_at
 
 # pyglet's numbers; the modules that name them can't be imported without a display.
 LEFT, MIDDLE, RIGHT = 1, 2, 4
@@ -37,7 +37,6 @@ PAINTED = {"stiffen": 1.2, "soften": 1.0 / 1.2}  # factors of stiffness at each 
 ZOOM_PER_NOTCH = 0.88
 PAUSED = "paused: it follows when time goes on (Space), or by a step (.)"
 CLICK_SLACK = 3.0  # points that the mouse may move during a click
-NEAREST = 0.05  # object sizes between eye and surface, where zooming in stops
 PICK_SLACK = 5.0  # points around a sphere that still count as on it
 DOUBLE_CLICK = 0.4  # s between two presses at one place
 WIDER_PER_NOTCH = 1.15  # the grab radius, during a drag
@@ -54,7 +53,7 @@ class Controls:
         `say` shows a message to the user.
         """
         self.scene = scene
-        # While a button is held: orbit, pan, pick, grab, push, paint, box, lasso or delete.
+        # While a button is held: orbit, pan, pick, grab, push, paint, box, lasso, delete or bone.
         self.mode = ""
         self.dragging: drags.Drag | None = None  # of handles
         self.region = []  # pixels of the box's corners, or of the lasso
@@ -71,6 +70,7 @@ class Controls:
         self._stroke: Stroke | None = None  # of the brush that deletes
         self._before = -np.inf, np.zeros(2)  # when and where a button went down before
         self._factor = 1.0  # of the stiffness, of what is being painted
+        self.bones = BoneTool(scene, depth_image, log, say)
 
     @property
     def camera(self):
@@ -84,7 +84,9 @@ class Controls:
 
     def on_mouse_motion(self, x, y, dx, dy):
         pixel = self.pointer = self._pixel(x, y)
-        if not self.mode:
+        if not self.mode and self.scene.settings.tool in OF_BONES:
+            self.scene.handles.hover = None
+        elif not self.mode:
             control = self.pick(pixel)
             pin = self.pick(pixel, self.scene.handles.pin_ids) if control is None else None
             self.scene.handles.hover = pin if control is None else control
@@ -105,6 +107,8 @@ class Controls:
             self._begin_stroke(pixel, bool(modifiers & SHIFT))
         elif tool in REGIONS or tool in DELETING:
             self.mode, self.region = tool.split()[-1], [pixel, pixel]
+        elif tool in OF_BONES:
+            self.mode = "bone" if self.bones.press(self.camera, pixel, self.ratio) else "orbit"
         else:
             self._press_on(self.pick(pixel), pixel, modifiers)
 
@@ -142,7 +146,10 @@ class Controls:
             if clicking:
                 return
             self._pin = None
-        if self.mode == "push":
+        if self.mode == "bone":
+            if self.bones.drag is not None and not (clicking and self.bones.drag.start is None):
+                self.bones.move(self.camera, pixel, self.ratio)
+        elif self.mode == "push":
             if scene.ball is not None:
                 center = scene.ball.target
                 scene.push_to(onto_view_plane(self.camera, pixel - self._miss, center))
@@ -180,6 +187,8 @@ class Controls:
                 vertex = handles.grabbed.handles[0]
                 handles.release()
                 self._log("release", vertex=vertex, position=self._place(vertex))
+        elif self.mode == "bone":
+            self.bones.release()
         elif self.mode == "pick":
             if not modifiers & (SHIFT | CTRL):
                 handles.select([self._picked])
@@ -188,6 +197,8 @@ class Controls:
             self._end_region(modifiers)
         elif self._pin is not None:
             self._set_pin(self._pin, False)
+        elif self.mode == "orbit" and clicked and scene.settings.tool == "joints":
+            self.bones.click(self.camera, self._pixel(x, y))
         elif self.mode == "orbit" and clicked:
             if handles.selected:
                 handles.select([])
@@ -212,7 +223,8 @@ class Controls:
             widen_brush(settings, scroll_y)
             return
         scene, anchor = self.scene, self._surface_at(self._pixel(x, y))
-        factor = max(ZOOM_PER_NOTCH**scroll_y, self._nearest_zoom(anchor))
+        nearest = nearest_zoom(self.camera, self._depth_image(), anchor, scene.size)
+        factor = max(ZOOM_PER_NOTCH**scroll_y, nearest)
         scene.orbit = zoomed(scene.orbit, factor, anchor)
         self._log("zoom", distance=scene.orbit.distance)
 
@@ -227,7 +239,8 @@ class Controls:
             vertex = handles.grabbed.handles[0]
             handles.cancel()
             self._log("cancel", vertex=vertex)
-        if self.mode in ("push", "delete", "grab", "pick", *REGIONS):
+        self.bones.cancel()
+        if self.mode in ("push", "delete", "grab", "pick", "bone", *REGIONS):
             self._end()
         elif not self.mode and self.scene.settings.tool in (*REGIONS, *DELETING):
             self.scene.settings.tool = "grab"
@@ -261,6 +274,8 @@ class Controls:
                 (center,), _ = project(self.camera, grab.target.place[None])
                 self.dragging.miss = self.pointer - center
             self._say(self.dragging.line)
+        elif self.mode == "bone":
+            self.bones.turn_into(kind, self.camera, self.pointer)
         else:
             self._say(f"{kind}: while you drag a red point")
 
@@ -269,6 +284,8 @@ class Controls:
         if self.mode == "grab" and self.dragging is not None:
             self.dragging.axis = None if self.dragging.axis == axis else axis
             self._say(self.dragging.line)
+        elif self.mode == "bone":
+            self.bones.along(axis)
 
     # -- what is under the mouse ---------------------------------------------------------
 
@@ -292,24 +309,9 @@ class Controls:
         return visible(self.camera, points, self._depth_image(), scene.handle_bias)
 
     def _surface_at(self, pixel, beside=True):
-        """The object's point under a pixel; beside the object, one as far away as its target.
-
-        Without `beside` there is none beside the object: None.
-        """
-        camera, depth = self.camera, self._depth_image()
-        if depth is not None:
-            t = depth_at(depth, camera, pixel[None])[0]
-            if np.isfinite(t):
-                return point_at(camera, pixel, t)
-        return onto_view_plane(camera, pixel, self.scene.orbit.target) if beside else None
-
-    def _nearest_zoom(self, anchor):
-        """The factor of a zoom to a point that ends before the surface: inside, all is white."""
-        depth = self._depth_image()
-        if depth is None or self.camera.parallel:
-            return 0.0
-        room = max(float(depth.min()) - NEAREST * self.scene.size, 0.0)
-        return min(max(1.0 - room / np.linalg.norm(anchor - self.camera.position), 0.0), 1.0)
+        """The object's point under a pixel; beside it, one as far away as its target, or None."""
+        target = self.scene.orbit.target if beside else None
+        return surface_at(self.camera, self._depth_image(), pixel, target)
 
     def _grab(self, handle):
         """Begin the drag of a handle on which the button went down."""

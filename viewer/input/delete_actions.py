@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...core.rig import arrays_of
 from .deleting import said
 
 
@@ -27,8 +28,10 @@ _toggle_box.is_on = lambda app: app.scene.settings.show_box
 
 
 def _save_model(app):
-    factors = app.scene.body.factors
-    app.recorder.save_model(app.scene.cuts.smaller(None if factors is None else factors.copy()))
+    factors, rig = app.scene.body.factors, app.scene.rigging.rig
+    factors = None if factors is None else factors.copy()
+    arrays = None if rig is None else arrays_of(rig)
+    app.recorder.save_model(app.scene.cuts.smaller(factors, arrays))
 
 
 DELETE_ACTIONS = {

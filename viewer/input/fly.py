@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..camera import CLOSEST, FARTHEST, depth_at, pose_of, turned
-from .controls import CTRL, NEAREST
+from .controls import CTRL
+from .under_mouse import NEAREST
 
 WAYS = {  # keys, and where they move: right, up, backward
     ("W", "UP"): (0.0, 0.0, -1.0),

@@ -60,7 +60,8 @@ def _to_key(step):
     return go
 
 
-def _delete_key(app):
+def delete_key(app):
+    """Delete the chosen key."""
     timeline = app.scene.timeline
     chosen = app.strip.chosen(timeline)
     if chosen is not None:
@@ -108,7 +109,6 @@ TIMELINE_ACTIONS = {
     "play": _play,
     "next_key": _to_key(1),
     "previous_key": _to_key(-1),
-    "delete_key": _delete_key,
     "copy_key": _copy_key,
     "turntable": _turntable,
     "save_pose": _save_pose,

@@ -8,6 +8,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "gl": ["Canvas"],
         "radiance_layer": ["RadianceLayer"],
         "handle_layer": ["HandleLayer"],
+        "bone_layer": ["BoneLayer"],
         "mesh_layer": ["MeshLayer"],
         "ground_plane": ["line_spacing"],
         "photo_layer": ["PhotoLayer"],

@@ -20,6 +20,7 @@ from .history import history_panel
 from .menu import menu_bar
 from .offering import job_window
 from .recovery import recovery_window
+from .rig import rig_panel
 from .selection import gesture_overlay
 from .timeline import STRIP_HEIGHT, poses_panel, timeline_strip
 from .training import training_lines, training_panel
@@ -49,6 +50,7 @@ SECTIONS = (
     ("View", view_panel, True),
     ("Camera", camera_panel, False),
     ("Poses", poses_panel, False),
+    ("Rig", rig_panel, False),
     ("Record", record_panel, True),
     ("Time", time_panel, False),
     ("Mouse", hints_panel, True),
@@ -133,6 +135,7 @@ def _main_panel(app, top):
     app.gui.panel_open, _ = imgui.begin("deformrf", flags=flags)
     imgui.push_item_width(0.52 * width)
     for title, panel, is_open in SECTIONS:
+        is_open = is_open or (title == "Rig" and app.scene.rigging.skeleton is not None)
         flags = imgui.TreeNodeFlags_.default_open.value if is_open else 0
         if imgui.collapsing_header(title, flags):
             imgui.push_id(title)  # a button may be called like a header, as Record is

@@ -4,7 +4,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from ..input import label_of
+from ..input import delete_key, label_of
 from ..timeline import (
     EASINGS,
     LONGEST,
@@ -25,7 +25,8 @@ KEY = 7.0  # from a key's middle to its corners
 GAP = 13.0  # between groups of buttons
 TURNS = 1.0, 60.0  # s
 MOTION = """between pose keys: interpolation moves all vertices straight from one to the next;
-physics moves what the keys hold, pinned or by the mouse, and the rest follows"""
+physics moves what the keys hold, pinned or by the mouse, and the rest follows;
+between poses of bones, bones turn, and softness says what follows them"""
 EASING = "on the way from this key to the next one"
 HINT = "{} sets a key at the playhead. Drag keys to move them, with Ctrl to copy them."
 STANDS = "Time stands still at this pose. A drag or {} lets it go on; {} keys what you make of it."
@@ -160,7 +161,9 @@ def _chosen_key(app):
     imgui.same_line()
     button("Copy", app, "copy_key", f"to the playhead ({label_of('copy_key')})")
     imgui.same_line()
-    button("Delete", app, "delete_key", label_of("delete_key"))
+    if imgui.button("Delete"):
+        delete_key(app)
+    imgui.set_item_tooltip(label_of("delete_key"))
 
 
 # -- saved poses -------------------------------------------------------------------------------

@@ -72,9 +72,9 @@ class Cuts:
         """The scene's field with all its tets, without density where it was deleted."""
         return replace(self._scene.field, occupancy=self.left)
 
-    def smaller(self, stiffness) -> fields.TetField:
-        """The field of what is left, with these factors of stiffness [V] or None."""
-        field = replace(self.field, stiffness=stiffness)
+    def smaller(self, stiffness, rig_arrays=None) -> fields.TetField:
+        """The field of what is left, with these factors of stiffness [V] or None, and this rig."""
+        field = replace(self.field, stiffness=stiffness, rig_arrays=rig_arrays)
         return field if self.kept.all() else fields.reduced(field, self.kept)
 
     @property
@@ -161,6 +161,7 @@ class Cuts:
         scene = self._scene
         scene.handles.release()
         scene.end_push()
+        scene.posing.end()
         if scene.timeline.playing:
             scene.timeline.stop()  # it holds vertices of the solver before
         was_held = scene.held

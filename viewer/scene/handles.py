@@ -203,9 +203,9 @@ class Handles:
         if grab.soft:
             rest = self._scene.field.mesh.rest_vertices
             ids, springs = soft_springs(solver, self.at(grab.handles, rest), ids, radius)
-            solver.grab(ids, *springs)
+            self._scene.grip.grab(ids, *springs)
         else:
-            solver.grab(ids)
+            self._scene.grip.grab(ids)
         grab.ids, grab.radius = ids, radius
         grab.offsets = grab.reached.undone(positions[ids])
 
@@ -219,9 +219,8 @@ class Handles:
     @edit("widen")
     def _widen(self, radius):
         if self.grabbed is not None:
-            solver = self._scene.solver
-            solver.release()
-            self._attach(radius, solver.vertices.numpy().copy())
+            self._scene.grip.release()
+            self._attach(radius, self._scene.solver.vertices.numpy().copy())
 
     def drag_to(self, target) -> None:
         """Send the grabbed handle to a point [3]; exact grabs reach it in the next frame."""
@@ -261,12 +260,12 @@ class Handles:
 
     def _reach(self, motion):
         self.grabbed.reached = motion
-        self._scene.solver.move(motion.applied(self.grabbed.offsets))
+        self._scene.grip.move(motion.applied(self.grabbed.offsets))
 
     @edit("release")
     def release(self) -> None:
         if self.grabbed is not None:
-            self._scene.solver.release()
+            self._scene.grip.release()
             self.grabbed = None
 
     @edit("cancel")

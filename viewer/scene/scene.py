@@ -10,7 +10,9 @@ from functools import partial
 import numpy as np
 
 from ...core.deform import TIME_STEP, Sphere, falloff, lowest_pins, vertices_within
+from ...core.rig import rig_from
 from ..history import Journal, edit, is_nothing, restore, state_of
+from ..rigging import Hold, Posing, Rigging
 from ..settings import CPU_TARGET_FPS, SHOWN, Settings
 from ..timeline import Timeline
 from .body import Body, stored_size
@@ -37,6 +39,9 @@ class Scene:
             steady: Which of them are on the surface for sure, by default all.  [N] bool
             meters: The longest side of what can be seen; by default what the model says, else
                 one unit is a meter.
+
+        Raises:
+            ValueError: The model's rig is none.
         """
         self.field = field
         self.name = name
@@ -58,6 +63,10 @@ class Scene:
         factors = None if field.stiffness is None else field.stiffness.astype(float)
         self.body = Body(rest, tets, self.pins, self.size, meters, device, factors)
         self.cuts = Cuts(self)
+        self.grip = Hold(self)  # by the mouse and by bones
+        arrays = field.rig_arrays
+        self.rigging = Rigging(self, None if arrays is None else rig_from(arrays, len(rest)))
+        self.posing = Posing(self)
         self._nearest = nearest_vertices(self._surface, rest)  # [N], of each point
         of_object = of_the_object(rest, tets)  # [V]
         near = np.unique(self._nearest)
@@ -73,7 +82,8 @@ class Scene:
         self.viewpoint = Viewpoint(self)
         self.timeline = Timeline(self)
         self.journal = Journal(*(partial(act, self) for act in (state_of, restore, is_nothing)))
-        for owner in (self.body, self.cuts, self.handles, self.viewpoint, self.timeline):
+        owners = self.body, self.cuts, self.handles, self.viewpoint, self.timeline
+        for owner in (*owners, self.rigging, self.posing):
             owner.journal = self.journal
         self.first_state = state_of(self)
 
@@ -116,7 +126,7 @@ class Scene:
     @property
     def moving(self) -> bool:
         """Whether time changes the pose."""
-        return self.timeline.playing or self._steps
+        return self.timeline.playing or self.posing.playing or self._steps
 
     @property
     def _steps(self):
@@ -134,9 +144,12 @@ class Scene:
         count = min(round(self._time / TIME_STEP), MAX_STEPS)
         self._time = min(self._time - count * TIME_STEP, TIME_STEP)
         ball = self.ball
+        if self.paused:
+            self.posing.follow()
         for remaining in range(count, 0, -1):  # each tick takes its part of the way
             if not self.paused:
                 self.handles.follow(1.0 / remaining)
+                self.posing.follow(1.0 / remaining)
             if self._pushes and not self.paused:
                 self._move_ball(ball.reached + (ball.target - ball.reached) / remaining)
             self.tick()
@@ -144,7 +157,8 @@ class Scene:
 
     def tick(self) -> None:
         """Let a tick pass: a step, if the object moves and isn't moved by the timeline."""
-        if not self.timeline.advance() and self._steps:
+        by_timeline, by_clip = self.timeline.advance(), self.posing.advance()
+        if not (by_timeline or by_clip) and self._steps:
             self.solver.step(TIME_STEP)
         self.journal.tick += 1
 
@@ -175,6 +189,11 @@ class Scene:
         if self.timeline.shows_poses:  # time stands still already: the playhead does, too
             self.timeline.stand()
             return
+        if self.posing.shows:
+            self.posing.stop_clip()
+            return
+        if not on:
+            self.posing.give_way()
         self._paused = on
         self.timeline.stands = False
 
@@ -195,6 +214,7 @@ class Scene:
     def reset(self) -> None:
         """Back to the rest pose with all its pins, nothing grabbed."""
         self.timeline.stop()
+        self.posing.rest()
         self.handles.release()
         self.end_push()
         self.solver.reset()

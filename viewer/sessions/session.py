@@ -67,6 +67,16 @@ def factor_hash(factors) -> str:
     return hashlib.sha256(np.asarray(factors, "<f4").tobytes()).hexdigest()
 
 
+def rig_hash(arrays: dict) -> str:
+    """A number for the rig that a model has: SHA-256, hexadecimal."""
+    found = hashlib.sha256()
+    for name in sorted(arrays):
+        values = np.ascontiguousarray(arrays[name])
+        found.update(f"{name} {values.dtype.str} {values.shape}".encode())
+        found.update(values.tobytes())
+    return found.hexdigest()
+
+
 def start_of(scene: Scene) -> dict:
     """What a session begins with, so that other defaults change nothing when it is played."""
     body, options = scene.body, scene.solver.options
@@ -79,6 +89,7 @@ def start_of(scene: Scene) -> dict:
         "points": scene.handles.points.rows(),
         "floor": scene.floor,
         "stiffness": None if scene.field.stiffness is None else factor_hash(scene.field.stiffness),
+        "rig": None if scene.field.rig_arrays is None else rig_hash(scene.field.rig_arrays),
     }
 
 
@@ -244,8 +255,10 @@ class Player:
         start = start_of(scene) | session.header["start"]
         if start["stiffness"] != start_of(scene)["stiffness"]:
             raise SessionError("the session is of a copy of this model with other stiffnesses")
+        if start["rig"] != start_of(scene)["rig"]:
+            raise SessionError("the session is of a copy of this model with another rig")
         if start != start_of(scene):
-            start.pop("stiffness")
+            del start["stiffness"], start["rig"]
             scene.floor = start.pop("floor")
             scene.handles.points = ControlPoints.of_rows(start.pop("points"))
             scene.pins = np.isin(np.arange(len(scene.pins)), start.pop("pins"))

@@ -10,7 +10,9 @@ from dataclasses import fields
 from ...core.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from ...core.deform import Material
 from ...core.render import MODES
+from ...core.rig import METHODS, MOST_BONES
 from ..camera import CLOSEST, FARTHEST, Orbit
+from ..rigging import ENDS, LOOSE, SPEEDS
 from ..scene import LONGEST_NAME, MOST_ADDED, MOST_POINTS
 from ..settings import MESH_RANGES, SHOWN, SURFACES
 from ..timeline import EASINGS, MOTIONS, TRACKS, WEIGHTS
@@ -21,6 +23,8 @@ MOST_TETS = 2**31
 FARTHEST_POINT = 1e3  # model units
 MATERIAL = tuple(f.name for f in fields(Material))
 OPTIONS = "substep_count", "contact"
+LONGEST_CLIP = 86400.0  # s
+LONGEST_CLIP_NAME = 100
 
 
 def is_number(value, low, high, kind=(int, float)) -> bool:
@@ -88,6 +92,26 @@ def _is_color(value):
     return isinstance(value, list) and len(value) == 3 and all(is_number(x, 0, 1) for x in value)
 
 
+def _is_clip(value):
+    good = isinstance(value, str) and value.isprintable()
+    return good and 0 < len(value) <= LONGEST_CLIP_NAME
+
+
+def _are_bones(value):
+    return isinstance(value, list) and all(is_number(x, 0, MOST_BONES - 1, int) for x in value)
+
+
+def _are_rotations(value):
+    """Unit quaternions."""
+    return isinstance(value, list) and all(
+        isinstance(one, list)
+        and len(one) == 4
+        and all(is_number(x, -1.0, 1.0) for x in one)
+        and abs(math.hypot(*one) - 1.0) < 1e-6
+        for one in value
+    )
+
+
 def _number(low, high, kind=(int, float)):
     return lambda value: is_number(value, low, high, kind)
 
@@ -131,7 +155,7 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "up": _is_direction,
     "parallel": _flag,
     "field_of_view": _number(1e-3, 3.0),
-    "stiffness": lambda value: value is None or isinstance(value, str),
+    **dict.fromkeys(("stiffness", "rig"), lambda value: value is None or isinstance(value, str)),
     "mode": lambda value: value in MODES,
     "background": _is_color,
     **dict.fromkeys(("checkerboard", "show_handles", "show_wireframe", "show_ground"), _flag),
@@ -148,8 +172,20 @@ ARGUMENTS = {  # name: whether a value is one; but for vertices, whose number de
     "easing": lambda value: isinstance(value, str) and value in EASINGS,
     "motion": lambda value: value in MOTIONS,
     "weight": _number(*WEIGHTS),
+    # of bones
+    **dict.fromkeys(("head", "tail"), _is_point),
+    "parent": _number(-1, MOST_BONES - 1, int),
+    "bone": _number(LOOSE, MOST_BONES - 1, int),
+    "bones": _are_bones,
+    "end": lambda value: value in ENDS,
+    "rotations": _are_rotations,
+    "clip": _is_clip,
+    "seconds": _number(0.0, LONGEST_CLIP),
+    "softness": _number(0.0, 1.0),
+    "method": lambda value: value in METHODS,
+    "show_bones": _flag,
 }
-START = "meters_per_unit", "pins", "points", "floor", "stiffness"  # besides the material
+START = "meters_per_unit", "pins", "points", "floor", "stiffness", "rig"  # besides the material
 ORBIT = tuple(f.name for f in fields(Orbit))
 ANY_NAMES = {"set_material": MATERIAL, "set_options": tuple(OPTIONS)}
 VIEW = (*ORBIT, *SHOWN)
@@ -166,6 +202,8 @@ def is_good(name, key, value, vertex_count):
         return _are_vertices(value, vertex_count) and (key == "pins" or len(value) == 4)
     if key == "points":
         return _are_points(value, vertex_count)
+    if (name, key) == ("set_clip_speed", "speed"):
+        return is_number(value, *SPEEDS)
     if (name, key) == ("push", "radius"):
         return is_number(value, 1e-6, 10.0)
     return ARGUMENTS[key](value)

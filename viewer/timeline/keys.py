@@ -10,6 +10,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ...core.deform import Material
+from ...core.rig import Pose as BonePose
+from ...core.rig import Skeleton
+from ...core.rig import mixed as mixed_bones
 from ..camera import CLOSEST, FARTHEST, Orbit
 
 EASINGS = {  # the share of the way [0, 1] after a share of the time
@@ -34,6 +37,14 @@ class CameraKey:
 
 
 @dataclass(frozen=True, eq=False)
+class Bones:
+    """A pose that bones have given the object."""
+
+    skeleton: Skeleton
+    pose: BonePose
+
+
+@dataclass(frozen=True, eq=False)
 class PoseKey:
     """The object at a tick."""
 
@@ -43,6 +54,7 @@ class PoseKey:
     held: np.ndarray  # pinned, or held by the mouse  [V] bool
     material: Material  # the real one
     easing: str = "smooth"
+    bones: Bones | None = None  # None: a hand or the solver has made it
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +168,16 @@ def vertices_at(keys, tick: float):
     """The eased blend of the two poses around a tick; exactly a key's at it.  [V, 3] float32"""
     first, second, share = around(keys, tick)
     return mixed(first.vertices, second.vertices, share)
+
+
+def bones_at(keys, tick: float, skeleton) -> BonePose | None:
+    """The eased blend of two poses of a skeleton's bones; None if a key around has none."""
+    first, second, share = around(keys, tick)
+    if any(key.bones is None or key.bones.skeleton is not skeleton for key in (first, second)):
+        return None
+    if share in (0.0, 1.0) or first is second:
+        return (second if share == 1.0 else first).bones.pose
+    return mixed_bones(first.bones.pose, second.bones.pose, share)
 
 
 def mixed(start, end, share):

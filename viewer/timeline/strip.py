@@ -64,6 +64,7 @@ class Strip:
     scale: Scale | None = None  # of the last frame: while something is dragged it stays
     turn_seconds: float = 6.0  # of the next turntable
     pose_name: str = ""  # of the next one that is saved
+    clip_name: str = ""  # of the next clip that is made of the keys
 
     def chosen(self, timeline) -> tuple[str, int] | None:
         """The selected key, if it is still there; else one at the playhead."""

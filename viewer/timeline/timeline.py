@@ -7,29 +7,20 @@ from the edits, so that a session plays again to the bit.
 """
 
 import warnings
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from ..camera import Orbit, changed, turned_to
 from ..history import edit
 from . import keys as k
+from .driving import Driver
 
 TRACKS = "camera", "pose"
 MOTIONS = "interpolation", "physics"
 WEIGHTS = -2.0, 2.0  # of a saved pose
 MOST_KEYS, MOST_POSES = 500, 32  # of a track
 TURN_KEYS = 4  # of a whole turn: between two of them, the shorter way has to be the right one
-
-
-@dataclass
-class Drive:
-    """What is moved from one pose key to the next while physics does the rest: K vertices."""
-
-    first: k.PoseKey
-    second: k.PoseKey
-    ids: np.ndarray  # [K]
-    pins: np.ndarray  # those of them that are pinned otherwise  [V] bool
 
 
 class Timeline:
@@ -50,7 +41,7 @@ class Timeline:
         self.head = 0
         self.playing = self.stands = False
         self._scene = scene
-        self._drive: Drive | None = None
+        self._driver = Driver(scene)
 
     @property
     def end(self) -> int:
@@ -65,7 +56,13 @@ class Timeline:
     @property
     def _waits(self):
         """Whether it plays by physics while time stands still."""
-        return bool(self.keys["pose"]) and self.motion == "physics" and self._scene.paused
+        by_physics = self.motion == "physics" or self._is_soft
+        return bool(self.keys["pose"]) and by_physics and self._scene.paused
+
+    @property
+    def _is_soft(self):
+        """Whether bones move a part of the object, and the solver the rest, at this tick."""
+        return self._scene.posing.soft and self.bones_at(self.head) is not None
 
     def orbit_at(self, tick: float) -> Orbit:
         """The camera at any time, if there are camera keys."""
@@ -100,13 +97,15 @@ class Timeline:
 
     def _pose_now(self, tick):
         scene = self._scene
-        pinned = scene.solver.pinned | self.taken_pins
+        pinned = scene.solver.pinned | self.taken_pins | scene.posing.taken_pins
         held = pinned.copy()
         if scene.handles.grabbed is not None:
             held[scene.handles.grabbed.ids] = True
         vertices = scene.solver.vertices.numpy().copy()
-        easing = self._easing("pose", tick)
-        return k.PoseKey(tick, vertices, pinned, held, scene.body.material, easing)
+        easing, bones = self._easing("pose", tick), None
+        if scene.posing.drives and not scene.posing.shows_vertices:
+            bones = k.Bones(scene.rigging.skeleton, scene.posing.current)
+        return k.PoseKey(tick, vertices, pinned, held, scene.body.material, easing, bones)
 
     def _easing(self, track, tick):
         """That of the key before: one that is added goes on as the way was."""
@@ -190,7 +189,7 @@ class Timeline:
         if self.head >= self.end:
             self.head = 0
         self._show()
-        if self.keys["pose"] and self.motion == "interpolation":
+        if self.keys["pose"] and self.motion == "interpolation" and not self._is_soft:
             self.stand()  # the pose stays, when the end is reached
         elif self.keys["pose"]:
             self._scene.paused = False
@@ -213,6 +212,15 @@ class Timeline:
     def stand(self) -> None:
         """Stop, time too; a hand lets it go on, unless the user had stopped it."""
         self._end()
+        self._stop_time()
+
+    def stand_still(self) -> None:
+        """Stop time as `stand` does: bones show a pose, and the timeline's camera may go on."""
+        if self.keys["pose"]:
+            self._end()
+        self._stop_time()
+
+    def _stop_time(self):
         stands = self.stands or not self._scene.paused
         self._scene.paused = True
         self.stands = stands
@@ -220,7 +228,8 @@ class Timeline:
     @property
     def shows_poses(self) -> bool:
         """Whether the pose is the timeline's, at this tick."""
-        return self.playing and bool(self.keys["pose"]) and self.motion == "interpolation"
+        by_keys = self.motion == "interpolation" and not self._is_soft
+        return self.playing and bool(self.keys["pose"]) and by_keys
 
     def give_way(self) -> None:
         """A hand takes hold: nothing plays, and time goes on if the timeline stopped it."""
@@ -236,7 +245,7 @@ class Timeline:
         if ends or not self.end:
             self._end()
             return False
-        driven = self.keys["pose"] and self.motion == "physics"
+        driven = self.keys["pose"] and self.motion == "physics" and self._moves_vertices
         if self._waits:
             return False
         with self.journal.unrecorded(), warnings.catch_warnings():
@@ -247,18 +256,15 @@ class Timeline:
         before, self.head = self.head, self.head + 1
         wraps = self.loop and self.head >= self.end
         if driven:
-            self._move_held(before)
+            self._take_material(before + 1)
+            self._driver.move(self.keys["pose"], before)
         if wraps:
             self.head = 0
         self._show_camera()
         if not driven:
             return self._show_pose()
         # What is held can go on if it is where the beginning has it; else all begins anew.
-        return wraps and self._breaks() and self._show_pose()
-
-    def _breaks(self):
-        first, last, held = self.keys["pose"][0], self.keys["pose"][-1], self._drive
-        return not np.array_equal(first.vertices[held.ids], last.vertices[held.ids])
+        return wraps and self._driver.breaks(self.keys["pose"]) and self._show_pose()
 
     def _show(self):
         self._show_camera()
@@ -275,14 +281,18 @@ class Timeline:
         scene, keys = self._scene, self.keys["pose"]
         if not keys:
             return False
-        self._end_drive()
+        self._driver.end(self.head)
         self._take_material(self.head)
+        bones = self.bones_at(self.head)
+        if bones is not None:
+            return scene.posing.show_pose(bones, at_once=not self.playing)
+        scene.posing.end()
         vertices = k.vertices_at(keys, self.head)
         if not np.array_equal(vertices, scene.solver.vertices.numpy()):
             scene.solver.set_state(vertices)
         else:
             scene.solver.velocities.zero_()
-        self._set_pins(k.around(keys, self.head)[0].pinned)
+        self._driver.set_pins(k.around(keys, self.head)[0].pinned)
         return True
 
     def _take_material(self, tick):
@@ -290,50 +300,38 @@ class Timeline:
         if material != self._scene.body.material:
             self._scene.body.set_material(**asdict(material))
 
-    def _set_pins(self, pinned):
-        if not np.array_equal(pinned, self._scene.solver.pinned):
-            self._scene.solver.set_pinned(pinned)
-
-    # -- physics between poses -----------------------------------------------------------
-
     @property
     def taken_pins(self):
         """Pins that are moved, and so aren't the solver's, while physics plays.  [V] bool"""
-        none = np.zeros(len(self._scene.solver.pinned), bool)
-        return none if self._drive is None else self._drive.pins
+        return self._driver.taken_pins
 
-    def _move_held(self, tick):
-        """Send what the keys around a tick hold to where it is at the next tick."""
-        keys, solver = self.keys["pose"], self._scene.solver
-        first, second, _ = k.around(keys, tick)
-        drive = self._drive
-        if drive is None or drive.first is not first or drive.second is not second:
-            drive = self._drive = self._begin(first, second)
-        self._take_material(tick + 1)
-        solver.move(k.vertices_at((first, second), tick + 1)[drive.ids].astype(float))
+    # -- bones ---------------------------------------------------------------------------
 
-    def _begin(self, first, second):
-        moves = (first.vertices != second.vertices).any(axis=1)
-        driven = (first.held | second.held) & (moves | ~first.pinned)
-        ids = np.flatnonzero(driven)
-        self._set_pins(first.pinned & ~driven)
-        self._scene.solver.grab(ids)
-        return Drive(first, second, ids, driven & first.pinned)
+    def bones_at(self, tick: float):
+        """The pose of the scene's bones that the keys around a tick have, or None."""
+        keys, skeleton = self.keys["pose"], self._scene.rigging.skeleton
+        return k.bones_at(keys, tick, skeleton) if keys and skeleton is not None else None
 
-    def _end_drive(self):
-        """Give back what is moved; what is pinned stays where it has come to."""
-        scene, drive = self._scene, self._drive
-        if drive is None:
-            return
-        arrived = self.head >= drive.second.tick
-        pins = drive.second.pinned if arrived else scene.solver.pinned | drive.pins
-        self._drive = None
-        if scene.handles.grabbed is None:
-            scene.solver.release()
-        self._set_pins(pins)
+    @property
+    def _moves_vertices(self):
+        """Whether the way from this tick on is that of vertices, not of bones."""
+        return self.bones_at(self.head) is None
+
+    def span_of_bones(self) -> tuple[int, int]:
+        """The first and the last tick between which all keys have poses of the scene's bones.
+
+        Raises:
+            ValueError: There are no two such keys.
+        """
+        keys = self.keys["pose"]
+        if len(keys) < 2 or any(self.bones_at(key.tick) is None for key in keys):
+            raise ValueError("a clip needs two keys or more, each of a pose of these bones")
+        return keys[0].tick, keys[-1].tick
+
+    # -- the end of playing --------------------------------------------------------------
 
     def _end(self):
-        self._end_drive()
+        self._driver.end(self.head)
         moved, self.playing = self.moves_camera, False
         if moved:  # from here on, the views that are recorded say where the camera is
             self.journal.note_view(asdict(self._scene.orbit))
@@ -366,6 +364,7 @@ class Timeline:
         changed = replace(self._saved(name), weight=weight)
         scene = self._scene
         self._let_go()
+        scene.posing.end()
         self.poses = tuple(changed if pose.name == name else pose for pose in self.poses)
         scene.solver.set_state(k.blend(scene.solver.rest_shape, self.poses))
         self.stand()

@@ -1,0 +1,203 @@
+"""Bones under the mouse: joints are placed and moved, bones turned, and reached with.
+
+Pixels are the image's, x to the right, y down.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.rig import Pose, reach, turned
+from ..camera import onto_view_plane, project, ray
+from ..rigging import TAIL, Joint, Matter
+from .drags import NEAR, TURN, TURN_PER_POINT, turn_axis, unwound
+from .under_mouse import surface_at
+
+PICK = 9.0  # points from a joint's middle, or from a bone's line, where the mouse has it
+AWAY = 1e-3  # object sizes: joints are placed on an object that is no farther from rest
+REACH = "reach"
+
+
+@dataclass
+class BoneDrag:
+    """A drag of a joint or a bone."""
+
+    joint: Joint  # as it was when the button went down
+    press: np.ndarray  # where that was, or where the present kind began [pixels]  [2]
+    miss: np.ndarray  # from the joint to the press [pixels]  [2]
+    start: Pose | None = None  # of the bones, when the present kind began; None: a click so far
+    kind: str = REACH  # or TURN
+    axis: int | None = None  # 0, 1, 2: turn about this axis of model space only
+    angle: float = 0.0  # so far [radians]
+
+
+class BoneTool:
+    """What the tools "joints" and "bones" do, from one event of the mouse to the next."""
+
+    def __init__(self, scene, depth_image: Callable, log: Callable, say: Callable):
+        """Take what Controls takes."""
+        self.scene = scene
+        self.drag: BoneDrag | None = None
+        self.place = None  # where a joint that is dragged would go  [3]
+        self._depth_image, self._log, self._say = depth_image, log, say
+        self._matter = None  # what was deleted, and the Matter that is left, once it is needed
+        scene.rigging.say = say
+
+    # -- what is under the mouse ---------------------------------------------------------
+
+    def pick(self, camera, pixel, ratio: float) -> Joint | None:
+        """The joint under a pixel; else the bone, by its tail.  `ratio`: pixels per point."""
+        scene = self.scene
+        joints = scene.rigging.joints
+        if not joints or not scene.settings.show_bones:
+            return None
+        pixels, t = project(camera, np.array([joint.place for joint in joints]))
+        away = np.nan_to_num(np.linalg.norm(pixels - pixel, axis=1), nan=np.inf)
+        near = np.flatnonzero(away <= PICK * ratio)
+        if len(near):
+            return joints[near[np.lexsort((t[near], np.round(away[near] / ratio)))[0]]]
+        if scene.settings.tool == "joints":
+            return None
+        return self._pick_bone(camera, pixel, ratio)
+
+    def _pick_bone(self, camera, pixel, ratio):
+        ends = self.scene.posing.ends
+        heads, _ = project(camera, ends[:, 0])
+        tails, _ = project(camera, ends[:, 1])
+        along = tails - heads
+        length = np.maximum((along**2).sum(axis=1), 1e-12)
+        share = np.clip(((pixel - heads) * along).sum(axis=1) / length, 0.0, 1.0)
+        away = np.linalg.norm(heads + share[:, None] * along - pixel, axis=1)
+        away = np.nan_to_num(away, nan=np.inf)
+        if not len(away) or away.min() > PICK * ratio:
+            return None
+        bone = int(away.argmin())
+        return Joint(bone, "body", ends[bone, 1])
+
+    # -- a gesture -----------------------------------------------------------------------
+
+    def press(self, camera, pixel, ratio: float) -> bool:
+        """The left button goes down; whether it has a joint or a bone."""
+        joint = self.pick(camera, pixel, ratio)
+        if joint is None:
+            return False
+        (at,), _ = project(camera, joint.place[None])
+        kind = TURN if joint.end == "body" else REACH
+        self.drag = BoneDrag(joint, pixel, pixel - at, kind=kind)
+        self.scene.rigging.selected = joint.bone, TAIL if joint.end == "body" else joint.end
+        return True
+
+    def move(self, camera, pixel, ratio: float) -> None:
+        """The mouse moves on, farther than in a click."""
+        scene, drag = self.scene, self.drag
+        aim = onto_view_plane(camera, pixel - drag.miss, drag.joint.place)
+        if scene.settings.tool == "joints":
+            self.place = aim
+            return
+        if drag.joint.bone < 0:
+            return
+        if drag.start is None:
+            if drag.joint.end not in (TAIL, "body"):
+                self._say("a root's head stays where it is: drag a bone, or a tip")
+                self.drag = None
+                return
+            scene.posing.hold_bone(drag.joint.bone)
+            drag.start = scene.posing.current
+            self._log("hold_bone", bone=drag.joint.bone, kind=drag.kind)
+        if not scene.posing.drives:  # a reset lets go while the button is still down
+            return
+        skeleton, bone = scene.rigging.skeleton, drag.joint.bone
+        if drag.kind == TURN:
+            rotation = self._angle(camera, pixel, ratio) * turn_axis(camera, drag.axis)
+            scene.posing.aim(turned(skeleton, drag.start, bone, rotation))
+        else:
+            scene.posing.aim(reach(skeleton, drag.start, bone, aim))
+
+    def _angle(self, camera, pixel, ratio):
+        """By which the bone is turned about its head [radians]."""
+        drag = self.drag
+        (center,), _ = project(camera, self.scene.posing.ends[drag.joint.bone, :1])
+        since, now = drag.press - center, pixel - center
+        if np.linalg.norm(since) < NEAR * ratio:
+            return (pixel[0] - drag.press[0]) / ratio * TURN_PER_POINT
+        drag.angle = unwound(drag.angle, since, now)
+        return drag.angle
+
+    def release(self) -> None:
+        """The button goes up: a joint stays where it was dragged to."""
+        rigging, drag = self.scene.rigging, self.drag
+        if self.place is not None:
+            rigging.move_joint(drag.joint.bone, drag.joint.end, self.place)
+            self._log("move_joint", bone=drag.joint.bone, end=drag.joint.end, to=self.place)
+        elif drag is not None and drag.start is not None:
+            self.scene.posing.follow()
+            self._log("pose", bone=drag.joint.bone)
+        elif drag is not None:
+            self._log("select_joint", bone=drag.joint.bone, end=drag.joint.end)
+        self.drag = self.place = None
+
+    def cancel(self) -> None:
+        """Give up the gesture: the bones are as they were."""
+        drag, scene = self.drag, self.scene
+        self.drag = self.place = None
+        began = drag is not None and drag.start is not None
+        if began and scene.journal.undoes == "pose a bone":
+            scene.undo()
+
+    def turn_into(self, kind: str, camera, pixel) -> None:
+        """Let the drag in progress turn the bone instead of reaching, or reach again."""
+        drag = self.drag
+        if drag is None or drag.start is None or kind != TURN or drag.joint.end == "body":
+            self._say(f"{kind}: not with a bone" if kind != TURN else "a bone's body turns it")
+            return
+        self.scene.posing.follow()
+        drag.kind = REACH if drag.kind == TURN else TURN
+        drag.start, drag.angle = self.scene.posing.current, 0.0
+        if drag.kind == TURN:
+            drag.press = np.array(pixel, float)
+        self._say(drag.kind)
+
+    def along(self, axis: int) -> None:
+        """Let the drag in progress turn the bone about one axis only, or freely again."""
+        drag = self.drag
+        if drag is not None:
+            drag.axis = None if drag.axis == axis else axis
+            self._say(TURN if drag.axis is None else f"{TURN} about {'xyz'[axis]}")
+
+    # -- joints --------------------------------------------------------------------------
+
+    def click(self, camera, pixel) -> None:
+        """Place a joint in the middle of the matter under the mouse."""
+        scene = self.scene
+        moved = abs(scene.positions - scene.field.mesh.rest_vertices).max()
+        if moved > AWAY * scene.size:
+            scene.reset()
+            self._say("joints are placed on the object at rest, where it is now: click again")
+            return
+        surface = surface_at(camera, self._depth_image(), pixel)
+        if surface is None:
+            scene.rigging.selected = None
+            return
+        if self._matter is None or self._matter[0] is not scene.cuts.removed:
+            self._matter = scene.cuts.removed, Matter(scene.cuts.field)
+        start, way = ray(camera, pixel)
+        found = self._matter[1].middle(start, way, float((surface - start) @ way))
+        if found is None:
+            self._say("there is nothing solid under the mouse")
+            return
+        try:
+            scene.rigging.add_joint(found[0])
+        except ValueError as error:  # there are too many
+            self._say(str(error))
+            return
+        self._log("joint", place=found[0], bones=scene.rigging.bone_count)
+
+    def delete(self) -> bool:
+        """Delete the chosen joint; whether there was one."""
+        rigging = self.scene.rigging
+        if rigging.selected not in [joint.name for joint in rigging.joints]:
+            return False
+        rigging.delete_joint(*rigging.selected)
+        rigging.selected = None
+        return True

@@ -1,0 +1,84 @@
+"""What holds vertices of the object at the same time: the mouse, and bones.
+
+The solver has one list of handles; here each of the two has its own part of it.  Without bones,
+the solver gets what the mouse holds, unchanged.  K vertices that are held.
+"""
+
+import numpy as np
+
+NOBODY = np.empty(0, np.int64)
+
+
+class Hold:
+    """The handles of one scene's solver."""
+
+    def __init__(self, scene):
+        self._scene = scene
+        self.hand = self.bones = NOBODY  # ids  [K]
+        self._hand_targets = self._bone_targets = None  # [K, 3]; None: not sent anywhere yet
+        self._springs = ()  # of the hand
+
+    def grab(self, ids, *springs) -> None:
+        """The mouse takes vertices, exactly or by springs (stiffness and force limit of each).
+
+        While bones hold something, it takes them exactly, and not those that bones hold.
+        """
+        self.hand, self._springs, self._hand_targets = np.asarray(ids), springs, None
+        self._give()
+
+    def move(self, targets) -> None:
+        """Send what the mouse holds to these places.  [K, 3]"""
+        self._hand_targets = np.asarray(targets, float)
+        self._send()
+
+    def release(self) -> None:
+        """The mouse lets go."""
+        self.hand, self._springs, self._hand_targets = NOBODY, (), None
+        self._give()
+
+    def hold_bones(self, ids, targets) -> None:
+        """Bones hold these vertices [K], and send them to these places.  [K, 3]"""
+        changed = not np.array_equal(ids, self.bones)
+        self.bones, self._bone_targets = np.asarray(ids), np.asarray(targets, float)
+        if changed:
+            self._give()
+        else:
+            self._send()
+
+    def again(self) -> None:
+        """Hold the same again: the solver's positions were set, and its targets with them."""
+        self._give()
+
+    def release_bones(self) -> None:
+        """Bones let go."""
+        if len(self.bones):
+            self.bones, self._bone_targets = NOBODY, None
+            self._give()
+
+    @property
+    def _solver(self):
+        """That of the scene, which has another one when tets are deleted; nothing is held then."""
+        return self._scene.solver
+
+    @property
+    def _free(self):
+        """Which of the mouse's vertices bones don't hold.  [K] bool"""
+        return ~np.isin(self.hand, self.bones)
+
+    def _give(self):
+        if not len(self.bones):
+            self._solver.grab(self.hand, *self._springs)
+            if self._hand_targets is not None:
+                self._solver.move(self._hand_targets)
+            return
+        self._solver.grab(np.concatenate([self.hand[self._free], self.bones]))
+        self._send()
+
+    def _send(self):
+        if not len(self.bones):
+            self._solver.move(self._hand_targets)
+            return
+        targets = self._hand_targets
+        if targets is None:
+            targets = self._solver.vertices.numpy()[self.hand]
+        self._solver.move(np.concatenate([targets[self._free], self._bone_targets]))
