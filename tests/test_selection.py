@@ -161,7 +161,7 @@ def test_what_is_held_turns_with_the_mouse_around_its_center(controls, scene):
     scene.handles.drag_to(before[0])
     controls.turn_into(drags.TURN)
     controls.drag(press, -4, 0)
-    quarter = middle + rotation_2d(0.5) @ (controls._pointer - middle)
+    quarter = middle + rotation_2d(0.5) @ (controls.pointer - middle)
     controls.drag(quarter, 1, 1)
     scene.advance(TIME_STEP)
     after = scene.handles.at([a, b])

@@ -1,12 +1,14 @@
 """Edits that are recorded, undone, stored and played again."""
 
 import json
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from deformrf.core.deform import PRESETS
+from deformrf.core.field import pack_mask, subtet_middles
 from deformrf.viewer.history import journal
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import (
@@ -70,8 +72,15 @@ def act(scene, random, count):
     def paint():
         scene.paint(random.uniform(0.2, 0.8, 3), float(random.choice([0.8, 1.2])))
 
+    def delete():
+        """What lies behind a plane, a twentieth of the object at first."""
+        along = subtet_middles(scene.field.mesh) @ random.normal(size=3)
+        with suppress(ValueError):  # all that is left lies there
+            scene.cuts.delete(pack_mask(along > np.quantile(along, 0.95)))
+
     edits = (
         *(drag,) * 6,
+        delete,
         *(push,) * 2,
         *(select,) * 2,
         scene.handles.hide,
@@ -111,6 +120,8 @@ def same(scene, other):
     np.testing.assert_array_equal(other.solver.pinned, scene.solver.pinned)
     assert other.body.material == scene.body.material
     assert other.solver.options == scene.solver.options
+    np.testing.assert_array_equal(other.cuts.removed, scene.cuts.removed)
+    np.testing.assert_array_equal(other.cuts.kept, scene.cuts.kept)
     assert other.handles.selected == scene.handles.selected
     assert other.handles.points.rows() == scene.handles.points.rows()
 
@@ -135,7 +146,7 @@ def test_random_sessions_play_again_to_the_bit_and_undo_to_the_beginning(
     while scene.journal.cursor:
         scene.undo()
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), before)
-    assert not scene.solver.velocities.numpy().any()
+    assert not scene.solver.velocities.numpy().any() and not scene.cuts.some
     np.testing.assert_array_equal(scene.solver.pinned, scene.pins)
     assert start_of(scene) == start and scene.body.factors is None
 

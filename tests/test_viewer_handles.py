@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import TIME_STEP
+from deformrf.core.geometry import TetMesh
 from deformrf.viewer.events import displacements
 from deformrf.viewer.scene import Scene
 
@@ -81,7 +82,7 @@ def test_a_speck_has_no_handles(ball):
     tets = np.concatenate([mesh.tets, mesh.tets + count // 2, count + np.arange(4)[None]])
     tets = tets.astype(np.int32)
     field = SimpleNamespace(
-        mesh=SimpleNamespace(rest_vertices=rest, tets=tets, vertex_count=len(rest)),
+        mesh=TetMesh(rest, np.zeros(rest.shape, np.int32), tets),
         meta={},
         stiffness=None,
         rig_arrays=None,

@@ -1,6 +1,7 @@
 """Files that are opened in a real X window, driven by xdotool as by a user's hand."""
 
 import pytest
+from PIL import Image
 from xwindow import LiveViewer, missing_tools, screen
 
 pytestmark = [pytest.mark.e2e, pytest.mark.gl]
@@ -36,3 +37,20 @@ def test_a_bad_file_is_told_of_and_a_good_one_opened(session, ball_file, tmp_pat
     session.tool("key", "Return")
     session.wait(lambda: session.events("opened"), 30, "the model is opened")
     assert session.next_state()["max_displacement"] < 1e-6
+
+
+def test_a_folder_of_photographs_is_answered_with_an_offer_to_train(tmp_path, give_up_window):
+    if missing_tools():
+        give_up_window(f"needs {' and '.join(missing_tools())}")
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    for number in range(3):
+        Image.new("RGB", (16, 12), (80 * number, 90, 60)).save(photos / f"{number}.jpg")
+    with screen(tmp_path) as display:
+        viewer = LiveViewer(display, photos, tmp_path, "--size", "1000x700")
+        assert "Train" in viewer.state()["dialog"]
+        viewer.tool("key", "Escape")  # the bundled model is there to be looked at
+        viewer.wait(lambda: viewer.state()["dialog"] is None, 20, "the offer is closed")
+        assert len(viewer.state()["vertices"]) > 10
+        viewer.tool("key", "ctrl+q")
+        assert viewer.process.wait(20) == 0

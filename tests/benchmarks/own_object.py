@@ -29,6 +29,7 @@ RENDER = "import sys; from deformrf.viewer.films.render_command import main; sys
 PULL = np.array([0.30, 0.05, -0.06])  # object sizes
 CRUMBS = 0.05  # model units: lower, there is no toy
 PULL_TICKS, FREE_TICKS = 50, 50
+GRAY = (0.72, 0.77, 0.84)
 FILM = ["--size", "320x300", "--fps", "12", "--samples", "8", "--hide-handles", "--device", "cpu"]
 
 
@@ -124,8 +125,9 @@ class Pictures:
         scene.settings.show_handles, first = False, scene.orbit
         low = scene.center - np.array([0.0, 0.0, 0.3 * scene.size])
         scene.orbit = replace(first, target=low, distance=0.55 * first.distance, pitch=0.45)
+        white, scene.settings.background = scene.settings.background, GRAY  # crumbs are white
         app.frame(0.0, whole=True)
-        start, end = np.array([400.0, 250.0]), np.array([640.0, 90.0])
+        start, end = np.array([380.0, 130.0]), np.array([620.0, 62.0])
         controls.on_mouse_motion(*start, 0, 0)
         controls.on_mouse_press(*start, 1, 1)  # with Shift
         controls.on_mouse_drag(*end, *(end - start), 1, 1)
@@ -136,7 +138,7 @@ class Pictures:
         scene.cuts.delete(pack_mask(height < CRUMBS))
         scene.cuts.delete_specks()
         scene.settings.tool, scene.settings.show_handles = "grab", True
-        scene.orbit = first
+        scene.orbit, scene.settings.background = first, white
 
     def bend(self, studio):
         """The head is dragged aside, and let go for the film."""

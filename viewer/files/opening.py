@@ -88,6 +88,7 @@ def open_photographs(app, folder: Path, outside=False) -> None:
     from ..camera import Photographs
 
     app.photographs = Photographs(folder, app.scene.field.world_to_model, outside)
+    app.scene.settings.show_box = True
     app.recorder.say(f"{len(app.photographs)} photographs: [ and ] jump to their cameras")
 
 

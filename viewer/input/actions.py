@@ -30,7 +30,7 @@ class Input:
 
 INPUTS = (
     Input("left drag on a red point", "bend the object; all that is selected goes along"),
-    Input("left drag elsewhere", "orbit; with another tool, push, paint or select"),
+    Input("left drag elsewhere", "orbit; with another tool, push, paint, select or delete"),
     Input("click on a red point", "select it; elsewhere, nothing"),
     Input("Shift+click on a red point", "select it too, or no longer"),
     Input("Ctrl+click on a red point", "select it no longer"),
@@ -86,7 +86,7 @@ INPUTS = (
         "Edit/Return to the shape before",
     ),
     Input("middle or right drag", "pan"),
-    Input("wheel", "zoom to the mouse"),
+    Input("wheel", "zoom to the mouse; with the brush that deletes, its size"),
     Input("F", "focus: the object, or the point under the mouse", "F", "focus", "View/Focus"),
     Input("Home", "reset the camera", "HOME", "home", "View/Reset camera"),
     Input("1", "look from the front", "_1", "front", "View/From/Front"),

@@ -105,7 +105,7 @@ class LiveWindow:
         app, scene, home = self.app, snapshot.scene, snapshot.scene.orbit
         scene.field = snapshot.field
         if app.scene is None:
-            scene.settings.accumulate = False
+            scene.settings.accumulate, scene.settings.show_box = False, True
         else:
             scene.settings = app.scene.settings
             if app.scene.orbit is not self._home:
