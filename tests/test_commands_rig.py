@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gltf_files import make_bar
+from PIL import Image
 
 from deformrf.core import field as fields
 from deformrf.core.commands import rig as command
-from deformrf.core.rig import Clip, Rig, arrays_of, make_skeleton, rig_from
+from deformrf.core.rig import Clip, Rig, arrays_of, clip_of_poses, make_skeleton, rig_from, turned
 
 
 @pytest.fixture
@@ -91,3 +92,33 @@ def test_what_can_not_be_bound_is_said_so(call, model, tmp_path, refused, name, 
     result = call(command.main, "bind", model, tmp_path / name, "-o", output, *flags)
     assert sentence in refused(result)
     assert not output.exists()
+
+
+@pytest.fixture
+def bent_model(model):
+    """The model's clip bends the upper bone by a right angle."""
+    field = fields.load(model)
+    rig = rig_from(field.rig_arrays, field.mesh.vertex_count)
+    pose = turned(rig.skeleton, rig.skeleton.rest_pose, 1, [1.6, 0.0, 0.0])
+    clip = clip_of_poses("Bend", [0.0, 0.5], [rig.skeleton.rest_pose, pose])
+    rig = Rig(rig.skeleton, rig.weights, (*rig.clips, clip))
+    fields.save(replace(field, rig_arrays=arrays_of(rig)), model)
+    return model
+
+
+def test_quality_says_where_tets_tear(call, bent_model, tmp_path):
+    picture = tmp_path / "worst.png"
+    result = call(command.main, "quality", bent_model, "--picture", picture)
+    assert result.code == 0
+    assert "Nod: 37 frames, smallest volume ratio 1.00, at most 0 inverted" in result.out
+    assert "worst: tet" in result.out and "Bend at 0.5 s" in result.out
+    with Image.open(picture) as image:
+        pixels = np.asarray(image).reshape(-1, 3)
+    assert image.size == (960, 480)
+    assert (pixels == (230, 60, 40)).all(axis=1).any()  # torn
+    mended = call(command.main, "quality", bent_model, "--clip", "Bend", "--untangle")
+    assert "at most 0 inverted" in mended.out and "Nod" not in mended.out
+
+
+def test_quality_needs_a_clip(call, bent_model, refused):
+    assert "no clip 'Run'" in refused(call(command.main, "quality", bent_model, "--clip", "Run"))

@@ -1,7 +1,7 @@
 """deformrf-rig: skeletons, weights and clips of models.
 
 Each subcommand is a dataclass of arguments with a function that prepares its work: those of
-rigs themselves are in rig_bind.py.
+rigs themselves are in rig_bind.py and rig_quality.py.
 """
 
 import sys
@@ -10,12 +10,14 @@ import tyro
 
 from ..device import start_warp
 from .rig_bind import BindArguments, InfoArguments, prepare_bind, prepare_info
+from .rig_quality import QualityArguments, prepare_quality
 from .running import asked_for_version, run
 
 PROGRAM = "deformrf-rig"
 COMMANDS = {  # subcommand: its arguments, and what prepares it
     "bind": (BindArguments, prepare_bind),
     "info": (InfoArguments, prepare_info),
+    "quality": (QualityArguments, prepare_quality),
 }
 
 

@@ -66,21 +66,22 @@ def laplacian(mesh: TetMesh) -> Laplacian:
     )
 
 
-def solved(operator: Laplacian, pull, sources, fixed=None) -> np.ndarray:
+def solved(operator: Laplacian, pull, sources, fixed=None, start=None) -> np.ndarray:
     """u with Σ_j k_ij (u_i − u_j) + p_i u_i = s_i.
 
     Args:
         pull: p ≥ 0 [V].
         sources: s [V, B]; at fixed vertices their values.
         fixed: Which vertices are fixed [V] bool; None: none.
+        start: A first guess [V, B]; None: 0.
 
     Returns:
         [V, B] float64.
     """
-    return solved_with(operator, lambda u: pull[:, None] * u, pull, sources, fixed)
+    return solved_with(operator, lambda u: pull[:, None] * u, pull, sources, fixed, start)
 
 
-def solved_with(operator: Laplacian, pulled, diagonal, sources, fixed=None) -> np.ndarray:
+def solved_with(operator, pulled, diagonal, sources, fixed=None, start=None) -> np.ndarray:
     """The same with P u in the place of p_i u_i, by conjugate gradients with Jacobi's scaling.
 
     Args:
@@ -89,7 +90,7 @@ def solved_with(operator: Laplacian, pulled, diagonal, sources, fixed=None) -> n
     """
     free = np.ones(len(diagonal), bool) if fixed is None else ~fixed
     mask = free[:, None]
-    u = np.where(mask, 0.0, sources)
+    u = np.where(mask, 0.0 if start is None else start, sources)
     degrees = operator.degrees[:, None]
     scaling = np.where(free, operator.degrees + diagonal, 1.0)[:, None]
 
