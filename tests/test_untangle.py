@@ -69,10 +69,10 @@ def test_bones_drive_what_is_near_them(bar):
     mesh, skeleton, _ = bar
     assert len(driven_vertices(mesh, skeleton, 0.0)) == mesh.vertex_count
     half = driven_vertices(mesh, skeleton, 0.5)
-    assert len(half) == np.ceil(0.5 * mesh.vertex_count)
+    assert len(half) == pytest.approx(0.5 * mesh.vertex_count, abs=2)
     away = np.linalg.norm(mesh.rest_vertices[:, :2] - 0.5, axis=1)
     assert away[half].mean() < 0.8 * away.mean()
-    assert 4 <= len(driven_vertices(mesh, skeleton, 1.0)) < 0.1 * mesh.vertex_count
+    assert 8 <= len(driven_vertices(mesh, skeleton, 1.0)) < 0.1 * mesh.vertex_count
     with pytest.raises(ValueError, match=r"softness is 1\.5"):
         driven_vertices(mesh, skeleton, 1.5)
 

@@ -6,41 +6,15 @@ dynamics.  Its frames are ticks of 1/60 s.
 
 import numpy as np
 
-from ..geometry import TetMesh, components
-from .laplacian import laplacian
+from ..geometry import TetMesh
+from .driving import driven_vertices
+from .methods import Method
 from .rig import Rig
-from .skeleton import Pose, Skeleton, mixed, skinning_matrices
-from .skinning import Method, skinned
+from .skeleton import Pose, mixed, skinning_matrices
+from .skinning import skinned
 from .untangle import Untangler
-from .weights import bone_distances
 
 TICK = 1.0 / 60.0  # s
-LEAST_SHARE = 0.02  # of a part's vertices that bones drive, however soft it is
-
-
-def driven_vertices(mesh: TetMesh, skeleton: Skeleton, softness: float) -> np.ndarray:
-    """The vertices that bones drive: of each part those nearest to them.  Ids [K], rising
-
-    Args:
-        softness: 0: all vertices follow the bones; 1: the least that holds the parts.
-
-    Raises:
-        ValueError: The softness is not from 0 to 1.
-    """
-    if not 0.0 <= softness <= 1.0:
-        raise ValueError(f"the softness is {softness}; give a number from 0 to 1")
-    if softness == 0.0:
-        return np.arange(mesh.vertex_count)
-    distances = bone_distances(mesh, laplacian(mesh), skeleton).min(axis=1)
-    labels = components(mesh.vertex_count, mesh.tets)
-    share = max(LEAST_SHARE, 1.0 - softness)
-    driven = []
-    for label in range(labels.max() + 1):
-        members = np.flatnonzero(labels == label)
-        count = max(min(4, len(members)), int(np.ceil(share * len(members))))
-        nearest = np.argsort(distances[members], kind="stable")[:count]
-        driven.append(members[nearest])
-    return np.sort(np.concatenate(driven))
 
 
 def posed_with_physics(

@@ -13,8 +13,9 @@ import numpy as np
 from ..geometry import TetMesh
 from .caches import FRAMES_PER_SECOND
 from .clips import Clip, VertexClip
+from .methods import Method
 from .rig import Rig
-from .skinning import Method, skinned
+from .skinning import skinned
 from .untangle import Untangler
 
 MOST_FRAMES = 240

@@ -15,15 +15,11 @@ The reference is in float64 over all bones; kernels read the non-zero weights al
 Shapes: V vertices, B bones, N non-zero weights.
 """
 
-from typing import Literal, get_args
-
 import numpy as np
 import warp as wp
 
 from . import rotations
-
-Method = Literal["linear", "dual quaternion"]
-METHODS = get_args(Method)
+from .methods import Method, check_method
 
 wp.set_module_options({"enable_backward": False})
 
@@ -54,11 +50,6 @@ def skinned(rest_vertices, weights, matrices, method: Method = "linear") -> np.n
     return (
         rotations.rotated(real, y) + 2.0 * rotations.product(dual, rotations.inverse(real))[:, :3]
     )
-
-
-def check_method(method: str):
-    if method not in METHODS:
-        raise ValueError(f"skinning is {method!r}; it can be {' or '.join(METHODS)}")
 
 
 def centers(rest_vertices, weights) -> np.ndarray:

@@ -64,11 +64,15 @@ def harmonic_weights(mesh: TetMesh, ids, surface_weights) -> np.ndarray:
 
 
 def copied_to_lone_parts(mesh: TetMesh, weights, alone) -> np.ndarray:
-    """The weights, at vertices `alone` those of the nearest other vertex.  [V, B]"""
+    """The weights; a part `alone` moves as one, as the nearest vertex of the others.  [V, B]"""
     if alone.any():
         others = np.flatnonzero(~alone)
-        near, _ = _nearest(mesh.rest_vertices[alone], mesh.rest_vertices[others])
-        weights[alone] = weights[others[near]]
+        labels = components(mesh.vertex_count, mesh.tets)
+        near, distances = _nearest(mesh.rest_vertices, mesh.rest_vertices[others])
+        for label in np.unique(labels[alone]):
+            members = np.flatnonzero(labels == label)
+            closest = members[distances[members].argmin()]
+            weights[members] = weights[others[near[closest]]]
     return weights
 
 
