@@ -66,7 +66,7 @@ def prepare_quality(arguments: QualityArguments):
     return job
 
 
-def table(rig: rigs.Rig, clip, quality: rigs.TetQuality) -> list[str]:
+def table(rig: rigs.Rig, clip, quality: "rigs.TetQuality") -> list[str]:
     """Lines about one clip."""
     worst, names = quality.worst, rig.skeleton.names
     lines = [
@@ -89,7 +89,7 @@ def table(rig: rigs.Rig, clip, quality: rigs.TetQuality) -> list[str]:
     return lines
 
 
-def drawn(field, vertices, quality: rigs.TetQuality) -> Image.Image:
+def drawn(field, vertices, quality: "rigs.TetQuality") -> Image.Image:
     """The posed surface from the front and the side; tets' colors say their volume ratios."""
     faces, tets = boundary_faces(field.mesh.tets, field.neighbours)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
