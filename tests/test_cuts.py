@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deformrf.core import rig
 from deformrf.core.field import (
     load,
     nearer_to_matter,
@@ -296,3 +297,56 @@ def test_masks_on_the_device_show_what_a_new_renderer_shows(scene):
     assert np.abs(shown - new.render(camera).color_array()).mean() < 0.5
     renderer.set_occupancy(scene.field.occupancy)
     np.testing.assert_array_equal(renderer.render(camera).color_array(), whole)
+
+
+@pytest.mark.parametrize("motion", ["interpolation", "physics"])
+def test_keys_of_the_timeline_stay_and_play(scene, ball, tmp_path, motion):
+    random, start, line = np.random.default_rng(), start_of(scene), scene.timeline
+    line.set_motion(motion)
+    line.key(0, None, True)
+    handles = scene.handles
+    handles.grab(int(handles.control_ids[0]))
+    handles.drag_to(handles.grabbed.start + 0.1)
+    for _ in range(10):
+        scene.advance(1 / 60)
+    line.key(20, None, True)
+    handles.release()
+    line.play()
+    for _ in range(5):
+        scene.advance(1 / 60)
+    scene.cuts.delete(at_random(scene, random))  # which ends the playing
+    assert not line.playing and len(line.keys["pose"]) == 2
+    for _ in range(3):
+        scene.advance(1 / 60)
+    line.play()
+    for _ in range(30):
+        scene.advance(1 / 60)
+    assert np.isfinite(scene.positions).all()
+    path = save_session(scene, start, tmp_path / "s.jsonl")
+    again, session = Scene(ball, "ball", "cpu"), load_session(path, ball)
+    Player(again, session).play_to(session.ticks)
+    np.testing.assert_array_equal(again.solver.vertices.numpy(), scene.solver.vertices.numpy())
+    while scene.journal.cursor:
+        scene.undo()
+    assert not scene.cuts.some
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_bones_let_go_of_an_object_that_is_cut(scene, ball, tmp_path, soft):
+    start, rigging, posing = start_of(scene), scene.rigging, scene.posing
+    rigging.add_joint(np.array([0.5, 0.5, 0.3]))
+    rigging.add_joint(np.array([0.5, 0.5, 0.7]))
+    if soft:
+        posing.set_softness(0.5)
+    posing.hold_bone(0)
+    for step in range(10):
+        turned = rig.turned(rigging.skeleton, posing.current, 0, np.array([0.05 * step, 0.0, 0.1]))
+        posing.aim(turned)
+        scene.advance(1 / 60)
+        if step == 5:
+            scene.cuts.delete(above(scene, 0.7))
+    assert np.isfinite(scene.positions).all() and scene.cuts.some
+    path = save_session(scene, start, tmp_path / "s.jsonl")
+    again, session = Scene(ball, "ball", "cpu"), load_session(path, ball)
+    Player(again, session).play_to(session.ticks)
+    np.testing.assert_array_equal(again.solver.vertices.numpy(), scene.solver.vertices.numpy())

@@ -84,4 +84,4 @@ def _save(app):
         save_clip(app, app.strip.clip_name)
         app.strip.clip_name = ""
     imgui.set_item_tooltip(SAVE_CLIP)
-    button("Save copy", app, "save_model", f"{SAVE_COPY} ({label_of('save_copy')})")
+    button("Save copy", app, "save_model", f"{SAVE_COPY} ({label_of('save_model')})")
