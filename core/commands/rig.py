@@ -1,7 +1,8 @@
 """deformrf-rig: skeletons, weights and clips of models.
 
 Each subcommand is a dataclass of arguments with a function that prepares its work: those of
-rigs themselves are in rig_bind.py and rig_quality.py.
+rigs themselves are in rig_bind.py and rig_quality.py, those of files of other programs in
+rig_files.py.
 """
 
 import sys
@@ -10,11 +11,22 @@ import tyro
 
 from ..device import start_warp
 from .rig_bind import BindArguments, InfoArguments, prepare_bind, prepare_info
+from .rig_files import (
+    CheckArguments,
+    ExportArguments,
+    ImportArguments,
+    prepare_check,
+    prepare_export,
+    prepare_import,
+)
 from .rig_quality import QualityArguments, prepare_quality
 from .running import asked_for_version, run
 
 PROGRAM = "deformrf-rig"
 COMMANDS = {  # subcommand: its arguments, and what prepares it
+    "export": (ExportArguments, prepare_export),
+    "check": (CheckArguments, prepare_check),
+    "import": (ImportArguments, prepare_import),
     "bind": (BindArguments, prepare_bind),
     "info": (InfoArguments, prepare_info),
     "quality": (QualityArguments, prepare_quality),

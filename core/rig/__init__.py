@@ -29,7 +29,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "phase",
         ],
         "caches": ["FRAMES_PER_SECOND", "read_cache", "write_cache"],
-        "export": ["Solid", "export_mesh"],
+        "export": ["MESH_ENDINGS", "Solid", "export_mesh"],
+        "blender": ["BlenderClip", "BlenderRig", "read_blender", "rig_of", "skinning_error"],
         "weights": [
             "automatic_weights",
             "harmonic_weights",

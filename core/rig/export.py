@@ -20,7 +20,7 @@ import numpy as np
 from ..geometry import EmbeddedSurface, TetMesh, boundary_faces, edges, tet_neighbours
 from ..paths import whole_file
 
-ENDINGS = ".ply", ".vtu", ".usda", ".usd", ".usdc"
+MESH_ENDINGS = ".ply", ".vtu", ".usda", ".usd", ".usdc"
 AXES = "x", "y", "z"
 COLORS = "red", "green", "blue"
 # Of the deformable body proposal that Newton's importer reads; usd-core has no classes for them.
@@ -45,7 +45,7 @@ def export_mesh(
     preview: EmbeddedSurface | None = None,
     solid: Solid | None = None,
 ) -> Path:
-    """Write a mesh by the file's ending, one of ENDINGS; an older file stays if that fails.
+    """Write a mesh by the file's ending, one of MESH_ENDINGS; an older file stays if that fails.
 
     Args:
         colors: Of the vertices, for .ply.  [V, 3] uint8
@@ -58,8 +58,8 @@ def export_mesh(
     """
     path = Path(path)
     ending = path.suffix.lower()
-    if ending not in ENDINGS:
-        raise ValueError(f"{path}: the mesh's file has to end in {', '.join(ENDINGS)}")
+    if ending not in MESH_ENDINGS:
+        raise ValueError(f"{path}: the mesh's file has to end in {', '.join(MESH_ENDINGS)}")
     if ending == ".vtu":
         import meshio  # noqa: F401  before a file is begun
     elif ending != ".ply":

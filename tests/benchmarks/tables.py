@@ -17,7 +17,7 @@ import re
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGES = (DOCS.parent / "README.md", DOCS / "performance.md")
+PAGES = (DOCS.parent / "README.md", DOCS / "performance.md", DOCS / "rigs.md")
 COMPLIANCES = ("0", "0.0001", "material")  # those that the table of xpbd_error shows
 MARKED = re.compile(r"<!-- table (\w+) -->\n.*?<!-- end -->", re.DOTALL)
 

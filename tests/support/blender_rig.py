@@ -3,11 +3,12 @@
     python blender_rig.py ADDON MESH.ply FOLDER
 
 Installs the add-on as the dialog does, imports the mesh, makes a skeleton of three bones, binds,
-animates it, and exports; FOLDER then has rig.npz, volume.npz (Preserve Volume), rig.pc2, and
-facts.json with what is to be compared.
+animates it, and exports; FOLDER then has rig.npz, volume.npz (Preserve Volume), scaled.npz and
+scaled_volume.npz (a bone that is scaled, too), shape.npz, actions.npz, rig.pc2, and facts.json.
 """
 
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -63,8 +64,9 @@ def animate(armature):
             bone.rotation_mode = "XYZ"
             bone.rotation_euler = (0.3 * angle * i, angle if i else 0.1 * angle, -0.5 * angle)
             bone.keyframe_insert("rotation_euler", frame=frame)
-    armature.pose.bones["Root"].location = (0.05, 0.0, 0.02)
-    armature.pose.bones["Root"].keyframe_insert("location", frame=12)
+    for frame, place in ((1, (0.0, 0.0, 0.0)), (12, (0.05, 0.0, 0.02))):
+        armature.pose.bones["Root"].location = place
+        armature.pose.bones["Root"].keyframe_insert("location", frame=frame)
     armature.animation_data.action.name = "Bend"
 
 
@@ -106,7 +108,11 @@ ops.export_rig(filepath=str(FOLDER / "actions.npz"), clips="ACTIONS", with_verti
 ops.export_cache(filepath=str(FOLDER / "rig.pc2"))
 coarse.modifiers[0].use_deform_preserve_volume = True
 ops.export_rig(filepath=str(FOLDER / "volume.npz"))
+armature.pose.bones["Top"].scale = (1.2, 0.8, 1.1)
+ops.export_rig(filepath=str(FOLDER / "scaled_volume.npz"))
 coarse.modifiers[0].use_deform_preserve_volume = False
+ops.export_rig(filepath=str(FOLDER / "scaled.npz"))
+armature.pose.bones["Top"].scale = (1.0, 1.0, 1.0)
 ops.show(what="MESH")
 ops.show(what="OBJECT")
 ops.spread()
@@ -145,3 +151,5 @@ coarse.data.vertices.add(1)
 facts["added"] = refused(ops.export_rig, filepath=str(FOLDER / "no.npz"))
 bpy.ops.preferences.addon_disable(module=Path(ADDON).stem)
 (FOLDER / "facts.json").write_text(json.dumps(facts))
+sys.stdout.flush()
+os._exit(0)  # bpy 4.2.0 crashes when Python ends, after any add-on that filters a list of objects
