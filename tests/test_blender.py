@@ -148,7 +148,7 @@ def cut(name, count):
     ("change", "words"),
     [
         (changed_meta(format="other"), "no format"),
-        (changed_meta(format_version=2), "version 2"),
+        (changed_meta(format_version=2), "version '2'"),
         (changed_meta(bones=["a"]), "bone_parents"),
         (changed_meta(bones=["a", "a"]), "two bones"),
         (changed_meta(bones="ab"), "'bones' is no list"),

@@ -177,7 +177,9 @@ def _read(arrays, mesh) -> BlenderRig:
 def _read_clip(arrays, i, name, bones, vertex_count, shape_count) -> BlenderClip:
     (frames,) = _shape(arrays, f"times_{i}") or (0,)
     if not 0 < frames <= MOST_FRAMES:
-        raise ValueError(f"clip {name!r} has {frames} frames; it has to have 1 to {MOST_FRAMES}")
+        raise ValueError(
+            f"clip {name[:50]!r} has {frames} frames; it has to have 1 to {MOST_FRAMES}"
+        )
     vertices = None
     if f"vertices_{i}" in arrays:
         vertices = _array(arrays, f"vertices_{i}", "f4", (frames, vertex_count, 3))
@@ -215,7 +217,7 @@ def _meta(arrays) -> dict:
         raise ValueError(f"its 'meta' names no format '{FORMAT}'")
     if meta.get("format_version") != FORMAT_VERSION:
         version = str(meta.get("format_version"))[:20]
-        raise ValueError(f"it has format version {version}, this program reads {FORMAT_VERSION}")
+        raise ValueError(f"it has format version {version!r}, this program reads {FORMAT_VERSION}")
     for name, most in (("bones", MOST_BONES), ("clips", MOST_CLIPS), ("shape_keys", MOST_SHAPES)):
         names = meta.get(name)
         good = isinstance(names, list) and all(isinstance(one, str) for one in names)

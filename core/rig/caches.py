@@ -50,11 +50,13 @@ def read_cache(path, vertex_count: int, frames_per_second=FRAMES_PER_SECOND) -> 
         times, vertices = read(path, vertex_count, float(frames_per_second))
         _check_finite(vertices)
         return VertexClip(path.stem, times - times[0], vertices)
-    except (MemoryError, EOFError) as error:
-        raise ValueError(f"{path} can't be read: {error or 'the memory is too small'}") from error
+    except MemoryError as error:
+        raise ValueError(f"{path} needs more memory than is free") from error
     except ValueError as error:
         line = str(error)
         raise ValueError(line if str(path) in line else f"{path}: {line}") from error
+    except Exception as error:  # a zip can hold anything: what was not foreseen is damage too
+        raise ValueError(f"{path} is damaged: {error}") from error
 
 
 def write_cache(clip: VertexClip, path, frames_per_second=FRAMES_PER_SECOND) -> Path:

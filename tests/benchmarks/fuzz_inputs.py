@@ -1,4 +1,4 @@
-"""Read damaged data sets, checkpoints, sessions and camera paths for a while.
+"""Read damaged data sets, checkpoints, sessions, camera paths and rigs for a while.
 
     python tests/benchmarks/fuzz_inputs.py --seconds 120 [--seed 7] [--only sessions]
 
@@ -23,6 +23,7 @@ import torch
 from fuzz_models import LONGEST, MOST_MEMORY, NASTY, megabytes, small_models, with_bytes
 from PIL import Image
 
+from deformrf.core import rig as rigs
 from deformrf.core.field import load
 from deformrf.core.geometry import a15_grid
 from deformrf.core.training import CheckpointError, DatasetError, load_dataset, preset
@@ -184,11 +185,64 @@ class CameraPaths:
         load_camera_path(self.path, np.eye(4), np.full(3, 0.5))
 
 
+class Blender:
+    """What comes back from Blender: the add-on's file, and point caches."""
+
+    errors = ValueError
+
+    def __init__(self, folder):
+        self.mesh = a15_grid(0.25)
+        count = self.mesh.vertex_count
+        vertices = np.repeat(self.mesh.rest_vertices[None].astype(np.float32), 3, axis=0)
+        clip = rigs.VertexClip("a", np.arange(3) / 24.0, vertices)
+        bones = rigs.make_skeleton(["a", "b"], [-1, 0], np.eye(3)[:2], np.eye(3)[1:])
+        self.meta = {"format": "deformrf-blender", "format_version": 1, "blender": "5.0.1"}
+        self.meta |= {"bones": ["a", "b"], "clips": ["c"], "shape_keys": ["s"]}
+        self.arrays = {
+            "rest_vertices": vertices[0],
+            "weights": np.full((count, 2), 0.5, np.float32),
+            "bone_parents": bones.parents,
+            "bone_rest": bones.rest,
+            "bone_tails": bones.tails,
+            "shape_keys": np.zeros((1, count, 3), np.float32),
+            "times_0": clip.times,
+            "matrices_0": np.tile(np.eye(4), (3, 2, 1, 1)),
+            "shape_values_0": np.zeros((3, 1), np.float32),
+            "vertices_0": vertices,
+        }
+        self.paths = [folder / "rig.npz", *(folder / f"a.{end}" for end in ("pc2", "mdd", "npz"))]
+        for path in self.paths[1:]:
+            rigs.write_cache(clip, path)
+        self.path = self.paths[0]
+        self.write(self.meta)
+        self.contents = [path.read_bytes() for path in self.paths]
+
+    def write(self, meta):
+        text = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+        np.savez(self.path, meta=text, **self.arrays)
+
+    def mutate(self, rng):
+        number = rng.integers(len(self.paths) + 2)
+        if number >= len(self.paths):
+            self.path = self.paths[0]
+            self.write(with_values(rng, self.meta))
+        else:
+            self.path = self.paths[number]
+            self.path.write_bytes(with_bytes(rng, self.contents[number], None))
+
+    def read(self):
+        if self.path == self.paths[0]:
+            rigs.rig_of(rigs.read_blender(self.path, self.mesh), self.mesh)
+        else:
+            rigs.read_cache(self.path, self.mesh.vertex_count)
+
+
 KINDS = {
     "datasets": Datasets,
     "checkpoints": Checkpoints,
     "sessions": Sessions,
     "camera_paths": CameraPaths,
+    "blender": Blender,
 }
 
 
