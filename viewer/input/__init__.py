@@ -11,7 +11,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "view_actions": ["AXIS_VIEWS", "FROM_VIEW", "UPS", "set_up", "up_name"],
         "delete_actions": ["found_box"],
         "deleting": ["BRUSH"],
-        "rig_actions": ["bone_line", "name_bone", "rest_bone", "save_clip"],
+        "rig_actions": ["bone_line", "name_bone", "rest_bone"],
         "timeline_actions": ["delete_key"],
         "photo_actions": ["line_of", "placed_photograph", "show_photograph"],
     },

@@ -161,6 +161,7 @@ INPUTS = (
     Input("Shift+A", "bones at rest", "SHIFT+A", "rest_bones", "Rig/Bones at rest"),
     Input("Shift+Enter", "play the chosen clip, or stop", "SHIFT+ENTER", "play_clip", "Rig/Play"),
     Input("", "play clips again and again", "", "loop_clip", "Rig/Loop"),
+    Input("Shift+C", "a clip of the timeline's poses of bones", "SHIFT+C", "save_clip", "Rig/Clip"),
     Input("Shift+H", "hide or show bones", "SHIFT+H", "toggle_bones", "Rig/Shown"),
     Input("F1", "hide or show the help", "F1", "toggle_help", "Help/Keys and gestures"),
     Input("F2", "screenshot", "F2", "screenshot", "File/Export/Picture"),

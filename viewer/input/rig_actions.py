@@ -46,17 +46,19 @@ def rest_bone(app):
         app.scene.posing.rest_bones([bone])
 
 
-def save_clip(app, typed: str) -> None:
-    """Make a clip of the timeline's poses, under a name or the next number."""
+def _save_clip(app):
+    """Make a clip of the timeline's poses, under the name that was typed or the next number."""
     rigging = app.scene.rigging
     taken = {clip.name for clip in rigging.clips}
     numbers = (f"clip {n}" for n in range(1, len(taken) + 2))
-    name = clean_name(typed) or next(one for one in numbers if one not in taken)
+    typed = clean_name(app.strip.clip_name)
+    name = typed or next(one for one in numbers if one not in taken)
     try:
         rigging.save_clip(name)
     except ValueError as error:  # the keys are not of these bones
         app.recorder.say(str(error))
         return
+    app.strip.clip_name = ""
     app.recorder.say(f"the timeline's poses are the clip {name!r}")
 
 
@@ -89,6 +91,7 @@ def _delete(app):
 
 
 RIG_ACTIONS = {
+    "save_clip": _save_clip,
     "delete_key": _delete,
     "play_clip": _play_clip,
     "loop_clip": _loop_clip,

@@ -5,7 +5,7 @@ from functools import partial
 from imgui_bundle import imgui
 
 from ...core.rig import METHODS
-from ..input import bone_line, label_of, name_bone, rest_bone, save_clip
+from ..input import bone_line, label_of, name_bone, rest_bone
 from ..rigging import SPEEDS
 from .widgets import button, checkbox, combo, setting, slider
 
@@ -80,8 +80,5 @@ def _clips(app):
 def _save(app):
     _, app.strip.clip_name = imgui.input_text_with_hint("##clip", "a name", app.strip.clip_name)
     imgui.same_line()
-    if imgui.button("Save clip"):
-        save_clip(app, app.strip.clip_name)
-        app.strip.clip_name = ""
-    imgui.set_item_tooltip(SAVE_CLIP)
+    button("Save clip", app, "save_clip", f"{SAVE_CLIP} ({label_of('save_clip')})")
     button("Save copy", app, "save_model", f"{SAVE_COPY} ({label_of('save_model')})")
