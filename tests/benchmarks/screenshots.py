@@ -103,7 +103,25 @@ def timeline(studio):
     studio.frames(2)
 
 
-STATES = {act.__name__: act for act in (viewer, selection, strain, ground, timeline)}
+def rig(studio):
+    from deformrf.core.rig import turned
+    from deformrf.viewer.input import ACTIONS
+
+    app, scene = studio.app, studio.app.scene
+    for place in ((0.53, 0.52, 0.13), (0.55, 0.55, 0.4), (0.51, 0.5, 0.78)):
+        scene.rigging.add_joint(np.array(place))
+    scene.settings.tool, scene.settings.show_handles = "bones", False
+    ACTIONS["rest_bones"](app)
+    ACTIONS["key_pose"](app)
+    scene.timeline.scrub(90)
+    scene.posing.hold_bone(1)
+    scene.posing.aim(turned(scene.rigging.skeleton, scene.posing.current, 1, (0.1, 0.6, 0.0)))
+    studio.frames(2)
+    ACTIONS["key_pose"](app)
+    studio.frames(2)
+
+
+STATES = {act.__name__: act for act in (viewer, selection, strain, ground, timeline, rig)}
 
 
 def main():

@@ -46,11 +46,11 @@ def hints_panel(app):
 SECTIONS = (
     ("Model", model_panel, True),
     ("Bend", deform_panel, True),
+    ("Rig", rig_panel, False),
     ("History", history_panel, False),
     ("View", view_panel, True),
     ("Camera", camera_panel, False),
     ("Poses", poses_panel, False),
-    ("Rig", rig_panel, False),
     ("Record", record_panel, True),
     ("Time", time_panel, False),
     ("Mouse", hints_panel, True),

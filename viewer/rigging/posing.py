@@ -182,8 +182,12 @@ class Posing:
         """Whether the object's pose is the playing clip's, at this tick."""
         return self.playing and not self.soft
 
-    def advance(self) -> bool:
-        """A tick begins.  Returns whether the pose after it is set, so that no step is needed."""
+    def advance(self, seen: bool = True) -> bool:
+        """A tick begins.  Returns whether the clip sets the pose, so that no step is needed.
+
+        Args:
+            seen: Whether the pose after the tick is looked at.
+        """
         if not self.playing or (self.soft and self._scene.paused):
             return False
         after = self.seconds + self.speed * TIME_STEP
@@ -191,8 +195,9 @@ class Posing:
         self.seconds = phase(duration, after) if self.loop else min(max(after, 0.0), duration)
         if not self.loop and not 0.0 < after < duration:
             self.playing = False
-        with self.journal.unrecorded():
-            self._show_clip()
+        if seen or self.soft or not self.playing:
+            with self.journal.unrecorded():
+                self._show_clip()
         return not self.soft
 
     # -- the object ----------------------------------------------------------------------

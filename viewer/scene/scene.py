@@ -152,12 +152,17 @@ class Scene:
                 self.posing.follow(1.0 / remaining)
             if self._pushes and not self.paused:
                 self._move_ball(ball.reached + (ball.target - ball.reached) / remaining)
-            self.tick()
+            self.tick(seen=remaining == 1)
         self.look()
 
-    def tick(self) -> None:
-        """Let a tick pass: a step, if the object moves and isn't moved by the timeline."""
-        by_timeline, by_clip = self.timeline.advance(), self.posing.advance()
+    def tick(self, seen: bool = True) -> None:
+        """Let a tick pass: a step, if the object moves and isn't moved by timeline or clip.
+
+        Args:
+            seen: Whether the pose after it is looked at; where it follows from the time alone,
+                it is left out otherwise.
+        """
+        by_timeline, by_clip = self.timeline.advance(), self.posing.advance(seen)
         if not (by_timeline or by_clip) and self._steps:
             self.solver.step(TIME_STEP)
         self.journal.tick += 1
