@@ -40,20 +40,22 @@ class Seen:
         self.in_front &= self._away > 0.0
 
     def near(self, start, end, radius: float):
-        """Which are within a radius [pixels] of the way from one pixel to another.  [N] bool"""
-        way = np.asarray(end, float) - start
-        offsets = self.pixels - start
+        """Which are within a radius [pixels] of the way from one pixel to another.  ids"""
+        start, end = np.asarray(start, float), np.asarray(end, float)
+        low, high = np.minimum(start, end) - radius, np.maximum(start, end) + radius
+        (x, y), way = self.pixels.T, end - start
+        ids = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
+        offsets = self.pixels[ids] - start
         along = np.clip(offsets @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
         missed = offsets - along[:, None] * way
-        with np.errstate(invalid="ignore"):  # behind the camera
-            return (missed**2).sum(axis=1) <= radius**2
+        return ids[(missed**2).sum(axis=1) <= radius**2]
 
     def inside(self, outline):
         """Which are inside a closed outline of pixels [K, 2], in the view.  [N] bool"""
         return within(np.nan_to_num(self.pixels, nan=-1e9), outline) & (self._away > 0.0)
 
     def masks(self, chosen):
-        """These [N] bool as masks.  [T] uint64"""
+        """These, ids or [N] bool, as masks.  [T] uint64"""
         return masks_of(self.tets[chosen], self.subtets[chosen], self._count)
 
 
@@ -65,19 +67,20 @@ class Stroke:
         self._scene, self._through = scene, through
         self._seen = Seen(scene, camera, depth_image)
         self._taken = np.zeros(len(self._seen.tets), bool)
+        self._masks = np.uint64(0)  # of these
 
     def touches(self, pixel, radius: float) -> bool:
         """Whether anything is under the brush."""
-        return bool(self._seen.near(pixel, pixel, radius).any())
+        return len(self._seen.near(pixel, pixel, radius)) > 0
 
     def move(self, start, end, radius: float) -> None:
         """Take what is under the brush on its way."""
         under = self._seen.near(start, end, radius)
-        if not self._through:
-            under &= self._seen.in_front
-        if (under & ~self._taken).any():
-            self._taken |= under
-            self._scene.cuts.show_preview(self._seen.masks(self._taken))
+        under = under[~self._taken[under] & (self._through | self._seen.in_front[under])]
+        if len(under):
+            self._taken[under] = True
+            self._masks = self._masks | self._seen.masks(under)
+            self._scene.cuts.show_preview(self._masks)
 
 
 def widen_brush(settings, notches: float) -> None:
