@@ -51,6 +51,10 @@ def trip(ball, tmp_path_factory):
     return folder, json.loads((folder / "facts.json").read_text()), clip
 
 
+def test_the_dialog_installs_it(trip):
+    assert trip[1]["installed"]
+
+
 def test_the_mesh_keeps_its_vertices_and_edges(trip, ball):
     from deformrf.core.geometry import edges
 
