@@ -55,6 +55,13 @@ def test_the_dialog_installs_it(trip):
     assert trip[1]["installed"]
 
 
+def test_the_panel_has_the_steps_in_order(trip):
+    for time in ("first", "last"):
+        written = trip[1][f"{time} panel"]
+        assert [text[0] for text in written if text[1:3] == "  "] == list("12345")
+        assert written[1] == "deformrf.import_mesh" and "deformrf.export_rig" in written
+
+
 def test_the_mesh_keeps_its_vertices_and_edges(trip, ball):
     from deformrf.core.geometry import edges
 

@@ -1,6 +1,7 @@
 """deformrf-rig export, check and import."""
 
 import importlib.util
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 
 from deformrf.core import field as fields
 from deformrf.core.commands.rig import main
-from deformrf.core.rig import VertexClip, rig_from, write_cache
+from deformrf.core.geometry import boundary_faces
+from deformrf.core.rig import VertexClip, make_skeleton, rig_from, write_cache
 
 
 @pytest.fixture
@@ -65,6 +67,51 @@ def test_a_cache_becomes_a_clip_of_the_model(ball_file, cache, ball, tmp_path, c
         (clip,) = rig.clips
         assert clip.name == "squash" and clip.duration == pytest.approx(2 / fps)
         np.testing.assert_array_equal(clip.vertices, cache.clip.vertices)
+
+
+@pytest.fixture
+def from_blender(ball, tmp_path):
+    """The add-on's file: two bones, whose weights are the height, and none of the upper inside."""
+    rest = ball.mesh.rest_vertices.astype(np.float32)
+    upper = np.clip(2.0 * rest[:, 2] - 0.5, 0.0, 1.0)
+    inside = np.setdiff1d(np.arange(len(rest)), boundary_faces(ball.mesh.tets, ball.neighbours)[0])
+    upper[inside] = 0.0
+    weights = np.column_stack([1.0 - upper, upper]).astype(np.float32)
+    bones = make_skeleton(["a", "b"], [-1, 0], [[0.5, 0.5, 0.0], [0.5] * 3], [[0.5] * 3] * 2)
+    matrices = np.tile(np.eye(4), (2, 2, 1, 1))
+    matrices[1, 1, 0, 3] = 0.1
+    meta = {"format": "deformrf-blender", "format_version": 1, "blender": "5.0.1"}
+    meta |= {"bones": ["a", "b"], "clips": ["Slide"], "shape_keys": [], "preserve_volume": True}
+    np.savez(
+        tmp_path / "rig.npz",
+        meta=np.frombuffer(json.dumps(meta).encode(), np.uint8),
+        rest_vertices=rest,
+        weights=weights,
+        bone_parents=bones.parents,
+        bone_rest=bones.rest,
+        bone_tails=bones.tails,
+        shape_keys=np.zeros((0, len(rest), 3), np.float32),
+        times_0=np.arange(2) / 24.0,
+        matrices_0=matrices,
+        shape_values_0=np.zeros((2, 0), np.float32),
+    )
+    return SimpleNamespace(path=tmp_path / "rig.npz", weights=weights, inside=inside)
+
+
+def test_a_rig_of_blender_becomes_the_models(ball_file, from_blender, ball, tmp_path, call):
+    result = call(main, "check", ball_file, from_blender.path)
+    assert result.code == 0 and "2 bones" in result.out and "Slide: 2 frames" in result.out
+    for inside in ("harmonic", "file"):
+        output = tmp_path / f"{inside}.npz"
+        result = call(
+            main, "import", ball_file, from_blender.path, "-o", output, "--inside", inside
+        )
+        assert result.code == 0 and "dual quaternion" in result.out
+        rig = rig_from(fields.load(output).rig_arrays, ball.mesh.vertex_count)
+        changed = np.abs(rig.weights - from_blender.weights).max(axis=1) > 1e-4
+        expected = from_blender.inside if inside == "harmonic" else []
+        assert set(np.flatnonzero(changed)) <= set(expected)
+        assert changed.any() == (inside == "harmonic")
 
 
 def test_a_cache_of_another_mesh_is_refused(ball_file, tmp_path, call, refused):

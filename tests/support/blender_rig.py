@@ -11,6 +11,7 @@ import json
 import os
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -34,6 +35,39 @@ def refused(operator, **arguments):
     except RuntimeError as error:
         return str(error)
     return ""
+
+
+class Layout:
+    """Stands in for a panel's layout: there is no window.  Keeps what is written on it."""
+
+    def __init__(self):
+        self.written = []
+
+    def box(self):
+        return self
+
+    def column(self, **_):
+        return self
+
+    row = column
+
+    def label(self, text, **_):
+        self.written.append(text)
+
+    def operator(self, name, **_):
+        self.written.append(name)
+        return SimpleNamespace()
+
+    def prop(self, *_, **__):
+        pass
+
+
+def panel():
+    """What the add-on's panel shows now."""
+    layout = Layout()
+    kind = bpy.types.DEFORMRF_PT_panel
+    kind.draw(SimpleNamespace(layout=layout), bpy.context)
+    return layout.written
 
 
 def skeleton(obj):
@@ -80,6 +114,7 @@ bpy.ops.extensions.package_install_files(  # what the button Install from Disk c
 )
 facts = {"blender": bpy.app.version_string, "installed": hasattr(bpy.types.Scene, "deformrf")}
 ops = bpy.ops.deformrf
+facts["first panel"] = panel()
 facts["no mesh"] = refused(ops.bind)
 facts["no file"] = refused(ops.import_mesh, filepath=str(FOLDER / "missing.ply"))
 (FOLDER / "cut.ply").write_bytes(Path(MESH).read_bytes()[:-5])
@@ -118,6 +153,7 @@ ops.export_rig(filepath=str(FOLDER / "scaled_volume.npz"))
 coarse.modifiers[0].use_deform_preserve_volume = False
 ops.export_rig(filepath=str(FOLDER / "scaled.npz"))
 armature.pose.bones["Top"].scale = (1.0, 1.0, 1.0)
+facts["last panel"] = panel()
 ops.show(what="MESH")
 ops.show(what="OBJECT")
 ops.spread()
