@@ -218,7 +218,7 @@ def test_a_rig_of_the_model_is_there_from_the_start(scene, ball):
     scene.posing.scrub_clip("bend", 0.5)
     np.testing.assert_allclose(vertices(other), vertices(scene), atol=1e-5)
     arrays["rig_parents"] = arrays["rig_parents"][:1]
-    with pytest.raises(ValueError, match="rig_parents"):
+    with pytest.raises(ValueError, match=r"the rig in the model ball can't be used: .*rig_parents"):
         Scene(replace(ball, rig_arrays=arrays), "ball", "cpu")
 
 

@@ -5,7 +5,7 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "rigging": ["MOST_JOINTS", "Rigging"],
+        "rigging": ["MOST_JOINTS", "Rigging", "rig_of"],
         "posing": ["Posing", "SPEEDS"],
         "joints": ["ENDS", "HEAD", "LOOSE", "TAIL", "Joint"],
         "matter": ["Matter"],

@@ -9,7 +9,7 @@ import time
 import numpy as np
 
 from ...core.deform import TIME_STEP
-from ...core.rig import Rig, Skinner, automatic_weights, clip_of_poses
+from ...core.rig import Rig, Skinner, automatic_weights, clip_of_poses, rig_from
 from ..history import edit
 from . import joints
 from .joints import HEAD, LOOSE, TAIL, Joint
@@ -17,6 +17,20 @@ from .joints import HEAD, LOOSE, TAIL, Joint
 MOST_JOINTS = 200
 BLINK = 0.3  # s; what takes longer is told of
 SAMPLED = 2  # ticks between two keys of a clip that is made from the timeline
+
+
+def rig_of(field, name: str) -> Rig | None:
+    """The rig in a model of that name; None without one.
+
+    Raises:
+        ValueError: Its arrays are no rig.
+    """
+    if field.rig_arrays is None:
+        return None
+    try:
+        return rig_from(field.rig_arrays, field.mesh.vertex_count)
+    except ValueError as error:
+        raise ValueError(f"the rig in the model {name} can't be used: {error}") from error
 
 
 class Rigging:

@@ -10,9 +10,8 @@ from functools import partial
 import numpy as np
 
 from ...core.deform import TIME_STEP, Sphere, falloff, lowest_pins, vertices_within
-from ...core.rig import rig_from
 from ..history import Journal, edit, is_nothing, restore, state_of
-from ..rigging import Hold, Posing, Rigging
+from ..rigging import Hold, Posing, Rigging, rig_of
 from ..settings import CPU_TARGET_FPS, SHOWN, Settings
 from ..timeline import Timeline
 from .body import Body, stored_size
@@ -64,8 +63,7 @@ class Scene:
         self.body = Body(rest, tets, self.pins, self.size, meters, device, factors)
         self.cuts = Cuts(self)
         self.grip = Hold(self)  # by the mouse and by bones
-        arrays = field.rig_arrays
-        self.rigging = Rigging(self, None if arrays is None else rig_from(arrays, len(rest)))
+        self.rigging = Rigging(self, rig_of(field, name))
         self.posing = Posing(self)
         self._nearest = nearest_vertices(self._surface, rest)  # [N], of each point
         of_object = of_the_object(rest, tets)  # [V]
