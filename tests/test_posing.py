@@ -143,6 +143,30 @@ def test_a_clip_plays_again_and_again_or_once_and_at_its_speed(scene):
     assert not posing.playing and posing.seconds == 0.0
 
 
+def test_a_clip_that_plays_fades_into_the_next_one(scene):
+    make_clip(scene)
+    turn(scene, 1, (0.0, -0.9, 0.0))
+    scene.timeline.key(0, None, True)
+    scene.timeline.key(30, None, True)
+    scene.rigging.save_clip("lean")  # which stands
+    posing = scene.posing
+    posing.scrub_clip("lean", 0.0)
+    lean = vertices(scene)
+    posing.scrub_clip("bend", 0.0)
+    posing.play_clip("bend")
+    for _ in range(10):
+        scene.tick()
+    ways = [vertices(scene)]
+    posing.play_clip("lean")
+    np.testing.assert_allclose(vertices(scene), ways[0], atol=1e-6)  # no jump
+    for _ in range(25):
+        scene.tick()
+        ways.append(vertices(scene))
+    steps = abs(np.diff(ways, axis=0)).max(axis=(1, 2))
+    assert steps.max() < 0.25 * abs(lean - ways[0]).max()
+    np.testing.assert_allclose(ways[-1], lean, atol=1e-6)
+
+
 def test_the_camera_turns_around_a_clip_that_plays(scene):
     from deformrf.viewer.camera import orbit as orbits
 

@@ -12,6 +12,7 @@ from .widgets import button, checkbox, combo, setting, slider
 SOFTNESS = """0: bones move all of the object;
 more: only what is near the bones, and the solver moves the rest"""
 SKINNING = "dual quaternion keeps the volume where bones twist"
+FADES = "while one plays, its pose fades into that of the next"
 SAVE_CLIP = "the timeline's poses of bones, with their times; Save copy keeps it with the model"
 SAVE_COPY = "the model with its bones, weights and clips, here"
 
@@ -58,12 +59,20 @@ def _bone(app):
         imgui.set_item_tooltip(label_of("delete_key"))
 
 
+def _choose(posing, name):
+    """Play another clip if one plays; else show its beginning."""
+    if posing.playing:
+        posing.play_clip(name)
+    else:
+        posing.scrub_clip(name, 0.0)
+
+
 def _clips(app):
     posing, clip = app.scene.posing, app.scene.posing.chosen
     if clip is None:
         return
     names = [one.name for one in app.scene.rigging.clips]
-    combo("clip", clip.name, names, lambda name: posing.scrub_clip(name, 0.0))
+    combo("clip", clip.name, names, partial(_choose, posing), FADES)
     button("Stop" if posing.playing else "Play", app, "play_clip", label_of("play_clip"))
     imgui.same_line()
     checkbox("loop##clip", posing.loop, posing.loop_clip)

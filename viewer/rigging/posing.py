@@ -27,6 +27,7 @@ from ...core.rig import (
 from ..history import edit
 
 SPEEDS = -4.0, 4.0  # of clips
+FADE = 0.3  # s from one clip that plays to the next
 STATE = (
     *("softness", "method", "clip", "seconds", "loop", "speed"),
     *("pose", "drives", "shows_vertices"),
@@ -50,6 +51,7 @@ class Posing:
         self.pose: Pose | None = None
         self.playing = self.drives = self.shows_vertices = False
         self._scene, self._rigging = scene, scene.rigging
+        self._fades = None  # the clip before, the time in it, and the time since [s]
         self._aim: Pose | None = None  # where a drag wants the bones, until they are there
         self._pins = None  # that are taken off while bones hold vertices  [V] bool
         self._driven = None  # what it follows from, and ids of vertices
@@ -127,12 +129,16 @@ class Posing:
 
     @edit("play_clip", undo="play {clip}", begins=True)
     def play_clip(self, clip: str) -> None:
-        """Play a clip from where one is in it, or from its beginning after its end."""
+        """Play a clip from where one is in it, or from its beginning after its end.
+
+        If another one plays, its pose fades into the new one's.
+        """
+        before = (self.clip, self.seconds, 0.0) if self.playing and clip != self.clip else None
         duration = self._choose(clip).duration
         if not self.loop and not 0.0 < self.seconds < duration:
             self.seconds = 0.0 if self.speed >= 0.0 else duration
         self._act()
-        self.playing = True
+        self.playing, self._fades = True, before
         self._show_clip()
 
     @edit("stop_clip")
@@ -170,7 +176,20 @@ class Posing:
             self.pose, self.shows_vertices = None, True
             self._move(clip.vertices_at(self.seconds))
         else:
-            self._show(clip.pose_at(self._rigging.skeleton, self.seconds))
+            self._show(self._faded(clip.pose_at(self._rigging.skeleton, self.seconds)))
+
+    def _faded(self, pose):
+        """A clip's pose, and as much as is left of the one before."""
+        if self._fades is None:
+            return pose
+        name, seconds, since = self._fades
+        clip = next((one for one in self._rigging.clips if one.name == name), None)
+        if since >= FADE or clip is None or isinstance(clip, VertexClip):
+            self._fades = None
+            return pose
+        before = clip.pose_at(self._rigging.skeleton, phase(clip.duration, seconds))
+        share = since / FADE
+        return mixed(before, pose, share * share * (3.0 - 2.0 * share))
 
     @property
     def soft(self) -> bool:
@@ -191,6 +210,9 @@ class Posing:
         if not self.playing or (self.soft and self._scene.paused):
             return False
         after = self.seconds + self.speed * TIME_STEP
+        if self._fades is not None:
+            name, seconds, since = self._fades
+            self._fades = name, seconds + self.speed * TIME_STEP, since + TIME_STEP
         duration = self._rigging.clip(self.clip).duration
         self.seconds = phase(duration, after) if self.loop else min(max(after, 0.0), duration)
         if not self.loop and not 0.0 < after < duration:
@@ -208,10 +230,10 @@ class Posing:
         self.softness = softness
         if self.drives:
             self._let_go()
-            playing = self.playing
+            playing, fades = self.playing, self._fades
             self._act()
             self._again()
-            self.playing = playing
+            self.playing, self._fades = playing, fades
 
     @edit("set_skinning", undo="skinning")
     def set_skinning(self, method: str) -> None:
@@ -237,7 +259,7 @@ class Posing:
         """From now on the bones move the object, but no clip plays."""
         scene = self._scene
         scene.end_push()
-        self.playing = False
+        self.playing, self._fades = False, None
         if self.soft:
             scene.timeline.give_way()
         else:
@@ -308,7 +330,7 @@ class Posing:
     def end(self) -> None:
         """Something else moves the object now."""
         self.playing = self.drives = self.shows_vertices = False
-        self._aim = None
+        self._aim = self._fades = None
         self._let_go()
 
     def rest(self) -> None:
