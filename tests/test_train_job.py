@@ -78,7 +78,7 @@ def test_a_job_tells_how_far_it_is_and_its_last_words(photos, monkeypatch, ball_
     assert job.code == 2 and "too few photographs" in job.line
 
 
-def test_a_job_that_is_stopped_keeps_its_work(photos, monkeypatch):
+def test_a_job_that_is_stopped_keeps_its_work(photos, monkeypatch, capsys):
     monkeypatch.setattr(train_job, "CODE", WAITS)
     job = TrainJob(offer_of(photos, "cpu"))
     while job.line != "ready":
@@ -86,6 +86,7 @@ def test_a_job_that_is_stopped_keeps_its_work(photos, monkeypatch):
         time.sleep(0.02)
     job.close()
     assert job.ended and job.code == 130 and job.line == "kept the work"
+    assert "Training stops" in capsys.readouterr().err
 
 
 def test_the_process_is_deformrf_train(photos):

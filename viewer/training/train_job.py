@@ -118,6 +118,8 @@ class TrainJob:
 
     def close(self) -> None:
         """End it, and wait for its work to be written."""
+        if not self.ended:
+            print("Training stops; what is done is written.", file=sys.stderr, flush=True)
         self.stop()
         self._thread.join(PATIENCE)
         if self._thread.is_alive() and self._process is not None:
