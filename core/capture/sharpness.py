@@ -5,8 +5,10 @@ from PIL import Image
 
 SIDE = 480  # longer side that images are compared at [pixels]
 RAMP = 0.5  # sharpness of an image without detail at the fine scale
-OUTLIER = 3.0  # spreads below the median, from which a photograph is blurred
-LEAST_SPREAD = 0.02  # of the median
+LEAST_STRENGTH = 0.1  # gray levels: a direction with less has no texture to be judged by
+OUTLIER = 3.0  # standard deviations below the mean, from which a photograph is blurred
+QUARTER, EIGHTH = 0.674, 1.150  # of a normal distribution, in deviations above its mean
+LEAST_DEVIATION = 0.02  # of the sharpness
 LEAST_WEIGHT = 0.1  # of a photograph: it may be the only one that shows something
 
 
@@ -18,9 +20,10 @@ def gray_of(rgb):
 def sharpness_of(gray) -> float:
     """The gradient's root mean square at fine scale over that at twice the scale.
 
-    Blur takes from fine scales first, so the ratio falls with it: about 0.5 and less where the
-    smallest features are blurred away, 0.6 and more in sharp photographs.  Contrast and exposure
-    cancel.  Of an image without texture it is 0.
+    It is the least of four directions: a camera that moves blurs one of them.  Blur takes from
+    fine scales first, so the ratio falls with it: about RAMP and less where the smallest features
+    are blurred away, 0.6 and more in sharp photographs.  Contrast and exposure cancel.  Of an
+    image without texture it is 0.
 
     Args:
         gray: [h, w] uint8
@@ -34,19 +37,31 @@ def sharpness_of(gray) -> float:
     fine = gray.astype(np.float32)
     height, width = (side // 2 * 2 for side in fine.shape)
     coarse = fine[:height, :width].reshape(height // 2, 2, width // 2, 2).mean(axis=(1, 3))
-    strengths = [
-        np.sqrt((np.diff(i, axis=0) ** 2).mean() + (np.diff(i, axis=1) ** 2).mean())
-        for i in (fine, coarse)
-    ]
-    return float(strengths[0] / strengths[1]) if strengths[1] > 1.0 else 0.0
+    strengths, coarse_strengths = (
+        np.sqrt([(difference**2).mean() for difference in differences(i)]) for i in (fine, coarse)
+    )
+    if np.hypot(*coarse_strengths[:2]) <= 1.0:
+        return 0.0
+    return float((strengths / np.maximum(coarse_strengths, LEAST_STRENGTH)).min())
+
+
+def differences(image):
+    """Of neighboring pixels down, across and along both diagonals.  Four arrays"""
+    return (
+        np.diff(image, axis=0),
+        np.diff(image, axis=1),
+        image[1:, 1:] - image[:-1, :-1],
+        image[1:, :-1] - image[:-1, 1:],
+    )
 
 
 def sharpness_weights(sharpness):
     """How much photographs count by their sharpness, LEAST_WEIGHT to 1.  [n]
 
-    What they show makes sharpness differ, by a spread that the sharper half tells.  One that is
-    OUTLIER times as far below the median is blurred, and counts by the energy of the fine detail
-    that it has left: the square of its sharpness above RAMP, over the median's.
+    What they show makes sharpness differ.  How sharp ones differ is told by the sharpest quarter,
+    as that of a normal distribution, so that many blurred ones don't hide one another.  One that
+    is OUTLIER deviations below the mean is blurred, and counts by the energy of the fine detail
+    that it has left: the square of its sharpness above RAMP, over the mean's.
 
     Args:
         sharpness: By `sharpness_of`.  [n]
@@ -54,11 +69,11 @@ def sharpness_weights(sharpness):
     sharpness = np.asarray(sharpness, float)
     if len(sharpness) == 0:
         return sharpness
-    median = np.median(sharpness)
-    # 1.48: from the median of deviations to a normal distribution's standard deviation.
-    spread = 1.4826 * np.median(sharpness[sharpness >= median] - median)
-    is_blurred = sharpness < median - OUTLIER * max(spread, LEAST_SPREAD * median)
-    left = np.clip((sharpness - RAMP) / max(median - RAMP, 1e-6), 0.0, 1.0)
+    quarter, eighth = np.percentile(sharpness, [75.0, 87.5])
+    deviation = max((eighth - quarter) / (EIGHTH - QUARTER), LEAST_DEVIATION * quarter)
+    mean = quarter - QUARTER * deviation
+    left = np.clip((sharpness - RAMP) / max(mean - RAMP, 1e-6), 0.0, 1.0)
+    is_blurred = sharpness < mean - OUTLIER * deviation
     return np.where(is_blurred, np.maximum(left**2, LEAST_WEIGHT), 1.0)
 
 
