@@ -60,8 +60,8 @@ def sharpness_weights(sharpness):
 
     What they show makes sharpness differ.  How sharp ones differ is told by the sharpest quarter,
     as that of a normal distribution, so that many blurred ones don't hide one another.  One that
-    is OUTLIER deviations below the mean is blurred, and counts by the energy of the fine detail
-    that it has left: the square of its sharpness above RAMP, over the mean's.
+    is OUTLIER deviations below the mean, and has less than half of the fine detail's energy left,
+    is blurred, and counts by that: the square of its sharpness above RAMP, over the mean's.
 
     Args:
         sharpness: By `sharpness_of`.  [n]
@@ -72,9 +72,9 @@ def sharpness_weights(sharpness):
     quarter, eighth = np.percentile(sharpness, [75.0, 87.5])
     deviation = max((eighth - quarter) / (EIGHTH - QUARTER), LEAST_DEVIATION * quarter)
     mean = quarter - QUARTER * deviation
-    left = np.clip((sharpness - RAMP) / max(mean - RAMP, 1e-6), 0.0, 1.0)
-    is_blurred = sharpness < mean - OUTLIER * deviation
-    return np.where(is_blurred, np.maximum(left**2, LEAST_WEIGHT), 1.0)
+    left = np.clip((sharpness - RAMP) / max(mean - RAMP, 1e-6), 0.0, 1.0) ** 2
+    is_blurred = (sharpness < mean - OUTLIER * deviation) & (left < 0.5)
+    return np.where(is_blurred, np.maximum(left, LEAST_WEIGHT), 1.0)
 
 
 def exposure_of(gray) -> float:
