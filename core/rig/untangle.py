@@ -6,10 +6,11 @@ gradient of tet t, V_t its rest volume, d_i the Laplacian's diagonal and x the s
 
     minimize  Σ_t V_t |F_t(v) − P(F_t(v))|² + a Σ_i d_i |v_i − x_i|²
 
-P clamps the singular values to [FLAT, LONG], the smallest one signed, so that P(F) = F wherever a
-tet is well: only tets that are not well pull.  Local and global steps take turns (Bouaziz et al.
-2014, projective dynamics): P with v held, then v with P held, a linear system whose matrix is the
-Laplacian's.  a falls until no tet is flatter than LEAST.
+P raises singular values to FLAT, the smallest one signed, so that P(F) = F wherever a tet is well:
+only flat and inverted tets pull.  Stretched ones don't: where tets bridge two legs, they have to.
+Local and global steps take turns (Bouaziz et al. 2014, projective dynamics): P with v held, then v
+with P held, a linear system whose matrix is the Laplacian's.  a falls
+until no tet is flatter than LEAST.
 """
 
 import numpy as np
@@ -17,8 +18,8 @@ import numpy as np
 from ..geometry import TetMesh, signed_volumes
 from .laplacian import laplacian, solved
 
-FLAT, LONG = 0.25, 3.0
-LEAST = 0.05  # smallest volume ratio that is left
+FLAT = 0.1
+LEAST = 0.01  # smallest volume ratio that is left
 PULLS = (0.1, 0.03, 0.01, 0.003, 0.001)  # a
 ROUNDS = 40  # for each a
 
@@ -55,7 +56,7 @@ class Untangler:
         mirrored = np.linalg.det(u @ vt) < 0.0
         sizes[mirrored, 2] *= -1.0
         u[mirrored, :, 2] *= -1.0
-        well = u @ (np.clip(sizes, FLAT, LONG)[:, :, None] * vt)
+        well = u @ (np.maximum(sizes, FLAT)[:, :, None] * vt)
         pulls = self._volumes[:, None, None] * np.einsum("tij,tcj->tci", well, self._gradients)
         corners = self._tets.ravel()
         sources = [np.bincount(corners, p.ravel(), len(v)) for p in np.moveaxis(pulls, 2, 0)]
