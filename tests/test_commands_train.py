@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.commands import FAILED, INPUT_ERROR, INTERRUPTED, train
+from deformrf.core.commands import FAILED, INPUT_ERROR, INTERRUPTED, train, train_choices
 from deformrf.core.field import modelfile
 from deformrf.core.render import look_at
 from deformrf.core.training import DatasetError, preset
@@ -176,7 +176,7 @@ def test_a_last_look_without_memory_writes_the_model_and_says_so(call, trainer, 
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize("steps", [2, 100, 10**6])
 def test_steps_are_shared_out_between_the_stages(name, steps):
-    options = train.with_steps(preset(name), steps)
+    options = train_choices.with_steps(preset(name), steps)
     assert options.coarse_steps + options.fine_steps == steps
     assert min(options.coarse_steps, options.fine_steps) >= 1
 
@@ -193,6 +193,7 @@ def test_the_command_line_knows_every_preset():
         (["-o", "m.npz", "--seed", -1], "--seed is -1: it has to be at least 0"),
         (["-o", "m.npz", "--image-size", 0], "image size is 0"),
         (["-o", "m.npz", "--scene-radius", 0], "--scene-radius is 0.0"),
+        (["-o", "m.npz", "--spacing", 0.001], "--spacing is 0.001: it has to be from 0.005 to"),
         (["-o", "m.npz", "--size", "inf"], "--size is inf: it has to be from 0.0001 to 10000 m"),
         (
             ["-o", "m.npz", "--leave-out", "distortion", "stage"],

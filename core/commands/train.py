@@ -15,10 +15,7 @@ from .. import training
 from ..arguments import (
     Count,
     Meters,
-    at_least,
-    at_most,
     object_size,
-    positive,
     with_size,
     writable_file,
 )
@@ -37,10 +34,9 @@ from .running import (
     require,
     run,
 )
+from .train_choices import check_resumed_views, resumed_run, train_options
 
 PROGRAM = "deformrf-train"
-LARGEST_SEED, MOST_STEPS = 2**63 - 1, 10**8  # torch's; a year on a GPU
-SAME_NAMED = ("seed", "aabb", "scene_radius", "surroundings", "view_dependence", "leave_out")
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
 Box = Annotated[
@@ -81,6 +77,9 @@ class TrainArguments:
     the one that is found in photographs, or one around the place that the cameras look at."""
     scene_radius: Number = None
     """The same, for a box from -R to R around the data's origin."""
+    spacing: Annotated[float | None, tyro.conf.arg(metavar="DX", help_behavior_hint="")] = None
+    """Unit of the mesh's lattice [of the box's longest side]; default: the preset's, 0.02 or, for
+    tiny, 0.04. With half of it thin parts bend apart, and there are some six times the tets."""
     surroundings: Literal["auto", "learnt", "white"] = "auto"
     """The surroundings of the object: learnt (a field of their own), or white (or cut out by
     alpha); auto decides by the images."""
@@ -314,71 +313,6 @@ def lost(error: OSError, path: Path, second: Path | None, checkpoint_path: Path 
     elif not second:
         parts.append("the run has no checkpoint to continue from")
     return "; ".join(parts)
-
-
-def train_options(arguments: TrainArguments):
-    """The preset, and what the flags change in it."""
-    if arguments.seed is not None:
-        at_least(0, "--seed", arguments.seed)
-        at_most(LARGEST_SEED, "--seed", arguments.seed)
-    positive("--scene-radius", arguments.scene_radius)
-    values = {name: getattr(arguments, name) for name in SAME_NAMED}
-    if arguments.seed is None:
-        del values["seed"]
-    options = training.preset(arguments.preset, **values)
-    if arguments.steps is None:
-        return options
-    at_most(MOST_STEPS, "--steps", arguments.steps)
-    return with_steps(options, at_least(2, "--steps", arguments.steps))
-
-
-def with_steps(options, steps: int):
-    """The options with this many steps in all, at least one in each stage."""
-    if "coarse-stage" in options.leave_out:
-        return replace(options, fine_steps=steps)
-    share = options.coarse_steps / (options.coarse_steps + options.fine_steps)
-    coarse_steps = max(1, round(share * steps))
-    return replace(options, coarse_steps=coarse_steps, fine_steps=steps - coarse_steps)
-
-
-def resumed_run(arguments: TrainArguments, path: Path):
-    """The checkpoint of an interrupted run, if no flag contradicts its options."""
-    resumed = training.load_checkpoint(path)
-    if flag := contradiction(arguments, resumed.options):
-        raise ValueError(
-            f"--resume keeps the options of the interrupted run, from which {flag} differs: "
-            f"drop {flag}"
-        )
-    return resumed
-
-
-def contradiction(arguments: TrainArguments, options) -> str | None:
-    """The first flag that was given and differs from these options."""
-    if set(arguments.leave_out) == set(options.leave_out):  # in any order
-        arguments = replace(arguments, leave_out=options.leave_out)
-    known = {name: getattr(options, name) for name in SAME_NAMED}
-    for name, value in known.items():
-        not_given = getattr(TrainArguments, name)
-        if getattr(arguments, name) not in (not_given, value):
-            no = "no-" if name == "view_dependence" else ""
-            return f"--{no}{name.replace('_', '-')}"
-    asked = replace(training.preset(arguments.preset), **known)
-    if arguments.steps is not None:
-        if with_steps(options, arguments.steps) != options:
-            return "--steps"
-        asked = with_steps(asked, arguments.steps)
-    return "--preset" if arguments.preset != "default" and asked != options else None
-
-
-def check_resumed_views(report: dict, views):
-    """Raise ValueError if these are not the images of the interrupted run."""
-    before = (report["view_count"], *report["image_size"])
-    largest = max((lens.width, lens.height) for lens in views.lenses)  # as the report has it
-    if before != (now := (views.view_count, *largest)):
-        raise ValueError(
-            "--resume needs the same images and --image-size: the interrupted run had {} views, "
-            "up to {}x{} pixels, these are {}, up to {}x{}".format(*before, *now)
-        )
 
 
 def summary(trained, path: Path, scores: dict | None) -> str:
