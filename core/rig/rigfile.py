@@ -195,7 +195,7 @@ def _meta(arrays) -> dict:
     version = meta.get("format_version")
     check(
         version == FORMAT_VERSION,
-        f"its rig has format version {str(version)[:20]}, this program reads {FORMAT_VERSION}",
+        f"its rig has format version {version!r:.20}, this program reads {FORMAT_VERSION}",
     )
     bones, clips = meta.get("bones"), meta.get("clips")
     check(
