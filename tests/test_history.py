@@ -11,7 +11,7 @@ import torch
 
 from deformrf.core.field import modelfile
 from deformrf.core.render import look_at, pinhole
-from deformrf.core.training import preset, trainer
+from deformrf.core.training import photographs, preset, trainer
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run import (
@@ -217,7 +217,7 @@ def test_no_memory_outside_a_step_is_a_sentence(views, monkeypatch):
     def greedy(*_):
         raise torch.OutOfMemoryError("9 GiB")
 
-    monkeypatch.setattr(trainer, "RayBank", greedy)
+    monkeypatch.setattr(photographs, "RayBank", greedy)
     with pytest.raises(MemoryError, match="--image-size"):
         trainer.train(views, OPTIONS, "cpu", "ball")
 

@@ -2,9 +2,9 @@
 
 import warp as wp
 
-from ..field import encode_kernel, evaluate_kernel, networks_kernel
+from ..field import encode_kernel, networks_kernel
 from . import modes, shading, subpixel
-from .overlap import Overlap, PieceMerger
+from .overlap import Overlap, PieceMerger, trace_windows_kernel
 from .rays import Pose, camera_rays_kernel, march_kernel, raster_kernel
 from .render import Renderer
 from .rounds import resolve_kernel, trace_kernel
@@ -12,13 +12,15 @@ from .rounds import resolve_kernel, trace_kernel
 
 def kernel_modules(device) -> list[str]:
     """Names of those that `Renderer`, `render_mode` and `RunningMean` launch on a device."""
-    names = [owner.__module__ for owner in (Renderer, Pose, Overlap, PieceMerger)]
+    names = [owner.__module__ for owner in (Renderer, Pose, Overlap)]
     names += [module.__name__ for module in (modes, subpixel)]
-    kernels = [camera_rays_kernel, march_kernel, resolve_kernel, encode_kernel]
+    kernels = [camera_rays_kernel, resolve_kernel]
     if wp.get_device(device).is_cuda:
         from .rounds import begin_kernel
 
-        kernels += [begin_kernel, shading.half_basis_kernel, networks_kernel]
-    else:
-        kernels += [raster_kernel, trace_kernel, evaluate_kernel]
+        names.append(PieceMerger.__module__)
+        kernels += [march_kernel, begin_kernel]
+        kernels += [encode_kernel, shading.half_basis_kernel, networks_kernel]
+    else:  # what crowded rays need is compiled when there are any
+        kernels += [raster_kernel, trace_kernel, trace_windows_kernel]
     return sorted({*names, *(kernel.module.name for kernel in kernels)})

@@ -110,6 +110,16 @@ def trace_windows_kernel(
     """All windows of the rays `alive`, by one thread."""
     count = alive.shape[0]
     sample_count = int(0)
+    i = int(0)
+    while i < count:  # another path may have had them before
+        ray = alive[i]
+        rays.t[ray] = 0.0
+        pixels.color[ray] = wp.vec3()
+        pixels.depth[ray] = 0.0
+        pixels.transmittance[ray] = 1.0
+        pixels.tet[ray] = -1
+        pixels.sample_count[ray] = 0
+        i += 1
     while count > 0:
         first = int(0)
         left = int(0)
