@@ -21,6 +21,7 @@ from deformrf.core import rig as rigs
 from deformrf.core.paths import DEFAULT_MODEL
 
 SIDE, FPS, SAMPLES = 320, 20, 4
+FOX = 192, 170, 696, 506  # of a picture of 960x640 pixels: the fox fills a part of it
 BENDS = ((0.0, 0.0), (0.5, 0.4), (-0.3, -0.5), (0.0, 0.0))  # of both bones [radians]
 
 
@@ -62,8 +63,8 @@ def main():
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         fields.save(bent_helmet(2.0 * run.duration), folder / "helmet.npz")
-        wide = f"{round(1.5 * SIDE)}x{SIDE}"
-        left = frames(arguments.fox, "Run", wide, folder / "fox")
+        left = frames(arguments.fox, "Run", f"{3 * SIDE}x{2 * SIDE}", folder / "fox")
+        left = [picture.crop(FOX).resize((3 * SIDE // 2, SIDE)) for picture in left]
         right = frames(folder / "helmet.npz", "Bend", f"{SIDE}x{SIDE}", folder / "bend")
         pictures = []
         for n, helmet in enumerate(right):
