@@ -167,3 +167,17 @@ def _read_header(stream, entry):
         f"'{name}' declares {list(shape)}, {wanted} bytes, but the file holds {found}",
     )
     return dtype, shape, bool(header["fortran_order"]), 8 + size + length
+
+
+@contextmanager
+def one_sentence(path):
+    """Turn any error in reading a file into a ValueError of one sentence with its path."""
+    try:
+        yield
+    except MemoryError as error:
+        raise ValueError(f"{path} needs more memory than is free") from error
+    except ValueError as error:
+        line = str(error)
+        raise ValueError(line if str(path) in line else f"{path}: {line}") from error
+    except Exception as error:  # a file can hold anything: what was not foreseen is damage too
+        raise ValueError(f"{path} is damaged: {error}") from error

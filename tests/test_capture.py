@@ -268,6 +268,7 @@ def test_portrait_and_landscape_photographs_are_used_together(photos, poses, tmp
     assert [lens.focal[0] for lens in views.lenses] == pytest.approx([210.0] * 14, rel=0.05)
     truth = poses[[int(name) for name in views.names]]
     centers, rotations = similarity_errors(views.poses, truth)
+    # Cropped pictures show less to match: 0.010 and 0.58 were seen, and runs differ.
     assert np.median(centers) < 0.02 and np.median(rotations) < 1.0
 
 

@@ -79,7 +79,7 @@ class TrainArguments:
     """The same, for a box from -R to R around the data's origin."""
     spacing: Annotated[float | None, tyro.conf.arg(metavar="DX", help_behavior_hint="")] = None
     """Unit of the mesh's lattice [of the box's longest side]; default: the preset's, 0.02 or, for
-    tiny, 0.04. With half of it thin parts bend apart, and there are some six times the tets."""
+    tiny, 0.04. With half of it the mesh bends more finely, and has some six times the tets."""
     surroundings: Literal["auto", "learnt", "white"] = "auto"
     """The surroundings of the object: learnt (a field of their own), or white (or cut out by
     alpha); auto decides by the images."""

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..archive import open_archive
+from ..archive import one_sentence, open_archive
 from ..geometry import TetMesh, boundary_faces, tet_neighbours
 from .clips import Clip, VertexClip, clip_of_matrices
 from .rig import MOST_CLIPS, Rig
@@ -60,16 +60,8 @@ def read_blender(path, mesh: TetMesh) -> BlenderRig:
         ValueError: The file is missing, damaged, or of another model.
     """
     path = Path(path)
-    try:
-        with open_archive(path, "rig of the Blender add-on") as arrays:
-            return _read(arrays, mesh)
-    except MemoryError as error:
-        raise ValueError(f"{path} needs more memory than is free") from error
-    except ValueError as error:
-        line = str(error)
-        raise ValueError(line if str(path) in line else f"{path}: {line}") from error
-    except Exception as error:  # a file can hold anything: what was not foreseen is damage too
-        raise ValueError(f"{path} is damaged: {error}") from error
+    with one_sentence(path), open_archive(path, "rig of the Blender add-on") as arrays:
+        return _read(arrays, mesh)
 
 
 def rig_of(found: BlenderRig, mesh: TetMesh, harmonic: bool = True) -> Rig:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..archive import open_archive
+from ..archive import one_sentence, open_archive
 from ..memory import free_bytes
 from ..paths import whole_file
 from .clips import VertexClip
@@ -46,17 +46,10 @@ def read_cache(path, vertex_count: int, frames_per_second=FRAMES_PER_SECOND) -> 
     if not path.is_file():
         raise ValueError(f"there is no point cache at {path}")
     _check_rate(frames_per_second)
-    try:
+    with one_sentence(path):
         times, vertices = read(path, vertex_count, float(frames_per_second))
         _check_finite(vertices)
         return VertexClip(path.stem, times - times[0], vertices)
-    except MemoryError as error:
-        raise ValueError(f"{path} needs more memory than is free") from error
-    except ValueError as error:
-        line = str(error)
-        raise ValueError(line if str(path) in line else f"{path}: {line}") from error
-    except Exception as error:  # a zip can hold anything: what was not foreseen is damage too
-        raise ValueError(f"{path} is damaged: {error}") from error
 
 
 def write_cache(clip: VertexClip, path, frames_per_second=FRAMES_PER_SECOND) -> Path:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..archive import open_archive
+from ..archive import one_sentence, open_archive
 from ..paths import whole_file
 from .clips import INTERPOLATIONS, PATHS, Channel, Clip, VertexClip
 from .rig import MOST_CLIPS, Rig
@@ -109,16 +109,8 @@ def load_rig(path, vertex_count: int) -> Rig:
         ValueError: The file is missing, has no rig, or none of that model.
     """
     path = Path(path)
-    try:
-        with open_archive(path, "rig file") as arrays:
-            return rig_from(arrays, vertex_count)
-    except MemoryError as error:
-        raise ValueError(f"{path} needs more memory than is free") from error
-    except ValueError as error:
-        line = str(error)
-        raise ValueError(line if str(path) in line else f"{path}: {line}") from error
-    except Exception as error:  # a file can hold anything: what was not foreseen is damage too
-        raise ValueError(f"{path} is damaged: {error}") from error
+    with one_sentence(path), open_archive(path, "rig file") as arrays:
+        return rig_from(arrays, vertex_count)
 
 
 def largest_weights(weights):
