@@ -4,8 +4,8 @@
 
 DATA holds photographs; beside them may lie what is true: ../truth/poses.json (their cameras) and
 ../truth/transforms_test.json with images of the object alone.  Of each kind a folder is made and
-trained on two cores (--preset tiny); OUT/KIND has it, the model, all that was printed, and
-OUT/KIND.png shows photographs above the model from the same cameras.
+trained (by default as two cores can: --preset tiny); OUT/KIND has it, the model, all that was
+printed, and OUT/KIND.png shows photographs above the model from the same cameras.
 
     whole      all photographs, as they are
     scattered  every third is gone
@@ -165,10 +165,6 @@ def run(folder: Path, more):
         folder / "photos",
         "-o",
         folder / "m.npz",
-        "--preset",
-        "tiny",
-        "--device",
-        "cpu",
         *more,
     ]
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
@@ -256,6 +252,8 @@ def main():
     parser.add_argument("--kinds", nargs="+", default=known, choices=known)
     parser.add_argument("--others", type=Path, help="folder with photographs of something else")
     parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--preset", default="tiny", help="of deformrf-train")
+    parser.add_argument("--device", default="cpu", help="of deformrf-train")
     parser.add_argument("--steps", type=int, help="of deformrf-train")
     parser.add_argument("--leave-out", nargs="+", help="of deformrf-train")
     arguments = parser.parse_args()
@@ -272,7 +270,8 @@ def main():
         if not (folder / "photos").exists():
             whole = arguments.out / "whole"
             make(kind, photos, others, folder / "photos", whole, arguments.every)
-        more = ["--steps", arguments.steps] if arguments.steps else []
+        more = ["--preset", arguments.preset, "--device", arguments.device]
+        more += ["--steps", arguments.steps] if arguments.steps else []
         more += ["--leave-out", *arguments.leave_out] if arguments.leave_out else []
         told, code, seconds, cpu = run(folder, more)
         total, pictures = len(find_photos(folder / "photos")[0]), []
