@@ -18,6 +18,29 @@ def test_clips_are_found_by_name():
         rig.clip("Walk")
 
 
+OFFSETS = np.array([[[0, 0, 0], [0, 0, 0]], [[0.1, 0, 0], [-0.1, 0, 0]]], np.float32)
+
+
+def test_offsets_that_fit_are_taken():
+    assert Rig(SKELETON, WEIGHTS).offsets is None
+    assert Rig(SKELETON, WEIGHTS, offsets=OFFSETS).offsets is OFFSETS
+
+
+@pytest.mark.parametrize(
+    "offsets, sentence",
+    [
+        (OFFSETS[:, :1], r"the offsets are \[2, 1, 3\], but the weights are \[2, 2\]"),
+        (OFFSETS * np.nan, "the offsets of vertex 0 hold NaN"),
+        (OFFSETS * 1e8, "the offsets of vertex 1 hold NaN, or numbers beyond 1e6"),
+        (OFFSETS[::-1], "vertex 0 has an offset for a bone that has no weight there"),
+        (np.abs(OFFSETS), r"the offsets of vertex 1 sum to 0\.2, not 0 \(1 of 2"),
+    ],
+)
+def test_offsets_that_do_not_fit_are_said_so(offsets, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        Rig(SKELETON, WEIGHTS, offsets=offsets)
+
+
 @pytest.mark.parametrize(
     "weights, clips, sentence",
     [

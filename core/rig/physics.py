@@ -39,11 +39,13 @@ def posed_with_physics(
     solver.reset()
     solver.grab(ids)
     rest = rig.skeleton.rest_pose
+    offsets = None if rig.offsets is None else rig.offsets[ids]
     for tick in range(1, ticks + settle + 1):
         if tick <= ticks:
             between = mixed(rest, pose, tick / ticks)
             matrices = skinning_matrices(rig.skeleton, between)
-            targets = skinned(mesh.rest_vertices[ids], rig.weights[ids], matrices, method)
+            places, weights = mesh.rest_vertices[ids], rig.weights[ids]
+            targets = skinned(places, weights, matrices, method, offsets)
         solver.move(targets)
         solver.step(TICK)
     vertices = solver.vertices.numpy().astype(float)

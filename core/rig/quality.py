@@ -100,7 +100,7 @@ def clip_vertices(mesh: TetMesh, rig: Rig, clip, seconds: float, method: Method 
     if isinstance(clip, VertexClip):
         return clip.vertices_at(seconds).astype(float)
     matrices = clip.matrices_at(rig.skeleton, seconds)
-    return skinned(mesh.rest_vertices, rig.weights, matrices, method)
+    return skinned(mesh.rest_vertices, rig.weights, matrices, method, rig.offsets)
 
 
 def frame_times(duration: float) -> np.ndarray:

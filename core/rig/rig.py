@@ -1,4 +1,7 @@
-"""A rig: a skeleton, how much each bone moves each vertex, and clips."""
+"""A rig: a skeleton, how much each bone moves each vertex, and clips.
+
+Shapes: V vertices, B bones.
+"""
 
 from dataclasses import dataclass
 
@@ -8,7 +11,8 @@ from .clips import Clip, VertexClip
 from .skeleton import Skeleton
 
 MOST_CLIPS = 1000
-SUM_ERROR = 1e-4  # of a vertex's weights from 1
+SUM_ERROR = 1e-4  # of a vertex's weights from 1; of its offsets from 0 [model units]
+FARTHEST = 1e6  # of a number in a file
 
 
 @dataclass(frozen=True)
@@ -22,9 +26,13 @@ class Rig:
     skeleton: Skeleton
     weights: np.ndarray  # [V, B] float32, ≥ 0, rows that sum to 1
     clips: tuple[Clip | VertexClip, ...] = ()
+    # [V, B, 3] float32, sums over bones are 0, and so is what has no weight (skinning.py); None: 0
+    offsets: np.ndarray | None = None
 
     def __post_init__(self):
         check_weights(self.weights, self.skeleton)
+        if self.offsets is not None:
+            check_offsets(self.offsets, self.weights)
         if len(self.clips) > MOST_CLIPS:
             raise ValueError(f"the rig has {len(self.clips)} clips, more than {MOST_CLIPS}")
         names = [clip.name for clip in self.clips]
@@ -65,4 +73,32 @@ def check_weights(weights: np.ndarray, skeleton: Skeleton):
         raise ValueError(
             f"the weights of vertex {vertex} sum to {sums[vertex]:.4g}, not 1 "
             f"({int(wrong.sum())} of {len(sums)} vertices do so); normalize them"
+        )
+
+
+def check_offsets(offsets: np.ndarray, weights: np.ndarray):
+    """ValueError unless offsets are [V, B, 3], finite, 0 without weight, and sum to 0."""
+    if offsets.shape != (*weights.shape, 3):
+        raise ValueError(
+            f"the offsets are {list(offsets.shape)}, but the weights are {list(weights.shape)}: "
+            "offsets have three numbers for each weight"
+        )
+    good = (np.abs(offsets) <= FARTHEST).all(axis=(1, 2))  # NaN fails, too
+    if not good.all():
+        raise ValueError(
+            f"the offsets of vertex {int(np.argmin(good))} hold NaN, or numbers beyond 1e6"
+        )
+    stray = (offsets.any(axis=2) & (weights == 0.0)).any(axis=1)
+    if stray.any():
+        raise ValueError(
+            f"vertex {int(np.argmax(stray))} has an offset for a bone that has no weight there "
+            f"({int(stray.sum())} of {len(stray)} vertices do so)"
+        )
+    sums = np.abs(offsets.sum(axis=1, dtype=np.float64)).max(axis=1)
+    wrong = sums > SUM_ERROR
+    if wrong.any():
+        vertex = int(np.argmax(wrong))
+        raise ValueError(
+            f"the offsets of vertex {vertex} sum to {sums[vertex]:.2g}, not 0 "
+            f"({int(wrong.sum())} of {len(sums)} vertices do so)"
         )

@@ -6,10 +6,15 @@ x: a rest vertex.  w_b: its weights, sum 1.  M_b = [A_b | t_b]: skinning matrice
     dual quaternion  A_b = R_b P_b, a rotation and a stretch (polar decomposition);
                      y = Σ w_b (P_b (x − c_b) + c_b),   c_b: middle of what the bone moves
                      x' = the rigid motion Σ w_b q̂_b / |Σ w_b q_b| of y  (Kavan et al. 2008)
+    offsets          o_b with Σ o_b = 0: to either x' comes Σ A_b o_b      (Merry et al. 2006)
 
 A linear blend of two rotations shrinks what lies between them; a blend of dual quaternions is a
 rigid motion again.  Quaternions q and −q are one rotation: each bone's sign is that of the bone
 of largest weight, for every vertex.
+
+Bones bend what they blend into an arc, but a triangle of a skinned surface stays flat, and its
+inside follows chords.  Linear blending with offsets moves each point by Σ M_b (w_b x + o_b, w_b),
+which chords are, too (fitting.py).  If all bones move alike, offsets do nothing.
 
 The reference is in float64 over all bones; kernels read the non-zero weights alone, in float32.
 Shapes: V vertices, B bones, N non-zero weights.
@@ -24,13 +29,16 @@ from .methods import Method, check_method
 wp.set_module_options({"enable_backward": False})
 
 
-def skinned(rest_vertices, weights, matrices, method: Method = "linear") -> np.ndarray:
+def skinned(
+    rest_vertices, weights, matrices, method: Method = "linear", offsets=None
+) -> np.ndarray:
     """The vertices in a pose: the reference.
 
     Args:
         rest_vertices: [V, 3].
         weights: [V, B], rows that sum to 1.
         matrices: [B, 4, 4] skinning matrices.
+        offsets: [V, B, 3], rows that sum to 0; None: all 0.
 
     Returns:
         [V, 3] float64.
@@ -38,8 +46,18 @@ def skinned(rest_vertices, weights, matrices, method: Method = "linear") -> np.n
     check_method(method)
     x, w = np.asarray(rest_vertices, float), np.asarray(weights, float)
     matrices = np.asarray(matrices, float)
-    if method == "linear":
-        return np.einsum("vb,bvi->vi", w, _moved(matrices, x))
+    blend = _linear if method == "linear" else _dual_quaternion
+    moved = blend(x, w, matrices)
+    if offsets is not None:
+        moved += np.einsum("bij,vbj->vi", matrices[:, :3, :3], np.asarray(offsets, float))
+    return moved
+
+
+def _linear(x, w, matrices):
+    return np.einsum("vb,bvi->vi", w, _moved(matrices, x))
+
+
+def _dual_quaternion(x, w, matrices):
     turns, duals, stretches = rigid_parts(matrices, centers(x, w))
     y = np.einsum("vb,bvi->vi", w, _moved(stretches, x))
     pivot = turns[np.argmax(w, axis=1)]
@@ -140,6 +158,21 @@ def dual_quaternion_kernel(
     vertices[v] = wp.quat_rotate(real, y) + 2.0 * wp.vec3(shift[0], shift[1], shift[2])
 
 
+@wp.kernel
+def offset_kernel(
+    starts: wp.array(dtype=int),
+    bones: wp.array(dtype=int),
+    offsets: wp.array(dtype=wp.vec3),  # [N]
+    matrices: wp.array(dtype=wp.mat44),  # [B]
+    vertices: wp.array(dtype=wp.vec3),  # changed
+):
+    v = wp.tid()
+    moved = vertices[v]
+    for n in range(starts[v], starts[v + 1]):
+        moved += wp.transform_vector(matrices[bones[n]], offsets[n])
+    vertices[v] = moved
+
+
 class Skinner:
     """The vertices of one object, posed on a device.
 
@@ -147,7 +180,11 @@ class Skinner:
         vertices: Where `pose` writes.  [V] wp.vec3
     """
 
-    def __init__(self, rest_vertices, weights, device: str):
+    def __init__(self, rest_vertices, weights, device: str, offsets=None):
+        """Take vertices [V, 3], weights [V, B], and offsets [V, B, 3] that are 0 where those are.
+
+        Without offsets (None) posing costs nothing for them.
+        """
         x, w = np.asarray(rest_vertices, float), np.asarray(weights, float)
         vertex, bone = np.nonzero(w)
         starts = np.searchsorted(vertex, np.arange(len(x) + 1))
@@ -164,15 +201,17 @@ class Skinner:
             on_device(bone, int),
             on_device(w[vertex, bone], float),
         )
+        self._offsets = None if offsets is None else on_device(offsets[vertex, bone], wp.vec3)
         count = w.shape[1]
         self._matrices = wp.empty(count, dtype=wp.mat44, device=device)
+        self._whole = wp.empty(count, dtype=wp.mat44, device=device)  # stretches and turns
         self._turns = wp.empty(count, dtype=wp.quat, device=device)
         self._duals = wp.empty(count, dtype=wp.quat, device=device)
 
     def pose(self, matrices, method: Method = "linear") -> wp.array:
         """The vertices for skinning matrices [B, 4, 4]; the same array each time."""
         check_method(method)
-        matrices = np.asarray(matrices, float)
+        whole = matrices = np.asarray(matrices, float)
         inputs = [*self._fixed, self._matrices]
         kernel = linear_kernel
         if method == "dual quaternion":
@@ -182,5 +221,11 @@ class Skinner:
             inputs += [self._turns, self._duals]
             kernel = dual_quaternion_kernel
         self._matrices.assign(matrices.astype(np.float32))
-        wp.launch(kernel, len(self.vertices), [*inputs, self.vertices], device=self.device)
+        count, device = len(self.vertices), self.device
+        wp.launch(kernel, count, [*inputs, self.vertices], device=device)
+        if self._offsets is not None:
+            self._whole.assign(whole.astype(np.float32))
+            _, starts, bones, _ = self._fixed
+            inputs = [starts, bones, self._offsets, self._whole]
+            wp.launch(offset_kernel, count, [*inputs, self.vertices], device=device)
         return self.vertices

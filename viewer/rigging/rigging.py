@@ -17,6 +17,7 @@ from .joints import HEAD, LOOSE, TAIL, Joint
 MOST_JOINTS = 200
 BLINK = 0.3  # s; what takes longer is told of
 SAMPLED = 2  # ticks between two keys of a clip that is made from the timeline
+STATE = "skeleton", "weights", "offsets", "clips", "loose"
 
 
 def rig_of(field, name: str) -> Rig | None:
@@ -39,6 +40,7 @@ class Rigging:
     Attributes:
         skeleton: None without bones.
         weights: Of each bone on each vertex [V, B]; None: made from the bones once needed.
+        offsets: Those of the model's weights [V, B, 3], or None.
         clips: What the rig can play.
         loose: The joint that begins a chain and has no bone yet [3], or None.
         selected: The chosen joint, by its name, or None.
@@ -48,9 +50,11 @@ class Rigging:
     def __init__(self, scene, rig: Rig | None = None):
         """Take a scene, and the rig of its model if it has one."""
         self.journal = None  # of the scene, once it has one
-        self.skeleton, self.weights, self.clips, self.loose = None, None, (), None
+        self.skeleton = self.weights = self.offsets = self.loose = None
+        self.clips = ()
         if rig is not None:
-            self.skeleton, self.weights, self.clips = rig.skeleton, rig.weights, rig.clips
+            self.skeleton, self.clips = rig.skeleton, rig.clips
+            self.weights, self.offsets = rig.weights, rig.offsets
         self.selected: tuple[int, str] | None = None
         self.say = lambda message: None
         self._scene = scene
@@ -87,7 +91,8 @@ class Rigging:
             weights = self.weights
             if weights is None:
                 weights = automatic_weights(mesh, self.skeleton)
-            skinner = Skinner(mesh.rest_vertices, weights, str(self._scene.solver.device))
+            device = str(self._scene.solver.device)
+            skinner = Skinner(mesh.rest_vertices, weights, device, self.offsets)
             self._bound = self.skeleton, self.weights, weights, skinner
             seconds = time.perf_counter() - since
             if seconds > BLINK:
@@ -100,7 +105,7 @@ class Rigging:
         if self.skeleton is None:
             return None
         self.bound()
-        return Rig(self.skeleton, self._bound[2], self.clips)
+        return Rig(self.skeleton, self._bound[2], self.clips, self.offsets)
 
     # -- joints --------------------------------------------------------------------------
 
@@ -167,7 +172,8 @@ class Rigging:
     def _take(self, skeleton, clips):
         """Take another skeleton, at rest."""
         self._scene.posing.back_to_rest()
-        self.skeleton, self.weights, self.clips = skeleton, None, clips
+        self.skeleton, self.clips = skeleton, clips
+        self.weights = self.offsets = None  # they were of the bones before
 
     # -- clips ---------------------------------------------------------------------------
 
@@ -203,7 +209,7 @@ class Rigging:
 
     def state(self) -> dict:
         """What edits change."""
-        return {name: getattr(self, name) for name in ("skeleton", "weights", "clips", "loose")}
+        return {name: getattr(self, name) for name in STATE}
 
     def restore(self, state: dict) -> None:
         """Return to a state."""
