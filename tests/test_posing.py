@@ -1,5 +1,7 @@
 """What bones do to the object: poses, clips, softness, the timeline."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,7 @@ def test_the_object_is_where_skinning_puts_it_and_stays(scene, ball):
     matrices = rig.skinning_matrices(scene.rigging.skeleton, scene.posing.pose)
     weights = scene.rigging.rig.weights
     wanted = rig.skinned(ball.mesh.rest_vertices, weights, matrices)
+    assert scene.rigging.rig.offsets is None
     np.testing.assert_allclose(vertices(scene), wanted, atol=1e-5)
     for _ in range(10):
         scene.advance(0.05)
@@ -233,8 +236,6 @@ def test_undo_takes_back_joints_poses_and_clips_to_the_bit(scene):
 
 
 def test_a_rig_of_the_model_is_there_from_the_start(scene, ball):
-    from dataclasses import replace
-
     make_clip(scene)
     arrays = rig.arrays_of(scene.rigging.rig)
     other = Scene(replace(ball, rig_arrays=arrays), "ball", "cpu")
@@ -244,6 +245,26 @@ def test_a_rig_of_the_model_is_there_from_the_start(scene, ball):
     arrays["rig_parents"] = arrays["rig_parents"][:1]
     with pytest.raises(ValueError, match=r"the rig in the model ball can't be used: .*rig_parents"):
         Scene(replace(ball, rig_arrays=arrays), "ball", "cpu")
+
+
+def test_offsets_of_a_model_pose_it_until_its_bones_are_others(scene, ball):
+    made = scene.rigging.rig
+    away = np.float32([0.02, 0.0, 0.01]) * made.weights.prod(axis=1)[:, None]
+    offsets = np.stack([away, -away], axis=1)
+    arrays = rig.arrays_of(rig.Rig(made.skeleton, made.weights, offsets=offsets))
+    scene = Scene(replace(ball, rig_arrays=arrays), "ball", "cpu")
+    turn(scene)
+    matrices = rig.skinning_matrices(scene.rigging.skeleton, scene.posing.pose)
+    for method in rig.METHODS:
+        scene.posing.set_skinning(method)
+        rest = ball.mesh.rest_vertices
+        wanted = rig.skinned(rest, made.weights, matrices, method, offsets)
+        np.testing.assert_allclose(vertices(scene), wanted, atol=1e-5)
+    np.testing.assert_array_equal(scene.rigging.rig.offsets, offsets)
+    scene.rigging.move_joint(1, "tail", [0.6, 0.5, 0.9])
+    assert scene.rigging.rig.offsets is None
+    scene.undo()
+    np.testing.assert_array_equal(scene.rigging.rig.offsets, offsets)
 
 
 def test_what_is_deleted_is_let_go_of_and_the_rest_keeps_its_rig(scene, ball):

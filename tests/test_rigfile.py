@@ -28,6 +28,8 @@ def rig():
     skeleton = make_skeleton(("a", "b", "ç"), (-1, 0, 1), rng.normal(size=(3, 3)), np.eye(3))
     weights = rng.uniform(size=(V, 3)) * [1, 1, 0]
     weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+    away = rng.normal(size=(V, 1, 3))
+    offsets = np.concatenate([away, -away, 0.0 * away], axis=1).astype(np.float32)
     times = np.array([0.0, 0.5])
     channels = (
         Channel(1, "rotation", "LINEAR", times, rng.normal(size=(2, 4))),
@@ -35,7 +37,8 @@ def rig():
         Channel(2, "scale", "STEP", times[:1], np.ones((1, 3))),
     )
     frames = rng.normal(size=(2, V, 3)).astype(np.float32)
-    return Rig(skeleton, weights, (VertexClip("v", times, frames), Clip("Run", 1.5, channels)))
+    clips = VertexClip("v", times, frames), Clip("Run", 1.5, channels)
+    return Rig(skeleton, weights, clips, offsets)
 
 
 def assert_equal(found, wanted):
@@ -43,6 +46,7 @@ def assert_equal(found, wanted):
     for name in ("parents", "rest", "tails"):
         np.testing.assert_array_equal(getattr(found.skeleton, name), getattr(wanted.skeleton, name))
     np.testing.assert_array_equal(found.weights, wanted.weights)
+    np.testing.assert_array_equal(found.offsets, wanted.offsets)
     assert [c.name for c in found.clips] == [c.name for c in wanted.clips]
     np.testing.assert_array_equal(found.clips[0].vertices, wanted.clips[0].vertices)
     bones, others = found.clips[1], wanted.clips[1]
@@ -62,24 +66,37 @@ def test_every_bit_comes_back(rig, tmp_path):
     assert_equal(load_rig(tmp_path / "rig.npz", V), rig)
 
 
+def test_a_rig_without_offsets_has_no_array_of_them(rig):
+    arrays = arrays_of(replace(rig, offsets=None))
+    assert "rig_offsets" not in arrays and rig_from(arrays, V).offsets is None
+    older = arrays_of(rig)
+    older.pop("rig_offsets")
+    np.testing.assert_array_equal(rig_from(older, V).weights, rig.weights)
+
+
 def test_a_model_carries_its_rig(make_ball_field, rig, tmp_path):
     field = make_ball_field(0)
     count = field.mesh.vertex_count
-    weights = np.eye(3, dtype=np.float32)[np.arange(count) % 3]
-    rig = Rig(rig.skeleton, weights, rig.clips[1:])
+    first = np.arange(count) % 3
+    one, other = np.eye(3, dtype=np.float32)[first], np.eye(3, dtype=np.float32)[first - 1]
+    weights = 0.25 * one + 0.75 * other
+    away = np.random.default_rng().normal(size=(count, 1, 3)).astype(np.float32)
+    offsets = (one - other)[:, :, None] * away
+    rig = Rig(rig.skeleton, weights, rig.clips[1:], offsets)
     fields.save(replace(field, rig_arrays=arrays_of(rig)), tmp_path / "model.npz")
     loaded = fields.load(tmp_path / "model.npz")
-    np.testing.assert_array_equal(rig_from(loaded.rig_arrays, count).weights, weights)
+    again = rig_from(loaded.rig_arrays, count)
+    np.testing.assert_array_equal(again.weights, weights)
+    np.testing.assert_array_equal(again.offsets, offsets)
     fields.save(field, tmp_path / "bare.npz")
     assert fields.load(tmp_path / "bare.npz").rig_arrays is None
     half = fields.cut(loaded, [[0.0, 0.0, 0.5], [1.0, 1.0, 1.0]])
     _, used = np.unique(half.mesh.rest_vertices, axis=0, return_index=True)
     found = rig_from(half.rig_arrays, half.mesh.vertex_count)
-    place = {tuple(x): w for x, w in zip(field.mesh.rest_vertices, weights, strict=True)}
-    for vertex in used:
-        np.testing.assert_array_equal(
-            found.weights[vertex], place[tuple(half.mesh.rest_vertices[vertex])]
-        )
+    place = {tuple(x): v for v, x in enumerate(field.mesh.rest_vertices)}
+    before = [place[tuple(x)] for x in half.mesh.rest_vertices[used]]
+    np.testing.assert_array_equal(found.weights[used], weights[before])
+    np.testing.assert_array_equal(found.offsets[used], offsets[before])
 
 
 def changed(name, index, value):
@@ -88,6 +105,12 @@ def changed(name, index, value):
         arrays[name][index] = value
 
     return change
+
+
+def one_bone_alone(arrays):
+    """Vertex 3 has one weight, and two offsets."""
+    arrays["rig_weights"] = arrays["rig_weights"].copy()
+    arrays["rig_weights"][3] = 1.0, 0.0
 
 
 def meta(**values):
@@ -116,6 +139,13 @@ def shortened(name):
         (changed("rig_weights", 3, 0.1), "the weights of vertex 3 sum to"),
         (changed("rig_weights", 3, np.nan), "vertex 3 hold NaN"),
         (changed("rig_weight_bones", 0, 5), "weights of bone 5"),
+        (changed("rig_offsets", 3, np.nan), "the offsets of vertex 3 hold NaN"),
+        (changed("rig_offsets", (3, 0), 9.0), "the offsets of vertex 3 sum to"),
+        (one_bone_alone, "vertex 3 has an offset for a bone that has no weight there"),
+        (shortened("rig_offsets"), r"'rig_offsets' is float32 \[6, 2, 3\], it should be"),
+        (lambda a: a.update(rig_offsets=a["rig_offsets"][:, :1]), r"it should be .*7, 2, 3"),
+        (lambda a: a.update(rig_offsets=a["rig_offsets"][..., 0]), r"it should be .*7, 2, 3"),
+        (lambda a: a.update(rig_offsets=a["rig_offsets"] > 0), "'rig_offsets' is bool"),
         (changed("rig_rest", (1, 0, 3), np.nan), "rest frame of bone 'b' holds NaN"),
         (changed("rig_times", 0, np.nan), "times that are not between"),
         (changed("rig_channels", (0, 1), 5), "animates bone number 5"),

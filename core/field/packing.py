@@ -253,6 +253,8 @@ def unpack_rig(arrays, vertex_count: int) -> dict | None:
             declared(arrays, name, np.float32, (vertex_count, None))
         elif name == "rig_weight_bones":
             declared(arrays, name, np.uint16, (vertex_count, None))
+        elif name == "rig_offsets":
+            declared(arrays, name, np.float32, (vertex_count, None, 3))
         elif name.startswith(RIG_FRAMES):
             declared(arrays, name, np.float32, (None, vertex_count, 3))
     return {name: np.asarray(arrays[name]) for name in names} or None
@@ -262,6 +264,6 @@ def reduced_rig(arrays: dict | None, used) -> dict | None:
     """A rig's arrays for the vertices `used` alone."""
     if arrays is None:
         return None
-    rows = ("rig_weights", "rig_weight_bones")
+    rows = ("rig_weights", "rig_weight_bones", "rig_offsets")
     arrays = {name: a[used] if name in rows else a for name, a in arrays.items()}
     return {n: a[:, used] if n.startswith(RIG_FRAMES) else a for n, a in arrays.items()}

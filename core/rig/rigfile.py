@@ -51,6 +51,10 @@ def arrays_of(rig: Rig) -> dict[str, np.ndarray]:
         for number, c in channels
     ]
     bones, weights = largest_weights(rig.weights)
+    offset_arrays = {}
+    if rig.offsets is not None:
+        offsets = np.take_along_axis(rig.offsets, bones[..., None].astype(int), 1)
+        offset_arrays["rig_offsets"] = offsets.astype(np.float32)
     return {
         "rig_meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
         "rig_parents": rig.skeleton.parents.astype(np.int32),
@@ -58,6 +62,7 @@ def arrays_of(rig: Rig) -> dict[str, np.ndarray]:
         "rig_tails": rig.skeleton.tails.astype(np.float64),
         "rig_weight_bones": bones,
         "rig_weights": weights,
+        **offset_arrays,
         "rig_channels": np.array(table, np.int32).reshape(-1, CHANNEL_COLUMNS),
         "rig_times": _joined([c.times for _, c in channels]),
         "rig_values": _joined([c.values for _, c in channels]),
@@ -92,8 +97,14 @@ def rig_from(arrays, vertex_count: int) -> Rig:
     check(bones.max(initial=0) < count, f"its rig has weights of bone {bones.max(initial=0)}")
     values = _array(arrays, "rig_weights", "f4", (vertex_count, width))
     weights = np.zeros((vertex_count, count), np.float32)
-    np.add.at(weights, (np.arange(vertex_count)[:, None], bones), values)
-    return Rig(skeleton, weights, _clips(arrays, meta["clips"], vertex_count))
+    places = np.arange(vertex_count)[:, None], bones
+    np.add.at(weights, places, values)
+    offsets = None
+    if "rig_offsets" in arrays:
+        values = _array(arrays, "rig_offsets", "f4", (vertex_count, width, 3))
+        offsets = np.zeros((vertex_count, count, 3), np.float32)
+        np.add.at(offsets, places, values)
+    return Rig(skeleton, weights, _clips(arrays, meta["clips"], vertex_count), offsets)
 
 
 def save_rig(rig: Rig, path):
