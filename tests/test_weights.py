@@ -5,6 +5,7 @@ import pytest
 
 from deformrf.core.field import load
 from deformrf.core.geometry import (
+    TetMesh,
     a15_grid,
     boundary_faces,
     edges,
@@ -21,6 +22,7 @@ from deformrf.core.rig import (
     nearest_point_weights,
     nearest_weights,
     rigid_weights,
+    rotations,
     skinned,
     skinning_matrices,
     surface_samples,
@@ -50,6 +52,12 @@ def assert_weights(weights, mesh, bone_count=2):
     assert weights.shape == (mesh.vertex_count, bone_count) and weights.dtype == np.float32
     assert (weights >= 0.0).all()
     np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-6)
+
+
+def assert_offsets(offsets, weights):
+    assert offsets.shape == (*weights.shape, 3) and offsets.dtype == np.float32
+    np.testing.assert_allclose(offsets.sum(axis=1), 0.0, atol=1e-6)
+    assert not offsets[weights == 0.0].any()
 
 
 def test_the_laplacian_of_a_linear_function_is_zero_inside(bar):
@@ -182,12 +190,64 @@ def around_ball():
 
 def test_fitted_weights_move_the_surface_as_its_own_do(around_ball):
     mesh, (points, triangles, weights) = around_ball
-    fitted = fitted_weights(mesh, points, triangles, weights)
+    fitted, offsets = fitted_weights(mesh, points, triangles, weights)
     assert_weights(fitted, mesh)
+    assert_offsets(offsets, fitted)
     tet, bary = located(mesh, points)
     assert (tet >= 0).all()
     there = np.einsum("nc,ncb->nb", bary, fitted[mesh.tets[tet]])
     assert np.abs(there - weights).mean() < 0.03
+
+
+def folded(points, weights, offsets=None):
+    """Points [N, 3] after the second bone of the ball is turned by 1.5 about x."""
+    matrices = np.tile(np.eye(4), (2, 1, 1))
+    turn, middle = rotations.matrix_of(rotations.of_vector([1.5, 0.0, 0.0])), np.full(3, 0.5)
+    matrices[1, :3, :3], matrices[1, :3, 3] = turn, middle - turn @ middle
+    return skinned(points, weights, matrices, offsets=offsets)
+
+
+@pytest.fixture(scope="module")
+def around_triangle():
+    """A coarse mesh, and a triangle in it that is as large as it."""
+    mesh, _ = extract(grid := a15_grid(0.1), np.ones(grid.tet_count, bool))
+    points = np.array([[0.2, 0.4, 0.2], [0.8, 0.5, 0.25], [0.45, 0.6, 0.75]])
+    return mesh, points, np.array([[0, 1, 2]]), np.array([[0.8, 0.2], [0.6, 0.4], [0.2, 0.8]])
+
+
+def test_the_inside_of_a_large_triangle_follows_its_corners(around_triangle):
+    """Tets bend as their corners do, the triangle stays flat: offsets make up for both."""
+    mesh, points, triangles, point_weights = around_triangle
+    weights, offsets = fitted_weights(mesh, points, triangles, point_weights, fit=1e6)
+    assert_weights(weights, mesh)
+    assert_offsets(offsets, weights)
+    shares = np.random.default_rng().dirichlet(np.full(3, 3.0), 100)
+    tet, bary = located(mesh, shares @ points)
+    chords = shares @ folded(points, point_weights)
+
+    def error(offsets):
+        corners = folded(mesh.rest_vertices, weights, offsets)[mesh.tets[tet]]
+        return np.abs(np.einsum("nc,nci->ni", bary, corners) - chords).max()
+
+    assert error(offsets) < 1e-4 and error(None) > 0.05
+
+
+def test_the_nearest_point_of_a_triangle_gives_its_offsets(around_triangle):
+    mesh, points, triangles, point_weights = around_triangle
+    weights, offsets = nearest_point_weights(mesh, points, triangles, point_weights)
+    assert_offsets(offsets, weights)
+    shares = np.random.default_rng().dirichlet(np.ones(3), 100)
+    on_it = TetMesh(shares @ points, mesh.addresses[:100], mesh.tets[:1])
+    weights, offsets = nearest_point_weights(on_it, points, triangles, point_weights)
+    found = folded(on_it.rest_vertices, weights, offsets)
+    np.testing.assert_allclose(found, shares @ folded(points, point_weights), atol=1e-3)
+
+
+def test_what_moves_as_one_has_no_offsets(around_triangle):
+    mesh, points, triangles, _ = around_triangle
+    for make in (fitted_weights, nearest_point_weights):
+        _, offsets = make(mesh, points, triangles, np.tile([0.3, 0.7], (3, 1)))
+        assert offsets is None
 
 
 def test_a_surface_elsewhere_is_said_so(around_ball):
@@ -237,5 +297,6 @@ def test_a_surface_gives_its_weights_to_what_is_near(around_ball):
     toward = mesh.rest_vertices[ids] - 0.5
     on_ball = 0.5 + 0.3 * toward / np.linalg.norm(toward, axis=1, keepdims=True)
     np.testing.assert_allclose(found[:, 1], on_ball[:, 2], atol=0.03)
-    every = nearest_point_weights(mesh, points, triangles, weights)
+    every, offsets = nearest_point_weights(mesh, points, triangles, weights)
     np.testing.assert_allclose(every[ids], found, atol=1e-5)
+    assert_offsets(offsets, every)

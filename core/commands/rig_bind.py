@@ -94,7 +94,8 @@ def bound(field, arguments: BindArguments) -> rigs.Rig:
     if kind in ("harmonic", "nearest") and not surface:
         raise ValueError(f"{path} has no skinned mesh: take --weights automatic, or rigid")
     source = rigs.aligned(source, placed(field, source, arguments))
-    return rigs.Rig(source.skeleton, weights_of(mesh, source, kind), source.clips)
+    weights, offsets = weights_of(mesh, source, kind)
+    return rigs.Rig(source.skeleton, weights, source.clips, offsets)
 
 
 def placed(field, source: rigs.GltfRig, arguments: BindArguments):
@@ -118,7 +119,7 @@ def placed(field, source: rigs.GltfRig, arguments: BindArguments):
 
 
 def weights_of(mesh, source: rigs.GltfRig, kind: Weights):
-    """Weights of a mesh [V, B] for a rig in its space."""
+    """Weights of a mesh [V, B] for a rig in its space, and offsets [V, B, 3] or None."""
     if kind == "harmonic":
         return rigs.fitted_weights(mesh, source.points, source.triangles, source.point_weights)
     if kind == "nearest":
@@ -126,7 +127,7 @@ def weights_of(mesh, source: rigs.GltfRig, kind: Weights):
         return rigs.nearest_point_weights(mesh, *surface)
     moving = source.point_weights.any(axis=0) if len(source.points) else None
     make = rigs.automatic_weights if kind == "automatic" else rigs.rigid_weights
-    return make(mesh, source.skeleton, moving)
+    return make(mesh, source.skeleton, moving), None
 
 
 def matter_of(field):

@@ -1,4 +1,4 @@
-"""Weights of a mesh from those of a skinned surface inside it.
+"""Weights and offsets of a mesh from the weights of a skinned surface inside it.
 
 The mesh of a field is coarse and lies around the object's surface, so a vertex may be near two
 legs at once, and its nearest surface point says little.  What counts is what points *on* the
@@ -9,6 +9,16 @@ So the weights w [V, B] minimize
 
 over samples p of the surface: a_p their area, s_p their weights, l the mesh's mean edge; the
 second sum is that of the Laplacian (laplacian.py).  Away from the surface w is harmonic.
+
+A triangle of the surface stays flat: with corners x_i, and p at the barycentric coordinates β_i,
+bones move p by Σ_i β_i Σ_b w_ib M_b x_i, along chords.  Weights alone would move it along arcs,
+which bulge far over a large triangle.  Tets are flat as well, so arcs of their corners become
+chords inside.  What is missing on both sides is
+
+    o_b(p) = Σ_i β_i s_ib (x_i − p) − Σ_c b_c w_cb (x_c − p),   Σ_b o_b = 0,
+
+and offsets (skinning.py; animation space, Merry et al. 2006) that are fitted to these as weights
+are to s bring it: where both fits are exact, p moves as the surface's own weights say.
 
 Shapes: V vertices, T tets, B bones, S points and M triangles of the surface, N samples on it.
 """
@@ -25,8 +35,8 @@ MOST_PARTS = 16  # of a triangle's side
 INSIDE = -1e-9  # barycentric coordinates of a point in a tet are not below
 
 
-def fitted_weights(mesh: TetMesh, points, triangles, point_weights, fit=FIT) -> np.ndarray:
-    """Weights under which the surface moves as its own weights say.  [V, B] float32
+def fitted_weights(mesh: TetMesh, points, triangles, point_weights, fit=FIT):
+    """Weights and offsets under which the surface moves as its own weights say.
 
     Args:
         points: Of the skinned surface [S, 3], in the space of the mesh.
@@ -34,14 +44,17 @@ def fitted_weights(mesh: TetMesh, points, triangles, point_weights, fit=FIT) -> 
         point_weights: [S, B]
         fit: How much the surface counts against smoothness.
 
+    Returns:
+        Weights [V, B] float32, and offsets [V, B, 3] float32 or None.
+
     Raises:
         ValueError: The surface does not lie in the mesh.
     """
-    from .weights import cleaned, copied_to_lone_parts
+    from .weights import cleaned, cleaned_offsets
 
-    pairs = edges(mesh.tets)
-    lengths = np.linalg.norm(np.subtract(*mesh.rest_vertices[pairs.T]), axis=1)
-    places, areas, weights = surface_samples(points, triangles, point_weights, lengths.mean())
+    points = np.asarray(points, float)
+    edge = np.linalg.norm(np.subtract(*mesh.rest_vertices[edges(mesh.tets).T]), axis=1).mean()
+    places, areas, wanted = surface_samples(points, triangles, point_weights, edge)
     tet, bary = located(mesh, places)
     found = tet >= 0
     if found.mean() < 0.25:
@@ -49,27 +62,49 @@ def fitted_weights(mesh: TetMesh, points, triangles, point_weights, fit=FIT) -> 
             f"only {found.mean():.0%} of the rig's surface lies inside the model: the rig is of "
             "another object, or --transform does not place it"
         )
-    tet, bary, weights = tet[found], bary[found], weights[found]
-    strength = fit * areas[found] / lengths.mean()
-    corners = mesh.tets[tet]  # [N, 4]
-    shares = strength[:, None] * bary
+    corners, bary = mesh.tets[tet[found]], bary[found]  # [N, 4]
+    extended = _extension(mesh, corners, bary, fit * areas[found] / edge)
+    weights = cleaned(np.maximum(extended(wanted[found]), 0.0))
+    offsets = np.zeros((*weights.shape, 3))
+    for bone in np.flatnonzero(weights.any(axis=0)):
+        moments = point_weights[:, bone, None] * points
+        moments = surface_samples(points, triangles, moments, edge)[2]
+        chords = (moments - wanted[:, bone, None] * places)[found]
+        shares = bary * weights[corners, bone]
+        there = np.einsum("nc,nci->ni", shares, mesh.rest_vertices[corners])
+        there -= shares.sum(axis=1, keepdims=True) * places[found]
+        offsets[:, bone] = extended(chords - there)
+    return weights, cleaned_offsets(offsets, weights, np.ptp(points, axis=0).max())
+
+
+def _extension(mesh: TetMesh, corners, bary, strength):
+    """A function: values [N, B] at places, to those of all vertices [V, B] that fit them.
+
+    Args:
+        corners: Vertices of the tets that the places lie in [N, 4].
+        bary: Barycentric coordinates of the places [N, 4].
+        strength: How much each place counts against the Laplacian [N].
+    """
+    from .weights import copied_to_lone_parts
+
+    count, shares = mesh.vertex_count, strength[:, None] * bary
+    diagonal = np.bincount(corners.ravel(), (shares * bary).ravel(), minlength=count)
+    operator, labels = laplacian(mesh), components(count, mesh.tets)
+    alone = ~np.isin(labels, labels[corners])
 
     def scattered(values):
         """Σ_p a_p b_pc v_p at the vertices.  [V, B]"""
-        result = np.empty((mesh.vertex_count, values.shape[1]))
-        for column in range(values.shape[1]):
-            parts = (shares * values[:, column : column + 1]).ravel()
-            result[:, column] = np.bincount(corners.ravel(), parts, minlength=mesh.vertex_count)
-        return result
+        columns = [(shares * column[:, None]).ravel() for column in values.T]
+        return np.stack([np.bincount(corners.ravel(), c, minlength=count) for c in columns], axis=1)
 
-    def pulled(w):
-        return scattered(np.einsum("nc,ncb->nb", bary, w[corners]))
+    def pulled(u):
+        return scattered(np.einsum("nc,ncb->nb", bary, u[corners]))
 
-    diagonal = np.bincount(corners.ravel(), (shares * bary).ravel(), minlength=mesh.vertex_count)
-    w = solved_with(laplacian(mesh), pulled, diagonal, scattered(weights))
-    labels = components(mesh.vertex_count, mesh.tets)
-    alone = ~np.isin(labels, labels[corners])
-    return cleaned(copied_to_lone_parts(mesh, np.maximum(w, 0.0), alone))
+    def extended(values):
+        u = solved_with(operator, pulled, diagonal, scattered(values))
+        return copied_to_lone_parts(mesh, u, alone)
+
+    return extended
 
 
 def surface_samples(points, triangles, point_weights, edge: float):

@@ -20,6 +20,7 @@ from .laplacian import Laplacian, laplacian, solved
 from .skeleton import Skeleton
 
 LEAST = 1e-3
+NEGLIGIBLE = 1e-4  # offsets, as a share of a surface's size
 HEAT = 0.1  # less is smoother, and lets bones reach farther
 SEEDS = 24  # points of a bone from which distances are measured
 BLOCK = 2**22  # numbers of a table of distances
@@ -90,11 +91,22 @@ def rigid_weights(mesh: TetMesh, skeleton: Skeleton, moving=None) -> np.ndarray:
     return np.eye(skeleton.bone_count, dtype=np.float32)[distances.argmin(axis=1)]
 
 
-def nearest_point_weights(mesh: TetMesh, points, triangles, point_weights) -> np.ndarray:
-    """Of a skinned surface, those of the point of it that is nearest.  [V, B] float32"""
-    every = np.arange(mesh.vertex_count)[:, None]
-    _, weights = weights_near(mesh, every, points, triangles, point_weights)
-    return cleaned(weights)
+def nearest_point_weights(mesh: TetMesh, points, triangles, point_weights):
+    """Of a skinned surface, those of the point p of it that is nearest, and its offsets.
+
+    With corners x_i and barycentric coordinates β_i they are o_b = Σ_i β_i w_ib (x_i − p).
+
+    Returns:
+        Weights [V, B] float32, and offsets [V, B, 3] float32 or None.
+    """
+    points, count = np.asarray(points, float), point_weights.shape[1]
+    moments = point_weights[:, :, None] * points[:, None]  # [S, B, 3]
+    values = np.concatenate([point_weights, moments.reshape(len(points), -1), points], axis=1)
+    values = _nearest_values(mesh.rest_vertices, points, triangles, values)
+    weights, moments, places = values[:, :count], values[:, count:-3], values[:, -3:]
+    offsets = moments.reshape(-1, count, 3) - weights[:, :, None] * places[:, None]
+    weights = cleaned(weights / weights.sum(axis=1, keepdims=True))
+    return weights, cleaned_offsets(offsets, weights, np.ptp(points, axis=0).max())
 
 
 def weights_near(mesh: TetMesh, boundary, points, triangles, point_weights):
@@ -110,15 +122,20 @@ def weights_near(mesh: TetMesh, boundary, points, triangles, point_weights):
         Ids of vertices [n], and their weights [n, B] float64.
     """
     ids = np.unique(boundary)
-    found = np.empty((len(ids), point_weights.shape[1]))
+    found = _nearest_values(mesh.rest_vertices[ids], points, triangles, point_weights)
+    return ids, found / found.sum(axis=1, keepdims=True)
+
+
+def _nearest_values(places, points, triangles, values):
+    """Of values at a surface's points [S, K], those of its point nearest to each place.  [N, K]"""
+    found = np.empty((len(places), values.shape[1]))
     corners = np.asarray(points, float)[triangles]
     rows = max(1, BLOCK // (16 * max(1, len(triangles))))
-    for first in range(0, len(ids), rows):
-        part = ids[first : first + rows]
-        triangle, bary = nearest_on_triangles(mesh.rest_vertices[part], corners)
-        weights = point_weights[triangles[triangle]]
-        found[first : first + rows] = np.einsum("nc,ncb->nb", bary, weights)
-    return ids, found / found.sum(axis=1, keepdims=True)
+    for first in range(0, len(places), rows):
+        triangle, bary = nearest_on_triangles(places[first : first + rows], corners)
+        near = values[triangles[triangle]]
+        found[first : first + rows] = np.einsum("nc,ncb->nb", bary, near)
+    return found
 
 
 def nearest_on_triangles(places, corners):
@@ -218,3 +235,14 @@ def cleaned(weights) -> np.ndarray:
     sums = weights.sum(axis=1, keepdims=True)
     assert (sums > 0.5).all(), "weights have no sources"
     return (weights / sums).astype(np.float32)
+
+
+def cleaned_offsets(offsets, weights, size: float) -> np.ndarray | None:
+    """Without those of bones that have no weight; rows sum to 0.  [V, B, 3] float32
+
+    None if all are negligible for a surface of that size.
+    """
+    offsets = np.where(weights[:, :, None] > 0.0, offsets, 0.0)
+    offsets = offsets - weights[:, :, None] * offsets.sum(axis=1, keepdims=True)
+    needed = np.abs(offsets).max() > NEGLIGIBLE * size
+    return offsets.astype(np.float32) if needed else None

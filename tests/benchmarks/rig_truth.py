@@ -113,7 +113,7 @@ class Poser:
         skeleton = self._rig.skeleton
         matrices = self._truth.frames(clip, time, skeleton) @ np.linalg.inv(skeleton.rest)
         rest = self._mesh.rest_vertices
-        return rigs.skinned(rest, self._rig.weights, matrices, self._method)
+        return rigs.skinned(rest, self._rig.weights, matrices, self._method, self._rig.offsets)
 
     def untangled(self, clip, time):
         return self._untangler(self.skinned(clip, time))
