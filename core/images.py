@@ -5,20 +5,27 @@ One of them starts another program (PostScript), and a small file can declare bi
 So formats are named, and the declared size is checked before anything is decoded.
 """
 
+import io
 import warnings
 from contextlib import contextmanager
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, TiffImagePlugin, TiffTags
 
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 HEIF_ENDINGS = (".heic", ".heif")
 MOST_PIXELS = 100 * 2**20  # 400 MiB when decoded; the largest common cameras have 102 million
 LARGE = 25 * 2**20  # pixels, 100 MiB: a damaged file is refused before it takes as much
+AT_A_TIME = 2**20  # pixels of a TIFF's parts
 ORIENTATION = 0x0112  # EXIF's tag: 1 is upright, 5 to 8 exchange width and height
 DIRECT = {"RGBA", "RGB", "L", "LA", "1", "P", "PA"}  # Pillow's modes that convert to RGBA
 BY_RGB = {"CMYK", "YCbCr", "RGBX"}
+# TIFF's tags that say how a strip or a tile is to be decoded, and compressions whose parts need
+# nothing else: LZW, JPEG, Deflate twice, PackBits, LZMA, Zstandard.
+CODING = (258, 259, 262, 266, 277, 317, 320, 338, 339, 347, 530, 531, 532)
+IN_PARTS = (5, 7, 8, 32946, 32773, 34925, 50000)
 TURNS = {  # by orientation
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -117,6 +124,50 @@ def _check_whole(image) -> None:
         needed = (image.width * bits + 31) // 32 * 4 * image.height
     if length < needed:
         raise OSError(f"{length} of {needed} bytes")
+    if image.format == "TIFF" and image.tag_v2.get(259) in IN_PARTS:
+        for part in _tiff_parts(image):
+            with Image.open(part, formats=("TIFF",)) as decoded:
+                decoded.load()
+
+
+def _tiff_parts(image):
+    """Yield a TIFF's strips or tiles, some at a time, as files of their own: TIFFs in memory.
+
+    There are none if its planes are apart, or its parts are not the usual ones.
+    """
+    tags, width, rows = image.tag_v2, image.width, image.tag_v2.get(278, image.height)
+    offsets, counts, across = tags.get(273, ()), tags.get(279, ()), 1
+    if tiled := 324 in tags:
+        width, rows, offsets, counts = tags[322], tags[323], tags[324], tags[325]
+        across = -(-image.width // width)
+    rows = rows if tiled else min(rows, image.height)
+    parts, size = -(-image.height // rows) * across, Path(image.filename).stat().st_size
+    if tags.get(284, 1) != 1 or not len(offsets) == len(counts) == parts or sum(counts) > size:
+        return
+    if width * rows > max(LARGE, image.width * image.height):
+        raise OSError(f"tiles of {width}x{rows} pixels")
+    many = max(AT_A_TIME // (width * rows), 1)
+    for first in range(0, parts, many):
+        lengths = counts[first : first + many]
+        height = rows * len(lengths)
+        directory = TiffImagePlugin.ImageFileDirectory_v2()
+        for tag in CODING:
+            if tag in tags:
+                directory.tagtype[tag] = tags.tagtype[tag]
+                directory[tag] = tags[tag]
+        directory[256], directory[278], directory[279] = width, rows, lengths
+        directory[257] = height if tiled else min(height, image.height - first * rows)
+        directory.tagtype[273] = TiffTags.LONG  # offsets, which Pillow counts from the end
+        directory[273] = tuple(accumulate(lengths[:-1], initial=0))
+        part = io.BytesIO()
+        part.write(b"II*\0\x08\0\0\0")
+        directory.save(part)
+        with open(image.filename, "rb") as stream:
+            for offset, length in zip(offsets[first : first + many], lengths, strict=True):
+                stream.seek(offset)
+                part.write(stream.read(length))
+        part.seek(0)
+        yield part
 
 
 def rgba(image, upright=False):

@@ -52,6 +52,16 @@ def test_every_command_begins_here():
     assert all(target.startswith("deformrf.viewer.entry:") for target in SCRIPTS.values())
 
 
+@pytest.mark.parametrize("program", SCRIPTS)
+def test_verbose_is_in_every_help(program):
+    code = f"from deformrf.viewer.entry import begin; import sys; sys.exit(begin({program!r}))"
+    for flags in (["--help"], ["bind", "-h"] if program == "deformrf-rig" else ["-h"]):
+        command = [sys.executable, "-c", code, *flags]
+        run = subprocess.run(command, capture_output=True, text=True)
+        assert (run.returncode, run.stderr) == (0, "")
+        assert run.stdout.splitlines()[-1] == entry.VERBOSE
+
+
 FAULT = """
 import sys
 from deformrf.viewer import command, entry

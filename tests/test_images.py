@@ -8,7 +8,7 @@ import zlib
 
 import numpy as np
 import pytest
-from PIL import EpsImagePlugin, Image
+from PIL import EpsImagePlugin, Image, TiffImagePlugin
 
 from deformrf.core import images
 from deformrf.core.images import ImageError, open_image, rgba
@@ -171,3 +171,59 @@ def test_a_large_file_that_ends_early_takes_no_memory(tmp_path, monkeypatch, end
     with pytest.raises(ImageError, match="can't be read as an image"):
         read(path)
     assert not full
+
+
+def tiled_tiff(path, pixels, side):
+    """A TIFF of gray `pixels` [H, W] in deflated tiles, which Pillow doesn't write itself."""
+    height, width = pixels.shape
+    padded = np.pad(pixels, ((0, -height % side), (0, -width % side)))
+    rows, columns = padded.shape[0] // side, padded.shape[1] // side
+    tiles = padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(-1, side, side)
+    parts = [zlib.compress(tile.tobytes()) for tile in tiles]
+    ifd = TiffImagePlugin.ImageFileDirectory_v2()
+    ifd[256], ifd[257], ifd[258], ifd[259], ifd[262], ifd[277] = width, height, (8,), 8, 1, 1
+    ends = 8 + np.cumsum([0, *map(len, parts)])
+    ifd[322], ifd[323], ifd[324], ifd[325] = side, side, tuple(ends[:-1]), tuple(map(len, parts))
+    path.write_bytes(
+        b"II*\0" + struct.pack("<I", ends[-1]) + b"".join(parts) + ifd.tobytes(int(ends[-1]))
+    )
+
+
+@pytest.mark.parametrize("kind", ["lzw", "adobe_deflate", "jpeg", "lzma", "16 bits", "P", "tiles"])
+def test_a_large_tiff_is_decoded_part_by_part_first(tmp_path, monkeypatch, kind):
+    """A whole one is as ever; of a damaged one only the parts before the damage are decoded."""
+    path, loaded = tmp_path / "a.tif", []
+    noise = np.random.default_rng().integers(0, 256, (500, 300, 3), np.uint8)
+    image = Image.fromarray(noise)
+    if kind == "tiles":
+        tiled_tiff(path, noise[..., 0], 64)
+    elif kind == "16 bits":
+        Image.fromarray(noise[..., 0] * np.uint16(200)).save(path, compression="tiff_lzw")
+    else:
+        image = image.convert("P") if kind == "P" else image
+        image.save(path, compression=f"tiff_{kind}" if kind in ("lzw", "adobe_deflate") else
+                   {"P": "tiff_lzw"}.get(kind, kind))  # fmt: skip
+    expected = read(path)
+    if kind == "tiles":
+        np.testing.assert_array_equal(expected[..., 0], noise[..., 0])
+    monkeypatch.setattr(images, "LARGE", 5000)
+    monkeypatch.setattr(images, "AT_A_TIME", 60_000)  # some parts together
+    load = TiffImagePlugin.TiffImageFile.load
+    monkeypatch.setattr(
+        TiffImagePlugin.TiffImageFile, "load", lambda self: loaded.append(self.size) or load(self)
+    )
+    np.testing.assert_array_equal(read(path), expected)
+    parts = [size for size in loaded if size != (300, 500)]
+    assert len(parts) >= 2
+    if kind == "jpeg":  # its decoder passes over damage
+        return
+    with Image.open(path) as image:
+        tags = image.tag_v2
+        begin, length = (int(tags[t][-1]) for t in ((324, 325) if 324 in tags else (273, 279)))
+    data = bytearray(path.read_bytes())
+    data[begin : begin + length // 2] = bytes(length // 2)
+    path.write_bytes(data)
+    loaded.clear()
+    with pytest.raises(ImageError, match="can't be read as an image"):
+        read(path)
+    assert loaded == parts

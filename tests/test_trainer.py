@@ -199,7 +199,7 @@ def test_the_same_seed_gives_the_same_model(ball_data, trained):
 
 @pytest.mark.parametrize("after", [37, 60 + 45])
 def test_a_resumed_run_ends_where_an_uninterrupted_one_does(
-    ball_data, trained, monkeypatch, tmp_path, after
+    ball_data, trained, monkeypatch, tmp_path, capsys, after
 ):
     """Interrupted in stage 1 and in stage 2; the checkpoint goes through its file."""
     path = tmp_path / "ball.checkpoint"
@@ -210,8 +210,11 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(
     resumed = load_checkpoint(path)
     assert (resumed.stage, resumed.fit["step"]["number"]) == ((1, 37) if after < 60 else (2, 45))
     assert resumed.options == SMALL
+    capsys.readouterr()
     whole = trainer.train(ball_data[0], resumed.options, "cpu", "ball", path, resumed)
     assert whole.complete
+    place = "step 37 of 60 of stage 1" if after < 60 else "step 45 of 80 of stage 2"
+    assert f"Going on from {place}." in capsys.readouterr().out
     assert whole.report["seconds"] > first.report["seconds"]
     for a, b in zip(parameters(trained), parameters(whole), strict=True):
         np.testing.assert_array_equal(a, b)

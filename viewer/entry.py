@@ -20,6 +20,7 @@ COMMANDS = {
     "deformrf-report": "deformrf.core.lab.command",
 }
 INTERRUPTED = 130
+VERBOSE = "With --verbose, what the program notes goes to stderr."  # the end of every --help
 
 
 def view() -> int:
@@ -74,6 +75,10 @@ def begin(program: str) -> int:
     recent = crash.begin_logging(program, verbose)
     try:
         return import_module(COMMANDS[program]).main()
+    except SystemExit as ended:
+        if not ended.code and {"-h", "--help"} & {*sys.argv[1:]}:
+            print(VERBOSE)
+        raise
     except Exception as error:
         path = crash.write_report(program, error, recent)
         if path is not None:

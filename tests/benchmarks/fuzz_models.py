@@ -99,7 +99,7 @@ def with_arrays(rng, data, arrays):
             array = rng.permutation(array)
         elif kind == 5:
             array = np.zeros(array.shape, TYPES[rng.integers(len(TYPES))])
-        else:
+        elif array.dtype.kind != "U":  # of a mutation before
             with np.errstate(all="ignore"):
                 array = array * array.dtype.type(rng.choice([0, 2, 7]))
         arrays[name] = array
@@ -162,6 +162,8 @@ def main():
             kept = folder / f"fault-{sum(counts.values())}.npz"
             kept.write_bytes(path.read_bytes())
             print(kept, result, flush=True)
+        if sum(counts.values()) % 10_000 == 0:  # what is known if the process itself ends
+            print(sum(counts.values()), "mutants", flush=True)
     total, seconds = sum(counts.values()), time.monotonic() - start
     print(f"{total} mutants in {seconds:.0f} s, seed {arguments.seed}, "
           f"memory {first:.0f} to {megabytes():.0f} MB")  # fmt: skip

@@ -2,14 +2,15 @@
 
     python tests/benchmarks/kills.py --count 100 [--seed 7] [--only model]
 
-SIGKILL, which no program can answer.  In each trial a process writes a file again and again, and is
-killed; the file that was there before has to be whole, or the new one.  What begins with a dot and
-holds .part may be left beside it.  A run that is trained goes on from its last checkpoint.
+SIGKILL, which no program can answer.  In each trial a process writes a file, and is killed; the
+file that was there before has to be whole, or the new one.  What begins with a dot and holds .part
+may be left beside it.  A run that is trained goes on from its last checkpoint.
 `interrupts` sends Ctrl-C in a command's first three seconds instead: one line and exit code 130.
 """
 
 import argparse
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from fuzz_models import small_models
 from PIL import Image
 
 from deformrf.core.field import load
+from deformrf.core.training.run import load_checkpoint
 
 START = "import sys; print('started', flush=True);"
 MODEL = (
@@ -51,11 +53,13 @@ while True:
     write(report(n), sys.argv[1])
 """
 )
-TRAIN = (
+STEPS = 96
+TRAIN = (  # short steps, and a checkpoint every other one
     START
     + """
 from deformrf.core.training import trainer
-trainer.CHECKPOINT_SECONDS = 0.1
+from deformrf.core.training.run import optimization
+trainer.CHECKPOINT_SECONDS, optimization.PAUSE_INTERVAL, optimization.RAYS_AT_START = 0.0, 2, 64
 from deformrf.core.commands.train import main
 print('ready', flush=True)
 main()
@@ -72,14 +76,19 @@ sys.exit(begin(program))
 )
 
 
-def killed(program, arguments, seconds, number=signal.SIGKILL):
-    """Run Python, and send a signal some seconds after it is ready; exit code and stderr."""
+def killed(program, arguments, seconds, number=signal.SIGKILL, after=None):
+    """Run Python, and send a signal some seconds after it is ready; exit code and stderr.
+
+    With a path `after`, the seconds count from when that file is there.
+    """
     command = [sys.executable, "-c", program, *map(str, arguments)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **pipes) as process:
         for line in process.stdout:
             if line == "ready\n":
                 break
+        while after and not after.exists() and process.poll() is None:
+            time.sleep(0.002)
         time.sleep(seconds)
         process.send_signal(number)
         _, said = process.communicate(timeout=120)
@@ -122,36 +131,69 @@ class WrittenReport(Trials):
 
 
 class Film(Trials):
+    """`deformrf-render` writes a film."""
+
+    latest, frames = 4.0, 9  # s after the command began; of the film
+    program, options = "deformrf-render", ["--turntable", 0.3, "-o"]
+
     def trial(self):
         model, path = next(small_models(self.folder)), self.folder / "film.mp4"
         path.write_bytes(b"old")
-        options = ["--turntable", 0.3, "--size", "64x48", "--device", "cpu", "-o", path]
-        killed(COMMAND, ["deformrf-render", model, *options], self.rng.uniform(0.0, 4.0))
+        options = ["--size", "64x48", "--device", "cpu", *self.options, path]
+        killed(COMMAND, [self.program, model, *options], self.rng.uniform(0.0, self.latest))
+        begun = list(self.folder.glob(".film-*.part.mp4"))
+        for part in begun:
+            part.unlink()
         if path.read_bytes() == b"old":
-            return "old"
+            return "old, half of a film beside it" if begun else "old"
         with av.open(str(path)) as film:
-            return "new" if sum(1 for _ in film.decode(video=0)) >= 9 else "fault: too short"
+            count = sum(1 for _ in film.decode(video=0))
+        return "new" if count == self.frames else f"fault: {count} frames"
+
+
+class Recording(Film):
+    """`deformrf-view` records what it shows."""
+
+    latest, frames = 4.0, 90
+    program, options = "deformrf-view", ["--headless", "--drag", "top:0,0,0.2", "--record"]
 
 
 class Training(Trials):
+    """Most are killed between the first checkpoint and the end; an older model is there before."""
+
     def trial(self):
         data, path = self.folder / "data", self.folder / "m.npz"
         if not data.exists():
             write_data(data)
-        options = [data, "-o", path, "--preset", "tiny", "--steps", 80, "--device", "cpu"]
-        options += ["--leave-out", "coarse-stage", "--scene-radius", 1.3]
-        killed(TRAIN, options, self.rng.uniform(2.0, 9.0))
-        went_on = "anew"
-        if path.with_suffix(".checkpoint").exists():
-            went_on, options = "resumed", [*options, "--resume"]
-        elif path.exists():
-            went_on = "was done"
-        command = [sys.executable, "-c", COMMAND, "deformrf-train", *map(str, options)]
+        old = next(small_models(self.folder)).read_bytes()
+        path.write_bytes(old)
+        checkpoint = path.with_suffix(".checkpoint")
+        options = [data, "-o", path, "--preset", "tiny", "--steps", STEPS, "--device", "cpu"]
+        options += ["--spacing", 0.1, "--leave-out", "coarse-stage", "--scene-radius", 1.3]
+        if self.rng.random() < 0.2:
+            killed(TRAIN, options, self.rng.uniform(0.0, 4.0))
+        else:
+            killed(TRAIN, options, self.rng.uniform(0.0, 5.0), after=checkpoint)
+        step = 0
+        if checkpoint.exists():
+            step = load_checkpoint(checkpoint).fit["step"]["number"]
+            options.append("--resume")
+        elif path.read_bytes() != old:
+            return "was done" if whole_model(path) else "fault: the model is not whole"
+        command = [sys.executable, "-c", TRAIN, *map(str, options)]
         done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode or load(path).meta["interrupted"]:
+        begun = re.search(r"from step (\d+) of", done.stdout)
+        if done.returncode or path.read_bytes() == old or not whole_model(path):
             return f"fault: {done.stderr}"
-        path.unlink()
-        return went_on
+        if checkpoint.exists() or (int(begun[1]) if begun else 0) != step:
+            return f"fault: a checkpoint of step {step}, but: {done.stdout}"
+        return "resumed" if step else "anew"
+
+
+def whole_model(path):
+    """Whether a file has a model with all steps."""
+    meta = load(path).meta
+    return not meta["interrupted"] and meta["history"][-1]["step"] == STEPS
 
 
 class Interrupts(Trials):
@@ -197,6 +239,7 @@ KINDS = {
     "model": Model,
     "report": WrittenReport,
     "film": Film,
+    "recording": Recording,
     "training": Training,
     "interrupts": Interrupts,
 }

@@ -38,6 +38,7 @@ class TrainingProgress:
 
     def __init__(self, shown=True):
         self.rate = 0.0
+        self._shown = shown
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -57,6 +58,8 @@ class TrainingProgress:
 
     def begin(self, title: str, step_count: int, done: int = 0):
         self._since = time.perf_counter()
+        if done and self._shown:
+            self.say(f"Going on from step {done} of {step_count} of {title}.")
         return self._bar.add_task(title, total=step_count, completed=done, psnr="", rate="")
 
     def say(self, sentence: str):
