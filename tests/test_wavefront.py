@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import warp as wp
+from slot_rendering import assert_alike, in_slots
 
 from deformrf.core.field import node_table
-from deformrf.core.field.networks import evaluate as evaluate_reference
 from deformrf.core.render import (
     Camera,
     Lens,
@@ -26,34 +26,6 @@ def view(width=50, height=37):
     direction = rng.normal(size=3) * [1.0, 1.0, 0.5]
     eye = 0.5 + 1.4 * direction / np.linalg.norm(direction)
     return from_field_of_view(look_at(eye, (0.5, 0.5, 0.5)), 0.6, width, height)
-
-
-def in_slots(renderer):
-    """Let a renderer on the CPU use the wavefront, too, with NumPy's networks."""
-    if renderer.device.is_cuda:
-        return renderer
-    field = renderer.field
-
-    def evaluate(features, basis, total, sigma, rgb):
-        count = int(total.numpy()[0])
-        rows = (a.numpy().reshape(len(sigma), -1)[:count].astype(float) for a in (features, basis))
-        if count:
-            values = evaluate_reference(*rows, field.density_layers, field.color_layers)
-            sigma.numpy()[:count], rgb.numpy()[:count] = values
-
-    renderer.shading.evaluate_slots = evaluate
-    return renderer
-
-
-def assert_alike(image, expected):
-    """One of them has half precision: a few levels of 255 at most, almost none on average."""
-    difference = np.abs(image.color_array().astype(int) - expected.color_array())
-    assert difference.mean() < 0.3
-    assert (difference.max(axis=-1) > 6).mean() < 5e-3
-    seen = np.isfinite(expected.depth_array()) & np.isfinite(image.depth_array())
-    depths = image.depth_array()[seen], expected.depth_array()[seen]
-    assert np.isclose(*depths, atol=3e-3).mean() > 0.99
-    assert (np.isfinite(image.depth_array()) == np.isfinite(expected.depth_array())).mean() > 0.99
 
 
 @pytest.mark.parametrize("slots_per_pixel", [wavefront.SLOTS_PER_PIXEL, 0.1])

@@ -5,33 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from fold_poses import crowd, denser, folded, from_inside
 
-from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at, reference
+from deformrf.core.render import Renderer, RenderOptions, reference
 from deformrf.core.render.overlap import PieceMerger, windows
 from deformrf.core.render.rays.camera import camera_rays
 
 EXACT = RenderOptions(conformance=True, details=True)
-
-
-def folded(field):
-    """The vertices, folded three times along x, one sheet a little behind the other."""
-    vertices = field.mesh.rest_vertices.copy()
-    low, high = vertices[:, 0].min(), vertices[:, 0].max()
-    thirds = 3.0 * (vertices[:, 0] - low) / (high - low)
-    vertices[:, 0] = low + (np.abs((thirds + 1) % 2 - 1) + 0.02 * thirds) * (high - low) / 3
-    return vertices.astype(np.float32)
-
-
-def denser(field, factor):
-    """The field with log densities that are so much higher."""
-    weights, bias = field.density_layers[-1]
-    bias = bias + np.float32([factor] + [0.0] * (len(bias) - 1))
-    return replace(field, density_layers=(*field.density_layers[:-1], (weights, bias)))
-
-
-def from_inside(vertices, size=12):
-    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    return from_field_of_view(look_at(middle, middle + np.array([0.1, 0.5, 0.2])), 0.9, size, size)
 
 
 @pytest.mark.parametrize("factor", [-3.0, 0.0, 4.0])
@@ -75,16 +55,11 @@ def test_windows_of_any_length_give_the_same_pixels(make_ball_field, monkeypatch
 
 
 def test_a_crowded_place_is_merged_as_a_whole(make_ball_field, monkeypatch):
-    """Every other vertex is on the opposite side: hundreds of tets share the middle."""
     field = denser(make_ball_field(7, spacing=0.04, march_step=0.02), -5.0)
-    middle = field.mesh.rest_vertices.mean(axis=0)
-    vertices = field.mesh.rest_vertices.astype(np.float32)
-    vertices[::2] = (2.0 * middle - vertices[::2]).astype(np.float32)
+    vertices, camera = crowd(field)
     renderer = Renderer(field, "cpu")
     renderer.set_vertices(vertices)
-    origins, directions = camera_rays(
-        from_field_of_view(look_at(middle + np.array([0.1, -0.8, 0.2]), middle), 0.3, 8, 8)
-    )
+    origins, directions = camera_rays(camera)
     expected, _, _ = reference.render_rays(field, vertices, origins, directions, (1, 1, 1))
     crowded, render_part = [], PieceMerger._render_part
     monkeypatch.setattr(

@@ -16,9 +16,10 @@ def kernel_modules(device) -> list[str]:
     names += [module.__name__ for module in (modes, subpixel)]
     kernels = [camera_rays_kernel, resolve_kernel]
     if wp.get_device(device).is_cuda:
+        from .overlap import WindowSlots
         from .rounds import begin_kernel
 
-        names.append(PieceMerger.__module__)
+        names += [PieceMerger.__module__, WindowSlots.__module__]
         kernels += [march_kernel, begin_kernel]
         kernels += [encode_kernel, shading.half_basis_kernel, networks_kernel]
     else:  # what crowded rays need is compiled when there are any

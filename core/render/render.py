@@ -5,7 +5,7 @@ A ray takes one of three paths:
     rounds/wavefront.py    default mode on CUDA: nothing waits for the host
     rounds/host.py         everything else: rounds of march, shade, accumulate
     overlap/               tangled rays, which see the mesh overlap itself: windows.py on a
-                           CPU, merging.py on CUDA
+                           CPU, window_slots.py after a wavefront, merging.py else
 
 Each of them marches through the mesh (rays/), and reads density and color of the samples
 (shading.py).  On the CPU a Warp launch uses one core and releases the interpreter, so tiles
@@ -102,7 +102,7 @@ class Renderer:
         self.overlap = Overlap(mesh, neighbours, self.pose)
         self.merger = PieceMerger(self.pose, self._occupancy, self.shading, step)
         self.host_rounds = HostRounds(self.pose, self._occupancy, self.shading, step)
-        self._wavefront = None
+        self._wavefront = self._windows = None
         self._pool = None if self.device.is_cuda else ThreadPoolExecutor(thread_count())
 
     def set_vertices(self, vertices):
@@ -252,22 +252,28 @@ class Renderer:
         rays, pixels = wavefront.buffers.rays, wavefront.buffers.pixels
         color, depth = wavefront.buffers.color[:count], wavefront.buffers.depth[:count]
         if self._find_overlap(options):  # the wavefront took tangled rays for plain ones
-            with self.stage("merge"):
-                _, tangled = self.overlap.sort_rays(rays, count)
-                sample_count += self.merger.render(rays, tangled, pixels, options)
-                resolve(pixels, options.background, color, depth, tangled)
+            boxes, tangled = self.merger.prepare(), self.overlap.tangled
+            crowded, more = self._windows.render(boxes, tangled, count, options, self.stage)
+            sample_count += more
+            if len(crowded):
+                with self.stage("merge"):
+                    sample_count += self.merger.render(rays, crowded, pixels, options)
+                    resolve(pixels, options.background, color, depth, crowded)
         return Image(wp.clone(color).reshape(shape), wp.clone(depth).reshape(shape), sample_count)
 
     def _wavefront_for(self, count):
         """A wavefront with room for that many pixels: the last one, if it is large enough."""
-        from .rounds import Wavefront  # whose kernels only CUDA needs
+        from .overlap import WindowSlots
+        from .rounds import Wavefront  # kernels that only CUDA needs
 
         if self._wavefront is None or self._wavefront.capacity < count:
-            self._wavefront = None  # frees its memory first
+            self._wavefront = self._windows = None  # frees their memory first
             capacity = -(-count // WAVEFRONT_PIXELS) * WAVEFRONT_PIXELS
             self._wavefront = Wavefront(
                 self.pose, self._occupancy, self.shading, self.field.options, capacity
             )
+            step = self.field.options.march_step
+            self._windows = WindowSlots(self.pose, self._wavefront, step)
         return self._wavefront
 
 

@@ -7,6 +7,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "merging": ["PieceMerger"],
         "search": ["Overlap"],
+        "window_slots": ["WindowSlots"],
         "windows": ["trace_windows_kernel"],
     },
 )

@@ -42,13 +42,18 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
 class Overlap:
-    """Finds out whether a pose overlaps itself, once per change of its vertices; sorts rays."""
+    """Finds out whether a pose overlaps itself, once per change of its vertices; sorts rays.
+
+    Attributes:
+        tangled: What makes rays tangled, once `exists` has said whether any are.
+    """
 
     def __init__(self, mesh: TetMesh, neighbours, pose: Pose):
         self._pose = pose
         self._searched = self._found = -1  # revisions of the pose
         self._tangled_boxes = None  # BVH of the tets that are inverted or nearly flat
-        self._shells_overlap = False  # the boundary intersects itself, or parts are nested
+        self.tangled = TangledTets()
+        self.tangled.shells = 0
         faces, labels = pose.boundary_faces, face_components(neighbours)
         _, first_tets = np.unique(labels, return_index=True)  # one of each part
         # `edges` takes tets: with the first corner twice it finds those of a face, and loops.
@@ -57,7 +62,7 @@ class Overlap:
             self._edges = wp.array(boundary_edges, dtype=wp.vec2i)
             self._part_tets = wp.array(mesh.tets[first_tets], dtype=wp.vec4i)
             self._counts = wp.zeros(2, dtype=int)
-            self._tangled_tets = wp.empty(mesh.tet_count, dtype=int)
+            self.tangled.ids = wp.empty(mesh.tet_count, dtype=int)
         self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=pose.device.is_cuda)
 
     def exists(self) -> bool:
@@ -69,11 +74,12 @@ class Overlap:
             count, crossings = (int(n) for n in self._host_counts.numpy())
             self._tangled_boxes = None
             if count:
-                ids, pose = self._tangled_tets[:count], self._pose
+                ids, pose = self.tangled.ids[:count], self._pose
                 self._tangled_boxes = box_tree(pose.vertices, pose.tets, ids)
-            self._shells_overlap = crossings > 0
+            self.tangled.boxes = self._tangled_boxes.id if count else 0
+            self.tangled.shells = int(crossings > 0)
             self._found = self._pose.revision
-        return self._tangled_boxes is not None or self._shells_overlap
+        return self._tangled_boxes is not None or self.tangled.shells == 1
 
     def search(self) -> None:
         """Start the search on the device if the vertices have changed; does not wait."""
@@ -82,7 +88,7 @@ class Overlap:
             return
         self._searched = pose.revision
         self._counts.zero_()
-        found = [self._counts, self._tangled_tets]
+        found = [self._counts, self.tangled.ids]
         wp.launch(tangled_tets_kernel, len(pose.tets), [pose.geometry], found, device=device)
         inputs = [pose.geometry, self._edges]
         wp.launch(crossed_edges_kernel, len(self._edges), inputs, [self._counts], device=device)
@@ -103,9 +109,7 @@ class Overlap:
         counts = wp.zeros(2, dtype=int, device=device)
         plain = wp.empty(count, dtype=int, device=device)
         tangled = wp.empty(count, dtype=int, device=device)
-        boxes = self._tangled_boxes.id if self._tangled_boxes else 0
-        inputs = [self._pose.geometry, rays.origins, rays.directions, boxes]
-        inputs += [self._tangled_tets, int(self._shells_overlap)]
+        inputs = [self._pose.geometry, rays.origins, rays.directions, self.tangled]
         wp.launch(sort_rays_kernel, count, inputs, [counts, plain, tangled], device=device)
         plain_count, tangled_count = counts.numpy()
         return plain[: int(plain_count)], tangled[: int(tangled_count)]
@@ -242,40 +246,50 @@ def is_inside_two_shells(geometry: Geometry, origin: wp.vec3, direction: wp.vec3
     return False
 
 
+@wp.struct
+class TangledTets:
+    """What makes a ray of the present pose tangled."""
+
+    boxes: wp.uint64  # id of a BVH of tets that are inverted or nearly flat; 0 without any
+    ids: wp.array(dtype=int)  # [T] those tets
+    shells: int  # 1 if the boundary intersects itself
+
+
+@wp.func
+def is_tangled(geometry: Geometry, tangled: TangledTets, origin: wp.vec3, direction: wp.vec3):
+    """Whether a walk from tet to tet might miss a tet of this ray."""
+    found = bool(False)
+    if tangled.boxes != wp.uint64(0):
+        query = wp.bvh_query_ray(tangled.boxes, origin, direction)
+        index = int(0)
+        while not found and wp.bvh_query_next(query, index):
+            tet = tangled.ids[index]
+            if geometry.shapes[2 * tet + 1][2] <= 0.0:
+                found = True  # it may be too flat to have coordinates, so its box decides
+            else:
+                _alpha, _slope, _near, t_in, t_out = interval_in_tet(
+                    geometry, tet, origin, direction
+                )
+                if t_out >= t_in:
+                    found = True
+    if not found and tangled.shells == 1:
+        found = is_inside_two_shells(geometry, origin, direction)
+    return found
+
+
 @wp.kernel
 def sort_rays_kernel(
     geometry: Geometry,
     origins: wp.array(dtype=wp.vec3),  # [R]
     directions: wp.array(dtype=wp.vec3),  # [R]
-    tangled_tets: wp.uint64,  # id of a BVH, or 0
-    tet_ids: wp.array(dtype=int),
-    shells: int,  # 1 if the boundary intersects itself
+    tangled_tets: TangledTets,
     counts: wp.array(dtype=int),  # [2] out: plain and tangled rays
     plain: wp.array(dtype=int),  # [R] out: which rays
     tangled: wp.array(dtype=int),  # [R] out
 ):
     """Sort rays into plain and tangled ones."""
     ray = wp.tid()
-    origin = origins[ray]
-    direction = directions[ray]
-    found = int(0)
-    if tangled_tets != wp.uint64(0):
-        query = wp.bvh_query_ray(tangled_tets, origin, direction)
-        index = int(0)
-        while found == 0 and wp.bvh_query_next(query, index):
-            tet = tet_ids[index]
-            if geometry.shapes[2 * tet + 1][2] <= 0.0:
-                found = 1  # it may be too flat to have coordinates, so its box decides
-            else:
-                _alpha, _slope, _near, t_in, t_out = interval_in_tet(
-                    geometry, tet, origin, direction
-                )
-                if t_out >= t_in:
-                    found = 1
-    if found == 0 and shells == 1:
-        if is_inside_two_shells(geometry, origin, direction):
-            found = 1
-    if found == 1:
+    if is_tangled(geometry, tangled_tets, origins[ray], directions[ray]):
         tangled[wp.atomic_add(counts, wp.static(TANGLED), 1)] = ray
     else:
         plain[wp.atomic_add(counts, wp.static(PLAIN), 1)] = ray

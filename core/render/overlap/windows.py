@@ -11,9 +11,9 @@ Shapes: R rays, M of them tangled, K slots per ray, T tets.
 import numpy as np
 import warp as wp
 
-from ...field import is_occupied, subtet_of
-from ..rays import Geometry, Pose, Rays, Samples, empty_samples, interval_in_tet, speed_and_fade
+from ..rays import Geometry, Pose, Rays, Samples, empty_samples
 from ..rounds import CpuShader, NativeShading, Pixels, shade_native
+from .pieces import interval_in_box, pieces_between
 
 SLOTS = wp.constant(64)  # K
 FEW = wp.constant(24)  # pieces after which the next window is longer
@@ -22,71 +22,9 @@ FIRST_STEPS = 6.0  # length of the first window [Δ]
 GROWTH = wp.constant(2.0)
 SHORTEST = wp.constant(1.0e-6)  # of t, or of the unit of space if that is more
 CROWDED = wp.constant(-1.0)  # as a window's length
-MOST_PIECES = wp.constant(1.0e6)  # passed at once: int() takes no larger numbers
 OUTSIDE = wp.constant(-2)  # as a ray's tet: it has left the mesh for good
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
-
-
-@wp.func
-def pieces_between(
-    geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    boxes: wp.uint64,  # id of the BVH of all tets
-    origin: wp.vec3,
-    direction: wp.vec3,
-    step: float,  # Δ
-    start: float,
-    end: float,
-    first_slot: int,
-    samples: Samples,  # out: t is where a piece begins in the window, length is κ / σ
-    highs: wp.array(dtype=float),  # out: where it ends there
-):
-    """The number of pieces that overlap a window; with more than SLOTS it is SLOTS + 1."""
-    count = int(0)
-    query = wp.bvh_query_ray(boxes, origin, direction)
-    tet = int(0)
-    while count <= SLOTS and wp.bvh_query_next(query, tet, end):
-        mask = occupancy[tet]
-        if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
-            alpha, slope, near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
-            if t_out > t_in and t_out > start and t_in < end:
-                speed, fade = speed_and_fade(geometry, tet, slope)
-                rest_length = (t_out - t_in) * speed
-                piece_count = int(wp.ceil(rest_length / step))
-                passed = wp.clamp((start - t_in) * speed / step - 1.0, 0.0, MOST_PIECES)
-                piece = int(passed)
-                while piece < piece_count and count <= SLOTS:
-                    low = float(piece) * step
-                    high = wp.min(low + step, rest_length)
-                    begin = t_in + low / speed
-                    until = wp.min(t_in + high / speed, end)
-                    if begin >= end:
-                        piece = piece_count
-                    elif until > start:
-                        bary = alpha + (t_in + 0.5 * (low + high) / speed - near) * slope
-                        if is_occupied(mask, subtet_of(bary)):
-                            if count < SLOTS:
-                                slot = first_slot + count
-                                samples.tet[slot] = tet
-                                samples.bary[slot] = bary
-                                samples.length[slot] = fade * speed
-                                samples.t[slot] = wp.max(begin, start)
-                                highs[slot] = until
-                            count += 1
-                    piece += 1
-    return count
-
-
-@wp.func
-def leaves_box(low: wp.vec3, high: wp.vec3, origin: wp.vec3, direction: wp.vec3):
-    """The t at which a ray leaves a box; below 0 if the box lies behind it."""
-    t = float(1.0e30)
-    for axis in range(3):
-        if direction[axis] != 0.0:
-            face = wp.where(direction[axis] > 0.0, high[axis], low[axis])
-            t = wp.min(t, (face - origin[axis]) / direction[axis])
-    return t
 
 
 @wp.kernel
@@ -132,7 +70,7 @@ def trace_windows_kernel(
                 direction = rays.directions[ray]
                 start = rays.t[ray]
                 length = lengths[ray]
-                last = leaves_box(box_low, box_high, origin, direction)
+                _in, last = interval_in_box(box_low, box_high, origin, direction)
                 end = float(start)
                 found = SLOTS + 1
                 while found > SLOTS and length > 0.0:
@@ -147,6 +85,8 @@ def trace_windows_kernel(
                         start,
                         end,
                         i * SLOTS,
+                        1,
+                        SLOTS,
                         samples,
                         highs,
                     )

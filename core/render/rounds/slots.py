@@ -30,7 +30,7 @@ from ..rays import (
 from .compositing import Pixels, empty_pixels, to_bytes
 
 TILE_WIDTH, TILE_HEIGHT = wp.constant(8), wp.constant(4)  # pixels of a warp
-LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
+LEAST_SLOTS, MOST_SLOTS = 4, 32  # per ray and round, K
 ALIGNMENT = wp.constant(64)  # of the stride
 # Places in the state, integers on the device.
 PARITY = wp.constant(0)  # which list is read
@@ -42,7 +42,8 @@ PER_RAY = wp.constant(5)  # K
 TOTAL = wp.constant(6)  # stride · K
 ROUNDS = wp.constant(7)  # that had rays
 SAMPLES = wp.constant(8)  # evaluated
-STATE_SIZE = 9
+CROWDED = wp.constant(9)  # rays that need another path, see overlap/window_slots.py
+STATE_SIZE = 10
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
 # Approximate divisions take a fifth of the time, and half precision hides their error.
@@ -176,16 +177,19 @@ def begin_kernel(
 
 
 @wp.kernel
-def advance_kernel(slot_count: int, state: wp.array(dtype=int)):
-    """Swap the lists, and divide the slots among the rays of the one to read."""
+def advance_kernel(slot_count: int, least: int, most: int, state: wp.array(dtype=int)):
+    """Swap the lists, and divide the slots among the rays of the one to read.
+
+    Each of them gets from `least` to `most`.
+    """
     listed = state[NEXT_LISTED]
     state[PARITY] = 1 - state[PARITY]
     state[LISTED] = listed
     state[NEXT_LISTED] = 0
-    taken = wp.min(listed, slot_count / LEAST_SLOTS)
+    taken = wp.min(listed, slot_count / least)  # a stride's multiple, as SLOT_MULTIPLE says
     stride = (taken + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT
     # Half of the room fills a GPU, and wastes few samples behind a surface.
-    per_ray = wp.clamp(slot_count / 2 / wp.max(stride, 1), LEAST_SLOTS, MOST_SLOTS)
+    per_ray = wp.clamp(slot_count / 2 / wp.max(stride, 1), least, most)
     state[TAKEN] = taken
     state[STRIDE] = stride
     state[PER_RAY] = per_ray

@@ -19,6 +19,8 @@ pixels, and slot k of ray i is at k * stride + i.
 Shapes: R rays, S slots, L levels.
 """
 
+from dataclasses import dataclass
+
 import warp as wp
 
 from ..rays import DeviceCamera, Pose
@@ -26,8 +28,29 @@ from ..shading import Shading
 from . import slots
 
 SLOTS_PER_PIXEL = 1.2  # rays for which there is no room wait for the next round
+FIRST_ROUNDS = 4  # until it is known how many an image needs
 MOST_SLOTS_IN_ALL = 1 << 21  # 280 MB
-SLOT_MULTIPLE = 4096  # a multiple of every stride's alignment
+SLOT_MULTIPLE = 4096  # shares of 1/64 of it are multiples of every stride's alignment
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """How the rays of a list fill their slots, and what becomes of these.
+
+    The kernels are launched for the place of each listed ray, with inputs (geometry, occupancy,
+    step, buffers, *more) and (stop, buffers, *more).
+    """
+
+    march: wp.Kernel
+    composite: wp.Kernel
+    least: int  # slots per ray and round
+    most: int
+    more: tuple = ()
+
+
+PLAIN = Way(
+    slots.march_slots_kernel, slots.composite_slots_kernel, slots.LEAST_SLOTS, slots.MOST_SLOTS
+)
 
 
 class Wavefront:
@@ -47,8 +70,8 @@ class Wavefront:
         self.buffers = slots.empty_buffers(capacity, slot_count, options.level_count, device)
         pinned = device.is_cuda
         self._host_state = wp.zeros(slots.STATE_SIZE, dtype=int, device="cpu", pinned=pinned)
-        self._graphs = {}  # of one round each, by step, stop and levels
-        self._likely_rounds = 4
+        self._graphs = {}  # of one round each, by way, step, stop and levels
+        self._likely_rounds = {}  # of each way
 
     def render(self, camera: DeviceCamera, rows, options, stage) -> int:
         """Fill `color` and `depth` of the buffers; returns the number of samples.
@@ -57,10 +80,18 @@ class Wavefront:
             rows: (first, last): the rows first..last-1 of the camera's image.
         """
         self._begin(camera, rows, options, stage)
-        rounds = self._likely_rounds
+        return int(self.run(PLAIN, options, stage)[slots.SAMPLES])
+
+    def run(self, way: Way, options, stage):
+        """Rounds until no ray is listed, from those in the list of the next round.
+
+        Returns:
+            The state, on the host.  [STATE_SIZE]
+        """
+        rounds = self._likely_rounds.get(way.march, FIRST_ROUNDS)
         while True:
             for _ in range(rounds):
-                self._round(options, stage)
+                self._round(way, options, stage)
             wp.copy(self._host_state, self.buffers.state)
             if self.device.is_cuda:
                 wp.synchronize_stream(wp.get_stream(self.device))
@@ -68,8 +99,8 @@ class Wavefront:
             if state[slots.NEXT_LISTED] == 0:
                 break
             rounds = 2
-        self._likely_rounds = int(state[slots.ROUNDS]) + 1
-        return int(state[slots.SAMPLES])
+        self._likely_rounds[way.march] = int(state[slots.ROUNDS]) + 1
+        return state
 
     def _begin(self, camera, rows, options, stage):
         self.buffers.background.fill_(wp.vec3(*options.background))
@@ -82,26 +113,28 @@ class Wavefront:
             thread_count = tiles * slots.TILE_WIDTH * slots.TILE_HEIGHT
             self._launch(slots.begin_kernel, thread_count, inputs)
 
-    def _round(self, options, stage):
+    def _round(self, way, options, stage):
         """One round, recorded as a CUDA graph unless its stages are timed."""
         if not self.device.is_cuda or stage.seconds is not None:
-            self._launch_round(options, stage)
+            self._launch_round(way, options, stage)
             return
-        key = options.step_factor, options.stop, options.level_count
+        key = way, options.step_factor, options.stop, options.level_count
         if key not in self._graphs:
-            self._launch_round(options, stage)  # compiles
+            self._launch_round(way, options, stage)  # compiles
             with wp.ScopedCapture(self.device, force_module_load=False) as capture:
-                self._launch_round(options, stage)
+                self._launch_round(way, options, stage)
             self._graphs[key] = capture.graph
         wp.capture_launch(self._graphs[key])
 
-    def _launch_round(self, options, stage):
+    def _launch_round(self, way, options, stage):
         geometry, buffers, level_count = self._pose.geometry, self.buffers, self._level_count
         step = self._march_step * options.step_factor
         with stage("march"):
-            self._launch(slots.advance_kernel, 1, [self._slot_count, buffers.state])
-            inputs = [geometry, self._occupancy, step, buffers]
-            self._launch(slots.march_slots_kernel, len(buffers.counts), inputs)
+            self._launch(
+                slots.advance_kernel, 1, [self._slot_count, way.least, way.most, buffers.state]
+            )
+            inputs = [geometry, self._occupancy, step, buffers, *way.more]
+            self._launch(way.march, len(buffers.counts), inputs)
         with stage("encode"):
             used_level_count = options.level_count or level_count
             inputs = [self._tables, self._table, self._nodes, geometry.rotations]
@@ -111,8 +144,8 @@ class Wavefront:
             total = buffers.state[slots.TOTAL : slots.TOTAL + 1]
             self._evaluate(buffers.features, buffers.basis, total, buffers.sigma, buffers.rgb)
         with stage("composite"):
-            inputs = [options.stop, buffers]
-            self._launch(slots.composite_slots_kernel, self.capacity, inputs)
+            inputs = [options.stop, buffers, *way.more]
+            self._launch(way.composite, self.capacity, inputs)
 
     def _launch(self, kernel, dim, inputs):
         wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=slots.BLOCK_SIZE)

@@ -1,0 +1,109 @@
+"""Tangled rays of a wavefront: windows from front to back give the defined image."""
+
+import numpy as np
+import pytest
+import warp as wp
+from fold_poses import crowd, denser, folded, from_inside
+from slot_rendering import assert_alike, in_slots
+
+from deformrf.core.render import Renderer, RenderOptions, reference
+from deformrf.core.render.overlap import PieceMerger, window_slots
+from deformrf.core.render.rays.camera import camera_rays
+from deformrf.core.render.rounds import wavefront
+
+BACKGROUND = (0.2, 0.5, 0.9)
+OPTIONS = RenderOptions(BACKGROUND)
+TO_THE_END = RenderOptions(BACKGROUND, termination=0.0)
+
+
+def prepared(field, vertices, device):
+    renderer = in_slots(Renderer(field, device))
+    renderer.set_vertices(vertices)
+    return renderer
+
+
+def in_wavefront(renderer, camera):
+    """Its image by the wavefront, to the end of each ray, and how many were merged as a whole."""
+    merged, render_part = [], PieceMerger._render_part
+
+    def counted(self, rays, ids, *others):
+        merged.append(len(ids))
+        return render_part(self, rays, ids, *others)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PieceMerger, "_render_part", counted)
+        return renderer.render(camera, TO_THE_END), sum(merged)
+
+
+def assert_is_defined(image, field, vertices, camera):
+    origins, directions = camera_rays(camera)
+    expected, _, _ = reference.render_rays(field, vertices, origins, directions, BACKGROUND)
+    found = image.color_array().reshape(-1, 4)[:, :3]
+    off = np.abs(found - 255.0 * expected).max(axis=1)
+    assert off.mean() <= 0.8 and (off > 4.0).mean() <= 0.02
+
+
+@pytest.mark.parametrize("factor", [-3.0, 0.0, 4.0])
+def test_a_camera_inside_a_fold_sees_the_defined_image(factor, make_ball_field, device):
+    field = denser(make_ball_field(3, occupied_share=1.0, march_step=0.004), factor)
+    vertices = folded(field)
+    renderer = prepared(field, vertices, device)
+    camera = from_inside(vertices)
+    image, merged = in_wavefront(renderer, camera)
+    assert_is_defined(image, field, vertices, camera)
+    assert merged == 0
+
+
+def test_an_opaque_fold_is_not_evaluated_to_its_end(make_ball_field, device):
+    thin = make_ball_field(3, occupied_share=1.0, march_step=0.004)
+    counts = []
+    for field in (denser(thin, -20.0), denser(thin, 4.0)):
+        vertices = folded(field)
+        counts.append(
+            prepared(field, vertices, device).render(from_inside(vertices), OPTIONS).sample_count
+        )
+    assert counts[1] < 0.5 * counts[0]
+
+
+@pytest.mark.parametrize("steps", [0.7, 1e4])
+def test_windows_of_any_length_and_little_room_give_the_same_image(
+    make_ball_field, device, monkeypatch, steps
+):
+    """Also if a round has room for some of the rays only."""
+    field = make_ball_field(5, march_step=0.004)
+    vertices = folded(field)
+    camera = from_inside(vertices, 40)
+    expected = prepared(field, vertices, device).render(camera, OPTIONS)
+    monkeypatch.setattr(window_slots, "FIRST_STEPS", steps)
+    monkeypatch.setattr(wavefront, "SLOTS_PER_PIXEL", 0.2)
+    assert_alike(prepared(field, vertices, device).render(camera, OPTIONS), expected)
+
+
+def test_crowded_rays_are_merged_as_a_whole(make_ball_field, device):
+    field = denser(make_ball_field(7, spacing=0.04, march_step=0.02), -5.0)
+    vertices, camera = crowd(field)
+    image, merged = in_wavefront(prepared(field, vertices, device), camera)
+    assert merged >= 4
+    assert_is_defined(image, field, vertices, camera)
+
+
+def test_poses_one_after_another(make_ball_field, device):
+    """The tree of all tets is fitted, not built: each pose has the image that a new one has."""
+    field = make_ball_field(6, march_step=0.01)
+    rest, end = field.mesh.rest_vertices, folded(field)
+    renderer = prepared(field, end, device)
+    camera = from_inside(end, 30)
+    for share in (1.0, 0.8, 0.95):
+        vertices = (rest + share * (end - rest)).astype(np.float32)
+        renderer.set_vertices(vertices)
+        found = renderer.render(camera, OPTIONS)
+        assert_alike(found, prepared(field, vertices, device).render(camera, OPTIONS))
+
+
+def test_infinite_vertices_end_no_render_in_a_loop(make_ball_field, device):
+    field = make_ball_field(8)
+    vertices = folded(field)
+    vertices[3] = np.inf
+    renderer = in_slots(Renderer(field, device))
+    renderer.set_vertices(wp.array(vertices, dtype=wp.vec3, device=device))
+    renderer.render(from_inside(folded(field), 4), OPTIONS)
