@@ -53,8 +53,11 @@ def whole_file(path: Path):
 
 
 @contextmanager
-def whole_files(paths):
-    """The same for several files: none is renamed before all are on the disk."""
+def whole_files(paths, replaced=()):
+    """The same for several files: none is renamed before all are on the disk.
+
+    Files in `replaced`, of which none may stand beside the new ones, are removed in between.
+    """
     paths, partials = [Path(path) for path in paths], []
     try:
         for path in paths:
@@ -64,6 +67,8 @@ def whole_files(paths):
             sync(partial)
             if path.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        for path in replaced:
+            path.unlink(missing_ok=True)
         for path, partial in zip(paths, partials, strict=True):
             os.replace(partial, path)
         for folder in {path.parent for path in paths}:

@@ -2,9 +2,11 @@
 
 import csv
 import json
+import os
 from base64 import b64encode
 from dataclasses import dataclass
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -262,3 +264,55 @@ def test_what_an_older_report_had_more_is_removed(report, tmp_path):
     }
     assert len(fewer) == 3 < len(paths) and beside.exists()
     assert not is_complete(tmp_path / "report")
+
+
+def numbered(number, figure_count):
+    """A report whose number is in each of its files."""
+    figures = [Figure(f"f{k}", "", f"n {number}.".encode()) for k in range(figure_count)]
+    table = Table("t", "T", [Row(f"n {number}.", None, None, 0, None, False)])
+    sections = [Section("a", "A", [f"n {number}."], tables=[table], figures=figures)]
+    return Report("Numbered", {"n": f"n {number}."}, sections, complete=True)
+
+
+@pytest.mark.parametrize("counts", [(3, 2), (2, 3)])
+def test_a_kill_never_leaves_files_of_two_reports(tmp_path, monkeypatch, counts):
+    """At any moment, and the page is there; the next report is whole."""
+    steps, unlink, replace = [], Path.unlink, os.replace
+
+    def step(do):
+        if len(steps) == last:
+            raise KeyboardInterrupt  # what is done now is what `finally` does
+        steps.append(1)
+        do()
+
+    for last in range(100):
+        folder = tmp_path / str(last)
+        write(numbered(1, counts[0]), folder)
+        (folder / "mine.csv").write_text("kept")
+        steps.clear()
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "replace", lambda *paths: step(lambda: replace(*paths)))
+            patch.setattr(
+                Path,
+                "unlink",
+                lambda path, missing_ok=False: (
+                    unlink(path, missing_ok)
+                    if path.name.startswith(".")
+                    else step(lambda: unlink(path))
+                ),
+            )
+            try:
+                write(numbered(2, counts[1]), folder)
+                break
+            except KeyboardInterrupt:
+                pass
+        left = {path.name: path.read_text() for path in folder.iterdir() if path.suffix != ".part"}
+        assert left.pop("mine.csv") == "kept" and "report.html" in left
+        assert (
+            len({number for text in left.values() for number in (1, 2) if f"n {number}." in text})
+            == 1
+        )
+        paths = write(numbered(3, 1), folder)
+        assert sorted(folder.iterdir()) == sorted([*paths, folder / "mine.csv"])
+        assert all("n 3." in path.read_text() for path in paths)
+    assert last >= 10

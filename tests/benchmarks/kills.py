@@ -38,14 +38,16 @@ while True:
         save(field, sys.argv[3])
 """
 )
+FIGURES = 30
 REPORT = (
     START
+    + f"count = {FIGURES}"
     + """
 from deformrf.core.lab.report.parts import Figure, Report, Section
 from deformrf.core.lab.report.writing import write
 def report(n):
-    figures = [Figure(f"f{k}", f"n {n}", b"\\x89PNG" + bytes([n]) * 200_000) for k in range(3)]
-    return Report("Killed", {"n": str(n)}, [Section("a", "A", [f"n {n}"], figures=figures)], True)
+    figures = [Figure(f"f{k}", f"n {n}", b"\\x89PNG" + bytes([n]) * 20_000) for k in range(count)]
+    return Report("Killed", {"n": f"n {n}"}, [Section("a", "A", [f"n {n}"], figures=figures)], True)
 print('ready', flush=True)
 n = 0
 while True:
@@ -116,18 +118,21 @@ class Model(Trials):
 class WrittenReport(Trials):
     def trial(self):
         killed(REPORT, [self.folder], self.rng.uniform(0.05, 0.5))
-        numbers = set()
-        try:
-            for path in self.folder.glob("f*.png"):
-                content = path.read_bytes()
-                if len(set(content[4:])) != 1 or len(content) != 200_004:
+        numbers, count = set(), 0
+        for path in self.folder.glob("[!.]*"):
+            content, count = path.read_bytes(), count + 1
+            if path.suffix == ".png":
+                if len(content) != 20_004 or len({*content[4:]}) != 1:
                     return f"fault: {path.name} is not whole"
                 numbers.add(content[-1])
-            if (report := self.folder / "report.json").exists():
-                json.loads(report.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            return f"fault: {error}"
-        return {0: "nothing yet", 1: "whole"}.get(len(numbers), "whole files of two reports")
+            else:
+                numbers |= {int(n) for n in re.findall(r"\bn (\d+)", content.decode())}
+        if len(numbers) > 1 or (count and not (self.folder / "report.html").exists()):
+            return f"fault: files of the reports {numbers}"
+        if count == FIGURES + 3:
+            json.loads((self.folder / "report.json").read_text(encoding="utf-8"))
+            return "whole"
+        return "some files of one report" if count else "nothing yet"
 
 
 class Film(Trials):

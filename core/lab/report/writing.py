@@ -37,12 +37,14 @@ def is_complete(folder) -> bool:
 
 
 def write(report: Report, folder) -> list[Path]:
-    """Write all files into a folder, the page last; they appear when all are complete.
+    """Write all files into a folder; they appear when all are complete.
 
-    Files of an older report there that this one doesn't have are removed.
+    Files of an older report there are removed or replaced.  Whenever the program is killed, the
+    folder has files of one report only: the older one's go first, but for its page, which needs
+    no other; then the new page takes its place, and the other files follow.
 
     Returns:
-        Their paths.
+        Their paths, the page's last.
 
     Raises:
         OSError: The folder or a file can't be written.
@@ -61,14 +63,16 @@ def write(report: Report, folder) -> list[Path]:
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    older = _last(folder).get("files", [])
-    with whole_files([folder / name for name in files]) as partials:  # never old beside new
-        for partial, content in zip(partials, files.values(), strict=True):
-            partial.write_bytes(content)
-    for name in {*older} - {*files}:
-        if Path(name).name == name:  # nothing outside the folder, whatever stands there
-            (folder / name).unlink(missing_ok=True)
-    return [folder / name for name in files]
+    # report.json, which names the others, goes last and comes before them.
+    order = [*names[:-3], "report.md", "report.json", "report.html"][::-1]
+    older = [str(name) for name in _last(folder).get("files", []) if name not in order[:2]]
+    # Nothing outside the folder, whatever stands there.
+    older = [folder / name for name in older if Path(name).name == name]
+    older = [path for path in [*older, folder / "report.json"] if path.is_file()]
+    with whole_files([folder / name for name in order], older) as partials:
+        for partial, name in zip(partials, order, strict=True):
+            partial.write_bytes(files[name])
+    return [folder / name for name in names]
 
 
 def as_json(report: Report) -> dict:
@@ -145,6 +149,7 @@ def _last(folder) -> dict:
     """The contents of the report.json in a folder; empty if it is not from this program."""
     with suppress(OSError, ValueError):
         values = json.loads((Path(folder) / "report.json").read_text(encoding="utf-8"))
-        if isinstance(values, dict) and values.get("format") == FORMAT:
+        ours = isinstance(values, dict) and values.get("format") == FORMAT
+        if ours and isinstance(values.get("files", []), list):
             return values
     return {}
