@@ -15,6 +15,7 @@ Before the first key its value holds, after the last key the last one.  Times ar
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -61,25 +62,35 @@ class Channel:
 
     def value_at(self, seconds: float) -> np.ndarray:
         """[3], or [4] for a rotation."""
-        turns = self.path == "rotation"
-        after = int(np.searchsorted(self.times, seconds, side="right"))
-        k, following = max(after - 1, 0), min(after, len(self.times) - 1)
-        span = self.times[following] - self.times[k]
-        share = (seconds - self.times[k]) / span if span > 0.0 else 0.0
-        if self.interpolation == "CUBICSPLINE":
-            s, first, second = share, self.values[k], self.values[following]
-            value = (2 * s**3 - 3 * s**2 + 1) * first[1] + (3 * s**2 - 2 * s**3) * second[1]
-            if span > 0.0:
-                value = value + span * (s**3 - 2 * s**2 + s) * first[2]
-                value = value + span * (s**3 - s**2) * second[0]
-        elif self.interpolation == "STEP" or share == 0.0:
-            value = self.values[k]
-        elif turns:
-            ends = rotations.unit(self.values[[k, following]])
-            return rotations.slerp(ends[0], ends[1], share)
-        else:
-            value = (1.0 - share) * self.values[k] + share * self.values[following]
-        return rotations.unit(value) if turns else np.array(value, float)
+        return _interpolated(self, self.values, seconds)
+
+
+def _interpolated(channel: Channel, values, seconds: float) -> np.ndarray:
+    """What the keys of a channel say at a time; `values` may be those of several that go alike.
+
+    Args:
+        values: [K, ..., 3 or 4]; CUBICSPLINE: [K, ..., 3, 3 or 4].
+    """
+    times, turns = channel.times, channel.path == "rotation"
+    after = int(np.searchsorted(times, seconds, side="right"))
+    k, following = max(after - 1, 0), min(after, len(times) - 1)
+    span = times[following] - times[k]
+    share = (seconds - times[k]) / span if span > 0.0 else 0.0
+    first, second = values[k], values[following]
+    if channel.interpolation == "CUBICSPLINE":
+        s = share
+        value = (2 * s**3 - 3 * s**2 + 1) * first[..., 1, :]
+        value = value + (3 * s**2 - 2 * s**3) * second[..., 1, :]
+        if span > 0.0:
+            value = value + span * (s**3 - 2 * s**2 + s) * first[..., 2, :]
+            value = value + span * (s**3 - s**2) * second[..., 0, :]
+    elif channel.interpolation == "STEP" or share == 0.0:
+        value = first
+    elif turns:
+        return rotations.slerp(rotations.unit(first), rotations.unit(second), share)
+    else:
+        value = (1.0 - share) * first + share * second
+    return rotations.unit(value) if turns else np.array(value, float)
 
 
 @dataclass(frozen=True)
@@ -117,9 +128,24 @@ class Clip:
             "rotation": rest.rotations.copy(),
             "scale": rest.scales.copy(),
         }
-        for channel in self.channels:
-            arrays[channel.path][channel.bone] = channel.value_at(seconds)
+        for channel, bones, values in self._alike:
+            arrays[channel.path][bones] = _interpolated(channel, values, seconds)
         return Pose(*(arrays[path] for path in PATHS))
+
+    @cached_property
+    def _alike(self):
+        """Channels that differ in their bones and values alone: one, bones [C], values [K, C, ...].
+
+        Most clips have three such groups, and a pose is wanted in every frame.
+        """
+        groups = {}
+        for channel in self.channels:
+            key = channel.path, channel.interpolation, channel.times.tobytes()
+            groups.setdefault(key, []).append(channel)
+        return [
+            (some[0], [one.bone for one in some], np.stack([one.values for one in some], axis=1))
+            for some in groups.values()
+        ]
 
     def matrices_at(self, skeleton: Skeleton, seconds: float) -> np.ndarray:
         """Skinning matrices.  [B, 4, 4]"""

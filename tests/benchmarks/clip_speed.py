@@ -1,10 +1,10 @@
 """Frames per second and pixels while a clip plays: the viewer's own frames, without a display.
 
     python tests/benchmarks/clip_speed.py MODEL [--clip Run] [--device cpu|cuda:0]
-        [--sizes 800x800] [--targets 12 15] [--softness 0 0.5] [--seconds 10]
+        [--sizes 800x800] [--targets 12 15] [--softness 0 0.5] [--seconds 10] [--full]
 
 The model has a rig.  The clip plays in real time, again and again; resolution and savings follow
-the target, as in the window.  pixels is the shorter side of the image that was rendered, and the
+the target, as in the window, or, with --full, all pixels are rendered whatever the target.  pixels is the shorter side of the image that was rendered, and the
 share of frames with all levels and whole steps follows; ms are means of the stages in the last
 second.  At softness 0 bones move all vertices, above it physics moves a part of them, 60 times a
 second.  slowest is the mean of the 1 % slowest frames, in ms.
@@ -21,11 +21,12 @@ from deformrf.core.field import modelfile
 WARM_UP_SECONDS = 3.0  # the ladder finds its rung
 
 
-def measure(app, clip, target, softness, seconds):
+def measure(app, clip, target, softness, seconds, full):
     """A row of the table."""
     scene, layer = app.scene, app.radiance
     scene.reset()
     scene.settings.target_fps, scene.settings.show_handles = target, False
+    scene.settings.fixed_resolution = 1.0 if full else None
     scene.posing.set_softness(softness)
     scene.posing.play_clip(clip)
     frames, sides, whole = [], [], []
@@ -61,6 +62,7 @@ def main():
     parser.add_argument("--targets", type=float, nargs="+", default=[12.0, 15.0])
     parser.add_argument("--softness", type=float, nargs="+", default=[0.0, 0.5])
     parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--full", action="store_true")
     arguments = parser.parse_args()
     start_warp()
     for size in arguments.sizes:
@@ -72,7 +74,8 @@ def main():
         app.load(modelfile.load(arguments.model), "model", device_name(arguments.device))
         for target in arguments.targets:
             for softness in arguments.softness:
-                row = measure(app, arguments.clip, target, softness, arguments.seconds)
+                more = softness, arguments.seconds, arguments.full
+                row = measure(app, arguments.clip, target, *more)
                 numbers = ", ".join(f"{name} {value:.3g}" for name, value in row.items())
                 print(f"{size}: {numbers}", flush=True)
         app.close()

@@ -40,27 +40,26 @@ class BoneLayer:
         self._sphere_buffer = ctx.buffer(reserve=4 * SPHERE_FLOATS * most, dynamic=True)
         layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
         self._spheres = ctx.vertex_array(gl.program(ctx, "handles"), [layout])
+        self._ends = self._state = None  # what the buffers hold
+        self._vertex_count = self._sphere_count = 0
 
     def draw(self, camera, clip_range, place=None) -> None:
         """Draw into the framebuffer in use; `place` is where a dragged joint would go.  [3]"""
         scene = self._scene
         if not scene.settings.show_bones:
             return
-        spheres = joint_spheres(scene, place)
-        if not len(spheres):
+        self._write(place)
+        if not self._sphere_count:
             return
         view = np.linalg.inv(camera.camera_to_world)
         projection = view_projection(camera, *clip_range) @ camera.camera_to_world
         matrices = {"world_to_camera": view, "projection": projection}
         self._ctx.enable_only(moderngl.BLEND | moderngl.CULL_FACE)
         gl.blend_over(self._ctx)
-        faces = bone_faces(scene)
-        if len(faces):
-            self._buffer.write(faces)
+        if self._vertex_count:
             gl.set_uniforms(self._bones.program, opacity=OPACITY, **matrices)
-            self._bones.render(moderngl.TRIANGLES, vertices=len(faces))
+            self._bones.render(moderngl.TRIANGLES, vertices=self._vertex_count)
         self._ctx.enable_only(moderngl.BLEND)
-        self._sphere_buffer.write(spheres)
         gl.set_uniforms(
             self._spheres.program,
             depth_terms=gl.depth_terms(*clip_range, camera.parallel),
@@ -70,7 +69,26 @@ class BoneLayer:
             parallel=camera.parallel,
             **matrices,
         )
-        self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(spheres))
+        self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=self._sphere_count)
+
+    def _write(self, place):
+        """Bring what is drawn to the buffers, if it has changed."""
+        scene, rigging = self._scene, self._scene.rigging
+        state = (
+            (rigging.selected, scene.handle_radius),
+            pose_of(scene.orbit)[:3, 3].tobytes(),  # far ones are drawn first
+            [None if one is None else np.asarray(one).tobytes() for one in (rigging.loose, place)],
+        )
+        ends = scene.posing.ends
+        if self._ends is ends and self._state == state:
+            return
+        self._ends, self._state = ends, state
+        faces, spheres = bone_faces(scene), joint_spheres(scene, place)
+        self._vertex_count, self._sphere_count = len(faces), len(spheres)
+        if len(faces):
+            self._buffer.write(faces)
+        if len(spheres):
+            self._sphere_buffer.write(spheres)
 
     def release(self) -> None:
         for part in (self._bones, self._buffer, self._spheres, self._sphere_buffer):

@@ -37,18 +37,18 @@ def joints_of(skeleton: Skeleton | None, loose=None, heads=None, tails=None) -> 
         return found
     heads = skeleton.heads if heads is None else heads
     tails = skeleton.tails if tails is None else tails
+    joined = begin_at_parents(skeleton)
     for bone in range(skeleton.bone_count):
         found.append(Joint(bone, TAIL, tails[bone]))
-        if not begins_at_parent(skeleton, bone):
+        if not joined[bone]:
             found.append(Joint(bone, HEAD, heads[bone]))
     return found
 
 
-def begins_at_parent(skeleton: Skeleton, bone: int) -> bool:
-    """Whether a bone's head is its parent's tail."""
-    parent = skeleton.parents[bone]
-    away = skeleton.heads[bone] - skeleton.tails[parent]
-    return bool(parent >= 0 and np.linalg.norm(away) <= JOINED)
+def begin_at_parents(skeleton: Skeleton) -> np.ndarray:
+    """Whether bones' heads are their parents' tails.  [B] bool"""
+    away = skeleton.heads - skeleton.tails[skeleton.parents]
+    return (skeleton.parents >= 0) & (np.linalg.norm(away, axis=1) <= JOINED)
 
 
 def with_bone(skeleton: Skeleton | None, parent: int, head, tail) -> Skeleton:
@@ -78,7 +78,8 @@ def moved(skeleton: Skeleton, bone: int, end: str, to) -> Skeleton:
     changed = [bone]
     if end == TAIL:
         tails[bone] = to
-        children = [c for c in skeleton.children[bone] if begins_at_parent(skeleton, c)]
+        joined = begin_at_parents(skeleton)
+        children = [c for c in skeleton.children[bone] if joined[c]]
         heads[children] = to
         changed += children
     else:
@@ -103,7 +104,8 @@ def without_joint(skeleton: Skeleton, bone: int, end: str) -> Skeleton | None:
     """
     children = skeleton.children[bone]
     if end == TAIL:
-        at_tail = [c for c in children if begins_at_parent(skeleton, c)]
+        joined = begin_at_parents(skeleton)
+        at_tail = [c for c in children if joined[c]]
         heads = skeleton.heads.copy()
         heads[at_tail] = skeleton.heads[bone]
         skeleton = _redrawn(skeleton, at_tail, heads, skeleton.tails) if at_tail else skeleton

@@ -27,6 +27,7 @@ from ...core.rig import (
 from ..history import edit
 
 SPEEDS = -4.0, 4.0  # of clips
+NO_ENDS = np.zeros((0, 2, 3))
 FADE = 0.3  # s from one clip that plays to the next
 STATE = (
     *("softness", "method", "clip", "seconds", "loop", "speed"),
@@ -55,6 +56,7 @@ class Posing:
         self._aim: Pose | None = None  # where a drag wants the bones, until they are there
         self._pins = None  # that are taken off while bones hold vertices  [V] bool
         self._driven = None  # what it follows from, and ids of vertices
+        self._ends = None  # skeleton, pose, and the ends
 
     @property
     def current(self) -> Pose:
@@ -63,14 +65,20 @@ class Posing:
 
     @property
     def ends(self):
-        """The bones' heads and tails, where they are now.  [B, 2, 3]"""
+        """The bones' heads and tails, where they are now; another array where they moved.
+
+        [B, 2, 3]
+        """
         skeleton = self._rigging.skeleton
         if skeleton is None:
-            return np.zeros((0, 2, 3))
-        if self.pose is None:
-            return np.stack([skeleton.heads, skeleton.tails], axis=1)
-        heads = posed(skeleton, self.pose)[:, :3, 3]
-        return np.stack([heads, posed_tails(skeleton, self.pose)], axis=1)
+            return NO_ENDS
+        if self._ends is None or self._ends[0] is not skeleton or self._ends[1] is not self.pose:
+            heads, tails = skeleton.heads, skeleton.tails
+            if self.pose is not None:
+                heads = posed(skeleton, self.pose)[:, :3, 3]
+                tails = posed_tails(skeleton, self.pose)
+            self._ends = skeleton, self.pose, np.stack([heads, tails], axis=1)
+        return self._ends[2]
 
     # -- by hand -------------------------------------------------------------------------
 
