@@ -4,10 +4,11 @@
         [--sizes 800x800] [--targets 12 15] [--softness 0 0.5] [--seconds 10] [--full]
 
 The model has a rig.  The clip plays in real time, again and again; resolution and savings follow
-the target, as in the window, or, with --full, all pixels are rendered whatever the target.  pixels is the shorter side of the image that was rendered, and the
-share of frames with all levels and whole steps follows; ms are means of the stages in the last
-second.  At softness 0 bones move all vertices, above it physics moves a part of them, 60 times a
-second.  slowest is the mean of the 1 % slowest frames, in ms.
+the target, as in the window, or, with --full, all pixels are rendered whatever the target.
+pixels is the shorter side of the image that was rendered, and the share of frames with all levels
+and whole steps follows; ms are means of the stages in the last second.  At softness 0 bones move
+all vertices, above it physics moves a part of them, 60 times a second: frames between two ticks
+have nothing to render, and count.  slowest is the mean of the 1 % slowest frames, in ms.
 """
 
 import argparse
