@@ -6,6 +6,7 @@ So formats are named, and the declared size is checked before anything is decode
 """
 
 import io
+import logging
 import warnings
 from contextlib import contextmanager
 from itertools import accumulate
@@ -38,6 +39,7 @@ TURNS = {  # by orientation
 
 # Pillow warns of what open_image refuses in a sentence, and of harmless faults in metadata.
 warnings.filterwarnings("ignore", module=r"PIL\.")
+logging.getLogger("PIL").setLevel(logging.CRITICAL)
 
 
 class ImageError(ValueError):

@@ -151,6 +151,17 @@ def test_damaged_files_end_in_one_sentence(tmp_path):
     assert refused > 100
 
 
+def test_pillow_adds_no_line_to_the_sentence(tmp_path, caplog):
+    path = tmp_path / "a.tif"
+    Image.new("RGB", (4, 4)).save(path)
+    count = struct.pack("<HHIHH", 277, 3, 1, 3, 0)  # samples of a pixel
+    assert count in path.read_bytes()
+    path.write_bytes(path.read_bytes().replace(count, count[:8] + b"\xf4\xf4" + count[10:]))
+    with pytest.raises(ImageError):
+        read(path)
+    assert not caplog.records
+
+
 @pytest.mark.parametrize("ending", ["png", "jpg", "webp", "tif", "bmp"])
 def test_a_large_file_that_ends_early_takes_no_memory(tmp_path, monkeypatch, ending):
     """Of a whole one nothing is refused."""

@@ -23,6 +23,7 @@ import torch
 from fuzz_models import LONGEST, MOST_MEMORY, NASTY, megabytes, small_models, with_bytes
 from PIL import Image
 
+from deformrf.core import images
 from deformrf.core import rig as rigs
 from deformrf.core.field import load
 from deformrf.core.geometry import a15_grid
@@ -63,13 +64,15 @@ class Datasets:
         self.folder = folder / "data"
         (self.folder / "train").mkdir(parents=True)
         self.images, frames = [], []
-        for number, (ending, pose) in enumerate([("png", 1.0), ("jpg", -1.0), ("webp", 2.0)]):
+        images.LARGE, images.AT_A_TIME = 0, 64  # the checks of large images, too
+        kinds = [("png", {}), ("jpg", {}), ("webp", {}), ("tif", {"compression": "tiff_lzw"})]
+        for number, (ending, options) in enumerate(kinds):
             path = self.folder / "train" / f"r_{number}.{ending}"
             pixels = np.arange(16 * 12 * 3).reshape(12, 16, 3).astype(np.uint8)
-            Image.fromarray(pixels).save(path)
+            Image.fromarray(pixels).save(path, **options)
             self.images.append((path, path.read_bytes()))
             matrix = np.eye(4)
-            matrix[:3, 3] = [0.0, pose, 3.0]
+            matrix[:3, 3] = [0.0, number, 3.0]
             name = f"train/r_{number}.{ending}"
             frames.append({"file_path": name, "transform_matrix": matrix.tolist()})
         self.scene = {"camera_angle_x": 0.7, "w": 16, "h": 12, "frames": frames}
@@ -87,7 +90,7 @@ class Datasets:
             self.path.write_bytes(with_bytes(rng, text.encode(), None))
             return
         else:
-            path, content = self.images[rng.integers(3)]
+            path, content = self.images[rng.integers(len(self.images))]
             path.write_bytes(with_bytes(rng, content, None))
         self.path.write_text(text, encoding="utf-8")
 
