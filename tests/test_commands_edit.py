@@ -34,6 +34,15 @@ def test_a_model_can_be_replaced_by_what_is_left_of_it(call, model):
     assert fields.load(model).mesh.tet_count < count
 
 
+@pytest.mark.parametrize("bits, flags, wanted", [(8, [], 8), (16, [], 16), (16, [8], 8)])
+def test_tables_keep_the_bits_of_their_entries(call, model, bits, flags, wanted):
+    fields.save(fields.load(model), model, entry_bits=bits)
+    flags = ["--entry-bits", *flags] if flags else []
+    assert call(edit.main, model, "-o", model, "--drop-box", 0, 0, 0, 1, 1, 0.5, *flags).code == 0
+    with np.load(model) as arrays:
+        assert arrays["table_0"].dtype.itemsize == wanted // 8
+
+
 @pytest.mark.parametrize(
     "flags, sentence",
     [

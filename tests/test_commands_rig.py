@@ -51,13 +51,14 @@ def test_a_bad_rig_in_a_model_is_one_sentence(call, model, refused):
 def test_bind_gives_a_model_bones_weights_and_clips(call, make_ball_field, tmp_path):
     """The skin of the bar lies on no ball: a matrix and automatic weights place it."""
     field = make_ball_field(0)
-    fields.save(field, tmp_path / "model.npz")
+    fields.save(field, tmp_path / "model.npz", entry_bits=8)
     make_bar(np.random.default_rng())[0].save(tmp_path / "bar.glb")
     arguments = ["-o", tmp_path / "rigged.npz", "--weights", "automatic", "--transform"]
     arguments += [0.3, 0, 0, 0.5, 0, 0.3, 0, 0.5, 0, 0, 0.3, 0.5, 0, 0, 0, 1]
     result = call(command.main, "bind", tmp_path / "model.npz", tmp_path / "bar.glb", *arguments)
     assert result.code == 0 and "2 bones, clips Wave" in result.out
     loaded = fields.load(tmp_path / "rigged.npz")
+    assert loaded.entry_bits == 8
     rig = rig_from(loaded.rig_arrays, field.mesh.vertex_count)
     assert rig.skeleton.names == ("lower", "upper")
     again = call(

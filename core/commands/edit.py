@@ -34,8 +34,8 @@ class EditArguments:
     """Take away what lies in this box [model units]."""
     specks: float = 0.01
     """Take away parts with less than this share of the matter; 0 keeps all."""
-    entry_bits: Literal[8, 16] = 8
-    """Bits of each number in the model's tables, as for deformrf-train."""
+    entry_bits: Literal[8, 16] | None = None
+    """Bits of each number in the model's tables, as for deformrf-train; by default MODEL's."""
 
 
 def main():

@@ -49,6 +49,7 @@ class TetField:
     surroundings: Surroundings | None = None
     stiffness: np.ndarray | None = None  # [V] factors of Young's modulus; None: 1 everywhere
     rig_arrays: dict[str, np.ndarray] | None = None  # of a rig that it carries
+    entry_bits: int | None = None  # 16 or 8, of a table's entry in its file; None: it is from none
 
     def __post_init__(self):
         assert self.neighbours.shape == (self.mesh.tet_count, 4), self.neighbours.shape

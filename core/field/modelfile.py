@@ -36,6 +36,7 @@ from .packing import (
     pack_mesh,
     pack_surroundings,
     pack_tables,
+    stored_bits,
     unpack_layers,
     unpack_mesh,
     unpack_rig,
@@ -80,14 +81,15 @@ NUMBER_LISTS = ("image_size", "peak_memory_bytes", "levels_below_pixel")
 LONGEST_MESSAGE = 300  # characters: a damaged file may have anything as a value
 
 
-def save(field: TetField, path, metadata_: dict | None = None, entry_bits=16):
+def save(field: TetField, path, metadata_: dict | None = None, entry_bits: int | None = None):
     """Write a field; the file appears only when it is complete.
 
     Entries that nothing reaches are left out and the others rounded, to half precision or
     to one byte with a scale per level and feature; `load` returns what is left.
 
     Args:
-        entry_bits: 16 or 8, per feature of an entry.
+        entry_bits: 16 or 8, per feature of an entry; None: as in the file that the field was
+            read from, 16 if it was read from none.
     """
     path = Path(path)
     arrays = pack(field, metadata_, entry_bits)
@@ -96,8 +98,9 @@ def save(field: TetField, path, metadata_: dict | None = None, entry_bits=16):
         np.savez(stream, **arrays)
 
 
-def pack(field: TetField, metadata_: dict | None = None, entry_bits=16) -> dict:
+def pack(field: TetField, metadata_: dict | None = None, entry_bits: int | None = None) -> dict:
     """The arrays that `save` writes."""
+    entry_bits = entry_bits or field.entry_bits or 16
     arrays, spacing = pack_mesh(field.mesh, field.occupancy)
     reached = reached_entries(field.mesh, field.layout, field.occupancy)
     arrays |= pack_tables(field.table, field.layout, reached, entry_bits)
@@ -185,6 +188,7 @@ def _build(arrays) -> TetField:
         surroundings=surroundings,
         stiffness=unpack_stiffness(arrays, mesh.vertex_count),
         rig_arrays=unpack_rig(arrays, mesh.vertex_count),
+        entry_bits=stored_bits(arrays, options.level_count),
     )
 
 

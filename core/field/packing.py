@@ -169,6 +169,12 @@ def unpack_tables(arrays, layout: Layout):
     return table
 
 
+def stored_bits(arrays, level_count: int) -> int:
+    """Of each number in the file's tables; 16 if they differ."""
+    kinds = {arrays[f"table_{level}"].dtype for level in range(level_count)}
+    return 8 if kinds == {np.dtype(np.int8)} else 16
+
+
 def pack_layers(name, layers) -> dict:
     """A network's arrays."""
     arrays = {}

@@ -113,7 +113,7 @@ class Recorder:
         """Write a TetField as a model file into the current folder."""
         path = stamped("model", ".npz")
         try:
-            save(field, path, entry_bits=8)
+            save(field, path, entry_bits=field.entry_bits or 8)  # in training it has no file yet
             self.finished(path)
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
