@@ -10,6 +10,7 @@ may be left beside it.  A run that is trained goes on from its last checkpoint.
 
 import argparse
 import json
+import multiprocessing
 import re
 import signal
 import subprocess
@@ -56,17 +57,6 @@ while True:
 """
 )
 STEPS = 96
-TRAIN = (  # short steps, and a checkpoint every other one
-    START
-    + """
-from deformrf.core.training import trainer
-from deformrf.core.training.run import optimization
-trainer.CHECKPOINT_SECONDS, optimization.PAUSE_INTERVAL, optimization.RAYS_AT_START = 0.0, 2, 64
-from deformrf.core.commands.train import main
-print('ready', flush=True)
-main()
-"""
-)
 COMMAND = (
     START
     + """
@@ -78,19 +68,14 @@ sys.exit(begin(program))
 )
 
 
-def killed(program, arguments, seconds, number=signal.SIGKILL, after=None):
-    """Run Python, and send a signal some seconds after it is ready; exit code and stderr.
-
-    With a path `after`, the seconds count from when that file is there.
-    """
+def killed(program, arguments, seconds, number=signal.SIGKILL):
+    """Run Python, and send a signal some seconds after it is ready; exit code and stderr."""
     command = [sys.executable, "-c", program, *map(str, arguments)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **pipes) as process:
         for line in process.stdout:
             if line == "ready\n":
                 break
-        while after and not after.exists() and process.poll() is None:
-            time.sleep(0.002)
         time.sleep(seconds)
         process.send_signal(number)
         _, said = process.communicate(timeout=120)
@@ -166,33 +151,58 @@ class Recording(Film):
 class Training(Trials):
     """Most are killed between the first checkpoint and the end; an older model is there before."""
 
+    def __init__(self, folder, rng):
+        super().__init__(folder, rng)
+        self.context = multiprocessing.get_context("forkserver")
+        # Imports, which take longer than the training, once for all trials.
+        self.context.set_forkserver_preload(["kills", "torch._dynamo", "deformrf.core.lab.command"])
+        write_data(folder / "data")
+
     def trial(self):
-        data, path = self.folder / "data", self.folder / "m.npz"
-        if not data.exists():
-            write_data(data)
+        data, path, said = (self.folder / name for name in ("data", "m.npz", "said"))
         old = next(small_models(self.folder)).read_bytes()
         path.write_bytes(old)
         checkpoint = path.with_suffix(".checkpoint")
         options = [data, "-o", path, "--preset", "tiny", "--steps", STEPS, "--device", "cpu"]
         options += ["--spacing", 0.1, "--leave-out", "coarse-stage", "--scene-radius", 1.3]
-        if self.rng.random() < 0.2:
-            killed(TRAIN, options, self.rng.uniform(0.0, 4.0))
-        else:
-            killed(TRAIN, options, self.rng.uniform(0.0, 5.0), after=checkpoint)
+        process = self.context.Process(target=train, args=(options, said))
+        process.start()
+        early = self.rng.random() < 0.2
+        while not (early or checkpoint.exists()) and process.is_alive():
+            time.sleep(0.002)
+        process.join(self.rng.uniform(0.0, 1.5 if early else 3.0))
+        process.kill()
+        process.join()
         step = 0
         if checkpoint.exists():
             step = load_checkpoint(checkpoint).fit["step"]["number"]
             options.append("--resume")
         elif path.read_bytes() != old:
             return "was done" if whole_model(path) else "fault: the model is not whole"
-        command = [sys.executable, "-c", TRAIN, *map(str, options)]
-        done = subprocess.run(command, capture_output=True, text=True)
-        begun = re.search(r"from step (\d+) of", done.stdout)
-        if done.returncode or path.read_bytes() == old or not whole_model(path):
-            return f"fault: {done.stderr}"
+        process = self.context.Process(target=train, args=(options, said))
+        process.start()
+        process.join()
+        text = said.read_text(encoding="utf-8")
+        begun = re.search(r"from step (\d+) of", text)
+        if process.exitcode or path.read_bytes() == old or not whole_model(path):
+            return f"fault: {text}"
         if checkpoint.exists() or (int(begun[1]) if begun else 0) != step:
-            return f"fault: a checkpoint of step {step}, but: {done.stdout}"
+            return f"fault: a checkpoint of step {step}, but: {text}"
         return "resumed" if step else "anew"
+
+
+def train(options, said):
+    """deformrf-train with short steps, and a checkpoint every other one; output to a file."""
+    from deformrf.core.commands.train import main
+    from deformrf.core.training import trainer
+    from deformrf.core.training.run import optimization
+
+    trainer.CHECKPOINT_SECONDS, optimization.PAUSE_INTERVAL = 0.0, 2
+    optimization.RAYS_AT_START = optimization.FEWEST_RAYS = optimization.MOST_RAYS = 16
+    sys.argv = ["deformrf-train", *map(str, options)]
+    with said.open("w") as sys.stdout:
+        sys.stderr = sys.stdout
+        main()
 
 
 def whole_model(path):
