@@ -6,11 +6,13 @@ SIGKILL, which no program can answer.  In each trial a process writes a file, an
 file that was there before has to be whole, or the new one.  What begins with a dot and holds .part
 may be left beside it.  A run that is trained goes on from its last checkpoint.
 `interrupts` sends Ctrl-C in a command's first three seconds instead: one line and exit code 130.
+`live` records a window, and is left out where there is no display.
 """
 
 import argparse
 import json
 import multiprocessing
+import os
 import re
 import signal
 import subprocess
@@ -123,7 +125,7 @@ class WrittenReport(Trials):
 class Film(Trials):
     """`deformrf-render` writes a film."""
 
-    latest, frames = 4.0, 9  # s after the command began; of the film
+    latest, frames = 4.0, [9]  # s after the command began; of the film
     program, options = "deformrf-render", ["--turntable", 0.3, "-o"]
 
     def trial(self):
@@ -138,14 +140,26 @@ class Film(Trials):
             return "old, half of a film beside it" if begun else "old"
         with av.open(str(path)) as film:
             count = sum(1 for _ in film.decode(video=0))
-        return "new" if count == self.frames else f"fault: {count} frames"
+        return "new" if count in self.frames else f"fault: {count} frames"
 
 
 class Recording(Film):
-    """`deformrf-view` records what it shows."""
+    """`deformrf-view` records what it shows, without a window."""
 
-    latest, frames = 4.0, 90
+    latest, frames = 4.0, [90]
     program, options = "deformrf-view", ["--headless", "--drag", "top:0,0,0.2", "--record"]
+
+
+class Live(Recording):
+    """The same in a window, as time passes."""
+
+    latest, frames = 8.0, range(1, 1000)
+    options = ("--frames", 60, "--record")
+
+    def __init__(self, folder, rng):
+        super().__init__(folder, rng)
+        for name in ("XDG_STATE_HOME", "XDG_CONFIG_HOME"):  # not the user's log and preferences
+            os.environ[name] = str(folder / name)
 
 
 class Training(Trials):
@@ -255,6 +269,7 @@ KINDS = {
     "report": WrittenReport,
     "film": Film,
     "recording": Recording,
+    "live": Live,
     "training": Training,
     "interrupts": Interrupts,
 }
@@ -267,7 +282,8 @@ def main():
     parser.add_argument("--only", choices=KINDS)
     arguments = parser.parse_args()
     rng, failed = np.random.default_rng(arguments.seed), False
-    for name in [arguments.only] if arguments.only else KINDS:
+    kinds = [name for name in KINDS if name != "live" or "DISPLAY" in os.environ]
+    for name in [arguments.only] if arguments.only else kinds:
         counts = {}
         with tempfile.TemporaryDirectory(prefix="kills-") as folder:
             trials = KINDS[name](Path(folder), rng)
