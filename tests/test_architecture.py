@@ -78,7 +78,8 @@ def test_a_training_step_is_as_described(follow, data):
     from deformrf.core.training import load_dataset, preset, train
 
     views = load_dataset(data, "train")
-    options = preset("tiny", fine_steps=2, spacing=0.1, leave_out=("coarse-stage",))
+    few = {"fine_steps": 2, "spacing": 0.1, "samples_per_step": 2**12}
+    options = preset("tiny", leave_out=("coarse-stage", "found-box"), **few)
     follow("A training step", lambda: train(views, options, "cpu"))
 
 

@@ -1,7 +1,11 @@
 """A viewer can compile every kernel of rendering in advance, and compiles no others."""
 
+import importlib
+
+import pytest
 import warp as wp
 
+from deformrf.core import deform
 from deformrf.core.render import (
     MODES,
     Renderer,
@@ -40,3 +44,14 @@ def test_the_tensor_cores_kernels_are_not_among_those_of_a_cpu():
     modules = kernel_modules("cpu")
     assert len(modules) == len(set(modules))
     assert not [name for name in modules if "mma" in name or "slots" in name]
+
+
+def test_cudas_kernels_compile_without_a_gpu(tmp_path):
+    """For an H100, to PTX, so that a machine without one tells of mistakes in them."""
+    wp.init()
+    if not wp.get_cuda_supported_archs():
+        pytest.skip("this Warp has no compiler for CUDA")
+    for name in {*kernel_modules("cuda:0"), *deform.kernel_modules("cuda:0")}:
+        importlib.import_module(name)
+        wp.compile_aot_module(name, arch=90, module_dir=tmp_path, use_ptx=True)
+    assert list(tmp_path.glob("*window_slots*.ptx"))

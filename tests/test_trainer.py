@@ -1,5 +1,6 @@
 """Training: what it keeps, how it learns, and that an interrupted run leaves a model."""
 
+import threading
 import time
 from dataclasses import replace
 
@@ -167,15 +168,17 @@ def test_without_dense_levels_a_ball_is_learnt_from_hashed_ones(ball_data, train
 
 
 class Interrupting:
-    """Ctrl-C at the n-th step's draw."""
+    """Ctrl-C at the n-th step's draw in this thread; others may still end a run of their own."""
 
     def __init__(self, monkeypatch, after):
         self.draws, self.after, self.draw = 0, after, RayBank.draw
+        self.thread = threading.get_ident()
         monkeypatch.setattr(RayBank, "draw", lambda bank, *args: self(bank, *args))
 
     def __call__(self, bank, *arguments):
-        self.draws += len(arguments) == 2  # looks also give pixels, or None
-        if self.draws > self.after:
+        ours = threading.get_ident() == self.thread
+        self.draws += ours and len(arguments) == 2  # looks also give pixels, or None
+        if ours and self.draws > self.after:
             raise KeyboardInterrupt
         self.draw(bank, *arguments)
 

@@ -1,7 +1,5 @@
 """The Warp modules of dynamics, so that a viewer can compile them before the first frame."""
 
-import warp as wp
-
 from .contact import contact_modules
 from .frame import CpuFrame, CudaFrame
 from .rigid_motion import FreeParts
@@ -14,6 +12,6 @@ def kernel_modules(device) -> list[str]:
     On CUDA a frame's main kernel, which depends on the mesh's size, is a module of its own
     that is not among them.
     """
-    frame = CudaFrame if wp.get_device(device).is_cuda else CpuFrame
+    frame = CudaFrame if str(device).startswith("cuda") else CpuFrame
     of_frames = Feedback.__module__, FreeParts.__module__, frame.__module__
     return [*of_frames, *contact_modules()]
