@@ -30,7 +30,7 @@ from deformrf.core.rig import (
     weights_near,
 )
 from deformrf.core.rig.fitting import located
-from deformrf.core.rig.laplacian import laplacian, solved
+from deformrf.core.rig.laplacian import laplacian, shares_near, solved, solved_as_shares
 from deformrf.core.rig.weights import nearest_on_triangles
 
 
@@ -79,6 +79,35 @@ def test_conjugate_gradients_solve_the_equations(bar):
     matrix[first, operator.ends] -= operator.conductances
     found = solved(operator, pull, sources)
     np.testing.assert_allclose(found, np.linalg.solve(matrix, sources), atol=1e-4)
+
+
+def test_the_nearest_shares_are_found():
+    rng = np.random.default_rng()
+    values, others = rng.normal(size=(30, 5)), rng.dirichlet(np.full(5, 0.4), 4000)
+    near = shares_near(values)
+    assert (near >= 0.0).all()
+    np.testing.assert_allclose(near.sum(axis=1), 1.0)
+    np.testing.assert_allclose(shares_near(near), near, atol=1e-12)
+    away = np.linalg.norm(values[:, None] - others, axis=2).min(axis=1)
+    assert (np.linalg.norm(values - near, axis=1) <= away + 1e-12).all()
+
+
+def test_shares_of_least_energy_can_not_be_bettered(bar):
+    """Where a share is above 0, no other one of its vertex has a smaller slope."""
+    mesh, _ = bar
+    rng = np.random.default_rng()
+    operator, count = laplacian(mesh), mesh.vertex_count
+    pull = rng.uniform(size=count)
+    sources = pull[:, None] * rng.normal(size=(count, 4))  # weights below 0 would fit best
+    start = solved(operator, pull, sources)
+    assert start.min() < -0.01
+    u = solved_as_shares(operator, lambda v: pull[:, None] * v, pull, sources, start)
+    np.testing.assert_allclose(u.sum(axis=1), 1.0)
+    assert (u >= 0.0).all() and (u == 0.0).any()
+    degrees = (operator.degrees + pull)[:, None]
+    slope = (degrees * u - operator.gathered(u) - sources) / degrees
+    above = np.where(u > 0.0, slope, -np.inf).max(axis=1) - slope.min(axis=1)
+    assert above.max() < 1e-3
 
 
 def test_harmonic_weights_keep_the_surface_and_linear_functions(bar):

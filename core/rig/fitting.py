@@ -7,8 +7,9 @@ So the weights w [V, B] minimize
 
     Σ_p a_p |Σ_c b_pc w_c − s_p|² · FIT / l + Σ_edges k_ij |w_i − w_j|²
 
-over samples p of the surface: a_p their area, s_p their weights, l the mesh's mean edge; the
-second sum is that of the Laplacian (laplacian.py).  Away from the surface w is harmonic.
+among those that are ≥ 0 and sum to 1, over samples p of the surface: a_p their area, s_p their
+weights, l the mesh's mean edge; the second sum is that of the Laplacian (laplacian.py).  Away from
+the surface w is harmonic.
 
 A triangle of the surface stays flat: with corners x_i, and p at the barycentric coordinates β_i,
 bones move p by Σ_i β_i Σ_b w_ib M_b x_i, along chords.  Weights alone would move it along arcs,
@@ -26,7 +27,7 @@ Shapes: V vertices, T tets, B bones, S points and M triangles of the surface, N 
 import numpy as np
 
 from ..geometry import TetMesh, components, edges
-from .laplacian import laplacian, solved_with
+from .laplacian import laplacian, solved_as_shares, solved_with
 
 FIT = 100.0
 SPACING = 0.34  # of samples, in mean edges of the mesh
@@ -64,7 +65,7 @@ def fitted_weights(mesh: TetMesh, points, triangles, point_weights, fit=FIT):
         )
     corners, bary = mesh.tets[tet[found]], bary[found]  # [N, 4]
     extended = _extension(mesh, corners, bary, fit * areas[found] / edge)
-    weights = cleaned(np.maximum(extended(wanted[found]), 0.0))
+    weights = cleaned(extended(wanted[found], as_shares=True))
     offsets = np.zeros((*weights.shape, 3))
     for bone in np.flatnonzero(weights.any(axis=0)):
         moments = point_weights[:, bone, None] * points
@@ -78,7 +79,9 @@ def fitted_weights(mesh: TetMesh, points, triangles, point_weights, fit=FIT):
 
 
 def _extension(mesh: TetMesh, corners, bary, strength):
-    """A function: values [N, B] at places, to those of all vertices [V, B] that fit them.
+    """A function: values [N, B] at places, to those of all vertices [V, B] that fit them best.
+
+    With `as_shares` they are the best of those that are ≥ 0 and sum to 1.
 
     Args:
         corners: Vertices of the tets that the places lie in [N, 4].
@@ -100,9 +103,10 @@ def _extension(mesh: TetMesh, corners, bary, strength):
     def pulled(u):
         return scattered(np.einsum("nc,ncb->nb", bary, u[corners]))
 
-    def extended(values):
-        u = solved_with(operator, pulled, diagonal, scattered(values))
-        return copied_to_lone_parts(mesh, u, alone)
+    def extended(values, as_shares=False):
+        sources = scattered(values)
+        u = copied_to_lone_parts(mesh, solved_with(operator, pulled, diagonal, sources), alone)
+        return solved_as_shares(operator, pulled, diagonal, sources, u) if as_shares else u
 
     return extended
 
