@@ -29,7 +29,7 @@ import numpy as np
 from ..geometry import TetMesh, components, edges
 from .laplacian import laplacian, solved_as_shares, solved_with
 
-FIT = 100.0
+FIT = 300.0
 SPACING = 0.34  # of samples, in mean edges of the mesh
 MOST_SAMPLES = 200_000
 MOST_PARTS = 16  # of a triangle's side

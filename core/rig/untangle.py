@@ -9,8 +9,8 @@ gradient of tet t, V_t its rest volume, d_i the Laplacian's diagonal and x the s
 P raises singular values to FLAT, the smallest one signed, so that P(F) = F wherever a tet is well:
 only flat and inverted tets pull.  Stretched ones don't: where tets bridge two legs, they have to.
 Local and global steps take turns (Bouaziz et al. 2014, projective dynamics): P with v held, then v
-with P held, a linear system whose matrix is the Laplacian's.  a falls
-until no tet is flatter than LEAST.
+with P held, a linear system whose matrix is the Laplacian's.  a falls until no tet is flatter than
+LEAST; where the smallest a leaves some, P raises theirs to LAST.
 """
 
 import numpy as np
@@ -20,8 +20,9 @@ from .laplacian import laplacian, solved
 
 FLAT = 0.1
 LEAST = 0.01  # smallest volume ratio that is left
-PULLS = (0.1, 0.03, 0.01, 0.003, 0.001)  # a
-ROUNDS = 40  # for each a
+PULLS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.001)  # a
+LAST = 0.3  # with the last of them, in the place of FLAT, for tets that are flatter than LEAST
+ROUNDS = 60  # for each a
 
 
 class Untangler:
@@ -43,20 +44,22 @@ class Untangler:
         """The vertices, moved where tets are inverted or nearly so; else unchanged.  [V, 3]"""
         target = np.asarray(vertices, float)
         v = target
-        for pull in PULLS:
+        raised = [FLAT] * (len(PULLS) - 1) + [LAST]
+        for pull, high in zip(PULLS, raised, strict=True):
             for _ in range(ROUNDS):
-                if self.ratios(v).min() > LEAST:
+                ratios = self.ratios(v)
+                if ratios.min() > LEAST:
                     return v
-                v = self._round(v, target, pull)
+                v = self._round(v, target, pull, np.where(ratios < LEAST, high, FLAT))
         return v
 
-    def _round(self, v, target, pull):
+    def _round(self, v, target, pull, flat):
         deformation = np.einsum("tci,tcj->tij", v[self._tets], self._gradients)
         u, sizes, vt = np.linalg.svd(deformation)
         mirrored = np.linalg.det(u @ vt) < 0.0
         sizes[mirrored, 2] *= -1.0
         u[mirrored, :, 2] *= -1.0
-        well = u @ (np.maximum(sizes, FLAT)[:, :, None] * vt)
+        well = u @ (np.maximum(sizes, flat[:, None])[:, :, None] * vt)
         pulls = self._volumes[:, None, None] * np.einsum("tij,tcj->tci", well, self._gradients)
         corners = self._tets.ravel()
         sources = [np.bincount(corners, p.ravel(), len(v)) for p in np.moveaxis(pulls, 2, 0)]
