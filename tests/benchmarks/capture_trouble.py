@@ -12,14 +12,15 @@ printed, and OUT/KIND.png shows photographs above the model from the same camera
     arc        a third of the way around is gone
     blurred    every third is blurred by a moving camera, 3 % of the width
     exposed    each has an exposure of its own, up to half a stop, and a white balance
-    twin       a copy of the object stands beside it
+    beside     another object, the bundled model, stands beside it
+    twin       a copy of the object does
     two        as many photographs of --others lie in the folder
     stranger   one photograph of --others does
     bare       nothing has texture but the object
     wall       photographs of a white wall
 
-`twin` and `bare` are made with the model of `whole`.  With --every N all kinds but `whole` have
-every Nth photograph only.
+`beside`, `twin` and `bare` are made with the model of `whole`.  With --every N all kinds but
+`whole` have every Nth photograph only.
 
 A row of the table: photographs, those with cameras, the error of centers over their spread and of
 rotations (medians after a similarity), PSNR of the object alone on white, IoU of {alpha >= 1/2},
@@ -38,6 +39,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from deformrf.core import paths
 from deformrf.core.capture import find_photos, load_points
 from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
@@ -88,8 +90,11 @@ def posed(folder: Path, model):
             yield name, Camera(poses[view], views.lenses[view]), views.image(view)[..., :3]
 
 
-def twins(folder: Path, model):
-    """The photographs with a copy of the object where fewest points are in the way, by name."""
+def beside(folder: Path, model, other):
+    """The photographs with another object where fewest points are in the way, by name.
+
+    It stands on the plane, as high as the model's own; the two hide each other by their depths.
+    """
     box = np.array(model.meta["object_box"])
     points = load_points(folder).points @ model.world_to_model[:3, :3].T
     points += model.world_to_model[:3, 3]
@@ -101,14 +106,28 @@ def twins(folder: Path, model):
         low = low + np.array([0.0, 0.0, 0.08])  # above the table
         return ((points > low) & (points < high)).all(axis=1).sum()
 
-    way = min(ways, key=in_the_way)
-    first, second = Renderer(model), Renderer(model)
-    second.set_vertices(model.mesh.rest_vertices + way)
+    foot, foot_there = feet(model), feet(other)
+    scale = height(model) / height(other)
+    into = np.diag([1 / scale] * 3 + [1.0])
+    into[:3, 3] = foot_there - (foot + min(ways, key=in_the_way)) / scale
+    first, second = Renderer(model), Renderer(other)
     for name, camera, image in posed(folder, model):
         _, hides, before = seen(first, camera)
-        color, opacity, behind = seen(second, camera)
-        shown = ~((hides > 0.5) & (before < behind))[..., None]
+        there = Camera(in_space(camera.camera_to_world, into), camera.lens)
+        color, opacity, behind = seen(second, there)
+        shown = ~((hides > 0.5) & (before < scale * behind))[..., None]
         yield name, np.where(shown, color + (1 - opacity[..., None]) * image, image)
+
+
+def feet(model):
+    """The middle of what the object stands on, in its model space.  [3]"""
+    x = model.mesh.rest_vertices
+    middle = 0.5 * (x.min(axis=0) + x.max(axis=0))
+    return np.array([*middle[:2], x[:, 2].min()])
+
+
+def height(model):
+    return np.ptp(model.mesh.rest_vertices[:, 2])
 
 
 def bare(folder: Path, model, rng):
@@ -131,11 +150,13 @@ def make(kind: str, photos, others, folder: Path, whole: Path, every: int):
         photos, others = photos[::every], others[::every]
     rng = np.random.default_rng(sum(map(ord, kind)))
     names = [path.name for path in photos]
-    if kind in ("twin", "bare"):
+    if kind in ("beside", "twin", "bare"):
         model = modelfile.load(whole / "m.npz")
-        source = twins(whole / "photos", model)
         if kind == "bare":
             source = bare(whole / "photos", model, rng)
+        else:
+            other = model if kind == "twin" else modelfile.load(paths.DEFAULT_MODEL)
+            source = beside(whole / "photos", model, other)
         stems = {path.stem for path in photos}
         made = {name: image for name, image in source if name in stems}
         return write(made.values(), [f"{name}.jpg" for name in made], folder)
