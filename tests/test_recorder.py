@@ -1,6 +1,7 @@
 """Screenshots and videos of whatever the canvas shows, and the PNG files."""
 
 import shutil
+from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.core.field import load
 from deformrf.viewer.films import recorder as r
 
 
@@ -37,6 +39,12 @@ def test_a_screenshot_is_of_the_next_frame_and_only_that(recorder, tmp_path, cap
     assert np.asarray(Image.open(path)).mean() == 90
     assert path.name in capsys.readouterr().out
     assert recorder.written[0].name == path.name
+
+
+@pytest.mark.parametrize("bits, wanted", [(8, 8), (16, 16), (None, 8)])
+def test_a_saved_model_has_the_bits_of_the_file_it_was_read_from(recorder, ball, bits, wanted):
+    recorder.save_model(replace(ball, entry_bits=bits))
+    assert load(recorder.written[0]).entry_bits == wanted
 
 
 def test_a_clip_that_cannot_be_written_is_reported_and_the_rest_goes_on(recorder, tmp_path, capsys):

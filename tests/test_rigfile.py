@@ -99,6 +99,13 @@ def test_a_model_carries_its_rig(make_ball_field, rig, tmp_path):
     np.testing.assert_array_equal(found.offsets[used], offsets[before])
 
 
+def test_a_model_with_offsets_of_other_vertices_is_refused(make_ball_field, rig, tmp_path):
+    field, path = make_ball_field(0), tmp_path / "model.npz"
+    fields.save(replace(field, rig_arrays={"rig_offsets": np.zeros((V, 2, 3), np.float32)}), path)
+    with pytest.raises(ValueError, match=r"model.npz: 'rig_offsets' is float32 \[7, 2, 3\], it"):
+        fields.load(path)
+
+
 def changed(name, index, value):
     def change(arrays):
         arrays[name] = arrays[name].copy()

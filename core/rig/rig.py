@@ -11,7 +11,7 @@ from .clips import Clip, VertexClip
 from .skeleton import Skeleton
 
 MOST_CLIPS = 1000
-SUM_ERROR = 1e-4  # of a vertex's weights from 1; of its offsets from 0 [model units]
+SUM_ERROR = 1e-4  # of a vertex's weights from 1; of its offsets from 0, if the longest is 1
 FARTHEST = 1e6  # of a number in a file
 
 
@@ -95,7 +95,7 @@ def check_offsets(offsets: np.ndarray, weights: np.ndarray):
             f"({int(stray.sum())} of {len(stray)} vertices do so)"
         )
     sums = np.abs(offsets.sum(axis=1, dtype=np.float64)).max(axis=1)
-    wrong = sums > SUM_ERROR
+    wrong = sums > SUM_ERROR * np.abs(offsets).max(initial=0.0)
     if wrong.any():
         vertex = int(np.argmax(wrong))
         raise ValueError(
