@@ -54,12 +54,15 @@ class Untangler:
         return v
 
     def _round(self, v, target, pull, flat):
-        deformation = np.einsum("tci,tcj->tij", v[self._tets], self._gradients)
-        u, sizes, vt = np.linalg.svd(deformation)
+        well = np.einsum("tci,tcj->tij", v[self._tets], self._gradients)
+        # σ₁ σ₂ ≤ |F|² / 2, so σ₃ ≥ 2 det F / |F|²: most tets are surely well.
+        bound = 2.0 * np.linalg.det(well) / np.sum(well * well, axis=(1, 2))
+        unsure = np.flatnonzero(~(bound >= flat))
+        u, sizes, vt = np.linalg.svd(well[unsure])
         mirrored = np.linalg.det(u @ vt) < 0.0
         sizes[mirrored, 2] *= -1.0
         u[mirrored, :, 2] *= -1.0
-        well = u @ (np.maximum(sizes, flat[:, None])[:, :, None] * vt)
+        well[unsure] = u @ (np.maximum(sizes, flat[unsure, None])[:, :, None] * vt)
         pulls = self._volumes[:, None, None] * np.einsum("tij,tcj->tci", well, self._gradients)
         corners = self._tets.ravel()
         sources = [np.bincount(corners, p.ravel(), len(v)) for p in np.moveaxis(pulls, 2, 0)]
