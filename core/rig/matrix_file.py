@@ -15,7 +15,7 @@ import numpy as np
 from .clips import Clip, clip_of_matrices
 from .gltf import GltfRig
 from .rig import MOST_CLIPS
-from .skeleton import MOST_BONES, make_skeleton, parents_first
+from .skeleton import FARTHEST, MOST_BONES, make_skeleton, parents_first
 
 LARGEST_FILE = 2**27  # bytes
 
@@ -33,10 +33,11 @@ def read_matrices(path) -> GltfRig:
         return _read(json.loads(path.read_bytes()))
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from error
-    except (KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{path} is no file of bones and matrices ({error!r:.100})") from error
     except ValueError as error:
-        raise ValueError(f"{path}: {str(error)[:300]}") from error
+        line = " ".join(str(error).split())[:300]
+        raise ValueError(f"{path}: {line}") from error
 
 
 def _read(values) -> GltfRig:
@@ -72,7 +73,10 @@ def _read(values) -> GltfRig:
 def _vector(value):
     if not (isinstance(value, list) and len(value) == 3):
         raise ValueError(f"a head or tail is {str(value)[:60]}, not three numbers")
-    return np.array(value, float)
+    found = np.array(value, float)
+    if not (np.abs(found) <= FARTHEST).all():  # NaN fails, too
+        raise ValueError(f"a head or tail is {value}, beyond {FARTHEST:g}")
+    return found
 
 
 def _clip(name, values, skeleton) -> Clip:

@@ -20,7 +20,15 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from fuzz_models import LONGEST, MOST_MEMORY, NASTY, megabytes, small_models, with_bytes
+from fuzz_models import (
+    LONGEST,
+    MOST_MEMORY,
+    NASTY,
+    megabytes,
+    small_models,
+    with_arrays,
+    with_bytes,
+)
 from PIL import Image
 
 from deformrf.core import images
@@ -32,6 +40,11 @@ from deformrf.core.training.run import Checkpoint, load_checkpoint, save_checkpo
 from deformrf.viewer.films.camera_path import CameraPathError, load_camera_path
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import SessionError, load_session, save_session, start_of
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from gltf_files import make_bar
+
+VERTICES = 7  # of a rig
 
 
 def with_values(rng, value):
@@ -240,12 +253,75 @@ class Blender:
             rigs.read_cache(self.path, self.mesh.vertex_count)
 
 
+class Rigs:
+    """The rigs that programs write: glTF, a script's matrices, and our own rig.npz."""
+
+    errors = ValueError
+
+    def __init__(self, folder):
+        rng = np.random.default_rng(0)
+        self.paths = [folder / name for name in ("a.glb", "a.json", "a.npz")]
+        self.path = self.paths[0]
+        make_bar(rng)[0].save(self.path)
+        turns = np.tile(np.eye(4), (2, 1, 1))
+        samples = [{"time": t, "skinning_matrices": dict(zip("ab", turns.tolist(), strict=True))}
+                   for t in (0.0, 0.5)]  # fmt: skip
+        bones = [{"name": "a", "parent": None, "head": [0, 0, 0], "tail": [0, 0, 1]}]
+        bones += [{"name": "b", "parent": "a", "head": [0, 0, 1], "tail": [0, 0, 2]}]
+        self.value = {"bones": bones, "clips": {"c": {"duration": 1.0, "samples": samples}}}
+        self.paths[1].write_text(json.dumps(self.value), encoding="utf-8")
+        found = rigs.read_gltf(self.path)
+        away = rng.normal(size=(VERTICES, 1, 3))
+        offsets = np.concatenate([away, -away], axis=1).astype(np.float32)
+        times, weights = np.arange(2) / 24.0, np.full((VERTICES, 2), 0.5, np.float32)
+        frames = rng.normal(size=(2, VERTICES, 3)).astype(np.float32)
+        clips = (*found.clips, rigs.VertexClip("v", times, frames))
+        rigs.save_rig(rigs.Rig(found.skeleton, weights, clips, offsets), self.paths[2])
+        self.contents = [path.read_bytes() for path in self.paths]
+        with np.load(self.paths[2]) as archive:
+            self.arrays = dict(archive)
+
+    def mutate(self, rng):
+        number = rng.integers(3)
+        self.path, content = self.paths[number], self.contents[number]
+        if rng.random() < 0.3:
+            self.path.write_bytes(with_bytes(rng, content, None))
+        elif number == 0:  # its JSON, whose length stands before it
+            length = int.from_bytes(content[12:16], "little")
+            value = with_values(rng, json.loads(content[20 : 20 + length]))
+            text = json.dumps(value).encode()
+            text += b" " * (-len(text) % 4)
+            rest = content[20 + length :]
+            sizes = len(content) - length + len(text), len(text)
+            start = content[:8] + sizes[0].to_bytes(4, "little") + sizes[1].to_bytes(4, "little")
+            self.path.write_bytes(start + content[16:20] + text + rest)
+        elif number == 1:
+            self.path.write_text(json.dumps(with_values(rng, self.value)), encoding="utf-8")
+        elif rng.random() < 0.5:
+            self.path.write_bytes(with_arrays(rng, None, self.arrays))
+        else:
+            text = json.dumps(with_values(rng, json.loads(self.arrays["rig_meta"].tobytes())))
+            np.savez(self.path, **self.arrays | {"rig_meta": np.frombuffer(text.encode(), "u1")})
+
+    def read(self):
+        if self.path == self.paths[2]:
+            clips = rigs.load_rig(self.path, VERTICES).clips
+        else:
+            read = rigs.read_gltf if self.path == self.paths[0] else rigs.read_matrices
+            found = read(self.path)
+            clips = found.clips
+            for clip in clips:
+                clip.matrices_at(found.skeleton, 0.3)
+        assert all(clip.name for clip in clips)
+
+
 KINDS = {
     "datasets": Datasets,
     "checkpoints": Checkpoints,
     "sessions": Sessions,
     "camera_paths": CameraPaths,
     "blender": Blender,
+    "rigs": Rigs,
 }
 
 

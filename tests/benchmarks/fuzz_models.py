@@ -17,10 +17,12 @@ import sys
 import tempfile
 import time
 import traceback
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from deformrf.core import rig as rigs
 from deformrf.core.field import FieldOptions, ModelFileError, load, random_field, save
 from deformrf.core.geometry import a15_grid, extract, tet_neighbours
 from deformrf.core.render import Renderer, from_field_of_view, look_at
@@ -39,9 +41,22 @@ def small_models(folder):
         mesh, _ = extract(grid, np.arange(grid.tet_count) < 60)
         options = FieldOptions(levels, 2**6, (16,), (16,), march_step=0.01)
         field = random_field(mesh, tet_neighbours(mesh.tets), options, seed)
+        if seed:
+            field = replace(field, rig_arrays=rigs.arrays_of(small_rig(mesh.vertex_count)))
         training = {"history": [{"seconds": 1.0, "stage": 1, "step": 16, "psnr": 20.0}]}
         save(field, folder / f"small{seed}.npz", training | {"test_mean": {"psnr": 3.0}}, bits)
         yield folder / f"small{seed}.npz"
+
+
+def small_rig(vertex_count):
+    """Two bones that share all vertices, with offsets and a clip of each kind."""
+    skeleton = rigs.make_skeleton(["a", "b"], [-1, 0], np.eye(3)[:2], np.eye(3)[1:])
+    weights, times = np.full((vertex_count, 2), 0.5, np.float32), np.arange(2) / 24.0
+    offsets = np.ones((vertex_count, 2, 3), np.float32) * np.float32([[1], [-1]])
+    turns = rigs.Channel(1, "rotation", "LINEAR", times, np.eye(4)[2:])
+    frames = np.zeros((2, vertex_count, 3), np.float32)
+    clips = rigs.Clip("turn", 1.0, (turns,)), rigs.VertexClip("stay", times, frames)
+    return rigs.Rig(skeleton, weights, clips, offsets)
 
 
 def with_bytes(rng, data, arrays):
@@ -116,6 +131,19 @@ def megabytes():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+def play(arrays, vertex_count):
+    """Pose the bones of a rig, unless it is refused with one sentence."""
+    try:
+        rig = rigs.rig_from(arrays, vertex_count)
+    except ValueError as error:
+        assert "\n" not in str(error), error
+        return
+    for clip in rig.clips:
+        bones = isinstance(clip, rigs.Clip)
+        found = clip.matrices_at(rig.skeleton, 0.3) if bones else clip.vertices_at(0.3)
+        assert np.isfinite(found).all(), clip
+
+
 def outcome(path):
     """What became of a mutant: "drawn", "refused", or a fault."""
     before, start = megabytes(), time.process_time()
@@ -130,6 +158,8 @@ def outcome(path):
         return f"fault: {traceback.format_exc()}"
     try:
         start = time.process_time()
+        if field.rig_arrays is not None:
+            play(field.rig_arrays, field.mesh.vertex_count)
         pixels = Renderer(field, "cpu").render(VIEW).color_array()
         seconds = time.process_time() - start
     except Exception:
