@@ -30,7 +30,13 @@ from deformrf.core.rig import (
     weights_near,
 )
 from deformrf.core.rig.fitting import located
-from deformrf.core.rig.laplacian import laplacian, shares_near, solved, solved_as_shares
+from deformrf.core.rig.laplacian import (
+    laplacian,
+    pulled_at,
+    shares_near,
+    solved,
+    solved_as_shares,
+)
 from deformrf.core.rig.weights import nearest_on_triangles
 
 
@@ -92,19 +98,47 @@ def test_the_nearest_shares_are_found():
     assert (np.linalg.norm(values - near, axis=1) <= away + 1e-12).all()
 
 
+def random_places(mesh, rng, count=300):
+    """Corners of their tets [N, 4], barycentric coordinates [N, 4] and strengths [N]."""
+    corners = mesh.tets[rng.integers(0, mesh.tet_count, count)]
+    return corners, rng.dirichlet(np.ones(4), count), rng.uniform(size=count)
+
+
+def test_places_pull_at_the_corners_of_their_tets(bar):
+    mesh, _ = bar
+    rng = np.random.default_rng()
+    corners, shares = (
+        mesh.tets[rng.integers(0, mesh.tet_count, 300)],
+        rng.dirichlet(np.ones(4), 300),
+    )
+    strength, operator = rng.uniform(size=300), laplacian(mesh)
+    both, u = (
+        pulled_at(operator, corners, shares, strength),
+        rng.normal(size=(mesh.vertex_count, 2)),
+    )
+    wanted = operator.degrees[:, None] * u - operator.gathered(u)
+    there = np.einsum("nc,ncb->nb", shares, u[corners])
+    np.add.at(wanted, corners, (strength[:, None] * shares)[:, :, None] * there[:, None])
+    np.testing.assert_allclose(both.degrees[:, None] * u - both.gathered(u), wanted, atol=1e-12)
+
+
 def test_shares_of_least_energy_can_not_be_bettered(bar):
     """Where a share is above 0, no other one of its vertex has a smaller slope."""
     mesh, _ = bar
     rng = np.random.default_rng()
-    operator, count = laplacian(mesh), mesh.vertex_count
-    pull = rng.uniform(size=count)
-    sources = pull[:, None] * rng.normal(size=(count, 4))  # weights below 0 would fit best
-    start = solved(operator, pull, sources)
-    assert start.min() < -0.01
-    u = solved_as_shares(operator, lambda v: pull[:, None] * v, pull, sources, start)
+    corners, shares = (
+        mesh.tets[rng.integers(0, mesh.tet_count, 300)],
+        rng.dirichlet(np.ones(4), 300),
+    )
+    operator = pulled_at(laplacian(mesh), corners, shares, strength := rng.uniform(size=300))
+    wanted, sources = rng.normal(size=(300, 4)), np.zeros((mesh.vertex_count, 4))
+    np.add.at(sources, corners, (strength[:, None] * shares)[:, :, None] * wanted[:, None])
+    start = solved(operator, 0.0, sources)
+    assert start.min() < -0.01  # weights below 0 would fit best
+    u = solved_as_shares(operator, sources, start)
     np.testing.assert_allclose(u.sum(axis=1), 1.0)
     assert (u >= 0.0).all() and (u == 0.0).any()
-    degrees = (operator.degrees + pull)[:, None]
+    degrees = operator.degrees[:, None]
     slope = (degrees * u - operator.gathered(u) - sources) / degrees
     above = np.where(u > 0.0, slope, -np.inf).max(axis=1) - slope.min(axis=1)
     assert above.max() < 1e-3

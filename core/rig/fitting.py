@@ -27,7 +27,7 @@ Shapes: V vertices, T tets, B bones, S points and M triangles of the surface, N 
 import numpy as np
 
 from ..geometry import TetMesh, components, edges
-from .laplacian import laplacian, solved_as_shares, solved_with
+from .laplacian import laplacian, pulled_at, solved, solved_as_shares
 
 FIT = 300.0
 SPACING = 0.34  # of samples, in mean edges of the mesh
@@ -91,8 +91,8 @@ def _extension(mesh: TetMesh, corners, bary, strength):
     from .weights import copied_to_lone_parts
 
     count, shares = mesh.vertex_count, strength[:, None] * bary
-    diagonal = np.bincount(corners.ravel(), (shares * bary).ravel(), minlength=count)
-    operator, labels = laplacian(mesh), components(count, mesh.tets)
+    operator = pulled_at(laplacian(mesh), corners, bary, strength)
+    labels = components(count, mesh.tets)
     alone = ~np.isin(labels, labels[corners])
 
     def scattered(values):
@@ -100,13 +100,10 @@ def _extension(mesh: TetMesh, corners, bary, strength):
         columns = [(shares * column[:, None]).ravel() for column in values.T]
         return np.stack([np.bincount(corners.ravel(), c, minlength=count) for c in columns], axis=1)
 
-    def pulled(u):
-        return scattered(np.einsum("nc,ncb->nb", bary, u[corners]))
-
     def extended(values, as_shares=False):
         sources = scattered(values)
-        u = copied_to_lone_parts(mesh, solved_with(operator, pulled, diagonal, sources), alone)
-        return solved_as_shares(operator, pulled, diagonal, sources, u) if as_shares else u
+        u = copied_to_lone_parts(mesh, solved(operator, 0.0, sources), alone)
+        return solved_as_shares(operator, sources, u) if as_shares else u
 
     return extended
 

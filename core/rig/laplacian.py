@@ -5,7 +5,7 @@ The viewer makes weights while a hand waits, and viewing is installed without Sc
 Shapes: V vertices, T tets, E edges, B functions at once.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,6 +67,30 @@ def laplacian(mesh: TetMesh) -> Laplacian:
     )
 
 
+def pulled_at(operator: Laplacian, corners, shares, strength) -> Laplacian:
+    """The operator with Σ_p a_p b_pi Σ_c b_pc u_c added: places p that pull, such as samples.
+
+    What a place adds between two corners goes into the conductance of their edge.
+
+    Args:
+        corners: Of the tet that each place lies in [N, 4].
+        shares: The barycentric coordinates b [N, 4].
+        strength: a [N].
+    """
+    count = len(operator.starts)
+    keys = np.repeat(np.arange(count), np.diff(np.append(operator.starts, len(operator.ends))))
+    keys = keys * count + operator.ends
+    conductances, degrees = operator.conductances, operator.degrees
+    for i, j in np.ndindex(4, 4):
+        parts = strength * shares[:, i] * shares[:, j]
+        if i == j:
+            degrees = degrees + np.bincount(corners[:, i], parts, count)
+        else:
+            place = np.searchsorted(keys, corners[:, i].astype(np.int64) * count + corners[:, j])
+            conductances = conductances - np.bincount(place, parts, len(keys))
+    return replace(operator, conductances=conductances, degrees=degrees)
+
+
 def solved(operator: Laplacian, pull, sources, fixed=None, start=None) -> np.ndarray:
     """u with Σ_j k_ij (u_i − u_j) + p_i u_i = s_i.
 
@@ -79,24 +103,14 @@ def solved(operator: Laplacian, pull, sources, fixed=None, start=None) -> np.nda
     Returns:
         [V, B] float64.
     """
-    return solved_with(operator, lambda u: pull[:, None] * u, pull, sources, fixed, start)
-
-
-def solved_with(operator, pulled, diagonal, sources, fixed=None, start=None) -> np.ndarray:
-    """The same with P u in the place of p_i u_i, by conjugate gradients with Jacobi's scaling.
-
-    Args:
-        pulled: Maps u to P u, P positive semidefinite.  [V, B] -> [V, B]
-        diagonal: Of P [V].
-    """
-    free = np.ones(len(diagonal), bool) if fixed is None else ~fixed
-    mask = free[:, None]
+    # Conjugate gradients with Jacobi's scaling.
+    free = np.ones(len(sources), bool) if fixed is None else ~fixed
+    mask, diagonal = free[:, None], (operator.degrees + pull)[:, None]
     u = np.where(mask, 0.0 if start is None else start, sources)
-    degrees = operator.degrees[:, None]
-    scaling = np.where(free, operator.degrees + diagonal, 1.0)[:, None]
+    scaling = np.where(mask, diagonal, 1.0)
 
     def applied(v):
-        return mask * (degrees * v - operator.gathered(v) + pulled(v))
+        return mask * (diagonal * v - operator.gathered(v))
 
     r = mask * sources - applied(u)
     z = r / scaling
@@ -118,22 +132,21 @@ def solved_with(operator, pulled, diagonal, sources, fixed=None, start=None) -> 
     return u
 
 
-def solved_as_shares(operator, pulled, diagonal, sources, start) -> np.ndarray:
-    """The same among u with rows ≥ 0 that sum to 1: the u of least energy ½ u·(K + P) u − s·u.
+def solved_as_shares(operator: Laplacian, sources, start) -> np.ndarray:
+    """With rows ≥ 0 that sum to 1, the u of least energy ½ u·K u − s·u, K the operator.
 
     Projected gradients with Nesterov's momentum, which starts again where it leads uphill
-    (O'Donoghue and Candès 2015).  P is a sum over tets: steps of a quarter of Jacobi's are short
-    enough for any four of its rows, and a half would do for the Laplacian.
+    (O'Donoghue and Candès 2015).  K is a sum over tets, of four rows each, so steps of a quarter of
+    Jacobi's are short enough.
 
     Args:
         start: A first guess [V, B]; near the solution without bounds it takes some 50 steps.
     """
-    scaling = (operator.degrees + diagonal)[:, None]
-    degrees = operator.degrees[:, None]
+    scaling = operator.degrees[:, None]
     u = shares_near(start)
     ahead, momentum = u, 1.0
     for _ in range(MOST_STEPS):
-        slope = degrees * ahead - operator.gathered(ahead) + pulled(ahead) - sources
+        slope = scaling * ahead - operator.gathered(ahead) - sources
         new = shares_near(ahead - 0.25 * slope / scaling)
         if np.sum((ahead - new) * (new - u) * scaling) > 0.0:
             momentum = 1.0
