@@ -134,7 +134,8 @@ def test_the_window_shows_the_stages_and_a_bar(window, monkeypatch, two_modules)
 
     gui = Gui(window[0])
     lines, notes, bars = [], [], []
-    monkeypatch.setattr(loading, "time", SimpleNamespace(perf_counter=lambda: 7.0))
+    begun = two_modules._since
+    monkeypatch.setattr(loading, "time", SimpleNamespace(perf_counter=lambda: begun))
     monkeypatch.setattr(imgui, "text", lines.append)
     monkeypatch.setattr(imgui, "text_disabled", notes.append)
     monkeypatch.setattr(imgui, "progress_bar", lambda fraction, size, text: bars.append(text))
