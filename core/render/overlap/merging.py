@@ -54,7 +54,7 @@ class PieceMerger:
     def prepare(self) -> wp.Bvh:
         """The BVH of all tets in the present pose, built unless it is there.
 
-        On CUDA it is built once and then fitted: that takes a hundredth of the time.
+        On CUDA it is built once and then fitted, which is less work for each pose.
         """
         if self._revision != self._pose.revision:
             old = self._boxes if self._pose.device.is_cuda else None
