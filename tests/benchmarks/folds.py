@@ -1,10 +1,12 @@
-"""A camera inside a threefold fold, against the same mesh unfolded, on the CPU.
+"""A camera inside a threefold fold, against the same mesh unfolded.
 
     python tests/benchmarks/folds.py [model.npz ...] [--size 64] [--repeats 5]
+        [--device cpu|cuda:0]
 
-Prints for a dense and a thin block of 500 tets, and for models, the processor's time of both
-frames, the samples, and how far the folded frame is from the same in conformance mode.  Times are
-those of all threads together: they say little else of what other programs do meanwhile.
+Prints for a dense and a thin block of 500 tets, and for models, the time of both frames, the
+samples, and how far the folded frame is from the same in conformance mode.  On a CPU the time is
+the processor's, of all threads together, which says little of what other programs do meanwhile;
+on a GPU it is the time until the frame is drawn.
 """
 
 import argparse
@@ -12,7 +14,9 @@ import time
 from dataclasses import replace
 
 import numpy as np
+import warp as wp
 
+from deformrf.core.device import start_warp
 from deformrf.core.field import FieldOptions, modelfile, random_field
 from deformrf.core.geometry import a15_grid, extract, tet_neighbours
 from deformrf.core.lab.rendering.pictures import image_error
@@ -44,17 +48,21 @@ def folded(vertices):
 
 
 def frame(renderer, vertices, size, repeats):
-    """The shortest time of the processor [s], the samples, and the error [dB]."""
+    """The shortest time [s], the samples, and the error [dB]."""
+    on_gpu = renderer.device.is_cuda
+    clock = time.perf_counter if on_gpu else time.process_time
     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     camera = from_field_of_view(
         look_at(middle, middle + np.array([0.1, 0.5, 0.2])), 0.9, size, size
     )
     seconds = []
     for _ in range(repeats + 1):  # the first one compiles
-        begin = time.process_time()
+        begin = clock()
         renderer.set_vertices(vertices)
         image = renderer.render(camera)
-        seconds.append(time.process_time() - begin)
+        if on_gpu:
+            wp.synchronize_device(renderer.device)
+        seconds.append(clock() - begin)
     exact = renderer.render(camera, RenderOptions(conformance=True))
     colors = [one.color_array()[..., :3] / 255.0 for one in (image, exact)]
     return min(seconds[1:]), image.sample_count, image_error(*colors).psnr
@@ -65,12 +73,14 @@ def main():
     parser.add_argument("models", nargs="*")
     parser.add_argument("--size", type=int, default=64)
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--device", default="cpu")
     arguments = parser.parse_args()
+    start_warp()
     fields = {"dense ball": ball(6.5), "thin ball": ball(2.5)}
     fields |= {path: modelfile.load(path) for path in arguments.models}
     print("field                 flat [ms]  samples    folded [ms]  samples     dB   ratio")
     for name, field in fields.items():
-        renderer = Renderer(field, "cpu")
+        renderer = Renderer(field, arguments.device)
         rest = field.mesh.rest_vertices
         flat, flat_count, _ = frame(renderer, rest, arguments.size, arguments.repeats)
         fold, count, error = frame(renderer, folded(rest), arguments.size, arguments.repeats)
