@@ -168,6 +168,16 @@ def test_bad_files_end_in_one_sentence(bar, tmp_path, change, sentence):
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_signaling_nan_is_refused_without_a_line_of_numpys(tmp_path):
+    file, points, _, _ = make_bar(np.random.default_rng())
+    place = file.blob.index(np.float32(points).tobytes())
+    file.blob = file.blob[:place] + struct.pack("<I", 0x7F800001) + file.blob[place + 4 :]
+    file.save(tmp_path / "bad.glb")
+    with pytest.raises(ValueError, match="points hold NaN or infinite numbers"):
+        read_gltf(tmp_path / "bad.glb")
+
+
 def test_weights_that_do_not_sum_to_one_are_said_so(tmp_path):
     file, _, weights, _ = make_bar(np.random.default_rng())
     place = file.blob.index(weights.tobytes())

@@ -94,7 +94,8 @@ class Gltf:
         whole = dtype.kind in "iu"
         if whole and not accessor.normalized:
             return values.astype(np.int64)[:, 0] if width == 1 else values.astype(np.int64)
-        values = values.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # of NaN: they are refused below
+            values = values.astype(np.float64)
         if whole:
             values = np.maximum(values / np.iinfo(dtype).max, -1.0)
         check(np.isfinite(values).all(), f"{what} hold NaN or infinite numbers")
