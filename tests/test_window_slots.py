@@ -6,7 +6,13 @@ import warp as wp
 from fold_poses import crowd, denser, folded, from_inside
 from slot_rendering import assert_alike, in_slots
 
-from deformrf.core.render import Renderer, RenderOptions, reference
+from deformrf.core.render import (
+    Renderer,
+    RenderOptions,
+    from_field_of_view,
+    look_at,
+    reference,
+)
 from deformrf.core.render.overlap import PieceMerger, window_slots
 from deformrf.core.render.rays.camera import camera_rays
 from deformrf.core.render.rounds import wavefront
@@ -98,6 +104,40 @@ def test_poses_one_after_another(make_ball_field, device):
         renderer.set_vertices(vertices)
         found = renderer.render(camera, OPTIONS)
         assert_alike(found, prepared(field, vertices, device).render(camera, OPTIONS))
+
+
+def test_tets_beyond_the_boundary_are_seen(make_ball_field, device):
+    """A vertex from inside is pulled out: rays meet tets, half of them inverted, but no face."""
+    field = denser(make_ball_field(4, occupied_share=1.0, march_step=0.01), 4.0)
+    vertices = field.mesh.rest_vertices.astype(np.float32)
+    middle = vertices.mean(axis=0)
+    vertices[np.linalg.norm(vertices - middle, axis=1).argmin()] += (0.6, 0.0, 0.0)
+    at = middle + np.float32([0.4, 0.0, 0.0])
+    camera = from_field_of_view(look_at(at - np.float32([0.0, 1.2, 0.0]), at), 0.3, 16, 16)
+    renderer = prepared(field, vertices, device)
+    image, _ = in_wavefront(renderer, camera)
+    assert_is_defined(image, field, vertices, camera)
+    seen = image.color_array().reshape(-1, 4)[:, 3] > 128
+    assert (seen & (renderer._wavefront.buffers.entries.count.numpy()[: len(seen)] == 0)).any()
+
+
+def test_each_launch_has_the_block_size_that_its_module_is_compiled_for(
+    make_ball_field, device, monkeypatch
+):
+    """Another one would compile the module again, in the middle of a drag."""
+    field = make_ball_field(6, march_step=0.01)
+    vertices, launch, sizes = folded(field), wp.launch, {}
+
+    def noted(kernel, *arguments, block_dim=256, **named):
+        sizes.setdefault(kernel.module.name, set()).add(block_dim)
+        return launch(kernel, *arguments, block_dim=block_dim, **named)
+
+    renderer = prepared(field, vertices, device)
+    monkeypatch.setattr(wp, "launch", noted)
+    renderer.render(from_inside(vertices), OPTIONS)
+    assert window_slots.__name__ in sizes
+    for name, used in sizes.items():
+        assert used == {wp.get_module(name).options["block_dim"]}, name
 
 
 def test_infinite_vertices_end_no_render_in_a_loop(make_ball_field, device):

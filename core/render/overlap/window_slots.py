@@ -74,7 +74,8 @@ def list_tangled_kernel(
 ):
     """Begin anew with the tangled ones among the rays of an image."""
     ray = wp.tid()
-    if buffers.entries.count[ray] == 0:
+    # A ray that meets no face may meet tets beyond the boundary, as many inverted as not.
+    if tangled.boxes == wp.uint64(0) and buffers.entries.count[ray] == 0:
         return
     origin = buffers.rays.origins[ray]
     direction = buffers.rays.directions[ray]
@@ -250,10 +251,12 @@ class WindowSlots:
         windows.bounds[:1].fill_(wp.vec3(FAR))
         windows.bounds[1:].fill_(wp.vec3(-FAR))
         device, buffers = pose.device, wavefront.buffers
-        wp.launch(bounds_kernel, len(pose.vertices), [pose.vertices, windows.bounds], device=device)
+        # For another size of blocks than the module's, Warp would compile all of it once more.
+        where = {"device": device, "block_dim": BLOCK_SIZE}
+        wp.launch(bounds_kernel, len(pose.vertices), [pose.vertices, windows.bounds], **where)
         buffers.state.zero_()
         length = FIRST_STEPS * self._march_step * options.step_factor
         inputs = [pose.geometry, tangled, length, buffers, windows]
-        wp.launch(list_tangled_kernel, count, inputs, device=device)
+        wp.launch(list_tangled_kernel, count, inputs, **where)
         state = wavefront.run(self._way, options, stage)
         return windows.crowded[: int(state[CROWDED])], int(state[SAMPLES])
