@@ -15,6 +15,7 @@ from deformrf.core.render import (
     look_at,
     render_mode,
 )
+from deformrf.core.rig import Skinner
 
 
 def test_the_modules_are_those_that_rendering_loads(make_ball_field, device, monkeypatch):
@@ -51,7 +52,8 @@ def test_cudas_kernels_compile_without_a_gpu(tmp_path):
     wp.init()
     if not wp.get_cuda_supported_archs():
         pytest.skip("this Warp has no compiler for CUDA")
-    for name in {*kernel_modules("cuda:0"), *deform.kernel_modules("cuda:0")}:
+    bones = Skinner.__module__
+    for name in {*kernel_modules("cuda:0"), *deform.kernel_modules("cuda:0"), bones}:
         importlib.import_module(name)
         wp.compile_aot_module(name, arch=90, module_dir=tmp_path, use_ptx=True)
     assert list(tmp_path.glob("*window_slots*.ptx"))

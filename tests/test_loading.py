@@ -3,11 +3,15 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import warp as wp
 
+from deformrf.core import rig
+from deformrf.core.deform import TIME_STEP
 from deformrf.viewer import loading
 from deformrf.viewer.loading import STAGES, Progress, kernel_modules, load_kernels, prepare
 
@@ -40,17 +44,36 @@ def test_scene_and_renderer_are_of_the_model_and_every_stage_is_timed(ball):
     assert progress.fraction == 1.0
 
 
-def test_no_other_module_is_needed_in_the_end(ball, monkeypatch):
-    needed, load = [], wp.Module.load
+@pytest.fixture
+def needed(monkeypatch):
+    """The names of our modules that are loaded, or used, from now on."""
+    names, load = set(), wp.Module.load
 
     def noted(module, *arguments, **options):
-        needed.append(module.name)
+        if module.name.startswith("deformrf."):
+            names.add(module.name)
         return load(module, *arguments, **options)
 
     monkeypatch.setattr(wp.Module, "load", noted)
+    return names
+
+
+def test_no_other_module_is_needed_in_the_end(ball, needed):
     prepared(ball, "cpu")
-    needed = {name for name in needed if name.startswith("deformrf.")}
     assert needed == set(kernel_modules("cpu"))
+
+
+def test_no_other_module_is_needed_when_bones_move(ball, needed):
+    skeleton = rig.make_skeleton(["bone"], [-1], [(0.5, 0.5, 0.1)], [(0.5, 0.5, 0.9)])
+    weights = np.ones((ball.mesh.vertex_count, 1), np.float32)
+    arrays = rig.arrays_of(rig.Rig(skeleton, weights))
+    scene, _, _ = prepared(replace(ball, rig_arrays=arrays), "cpu")
+    before = set(needed)
+    for softness in (0.0, 0.5):
+        scene.posing.set_softness(softness)
+        scene.posing.hold_bone(0)
+        scene.advance(TIME_STEP)
+    assert needed == before
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ import warp as wp
 from ..core import deform, render
 from ..core.deform import TIME_STEP
 from ..core.device import thread_count
+from ..core.rig import Skinner
 from .scene import Scene, visible_points
 
 STAGES = ("kernels", "networks and tables", "the surface, from eight sides", "the solver")
@@ -112,8 +113,13 @@ def prepare(field, name: str, device: str, progress: Progress):
 
 
 def _warm_up(scene):
-    """Take a step with and one without a handle, so that all that steps need is loaded."""
+    """Take a step with and one without a handle, so that all that steps need is loaded.
+
+    And what bones need, if the model has some: the first pose would wait for a compiler.
+    """
     solver = scene.solver
+    if scene.rigging.bone_count:
+        wp.load_module(Skinner.__module__, solver.device)
     solver.grab(np.flatnonzero(~solver.pinned)[:1])
     solver.step(TIME_STEP)
     solver.release()
