@@ -37,7 +37,7 @@ def measure(app, clip, target, softness, seconds, full):
         app.frame(now - last)
         if last - begin > WARM_UP_SECONDS:
             frames.append(now - last)
-            sides.append(min(layer.depth_image().shape))
+            sides.append(min(layer.shown.texture.size))
             whole.append(not layer.shown.cheaper)
         last = now
     return {

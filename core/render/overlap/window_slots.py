@@ -27,6 +27,7 @@ from ..rounds import (
     Buffers,
     Wavefront,
     Way,
+    add_up,
     claim,
     finish_ray,
     list_ray,
@@ -170,7 +171,7 @@ def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows):
         return
     stride = state[STRIDE]
     count = buffers.counts[i]
-    wp.atomic_add(state, SAMPLES, count)
+    add_up(state, SAMPLES, count)
     pixels = buffers.pixels
     transmittance = pixels.transmittance[ray]
     color = pixels.color[ray]

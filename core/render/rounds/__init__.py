@@ -18,6 +18,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "STRIDE",
             "TAKEN",
             "Buffers",
+            "add_up",
             "begin_kernel",
             "claim",
             "finish_ray",
