@@ -174,7 +174,9 @@ class Scene:
     def look(self, least=VISIBLE) -> None:
         """Take notice of the pose: it has changed if it differs by more than that [sizes]."""
         now = self.solver.vertices.numpy()
-        if abs(now - self.positions).max() > least * self.size:
+        if self._host is None or self._host[0] != self.revision:
+            self._host = self.revision, now.copy()  # a clip has set it: one wait for the device
+        elif abs(now - self._host[1]).max() > least * self.size:
             self.revision += 1
             self._host = self.revision, now.copy()
 
