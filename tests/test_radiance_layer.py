@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.core.deform import TIME_STEP
 from deformrf.core.render import (
     MODES,
     Renderer,
@@ -301,6 +302,25 @@ def test_the_target_frame_rate_is_the_settings_less_what_else_takes_time(stage):
     stage.scene.settings.target_fps = 4.0
     stage.frame()
     assert stage.layer._moving.target_seconds == pytest.approx(0.25, abs=0.01)
+
+
+def test_where_time_steps_alone_bring_pictures_they_have_the_time_of_their_frames(stage):
+    """At 240 frames a second four show the same picture, unless the camera moves, too."""
+    scene, target = stage.scene, lambda: stage.layer._moving.target_seconds
+    scene.settings.target_fps = 240.0
+    stage.frame()
+    assert target() == pytest.approx(1 / 240, abs=1e-4)
+    scene.revision += 1
+    stage.frame()
+    assert target() == pytest.approx(TIME_STEP, abs=1e-4)
+    scene.revision += 1
+    scene.orbit = replace(scene.orbit, yaw=1.0)
+    stage.frame()
+    assert target() == pytest.approx(1 / 240, abs=1e-4)
+    scene.settings.target_fps = 10.0
+    scene.revision += 1
+    stage.frame()
+    assert target() == pytest.approx(0.1, abs=1e-4)
 
 
 def test_stages_of_rendering_are_measured_only_if_asked_for(stage):

@@ -14,6 +14,7 @@ import moderngl
 import numpy as np
 import warp as wp
 
+from ...core.deform import TIME_STEP
 from ...core.field import level_edges
 from ...core.render import Renderer, RenderOptions, RunningMean, render_mode, shifted
 from ..camera import pixels_per_unit
@@ -152,6 +153,8 @@ class RadianceLayer:
         self._renderer.stage.seconds = {} if settings.time_rendering else None
         now = self._clock()
         if seen != self._seen:
+            # Where the camera rests, only time steps bring new pictures.
+            steps_alone = self._seen is not None and seen[:2] == self._seen[:2]
             self._seen, self._changed_at = seen, now
             if scene.revision != self._pose:
                 with self._times.part("render"):
@@ -160,7 +163,7 @@ class RadianceLayer:
             if whole or settings.fixed_resolution is not None:
                 self._render_at(1.0 if whole else settings.fixed_resolution, camera)
             else:
-                self._render_moving(camera)
+                self._render_moving(camera, steps_alone)
         elif whole and self.refined < 1.0:
             self._render_at(1.0, camera)
         elif whole or now - self._changed_at < REST_SECONDS:
@@ -217,12 +220,21 @@ class RadianceLayer:
         self.shown, self._coming = self._coming, None
         self.shown.texture.write(self.shown.images[0])
 
-    def _render_moving(self, camera):
-        """Render at once, as well as the target frame rate allows."""
+    def _render_moving(self, camera, steps_alone):
+        """Render at once, as well as the target frame rate allows.
+
+        Above one frame a time step, if `steps_alone`, a picture is shown for several frames, and
+        has the time of them all.
+        """
         scene, moving, rung = self._scene, self._moving, self._moving.rung
         # On CUDA, flip is the wait for the screen, and costs rendering nothing.
         others = (*OTHER_PARTS, "flip") if self.device.is_cpu else OTHER_PARTS
-        moving.aim(scene.settings.target_fps, self._times.recent(others))
+        target, seconds = scene.settings.target_fps, self._times.recent(others)
+        frames = target * TIME_STEP if steps_alone else 1.0
+        if frames > 1.0:
+            means = self._times.means()
+            target, seconds = target / frames, frames * sum(means[part] for part in others)
+        moving.aim(target, seconds)
         pixel = 1.0 / (rung.factor * pixels_per_unit(camera, scene.orbit.distance))
         start = time.perf_counter()
         self._render_at(rung.factor, camera, rung.savings(self._level_edges, pixel))
