@@ -8,6 +8,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "cameras": [
             "Capture",
             "IMAGE_SIZE",
+            "doubts_about",
             "find_cameras",
             "frames_of_video",
             "is_capture",

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..paths import whole_file
+from .agreement import Agreement, agreement
 from .features import find_features, match_photos
 from .library import load_pycolmap
 from .mapping import Mapped, map_photos
@@ -46,6 +47,7 @@ class Capture:
         lenses: fx, fy, cx, cy, k1, and the width and height that they are for.  [n, 7] float64
         points: Sparse points on what the photographs show.
         pixel_error: Mean distance of the points' images from where they were found [pixels].
+        agreement: Of the cameras with what pairs of photographs share.
         left_out: Names of photographs without a camera.
         other_groups: How many of these fit together as other scenes, the largest first.
         unreadable: Why files could not be read, a sentence for each.
@@ -58,6 +60,7 @@ class Capture:
     lenses: np.ndarray
     points: SparsePoints
     pixel_error: float
+    agreement: Agreement
     left_out: tuple[str, ...]
     other_groups: tuple[int, ...]
     unreadable: tuple[str, ...]
@@ -105,6 +108,7 @@ def find_cameras(
         mapped.lenses,
         mapped.points,
         mapped.pixel_error,
+        agreement(work, mapped),
         tuple(p.path.name for n, p in enumerate(photos) if n not in taken),
         tuple(len(set(group) - taken) for group in mapped.groups[1:]),
         tuple(unreadable),
@@ -145,6 +149,12 @@ def check_mapped(folder, work, mapped: Mapped | None):
             f"the cameras of {found} of {total} photographs in {folder} were found, because most "
             f"show hardly any texture ({np.median(features or [0]):.0f} features in the median "
             f"one): put the object on a patterned cloth or a newspaper, and photograph it in focus"
+        )
+    doubts = [] if mapped is None else agreement(work, mapped).sentences()
+    if doubts:
+        raise CaptureError(
+            f"only {found} of {total} photographs in {folder} fit together, and {least} are "
+            f"needed; {doubts[0]}"
         )
     if mapped is not None and len(mapped.groups) > 1:
         shown = "; ".join(
@@ -197,6 +207,7 @@ def write(capture: Capture, sharpness: dict):
             frame["upright"] = True
         frames.append(frame)
     scene = {"camera_model": "OPENCV", "made_by": MADE_BY, "pixel_error": capture.pixel_error}
+    scene["agreement"] = vars(capture.agreement)
     save_points(capture.points, capture.folder)
     with whole_file(capture.folder / TRANSFORMS_FILE) as partial:
         partial.write_text(json.dumps({**scene, "frames": frames}, indent=1), encoding="utf-8")
@@ -222,6 +233,17 @@ def is_capture(folder: Path) -> bool:
         return False
 
 
+def doubts_about(folder: Path) -> list[str]:
+    """Sentences about cameras that were found here and may be wrong; none if nothing tells so."""
+    if not is_capture(folder):
+        return []
+    try:
+        scene = json.loads((Path(folder) / TRANSFORMS_FILE).read_text(encoding="utf-8"))
+        return Agreement(**scene["agreement"]).sentences()
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # older, or edited
+        return []
+
+
 def summary(capture: Capture) -> str:
     """What was found, as lines for the user."""
     total = len(capture.photos) + len(capture.left_out)
@@ -241,6 +263,8 @@ def summary(capture: Capture) -> str:
             f"\n{capture.other_groups[0]} of these fit together, but not with the others: "
             f"photograph the way between in small steps, or give them a folder of their own"
         )
+    for doubt in capture.agreement.sentences():
+        text += f"\n{doubt}."
     for gap in gaps_of([photo.path.name for photo in capture.photos], capture.poses):
         text += f"\n{gap[0].upper()}{gap[1:]}."
     if capture.unreadable:

@@ -4,6 +4,7 @@ It has what to retake, cameras, points and the object's box from above and from 
 photograph with its blur and exposure.
 """
 
+import textwrap
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +16,7 @@ from .sharpness import sharpness_weights
 WIDTH, MARGIN, PLOT = 1560, 20, 560  # pixels
 THUMBNAIL = (144, 108)  # pixels, at most
 COLUMNS = 10
+LINE = 180  # characters
 STOP = 2.0  # a photograph that is so much brighter or darker than the median stands out
 GAP = 60.0  # degrees around the object without a camera, from which it is told
 AROUND = 180.0  # degrees between all cameras, from which they are taken to go around
@@ -110,7 +112,7 @@ def gaps_of(names, poses) -> list[str]:
     ]
 
 
-def page_of(title: str, shown, points, colors, corners=None) -> Image.Image:
+def page_of(title: str, shown, points, colors, corners=None, doubts=()) -> Image.Image:
     """Draw the page.
 
     Args:
@@ -118,9 +120,11 @@ def page_of(title: str, shown, points, colors, corners=None) -> Image.Image:
         shown: Photographs.  [N] Shown
         points, colors: Sparse points, may be none.  [n, 3] and [n, 3] uint8
         corners: Of the object's box, the lower four first, around; None without.  [8, 3]
+        doubts: Sentences about the cameras.
     """
     judged = judge(shown)
-    lines = judged.sentences(shown)
+    lines = [line for doubt in doubts for line in textwrap.wrap(doubt, LINE)]
+    lines += judged.sentences(shown)
     color = RED if lines else GRAY
     lines = lines or ["Nothing to retake was found."]
     rows = -(-len(shown) // COLUMNS)
@@ -129,7 +133,7 @@ def page_of(title: str, shown, points, colors, corners=None) -> Image.Image:
     draw = ImageDraw.Draw(page)
     draw.text((MARGIN, MARGIN), title, BLACK, font(20))
     for number, line in enumerate(lines):
-        draw.text((MARGIN, MARGIN + 32 + 24 * number), fitted(line, 180), color, font(16))
+        draw.text((MARGIN, MARGIN + 32 + 24 * number), fitted(line, LINE), color, font(16))
     axes = (("from above", 0, 1), ("from the side", 0, 2))
     width = (WIDTH - 3 * MARGIN) // 2
     for number, (name, x, y) in enumerate(axes):

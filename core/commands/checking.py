@@ -38,11 +38,12 @@ def check(data: Path, output: Path, outside: bool = False) -> int:
     corners = box_corners(teaching, points)  # as training will look for it
     title = f"{data.resolve().name}: {len(posed)} of {len(shown)} photographs with cameras, "
     title += f"{len(points)} points, " + ("no object found" if corners is None else "object found")
-    page = capture.page_of(printable(title), shown, points, colors, corners)
+    doubts = capture.doubts_about(data)
+    page = capture.page_of(printable(title), shown, points, colors, corners, doubts)
     path = output.with_name(f"{output.stem}-check.png")
     with whole_file(path) as partial:
         page.save(partial)
-    for line in capture.judge(shown).sentences(shown) + unreadable[:1]:
+    for line in doubts + capture.judge(shown).sentences(shown) + unreadable[:1]:
         print(printable(line))
     print(f"Wrote {printable(path)}. Without --check the model is trained.")
     return 0

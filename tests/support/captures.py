@@ -79,9 +79,20 @@ def photograph(pose, faces, textures):
 
 def write_capture(folder, poses, rng, ending=".jpg", center=(0.0, 0.0, 0.0), first=0):
     """Photographs of one scene in a folder, named 000.jpg and so on."""
-    folder.mkdir(exist_ok=True, parents=True)
     faces = quads(center)
-    textures = [texture(rng) for _ in faces]
+    write_photos(folder, poses, faces, [texture(rng) for _ in faces], ending, first)
+
+
+def write_twins(folder, poses, rng):
+    """Photographs of two boxes that look alike, and of a sheet of paper beside them."""
+    one, other = (quads(center)[1:] for center in ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    textures = 2 * [texture(rng) for _ in one]
+    sheet = np.array([(-0.8, -3.0, 0.0), (1.6, 0.0, 0.0), (0.0, 1.6, 0.0)])
+    write_photos(folder, poses, [*one, *other, sheet], [*textures, texture(rng)])
+
+
+def write_photos(folder, poses, faces, textures, ending=".jpg", first=0):
+    folder.mkdir(exist_ok=True, parents=True)
     for number, pose in enumerate(poses, start=first):
         image = Image.fromarray(photograph(pose, faces, textures))
         image.save(folder / f"{number:03d}{ending}", quality=92)
