@@ -24,7 +24,8 @@ from .work import Work, number_of
 
 STRONG = 0.5  # of the matches in the strongest pair of one of the two photographs
 FAR = 4.0  # a match does not fit if it is so far from its epipolar lines [pixels]
-TOLD = 0.02  # of the strong pairs, above which contradictions are told
+TOLD = 0.01  # of the strong pairs, above which contradictions are told
+LEAST_TOLD = 2  # pairs: a single one is found in captures that are right
 FLIP = np.array([1.0, -1.0, -1.0, 1.0])  # OpenGL's axes to OpenCV's
 
 
@@ -37,7 +38,7 @@ class Agreement:
 
     def sentences(self) -> list[str]:
         """What to tell the user; none if hardly any contradict."""
-        if self.contradicting < 2 or self.contradicting <= TOLD * self.strong:
+        if self.contradicting < LEAST_TOLD or self.contradicting <= TOLD * self.strong:
             return []
         return [
             f"{self.contradicting} of the {self.strong} pairs of photographs that share most "
