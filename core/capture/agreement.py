@@ -43,8 +43,8 @@ class Agreement:
         return [
             f"{self.contradicting} of the {self.strong} pairs of photographs that share most "
             f"contradict the cameras, so these may be wrong, and the model with them: perhaps two "
-            f"things look alike, or one looks the same from several sides; photograph one at a "
-            f"time, on a patterned cloth or a newspaper"
+            f"things look alike, or one looks the same from several sides; photograph one thing "
+            f"at a time, on a patterned cloth or a newspaper"
         ]
 
 
@@ -67,17 +67,13 @@ def agreement(work: Work, mapped) -> Agreement:
             matches[pair] = geometry.inlier_matches
     places = {row: at_depth_1(mapped.lenses[row], points[row]) for row in points}
     strong = strong_pairs({pair: len(found) for pair, found in matches.items()})
-    far = [
-        distances(
-            mapped.poses[[a, b]],
-            places[a][matches[a, b][:, 0]],
-            places[b][matches[a, b][:, 1]],
-            mapped.lenses[[a, b], 0].mean(),
-        )
-        > FAR
-        for a, b in strong
-    ]
-    return Agreement(len(strong), sum(bool(f.mean() > 0.5) for f in far))
+    contradicting = 0
+    for a, b in strong:
+        one, other = matches[a, b].T
+        focal = mapped.lenses[[a, b], 0].mean()
+        off = distances(mapped.poses[[a, b]], places[a][one], places[b][other], focal)
+        contradicting += int(np.median(off) > FAR)
+    return Agreement(len(strong), contradicting)
 
 
 def at_depth_1(lens, points):
