@@ -146,6 +146,16 @@ def test_photographs_that_do_not_fit_together_are_told_as_well(found):
         cameras.check_mapped("photos", kept, part)
 
 
+def test_groups_that_matches_connect_are_not_said_to_show_nothing_in_common(found):
+    kept, right = found
+    half = slice(COUNT // 2)
+    groups = tuple(tuple(range(first, first + COUNT // 2)) for first in (0, COUNT // 2))
+    part = replace(right, poses=right.poses[half], numbers=right.numbers[half], groups=groups)
+    with pytest.raises(CaptureError, match="2 groups that share something, but do not fit") as told:
+        cameras.check_mapped("photos", kept, part)
+    assert "one thing at a time" in str(told.value) and "\n" not in str(told.value)
+
+
 @pytest.mark.parametrize(
     "text",
     [

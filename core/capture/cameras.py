@@ -16,7 +16,7 @@ from ..paths import whole_file
 from .agreement import Agreement, agreement
 from .features import find_features, match_photos
 from .library import load_pycolmap
-from .mapping import Mapped, map_photos
+from .mapping import Mapped, connected, map_photos
 from .page import gaps_of
 from .phases import Phases
 from .photos import CaptureError, Photo, find_photos, photo_folder
@@ -161,10 +161,18 @@ def check_mapped(folder, work, mapped: Mapped | None):
             f"{len(group)} from {names[group[0]]} to {names[group[-1]]}"
             for group in mapped.groups[:3]
         )
+        beginning = (
+            f"the {total} photographs in {folder} fall into {len(mapped.groups)} groups that"
+        )
+        if len(connected(work)) > len(mapped.groups[0]):
+            raise CaptureError(
+                f"{beginning} share something, but do not fit together ({shown}): photograph the "
+                f"way from one to the other in small steps, and one thing at a time if two look "
+                f"alike, on a patterned cloth or a newspaper"
+            )
         raise CaptureError(
-            f"the {total} photographs in {folder} fall into {len(mapped.groups)} groups that "
-            f"show nothing in common ({shown}): photograph the way from one to the other in small "
-            f"steps, or put one group alone into a folder"
+            f"{beginning} show nothing in common ({shown}): photograph the way from one to the "
+            f"other in small steps, or put one group alone into a folder"
         )
     raise CaptureError(
         f"only {found} of {total} photographs in {folder} fit together, and {least} are "
