@@ -10,8 +10,8 @@ from PIL import Image, ImageFilter
 
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.evaluation import evaluate
-from deformrf.core.training.photographs import learned_exposure, photographed_rays
-from deformrf.core.training.run import LearnedExposure, optimization
+from deformrf.core.training.photographs import SMALL_SPREAD, learned_exposure, photographed_rays
+from deformrf.core.training.run import LearnedExposure, load_checkpoint, optimization
 from deformrf.core.training.run.exposure import adjusted_reference, cost_reference
 
 VIEWS, RAYS = 4, 30
@@ -96,16 +96,42 @@ def test_exposures_are_learned_and_the_model_is_better_for_it(monkeypatch):
     assert decibels[0] > decibels[1] + 1.0
 
 
+@pytest.mark.parametrize("spread, left", [(0.9 * SMALL_SPREAD, True), (SMALL_SPREAD, False)])
+def test_exposures_that_hardly_differ_are_left_to_the_colors(tmp_path, monkeypatch, spread, left):
+    """From stage 2 on, and in a run that is resumed there."""
+    monkeypatch.setattr(optimization, "MOST_RAYS", 128)
+    monkeypatch.setattr(
+        "deformrf.core.training.photographs.exposure_spread", lambda exposure: spread
+    )
+    dataset, path = photographs(size=16), tmp_path / "run.checkpoint"
+    few = {"spacing": 0.15, "coarse_steps": 80, "fine_steps": 32, "samples_per_step": 2**10}
+    options = preset("tiny", aabb=(-0.6,) * 3 + (0.6,) * 3, level_count=3, **few)
+
+    def stop_in_stage_2(pause):
+        if pause.stage == 2:
+            raise KeyboardInterrupt
+
+    begun = trainer.train(dataset, options, checkpoint_path=path, on_pause=stop_in_stage_2)
+    saved = load_checkpoint(path)
+    resumed = trainer.train(dataset, options, resumed=saved)
+    assert begun.interrupted and saved.stage == 2 and resumed.complete
+    for run in (begun, resumed):
+        assert run.report.get("exposure_left", False) == left
+        assert run.report["exposure_spread"] == spread
+    learned = [tuple(p.shape) for p in saved.fit["stage"]["parameters"]]
+    assert ((dataset.view_count, 3, 4) in learned) != left
+
+
 def test_images_that_no_camera_took_have_no_maps():
     dataset = photographs(3, 6)
     options = preset("tiny")
-    assert learned_exposure(dataset, options, "cpu").maps.shape == (3, 3, 4)
-    assert learned_exposure(dataset, replace(options, leave_out=("exposure",)), "cpu") is None
+    assert learned_exposure(dataset, options, "cpu", {}).maps.shape == (3, 3, 4)
+    assert learned_exposure(dataset, replace(options, leave_out=("exposure",)), "cpu", {}) is None
     cut_out = dataset.pixels.copy()
     cut_out[0, 3] = 0
     alone = replace(dataset, pixels=cut_out)
-    assert learned_exposure(alone, options, "cpu") is None
-    assert learned_exposure(replace(alone, masked=True), options, "cpu") is not None
+    assert learned_exposure(alone, options, "cpu", {}) is None
+    assert learned_exposure(replace(alone, masked=True), options, "cpu", {}) is not None
 
 
 def test_blurred_photographs_are_drawn_less_and_named():

@@ -325,7 +325,9 @@ def summary(trained, path: Path, scores: dict | None) -> str:
         mean = scores["mean"]
         text += f", {mean['psnr']:.2f} dB and SSIM {mean['ssim']:.4f} on the test views"
     if spread := trained.report.get("exposure_spread"):
-        text += f"\nThe photographs' exposures differ by {spread:.1%}; the model has the mean one."
+        left = trained.report.get("exposure_left")
+        look = "colors follow them" if left else "the model has the mean one"
+        text += f"\nThe photographs' exposures differ by {spread:.1%}; {look}."
     if below := trained.report.get("levels_below_pixel"):
         text += (
             f"\nOf levels 0 to {trained.field.options.level_count - 1}, these are finer than any "

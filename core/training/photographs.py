@@ -10,22 +10,49 @@ import warp as wp
 from ..capture import gray_of, sharpness_of, sharpness_weights
 from ..field import below_pixel, level_edges, narrowest_pixel
 from ..render import in_space
-from .data import Dataset, RayBank, are_photographs
-from .run import LearnedExposure
+from .data import Dataset, RayBank, are_photographs, learns_surroundings
+from .run import LearnedExposure, Workers
 from .train_options import TrainOptions
 
 NAMES_SHOWN = 4
+# Of the rays that surroundings are learned from, at most, those that pass the object by: without
+# them whole photographs could not be compared, with all of them most of a room would be learned.
+ASIDE = 0.1
+# With less of a spread, exposures are left to colors that depend on the direction, see
+# docs/design/004-training.md.
+SMALL_SPREAD = 0.07
 
 
-def learned_exposure(dataset: Dataset, options: TrainOptions, device) -> LearnedExposure | None:
+def learned_exposure(
+    dataset: Dataset, options: TrainOptions, device, report: dict
+) -> LearnedExposure | None:
     """Color maps of the photographs, to be learned; None for images that need none.
 
     Args:
         device: A Warp device.
+        report: Of the run, which may have been resumed.
     """
     if "exposure" in options.leave_out or not are_photographs(dataset, options):
         return None
+    if report.get("exposure_left"):
+        return None
     return LearnedExposure(dataset.view_count, wp.device_to_torch(wp.get_device(device)))
+
+
+def needed_exposure(exposure, report: dict, workers: Workers) -> LearnedExposure | None:
+    """The color maps after stage 1, for stage 2; None if the exposures hardly differ.
+
+    Args:
+        exposure: A LearnedExposure, or None.
+        report: Of the run; it then says so.
+    """
+    if exposure is None:
+        return None
+    spread = exposure_spread(exposure)
+    if workers.any(spread >= SMALL_SPREAD):
+        return exposure
+    report |= {"exposure_spread": spread, "exposure_left": True}
+    return None
 
 
 def exposure_spread(exposure: LearnedExposure) -> float:
@@ -40,14 +67,15 @@ def photographed_rays(
     """The rays of all views; of blurred photographs fewer are drawn.
 
     Args:
-        box: Only rays that meet it are drawn, in model space; None: all.  [2, 3]
+        box: Almost all rays that are drawn meet it, in model space; None: any.  [2, 3]
         say: Called with a sentence for the user.
     """
     bank = RayBank(dataset, world_to_model, device)
     weights = view_weights(dataset, options)
     if weights is not None:
         say(said_of_blur(dataset, weights))
-    bank.draw_from(box, weights)
+    around = learns_surroundings(options.surroundings, dataset)
+    bank.draw_from(box, weights, ASIDE if around else 0.0)
     return bank
 
 

@@ -23,6 +23,7 @@ import warp as wp
 from ..device import start_warp
 from ..field import FieldOptions, TetField
 from ..geometry import TetMesh, a15_grid
+from . import photographs
 from .data import (
     Dataset,
     Plane,
@@ -32,7 +33,6 @@ from .data import (
     world_to_unit_cube,
 )
 from .finding import Found, ground_under, search
-from .photographs import exposure_spread, learned_exposure, levels_below_pixel, photographed_rays
 from .run import (
     ALLOCATION_ERRORS,
     ALONE,
@@ -197,10 +197,12 @@ class _Run:
         if learns_surroundings(self.options.surroundings, self.dataset):
             start = random_surroundings(self.box, self.options.seed)
             self.surroundings = LearnedSurroundings(start, self.device)
-        self.exposure = learned_exposure(self.dataset, self.options, self.device)
+        self.exposure = photographs.learned_exposure(
+            self.dataset, self.options, self.device, self.report
+        )
         interrupted, diverged, out_of_memory = False, None, None
         try:
-            self.bank = photographed_rays(
+            self.bank = photographs.photographed_rays(
                 *(self.dataset, self.options, self.world_to_model, self.device),
                 self.found and self.found.seen,
                 self.progress.say if self.workers.is_first else lambda sentence: None,
@@ -243,6 +245,7 @@ class _Run:
             self._save()
         self.field.update_occupancy()
         self._hide_unseen(COARSE_LOOK, COARSE_UNSEEN_WEIGHT)
+        self.exposure = photographs.needed_exposure(self.exposure, self.report, self.workers)
         self.report["stage_1_seconds"] = self._seconds()
         self.report["stage_1_tet_count"] = mesh.tet_count
         return kept_mesh(self.field, self._ground())
@@ -385,11 +388,11 @@ class _Run:
         if field.device.is_cuda:
             report["peak_memory_bytes"] = self.memory
         report["device"] = field.device.name
-        report["levels_below_pixel"] = levels_below_pixel(
+        report["levels_below_pixel"] = photographs.levels_below_pixel(
             self.dataset, self.world_to_model, field.mesh, field.options.level_count
         )
         if self.exposure is not None:
-            report["exposure_spread"] = exposure_spread(self.exposure)
+            report["exposure_spread"] = photographs.exposure_spread(self.exposure)
         alone = whole = self._export()
         if self.found:  # without what it stands on
             ground = None if self.dataset.has_alpha else self._ground()

@@ -152,25 +152,28 @@ class RayBank:
         counts = [np.count_nonzero(dataset.pixels[start:end, 3]) for start, end in views]
         self.object_pixel_count = int(sum(counts))
 
-    def draw_from(self, box=None, shares=None):
+    def draw_from(self, box=None, shares=None, others=0.0):
         """Draw only some pixels from now on; all, if none of these is left.
 
         Args:
             box: Those whose rays meet it.  [2, 3]
             shares: Of each view's pixels, that are drawn from; chosen at random.  [N]
+            others: So many of the drawn ones, at most, are other rays than the box's; at random.
         """
         if box is None and shares is None:
             return
         chosen = np.ones(self.pixel_count, bool) if box is None else self._meeting(box)
-        rng, bounds = np.random.default_rng(0), self.bank.first_pixels.numpy()
-        for share, (start, end) in zip(
-            () if shares is None else shares, pairwise(bounds), strict=shares is not None
-        ):
-            if share < 1.0:
-                chosen[start:end] &= rng.random(end - start) < share
-        pixels = np.flatnonzero(chosen).astype(np.int32)
-        if len(pixels):
-            self.object_pixel_count = min(self.object_pixel_count, len(pixels))
+        met = max(np.count_nonzero(chosen), 1)
+        aside = others / (1.0 - others) * met / max(self.pixel_count - met, 1)
+        rng, count = np.random.default_rng(0), 0
+        for view, (start, end) in enumerate(pairwise(self.bank.first_pixels.numpy())):
+            meets = chosen[start:end]
+            chances = np.where(meets, 1.0, aside) * (1.0 if shares is None else shares[view])
+            drawn = rng.random(end - start) < chances
+            count += np.count_nonzero(drawn & meets)
+            meets[:] = drawn
+        pixels = np.flatnonzero(chosen if count else []).astype(np.int32)
+        self.object_pixel_count = min(self.object_pixel_count, count or self.pixel_count)
         self.bank.pool = wp.array(pixels, dtype=int, device=self.device)
 
     def _meeting(self, box):
