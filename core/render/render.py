@@ -248,17 +248,18 @@ class Renderer:
         wavefront = self._wavefront_for(count)
         with self.stage("overlap"):
             self.overlap.search()
-        sample_count = wavefront.render(device_camera(camera), rows, options, self.stage)
+        wavefront.begin(device_camera(camera), rows, options, self.stage)
         rays, pixels = wavefront.buffers.rays, wavefront.buffers.pixels
         color, depth = wavefront.buffers.color[:count], wavefront.buffers.depth[:count]
-        if self._find_overlap(options):  # the wavefront took tangled rays for plain ones
+        if self._find_overlap(options):  # the device makes the rays while the host waits for this
             boxes, tangled = self.merger.prepare(), self.overlap.tangled
-            crowded, more = self._windows.render(boxes, tangled, count, options, self.stage)
-            sample_count += more
+            crowded, sample_count = self._windows.render(boxes, tangled, shape, options, self.stage)
             if len(crowded):
                 with self.stage("merge"):
                     sample_count += self.merger.render(rays, crowded, pixels, options)
                     resolve(pixels, options.background, color, depth, crowded)
+        else:
+            sample_count = wavefront.render(options, self.stage)
         return Image(wp.clone(color).reshape(shape), wp.clone(depth).reshape(shape), sample_count)
 
     def _wavefront_for(self, count):
@@ -272,8 +273,7 @@ class Renderer:
             self._wavefront = Wavefront(
                 self.pose, self._occupancy, self.shading, self.field.options, capacity
             )
-            step = self.field.options.march_step
-            self._windows = WindowSlots(self.pose, self._wavefront, step)
+            self._windows = WindowSlots(self.pose, self._occupancy, self._wavefront)
         return self._wavefront
 
 

@@ -68,6 +68,29 @@ def pieces_between(
 
 
 @wp.func
+def first_tet_after(
+    geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    boxes: wp.uint64,  # id of the BVH of all tets
+    origin: wp.vec3,
+    direction: wp.vec3,
+    start: float,
+    last: float,
+):
+    """Where a ray is in an occupied tet first: `start` or later, or `last` if in none before."""
+    nearest = float(last)
+    passed_by = wp.where(start < NEAR, start, 0.0)
+    query = wp.bvh_query_ray(boxes, origin + passed_by * direction, direction)
+    tet = int(0)
+    while nearest > start and wp.bvh_query_next(query, tet, nearest - passed_by):
+        if occupancy[tet] != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
+            _alpha, _slope, _near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
+            if t_out > t_in and t_out > start:
+                nearest = wp.min(nearest, wp.max(t_in, start))
+    return nearest
+
+
+@wp.func
 def interval_in_box(low: wp.vec3, high: wp.vec3, origin: wp.vec3, direction: wp.vec3):
     """Where a ray enters a box, at t >= 0, and where it leaves it; it misses it if that is less.
 

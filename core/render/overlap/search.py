@@ -64,13 +64,14 @@ class Overlap:
             self._counts = wp.zeros(2, dtype=int)
             self.tangled.ids = wp.empty(mesh.tet_count, dtype=int)
         self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=pose.device.is_cuda)
+        self._counted = wp.Event(pose.device) if pose.device.is_cuda else None
 
     def exists(self) -> bool:
         """Whether the present pose overlaps itself; waits for the device after a change."""
         self.search()
         if self._found != self._pose.revision:
-            if self._pose.device.is_cuda:
-                wp.synchronize_stream(wp.get_stream(self._pose.device))
+            if self._counted:
+                wp.synchronize_event(self._counted)
             count, crossings = (int(n) for n in self._host_counts.numpy())
             self._tangled_boxes = None
             if count:
@@ -99,6 +100,8 @@ class Overlap:
                 nested_parts_kernel, len(self._part_tets), inputs, [self._counts], device=device
             )
         wp.copy(self._host_counts, self._counts)
+        if self._counted:
+            wp.get_stream(device).record_event(self._counted)
 
     def sort_rays(self, rays: Rays, count: int):
         """The numbers of the plain and of the tangled rays among the first `count`.

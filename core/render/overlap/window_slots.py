@@ -1,11 +1,12 @@
 """Tangled rays on CUDA: windows from front to back, in rounds that do not wait for the host.
 
-The wavefront (rounds/wavefront.py) has rendered all rays as plain ones; its buffers hold them.
-Tangled ones are listed anew.  In a round each of them has one window of t, with so many pieces of
-all tets as it has slots, and `composite_windows_kernel` merges what overlaps: line 4 of the
-definition, between each two neighboring ends of pieces.  A ray is done when it gets dark or
-leaves the mesh's box.  Where even the shortest window has too many pieces, the ray is *crowded*:
-merging.py renders it.
+The buffers of the wavefront (rounds/wavefront.py) hold all rays of an image.  The plain ones are
+listed and rendered first, without the tangled ones, which may walk in circles; then these are
+listed.  In a round each of them has one window of t, with so many pieces of all tets as it has
+slots, and `composite_windows_kernel` merges what overlaps: line 4 of the definition, between each
+two neighboring ends of pieces.  A ray is done when it gets dark or leaves the mesh's box.  Where
+even the shortest window has too many pieces for the most slots, the ray is *crowded*: merging.py
+renders it.
 
 windows.py does the same on a CPU, a thread's rays at a time.
 
@@ -19,6 +20,7 @@ from ..rounds import (
     BLOCK_SIZE,
     CROWDED,
     LISTED,
+    NEEDED,
     PARITY,
     PER_RAY,
     SAMPLES,
@@ -31,16 +33,20 @@ from ..rounds import (
     claim,
     finish_ray,
     list_ray,
+    pixel_of,
+    pixel_threads,
 )
-from .pieces import interval_in_box, pieces_between
+from .pieces import first_tet_after, interval_in_box, pieces_between
 from .search import TangledTets, is_tangled
 
-LEAST_SLOTS, MOST_SLOTS = 16, 32  # per ray and round: what overlaps needs some
-FIRST_STEPS = 4.0  # length of the first window [Δ]
+LEAST_SLOTS, MOST_SLOTS = wp.constant(8), wp.constant(32)  # per ray and round
+FIRST_STEPS = 0.2  # length of a ray's first window [Δ per slot]
 GROWTH = wp.constant(2.0)
 SHORTEST = wp.constant(1.0e-6)  # of t, or of the unit of space if that is more
 DARK = wp.constant(1.0e-9)  # a smaller extinction is none
-NO_WINDOW = wp.constant(-1.0)  # as a crowded ray's length
+PLAIN_RAY = wp.constant(0.0)  # instead of a length
+CROWDED_RAY = wp.constant(-1.0)
+NEW_RAY = wp.constant(-2.0)
 OUTSIDE = wp.constant(-2)  # as a ray's tet: it has left the mesh for good
 FAR = wp.constant(1.0e30)
 
@@ -53,7 +59,8 @@ class Windows:
 
     boxes: wp.uint64  # id of the BVH of all tets
     bounds: wp.array(dtype=wp.vec3)  # [2] of all vertices
-    lengths: wp.array(dtype=float)  # [R] of the next window, or NO_WINDOW
+    lengths: wp.array(dtype=float)  # [R] of the next window, or PLAIN_RAY, CROWDED_RAY, NEW_RAY
+    first_steps: float  # FIRST_STEPS
     highs: wp.array(dtype=float)  # [S] t where pieces end in their window
     crowded: wp.array(dtype=int)  # [R] those rays
 
@@ -66,29 +73,50 @@ def bounds_kernel(vertices: wp.array(dtype=wp.vec3), bounds: wp.array(dtype=wp.v
 
 
 @wp.kernel
-def list_tangled_kernel(
+def sort_rays_kernel(
     geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
     tangled: TangledTets,
-    first_length: float,
+    width: int,
+    row_count: int,
     buffers: Buffers,
     windows: Windows,
 ):
-    """Begin anew with the tangled ones among the rays of an image."""
-    ray = wp.tid()
+    """List the plain rays of an image, and bring the tangled ones to where they meet a tet."""
+    column, row = pixel_of(wp.tid(), width)
+    if column >= width or row >= row_count:
+        return
+    ray = row * width + column
+    windows.lengths[ray] = PLAIN_RAY
     # A ray that meets no face may meet tets beyond the boundary, as many inverted as not.
     if tangled.boxes == wp.uint64(0) and buffers.entries.count[ray] == 0:
         return
     origin = buffers.rays.origins[ray]
     direction = buffers.rays.directions[ray]
     if not is_tangled(geometry, tangled, origin, direction):
+        if buffers.entries.count[ray] != 0:
+            list_ray(buffers, ray)
         return
-    t_in, _out = interval_in_box(windows.bounds[0], windows.bounds[1], origin, direction)
-    buffers.rays.t[ray] = t_in
-    windows.lengths[ray] = first_length
+    t_in, last = interval_in_box(windows.bounds[0], windows.bounds[1], origin, direction)
+    start = first_tet_after(geometry, occupancy, windows.boxes, origin, direction, t_in, last)
+    if start >= last:
+        finish_ray(buffers, ray, buffers.background[0], 0.0, 0.0)
+        return
+    buffers.rays.t[ray] = start
+    windows.lengths[ray] = NEW_RAY
     buffers.pixels.color[ray] = wp.vec3()
     buffers.pixels.depth[ray] = 0.0
     buffers.pixels.transmittance[ray] = 1.0
-    list_ray(buffers, ray)
+
+
+@wp.kernel
+def list_tangled_kernel(width: int, row_count: int, buffers: Buffers, windows: Windows):
+    """List the rays that `sort_rays_kernel` kept."""
+    column, row = pixel_of(wp.tid(), width)
+    if column < width and row < row_count:
+        ray = row * width + column
+        if windows.lengths[ray] != PLAIN_RAY:
+            list_ray(buffers, ray)
 
 
 @wp.kernel
@@ -113,8 +141,10 @@ def march_windows_kernel(
     direction = buffers.rays.directions[ray]
     _in, last = interval_in_box(windows.bounds[0], windows.bounds[1], origin, direction)
     most = state[PER_RAY]
-    start = buffers.rays.t[ray]
+    start = float(buffers.rays.t[ray])
     length = windows.lengths[ray]
+    if length == NEW_RAY:
+        length = windows.first_steps * float(most) * step
     end = float(start)
     found = int(0)
     looking = int(1)
@@ -140,15 +170,27 @@ def march_windows_kernel(
             length *= 0.5
             looking = 1
             if length < SHORTEST * wp.max(start, 1.0):
-                length = NO_WINDOW
                 found = 0
                 looking = 0
-        else:
-            if found < most / 3:
+                if most < MOST_SLOTS:
+                    state[NEEDED] = wp.min(2 * most, MOST_SLOTS)
+                    length = step
+                    end = start
+                else:
+                    length = CROWDED_RAY
+        elif found == 0 and end < last:
+            start = first_tet_after(
+                geometry, occupancy, windows.boxes, origin, direction, end, last
+            )
+            if start == end:  # in a tet, where it is empty
                 length *= GROWTH
-            if found == 0 and end < last:
-                start = end
+            end = start
+            if end < last:
                 looking = 1
+        elif length < step:
+            length *= GROWTH
+        elif found > 0:
+            length *= wp.clamp(0.6 * float(most) / float(found), 1.0, 4.0)
     windows.lengths[ray] = length
     buffers.rays.t[ray] = end
     buffers.rays.tet[ray] = wp.where(end < last, 0, OUTSIDE)
@@ -221,25 +263,26 @@ def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows):
 
 
 class WindowSlots:
-    """Renders the tangled rays of images that a wavefront has rendered."""
+    """Renders images of a wavefront in poses that overlap themselves."""
 
-    def __init__(self, pose: Pose, wavefront: Wavefront, march_step: float):
-        self._pose, self._wavefront, self._march_step = pose, wavefront, march_step
+    def __init__(self, pose: Pose, occupancy, wavefront: Wavefront):
+        self._pose, self._occupancy, self._wavefront = pose, occupancy, wavefront
         self._way = None
         capacity, device = wavefront.capacity, pose.device
         self._windows = windows = Windows()
-        windows.boxes = wp.uint64(0)
+        windows.boxes, windows.first_steps = wp.uint64(0), FIRST_STEPS
         with wp.ScopedDevice(device):
             windows.bounds = wp.empty(2, dtype=wp.vec3)
             windows.lengths = wp.empty(capacity, dtype=float)
             windows.highs = wp.empty(len(wavefront.buffers.sigma), dtype=float)
             windows.crowded = wp.empty(capacity, dtype=int)
 
-    def render(self, boxes, tangled: TangledTets, count: int, options, stage):
-        """Render those of the first `count` rays again that are tangled.
+    def render(self, boxes, tangled: TangledTets, shape, options, stage):
+        """Render the image that the wavefront has begun: its plain rays, then its tangled ones.
 
         Args:
             boxes: The BVH of all tets in the present pose.
+            shape: Rows and columns of the image.
 
         Returns:
             The crowded rays, whose pixels are wrong, and the number of samples.
@@ -249,15 +292,19 @@ class WindowSlots:
             windows.boxes = boxes.id
             more = march_windows_kernel, composite_windows_kernel, LEAST_SLOTS, MOST_SLOTS
             self._way = Way(*more, (windows,))
-        windows.bounds[:1].fill_(wp.vec3(FAR))
-        windows.bounds[1:].fill_(wp.vec3(-FAR))
-        device, buffers = pose.device, wavefront.buffers
+        buffers, size = wavefront.buffers, (shape[1], shape[0])
+        threads = pixel_threads(*size)
         # For another size of blocks than the module's, Warp would compile all of it once more.
-        where = {"device": device, "block_dim": BLOCK_SIZE}
-        wp.launch(bounds_kernel, len(pose.vertices), [pose.vertices, windows.bounds], **where)
+        where = {"device": pose.device, "block_dim": BLOCK_SIZE}
+        with stage("overlap"):
+            windows.bounds[:1].fill_(wp.vec3(FAR))
+            windows.bounds[1:].fill_(wp.vec3(-FAR))
+            wp.launch(bounds_kernel, len(pose.vertices), [pose.vertices, windows.bounds], **where)
+            buffers.state.zero_()
+            inputs = [pose.geometry, self._occupancy, tangled, *size, buffers, windows]
+            wp.launch(sort_rays_kernel, threads, inputs, **where)
+        sample_count = wavefront.render(options, stage)
         buffers.state.zero_()
-        length = FIRST_STEPS * self._march_step * options.step_factor
-        inputs = [pose.geometry, tangled, length, buffers, windows]
-        wp.launch(list_tangled_kernel, count, inputs, **where)
+        wp.launch(list_tangled_kernel, threads, [*size, buffers, windows], **where)
         state = wavefront.run(self._way, options, stage)
-        return windows.crowded[: int(state[CROWDED])], int(state[SAMPLES])
+        return windows.crowded[: int(state[CROWDED])], sample_count + int(state[SAMPLES])

@@ -43,7 +43,8 @@ TOTAL = wp.constant(6)  # stride · K
 ROUNDS = wp.constant(7)  # that had rays
 SAMPLES = wp.constant(8)  # evaluated
 CROWDED = wp.constant(9)  # rays that need another path, see overlap/window_slots.py
-STATE_SIZE = 10
+NEEDED = wp.constant(10)  # slots without which some ray can't go on, or 0
+STATE_SIZE = 11
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
 # Approximate divisions take a fifth of the time, and half precision hides their error.
@@ -137,6 +138,22 @@ def finish_ray(buffers: Buffers, ray: int, color: wp.vec3, opacity: float, depth
     buffers.depth[ray] = wp.where(opacity < 0.5, wp.inf, depth)
 
 
+def pixel_threads(width: int, row_count: int) -> int:
+    """Threads for all pixels of an image, a warp for each tile."""
+    tiles = -(-width // TILE_WIDTH) * -(-row_count // TILE_HEIGHT)
+    return tiles * TILE_WIDTH * TILE_HEIGHT
+
+
+@wp.func
+def pixel_of(thread: int, width: int):
+    """Column and row of a thread's pixel; beside the image there may be some, too."""
+    tile = thread / (TILE_WIDTH * TILE_HEIGHT)
+    within = thread % (TILE_WIDTH * TILE_HEIGHT)
+    tiles_across = (width + TILE_WIDTH - 1) / TILE_WIDTH
+    column = (tile % tiles_across) * TILE_WIDTH + within % TILE_WIDTH
+    return column, (tile / tiles_across) * TILE_HEIGHT + within / TILE_WIDTH
+
+
 @wp.kernel
 def begin_kernel(
     geometry: Geometry,
@@ -149,13 +166,8 @@ def begin_kernel(
 
     Rays are numbered as their pixels, row by row.
     """
-    i = wp.tid()
-    tile = i / (TILE_WIDTH * TILE_HEIGHT)
-    within = i % (TILE_WIDTH * TILE_HEIGHT)
     width = camera.lens.width
-    tiles_across = (width + TILE_WIDTH - 1) / TILE_WIDTH
-    column = (tile % tiles_across) * TILE_WIDTH + within % TILE_WIDTH
-    row = (tile / tiles_across) * TILE_HEIGHT + within / TILE_WIDTH
+    column, row = pixel_of(wp.tid(), width)
     if column >= width or row >= row_count:
         return
     ray = row * width + column
@@ -180,16 +192,17 @@ def begin_kernel(
 def advance_kernel(slot_count: int, least: int, most: int, state: wp.array(dtype=int)):
     """Swap the lists, and divide the slots among the rays of the one to read.
 
-    Each of them gets from `least` to `most`.
+    Each of them gets from `least` to `most`, and as many as are needed.
     """
+    fewest = wp.max(least, state[NEEDED])
     listed = state[NEXT_LISTED]
     state[PARITY] = 1 - state[PARITY]
     state[LISTED] = listed
     state[NEXT_LISTED] = 0
-    taken = wp.min(listed, slot_count / least)  # a stride's multiple, as SLOT_MULTIPLE says
+    taken = wp.min(listed, slot_count / fewest)  # a stride's multiple, as SLOT_MULTIPLE says
     stride = (taken + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT
     # Half of the room fills a GPU, and wastes few samples behind a surface.
-    per_ray = wp.clamp(slot_count / 2 / wp.max(stride, 1), least, most)
+    per_ray = wp.clamp(slot_count / 2 / wp.max(stride, 1), fewest, most)
     state[TAKEN] = taken
     state[STRIDE] = stride
     state[PER_RAY] = per_ray

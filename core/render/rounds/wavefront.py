@@ -29,7 +29,8 @@ from . import slots
 
 SLOTS_PER_PIXEL = 1.2  # rays for which there is no room wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
-MOST_SLOTS_IN_ALL = 1 << 21  # 280 MB
+LEAST_SLOTS_IN_ALL = 1 << 19  # 70 MB; a round of fewer takes as long
+MOST_SLOTS_IN_ALL = 1 << 21
 SLOT_MULTIPLE = 4096  # shares of 1/64 of it are multiples of every stride's alignment
 
 
@@ -65,7 +66,8 @@ class Wavefront:
         self._constant_direction = int(not options.view_dependence)
         self._march_step, self._level_count = options.march_step, options.level_count
         self.device = device = pose.device
-        slot_count = min(int(SLOTS_PER_PIXEL * capacity), MOST_SLOTS_IN_ALL)
+        slot_count = max(int(SLOTS_PER_PIXEL * capacity), LEAST_SLOTS_IN_ALL)
+        slot_count = min(slot_count, MOST_SLOTS_IN_ALL)
         self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
         self.buffers = slots.empty_buffers(capacity, slot_count, options.level_count, device)
         pinned = device.is_cuda
@@ -73,17 +75,29 @@ class Wavefront:
         self._graphs = {}  # of one round each, by way, step, stop and levels
         self._likely_rounds = {}  # of each way
 
-    def render(self, camera: DeviceCamera, rows, options, stage) -> int:
-        """Fill `color` and `depth` of the buffers; returns the number of samples.
+    def begin(self, camera: DeviceCamera, rows, options, stage):
+        """Make the rays of an image, and list those that meet the mesh for the next round.
 
         Args:
             rows: (first, last): the rows first..last-1 of the camera's image.
         """
-        self._begin(camera, rows, options, stage)
+        self.buffers.background.fill_(wp.vec3(*options.background))
+        row_count = rows[1] - rows[0]
+        with stage("begin"):
+            self._pose.refresh_face_boxes()
+            self.buffers.state.zero_()
+            inputs = [self._pose.geometry, camera, rows[0], row_count, self.buffers]
+            threads = slots.pixel_threads(camera.lens.width, row_count)
+            self._launch(slots.begin_kernel, threads, inputs)
+
+    def render(self, options, stage) -> int:
+        """Render the listed rays as plain ones; returns the number of samples."""
         return int(self.run(PLAIN, options, stage)[slots.SAMPLES])
 
     def run(self, way: Way, options, stage):
         """Rounds until no ray is listed, from those in the list of the next round.
+
+        They fill `color` and `depth` of the buffers.
 
         Returns:
             The state, on the host.  [STATE_SIZE]
@@ -98,20 +112,9 @@ class Wavefront:
             state = self._host_state.numpy()
             if state[slots.NEXT_LISTED] == 0:
                 break
-            rounds = 2
+            rounds = max(2, rounds // 2)
         self._likely_rounds[way.march] = int(state[slots.ROUNDS]) + 1
         return state
-
-    def _begin(self, camera, rows, options, stage):
-        self.buffers.background.fill_(wp.vec3(*options.background))
-        row_count = rows[1] - rows[0]
-        tiles = -(-camera.lens.width // slots.TILE_WIDTH) * -(-row_count // slots.TILE_HEIGHT)
-        with stage("begin"):
-            self._pose.refresh_face_boxes()
-            self.buffers.state.zero_()
-            inputs = [self._pose.geometry, camera, rows[0], row_count, self.buffers]
-            thread_count = tiles * slots.TILE_WIDTH * slots.TILE_HEIGHT
-            self._launch(slots.begin_kernel, thread_count, inputs)
 
     def _round(self, way, options, stage):
         """One round, recorded as a CUDA graph unless its stages are timed."""
