@@ -32,6 +32,7 @@ def view(width=50, height=37):
 def test_both_paths_make_the_same_image(make_ball_field, device, monkeypatch, slots_per_pixel):
     """Also if a round has room for some of the rays only."""
     monkeypatch.setattr(wavefront, "SLOTS_PER_PIXEL", slots_per_pixel)
+    monkeypatch.setattr(wavefront, "LEAST_SLOTS_IN_ALL", 0)
     renderer = in_slots(
         Renderer(make_ball_field(int(np.random.default_rng().integers(1000))), device)
     )

@@ -71,17 +71,18 @@ def test_an_opaque_fold_is_not_evaluated_to_its_end(make_ball_field, device):
     assert counts[1] < 0.5 * counts[0]
 
 
-@pytest.mark.parametrize("steps", [0.7, 1e4])
-def test_windows_of_any_length_and_little_room_give_the_same_image(
-    make_ball_field, device, monkeypatch, steps
+@pytest.mark.parametrize("least", [4, 32])
+def test_few_or_many_slots_and_little_room_give_the_same_image(
+    make_ball_field, device, monkeypatch, least
 ):
     """Also if a round has room for some of the rays only."""
     field = make_ball_field(5, march_step=0.004)
     vertices = folded(field)
     camera = from_inside(vertices, 40)
     expected = prepared(field, vertices, device).render(camera, OPTIONS)
-    monkeypatch.setattr(window_slots, "FIRST_STEPS", steps)
+    monkeypatch.setattr(window_slots, "LEAST_SLOTS", least)
     monkeypatch.setattr(wavefront, "SLOTS_PER_PIXEL", 0.2)
+    monkeypatch.setattr(wavefront, "LEAST_SLOTS_IN_ALL", 0)
     assert_alike(prepared(field, vertices, device).render(camera, OPTIONS), expected)
 
 

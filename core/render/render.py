@@ -273,7 +273,7 @@ class Renderer:
             self._wavefront = Wavefront(
                 self.pose, self._occupancy, self.shading, self.field.options, capacity
             )
-            self._windows = WindowSlots(self.pose, self._occupancy, self._wavefront)
+            self._windows = WindowSlots(self.pose, self._wavefront)
         return self._wavefront
 
 

@@ -1,4 +1,4 @@
-"""The pieces of all tets that a ray crosses between two places: what a window holds.
+"""The pieces of all tets that a ray crosses next: what a window holds.
 
 Shapes: T tets, S slots.
 """
@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
 @wp.func
-def pieces_between(
+def first_pieces(
     geometry: Geometry,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     boxes: wp.uint64,  # id of the BVH of all tets
@@ -23,19 +23,27 @@ def pieces_between(
     direction: wp.vec3,
     step: float,  # Δ
     start: float,
-    end: float,
+    limit: float,
     first_slot: int,
     stride: int,  # from one slot of the ray to the next
     most: int,  # slots of the ray
     samples: Samples,  # out: t is where a piece begins in the window, length is κ / σ
     highs: wp.array(dtype=float),  # [S] out: where it ends there
 ):
-    """The number of pieces that overlap a window; with more than `most` it is most + 1."""
+    """The pieces that a ray meets first behind `start`, as many as have room.
+
+    Returns:
+        How many they are, where the first one begins, and where their window ends: at `limit`,
+        or where the first piece begins that has no room.  All pieces that overlap the window are
+        there, in any order.
+    """
     count = int(0)
+    end = float(limit)
+    latest = int(0)  # slot of the piece that begins last, once all slots are taken
     passed_by = wp.where(start < NEAR, start, 0.0)
     query = wp.bvh_query_ray(boxes, origin + passed_by * direction, direction)
     tet = int(0)
-    while count <= most and wp.bvh_query_next(query, tet, end - passed_by):
+    while wp.bvh_query_next(query, tet, end - passed_by):
         mask = occupancy[tet]
         if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
             alpha, slope, near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
@@ -45,49 +53,52 @@ def pieces_between(
                 piece_count = int(wp.ceil(rest_length / step))
                 passed = wp.clamp((start - t_in) * speed / step - 1.0, 0.0, MOST_PIECES)
                 piece = int(passed)
-                while piece < piece_count and count <= most:
+                while piece < piece_count:
                     low = float(piece) * step
                     high = wp.min(low + step, rest_length)
-                    begin = t_in + low / speed
-                    until = wp.min(t_in + high / speed, end)
+                    begin = wp.max(t_in + low / speed, start)
+                    until = t_in + high / speed
                     if begin >= end:
                         piece = piece_count
                     elif until > start:
                         bary = alpha + (t_in + 0.5 * (low + high) / speed - near) * slope
                         if is_occupied(mask, subtet_of(bary)):
-                            if count < most:
-                                slot = first_slot + count * stride
+                            slot = first_slot + count * stride
+                            if count == most:  # one of them has no room
+                                slot = latest
+                                end = wp.max(begin, samples.t[latest])
+                            if begin < end or count < most:
                                 samples.tet[slot] = tet
                                 samples.bary[slot] = bary
                                 samples.length[slot] = fade * speed
-                                samples.t[slot] = wp.max(begin, start)
+                                samples.t[slot] = begin
                                 highs[slot] = until
-                            count += 1
+                                count = wp.min(count + 1, most)
+                                if count == most:
+                                    latest = first_slot
+                                    k = int(1)
+                                    while k < most:
+                                        if samples.t[first_slot + k * stride] > samples.t[latest]:
+                                            latest = first_slot + k * stride
+                                        k += 1
                     piece += 1
-    return count
-
-
-@wp.func
-def first_tet_after(
-    geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    boxes: wp.uint64,  # id of the BVH of all tets
-    origin: wp.vec3,
-    direction: wp.vec3,
-    start: float,
-    last: float,
-):
-    """Where a ray is in an occupied tet first: `start` or later, or `last` if in none before."""
-    nearest = float(last)
-    passed_by = wp.where(start < NEAR, start, 0.0)
-    query = wp.bvh_query_ray(boxes, origin + passed_by * direction, direction)
-    tet = int(0)
-    while nearest > start and wp.bvh_query_next(query, tet, nearest - passed_by):
-        if occupancy[tet] != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
-            _alpha, _slope, _near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
-            if t_out > t_in and t_out > start:
-                nearest = wp.min(nearest, wp.max(t_in, start))
-    return nearest
+    kept = int(0)
+    first = float(end)
+    n = int(0)
+    while n < count:
+        slot = first_slot + n * stride
+        if samples.t[slot] < end:
+            first = wp.min(first, samples.t[slot])
+            target = first_slot + kept * stride
+            highs[target] = wp.min(highs[slot], end)
+            if n > kept:  # pieces that begin where the window ends left a gap
+                samples.tet[target] = samples.tet[slot]
+                samples.bary[target] = samples.bary[slot]
+                samples.length[target] = samples.length[slot]
+                samples.t[target] = samples.t[slot]
+            kept += 1
+        n += 1
+    return kept, first, end
 
 
 @wp.func

@@ -36,17 +36,15 @@ from ..rounds import (
     pixel_of,
     pixel_threads,
 )
-from .pieces import first_tet_after, interval_in_box, pieces_between
+from .pieces import first_pieces, interval_in_box
 from .search import TangledTets, is_tangled
 
 LEAST_SLOTS, MOST_SLOTS = wp.constant(8), wp.constant(32)  # per ray and round
-FIRST_STEPS = 0.2  # length of a ray's first window [Δ per slot]
-GROWTH = wp.constant(2.0)
+GROWTH = wp.constant(2.0)  # the next window is looked for within that many lengths of this one
 SHORTEST = wp.constant(1.0e-6)  # of t, or of the unit of space if that is more
 DARK = wp.constant(1.0e-9)  # a smaller extinction is none
 PLAIN_RAY = wp.constant(0.0)  # instead of a length
 CROWDED_RAY = wp.constant(-1.0)
-NEW_RAY = wp.constant(-2.0)
 OUTSIDE = wp.constant(-2)  # as a ray's tet: it has left the mesh for good
 FAR = wp.constant(1.0e30)
 
@@ -59,8 +57,7 @@ class Windows:
 
     boxes: wp.uint64  # id of the BVH of all tets
     bounds: wp.array(dtype=wp.vec3)  # [2] of all vertices
-    lengths: wp.array(dtype=float)  # [R] of the next window, or PLAIN_RAY, CROWDED_RAY, NEW_RAY
-    first_steps: float  # FIRST_STEPS
+    lengths: wp.array(dtype=float)  # [R] of the next window at most, or PLAIN_RAY, CROWDED_RAY
     highs: wp.array(dtype=float)  # [S] t where pieces end in their window
     crowded: wp.array(dtype=int)  # [R] those rays
 
@@ -75,14 +72,13 @@ def bounds_kernel(vertices: wp.array(dtype=wp.vec3), bounds: wp.array(dtype=wp.v
 @wp.kernel
 def sort_rays_kernel(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     tangled: TangledTets,
     width: int,
     row_count: int,
     buffers: Buffers,
     windows: Windows,
 ):
-    """List the plain rays of an image, and bring the tangled ones to where they meet a tet."""
+    """List the plain rays of an image, and bring the tangled ones to the mesh's box."""
     column, row = pixel_of(wp.tid(), width)
     if column >= width or row >= row_count:
         return
@@ -97,13 +93,9 @@ def sort_rays_kernel(
         if buffers.entries.count[ray] != 0:
             list_ray(buffers, ray)
         return
-    t_in, last = interval_in_box(windows.bounds[0], windows.bounds[1], origin, direction)
-    start = first_tet_after(geometry, occupancy, windows.boxes, origin, direction, t_in, last)
-    if start >= last:
-        finish_ray(buffers, ray, buffers.background[0], 0.0, 0.0)
-        return
-    buffers.rays.t[ray] = start
-    windows.lengths[ray] = NEW_RAY
+    t_in, _out = interval_in_box(windows.bounds[0], windows.bounds[1], origin, direction)
+    buffers.rays.t[ray] = t_in
+    windows.lengths[ray] = FAR
     buffers.pixels.color[ray] = wp.vec3()
     buffers.pixels.depth[ray] = 0.0
     buffers.pixels.transmittance[ray] = 1.0
@@ -143,14 +135,13 @@ def march_windows_kernel(
     most = state[PER_RAY]
     start = float(buffers.rays.t[ray])
     length = windows.lengths[ray]
-    if length == NEW_RAY:
-        length = windows.first_steps * float(most) * step
     end = float(start)
     found = int(0)
-    looking = int(1)
-    while looking == 1:
-        end = wp.min(start + length, last)
-        found = pieces_between(
+    stuck = bool(False)
+    while found == 0 and end < last and not stuck:
+        start = end
+        limit = wp.min(start + length, last)
+        found, first, end = first_pieces(
             geometry,
             occupancy,
             windows.boxes,
@@ -158,39 +149,27 @@ def march_windows_kernel(
             direction,
             step,
             start,
-            end,
+            limit,
             i,
             stride,
             most,
             buffers.slots,
             windows.highs,
         )
-        looking = 0
-        if found > most:
-            length *= 0.5
-            looking = 1
-            if length < SHORTEST * wp.max(start, 1.0):
-                found = 0
-                looking = 0
-                if most < MOST_SLOTS:
-                    state[NEEDED] = wp.min(2 * most, MOST_SLOTS)
-                    length = step
-                    end = start
-                else:
-                    length = CROWDED_RAY
-        elif found == 0 and end < last:
-            start = first_tet_after(
-                geometry, occupancy, windows.boxes, origin, direction, end, last
-            )
-            if start == end:  # in a tet, where it is empty
-                length *= GROWTH
+        stuck = end < limit and end - start < SHORTEST * wp.max(start, 1.0)
+        if stuck:
+            found = 0
             end = start
-            if end < last:
-                looking = 1
-        elif length < step:
+        elif found == 0:
+            length = FAR  # to the other side of a gap
+        elif found == most:
+            length = GROWTH * (end - first)
+        else:
             length *= GROWTH
-        elif found > 0:
-            length *= wp.clamp(0.6 * float(most) / float(found), 1.0, 4.0)
+    if stuck and most < MOST_SLOTS:
+        state[NEEDED] = wp.min(2 * most, MOST_SLOTS)  # the next round begins here with so many
+    elif stuck:
+        length = CROWDED_RAY
     windows.lengths[ray] = length
     buffers.rays.t[ray] = end
     buffers.rays.tet[ray] = wp.where(end < last, 0, OUTSIDE)
@@ -265,12 +244,12 @@ def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows):
 class WindowSlots:
     """Renders images of a wavefront in poses that overlap themselves."""
 
-    def __init__(self, pose: Pose, occupancy, wavefront: Wavefront):
-        self._pose, self._occupancy, self._wavefront = pose, occupancy, wavefront
+    def __init__(self, pose: Pose, wavefront: Wavefront):
+        self._pose, self._wavefront = pose, wavefront
         self._way = None
         capacity, device = wavefront.capacity, pose.device
         self._windows = windows = Windows()
-        windows.boxes, windows.first_steps = wp.uint64(0), FIRST_STEPS
+        windows.boxes = wp.uint64(0)
         with wp.ScopedDevice(device):
             windows.bounds = wp.empty(2, dtype=wp.vec3)
             windows.lengths = wp.empty(capacity, dtype=float)
@@ -301,7 +280,7 @@ class WindowSlots:
             windows.bounds[1:].fill_(wp.vec3(-FAR))
             wp.launch(bounds_kernel, len(pose.vertices), [pose.vertices, windows.bounds], **where)
             buffers.state.zero_()
-            inputs = [pose.geometry, self._occupancy, tangled, *size, buffers, windows]
+            inputs = [pose.geometry, tangled, *size, buffers, windows]
             wp.launch(sort_rays_kernel, threads, inputs, **where)
         sample_count = wavefront.render(options, stage)
         buffers.state.zero_()

@@ -13,13 +13,15 @@ import warp as wp
 
 from ..rays import Geometry, Pose, Rays, Samples, empty_samples
 from ..rounds import CpuShader, NativeShading, Pixels, shade_native
-from .pieces import interval_in_box, pieces_between
+from .pieces import first_pieces, interval_in_box
 
 SLOTS = wp.constant(64)  # K
 FEW = wp.constant(24)  # pieces after which the next window is longer
 AT_ONCE = 256  # rays: their samples stay in a core's cache
 FIRST_STEPS = 6.0  # length of the first window [Δ]
 GROWTH = wp.constant(2.0)
+SHORTER = wp.constant(0.7)
+FAR = wp.constant(1.0e30)
 SHORTEST = wp.constant(1.0e-6)  # of t, or of the unit of space if that is more
 CROWDED = wp.constant(-1.0)  # as a window's length
 OUTSIDE = wp.constant(-2)  # as a ray's tet: it has left the mesh for good
@@ -68,14 +70,16 @@ def trace_windows_kernel(
                 ray = alive[first + i]
                 origin = rays.origins[ray]
                 direction = rays.directions[ray]
-                start = rays.t[ray]
+                start = float(rays.t[ray])
                 length = lengths[ray]
                 _in, last = interval_in_box(box_low, box_high, origin, direction)
                 end = float(start)
-                found = SLOTS + 1
-                while found > SLOTS and length > 0.0:
-                    end = wp.min(start + length, last)
-                    found = pieces_between(
+                found = int(0)
+                crowded = bool(False)
+                while found == 0 and end < last and not crowded:
+                    start = end
+                    limit = wp.min(start + length, last)
+                    found, front, end = first_pieces(
                         geometry,
                         occupancy,
                         boxes,
@@ -83,22 +87,24 @@ def trace_windows_kernel(
                         direction,
                         step,
                         start,
-                        end,
+                        limit,
                         i * SLOTS,
                         1,
                         SLOTS,
                         samples,
                         highs,
                     )
-                    if found > SLOTS:
-                        length *= 0.5
-                        if length < SHORTEST * wp.max(start, 1.0):
-                            length = CROWDED
-                if length < 0.0:
+                    crowded = end < limit and end - start < SHORTEST * wp.max(start, 1.0)
+                    if found == 0:
+                        length = FAR  # to the other side of a gap
+                    elif found == SLOTS:
+                        length = SHORTER * (end - front)
+                    elif found < FEW:
+                        length *= GROWTH
+                if crowded:
+                    length = CROWDED
                     found = 0
                     end = last
-                elif found < FEW:
-                    length *= GROWTH
                 lengths[ray] = length
                 rays.t[ray] = end
                 rays.tet[ray] = wp.where(end < last, 0, OUTSIDE)
