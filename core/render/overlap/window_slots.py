@@ -41,10 +41,11 @@ from .search import TangledTets, is_tangled
 
 LEAST_SLOTS, MOST_SLOTS = wp.constant(8), wp.constant(32)  # per ray and round
 GROWTH = wp.constant(2.0)  # the next window is looked for within that many lengths of this one
+LEAST_STEPS = wp.constant(5.0)  # and within that many Δ
 SHORTEST = wp.constant(1.0e-6)  # of t, or of the unit of space if that is more
 DARK = wp.constant(1.0e-9)  # a smaller extinction is none
-PLAIN_RAY = wp.constant(0.0)  # instead of a length
-CROWDED_RAY = wp.constant(-1.0)
+CROWDED_RAY = wp.constant(-1.0)  # instead of a length
+PLAIN_RAY = wp.constant(-2.0)
 OUTSIDE = wp.constant(-2)  # as a ray's tet: it has left the mesh for good
 FAR = wp.constant(1.0e30)
 
@@ -57,7 +58,7 @@ class Windows:
 
     boxes: wp.uint64  # id of the BVH of all tets
     bounds: wp.array(dtype=wp.vec3)  # [2] of all vertices
-    lengths: wp.array(dtype=float)  # [R] of the next window at most, or PLAIN_RAY, CROWDED_RAY
+    lengths: wp.array(dtype=float)  # [R] of the next window at most, or CROWDED_RAY, PLAIN_RAY
     highs: wp.array(dtype=float)  # [S] t where pieces end in their window
     crowded: wp.array(dtype=int)  # [R] those rays
 
@@ -95,7 +96,7 @@ def sort_rays_kernel(
         return
     t_in, _out = interval_in_box(windows.bounds[0], windows.bounds[1], origin, direction)
     buffers.rays.t[ray] = t_in
-    windows.lengths[ray] = FAR
+    windows.lengths[ray] = 0.0
     buffers.pixels.color[ray] = wp.vec3()
     buffers.pixels.depth[ray] = 0.0
     buffers.pixels.transmittance[ray] = 1.0
@@ -134,7 +135,7 @@ def march_windows_kernel(
     _in, last = interval_in_box(windows.bounds[0], windows.bounds[1], origin, direction)
     most = state[PER_RAY]
     start = float(buffers.rays.t[ray])
-    length = windows.lengths[ray]
+    length = wp.max(windows.lengths[ray], LEAST_STEPS * step)
     end = float(start)
     found = int(0)
     stuck = bool(False)

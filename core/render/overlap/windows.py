@@ -98,7 +98,7 @@ def trace_windows_kernel(
                     if found == 0:
                         length = FAR  # to the other side of a gap
                     elif found == SLOTS:
-                        length = SHORTER * (end - front)
+                        length = wp.max(SHORTER * (end - front), step)
                     elif found < FEW:
                         length *= GROWTH
                 if crowded:
