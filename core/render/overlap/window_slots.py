@@ -20,11 +20,11 @@ from ..rounds import (
     BLOCK_SIZE,
     CROWDED,
     LISTED,
-    NEEDED,
     PARITY,
     PER_RAY,
     SAMPLES,
     STRIDE,
+    STUCK,
     TAKEN,
     Buffers,
     Wavefront,
@@ -39,7 +39,7 @@ from ..rounds import (
 from .pieces import first_pieces, interval_in_box
 from .search import TangledTets, is_tangled
 
-LEAST_SLOTS, MOST_SLOTS = wp.constant(8), wp.constant(32)  # per ray and round
+LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round
 GROWTH = wp.constant(2.0)  # the next window is looked for within that many lengths of this one
 LEAST_STEPS = wp.constant(5.0)  # and within that many Δ
 SHORTEST = wp.constant(1.0e-6)  # of t, or of the unit of space if that is more
@@ -167,8 +167,8 @@ def march_windows_kernel(
             length = GROWTH * (end - first)
         else:
             length *= GROWTH
-    if stuck and most < MOST_SLOTS:
-        state[NEEDED] = wp.min(2 * most, MOST_SLOTS)  # the next round begins here with so many
+    if stuck and most < MOST_SLOTS:  # it waits here
+        add_up(state, STUCK, 1)
     elif stuck:
         length = CROWDED_RAY
     windows.lengths[ray] = length

@@ -43,8 +43,10 @@ TOTAL = wp.constant(6)  # stride · K
 ROUNDS = wp.constant(7)  # that had rays
 SAMPLES = wp.constant(8)  # evaluated
 CROWDED = wp.constant(9)  # rays that need another path, see overlap/window_slots.py
-NEEDED = wp.constant(10)  # slots without which some ray can't go on, or 0
-STATE_SIZE = 11
+STUCK = wp.constant(10)  # rays that could not go on for want of slots, in the last round
+FEWEST = wp.constant(11)  # slots per ray from now on, because many were stuck
+STATE_SIZE = 12
+MANY_STUCK = wp.constant(8)  # one in so many rays
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
 # Approximate divisions take a fifth of the time, and half precision hides their error.
@@ -192,14 +194,19 @@ def begin_kernel(
 def advance_kernel(slot_count: int, least: int, most: int, state: wp.array(dtype=int)):
     """Swap the lists, and divide the slots among the rays of the one to read.
 
-    Each of them gets from `least` to `most`, and as many as are needed.
+    Each of them gets from `least` to `most`.  A ray that needs more than there are waits until
+    few are left, but where many do, all get more.
     """
-    fewest = wp.max(least, state[NEEDED])
+    fewest = wp.max(least, state[FEWEST])
+    if MANY_STUCK * state[STUCK] > state[TAKEN]:
+        fewest = wp.min(2 * state[PER_RAY], most)
+        state[FEWEST] = fewest
+    state[STUCK] = 0
     listed = state[NEXT_LISTED]
     state[PARITY] = 1 - state[PARITY]
     state[LISTED] = listed
     state[NEXT_LISTED] = 0
-    taken = wp.min(listed, slot_count / fewest)  # a stride's multiple, as SLOT_MULTIPLE says
+    taken = wp.min(listed, slot_count / fewest / ALIGNMENT * ALIGNMENT)
     stride = (taken + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT
     # Half of the room fills a GPU, and wastes few samples behind a surface.
     per_ray = wp.clamp(slot_count / 2 / wp.max(stride, 1), fewest, most)

@@ -31,7 +31,7 @@ SLOTS_PER_PIXEL = 1.2  # rays for which there is no room wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
 LEAST_SLOTS_IN_ALL = 1 << 19  # 70 MB; a round of fewer takes as long
 MOST_SLOTS_IN_ALL = 1 << 21
-SLOT_MULTIPLE = 4096  # shares of 1/64 of it are multiples of every stride's alignment
+SLOT_MULTIPLE = 4096  # so that some rays have room in any case
 
 
 @dataclass(frozen=True, eq=False)
