@@ -14,7 +14,7 @@ from deformrf.core.render import (
     from_field_of_view,
     look_at,
 )
-from deformrf.core.render.rounds import wavefront
+from deformrf.core.render.rounds import slots, wavefront
 from deformrf.core.wide import vec4h
 
 BACKGROUND = (0.2, 0.5, 0.9)
@@ -167,3 +167,24 @@ def test_half_entries_are_read_and_written_whole(device):
     inputs = [wp.array(values, dtype=vec4h, device=device)]
     wp.launch(twice, 33, inputs=inputs, outputs=[result], device=device)
     np.testing.assert_array_equal(result.numpy(), 2 * values)
+
+
+def test_rays_have_slots_that_exist(device):
+    """Also if many rays were stuck with any number of slots before."""
+    rng = np.random.default_rng(8)
+    room = 16 * wavefront.SLOT_MULTIPLE
+    for _ in range(200):
+        least, most = 4, 32
+        state = np.zeros(slots.STATE_SIZE, np.int32)
+        listed = state[slots.NEXT_LISTED] = rng.integers(0, 2 * room // least)
+        state[slots.PER_RAY] = before = rng.integers(least, most + 1)
+        state[slots.TAKEN], state[slots.STUCK] = 1000, rng.choice([0, 5, 600])
+        after = wp.array(state, device=device)
+        wp.launch(slots.advance_kernel, 1, [room, least, most, after], device=device)
+        after = after.numpy()
+        taken, stride, per_ray = after[[slots.TAKEN, slots.STRIDE, slots.PER_RAY]]
+        assert taken == listed or 0 < taken < listed
+        assert taken <= stride and stride * per_ray == after[slots.TOTAL] <= room
+        assert least <= per_ray <= most
+        if state[slots.STUCK] == 600:  # the ones that were stuck get more
+            assert per_ray >= min(2 * before, most)

@@ -46,7 +46,7 @@ CROWDED = wp.constant(9)  # rays that need another path, see overlap/window_slot
 STUCK = wp.constant(10)  # rays that could not go on for want of slots, in the last round
 FEWEST = wp.constant(11)  # slots per ray from now on, because many were stuck
 STATE_SIZE = 12
-MANY_STUCK = wp.constant(8)  # one in so many rays
+MANY_STUCK = wp.constant(40)  # one in so many rays
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
 # Approximate divisions take a fifth of the time, and half precision hides their error.
