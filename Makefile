@@ -65,7 +65,7 @@ soak: venv
 	@seed=$$($(BIN)/python -c 'import secrets; print(secrets.randbits(32))'); \
 	again="DEFORMRF_TEST_SEED=$$seed make test PYTEST_ARGS='$(PYTEST_ARGS)'"; \
 	echo "Random inputs of seed $$seed; to repeat this run: $$again"; \
-	DEFORMRF_TEST_SEED=$$seed $(BIN)/python -m pytest $(PYTEST_ARGS) \
+	DEFORMRF_TEST_SEED=$$seed $(MAKE) --no-print-directory test PYTEST_ARGS='$(PYTEST_ARGS)' \
 	|| { echo "To repeat this run: $$again"; exit 1; }; \
 	$(BIN)/python tests/benchmarks/fuzz_models.py --seconds 120 --seed $$seed && \
 	$(BIN)/python tests/benchmarks/fuzz_inputs.py --seconds 120 --seed $$seed && \
