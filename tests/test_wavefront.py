@@ -73,7 +73,7 @@ def test_another_background_needs_no_new_graphs(make_ball_field, device):
     )
 
 
-def test_tangled_rays_are_rendered_again(make_ball_field, device):
+def test_tangled_rays_see_every_tet(make_ball_field, device):
     """A part of the image sees overlap."""
     field = make_ball_field(int(np.random.default_rng().integers(1000)), occupied_share=1.0)
     renderer = in_slots(Renderer(field, device))

@@ -292,7 +292,7 @@ def test_the_inside_of_a_large_triangle_follows_its_corners(around_triangle):
         corners = folded(mesh.rest_vertices, weights, offsets)[mesh.tets[tet]]
         return np.abs(np.einsum("nc,nci->ni", bary, corners) - chords).max()
 
-    assert error(offsets) < 1e-4 and error(None) > 0.05
+    assert error(offsets) < 5e-4 and error(None) > 0.05
 
 
 def test_the_nearest_point_of_a_triangle_gives_its_offsets(around_triangle):

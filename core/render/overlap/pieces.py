@@ -9,6 +9,7 @@ from ...field import is_occupied, subtet_of
 from ..rays import Geometry, Samples, interval_in_tet, speed_and_fade
 
 MOST_PIECES = wp.constant(1.0e6)  # passed at once: int() takes no larger numbers
+ROUNDING = wp.constant(2.4e-7)  # of t, or of the unit of space if that is more
 NEAR = wp.constant(16.0)  # up to this t rounding is less than QUERY_GAP
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
@@ -40,6 +41,8 @@ def first_pieces(
     count = int(0)
     end = float(limit)
     latest = int(0)  # slot of the piece that begins last, once all slots are taken
+    # A piece that ends where the window begins may end a little behind it, by rounding.
+    over = start + ROUNDING * wp.max(start, 1.0)
     passed_by = wp.where(start < NEAR, start, 0.0)
     query = wp.bvh_query_ray(boxes, origin + passed_by * direction, direction)
     tet = int(0)
@@ -60,7 +63,7 @@ def first_pieces(
                     until = t_in + high / speed
                     if begin >= end:
                         piece = piece_count
-                    elif until > start:
+                    elif until > over:
                         bary = alpha + (t_in + 0.5 * (low + high) / speed - near) * slope
                         if is_occupied(mask, subtet_of(bary)):
                             slot = first_slot + count * stride

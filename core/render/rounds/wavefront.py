@@ -29,6 +29,7 @@ from . import slots
 
 SLOTS_PER_PIXEL = 1.2  # rays for which there is no room wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
+MOST_MORE_ROUNDS = 8  # before the host looks again
 LEAST_SLOTS_IN_ALL = 1 << 19  # 70 MB; a round of fewer takes as long
 MOST_SLOTS_IN_ALL = 1 << 21
 SLOT_MULTIPLE = 4096  # so that some rays have room in any case
@@ -112,7 +113,7 @@ class Wavefront:
             state = self._host_state.numpy()
             if state[slots.NEXT_LISTED] == 0:
                 break
-            rounds = max(2, rounds // 2)
+            rounds = min(max(2, rounds // 2), MOST_MORE_ROUNDS)
         self._likely_rounds[way.march] = int(state[slots.ROUNDS]) + 1
         return state
 
