@@ -16,7 +16,10 @@ def field():
 
 @pytest.mark.parametrize("trial", range(6))
 def test_a_pinned_pose_stays_without_a_jerk(field, trial):
-    """Bent by a quarter or a half of its size; from 2 s on no frame moves anything by 0.1 %."""
+    """Bent by a quarter or a half of its size; from 3 s on no frame moves anything by 0.1 %.
+
+    Where tets were inverted, the solver tries to do without their guard twice before.
+    """
     random = np.random.default_rng()
     scene = Scene(field, "model", "cpu")
     vertex, way = int(random.choice(scene.handles.control_ids)), random.normal(size=3)
@@ -27,12 +30,12 @@ def test_a_pinned_pose_stays_without_a_jerk(field, trial):
         scene.handles.drag_to(start + way * min(1.0, (frame + 1) / 60))
         scene.advance(TIME_STEP)
     scene.handles.pin_grab()
-    for frame in range(300):
+    for frame in range(480):
         before = scene.solver.vertices.numpy().copy()
         scene.solver.step(TIME_STEP)
         assert not scene.solver.rescue.running
         moved = np.linalg.norm(scene.solver.vertices.numpy() - before, axis=1).max()
-        assert frame < 120 or moved < 1e-3 * scene.size
+        assert frame < 180 or moved < 1e-3 * scene.size
 
 
 def test_the_model_stands_under_its_weight(field):
