@@ -18,7 +18,7 @@ def field():
 def test_a_pinned_pose_stays_without_a_jerk(field, trial):
     """Bent by a quarter or a half of its size; from 3 s on no frame moves anything by 0.1 %.
 
-    Where tets were inverted, the solver tries to do without their guard twice before.
+    Before that, the guard of inverted tets may end twice, which moves the body.
     """
     random = np.random.default_rng()
     scene = Scene(field, "model", "cpu")

@@ -292,6 +292,7 @@ def test_the_inside_of_a_large_triangle_follows_its_corners(around_triangle):
         corners = folded(mesh.rest_vertices, weights, offsets)[mesh.tets[tet]]
         return np.abs(np.einsum("nc,nci->ni", bary, corners) - chords).max()
 
+    # With fit=1e6, not infinity, up to 1.6e-4 was seen.
     assert error(offsets) < 5e-4 and error(None) > 0.05
 
 

@@ -3,8 +3,8 @@
 Edges can't tell a tet from its mirror image.  A part with an inverted tet therefore has all its
 tets hold their volume: each up to EACH_HOLDS · μ, so that the part doesn't lock, and as stiff as
 before.  It ends once no tet was inverted, or had less than half its volume, for a while.  Where the
-pose inverts tets again nevertheless, it tries once more after a longer while, and then waits for
-the user: each try is a jerk.
+pose inverts tets again nevertheless, the guard ends once more after a longer while, and from then
+on stays until the user acts: each time that it ends there, the body jerks.
 
 Shapes: V vertices, P parts (connected components), T tets.
 """
@@ -16,7 +16,7 @@ from .material import Material
 
 EACH_HOLDS = 2.0  # K/μ, that of ν = 0.375
 LOOK_EVERY = 4  # frames
-WHILES = (0.5, 1.0, np.inf)  # s without an inverted or squeezed tet, at each try
+WHILES = (0.5, 1.0, np.inf)  # s without an inverted or squeezed tet, until the guard ends
 
 
 class InversionGuard:
@@ -33,7 +33,7 @@ class InversionGuard:
         self.parts = np.zeros(count, bool)
         self._of_all = None  # compliances if all tets hold; None if they do so anyway
         self._sound_for = np.zeros(count)  # s
-        self._tries = np.zeros(count, int)  # of this pose
+        self._ended = np.zeros(count, int)  # times since the user acted
         self._since = self._frames = 0  # since the last report
 
     def take(self, material: Material | None, factors=None):
@@ -48,7 +48,7 @@ class InversionGuard:
 
     def touch(self):
         """The user did something: inversions from now on are new ones."""
-        self._tries[:] = 0
+        self._ended[:] = 0
 
     def reset(self):
         """Vertices were moved by hand: nothing is known of them."""
@@ -70,8 +70,8 @@ class InversionGuard:
         self._sound_for += self._since
         self._since = self._frames = 0
         self._sound_for[(inverted > 0) | (squeezed > 0)] = 0.0
-        ends = self.parts & (self._sound_for >= np.take(WHILES, self._tries))
-        self._tries[ends] += 1
+        ends = self.parts & (self._sound_for >= np.take(WHILES, self._ended))
+        self._ended[ends] += 1
         before, self.parts = self.parts, (self.parts | (inverted > 0)) & ~ends
         return self._of_all is not None and not np.array_equal(before, self.parts)
 

@@ -41,8 +41,8 @@ def first_pieces(
     count = int(0)
     end = float(limit)
     latest = int(0)  # slot of the piece that begins last, once all slots are taken
-    # A piece that ends where the window begins may end a little behind it, by rounding.
-    over = start + ROUNDING * wp.max(start, 1.0)
+    # By rounding, a piece that ends where the window begins may end a little behind it.
+    earliest_end = start + ROUNDING * wp.max(start, 1.0)
     passed_by = wp.where(start < NEAR, start, 0.0)
     query = wp.bvh_query_ray(boxes, origin + passed_by * direction, direction)
     tet = int(0)
@@ -63,7 +63,7 @@ def first_pieces(
                     until = t_in + high / speed
                     if begin >= end:
                         piece = piece_count
-                    elif until > over:
+                    elif until > earliest_end:
                         bary = alpha + (t_in + 0.5 * (low + high) / speed - near) * slope
                         if is_occupied(mask, subtet_of(bary)):
                             slot = first_slot + count * stride

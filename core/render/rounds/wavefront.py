@@ -31,7 +31,7 @@ SLOTS_PER_PIXEL = 1.2  # rays for which there is no room wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
 MOST_MORE_ROUNDS = 8  # before the host looks again
 LEAST_SLOTS_IN_ALL = 1 << 19  # 70 MB; a round of fewer takes as long
-MOST_SLOTS_IN_ALL = 1 << 21
+MOST_SLOTS_IN_ALL = 1 << 21  # 280 MB
 SLOT_MULTIPLE = 4096  # so that some rays have room in any case
 
 
