@@ -156,14 +156,13 @@ class Renderer:
         depth = pixels.depth.numpy() / np.maximum(opacity, 1e-6)
         return color, opacity, depth + np.where(opacity > 0.0, skipped, 0.0)
 
-    def _find_overlap(self, options) -> bool:
-        """Prepare sorting and merging if rays may be tangled; returns whether they may."""
+    def _find_overlap(self, options):
+        """Prepare sorting and merging, if rays may be tangled."""
         with self.stage("overlap"):
             found = self.overlap.exists() or options.path == "merge"
         if found:
             self.merger.prepare()
-            self.pose.refresh_face_boxes()
-        return found
+            self.overlap.prepare()
 
     def _trace(self, rays, options, entries=None):
         """The Pixels of rays, and the number of samples; `_find_overlap` comes before.
@@ -251,11 +250,15 @@ class Renderer:
         wavefront.begin(device_camera(camera), rows, options, self.stage)
         rays, pixels = wavefront.buffers.rays, wavefront.buffers.pixels
         color, depth = wavefront.buffers.color[:count], wavefront.buffers.depth[:count]
-        if self._find_overlap(options):  # the device makes the rays while the host waits for this
-            boxes, tangled = self.merger.prepare(), self.overlap.tangled
-            crowded, sample_count = self._windows.render(boxes, tangled, shape, options, self.stage)
+        # Where the last pose overlapped, the host does not wait for what is found in this one.
+        if self.overlap.expected or self.overlap.exists():
+            crowded, sample_count = self._windows.render(
+                self.overlap.counts, camera.width, shape[0], options, self.stage
+            )
+            self.overlap.exists()
             if len(crowded):
                 with self.stage("merge"):
+                    self.merger.prepare()
                     sample_count += self.merger.render(rays, crowded, pixels, options)
                     resolve(pixels, options.background, color, depth, crowded)
         else:
@@ -273,7 +276,7 @@ class Renderer:
             self._wavefront = Wavefront(
                 self.pose, self._occupancy, self.shading, self.field.options, capacity
             )
-            self._windows = WindowSlots(self.pose, self._wavefront)
+            self._windows = WindowSlots(self.pose, self._occupancy, self._wavefront)
         return self._wavefront
 
 

@@ -16,6 +16,56 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
 @wp.func
+def first_piece(start: float, t_in: float, speed: float, step: float):
+    """A piece of a tet that ends at `start` or before; none of those before it matters."""
+    return int(wp.clamp((start - t_in) * speed / step - 1.0, 0.0, MOST_PIECES))
+
+
+@wp.func
+def next_piece(
+    piece: int,
+    piece_count: int,
+    mask: wp.uint64,  # of the tet
+    alpha: wp.vec4,  # to t_in: what interval_in_tet says
+    slope: wp.vec4,
+    near: float,
+    t_in: float,
+    speed: float,
+    rest_length: float,  # of the ray in the tet
+    step: float,  # Δ
+    start: float,
+    end: float,
+):
+    """The next piece of a tet with an occupied middle that reaches into a window.
+
+    Returns:
+        The piece, where it begins in the window, where it ends, and the coordinates of its
+        middle.  There is none if the first is `piece_count`, or the second not before `end`.
+    """
+    # By rounding, a piece that ends where the window begins may end a little behind it.
+    earliest_end = start + ROUNDING * wp.max(start, 1.0)
+    next = int(piece)
+    begin = float(0.0)
+    until = float(0.0)
+    bary = wp.vec4()
+    going = bool(next < piece_count)
+    while going:
+        low = float(next) * step
+        high = wp.min(low + step, rest_length)
+        begin = wp.max(t_in + low / speed, start)
+        until = t_in + high / speed
+        if begin >= end:
+            going = False
+        elif until > earliest_end:
+            bary = alpha + (t_in + 0.5 * (low + high) / speed - near) * slope
+            going = not is_occupied(mask, subtet_of(bary))
+        if going:
+            next += 1
+            going = next < piece_count
+    return next, begin, until, bary
+
+
+@wp.func
 def first_pieces(
     geometry: Geometry,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
@@ -41,8 +91,6 @@ def first_pieces(
     count = int(0)
     end = float(limit)
     latest = int(0)  # slot of the piece that begins last, once all slots are taken
-    # By rounding, a piece that ends where the window begins may end a little behind it.
-    earliest_end = start + ROUNDING * wp.max(start, 1.0)
     passed_by = wp.where(start < NEAR, start, 0.0)
     query = wp.bvh_query_ray(boxes, origin + passed_by * direction, direction)
     tet = int(0)
@@ -54,36 +102,43 @@ def first_pieces(
                 speed, fade = speed_and_fade(geometry, tet, slope)
                 rest_length = (t_out - t_in) * speed
                 piece_count = int(wp.ceil(rest_length / step))
-                passed = wp.clamp((start - t_in) * speed / step - 1.0, 0.0, MOST_PIECES)
-                piece = int(passed)
+                piece = first_piece(start, t_in, speed, step)
                 while piece < piece_count:
-                    low = float(piece) * step
-                    high = wp.min(low + step, rest_length)
-                    begin = wp.max(t_in + low / speed, start)
-                    until = t_in + high / speed
+                    piece, begin, until, bary = next_piece(
+                        piece,
+                        piece_count,
+                        mask,
+                        alpha,
+                        slope,
+                        near,
+                        t_in,
+                        speed,
+                        rest_length,
+                        step,
+                        start,
+                        end,
+                    )
                     if begin >= end:
                         piece = piece_count
-                    elif until > earliest_end:
-                        bary = alpha + (t_in + 0.5 * (low + high) / speed - near) * slope
-                        if is_occupied(mask, subtet_of(bary)):
-                            slot = first_slot + count * stride
-                            if count == most:  # one of them has no room
-                                slot = latest
-                                end = wp.max(begin, samples.t[latest])
-                            if begin < end or count < most:
-                                samples.tet[slot] = tet
-                                samples.bary[slot] = bary
-                                samples.length[slot] = fade * speed
-                                samples.t[slot] = begin
-                                highs[slot] = until
-                                count = wp.min(count + 1, most)
-                                if count == most:
-                                    latest = first_slot
-                                    k = int(1)
-                                    while k < most:
-                                        if samples.t[first_slot + k * stride] > samples.t[latest]:
-                                            latest = first_slot + k * stride
-                                        k += 1
+                    elif piece < piece_count:
+                        slot = first_slot + count * stride
+                        if count == most:  # one of them has no room
+                            slot = latest
+                            end = wp.max(begin, samples.t[latest])
+                        if begin < end or count < most:
+                            samples.tet[slot] = tet
+                            samples.bary[slot] = bary
+                            samples.length[slot] = fade * speed
+                            samples.t[slot] = begin
+                            highs[slot] = until
+                            count = wp.min(count + 1, most)
+                            if count == most:
+                                latest = first_slot
+                                k = int(1)
+                                while k < most:
+                                    if samples.t[first_slot + k * stride] > samples.t[latest]:
+                                        latest = first_slot + k * stride
+                                    k += 1
                     piece += 1
     kept = int(0)
     first = float(end)

@@ -19,6 +19,7 @@ import numpy as np
 import warp as wp
 
 from ...geometry import TetMesh, edges, face_components
+from ...recorded import Recorded
 from ..rays import (
     FADED,
     Geometry,
@@ -45,12 +46,14 @@ class Overlap:
     """Finds out whether a pose overlaps itself, once per change of its vertices; sorts rays.
 
     Attributes:
-        tangled: What makes rays tangled, once `exists` has said whether any are.
+        tangled: What makes rays tangled; `prepare` fills it, `exists` its `shells`.
+        counts: Of the pose that was searched last, on the device: tangled tets, crossings.  [2]
     """
 
     def __init__(self, mesh: TetMesh, neighbours, pose: Pose):
         self._pose = pose
-        self._searched = self._found = -1  # revisions of the pose
+        self._searched = self._found = self._prepared = -1  # revisions of the pose
+        self._count = 0  # tangled tets
         self._tangled_boxes = None  # BVH of the tets that are inverted or nearly flat
         self.tangled = TangledTets()
         self.tangled.shells = 0
@@ -61,10 +64,16 @@ class Overlap:
         with wp.ScopedDevice(pose.device):
             self._edges = wp.array(boundary_edges, dtype=wp.vec2i)
             self._part_tets = wp.array(mesh.tets[first_tets], dtype=wp.vec4i)
-            self._counts = wp.zeros(2, dtype=int)
+            self.counts = wp.zeros(2, dtype=int)
             self.tangled.ids = wp.empty(mesh.tet_count, dtype=int)
         self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=pose.device.is_cuda)
         self._counted = wp.Event(pose.device) if pose.device.is_cuda else None
+        self._search = Recorded(self._launch_search, pose.device)
+
+    @property
+    def expected(self) -> bool:
+        """What `exists` said last."""
+        return self._count > 0 or self.tangled.shells == 1
 
     def exists(self) -> bool:
         """Whether the present pose overlaps itself; waits for the device after a change."""
@@ -72,41 +81,52 @@ class Overlap:
         if self._found != self._pose.revision:
             if self._counted:
                 wp.synchronize_event(self._counted)
-            count, crossings = (int(n) for n in self._host_counts.numpy())
-            self._tangled_boxes = None
-            if count:
-                ids, pose = self.tangled.ids[:count], self._pose
-                self._tangled_boxes = box_tree(pose.vertices, pose.tets, ids)
-            self.tangled.boxes = self._tangled_boxes.id if count else 0
+            self._count, crossings = (int(n) for n in self._host_counts.numpy())
             self.tangled.shells = int(crossings > 0)
             self._found = self._pose.revision
-        return self._tangled_boxes is not None or self.tangled.shells == 1
+        return self.expected
 
     def search(self) -> None:
         """Start the search on the device if the vertices have changed; does not wait."""
-        pose, device = self._pose, self._pose.device
+        pose = self._pose
         if self._searched == pose.revision:
             return
         self._searched = pose.revision
-        self._counts.zero_()
-        found = [self._counts, self.tangled.ids]
-        wp.launch(tangled_tets_kernel, len(pose.tets), [pose.geometry], found, device=device)
-        inputs = [pose.geometry, self._edges]
-        wp.launch(crossed_edges_kernel, len(self._edges), inputs, [self._counts], device=device)
         if len(self._part_tets) > 1:
             pose.refresh_face_boxes()
+        self._search()
+        if self._counted:
+            wp.get_stream(pose.device).record_event(self._counted)
+
+    def _launch_search(self):
+        pose, device = self._pose, self._pose.device
+        self.counts.zero_()
+        found = [self.counts, self.tangled.ids]
+        wp.launch(tangled_tets_kernel, len(pose.tets), [pose.geometry], found, device=device)
+        inputs = [pose.geometry, self._edges]
+        wp.launch(crossed_edges_kernel, len(self._edges), inputs, [self.counts], device=device)
+        if len(self._part_tets) > 1:
             inputs = [pose.geometry, self._part_tets]
             wp.launch(
-                nested_parts_kernel, len(self._part_tets), inputs, [self._counts], device=device
+                nested_parts_kernel, len(self._part_tets), inputs, [self.counts], device=device
             )
-        wp.copy(self._host_counts, self._counts)
-        if self._counted:
-            wp.get_stream(device).record_event(self._counted)
+        wp.copy(self._host_counts, self.counts)
+
+    def prepare(self) -> None:
+        """Make what `sort_rays` needs in the present pose."""
+        self._pose.refresh_face_boxes()
+        if self._prepared != self._pose.revision:
+            self._prepared, pose = self._pose.revision, self._pose
+            self._tangled_boxes = None
+            if self.exists() and self._count:
+                ids = self.tangled.ids[: self._count]
+                self._tangled_boxes = box_tree(pose.vertices, pose.tets, ids)
+            self.tangled.boxes = self._tangled_boxes.id if self._tangled_boxes else 0
 
     def sort_rays(self, rays: Rays, count: int):
         """The numbers of the plain and of the tangled rays among the first `count`.
 
-        `exists` and Pose.refresh_face_boxes come before.
+        `prepare` comes before.
         """
         device = self._pose.device
         counts = wp.zeros(2, dtype=int, device=device)
@@ -118,16 +138,31 @@ class Overlap:
         return plain[: int(plain_count)], tangled[: int(tangled_count)]
 
 
+@wp.func
+def is_tangled_tet(geometry: Geometry, tet: int):
+    """Whether its orientation is not that of most, or it is so flat that it fades."""
+    shape = geometry.shapes[2 * tet + 1]
+    return orientation(geometry) * shape[3] <= 0.0 or shape[2] < FADED
+
+
+@wp.func
+def may_meet(geometry: Geometry, tet: int, origin: wp.vec3, direction: wp.vec3):
+    """Whether a ray whose box it meets may meet the tet."""
+    met = bool(True)  # it may be too flat to have coordinates, so its box decides
+    if geometry.shapes[2 * tet + 1][2] > 0.0:
+        _alpha, _slope, _near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
+        met = t_out >= t_in
+    return met
+
+
 @wp.kernel
 def tangled_tets_kernel(
     geometry: Geometry,
     counts: wp.array(dtype=int),  # [2] added to
     tangled: wp.array(dtype=int),  # [T] out, in no particular order
 ):
-    """Tets whose orientation is not that of most, or that are so flat that they fade."""
     tet = wp.tid()
-    shape = geometry.shapes[2 * tet + 1]
-    if orientation(geometry) * shape[3] <= 0.0 or shape[2] < FADED:
+    if is_tangled_tet(geometry, tet):
         tangled[wp.atomic_add(counts, wp.static(TANGLED_TETS), 1)] = tet
 
 
@@ -266,15 +301,7 @@ def is_tangled(geometry: Geometry, tangled: TangledTets, origin: wp.vec3, direct
         query = wp.bvh_query_ray(tangled.boxes, origin, direction)
         index = int(0)
         while not found and wp.bvh_query_next(query, index):
-            tet = tangled.ids[index]
-            if geometry.shapes[2 * tet + 1][2] <= 0.0:
-                found = True  # it may be too flat to have coordinates, so its box decides
-            else:
-                _alpha, _slope, _near, t_in, t_out = interval_in_tet(
-                    geometry, tet, origin, direction
-                )
-                if t_out >= t_in:
-                    found = True
+            found = may_meet(geometry, tangled.ids[index], origin, direction)
     if not found and tangled.shells == 1:
         found = is_inside_two_shells(geometry, origin, direction)
     return found

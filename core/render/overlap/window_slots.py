@@ -1,21 +1,22 @@
 """Tangled rays on CUDA: windows from front to back, in rounds that do not wait for the host.
 
-The buffers of the wavefront (rounds/wavefront.py) hold all rays of an image.  The plain ones are
-listed and rendered first, without the tangled ones, which may walk in circles; then these are
-listed.  In a round each of them has one window of t, with so many pieces of all tets as it has
-slots, and `composite_windows_kernel` merges what overlaps: line 4 of the definition, between each
-two neighboring ends of pieces.  A ray is done when it gets dark or leaves the mesh's box.  Where
-even the shortest window has too many pieces for the most slots, the ray is *crowded*: merging.py
-renders it.
+The buffers of the wavefront (rounds/wavefront.py) hold all rays of an image, plain and tangled
+ones.  In a round a plain ray walks; a tangled one has one window of t, with so many pieces of all
+tets as it has slots, and what overlaps is merged: line 4 of the definition, between each two
+neighboring ends of pieces.  bins.py says which tets a ray may meet, near ones first, so that the
+next window goes on where this one ended.  A ray is done when it gets dark or no tet is left.
+Where even the shortest window has too many pieces for the most slots, the ray is *crowded*:
+merging.py renders it.
 
 windows.py does the same on a CPU, a thread's rays at a time.
 
-Shapes: R rays, V vertices, T tets, S slots.
+Shapes: R rays, T tets, S slots.
 """
 
 import warp as wp
 
-from ..rays import Geometry, Pose
+from ...wide import store_wide
+from ..rays import Geometry, Pose, interval_in_tet, speed_and_fade
 from ..rounds import (
     BLOCK_SIZE,
     CROWDED,
@@ -31,85 +32,206 @@ from ..rounds import (
     Way,
     add_up,
     claim,
-    finish_ray,
+    composite_slots,
+    keep_or_finish,
     list_ray,
+    march_in_slots,
     pixel_of,
     pixel_threads,
 )
-from .pieces import first_pieces, interval_in_box
-from .search import TangledTets, is_tangled
+from .bins import ALL_BITS, BIN_COUNT, BITS, Bins, TetBins, bin_of, lowest_bit
+from .pieces import first_piece, next_piece
+from .search import CROSSINGS, is_inside_two_shells, may_meet
 
 LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round
-GROWTH = wp.constant(2.0)  # the next window is looked for within that many lengths of this one
-LEAST_STEPS = wp.constant(5.0)  # and within that many Δ
 SHORTEST = wp.constant(1.0e-6)  # of t, or of the unit of space if that is more
 DARK = wp.constant(1.0e-9)  # a smaller extinction is none
-CROWDED_RAY = wp.constant(-1.0)  # instead of a length
-PLAIN_RAY = wp.constant(-2.0)
+PLAIN_RAY = wp.constant(-1)  # instead of a place in the tets of its bin
+CROWDED_RAY = wp.constant(-2)
 OUTSIDE = wp.constant(-2)  # as a ray's tet: it has left the mesh for good
 FAR = wp.constant(1.0e30)
+floats_of_slots = wp.types.vector(32, wp.float32)  # MOST_SLOTS
+ints_of_slots = wp.types.vector(32, wp.int32)
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 2, "block_dim": BLOCK_SIZE})
+# Approximate divisions, as in a walk.
+wp.set_module_options(
+    {"enable_backward": False, "max_unroll": 2, "fast_math": True, "block_dim": BLOCK_SIZE}
+)
 
 
 @wp.struct
 class Windows:
     """Of tangled rays, beside the wavefront's buffers."""
 
-    boxes: wp.uint64  # id of the BVH of all tets
-    bounds: wp.array(dtype=wp.vec3)  # [2] of all vertices
-    lengths: wp.array(dtype=float)  # [R] of the next window at most, or CROWDED_RAY, PLAIN_RAY
-    highs: wp.array(dtype=float)  # [S] t where pieces end in their window
+    places: wp.array(dtype=int)  # [R] in the order of tets, or PLAIN_RAY, CROWDED_RAY
+    highs: wp.array(dtype=float)  # [S] t where pieces end
+    order: wp.array(dtype=int)  # [S] which of a ray's slots has the piece that begins next
     crowded: wp.array(dtype=int)  # [R] those rays
 
 
-@wp.kernel
-def bounds_kernel(vertices: wp.array(dtype=wp.vec3), bounds: wp.array(dtype=wp.vec3)):
-    i = wp.tid()
-    wp.atomic_min(bounds, 0, vertices[i])
-    wp.atomic_max(bounds, 1, vertices[i])
+@wp.func
+def meets_tangled_tet(
+    geometry: Geometry, bins: Bins, bin: int, origin: wp.vec3, direction: wp.vec3
+):
+    """Whether a ray of a bin meets a tet that is inverted or nearly flat."""
+    found = bool(False)
+    bin_count = bins.shape[BIN_COUNT]
+    word = int(0)
+    while word < bins.tangled.shape[0] and not found:
+        bits = bins.tangled[word] & bins.bits[word * bin_count + bin]
+        while bits != wp.uint64(0) and not found:
+            tet = bins.tets[word * BITS + lowest_bit(bits)]
+            found = may_meet(geometry, tet, origin, direction)
+            bits &= bits - wp.uint64(1)
+        word += 1
+    return found
 
 
 @wp.kernel
 def sort_rays_kernel(
     geometry: Geometry,
-    tangled: TangledTets,
+    bins: Bins,
+    counts: wp.array(dtype=int),  # [2] see Overlap
     width: int,
     row_count: int,
     buffers: Buffers,
     windows: Windows,
 ):
-    """List the plain rays of an image, and bring the tangled ones to the mesh's box."""
+    """List the rays of an image, and bring the tangled ones to the first tet of their bin."""
     column, row = pixel_of(wp.tid(), width)
     if column >= width or row >= row_count:
         return
     ray = row * width + column
-    windows.lengths[ray] = PLAIN_RAY
-    # A ray that meets no face may meet tets beyond the boundary, as many inverted as not.
-    if tangled.boxes == wp.uint64(0) and buffers.entries.count[ray] == 0:
-        return
     origin = buffers.rays.origins[ray]
     direction = buffers.rays.directions[ray]
-    if not is_tangled(geometry, tangled, origin, direction):
-        if buffers.entries.count[ray] != 0:
-            list_ray(buffers, ray)
-        return
-    t_in, _out = interval_in_box(windows.bounds[0], windows.bounds[1], origin, direction)
-    buffers.rays.t[ray] = t_in
-    windows.lengths[ray] = 0.0
-    buffers.pixels.color[ray] = wp.vec3()
-    buffers.pixels.depth[ray] = 0.0
-    buffers.pixels.transmittance[ray] = 1.0
+    # A ray that meets no face may meet tets beyond the boundary, as many inverted as not.
+    meets_face = buffers.entries.count[ray] != 0
+    tangled = meets_tangled_tet(geometry, bins, bin_of(bins, ray), origin, direction)
+    if not tangled and meets_face and counts[wp.static(CROSSINGS)] > 0:
+        tangled = is_inside_two_shells(geometry, origin, direction)
+    if tangled:
+        buffers.rays.t[ray] = 0.0
+        buffers.pixels.color[ray] = wp.vec3()
+        buffers.pixels.depth[ray] = 0.0
+        buffers.pixels.transmittance[ray] = 1.0
+    windows.places[ray] = wp.where(tangled, 0, PLAIN_RAY)
+    if tangled or meets_face:
+        list_ray(buffers, ray)
 
 
-@wp.kernel
-def list_tangled_kernel(width: int, row_count: int, buffers: Buffers, windows: Windows):
-    """List the rays that `sort_rays_kernel` kept."""
-    column, row = pixel_of(wp.tid(), width)
-    if column < width and row < row_count:
-        ray = row * width + column
-        if windows.lengths[ray] != PLAIN_RAY:
-            list_ray(buffers, ray)
+@wp.func
+def march_window(
+    geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    bins: Bins,
+    step: float,  # Δ
+    buffers: Buffers,
+    windows: Windows,
+    i: int,
+    ray: int,
+):
+    """Fill the slots of the listed ray i with the pieces that it meets next; returns how many.
+
+    The next window begins where the first piece does that has no room.
+    """
+    state = buffers.state
+    stride = state[STRIDE]
+    most = state[PER_RAY]
+    origin = buffers.rays.origins[ray]
+    direction = buffers.rays.directions[ray]
+    bin = bin_of(bins, ray)
+    bin_count = bins.shape[BIN_COUNT]
+    start = buffers.rays.t[ray]
+    end = float(FAR)
+    count = int(0)
+    begins = floats_of_slots()  # of the pieces, in order
+    slots = ints_of_slots()  # theirs
+    place = int(windows.places[ray])  # of the first tet that is not behind the window
+    behind = bool(True)
+    word = place / BITS
+    last_word = bins.solid.shape[0] - 1
+    bits = bins.solid[word] & bins.bits[word * bin_count + bin]
+    bits &= ALL_BITS << wp.uint64(place % BITS)
+    going = bool(True)
+    while going:
+        while bits == wp.uint64(0) and word < last_word:
+            word += 1
+            bits = bins.solid[word] & bins.bits[word * bin_count + bin]
+        n = wp.max(word * BITS + lowest_bit(bits), 0)
+        tet = bins.tets[n]
+        going = bits != wp.uint64(0) and not bins.nears[n] >= end
+        if going:
+            bits &= bits - wp.uint64(1)
+            alpha, slope, near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
+            meets = t_out > t_in and t_out > start
+            behind = behind and not meets
+            if behind:
+                place = n + 1
+            piece = int(0)
+            piece_count = int(0)
+            speed = float(1.0)
+            fade = float(1.0)
+            rest_length = float(0.0)
+            if meets and t_in < end:
+                speed, fade = speed_and_fade(geometry, tet, slope)
+                rest_length = (t_out - t_in) * speed
+                piece_count = int(wp.ceil(rest_length / step))
+                piece = first_piece(start, t_in, speed, step)
+            while piece < piece_count:
+                piece, begin, until, bary = next_piece(
+                    piece,
+                    piece_count,
+                    occupancy[tet],
+                    alpha,
+                    slope,
+                    near,
+                    t_in,
+                    speed,
+                    rest_length,
+                    step,
+                    start,
+                    end,
+                )
+                if begin >= end:
+                    piece = piece_count
+                elif piece < piece_count:
+                    k = int(count)
+                    slot = int(count)
+                    if count == most:  # one of them has no room
+                        latest = begins[most - 1]
+                        end = wp.max(begin, latest)
+                        k = wp.where(begin < latest, most - 1, most)
+                        slot = slots[most - 1]
+                    if k < most:
+                        while k > 0 and begins[wp.max(k - 1, 0)] > begin:
+                            begins[k] = begins[k - 1]
+                            slots[k] = slots[k - 1]
+                            k -= 1
+                        begins[k] = begin
+                        slots[k] = slot
+                        s = i + slot * stride
+                        buffers.slots.tet[s] = tet
+                        store_wide(buffers.slots.bary, s, bary)
+                        buffers.slots.length[s] = fade * speed
+                        buffers.slots.t[s] = begin
+                        windows.highs[s] = until
+                        count = wp.min(count + 1, most)
+                piece += 1
+    k = int(0)
+    while k < count:
+        windows.order[i + k * stride] = slots[k]
+        k += 1
+    if end - start < SHORTEST * wp.max(start, 1.0):
+        count = 0
+        end = start
+        if most < MOST_SLOTS:  # it waits here
+            add_up(state, STUCK, 1)
+        else:
+            place = CROWDED_RAY
+    windows.places[ray] = place
+    buffers.rays.t[ray] = end
+    buffers.rays.tet[ray] = wp.where(end < FAR, 0, OUTSIDE)
+    return count
 
 
 @wp.kernel
@@ -119,67 +241,79 @@ def march_windows_kernel(
     step: float,  # Δ
     buffers: Buffers,
     windows: Windows,
+    bins: Bins,
 ):
-    """Fill the slots of each listed ray with its next window that isn't empty."""
+    """Fill the slots of each listed ray: a walk, or the next window."""
     i = wp.tid()
     state = buffers.state
-    stride = state[STRIDE]
-    if i >= stride:
+    if i >= state[STRIDE]:
         return
-    buffers.counts[i] = 0
-    if i >= state[TAKEN]:
-        return
-    ray = buffers.lists[state[PARITY], i]
-    origin = buffers.rays.origins[ray]
-    direction = buffers.rays.directions[ray]
-    _in, last = interval_in_box(windows.bounds[0], windows.bounds[1], origin, direction)
-    most = state[PER_RAY]
-    start = float(buffers.rays.t[ray])
-    length = wp.max(windows.lengths[ray], LEAST_STEPS * step)
-    end = float(start)
-    found = int(0)
-    stuck = bool(False)
-    while found == 0 and end < last and not stuck:
-        start = end
-        limit = wp.min(start + length, last)
-        found, first, end = first_pieces(
-            geometry,
-            occupancy,
-            windows.boxes,
-            origin,
-            direction,
-            step,
-            start,
-            limit,
-            i,
-            stride,
-            most,
-            buffers.slots,
-            windows.highs,
-        )
-        stuck = end < limit and end - start < SHORTEST * wp.max(start, 1.0)
-        if stuck:
-            found = 0
-            end = start
-        elif found == 0:
-            length = FAR  # to the other side of a gap
-        elif found == most:
-            length = GROWTH * (end - first)
+    count = int(0)
+    if i < state[TAKEN]:
+        ray = buffers.lists[state[PARITY], i]
+        if windows.places[ray] == PLAIN_RAY:
+            count = march_in_slots(geometry, occupancy, step, buffers, i)
         else:
-            length *= GROWTH
-    if stuck and most < MOST_SLOTS:  # it waits here
-        add_up(state, STUCK, 1)
-    elif stuck:
-        length = CROWDED_RAY
-    windows.lengths[ray] = length
-    buffers.rays.t[ray] = end
-    buffers.rays.tet[ray] = wp.where(end < last, 0, OUTSIDE)
-    buffers.counts[i] = found
+            count = march_window(geometry, occupancy, bins, step, buffers, windows, i, ray)
+    buffers.counts[i] = count
+
+
+@wp.func
+def composite_window(stop: float, buffers: Buffers, windows: Windows, i: int, ray: int):
+    """Merge the pieces in the slots of the listed ray i, in order of where they begin.
+
+    Returns:
+        Its transmittance, color and depth up to the end of the window.
+    """
+    stride = buffers.state[STRIDE]
+    count = buffers.counts[i]
+    end = buffers.rays.t[ray]
+    pixels = buffers.pixels
+    transmittance = pixels.transmittance[ray]
+    color = pixels.color[ray]
+    total_t = pixels.depth[ray]
+    t = float(-FAR)
+    first = int(0)  # the pieces before it have ended
+    begun = int(0)  # pieces that begin at t or before
+    next = float(FAR)  # where the next one begins
+    if count > 0:
+        next = buffers.slots.t[i + windows.order[i] * stride]
+    going = bool(next < end)
+    while going:
+        # What overlaps the interval from t to the next end of a piece.
+        kappa = float(0.0)
+        emission = wp.vec3()
+        until = wp.min(next, end)
+        k = int(first)
+        while k < begun:
+            n = i + windows.order[i + k * stride] * stride
+            high = windows.highs[n]
+            if high > t:
+                medium = buffers.sigma[n] * buffers.slots.length[n]
+                kappa += medium
+                emission += medium * buffers.rgb[n]
+                until = wp.min(until, high)
+            elif k == first:
+                first += 1
+            k += 1
+        if kappa > DARK:
+            remaining = wp.exp(-kappa * (until - t))
+            w = transmittance * (1.0 - remaining)
+            color += (w / kappa) * emission
+            total_t += w * 0.5 * (t + until)
+            transmittance *= remaining
+        going = until > t and until < end and transmittance >= stop
+        t = until
+        while going and next <= t:
+            begun += 1
+            next = FAR
+            if begun < count:
+                next = buffers.slots.t[i + windows.order[i + begun * stride] * stride]
+    return transmittance, color, total_t
 
 
 @wp.kernel
-def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows):
-    """Merge the pieces of each listed ray's window into its pixel."""
+def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows, bins: Bins):
     i = wp.tid()
     state = buffers.state
     if i >= state[LISTED]:
@@ -188,103 +322,52 @@ def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows):
     if i >= state[TAKEN]:
         list_ray(buffers, ray)
         return
-    if windows.lengths[ray] < 0.0:
+    place = windows.places[ray]
+    if place == CROWDED_RAY:
         windows.crowded[claim(state, CROWDED)] = ray
         return
-    stride = state[STRIDE]
-    count = buffers.counts[i]
-    add_up(state, SAMPLES, count)
-    pixels = buffers.pixels
-    transmittance = pixels.transmittance[ray]
-    color = pixels.color[ray]
-    total_t = pixels.depth[ray]
-    t = float(-FAR)
-    going = int(1)
-    while going == 1:
-        # What overlaps the interval from t to the next end of a piece.
-        kappa = float(0.0)
-        emission = wp.vec3()
-        until = float(FAR)
-        k = int(0)
-        while k < count:
-            n = i + k * stride
-            low = buffers.slots.t[n]
-            high = windows.highs[n]
-            if low > t:
-                until = wp.min(until, low)
-            elif high > t:
-                medium = buffers.sigma[n] * buffers.slots.length[n]
-                kappa += medium
-                emission += medium * buffers.rgb[n]
-                until = wp.min(until, high)
-            k += 1
-        if kappa > DARK:
-            remaining = wp.exp(-kappa * (until - t))
-            w = transmittance * (1.0 - remaining)
-            color += (w / kappa) * emission
-            total_t += w * 0.5 * (t + until)
-            transmittance *= remaining
-        t = until
-        if until == FAR or transmittance < stop:
-            going = 0
-    if transmittance >= stop and buffers.rays.tet[ray] != OUTSIDE:
-        pixels.transmittance[ray] = transmittance
-        pixels.color[ray] = color
-        pixels.depth[ray] = total_t
-        list_ray(buffers, ray)
-        return
-    opacity = 1.0 - transmittance
-    total_t /= wp.max(opacity, 1.0e-6)
-    if transmittance < stop:
-        color /= opacity
-        opacity = 1.0
-    color += (1.0 - opacity) * buffers.background[0]
-    finish_ray(buffers, ray, color, opacity, total_t)
+    add_up(state, SAMPLES, buffers.counts[i])
+    if place == PLAIN_RAY:
+        transmittance, color, total_t = composite_slots(stop, buffers, i, ray)
+    else:
+        transmittance, color, total_t = composite_window(stop, buffers, windows, i, ray)
+    keep_or_finish(stop, buffers, ray, transmittance, color, total_t)
 
 
 class WindowSlots:
     """Renders images of a wavefront in poses that overlap themselves."""
 
-    def __init__(self, pose: Pose, wavefront: Wavefront):
+    def __init__(self, pose: Pose, occupancy, wavefront: Wavefront):
         self._pose, self._wavefront = pose, wavefront
-        self._way = None
+        self._bins, self._way = TetBins(pose, occupancy), None
         capacity, device = wavefront.capacity, pose.device
         self._windows = windows = Windows()
-        windows.boxes = wp.uint64(0)
         with wp.ScopedDevice(device):
-            windows.bounds = wp.empty(2, dtype=wp.vec3)
-            windows.lengths = wp.empty(capacity, dtype=float)
+            windows.places = wp.empty(capacity, dtype=int)
             windows.highs = wp.empty(len(wavefront.buffers.sigma), dtype=float)
+            windows.order = wp.empty(len(wavefront.buffers.sigma), dtype=int)
             windows.crowded = wp.empty(capacity, dtype=int)
 
-    def render(self, boxes, tangled: TangledTets, shape, options, stage):
-        """Render the image that the wavefront has begun: its plain rays, then its tangled ones.
+    def render(self, counts, width: int, height: int, options, stage):
+        """Render the image that the wavefront has begun.
 
         Args:
-            boxes: The BVH of all tets in the present pose.
-            shape: Rows and columns of the image.
+            counts: Overlap's, on the device.
 
         Returns:
             The crowded rays, whose pixels are wrong, and the number of samples.
         """
         pose, wavefront, windows = self._pose, self._wavefront, self._windows
-        if self._way is None or windows.boxes != boxes.id:
-            windows.boxes = boxes.id
-            more = march_windows_kernel, composite_windows_kernel, LEAST_SLOTS, MOST_SLOTS
-            self._way = Way(*more, (windows,))
-        buffers, size = wavefront.buffers, (shape[1], shape[0])
-        threads = pixel_threads(*size)
+        buffers = wavefront.buffers
         # For another size of blocks than the module's, Warp would compile all of it once more.
         where = {"device": pose.device, "block_dim": BLOCK_SIZE}
         with stage("overlap"):
-            windows.bounds[:1].fill_(wp.vec3(FAR))
-            windows.bounds[1:].fill_(wp.vec3(-FAR))
-            wp.launch(bounds_kernel, len(pose.vertices), [pose.vertices, windows.bounds], **where)
+            bins = self._bins.make(width, height, buffers)
             buffers.state.zero_()
-            inputs = [pose.geometry, tangled, *size, buffers, windows]
-            wp.launch(sort_rays_kernel, threads, inputs, **where)
-        sample_count = wavefront.render(options, stage)
-        buffers.state.zero_()
-        wp.launch(list_tangled_kernel, threads, [*size, buffers, windows], **where)
+            inputs = [pose.geometry, bins, counts, width, height, buffers, windows]
+            wp.launch(sort_rays_kernel, pixel_threads(width, height), inputs, **where)
+        if self._way is None or self._way.more[1] is not bins:
+            more = march_windows_kernel, composite_windows_kernel, LEAST_SLOTS, MOST_SLOTS
+            self._way = Way(*more, (windows, bins))
         state = wavefront.run(self._way, options, stage)
-        return windows.crowded[: int(state[CROWDED])], sample_count + int(state[SAMPLES])
+        return windows.crowded[: int(state[CROWDED])], int(state[SAMPLES])

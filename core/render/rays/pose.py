@@ -14,6 +14,7 @@ import numpy as np
 import warp as wp
 
 from ...geometry import TetMesh, boundary_faces
+from ...recorded import Recorded
 
 # Rounding may move a face across a ray's t: queries look this far around t, boxes are this
 # much larger than what is in them.
@@ -251,6 +252,8 @@ class Pose:
             geometry.shapes = wp.empty(2 * mesh.tet_count, dtype=wp.vec4)
             geometry.rotations = wp.empty(mesh.tet_count, dtype=wp.mat33)
             geometry.mirrored_count = wp.zeros(1, dtype=int)
+        self._follow = Recorded(self._fit, self.device)
+        self._fit_face_boxes = Recorded(self._fit_faces, self.device)
         self.set_vertices(self.vertices)
 
     def set_vertices(self, vertices):
@@ -268,9 +271,13 @@ class Pose:
             )
         if vertices.ptr != self.vertices.ptr:
             wp.copy(self.vertices, vertices)
-        wp.copy(self._boundary.points, vertices)
-        self._boundary.refit()
         self.revision += 1
+        self._follow()
+
+    def _fit(self):
+        """Bring the boundary and the tets' frames to the vertices."""
+        wp.copy(self._boundary.points, self.vertices)
+        self._boundary.refit()
         geometry = self.geometry
         geometry.mirrored_count.zero_()
         inputs = [self.tets, self.vertices, self._rest_edges, self._rest_edges_inverse]
@@ -281,6 +288,8 @@ class Pose:
         """Bring the BVH `geometry.face_boxes` up to date; only some paths of rendering need it."""
         if self._face_boxes_revision != self.revision:
             self._face_boxes_revision = self.revision
-            corners, old = self._face_corners, self._face_boxes
-            self._face_boxes = box_tree(self.vertices, corners, old=old)
-            self.geometry.face_boxes = self._face_boxes.id
+            self._fit_face_boxes()
+
+    def _fit_faces(self):
+        self._face_boxes = box_tree(self.vertices, self._face_corners, old=self._face_boxes)
+        self.geometry.face_boxes = self._face_boxes.id

@@ -89,6 +89,7 @@ def add_up(state: wp.array(dtype=int), place: int, value: int): ...
 class Buffers:
     """An image in progress."""
 
+    camera: wp.array(dtype=DeviceCamera)  # [1]
     rays: Rays  # [R]
     entries: Entries  # [R]
     pixels: Pixels  # [R]
@@ -113,6 +114,7 @@ def empty_buffers(ray_count: int, slot_count: int, level_count: int, device) -> 
     buffers.slots = empty_samples(slot_count, device)
     basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (slot_count, 1))
     with wp.ScopedDevice(device):
+        buffers.camera = wp.zeros(1, dtype=DeviceCamera)
         buffers.state = wp.zeros(STATE_SIZE, dtype=int)
         buffers.lists = wp.empty((2, ray_count), dtype=int)
         buffers.counts = wp.empty(slot_count // LEAST_SLOTS, dtype=int)
@@ -173,6 +175,8 @@ def begin_kernel(
     if column >= width or row >= row_count:
         return
     ray = row * width + column
+    if ray == 0:
+        buffers.camera[0] = camera  # for launches that are recorded
     origin, direction = camera_ray(camera, column, first_row + row)
     rays = buffers.rays
     rays.origins[ray] = origin
@@ -218,6 +222,32 @@ def advance_kernel(slot_count: int, least: int, most: int, state: wp.array(dtype
         state[ROUNDS] = state[ROUNDS] + 1
 
 
+@wp.func
+def march_in_slots(
+    geometry: Geometry,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    step: float,  # Δ
+    buffers: Buffers,
+    i: int,
+):
+    """Let the listed ray i walk, and fill its slots; returns how many."""
+    state = buffers.state
+    return march_ray(
+        geometry,
+        buffers.entries,
+        occupancy,
+        buffers.rays,
+        buffers.lists[state[PARITY], i],
+        step,
+        MIDDLE,
+        FILL_SLOTS,
+        i,
+        state[STRIDE],
+        state[PER_RAY],
+        buffers.slots,
+    )
+
+
 @wp.kernel
 def march_slots_kernel(
     geometry: Geometry,
@@ -226,25 +256,11 @@ def march_slots_kernel(
     buffers: Buffers,
 ):
     i = wp.tid()
-    state = buffers.state
-    if i >= state[STRIDE]:
+    if i >= buffers.state[STRIDE]:
         return
     count = int(0)
-    if i < state[TAKEN]:
-        count = march_ray(
-            geometry,
-            buffers.entries,
-            occupancy,
-            buffers.rays,
-            buffers.lists[state[PARITY], i],
-            step,
-            MIDDLE,
-            FILL_SLOTS,
-            i,
-            state[STRIDE],
-            state[PER_RAY],
-            buffers.slots,
-        )
+    if i < buffers.state[TAKEN]:
+        count = march_in_slots(geometry, occupancy, step, buffers, i)
     buffers.counts[i] = count
 
 
@@ -287,24 +303,18 @@ def encode_slots_kernel(
         store_wide_half(buffers.basis, 4 * n + 3, wp.vec4(b[12], b[13], b[14], b[15]))
 
 
-@wp.kernel
-def composite_slots_kernel(stop: float, buffers: Buffers):
-    """`accumulate_kernel` (with closing = 1) and `resolve_kernel`, on slots."""
-    i = wp.tid()
-    state = buffers.state
-    if i >= state[LISTED]:
-        return
-    ray = buffers.lists[state[PARITY], i]
-    if i >= state[TAKEN]:
-        list_ray(buffers, ray)
-        return
-    stride = state[STRIDE]
-    add_up(state, SAMPLES, buffers.counts[i])
+@wp.func
+def composite_slots(stop: float, buffers: Buffers, i: int, ray: int):
+    """`accumulate_kernel` on the slots of the listed ray i.
+
+    Returns:
+        Its transmittance, color and depth up to where the slots end.
+    """
+    stride = buffers.state[STRIDE]
     slots = buffers.slots
-    pixels = buffers.pixels
-    transmittance = pixels.transmittance[ray]
-    c = pixels.color[ray]
-    total_t = pixels.depth[ray]
+    transmittance = buffers.pixels.transmittance[ray]
+    c = buffers.pixels.color[ray]
+    total_t = buffers.pixels.depth[ray]
     n = int(i)
     last = i + buffers.counts[i] * stride
     while n < last and transmittance >= stop:
@@ -314,16 +324,40 @@ def composite_slots_kernel(stop: float, buffers: Buffers):
         total_t += w * slots.t[n]
         transmittance *= remaining
         n += stride
+    return transmittance, c, total_t
+
+
+@wp.func
+def keep_or_finish(
+    stop: float, buffers: Buffers, ray: int, transmittance: float, color: wp.vec3, total_t: float
+):
+    """List a ray for the next round, or write its pixel: `resolve_kernel`, with closing = 1."""
+    pixels = buffers.pixels
     if transmittance >= stop and buffers.rays.tet[ray] > -2:
         pixels.transmittance[ray] = transmittance
-        pixels.color[ray] = c
+        pixels.color[ray] = color
         pixels.depth[ray] = total_t
         list_ray(buffers, ray)
         return
     opacity = 1.0 - transmittance
-    total_t /= wp.max(opacity, 1.0e-6)
+    depth = total_t / wp.max(opacity, 1.0e-6)
+    c = color
     if transmittance < stop:
-        c /= opacity
+        c = color / opacity
         opacity = 1.0
-    c += (1.0 - opacity) * buffers.background[0]
-    finish_ray(buffers, ray, c, opacity, total_t)
+    finish_ray(buffers, ray, c + (1.0 - opacity) * buffers.background[0], opacity, depth)
+
+
+@wp.kernel
+def composite_slots_kernel(stop: float, buffers: Buffers):
+    i = wp.tid()
+    state = buffers.state
+    if i >= state[LISTED]:
+        return
+    ray = buffers.lists[state[PARITY], i]
+    if i >= state[TAKEN]:
+        list_ray(buffers, ray)
+        return
+    add_up(state, SAMPLES, buffers.counts[i])
+    transmittance, color, total_t = composite_slots(stop, buffers, i, ray)
+    keep_or_finish(stop, buffers, ray, transmittance, color, total_t)

@@ -73,6 +73,7 @@ class Wavefront:
         self.buffers = slots.empty_buffers(capacity, slot_count, options.level_count, device)
         pinned = device.is_cuda
         self._host_state = wp.zeros(slots.STATE_SIZE, dtype=int, device="cpu", pinned=pinned)
+        self._background = None  # that the buffers have
         self._graphs = {}  # of one round each, by way, step, stop and levels
         self._likely_rounds = {}  # of each way
 
@@ -82,7 +83,9 @@ class Wavefront:
         Args:
             rows: (first, last): the rows first..last-1 of the camera's image.
         """
-        self.buffers.background.fill_(wp.vec3(*options.background))
+        if self._background != tuple(options.background):
+            self._background = tuple(options.background)
+            self.buffers.background.fill_(wp.vec3(*options.background))
         row_count = rows[1] - rows[0]
         with stage("begin"):
             self._pose.refresh_face_boxes()

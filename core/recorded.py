@@ -1,0 +1,27 @@
+"""Launches that are always the same: on CUDA, one launch for all of them."""
+
+import warp as wp
+
+
+class Recorded:
+    """Calls a function whose launches, copies and arrays never change.
+
+    The first call loads the kernels.  On CUDA the second one records a graph, and all others
+    launch that: ten launches take the host a quarter of a millisecond, a graph takes a tenth
+    of that.
+    """
+
+    def __init__(self, launch, device):
+        self._launch, self._device = launch, wp.get_device(device)
+        self._is_loaded, self._graph = False, None
+
+    def __call__(self):
+        if self._graph is None and not (self._is_loaded and self._device.is_cuda):
+            self._launch()
+            self._is_loaded = True
+            return
+        if self._graph is None:
+            with wp.ScopedCapture(self._device, force_module_load=False) as capture:
+                self._launch()
+            self._graph = capture.graph
+        wp.capture_launch(self._graph)
