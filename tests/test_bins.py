@@ -7,7 +7,6 @@ from slot_rendering import in_slots
 
 from deformrf.core.render import Camera, Lens, Renderer, RenderOptions, from_field_of_view, look_at
 from deformrf.core.render.overlap import bins as bins_module
-from deformrf.core.render.rays import camera_rays
 
 SIZE = 40
 OPTIONS = RenderOptions()
@@ -56,7 +55,7 @@ def met(vertices, tets, origins, directions):
     corners = vertices[tets].astype(float)
     edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
     inverse = np.linalg.inv(edges + 1e-300 * np.eye(3))
-    at = np.einsum("tij,rtj->rti", inverse, origins[:, None] - corners[None, :, 0])
+    at = np.einsum("tij,rtj->rti", inverse, origins.astype(float)[:, None] - corners[None, :, 0])
     along = np.einsum("tij,rj->rti", inverse, directions)
     at = np.concatenate([1.0 - at.sum(-1, keepdims=True), at], -1)
     along = np.concatenate([-along.sum(-1, keepdims=True), along], -1)
@@ -78,10 +77,10 @@ def test_a_bin_has_all_tets_that_its_rays_meet(
     field = make_ball_field(int(rng.integers(1000)), march_step=0.02)
     vertices = folded(field) + rng.normal(scale=0.004, size=(field.mesh.vertex_count, 3))
     vertices = vertices.astype(np.float32)
+    camera = CAMERAS[name](vertices)
     vertices[int(rng.integers(len(vertices)))] += np.float32(3.0) * rng.normal(size=3)
     renderer = in_slots(Renderer(field, device))
     renderer.set_vertices(vertices)
-    camera = CAMERAS[name](vertices)
     renderer.render(camera, OPTIONS)
     bins = renderer._windows._bins._bins
     tets, tet_count = bins.tets.numpy(), renderer.part.mesh.tet_count
@@ -92,7 +91,8 @@ def test_a_bin_has_all_tets_that_its_rays_meet(
     has = has.reshape(-1, bin_count)[:tet_count].astype(bool)  # in order
 
     assert sorted(order) == list(range(tet_count)) and (np.diff(nears) >= 0.0).all()
-    origins, directions = camera_rays(camera)
+    rays, count = renderer._wavefront.buffers.rays, camera.width * camera.height
+    origins, directions = (a.numpy()[:count] for a in (rays.origins, rays.directions))
     t_in, t_out = met(vertices, renderer.part.mesh.tets[order], origins, directions)
     scale = 1.0 + np.abs(camera.position).max()
     meets = t_out - t_in > 1e-5 * scale

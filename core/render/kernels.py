@@ -14,10 +14,10 @@ def kernel_modules(device) -> list[str]:
     names += [module.__name__ for module in (modes, subpixel)]
     kernels = [camera_rays_kernel, resolve_kernel]
     if str(device).startswith("cuda"):
-        from .overlap import WindowSlots
+        from .overlap import TetBins, WindowSlots
         from .rounds import begin_kernel
 
-        names += [PieceMerger.__module__, WindowSlots.__module__]
+        names += [owner.__module__ for owner in (PieceMerger, TetBins, WindowSlots)]
         kernels += [march_kernel, begin_kernel]
         kernels += [encode_kernel, shading.half_basis_kernel, networks_kernel]
     else:  # what crowded rays need is compiled when there are any

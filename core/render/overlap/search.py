@@ -3,9 +3,7 @@
 A mesh overlaps itself nowhere if all its tets have one orientation, none is nearly flat, no
 edge of the boundary touches a face that it shares no vertex with, and no part lies inside
 another: a map that keeps orientation and is one to one on the boundary is one to one inside.
-Two kernels check the boundary once per pose, `crossed_edges_kernel` and
-`nested_parts_kernel`; orientation and flatness come with the tet frames.  Without overlap
-nothing else happens.
+`search_kernel` checks that once per pose.  Without overlap nothing else happens.
 
 With overlap, each ray is classified.  It is *tangled* if it meets a tet that is inverted or
 nearly flat, or if it is inside two boundary shells at once.  merging.py renders tangled rays,
@@ -59,6 +57,8 @@ class Overlap:
         self.tangled.shells = 0
         faces, labels = pose.boundary_faces, face_components(neighbours)
         _, first_tets = np.unique(labels, return_index=True)  # one of each part
+        if len(first_tets) == 1:  # which is in no other
+            first_tets = first_tets[:0]
         # `edges` takes tets: with the first corner twice it finds those of a face, and loops.
         boundary_edges = edges(np.concatenate([faces, faces[:, :1]], axis=1))
         with wp.ScopedDevice(pose.device):
@@ -92,24 +92,19 @@ class Overlap:
         if self._searched == pose.revision:
             return
         self._searched = pose.revision
-        if len(self._part_tets) > 1:
+        if len(self._part_tets):
             pose.refresh_face_boxes()
         self._search()
         if self._counted:
             wp.get_stream(pose.device).record_event(self._counted)
 
     def _launch_search(self):
-        pose, device = self._pose, self._pose.device
+        pose, tet_count = self._pose, len(self._pose.tets)
         self.counts.zero_()
-        found = [self.counts, self.tangled.ids]
-        wp.launch(tangled_tets_kernel, len(pose.tets), [pose.geometry], found, device=device)
-        inputs = [pose.geometry, self._edges]
-        wp.launch(crossed_edges_kernel, len(self._edges), inputs, [self.counts], device=device)
-        if len(self._part_tets) > 1:
-            inputs = [pose.geometry, self._part_tets]
-            wp.launch(
-                nested_parts_kernel, len(self._part_tets), inputs, [self.counts], device=device
-            )
+        threads = tet_count + len(self._edges) + len(self._part_tets)
+        inputs = [pose.geometry, tet_count, self._edges, self._part_tets]
+        outputs = [self.counts, self.tangled.ids]
+        wp.launch(search_kernel, threads, inputs, outputs, device=pose.device)
         wp.copy(self._host_counts, self.counts)
 
     def prepare(self) -> None:
@@ -155,17 +150,6 @@ def may_meet(geometry: Geometry, tet: int, origin: wp.vec3, direction: wp.vec3):
     return met
 
 
-@wp.kernel
-def tangled_tets_kernel(
-    geometry: Geometry,
-    counts: wp.array(dtype=int),  # [2] added to
-    tangled: wp.array(dtype=int),  # [T] out, in no particular order
-):
-    tet = wp.tid()
-    if is_tangled_tet(geometry, tet):
-        tangled[wp.atomic_add(counts, wp.static(TANGLED_TETS), 1)] = tet
-
-
 @wp.func
 def side(a: wp.vec3, b: wp.vec3, c: wp.vec3, p: wp.vec3):
     """The side of the plane through a, b, c with the point p: -1, 1, or 0 in the plane."""
@@ -193,20 +177,13 @@ def touches(p: wp.vec3, q: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     return through
 
 
-@wp.kernel
-def crossed_edges_kernel(
-    geometry: Geometry,
-    boundary_edges: wp.array(dtype=wp.vec2i),  # [E]
-    counts: wp.array(dtype=int),  # [2] added to
-):
-    """Count boundary edges that touch a boundary face with which they share no vertex."""
-    edge = boundary_edges[wp.tid()]
+@wp.func
+def is_crossed(geometry: Geometry, edge: wp.vec2i):
+    """Whether a boundary edge touches a boundary face with which it shares no vertex."""
     i = edge[0]
     j = edge[1]
     p = geometry.vertices[i]
     q = geometry.vertices[j]
-    if counts[wp.static(CROSSINGS)] > 0:  # one is enough
-        return
     query = wp.mesh_query_aabb(geometry.boundary, wp.min(p, q), wp.max(p, q))
     index = int(0)
     while wp.mesh_query_aabb_next(query, index):
@@ -218,22 +195,17 @@ def crossed_edges_kernel(
             b = geometry.vertices[face[1]]
             c = geometry.vertices[face[2]]
             if touches(p, q, a, b, c):
-                wp.atomic_add(counts, wp.static(CROSSINGS), 1)
-                return
+                return True
+    return False
 
 
-@wp.kernel
-def nested_parts_kernel(
-    geometry: Geometry,
-    part_tets: wp.array(dtype=wp.vec4i),  # [C] corners of a tet of each part
-    counts: wp.array(dtype=int),  # [2] added to
-):
-    """Count parts of which a point is not inside exactly one shell, the part's own.
+@wp.func
+def is_nested(geometry: Geometry, corners: wp.vec4i):
+    """Whether the middle of a tet is not inside exactly one shell, that of the tet's part.
 
     A ray ends outside of all shells, so the signs of its crossings add up to the number of
     shells around its origin.
     """
-    corners = part_tets[wp.tid()]
     vertices = geometry.vertices
     point = vertices[corners[0]] + vertices[corners[1]] + vertices[corners[2]]
     point = 0.25 * (point + vertices[corners[3]])
@@ -244,7 +216,35 @@ def nested_parts_kernel(
     while wp.bvh_query_next(query, index):
         crossing, _t = crossing_of(geometry, index, point, PROBE)
         shells += int(facing) * crossing
-    if shells != 1:
+    return shells != 1
+
+
+@wp.kernel
+def search_kernel(
+    geometry: Geometry,
+    tet_count: int,
+    boundary_edges: wp.array(dtype=wp.vec2i),  # [E]
+    part_tets: wp.array(dtype=wp.vec4i),  # [C] corners of a tet of each part
+    counts: wp.array(dtype=int),  # [2] added to
+    tangled: wp.array(dtype=int),  # [T] out, in no particular order
+):
+    """Find tangled tets; count crossed edges, up to some, and nested parts.
+
+    Threads for tets come first, then those for edges and parts: side by side they take as long
+    as the slowest.
+    """
+    i = wp.tid()
+    edge = i - tet_count
+    part = edge - boundary_edges.shape[0]
+    found = bool(False)
+    if edge < 0:
+        if is_tangled_tet(geometry, i):
+            tangled[wp.atomic_add(counts, wp.static(TANGLED_TETS), 1)] = i
+    elif part >= 0:
+        found = is_nested(geometry, part_tets[part])
+    elif counts[wp.static(CROSSINGS)] == 0:  # one is enough
+        found = is_crossed(geometry, boundary_edges[edge])
+    if found:
         wp.atomic_add(counts, wp.static(CROSSINGS), 1)
 
 

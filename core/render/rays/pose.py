@@ -22,6 +22,7 @@ QUERY_GAP = wp.constant(4.0e-6)
 # A tet flatter than this (σ_min/σ_max) has no coordinates.  Rays that meet a fading tet are
 # tangled (overlap/search.py).  A walk meets a flat one by rounding only, and ends there.
 FLAT = wp.constant(1.0e-5)
+FITTED_TREE = "sah"  # the host builds it once; rays find their way faster than in a GPU's own
 LONG = wp.constant(1.0e3)  # a stretch; svd3 computes with fourth powers, which have to fit
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
@@ -195,7 +196,7 @@ def boxes_kernel(
     uppers[i] = wp.max(wp.max(a, b), wp.max(c, d)) + gap
 
 
-def box_tree(vertices, groups, ids=None, old: wp.Bvh | None = None) -> wp.Bvh:
+def box_tree(vertices, groups, ids=None, old: wp.Bvh | None = None, constructor=None) -> wp.Bvh:
     """A BVH of the boxes of groups of vertices, see `boxes_kernel`; `old` is refitted."""
     device = vertices.device
     ids = wp.empty(0, dtype=int, device=device) if ids is None else ids
@@ -206,7 +207,7 @@ def box_tree(vertices, groups, ids=None, old: wp.Bvh | None = None) -> wp.Bvh:
         boxes = [old.lowers, old.uppers]
     wp.launch(boxes_kernel, count, inputs=[vertices, groups, ids], outputs=boxes, device=device)
     if old is None:
-        return wp.Bvh(*boxes)
+        return wp.Bvh(*boxes, constructor=constructor)
     old.refit()
     return old
 
@@ -238,7 +239,9 @@ class Pose:
             )
             # wp.Mesh owns its points: refit reads what set_vertices copied into them.
             self._boundary = wp.Mesh(
-                points=wp.clone(self.vertices), indices=wp.array(faces.ravel(), dtype=int)
+                points=wp.clone(self.vertices),
+                indices=wp.array(faces.ravel(), dtype=int),
+                bvh_constructor=FITTED_TREE,
             )
             self._face_boxes, self._face_boxes_revision = None, 0
             self._face_corners = wp.array(faces[:, [0, 1, 2, 2]], dtype=wp.vec4i)
@@ -291,5 +294,6 @@ class Pose:
             self._fit_face_boxes()
 
     def _fit_faces(self):
-        self._face_boxes = box_tree(self.vertices, self._face_corners, old=self._face_boxes)
+        corners, old = self._face_corners, self._face_boxes
+        self._face_boxes = box_tree(self.vertices, corners, old=old, constructor=FITTED_TREE)
         self.geometry.face_boxes = self._face_boxes.id
