@@ -4,12 +4,12 @@ The solver always steps by 1/60 s, since another length would make it compute it
 anew; a frame takes as many steps as fit in it.  Positions are model space, V vertices.
 """
 
-from dataclasses import asdict
 from functools import partial
 
 import numpy as np
 
 from ...core.deform import TIME_STEP, Sphere, falloff, lowest_pins, vertices_within
+from ..camera import values_of
 from ..history import Journal, edit, is_nothing, restore, state_of
 from ..rigging import Hold, Posing, Rigging, rig_of
 from ..settings import CPU_TARGET_FPS, SHOWN, Settings
@@ -168,7 +168,7 @@ class Scene:
     def note_view(self) -> None:
         """Let the journal know how the object is shown, and of a camera that a hand moves."""
         shown = {name: getattr(self.settings, name) for name in SHOWN}
-        camera = {} if self.timeline.moves_camera else asdict(self.orbit)
+        camera = {} if self.timeline.moves_camera else values_of(self.orbit)
         self.journal.note_view(camera | shown)
 
     def look(self, least=VISIBLE) -> None:
