@@ -6,6 +6,7 @@ import moderngl
 import numpy as np
 
 from ...core.paths import SHADERS
+from ...core.render import view_projection
 
 
 def program(
@@ -33,11 +34,26 @@ def full_screen(
 
 
 def set_uniforms(program: moderngl.Program, **values) -> None:
-    """Set uniforms, except those that the compiler removed; matrices are [rows, columns]."""
+    """Set uniforms, except those that the compiler removed; matrices are [rows, columns].
+
+    Most stay the same from frame to frame: what a program has already is not set again.
+    """
+    kept = program.extra = program.extra or {}
     for name, value in values.items():
-        if name in program:
-            numbers = np.transpose(value).flatten().tolist()  # OpenGL stores columns
-            program[name].value = tuple(numbers) if np.ndim(value) else value
+        if isinstance(value, np.ndarray):
+            value = tuple(value.T.ravel().tolist())  # OpenGL stores columns
+        if name not in kept or kept[name] != value:
+            kept[name] = value
+            if (uniform := program.get(name, None)) is not None:
+                uniform.value = value
+
+
+def view_matrices(camera, clip_range) -> dict:
+    """The uniforms `world_to_camera` and `projection` of what is drawn by vertices."""
+    return {
+        "world_to_camera": np.linalg.inv(camera.camera_to_world),
+        "projection": view_projection(camera, *clip_range) @ camera.camera_to_world,
+    }
 
 
 def depth_terms(near: float, far: float, parallel: bool = False) -> tuple[float, float]:
