@@ -310,10 +310,8 @@ class Posing:
             self._take_pins()
             driven = self._driven_ids()
             scene.grip.hold_bones(driven, vertices[driven])
-        elif not np.array_equal(vertices, scene.solver.vertices.numpy()):
-            scene.solver.set_state(vertices)
         else:
-            scene.solver.velocities.zero_()
+            scene.solver.stand(vertices)
         scene.revision += 1
 
     def _driven_ids(self):
