@@ -1,12 +1,13 @@
 """OpenGL helpers: programs from the shaders folder, the full-screen triangle, the canvas."""
 
 from contextlib import contextmanager
+from functools import lru_cache
 
 import moderngl
 import numpy as np
 
 from ...core.paths import SHADERS
-from ...core.render import view_projection
+from ...core.render import Camera, view_projection
 
 
 def program(
@@ -50,6 +51,13 @@ def set_uniforms(program: moderngl.Program, **values) -> None:
 
 def view_matrices(camera, clip_range) -> dict:
     """The uniforms `world_to_camera` and `projection` of what is drawn by vertices."""
+    pose = np.asarray(camera.camera_to_world, float).tobytes()
+    return _view_matrices(pose, camera.lens, camera.parallel, clip_range)
+
+
+@lru_cache(maxsize=1)  # layers draw for the same camera, which often rests
+def _view_matrices(pose, lens, parallel, clip_range):
+    camera = Camera(np.frombuffer(pose).reshape(4, 4), lens, parallel)
     return {
         "world_to_camera": np.linalg.inv(camera.camera_to_world),
         "projection": view_projection(camera, *clip_range) @ camera.camera_to_world,
