@@ -93,7 +93,7 @@ def slerp(a, b, share):
     """From a (share 0) to b (share 1) at constant speed, the shorter way.  [..., 4]"""
     a, b = np.asarray(a, float), np.asarray(b, float)
     share = np.asarray(share, float)[..., None]
-    cosine = np.sum(a * b, axis=-1, keepdims=True)
+    cosine = np.add.reduce(a * b, axis=-1, keepdims=True)  # np.sum takes longer on few
     b, cosine = np.where(cosine < 0.0, -b, b), np.abs(cosine)
     angle = np.arccos(np.minimum(cosine, CLOSE))
     on_arc = (np.sin((1.0 - share) * angle) * a + np.sin(share * angle) * b) / np.sin(angle)

@@ -4,6 +4,8 @@ They are seen through the object.  Far ones are drawn first, and only faces that
 eye, so that they need no depth.  The shader makes the faces.  B bones, S joints.
 """
 
+import operator
+
 import moderngl
 import numpy as np
 
@@ -33,7 +35,7 @@ class BoneLayer:
         self._sphere_buffer = ctx.buffer(reserve=4 * SPHERE_FLOATS * most, dynamic=True)
         layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
         self._spheres = ctx.vertex_array(gl.program(ctx, "handles"), [layout])
-        self._ends = self._state = None  # what the buffers hold
+        self._state = (None,) * 5  # what the buffers hold
         self._bone_count = self._sphere_count = 0
 
     def draw(self, camera, clip_range, place=None) -> None:
@@ -65,15 +67,11 @@ class BoneLayer:
     def _write(self, place):
         """Bring what is drawn to the buffers, if it has changed."""
         scene, rigging = self._scene, self._scene.rigging
-        state = (
-            (rigging.selected, scene.handle_radius),
-            pose_of(scene.orbit)[:3, 3].tobytes(),  # far ones are drawn first
-            [None if one is None else np.asarray(one).tobytes() for one in (rigging.loose, place)],
-        )
-        ends = scene.posing.ends
-        if self._ends is ends and self._state == state:
+        eye = pose_of(scene.orbit)  # far ones are drawn first
+        state = scene.posing.ends, eye, rigging.selected, rigging.loose, place
+        if all(map(operator.is_, state, self._state)):  # none of them is changed in place
             return
-        self._ends, self._state = ends, state
+        self._state = state
         bones, spheres = bone_instances(scene), joint_spheres(scene, place)
         self._bone_count, self._sphere_count = len(bones), len(spheres)
         if len(bones):
