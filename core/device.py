@@ -7,7 +7,9 @@ there is any.  Training that torchrun starts has as many GPUs as processes, one 
 import ctypes
 import os
 import sys
+import time
 from contextlib import contextmanager
+from functools import lru_cache
 from math import ceil
 from pathlib import Path
 from typing import Literal
@@ -54,6 +56,12 @@ def thread_count() -> int:
 
 def _container_cores(root: Path = Path("/sys/fs/cgroup")) -> float:
     """The CPU quota of the container in cores; infinite without one."""
+    return _quota(root, int(time.monotonic()))
+
+
+@lru_cache(maxsize=1)
+def _quota(root, _second) -> float:
+    """As _container_cores; read once a second, since rendering asks in every frame."""
     try:
         if (limit := root / "cpu.max").exists():  # cgroup v2: "200000 100000" or "max 100000"
             quota, period = limit.read_text().split()

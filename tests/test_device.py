@@ -68,6 +68,15 @@ def test_a_containers_quota_is_read(tmp_path, files, cores):
     assert devices._container_cores(tmp_path) == cores
 
 
+def test_a_quota_is_read_once_a_second(tmp_path, monkeypatch):
+    times = iter([10.2, 10.9, 11.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(times))
+    (tmp_path / "cpu.max").write_text("150000 100000\n")
+    assert devices._container_cores(tmp_path) == 1.5
+    (tmp_path / "cpu.max").write_text("300000 100000\n")
+    assert [devices._container_cores(tmp_path) for _ in range(2)] == [1.5, 3.0]
+
+
 def test_threads_keep_to_affinity_and_quota(monkeypatch):
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 3, 5}, raising=False)
     monkeypatch.setattr(devices, "_container_cores", lambda: float("inf"))

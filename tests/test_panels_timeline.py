@@ -1,5 +1,7 @@
 """The timeline in a window: mouse, keys and the panel, without a display."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,7 +79,7 @@ def test_keys_are_set_dragged_scrubbed_and_played(app):
     yaw = app.scene.orbit.yaw
     drag(app, place(app, 30, -1), place(app, 120, -1))  # the playhead
     assert abs(line.head - 120) <= 2
-    app.scene.orbit = app.scene.orbit.__class__(**{**vars(app.scene.orbit), "yaw": yaw + 1.0})
+    app.scene.orbit = replace(app.scene.orbit, yaw=yaw + 1.0)
     press(app, "K", key.MOD_CTRL)
     assert len(line.keys["camera"]) == 2
     drag(app, place(app, line.head, 0), place(app, 6, 0))  # its diamond

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 
 from deformrf.core.deform import TIME_STEP
 from deformrf.core.field import load, save
@@ -315,3 +316,19 @@ def test_an_object_that_is_let_go_on_the_ground_stays_there(make_ball_field):
         scene.advance(1 / 60)
         heights.append(scene.solver.vertices.numpy()[:, 2].mean())
     assert max(heights) < scene.field.mesh.rest_vertices[:, 2].mean() + 0.03 * scene.size
+
+
+def test_a_pose_that_was_set_is_looked_at_without_waiting_for_the_device(scene, monkeypatch):
+    downloads, numpy = [], wp.array.numpy
+    monkeypatch.setattr(wp.array, "numpy", lambda self: downloads.append(self) or numpy(self))
+    vertices = scene.field.mesh.rest_vertices + np.float32(0.1)
+    scene.solver.set_state(vertices)
+    scene.revision += 1
+    scene.look()
+    assert downloads == []
+    scene.solver.set_state(vertices + np.float32(0.1))
+    np.testing.assert_array_equal(scene.positions, vertices.astype(np.float32))  # as looked at
+    revision = scene.revision
+    scene.look()
+    assert scene.revision == revision + 1
+    np.testing.assert_array_equal(scene.positions, scene.solver.vertices.numpy())

@@ -112,6 +112,22 @@ def test_a_free_body_keeps_its_momentum(device):
     np.testing.assert_allclose(angular, start[1], atol=5e-3 * np.abs(start[1]).max())
 
 
+def test_what_stands_where_it_is_told_to_stand_is_not_woken(device):
+    xpbd = XpbdSolver(TET.rest_vertices, TET.tets, Material(), np.zeros(4, bool), device=device)
+    moved = TET.rest_vertices + 0.125
+    xpbd.stand(TET.rest_vertices.astype(np.float32))
+    assert xpbd.settled
+    xpbd.stand(moved)
+    assert not xpbd.settled
+    np.testing.assert_array_equal(xpbd.vertices.numpy(), moved.astype(np.float32))
+    xpbd.set_state(moved, np.full((4, 3), 0.5))
+    xpbd.step(DT)
+    assert (xpbd.vertices.numpy() > moved + 0.004).all()
+    xpbd.stand(moved)  # steps have moved it since it was put there
+    np.testing.assert_array_equal(xpbd.vertices.numpy(), moved.astype(np.float32))
+    assert not xpbd.velocities.numpy().any()
+
+
 def test_free_fall_follows_its_closed_form(device):
     mesh, drag, n = ball(), 0.8, XpbdOptions().substep_count
     xpbd = solver(mesh, free(mesh), device, gravity=(0, 0, -9.81), air_drag=drag)

@@ -67,7 +67,7 @@ class FrameTimes:
     def means(self) -> dict[str, float]:
         """Mean seconds per part of the frames of the last second."""
         shown = self._shown(self._kept) or [(0.0, 0.0, dict.fromkeys(PARTS, 0.0))]
-        return {name: float(np.mean([parts[name] for _, _, parts in shown])) for name in PARTS}
+        return {name: sum(parts[name] for _, _, parts in shown) / len(shown) for name in PARTS}
 
     def passed(self, seconds: float, ticks: int) -> None:
         """Note the seconds that passed for the user, and the ticks for an object that moves."""

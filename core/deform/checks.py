@@ -30,9 +30,10 @@ def vectors(values, count, what, of):
     values = np.asarray(values, np.float32)
     if values.shape != (count, 3):
         raise ValueError(f"the {what}s have shape {values.shape}; there are {count} {of}s")
-    wrong = np.flatnonzero(~np.isfinite(values).all(axis=1))
-    if len(wrong):
-        raise ValueError(f"the {what} of {of} {wrong[0]} is {values[wrong[0]]}; give finite ones")
+    finite = np.isfinite(values)
+    if not finite.all():
+        wrong = int(np.argmin(finite.all(axis=1)))
+        raise ValueError(f"the {what} of {of} {wrong} is {values[wrong]}; give finite ones")
     return np.clip(values, -FARTHEST, FARTHEST)
 
 

@@ -6,6 +6,7 @@ Shapes: V vertices, K handles.
 import numpy as np
 import warp as wp
 
+from ..feed import Feed
 from . import checks
 from .arrays import VertexArrays
 from .constraints import NO_SPRING, spring_coefficients
@@ -22,6 +23,8 @@ class Holds:
         self.handles = np.empty(0, np.int64)  # vertex ids  [K]
         self.springs = None  # stiffness and force limit of each handle [K, 2]; None: exact
         self._targets = None  # of the handles, as last given to move()
+        # Which handles move [K] bool, their targets on the device, and a Feed of those; None: look.
+        self._movable = None
 
     def set_masses(self, masses):
         """Take masses [kg]; a vertex of mass 0 stays where it is.  [V]"""
@@ -50,9 +53,15 @@ class Holds:
         if self._targets is not None and np.array_equal(targets, self._targets):
             return
         self._targets = targets.copy()
-        free = ~self.pinned[self.handles]
-        if free.any():
-            self._state.targets[self._ids(self.handles[free])].assign(targets[free])
+        if self._movable is None:
+            free = ~self.pinned[self.handles]
+            values = wp.empty(int(free.sum()), dtype=wp.vec3, device=self._state.targets.device)
+            where = self._state.targets[self._ids(self.handles[free])] if len(values) else None
+            self._movable = free, where, values, Feed(values)
+        free, where, values, feed = self._movable
+        if where is not None:
+            feed.put(targets[free])
+            wp.copy(where, values)
 
     def set_rescued(self, mask):
         """Make these vertices kinematic, and release those of the rescue before.  [V] bool
@@ -65,10 +74,10 @@ class Holds:
         self.rescued = mask
         self._update()
 
-    def set_positions(self, vertices):
-        """All vertices were moved: set anchors and targets to the new positions.  [V, 3]"""
-        self._state.anchors.assign(vertices)
-        self._state.targets.assign(vertices)
+    def set_positions(self):
+        """All vertices were moved: set anchors and targets to the new positions."""
+        for goals in (self._state.anchors, self._state.targets):
+            wp.copy(goals, self._state.vertices)
         self._targets = None
 
     @property
@@ -97,6 +106,7 @@ class Holds:
         return wp.array(ids, dtype=int, device=self._state.vertices.device)
 
     def _update(self):
+        self._movable = None
         kinematic = self.pinned | self.rescued
         if self.springs is None:
             kinematic[self.handles] = True

@@ -14,6 +14,7 @@ import math
 import numpy as np
 import warp as wp
 
+from ..feed import Feed
 from ..geometry import components
 from . import checks, constraints
 from .arrays import ConstraintList, frame_arrays
@@ -94,6 +95,8 @@ class XpbdSolver:
         arrays = frame_arrays(count, *(part.arrays for part in self._lists), self.device)
         self._state, self._timing = arrays.state, arrays.timing
         self.vertices, self.velocities = arrays.state.vertices, arrays.state.velocities
+        self._feed = Feed(self.vertices)
+        self._placed = None  # where set_state has put the vertices, if no step has passed  [V, 3]
         self._rest_shape = RestShape(self.rest_vertices, *self._lists, self.vertices)
         self._holds = Holds(pinned, arrays.state)
         self._free_parts = FreeParts(arrays.state, self._part_of)
@@ -249,10 +252,12 @@ class XpbdSolver:
     def set_state(self, vertices, velocities=None):
         """Start from these positions [m] and velocities [m/s] (zero by default).  [V, 3]"""
         vertices = checks.vectors(vertices, len(self.pinned), "position", "vertex")
-        self.vertices.assign(vertices)
-        self._holds.set_positions(vertices)
-        self._state.deltas.zero_()
-        self._state.presses.zero_()
+        self._feed.put(vertices)
+        self._holds.set_positions()
+        if self._placed is None:  # else nothing has written to them since
+            self._state.deltas.zero_()
+            self._state.presses.zero_()
+        self._placed = vertices
         self.velocities.zero_()
         self._contact.forget()
         self._guard.reset()
@@ -260,6 +265,14 @@ class XpbdSolver:
             velocities = checks.vectors(velocities, len(self.pinned), "velocity", "vertex")
             self.velocities.assign(velocities)
         self._touch()
+
+    def stand(self, vertices):
+        """Stand still at these positions [m]; if they are those of now, nothing wakes.  [V, 3]"""
+        now = self.vertices.numpy() if self._placed is None else self._placed
+        if np.array_equal(vertices, now):
+            self.velocities.zero_()
+        else:
+            self.set_state(vertices)
 
     @property
     def settled(self) -> bool:
@@ -295,6 +308,7 @@ class XpbdSolver:
         self._read_feedback()
         if self.settled:
             return
+        self._placed = None
         if dt != self._dt:
             self._dt = dt
             self._stale = True

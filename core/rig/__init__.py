@@ -12,6 +12,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "Skeleton",
             "make_skeleton",
             "mixed",
+            "moved_tails",
             "parents_first",
             "pose_of",
             "posed",

@@ -72,9 +72,9 @@ def _interpolated(channel: Channel, values, seconds: float) -> np.ndarray:
         values: [K, ..., 3 or 4]; CUBICSPLINE: [K, ..., 3, 3 or 4].
     """
     times, turns = channel.times, channel.path == "rotation"
-    after = int(np.searchsorted(times, seconds, side="right"))
+    after = int(times.searchsorted(seconds, side="right"))
     k, following = max(after - 1, 0), min(after, len(times) - 1)
-    span = times[following] - times[k]
+    span = float(times[following] - times[k])
     share = (seconds - times[k]) / span if span > 0.0 else 0.0
     first, second = values[k], values[following]
     if channel.interpolation == "CUBICSPLINE":

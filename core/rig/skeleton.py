@@ -19,6 +19,7 @@ MOST_BONES = 1024
 LONGEST_NAME = 100  # characters
 RIGID = 1e-4  # how far the rotation part of a rest frame may be from orthogonal
 FARTHEST = 1e6  # of a head or tail from the origin
+JOINED = 1e-6  # a head so near to its parent's tail is the same joint [model units]
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,26 @@ class Skeleton:
                 lists[parent].append(bone)
         return tuple(map(tuple, lists))
 
+    @cached_property
+    def joined(self) -> np.ndarray:
+        """Whether bones' heads are their parents' tails.  [B] bool"""
+        away = self.heads - self.tails[self.parents]
+        return (self.parents >= 0) & (np.linalg.norm(away, axis=1) <= JOINED)
+
+    @cached_property
+    def inverse_rest(self) -> np.ndarray:
+        """From model space to the bones' own at rest.  [B, 4, 4]"""
+        return rigid_inverse(self.rest)
+
+    @cached_property
+    def _generations(self):
+        """Bones that have as many ancestors, and their parents; roots are left out."""
+        depth = []
+        for parent in self.parents.tolist():
+            depth.append(0 if parent < 0 else depth[parent] + 1)
+        bones = [np.flatnonzero(np.array(depth) == k) for k in range(1, max(depth) + 1)]
+        return [(some, self.parents[some]) for some in bones]
+
     def bone(self, name: str) -> int:
         """The number of the bone of that name; ValueError without one."""
         if name not in self.names:
@@ -136,29 +157,32 @@ def parents_first(names: Sequence[str], parents: Sequence[int]) -> list[int]:
 
 def local_matrices(pose: Pose) -> np.ndarray:
     """T·R·S of each bone.  [B, 4, 4]"""
-    frames = np.tile(np.eye(4), (len(pose.translations), 1, 1))
+    frames = np.zeros((len(pose.translations), 4, 4))
     frames[:, :3, :3] = rotations.matrix_of(pose.rotations) * pose.scales[:, None, :]
-    frames[:, :3, 3] = pose.translations
+    frames[:, :3, 3], frames[:, 3, 3] = pose.translations, 1.0
     return frames
 
 
 def posed(skeleton: Skeleton, pose: Pose) -> np.ndarray:
     """The bones' frames in model space.  [B, 4, 4]"""
     frames = local_matrices(pose)
-    for bone, parent in enumerate(skeleton.parents.tolist()):
-        if parent >= 0:
-            frames[bone] = frames[parent] @ frames[bone]
+    for bones, parents in skeleton._generations:
+        frames[bones] = frames[parents] @ frames[bones]
     return frames
 
 
 def skinning_matrices(skeleton: Skeleton, pose: Pose) -> np.ndarray:
     """From rest to the pose, for each bone.  [B, 4, 4]"""
-    return posed(skeleton, pose) @ rigid_inverse(skeleton.rest)
+    return posed(skeleton, pose) @ skeleton.inverse_rest
 
 
 def posed_tails(skeleton: Skeleton, pose: Pose) -> np.ndarray:
     """The bones' tails in model space.  [B, 3]"""
-    matrices = skinning_matrices(skeleton, pose)
+    return moved_tails(skeleton, skinning_matrices(skeleton, pose))
+
+
+def moved_tails(skeleton: Skeleton, matrices) -> np.ndarray:
+    """The bones' tails after skinning matrices [B, 4, 4].  [B, 3]"""
     return np.einsum("bij,bj->bi", matrices[:, :3, :3], skeleton.tails) + matrices[:, :3, 3]
 
 

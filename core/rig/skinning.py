@@ -23,6 +23,7 @@ Shapes: V vertices, B bones, N non-zero weights.
 import numpy as np
 import warp as wp
 
+from ..feed import Feed
 from . import rotations
 from .methods import Method, check_method
 
@@ -202,30 +203,37 @@ class Skinner:
             on_device(w[vertex, bone], float),
         )
         self._offsets = None if offsets is None else on_device(offsets[vertex, bone], wp.vec3)
-        count = w.shape[1]
-        self._matrices = wp.empty(count, dtype=wp.mat44, device=device)
-        self._whole = wp.empty(count, dtype=wp.mat44, device=device)  # stretches and turns
-        self._turns = wp.empty(count, dtype=wp.quat, device=device)
-        self._duals = wp.empty(count, dtype=wp.quat, device=device)
+        dtypes = {"matrices": wp.mat44, "stretches": wp.mat44, "turns": wp.quat, "duals": wp.quat}
+        self._of_bones = {
+            name: wp.empty(w.shape[1], dtype=dtype, device=device) for name, dtype in dtypes.items()
+        }
+        self._feeds = {name: Feed(array) for name, array in self._of_bones.items()}
+        self._launches = {}  # of the methods
 
     def pose(self, matrices, method: Method = "linear") -> wp.array:
         """The vertices for skinning matrices [B, 4, 4]; the same array each time."""
         check_method(method)
-        whole = matrices = np.asarray(matrices, float)
-        inputs = [*self._fixed, self._matrices]
-        kernel = linear_kernel
+        values = {"matrices": np.asarray(matrices, float)}
         if method == "dual quaternion":
-            turns, duals, matrices = rigid_parts(matrices, self._middles)
-            self._turns.assign(turns.astype(np.float32))
-            self._duals.assign(duals.astype(np.float32))
-            inputs += [self._turns, self._duals]
-            kernel = dual_quaternion_kernel
-        self._matrices.assign(matrices.astype(np.float32))
-        count, device = len(self.vertices), self.device
-        wp.launch(kernel, count, [*inputs, self.vertices], device=device)
-        if self._offsets is not None:
-            self._whole.assign(whole.astype(np.float32))
-            _, starts, bones, _ = self._fixed
-            inputs = [starts, bones, self._offsets, self._whole]
-            wp.launch(offset_kernel, count, [*inputs, self.vertices], device=device)
+            turns, duals, stretches = rigid_parts(values["matrices"], self._middles)
+            values |= {"stretches": stretches, "turns": turns, "duals": duals}
+        for name, numbers in values.items():
+            self._feeds[name].put(numbers)
+        if method not in self._launches:
+            self._launches[method] = self._recorded(method)
+        for launch in self._launches[method]:
+            launch.launch()
         return self.vertices
+
+    def _recorded(self, method):
+        """The launches of a method: arrays are always the same, and a recorded launch is fast."""
+        of, (_, starts, bones, _) = self._of_bones, self._fixed
+        kernel, inputs = linear_kernel, [of["matrices"]]
+        if method == "dual quaternion":
+            kernel = dual_quaternion_kernel
+            inputs = [of["stretches"], of["turns"], of["duals"]]
+        launches = [(kernel, [*self._fixed, *inputs])]
+        if self._offsets is not None:
+            launches.append((offset_kernel, [starts, bones, self._offsets, of["matrices"]]))
+        count, how = len(self.vertices), {"device": self.device, "record_cmd": True}
+        return [wp.launch(one, count, [*inputs, self.vertices], **how) for one, inputs in launches]

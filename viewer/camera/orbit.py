@@ -6,7 +6,8 @@ above the target's horizon.  Parallel rays (an orthographic view) show what lies
 depth as large as it was, and start so far behind the eye that no object is cut.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -32,10 +33,22 @@ class Orbit:
     up: tuple[float, float, float] = Z_UP  # a unit vector
     parallel: bool = False  # orthographic
 
+    @cached_property
+    def pose(self) -> np.ndarray:
+        """Camera to world; not to be written: it is asked for several times in a frame.  [4, 4]"""
+        made, c, s = np.eye(4), np.cos(self.roll), np.sin(self.roll)
+        right, up, backward = (upright(self.up) @ level_axes(self.yaw, self.pitch)).T
+        made[:3, 0], made[:3, 1], made[:3, 2] = c * right + s * up, c * up - s * right, backward
+        away = self.distance + (BEHIND if self.parallel else 0.0)
+        made[:3, 3] = self.target + away * backward
+        made.flags.writeable = False
+        return made
+
 
 def values_of(orbit: Orbit) -> dict:
     """Its fields, as JSON has them."""
-    return vars(orbit) | {"target": orbit.target.tolist(), "up": list(orbit.up)}
+    values = {one.name: getattr(orbit, one.name) for one in fields(orbit)}
+    return values | {"target": orbit.target.tolist(), "up": list(orbit.up)}
 
 
 def changed(orbit: Orbit, values: dict) -> Orbit:
@@ -96,7 +109,9 @@ def level_axes(yaw: float, pitch: float):
     right = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     x, y = np.cos(pitch) * np.sin(yaw), -np.cos(pitch) * np.cos(yaw)
     backward = np.array([x, y, np.sin(pitch)])
-    return np.stack([right, np.cross(backward, right), backward], axis=1)
+    # np.cross(backward, right), which takes longer than all the rest
+    up = np.array([-backward[2] * right[1], backward[2] * right[0], x * right[1] - y * right[0]])
+    return np.stack([right, up, backward], axis=1)
 
 
 def upright(up):
@@ -130,12 +145,7 @@ def with_up(orbit: Orbit, up) -> Orbit:
 
 def pose_of(orbit: Orbit):
     """Camera to world.  [4, 4]"""
-    made, c, s = np.eye(4), np.cos(orbit.roll), np.sin(orbit.roll)
-    right, up, backward = (upright(orbit.up) @ level_axes(orbit.yaw, orbit.pitch)).T
-    made[:3, 0], made[:3, 1], made[:3, 2] = c * right + s * up, c * up - s * right, backward
-    away = orbit.distance + (BEHIND if orbit.parallel else 0.0)
-    made[:3, 3] = orbit.target + away * backward
-    return made
+    return orbit.pose
 
 
 def camera_of(orbit: Orbit, width: int, height: int) -> Camera:

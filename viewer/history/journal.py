@@ -11,6 +11,7 @@ can be undone.
 """
 
 import inspect
+import math
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
@@ -164,7 +165,7 @@ class Journal:
     def note_view(self, view: dict) -> None:
         """Record what has changed of the camera, of the way to show the object, or of both."""
         view = {name: _plain(value) for name, value in view.items()}
-        if not np.isfinite(np.append(view.get("target", 0.0), view.get("distance", 0.0))).all():
+        if not all(map(math.isfinite, (*view.get("target", ()), view.get("distance", 0.0)))):
             return  # a camera that looks at vertices that aren't numbers
         changed = {name: value for name, value in view.items() if value != self._view.get(name)}
         if changed:

@@ -1,11 +1,13 @@
 """OpenGL helpers: programs from the shaders folder, the full-screen triangle, the canvas."""
 
 from contextlib import contextmanager
+from functools import lru_cache
 
 import moderngl
 import numpy as np
 
 from ...core.paths import SHADERS
+from ...core.render import Camera, view_projection
 
 
 def program(
@@ -33,11 +35,33 @@ def full_screen(
 
 
 def set_uniforms(program: moderngl.Program, **values) -> None:
-    """Set uniforms, except those that the compiler removed; matrices are [rows, columns]."""
+    """Set uniforms, except those that the compiler removed; matrices are [rows, columns].
+
+    Most stay the same from frame to frame: what a program has already is not set again.
+    """
+    kept = program.extra = program.extra or {}
     for name, value in values.items():
-        if name in program:
-            numbers = np.transpose(value).flatten().tolist()  # OpenGL stores columns
-            program[name].value = tuple(numbers) if np.ndim(value) else value
+        if isinstance(value, np.ndarray):
+            value = tuple(value.T.ravel().tolist())  # OpenGL stores columns
+        if name not in kept or kept[name] != value:
+            kept[name] = value
+            if (uniform := program.get(name, None)) is not None:
+                uniform.value = value
+
+
+def view_matrices(camera, clip_range) -> dict:
+    """The uniforms `world_to_camera` and `projection` of what is drawn by vertices."""
+    pose = np.asarray(camera.camera_to_world, float).tobytes()
+    return _view_matrices(pose, camera.lens, camera.parallel, clip_range)
+
+
+@lru_cache(maxsize=1)  # layers draw for the same camera, which often rests
+def _view_matrices(pose, lens, parallel, clip_range):
+    camera = Camera(np.frombuffer(pose).reshape(4, 4), lens, parallel)
+    return {
+        "world_to_camera": np.linalg.inv(camera.camera_to_world),
+        "projection": view_projection(camera, *clip_range) @ camera.camera_to_world,
+    }
 
 
 def depth_terms(near: float, far: float, parallel: bool = False) -> tuple[float, float]:

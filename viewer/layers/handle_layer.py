@@ -7,7 +7,6 @@ than they are by the scene's handle_bias; picking.visible uses the same bias.
 import moderngl
 import numpy as np
 
-from ...core.render import view_projection
 from ..camera import pose_of
 from ..scene import MOST_ADDED, MOST_POINTS
 from . import gl
@@ -36,19 +35,16 @@ class HandleLayer:
 
     def draw(self, camera, clip_range) -> None:
         """Draw into the framebuffer in use what the settings ask for."""
-        view = np.linalg.inv(camera.camera_to_world)
-        projection = view_projection(camera, *clip_range) @ camera.camera_to_world
-        matrices = {"world_to_camera": view, "projection": projection, "parallel": camera.parallel}
-        self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        gl.blend_over(self._ctx)
         if self._scene.settings.show_handles or self._scene.ball is not None:
-            self._draw_spheres(camera, clip_range, matrices)
+            self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+            gl.blend_over(self._ctx)
+            self._draw_spheres(camera, clip_range)
 
     def release(self) -> None:
         self._spheres.release()
         self._sphere_buffer.release()
 
-    def _draw_spheres(self, camera, clip_range, matrices):
+    def _draw_spheres(self, camera, clip_range):
         instances = sphere_instances(self._scene)
         if not len(instances):
             return
@@ -59,7 +55,8 @@ class HandleLayer:
             bias=self._scene.handle_bias,
             pixel_angle=1.0 / camera.focal,
             opacity=1.0,
-            **matrices,
+            parallel=camera.parallel,
+            **gl.view_matrices(camera, clip_range),
         )
         self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(instances))
         held = held_sphere(self._scene)

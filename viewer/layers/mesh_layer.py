@@ -15,7 +15,6 @@ import numpy as np
 
 from ...core.deform import at_vertices, deformation_gradients, rest_tets, strains, volume_ratios
 from ...core.geometry import boundary_faces
-from ...core.render import view_projection
 from . import gl
 from .colormaps import COLORS
 from .legend import Legend, Scale
@@ -60,13 +59,11 @@ class MeshLayer:
         if self._kept is not self._scene.cuts.kept:
             self._take_tets()
         self._write()
-        view = np.linalg.inv(camera.camera_to_world)
         scale = scale_of(settings)
         gl.set_uniforms(
             self._faces.program,
-            world_to_camera=view,
             parallel=camera.parallel,
-            projection=view_projection(camera, *clip_range) @ camera.camera_to_world,
+            **gl.view_matrices(camera, clip_range),
             bias=0.5 * self._scene.handle_radius,  # the depth image may be coarser than the window
             shading=SHADING.get(settings.mesh_surface, LIGHT_SHADING),
             opacity=settings.mesh_opacity if filled else 0.0,

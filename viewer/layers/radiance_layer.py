@@ -303,18 +303,18 @@ class RadianceLayer:
         scaled = self.shown.texture.size != (camera.width, camera.height)
         smooth = scaled and self._scene.settings.mode in SMOOTH_MODES
         self._triangle = self._triangle_for(smooth)
-        extent = np.array([camera.width, camera.height]) / camera.focal
+        (width, height), (x, y) = (camera.width, camera.height), camera.lens.center
         gl.set_uniforms(
             self._triangle.program,
             field_color=0,
             field_depth=1,
-            texel=camera.height / self.shown.height / camera.focal,
+            texel=height / self.shown.height / camera.focal,
             background=self._scene.settings.background,
-            squares=np.array([camera.width, camera.height]) / CHECKER_SIZE,
+            squares=(width / CHECKER_SIZE, height / CHECKER_SIZE),
             checkerboard=self._scene.settings.checkerboard,
             transparent=self.transparent,
-            extent=extent,
-            axis=np.array(camera.lens.center) / [camera.width, camera.height],
+            extent=(width / camera.focal, height / camera.focal),
+            axis=(x / width, y / height),
             parallel=camera.parallel,
             camera_to_world=camera.camera_to_world,
             **self._ground.uniforms(unit=2),

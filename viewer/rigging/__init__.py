@@ -7,7 +7,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "rigging": ["MOST_JOINTS", "Rigging", "rig_of"],
         "posing": ["Posing", "SPEEDS"],
-        "joints": ["ENDS", "HEAD", "LOOSE", "TAIL", "Joint"],
+        "joints": ["ENDS", "HEAD", "LOOSE", "TAIL", "Joint", "joint_mask"],
         "matter": ["Matter"],
         "hold": ["Hold"],
     },

@@ -38,7 +38,7 @@ class Hold:
 
     def hold_bones(self, ids, targets) -> None:
         """Bones hold these vertices [K], and send them to these places.  [K, 3]"""
-        changed = not np.array_equal(ids, self.bones)
+        changed = ids is not self.bones and not np.array_equal(ids, self.bones)
         self.bones, self._bone_targets = np.asarray(ids), np.asarray(targets, float)
         if changed:
             self._give()
@@ -77,6 +77,9 @@ class Hold:
     def _send(self):
         if not len(self.bones):
             self._solver.move(self._hand_targets)
+            return
+        if not len(self.hand):
+            self._solver.move(self._bone_targets)
             return
         targets = self._hand_targets
         if targets is None:

@@ -13,7 +13,6 @@ from ...core.rig import Skeleton, make_skeleton
 
 HEAD, TAIL = ENDS = "head", "tail"
 LOOSE = -1  # the bone of the joint that has none
-JOINED = 1e-6  # a head so near to its parent's tail is the same joint [model units]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ def joints_of(skeleton: Skeleton | None, loose=None, heads=None, tails=None) -> 
         return found
     heads = skeleton.heads if heads is None else heads
     tails = skeleton.tails if tails is None else tails
-    joined = begin_at_parents(skeleton)
+    joined = skeleton.joined
     for bone in range(skeleton.bone_count):
         found.append(Joint(bone, TAIL, tails[bone]))
         if not joined[bone]:
@@ -45,10 +44,13 @@ def joints_of(skeleton: Skeleton | None, loose=None, heads=None, tails=None) -> 
     return found
 
 
-def begin_at_parents(skeleton: Skeleton) -> np.ndarray:
-    """Whether bones' heads are their parents' tails.  [B] bool"""
-    away = skeleton.heads - skeleton.tails[skeleton.parents]
-    return (skeleton.parents >= 0) & (np.linalg.norm(away, axis=1) <= JOINED)
+def joint_mask(skeleton: Skeleton | None) -> np.ndarray:
+    """Which heads and tails are joints of their own.  [B, 2] bool"""
+    if skeleton is None:
+        return np.zeros((0, 2), bool)
+    mask = np.ones((skeleton.bone_count, 2), bool)
+    mask[:, 0] = ~skeleton.joined
+    return mask
 
 
 def with_bone(skeleton: Skeleton | None, parent: int, head, tail) -> Skeleton:
@@ -78,7 +80,7 @@ def moved(skeleton: Skeleton, bone: int, end: str, to) -> Skeleton:
     changed = [bone]
     if end == TAIL:
         tails[bone] = to
-        joined = begin_at_parents(skeleton)
+        joined = skeleton.joined
         children = [c for c in skeleton.children[bone] if joined[c]]
         heads[children] = to
         changed += children
@@ -104,7 +106,7 @@ def without_joint(skeleton: Skeleton, bone: int, end: str) -> Skeleton | None:
     """
     children = skeleton.children[bone]
     if end == TAIL:
-        joined = begin_at_parents(skeleton)
+        joined = skeleton.joined
         at_tail = [c for c in children if joined[c]]
         heads = skeleton.heads.copy()
         heads[at_tail] = skeleton.heads[bone]

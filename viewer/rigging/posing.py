@@ -19,10 +19,9 @@ from ...core.rig import (
     VertexClip,
     driven_vertices,
     mixed,
+    moved_tails,
     phase,
     posed,
-    posed_tails,
-    skinning_matrices,
 )
 from ..history import edit
 
@@ -56,6 +55,7 @@ class Posing:
         self._aim: Pose | None = None  # where a drag wants the bones, until they are there
         self._pins = None  # that are taken off while bones hold vertices  [V] bool
         self._driven = None  # what it follows from, and ids of vertices
+        self._frames = None  # skeleton, pose, and what `_matrices` returns
         self._ends = None  # skeleton, pose, and the ends
 
     @property
@@ -75,8 +75,8 @@ class Posing:
         if self._ends is None or self._ends[0] is not skeleton or self._ends[1] is not self.pose:
             heads, tails = skeleton.heads, skeleton.tails
             if self.pose is not None:
-                heads = posed(skeleton, self.pose)[:, :3, 3]
-                tails = posed_tails(skeleton, self.pose)
+                frames, matrices = self._matrices(self.pose)
+                heads, tails = frames[:, :3, 3], moved_tails(skeleton, matrices)
             self._ends = skeleton, self.pose, np.stack([heads, tails], axis=1)
         return self._ends[2]
 
@@ -289,8 +289,20 @@ class Posing:
 
     def _vertices(self, pose):
         """Where skinning puts the vertices.  [V, 3] float32"""
-        matrices = skinning_matrices(self._rigging.skeleton, pose)
+        _, matrices = self._matrices(pose)
         return self._rigging.bound().pose(matrices, self.method).numpy()
+
+    def _matrices(self, pose):
+        """The bones' frames in a pose, and skinning matrices, both [B, 4, 4].
+
+        Skinning and drawing want those of the same pose.
+        """
+        skeleton = self._rigging.skeleton
+        kept = self._frames
+        if kept is None or kept[0] is not skeleton or kept[1] is not pose:
+            frames = posed(skeleton, pose)
+            self._frames = skeleton, pose, (frames, frames @ skeleton.inverse_rest)
+        return self._frames[2]
 
     def _move(self, vertices):
         scene = self._scene
@@ -298,10 +310,8 @@ class Posing:
             self._take_pins()
             driven = self._driven_ids()
             scene.grip.hold_bones(driven, vertices[driven])
-        elif not np.array_equal(vertices, scene.solver.vertices.numpy()):
-            scene.solver.set_state(vertices)
         else:
-            scene.solver.velocities.zero_()
+            scene.solver.stand(vertices)
         scene.revision += 1
 
     def _driven_ids(self):

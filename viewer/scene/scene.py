@@ -4,12 +4,13 @@ The solver always steps by 1/60 s, since another length would make it compute it
 anew; a frame takes as many steps as fit in it.  Positions are model space, V vertices.
 """
 
-from dataclasses import asdict
 from functools import partial
 
 import numpy as np
+import warp as wp
 
 from ...core.deform import TIME_STEP, Sphere, falloff, lowest_pins, vertices_within
+from ..camera import values_of
 from ..history import Journal, edit, is_nothing, restore, state_of
 from ..rigging import Hold, Posing, Rigging, rig_of
 from ..settings import CPU_TARGET_FPS, SHOWN, Settings
@@ -76,7 +77,8 @@ class Scene:
         self._paused = False
         self.revision = 0  # counts the changes of the pose
         self._time = 0.0  # s that frames have lasted and no step has covered
-        self._host = None  # the revision, and its positions
+        self._seen = None  # the revision, and its vertices: a copy on the device
+        self._host = None  # the same on the host, once they are wanted  [V, 3]
         self.viewpoint = Viewpoint(self)
         self.timeline = Timeline(self)
         self.journal = Journal(*(partial(act, self) for act in (state_of, restore, is_nothing)))
@@ -90,9 +92,18 @@ class Scene:
     @property
     def positions(self):
         """The current vertices on the host.  [V, 3] float32"""
-        if self._host is None or self._host[0] != self.revision:
-            self._host = self.revision, np.array(self.solver.vertices.numpy())
-        return self._host[1]
+        if self._seen is None or self._seen[0] != self.revision:
+            self._take_pose()
+        if self._host is None:
+            self._host = np.array(self._seen[1].numpy())
+        return self._host
+
+    def _take_pose(self):
+        """The pose of now is that of the revision.  The host doesn't wait for it: a clip plays."""
+        now = self.solver.vertices
+        copy = wp.empty_like(now) if self._seen is None else self._seen[1]
+        wp.copy(copy, now)
+        self._seen, self._host = (self.revision, copy), None
 
     @property
     def solver(self):
@@ -168,17 +179,17 @@ class Scene:
     def note_view(self) -> None:
         """Let the journal know how the object is shown, and of a camera that a hand moves."""
         shown = {name: getattr(self.settings, name) for name in SHOWN}
-        camera = {} if self.timeline.moves_camera else asdict(self.orbit)
+        camera = {} if self.timeline.moves_camera else values_of(self.orbit)
         self.journal.note_view(camera | shown)
 
     def look(self, least=VISIBLE) -> None:
         """Take notice of the pose: it has changed if it differs by more than that [sizes]."""
-        now = self.solver.vertices.numpy()
-        if self._host is None or self._host[0] != self.revision:
-            self._host = self.revision, now.copy()  # a clip has set it: one wait for the device
-        elif abs(now - self._host[1]).max() > least * self.size:
+        if self._seen is not None and self._seen[0] == self.revision:
+            moved = abs(self.solver.vertices.numpy() - self.positions)
+            if not moved.max() > least * self.size:
+                return
             self.revision += 1
-            self._host = self.revision, now.copy()
+        self._take_pose()
 
     @property
     def paused(self) -> bool:

@@ -287,11 +287,7 @@ class Timeline:
         if bones is not None:
             return scene.posing.show_pose(bones, at_once=not self.playing)
         scene.posing.end()
-        vertices = k.vertices_at(keys, self.head)
-        if not np.array_equal(vertices, scene.solver.vertices.numpy()):
-            scene.solver.set_state(vertices)
-        else:
-            scene.solver.velocities.zero_()
+        scene.solver.stand(k.vertices_at(keys, self.head))
         self._driver.set_pins(k.around(keys, self.head)[0].pinned)
         return True
 

@@ -52,6 +52,7 @@ class Contact:
         # How far the nearest boxes were apart, how far vertices may have gone since, and went in
         # the last frame that is known [m].
         self._clearance = self._travel = self._motion = 0.0
+        self._entered = False  # whether samples may have faces by which they leave bodies
         self._launches = {}
         self._graph = None  # of `_list` on CUDA; False until it ran once
 
@@ -80,6 +81,7 @@ class Contact:
             self._read()
         if not self._touching:
             return NOTHING
+        self._entered = True
         if self._device.is_cuda and wp.is_mempool_enabled(self._device):
             self._list_at_once()
         else:
@@ -139,8 +141,9 @@ class Contact:
     def forget(self):
         """Vertices were moved by hand: also forget the faces by which samples leave bodies."""
         self.look_again()
-        if self.arrays is not None:
+        if self._entered:
             self._exits.fill_(NO_FACE)
+            self._entered = False
 
     def _build(self):
         (rest_vertices, tets), device = self._mesh, self._device
