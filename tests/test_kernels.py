@@ -48,12 +48,15 @@ def test_the_tensor_cores_kernels_are_not_among_those_of_a_cpu():
 
 
 def test_cudas_kernels_compile_without_a_gpu(tmp_path):
-    """For an H100, to PTX, so that a machine without one tells of mistakes in them."""
+    """For an H100, to its own code, so that a machine without one tells of mistakes in them.
+
+    PTX would not tell that a block needs more shared memory than there is.
+    """
     wp.init()
     if not wp.get_cuda_supported_archs():
         pytest.skip("this Warp has no compiler for CUDA")
     bones = Skinner.__module__
     for name in {*kernel_modules("cuda:0"), *deform.kernel_modules("cuda:0"), bones}:
         importlib.import_module(name)
-        wp.compile_aot_module(name, arch=90, module_dir=tmp_path, use_ptx=True)
-    assert list(tmp_path.glob("*window_slots*.ptx"))
+        wp.compile_aot_module(name, arch=90, module_dir=tmp_path, use_ptx=False)
+    assert list(tmp_path.glob("*window_slots*.cubin"))

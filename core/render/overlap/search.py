@@ -31,13 +31,14 @@ from ..rays import (
 
 TANGLED_TETS, CROSSINGS = 0, 1  # places in a pose's counts
 PLAIN, TANGLED = 0, 1  # places in the counts of rays
+BLOCK_SIZE = 128  # threads: the stacks of more don't fit into a GPU's shared memory
 COPLANAR = wp.constant(1.0e-5)  # of the largest possible volume: float32 can't tell it from 0
 MOST_CROSSINGS = wp.constant(8)  # of a ray; with more it is tangled
 TOUCHING = wp.constant(1.0e-6)  # in t: shells this close may be inside each other
 PROBE = wp.constant(wp.vec3(0.4124, 0.5763, 0.7056))  # a direction along no plane of a lattice
 crossings_vector = wp.types.vector(8, wp.float32)
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+wp.set_module_options({"enable_backward": False, "max_unroll": 2, "block_dim": BLOCK_SIZE})
 
 
 class Overlap:
@@ -104,7 +105,8 @@ class Overlap:
         threads = tet_count + len(self._edges) + len(self._part_tets)
         inputs = [pose.geometry, tet_count, self._edges, self._part_tets]
         outputs = [self.counts, self.tangled.ids]
-        wp.launch(search_kernel, threads, inputs, outputs, device=pose.device)
+        where = {"device": pose.device, "block_dim": BLOCK_SIZE}
+        wp.launch(search_kernel, threads, inputs, outputs, **where)
         wp.copy(self._host_counts, self.counts)
 
     def prepare(self) -> None:
@@ -128,7 +130,8 @@ class Overlap:
         plain = wp.empty(count, dtype=int, device=device)
         tangled = wp.empty(count, dtype=int, device=device)
         inputs = [self._pose.geometry, rays.origins, rays.directions, self.tangled]
-        wp.launch(sort_rays_kernel, count, inputs, [counts, plain, tangled], device=device)
+        outputs, where = [counts, plain, tangled], {"device": device, "block_dim": BLOCK_SIZE}
+        wp.launch(sort_rays_kernel, count, inputs, outputs, **where)
         plain_count, tangled_count = counts.numpy()
         return plain[: int(plain_count)], tangled[: int(tangled_count)]
 
