@@ -1,14 +1,15 @@
 """Frames per second and pixels while a clip plays: the viewer's own frames, without a display.
 
     python tests/benchmarks/clip_speed.py MODEL [--clip Run] [--device cpu|cuda:0]
-        [--sizes 800x800] [--targets 12 15] [--softness 0 0.5] [--seconds 10] [--full]
+        [--sizes 800x800] [--targets 12 15] [--softness 0 0.5] [--seconds 10] [--full] [--each]
 
 The model has a rig.  The clip plays in real time, again and again; resolution and savings follow
 the target, as in the window, or, with --full, all pixels are rendered whatever the target.
 pixels is the shorter side of the image that was rendered, and the share of frames with all levels
 and whole steps follows; ms are means of the stages in the last second.  At softness 0 bones move
 all vertices, above it physics moves a part of them, 60 times a second: frames between two ticks
-have nothing to render, and count.  slowest is the mean of the 1 % slowest frames, in ms.
+have nothing to render, and count.  With --each every frame takes one tick, however long it lasts,
+so that each has a new pose and physics.  slowest is the mean of the 1 % slowest frames, in ms.
 """
 
 import argparse
@@ -16,13 +17,14 @@ import time
 
 import numpy as np
 
+from deformrf.core.deform import TIME_STEP
 from deformrf.core.device import device_name, start_warp
 from deformrf.core.field import modelfile
 
 WARM_UP_SECONDS = 3.0  # the ladder finds its rung
 
 
-def measure(app, clip, target, softness, seconds, full):
+def measure(app, clip, target, softness, seconds, full, each):
     """A row of the table."""
     scene, layer = app.scene, app.radiance
     scene.reset()
@@ -34,7 +36,7 @@ def measure(app, clip, target, softness, seconds, full):
     begin = last = time.perf_counter()
     while last - begin < WARM_UP_SECONDS + seconds:
         now = time.perf_counter()
-        app.frame(now - last)
+        app.frame(TIME_STEP if each else now - last)
         if last - begin > WARM_UP_SECONDS:
             frames.append(now - last)
             sides.append(min(layer.shown.texture.size))
@@ -64,6 +66,7 @@ def main():
     parser.add_argument("--softness", type=float, nargs="+", default=[0.0, 0.5])
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--full", action="store_true")
+    parser.add_argument("--each", action="store_true")
     arguments = parser.parse_args()
     start_warp()
     for size in arguments.sizes:
@@ -75,7 +78,7 @@ def main():
         app.load(modelfile.load(arguments.model), "model", device_name(arguments.device))
         for target in arguments.targets:
             for softness in arguments.softness:
-                more = softness, arguments.seconds, arguments.full
+                more = softness, arguments.seconds, arguments.full, arguments.each
                 row = measure(app, arguments.clip, target, *more)
                 numbers = ", ".join(f"{name} {value:.3g}" for name, value in row.items())
                 print(f"{size}: {numbers}", flush=True)
