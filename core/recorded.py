@@ -14,9 +14,11 @@ class Recorded:
     def __init__(self, launch, device):
         self._launch, self._device = launch, wp.get_device(device)
         self._is_loaded, self._graph = False, None
+        # Scans and sorts need memory of their own, which only a pool gives to a graph.
+        self._records = self._device.is_cuda and wp.is_mempool_enabled(self._device)
 
     def __call__(self):
-        if self._graph is None and not (self._is_loaded and self._device.is_cuda):
+        if not (self._is_loaded and self._records):
             self._launch()
             self._is_loaded = True
             return

@@ -5,7 +5,7 @@ A ray takes one of three paths:
     rounds/wavefront.py    default mode on CUDA: nothing waits for the host
     rounds/host.py         everything else: rounds of march, shade, accumulate
     overlap/               tangled rays, which see the mesh overlap itself: windows.py on a
-                           CPU, window_slots.py after a wavefront, merging.py else
+                           CPU, window_slots.py in a wavefront, merging.py else
 
 Each of them marches through the mesh (rays/), and reads density and color of the samples
 (shading.py).  On the CPU a Warp launch uses one core and releases the interpreter, so tiles

@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from ...geometry import components, edges
+from ...recorded import Recorded
 from ..arrays import VertexArrays, contact_arrays, upload
 from . import boxes, detection, listing
 from .boxes import ASLEEP, AWAKE, OUT, ContactShape
@@ -54,7 +55,7 @@ class Contact:
         self._clearance = self._travel = self._motion = 0.0
         self._entered = False  # whether samples may have faces by which they leave bodies
         self._launches = {}
-        self._graph = None  # of `_list` on CUDA; False until it ran once
+        self._list = None  # launches what lists the contacts
 
     def quiet(self, dt: float) -> bool:
         """Whether nothing can touch in the next dt seconds, as far as is known already."""
@@ -82,10 +83,7 @@ class Contact:
         if not self._touching:
             return NOTHING
         self._entered = True
-        if self._device.is_cuda and wp.is_mempool_enabled(self._device):
-            self._list_at_once()
-        else:
-            self._list()
+        self._list()
         return np.unique(self._parts[self._overlapped > 0])
 
     def moved(self, motion: float):
@@ -102,7 +100,7 @@ class Contact:
         if dt != self._dt:
             self._dt = dt
             self._launches.clear()  # they were recorded with the dt before
-            self._graph = None
+            self._list = Recorded(self._launch_list, self._device)
             self._watched = False
         if self._watched and not self._near(2):
             return
@@ -191,20 +189,7 @@ class Contact:
         self._moods.assign(moods[self._parts].astype(np.int32))
         self._watched = False
 
-    def _list_at_once(self):
-        """As `_list`, from the second time on in one launch."""
-        if self._graph:
-            wp.capture_launch(self._graph)
-        elif self._graph is None:
-            self._list()  # which loads kernels
-            self._graph = False
-        else:
-            with wp.ScopedCapture(self._device) as capture:
-                self._list()
-            self._graph = capture.graph
-            wp.capture_launch(self._graph)
-
-    def _list(self):
+    def _launch_list(self):
         shape, state, contacts, counts = self._shape, self._state, self.arrays, self._counts
         inputs = shape, state, self._touched, self._dt, self._margin, *self._small_boxes
         self._launch(boxes.small_box_kernel, len(self._small_boxes[0]), *inputs)
