@@ -13,14 +13,23 @@ class Feed:
 
     def __init__(self, array: wp.array):
         self._array = array
-        self._room = array if array.device.is_cpu else wp.empty_like(array, device="cpu")
+        self._room, self._taken = array, None
+        if array.device.is_cuda:
+            self._room = wp.empty_like(array, device="cpu", pinned=True)
+            self._taken = wp.Event(array.device)  # the device has read the room
         self._on_host = self._room.numpy()
 
     def put(self, values) -> None:
-        """Fill the array with numbers of its shape.
+        """Fill the array with numbers of its shape, in NumPy's form.
 
-        CUDA has taken them from the host's memory, which isn't pinned, when this returns.
+        Raises:
+            ValueError: They have another shape.
         """
+        if np.shape(values) != self._on_host.shape:
+            raise ValueError(f"{np.shape(values)} is not the shape {self._on_host.shape}")
+        if self._taken:
+            wp.synchronize_event(self._taken)
         np.copyto(self._on_host, values, casting="same_kind")
-        if self._room is not self._array:
+        if self._taken:
             wp.copy(self._array, self._room)
+            wp.get_stream(self._array.device).record_event(self._taken)

@@ -82,10 +82,10 @@ def test_a_bin_has_all_tets_that_its_rays_meet(
     renderer = in_slots(Renderer(field, device))
     renderer.set_vertices(vertices)
     renderer.render(camera, OPTIONS)
-    bins = renderer._windows._bins._bins
+    bins = renderer._windows._bins.bins
     tets, tet_count = bins.tets.numpy(), renderer.part.mesh.tet_count
     order, nears = tets[:tet_count], bins.nears.numpy()[:tet_count]
-    width, _, edge, across, bin_count = bins.shape.numpy()
+    width, _, edge, across, bin_count = bins.layout.numpy()
     words = bins.bits.numpy()[: len(bins.solid) * bin_count].reshape(-1, bin_count)
     has = (words[:, None] >> np.arange(64, dtype=np.uint64)[:, None]) & np.uint64(1)
     has = has.reshape(-1, bin_count)[:tet_count].astype(bool)  # in order

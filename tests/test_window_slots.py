@@ -86,6 +86,28 @@ def test_few_or_many_slots_and_little_room_give_the_same_image(
     assert_alike(prepared(field, vertices, device).render(camera, OPTIONS), expected)
 
 
+@pytest.mark.parametrize("size", [(1, 33), (33, 1), (1, 1), (70, 9)])
+@pytest.mark.parametrize("spacing", [0.24, 0.1])
+def test_any_size_of_images_and_meshes(make_ball_field, device, size, spacing):
+    """Bins and words of bits that are not full; and strips of an image are parts of it."""
+    field = denser(make_ball_field(9, spacing=spacing, march_step=0.02), 2.0)
+    vertices = folded(field)
+    camera = from_inside(vertices, 8)
+    camera = camera.resized(*size)
+    renderer = prepared(field, vertices, device)
+    image = renderer.render(camera, OPTIONS)
+    merged = Renderer(field, device)
+    merged.set_vertices(vertices)
+    assert_alike(image, merged.render(camera, RenderOptions(BACKGROUND, path="merge")))
+    if size[1] > 1:
+        middle = size[1] // 2
+        parts = [
+            renderer.render(camera, OPTIONS, rows) for rows in ((0, middle), (middle, size[1]))
+        ]
+        parts = np.concatenate([part.color_array() for part in parts])
+        assert np.abs(parts.astype(int) - image.color_array()).max() <= 2
+
+
 def test_crowded_rays_are_merged_as_a_whole(make_ball_field, device):
     field = denser(make_ball_field(7, spacing=0.04, march_step=0.02), -5.0)
     vertices, camera = crowd(field)

@@ -255,7 +255,7 @@ class Renderer:
             crowded, sample_count = self._windows.render(
                 self.overlap.counts, camera.width, shape[0], options, self.stage
             )
-            self.overlap.exists()
+            self.overlap.exists()  # for the next pose: by now the answer is there
             if len(crowded):
                 with self.stage("merge"):
                     self.merger.prepare()

@@ -220,12 +220,12 @@ class Skinner:
         for name, numbers in values.items():
             self._feeds[name].put(numbers)
         if method not in self._launches:
-            self._launches[method] = self._recorded(method)
+            self._launches[method] = self._launches_of(method)
         for launch in self._launches[method]:
             launch.launch()
         return self.vertices
 
-    def _recorded(self, method):
+    def _launches_of(self, method):
         """The launches of a method: arrays are always the same, and a recorded launch is fast."""
         of, (_, starts, bones, _) = self._of_bones, self._fixed
         kernel, inputs = linear_kernel, [of["matrices"]]

@@ -37,16 +37,17 @@ def full_screen(
 def set_uniforms(program: moderngl.Program, **values) -> None:
     """Set uniforms, except those that the compiler removed; matrices are [rows, columns].
 
-    Most stay the same from frame to frame: what a program has already is not set again.
+    Most stay the same from frame to frame: what a program has already is not set again.  Values
+    are numbers, tuples or arrays, not lists, which a caller may change.
     """
     kept = program.extra = program.extra or {}
     for name, value in values.items():
         if isinstance(value, np.ndarray):
             value = tuple(value.T.ravel().tolist())  # OpenGL stores columns
         if name not in kept or kept[name] != value:
-            kept[name] = value
             if (uniform := program.get(name, None)) is not None:
                 uniform.value = value
+            kept[name] = value
 
 
 def view_matrices(camera, clip_range) -> dict:

@@ -55,7 +55,7 @@ class Contact:
         self._clearance = self._travel = self._motion = 0.0
         self._entered = False  # whether samples may have faces by which they leave bodies
         self._launches = {}
-        self._list = None  # launches what lists the contacts
+        self._listing = None
 
     def quiet(self, dt: float) -> bool:
         """Whether nothing can touch in the next dt seconds, as far as is known already."""
@@ -83,7 +83,7 @@ class Contact:
         if not self._touching:
             return NOTHING
         self._entered = True
-        self._list()
+        self._listing(self._list)
         return np.unique(self._parts[self._overlapped > 0])
 
     def moved(self, motion: float):
@@ -100,7 +100,7 @@ class Contact:
         if dt != self._dt:
             self._dt = dt
             self._launches.clear()  # they were recorded with the dt before
-            self._list = Recorded(self._launch_list, self._device)
+            self._listing = Recorded(self._device)
             self._watched = False
         if self._watched and not self._near(2):
             return
@@ -189,7 +189,7 @@ class Contact:
         self._moods.assign(moods[self._parts].astype(np.int32))
         self._watched = False
 
-    def _launch_list(self):
+    def _list(self):
         shape, state, contacts, counts = self._shape, self._state, self.arrays, self._counts
         inputs = shape, state, self._touched, self._dt, self._margin, *self._small_boxes
         self._launch(boxes.small_box_kernel, len(self._small_boxes[0]), *inputs)

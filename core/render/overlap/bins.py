@@ -12,8 +12,6 @@ plane through it.  They are taken from the rays themselves, so that lenses need 
 Shapes: R rays, T tets, W = ceil(T / 64) words, B bins.
 """
 
-from functools import partial
-
 import warp as wp
 
 from ...recorded import Recorded
@@ -24,7 +22,7 @@ from .search import is_tangled_tet
 LEAST_EDGE = 8  # of a bin [pixels]
 MOST_BYTES = 1 << 26  # of all bits
 BITS = wp.constant(64)
-# Places in the shape of Bins.
+# Places in the layout of Bins.
 WIDTH = wp.constant(0)  # of the image [pixels]
 HEIGHT = wp.constant(1)
 EDGE = wp.constant(2)  # of a bin [pixels]
@@ -45,7 +43,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2, "block_dim": B
 class Bins:
     """The tets of each bin of an image."""
 
-    shape: wp.array(dtype=int)  # [5] see above; in memory, so that recorded launches follow it
+    layout: wp.array(dtype=int)  # [5] see above; in memory, so that recorded launches follow it
     tets: wp.array(dtype=int)  # [2 T] in order of `nears`; the second half is room for the sort
     nears: wp.array(dtype=float)  # [2 T] the least t of any ray that meets the tet
     outlines: wp.array(dtype=wp.vec4)  # [T] bounds x, y, X, Y of each tet
@@ -61,7 +59,7 @@ class Bins:
 #if defined(__CUDA_ARCH__)
     return __ffsll((long long)bits) - 1;
 #else
-    return __builtin_ctzll(bits);
+    return bits ? __builtin_ctzll(bits) : -1;
 #endif
 """)
 def lowest_bit(bits: wp.uint64) -> int: ...
@@ -69,9 +67,10 @@ def lowest_bit(bits: wp.uint64) -> int: ...
 
 @wp.func
 def bin_of(bins: Bins, ray: int):
-    width = bins.shape[WIDTH]
-    edge = bins.shape[EDGE]
-    return (ray / width / edge) * bins.shape[ACROSS] + (ray % width) / edge
+    """The bin of a ray."""
+    width = bins.layout[WIDTH]
+    edge = bins.layout[EDGE]
+    return (ray / width / edge) * bins.layout[ACROSS] + (ray % width) / edge
 
 
 @wp.func
@@ -127,11 +126,13 @@ def outlines_kernel(
     size = largest(position)
     least = float(1.0e30)  # depth of a point that counts
     whole = bool(True)  # all of it is in front of the near plane
+    total = float(0.0)  # of all coordinates: wp.min and wp.max drop what is not a number
     near = float(1.0e30)
     j = int(0)
     while j < 4:
         p = geometry.vertices[corners[j]]
         size = wp.max(size, largest(p))
+        total += p[0] + p[1] + p[2]
         low = wp.min(low, p)
         high = wp.max(high, p)
         a = in_camera(camera, p - position)
@@ -162,7 +163,7 @@ def outlines_kernel(
         margin = (1.0 + STEEP) * error / least
         near = wp.length(wp.max(wp.max(low - position, position - high), wp.vec3()))
     outline = widened(outline, margin)
-    if camera.parallel == 0 and not near > CLOSE + error:
+    if not wp.isfinite(total) or (camera.parallel == 0 and not near > CLOSE + error):
         outline = EVERYWHERE
         whole = False
     bins.outlines[i] = outline
@@ -175,16 +176,16 @@ def outlines_kernel(
 def bounds_kernel(buffers: Buffers, bins: Bins):
     """The bounds of the rays of each bin."""
     i = wp.tid()
-    if i >= bins.shape[BIN_COUNT]:
+    if i >= bins.layout[BIN_COUNT]:
         return
-    width = bins.shape[WIDTH]
-    height = bins.shape[HEIGHT]
+    width = bins.layout[WIDTH]
+    height = bins.layout[HEIGHT]
     camera = buffers.camera[0]
     pose = camera.camera_to_world
     position = wp.vec3(pose[0, 3], pose[1, 3], pose[2, 3])
-    edge = bins.shape[EDGE]
-    first_row = (i / bins.shape[ACROSS]) * edge
-    first_column = (i % bins.shape[ACROSS]) * edge
+    edge = bins.layout[EDGE]
+    first_row = (i / bins.layout[ACROSS]) * edge
+    first_column = (i % bins.layout[ACROSS]) * edge
     found = NOWHERE
     row = int(first_row)
     while row < wp.min(first_row + edge, height):
@@ -202,7 +203,11 @@ def bounds_kernel(buffers: Buffers, bins: Bins):
                     found = EVERYWHERE
             column += 1
         row += 1
-    scale = wp.where(camera.parallel != 0, largest(position) + wp.abs(found[0]), STEEP)
+    scale = float(STEEP)
+    if camera.parallel != 0:
+        low = wp.vec3(found[0], found[1], 0.0)
+        high = wp.vec3(found[2], found[3], 0.0)
+        scale = largest(position) + wp.max(largest(low), largest(high))
     bins.bounds[i] = widened(found, ROUNDING * scale)
 
 
@@ -241,7 +246,7 @@ def bits_kernel(
 ):
     """The bits of one bin and word; `bins.tets` are sorted."""
     i = wp.tid()
-    bin_count = bins.shape[BIN_COUNT]
+    bin_count = bins.layout[BIN_COUNT]
     word = i / bin_count
     if word >= bins.solid.shape[0]:
         return
@@ -255,7 +260,6 @@ def bits_kernel(
         tet = bins.tets[word * BITS + j]
         bit = wp.uint64(1) << wp.uint64(j)
         outline = bins.outlines[tet]
-        # So written that bounds that are not a number overlap.
         apart = outline[2] < mine[0] or mine[2] < outline[0]
         apart = apart or outline[3] < mine[1] or mine[3] < outline[1]
         if not apart and bins.margins[tet] >= 0.0:
@@ -275,65 +279,48 @@ def bits_kernel(
 
 
 class TetBins:
-    """Makes the Bins of images."""
+    """Makes the Bins of images, in `bins`."""
 
-    def __init__(self, pose: Pose, occupancy):
-        self._pose, self._occupancy, self._shape = pose, occupancy, None
+    def __init__(self, pose: Pose, occupancy, buffers: Buffers, capacity: int):
+        """`buffers` hold the rays, up to `capacity` of them."""
+        self._pose, self._occupancy, self._buffers = pose, occupancy, buffers
+        self._making, self._layout = Recorded(pose.device), None
         tet_count = len(pose.tets)
         self._words = -(-tet_count // int(BITS))
-        self._bins = bins = Bins()
+        # A quarter more than of a square image; longer ones may have larger bins.
+        most = min(1.25 * capacity / LEAST_EDGE**2, MOST_BYTES / (8 * self._words))
+        self._most = max(int(most), 1)
+        self.bins = bins = Bins()
         with wp.ScopedDevice(pose.device):
-            bins.shape = wp.empty(5, dtype=int)
+            bins.layout = wp.empty(5, dtype=int)
             bins.tets = wp.empty(2 * tet_count, dtype=int)
             bins.nears = wp.empty(2 * tet_count, dtype=float)
             bins.outlines = wp.empty(tet_count, dtype=wp.vec4)
             bins.corners = wp.empty(4 * tet_count, dtype=wp.vec2)
             bins.margins = wp.empty(tet_count, dtype=float)
-            bins.bounds = wp.empty(0, dtype=wp.vec4)
-            bins.bits = wp.empty(0, dtype=wp.uint64)
+            bins.bounds = wp.empty(self._most, dtype=wp.vec4)
+            bins.bits = wp.empty(self._most * self._words, dtype=wp.uint64)
             bins.solid = wp.empty(self._words, dtype=wp.uint64)
             bins.tangled = wp.empty(self._words, dtype=wp.uint64)
 
-    def make(self, width: int, height: int, buffers: Buffers) -> Bins:
-        """The Bins of an image whose rays and camera are in the buffers, always the same ones.
+    def make(self, width: int, height: int) -> None:
+        """Fill `bins` for an image whose rays and camera are in the buffers."""
+        edge = LEAST_EDGE
+        across, down = -(-width // edge), -(-height // edge)
+        while across * down > self._most:
+            edge *= 2
+            across, down = -(-width // edge), -(-height // edge)
+        layout = width, height, edge, across, across * down
+        if self._layout != layout:
+            self.bins.layout.assign(layout)
+            self._layout = layout
+        self._making(self._launch)
 
-        They are another object only if they need more memory than those of the last image.
-        """
-        if self._divide(width, height):
-            launches = partial(self._launch, self._bins, buffers)
-            self._make = Recorded(launches, self._pose.device)
-        self._make()
-        return self._bins
-
-    def _launch(self, bins, buffers):
-        pose, count, tet_count = self._pose, len(bins.bounds), len(self._pose.tets)
+    def _launch(self):
+        pose, bins, buffers, tet_count = self._pose, self.bins, self._buffers, len(self._pose.tets)
         where = {"device": pose.device, "block_dim": BLOCK_SIZE}
         wp.launch(outlines_kernel, tet_count, [pose.geometry, pose.tets, buffers, bins], **where)
         wp.utils.radix_sort_pairs(bins.nears, bins.tets, tet_count)
-        wp.launch(bounds_kernel, count, [buffers, bins], **where)
+        wp.launch(bounds_kernel, self._most, [buffers, bins], **where)
         inputs = [pose.geometry, self._occupancy, tet_count, bins]
-        wp.launch(bits_kernel, count * self._words, inputs, **where)
-
-    def _divide(self, width, height):
-        """Divide an image into bins, larger ones if their bits would take too much memory.
-
-        Returns whether the Bins are others than before.
-        """
-        edge = LEAST_EDGE
-        across, down = -(-width // edge), -(-height // edge)
-        while across * down > 1 and across * down * self._words * 8 > MOST_BYTES:
-            edge *= 2
-            across, down = -(-width // edge), -(-height // edge)
-        count, shape = across * down, (width, height, edge, across, across * down)
-        if self._shape != shape:
-            self._shape = shape
-            self._bins.shape.assign(shape)
-        if len(self._bins.bounds) >= count:
-            return False
-        old, self._bins = self._bins, Bins()
-        for name in Bins.vars:
-            setattr(self._bins, name, getattr(old, name))
-        with wp.ScopedDevice(self._pose.device):
-            self._bins.bounds = wp.empty(count, dtype=wp.vec4)
-            self._bins.bits = wp.empty(count * self._words, dtype=wp.uint64)
-        return True
+        wp.launch(bits_kernel, self._most * self._words, inputs, **where)

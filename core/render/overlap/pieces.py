@@ -9,6 +9,9 @@ from ...field import is_occupied, subtet_of
 from ..rays import Geometry, Samples, interval_in_tet, speed_and_fade
 
 MOST_PIECES = wp.constant(1.0e6)  # passed at once: int() takes no larger numbers
+SHORTEST = wp.constant(1.0e-6)  # window, of t, or of the unit of space if that is more
+OUTSIDE = wp.constant(-2)  # as a ray's tet: it has left the mesh for good
+FAR = wp.constant(1.0e30)
 ROUNDING = wp.constant(2.4e-7)  # of t, or of the unit of space if that is more
 NEAR = wp.constant(16.0)  # up to this t rounding is less than QUERY_GAP
 
@@ -17,7 +20,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 @wp.func
 def first_piece(start: float, t_in: float, speed: float, step: float):
-    """A piece of a tet that ends at `start` or before; none of those before it matters."""
+    """A piece of a tet, such that those before it end at `start` or before."""
     return int(wp.clamp((start - t_in) * speed / step - 1.0, 0.0, MOST_PIECES))
 
 

@@ -6,9 +6,9 @@ another: a map that keeps orientation and is one to one on the boundary is one t
 `search_kernel` checks that once per pose.  Without overlap nothing else happens.
 
 With overlap, each ray is classified.  It is *tangled* if it meets a tet that is inverted or
-nearly flat, or if it is inside two boundary shells at once.  merging.py renders tangled rays,
-the walk renders the others.  Where rounding leaves a doubt, a ray counts as tangled: a false
-positive costs time and never changes the image.
+nearly flat, or if it is inside two boundary shells at once.  Windows or merging.py render
+tangled rays, the walk renders the others.  Where rounding leaves a doubt, a ray counts as
+tangled: a false positive costs time and never changes the image.
 
 Shapes: R rays, T tets, V vertices, B boundary faces, C parts that no face joins.
 """
@@ -69,7 +69,7 @@ class Overlap:
             self.tangled.ids = wp.empty(mesh.tet_count, dtype=int)
         self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=pose.device.is_cuda)
         self._counted = wp.Event(pose.device) if pose.device.is_cuda else None
-        self._search = Recorded(self._launch_search, pose.device)
+        self._searching = Recorded(pose.device)
 
     @property
     def expected(self) -> bool:
@@ -92,12 +92,12 @@ class Overlap:
         pose = self._pose
         if self._searched == pose.revision:
             return
-        self._searched = pose.revision
         if len(self._part_tets):
             pose.refresh_face_boxes()
-        self._search()
+        self._searching(self._launch_search)
         if self._counted:
             wp.get_stream(pose.device).record_event(self._counted)
+        self._searched = pose.revision
 
     def _launch_search(self):
         pose, tet_count = self._pose, len(self._pose.tets)
@@ -113,12 +113,13 @@ class Overlap:
         """Make what `sort_rays` needs in the present pose."""
         self._pose.refresh_face_boxes()
         if self._prepared != self._pose.revision:
-            self._prepared, pose = self._pose.revision, self._pose
+            pose, self.tangled.boxes = self._pose, 0  # before the old tree goes
             self._tangled_boxes = None
             if self.exists() and self._count:
                 ids = self.tangled.ids[: self._count]
                 self._tangled_boxes = box_tree(pose.vertices, pose.tets, ids)
-            self.tangled.boxes = self._tangled_boxes.id if self._tangled_boxes else 0
+                self.tangled.boxes = self._tangled_boxes.id
+            self._prepared = pose.revision
 
     def sort_rays(self, rays: Rays, count: int):
         """The numbers of the plain and of the tangled rays among the first `count`.
@@ -145,8 +146,8 @@ def is_tangled_tet(geometry: Geometry, tet: int):
 
 @wp.func
 def may_meet(geometry: Geometry, tet: int, origin: wp.vec3, direction: wp.vec3):
-    """Whether a ray whose box it meets may meet the tet."""
-    met = bool(True)  # it may be too flat to have coordinates, so its box decides
+    """Whether a ray that comes near a tet may meet it."""
+    met = bool(True)  # it may be too flat to have coordinates
     if geometry.shapes[2 * tet + 1][2] > 0.0:
         _alpha, _slope, _near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
         met = t_out >= t_in

@@ -20,7 +20,9 @@ from ..rays import Geometry, Pose, interval_in_tet, speed_and_fade
 from ..rounds import (
     BLOCK_SIZE,
     CROWDED,
+    LEAST_SLOTS,
     LISTED,
+    MOST_SLOTS,
     PARITY,
     PER_RAY,
     SAMPLES,
@@ -40,18 +42,14 @@ from ..rounds import (
     pixel_threads,
 )
 from .bins import ALL_BITS, BIN_COUNT, BITS, Bins, TetBins, bin_of, lowest_bit
-from .pieces import first_piece, next_piece
+from .pieces import FAR, OUTSIDE, SHORTEST, first_piece, next_piece
 from .search import CROSSINGS, is_inside_two_shells, may_meet
 
-LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round
-SHORTEST = wp.constant(1.0e-6)  # of t, or of the unit of space if that is more
 DARK = wp.constant(1.0e-9)  # a smaller extinction is none
 PLAIN_RAY = wp.constant(-1)  # instead of a place in the tets of its bin
 CROWDED_RAY = wp.constant(-2)
-OUTSIDE = wp.constant(-2)  # as a ray's tet: it has left the mesh for good
-FAR = wp.constant(1.0e30)
-floats_of_slots = wp.types.vector(32, wp.float32)  # MOST_SLOTS
-ints_of_slots = wp.types.vector(32, wp.int32)
+floats_of_slots = wp.types.vector(MOST_SLOTS, wp.float32)
+ints_of_slots = wp.types.vector(MOST_SLOTS, wp.int32)
 
 # Approximate divisions, as in a walk.
 wp.set_module_options(
@@ -71,14 +69,14 @@ class Windows:
 
 @wp.func
 def meets_tangled_tet(
-    geometry: Geometry, bins: Bins, bin: int, origin: wp.vec3, direction: wp.vec3
+    geometry: Geometry, bins: Bins, own: int, origin: wp.vec3, direction: wp.vec3
 ):
     """Whether a ray of a bin meets a tet that is inverted or nearly flat."""
     found = bool(False)
-    bin_count = bins.shape[BIN_COUNT]
+    bin_count = bins.layout[BIN_COUNT]
     word = int(0)
     while word < bins.tangled.shape[0] and not found:
-        bits = bins.tangled[word] & bins.bits[word * bin_count + bin]
+        bits = bins.tangled[word] & bins.bits[word * bin_count + own]
         while bits != wp.uint64(0) and not found:
             tet = bins.tets[word * BITS + lowest_bit(bits)]
             found = may_meet(geometry, tet, origin, direction)
@@ -88,7 +86,7 @@ def meets_tangled_tet(
 
 
 @wp.kernel
-def sort_rays_kernel(
+def sort_listed_kernel(
     geometry: Geometry,
     bins: Bins,
     counts: wp.array(dtype=int),  # [2] see Overlap
@@ -139,8 +137,8 @@ def march_window(
     most = state[PER_RAY]
     origin = buffers.rays.origins[ray]
     direction = buffers.rays.directions[ray]
-    bin = bin_of(bins, ray)
-    bin_count = bins.shape[BIN_COUNT]
+    own = bin_of(bins, ray)  # bin
+    bin_count = bins.layout[BIN_COUNT]
     start = buffers.rays.t[ray]
     end = float(FAR)
     count = int(0)
@@ -150,13 +148,13 @@ def march_window(
     behind = bool(True)
     word = place / BITS
     last_word = bins.solid.shape[0] - 1
-    bits = bins.solid[word] & bins.bits[word * bin_count + bin]
+    bits = bins.solid[word] & bins.bits[word * bin_count + own]
     bits &= ALL_BITS << wp.uint64(place % BITS)
     going = bool(True)
     while going:
         while bits == wp.uint64(0) and word < last_word:
             word += 1
-            bits = bins.solid[word] & bins.bits[word * bin_count + bin]
+            bits = bins.solid[word] & bins.bits[word * bin_count + own]
         n = wp.max(word * BITS + lowest_bit(bits), 0)
         tet = bins.tets[n]
         going = bits != wp.uint64(0) and not bins.nears[n] >= end
@@ -313,7 +311,7 @@ def composite_window(stop: float, buffers: Buffers, windows: Windows, i: int, ra
 
 
 @wp.kernel
-def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows, bins: Bins):
+def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows, _bins: Bins):
     i = wp.tid()
     state = buffers.state
     if i >= state[LISTED]:
@@ -339,14 +337,16 @@ class WindowSlots:
 
     def __init__(self, pose: Pose, occupancy, wavefront: Wavefront):
         self._pose, self._wavefront = pose, wavefront
-        self._bins, self._way = TetBins(pose, occupancy), None
         capacity, device = wavefront.capacity, pose.device
+        self._bins = TetBins(pose, occupancy, wavefront.buffers, capacity)
         self._windows = windows = Windows()
         with wp.ScopedDevice(device):
             windows.places = wp.empty(capacity, dtype=int)
             windows.highs = wp.empty(len(wavefront.buffers.sigma), dtype=float)
             windows.order = wp.empty(len(wavefront.buffers.sigma), dtype=int)
             windows.crowded = wp.empty(capacity, dtype=int)
+        kernels = march_windows_kernel, composite_windows_kernel
+        self._way = Way(*kernels, LEAST_SLOTS, MOST_SLOTS, (windows, self._bins.bins))
 
     def render(self, counts, width: int, height: int, options, stage):
         """Render the image that the wavefront has begun.
@@ -362,12 +362,9 @@ class WindowSlots:
         # For another size of blocks than the module's, Warp would compile all of it once more.
         where = {"device": pose.device, "block_dim": BLOCK_SIZE}
         with stage("overlap"):
-            bins = self._bins.make(width, height, buffers)
+            self._bins.make(width, height)
             buffers.state.zero_()
-            inputs = [pose.geometry, bins, counts, width, height, buffers, windows]
-            wp.launch(sort_rays_kernel, pixel_threads(width, height), inputs, **where)
-        if self._way is None or self._way.more[1] is not bins:
-            more = march_windows_kernel, composite_windows_kernel, LEAST_SLOTS, MOST_SLOTS
-            self._way = Way(*more, (windows, bins))
+            inputs = [pose.geometry, self._bins.bins, counts, width, height, buffers, windows]
+            wp.launch(sort_listed_kernel, pixel_threads(width, height), inputs, **where)
         state = wavefront.run(self._way, options, stage)
         return windows.crowded[: int(state[CROWDED])], int(state[SAMPLES])

@@ -13,7 +13,7 @@ import warp as wp
 
 from ..rays import Geometry, Pose, Rays, Samples, empty_samples
 from ..rounds import CpuShader, NativeShading, Pixels, shade_native
-from .pieces import first_pieces, interval_in_box
+from .pieces import FAR, OUTSIDE, SHORTEST, first_pieces, interval_in_box
 
 SLOTS = wp.constant(64)  # K
 FEW = wp.constant(24)  # pieces after which the next window is longer
@@ -21,10 +21,7 @@ AT_ONCE = 256  # rays: their samples stay in a core's cache
 FIRST_STEPS = 6.0  # length of the first window [Δ]
 GROWTH = wp.constant(2.0)
 SHORTER = wp.constant(0.7)
-FAR = wp.constant(1.0e30)
-SHORTEST = wp.constant(1.0e-6)  # of t, or of the unit of space if that is more
 CROWDED = wp.constant(-1.0)  # as a window's length
-OUTSIDE = wp.constant(-2)  # as a ray's tet: it has left the mesh for good
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 

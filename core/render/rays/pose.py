@@ -255,8 +255,7 @@ class Pose:
             geometry.shapes = wp.empty(2 * mesh.tet_count, dtype=wp.vec4)
             geometry.rotations = wp.empty(mesh.tet_count, dtype=wp.mat33)
             geometry.mirrored_count = wp.zeros(1, dtype=int)
-        self._follow = Recorded(self._fit, self.device)
-        self._fit_face_boxes = Recorded(self._fit_faces, self.device)
+        self._following, self._fitting = Recorded(self.device), Recorded(self.device)
         self.set_vertices(self.vertices)
 
     def set_vertices(self, vertices):
@@ -275,7 +274,7 @@ class Pose:
         if vertices.ptr != self.vertices.ptr:
             wp.copy(self.vertices, vertices)
         self.revision += 1
-        self._follow()
+        self._following(self._fit)
 
     def _fit(self):
         """Bring the boundary and the tets' frames to the vertices."""
@@ -290,10 +289,10 @@ class Pose:
     def refresh_face_boxes(self) -> None:
         """Bring the BVH `geometry.face_boxes` up to date; only some paths of rendering need it."""
         if self._face_boxes_revision != self.revision:
+            self._fitting(self._fit_face_boxes)
             self._face_boxes_revision = self.revision
-            self._fit_face_boxes()
 
-    def _fit_faces(self):
+    def _fit_face_boxes(self):
         corners, old = self._face_corners, self._face_boxes
         self._face_boxes = box_tree(self.vertices, corners, old=old, constructor=FITTED_TREE)
         self.geometry.face_boxes = self._face_boxes.id

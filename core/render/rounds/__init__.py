@@ -11,7 +11,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "slots": [
             "BLOCK_SIZE",
             "CROWDED",
+            "LEAST_SLOTS",
             "LISTED",
+            "MOST_SLOTS",
             "PARITY",
             "PER_RAY",
             "SAMPLES",

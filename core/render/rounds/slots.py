@@ -30,7 +30,7 @@ from ..rays import (
 from .compositing import Pixels, empty_pixels, to_bytes
 
 TILE_WIDTH, TILE_HEIGHT = wp.constant(8), wp.constant(4)  # pixels of a warp
-LEAST_SLOTS, MOST_SLOTS = 4, 32  # per ray and round, K
+LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
 ALIGNMENT = wp.constant(64)  # of the stride
 # Places in the state, integers on the device.
 PARITY = wp.constant(0)  # which list is read
@@ -89,7 +89,7 @@ def add_up(state: wp.array(dtype=int), place: int, value: int): ...
 class Buffers:
     """An image in progress."""
 
-    camera: wp.array(dtype=DeviceCamera)  # [1]
+    camera: wp.array(dtype=DeviceCamera)  # [1] that of the rays; begin_kernel writes it
     rays: Rays  # [R]
     entries: Entries  # [R]
     pixels: Pixels  # [R]
