@@ -2,6 +2,7 @@
 
 import importlib
 
+import numpy as np
 import pytest
 import warp as wp
 
@@ -16,6 +17,8 @@ from deformrf.core.render import (
     render_mode,
 )
 from deformrf.core.rig import Skinner
+
+TET = np.array([[-0.3, -0.3, 0.2], [0.3, -0.3, 0.2], [0.0, 0.4, 0.2], [0, 0, 0.7]])
 
 
 def test_the_modules_are_those_that_rendering_loads(make_ball_field, device, monkeypatch):
@@ -60,3 +63,28 @@ def test_cudas_kernels_compile_without_a_gpu(tmp_path):
         importlib.import_module(name)
         wp.compile_aot_module(name, arch=90, module_dir=tmp_path, use_ptx=False)
     assert list(tmp_path.glob("*window_slots*.cubin"))
+
+
+def test_the_modules_of_dynamics_are_those_that_a_solver_loads(device, monkeypatch):
+    """On CUDA without the module of the frame's main kernel, whose name is a hash."""
+    load, loaded = wp.Module.load, set()
+
+    def noted(module, *arguments, **options):
+        loaded.add(module.name)
+        return load(module, *arguments, **options)
+
+    monkeypatch.setattr(wp.Module, "load", noted)
+    tets = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
+    two = np.concatenate([TET, TET + 2.0])
+    bodies = deform.XpbdSolver(two, tets, deform.Material(), np.zeros(8, bool), device=device)
+    bodies.grab([0])
+    bodies.move([[0.1, 0.0, 0.0] + TET[0]])
+    for _ in range(60):
+        bodies.step(deform.TIME_STEP)
+    bodies.release()
+    for _ in range(60):  # tangles are counted
+        bodies.step(deform.TIME_STEP)
+    bodies.set_state(two - np.where(np.arange(8) < 4, 0.0, 2.0)[:, None])
+    bodies.step(deform.TIME_STEP)  # they touch
+    names = {name for name in loaded if name.startswith("deformrf.")}
+    assert names == set(deform.kernel_modules(device))

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-import warp as wp
 
-from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints, kernel_modules
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
 from deformrf.core.geometry import TetMesh, a15_grid, extract, signed_volumes
 
 DT = 1.0 / 60.0
@@ -364,29 +363,6 @@ def test_wrong_arguments_are_refused_with_their_values():
             xpbd.step(wrong)
     xpbd.step(1e6)
     assert np.isfinite(xpbd.vertices.numpy()).all()
-
-
-def test_kernel_modules_are_those_that_a_solver_loads(device, monkeypatch):
-    """On CUDA without the module of the frame's main kernel, whose name is a hash."""
-    load, loaded = wp.Module.load, set()
-
-    def noted(module, *arguments, **options):
-        loaded.add(module.name)
-        return load(module, *arguments, **options)
-
-    monkeypatch.setattr(wp.Module, "load", noted)
-    xpbd = solver(TET, free(TET), device)
-    xpbd.set_state(TET.rest_vertices)
-    drag(xpbd, [0], [0.1, 0.0, 0.0])
-    run(xpbd, 1.0)  # tangles are counted
-    two = np.concatenate([TET.rest_vertices, TET.rest_vertices + 2.0])
-    bodies = XpbdSolver(
-        two, np.array([[0, 1, 2, 3], [4, 5, 6, 7]]), Material(), np.zeros(8, bool), device=device
-    )
-    bodies.set_state(two - np.where(np.arange(8) < 4, 0.0, 2.0)[:, None])
-    bodies.step(DT)  # they touch
-    names = {name for name in loaded if name.startswith("deformrf.")}
-    assert names == set(kernel_modules(device))
 
 
 def test_held_vertices_stay_until_they_are_moved(device):

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 FARTHEST = 1e9  # m and m/s; products of four lengths have to fit into float32
+LONGEST_TIME = 1e6  # s, of a step; the squares of longer ones leave float32
 
 
 def number(what, value, positive=False):
@@ -15,6 +16,13 @@ def number(what, value, positive=False):
     if not (math.isfinite(value) and value >= 0.0) or (positive and value == 0.0):
         wanted = "a positive number" if positive else "0 or more"
         raise ValueError(f"the {what} is {value}; give {wanted}")
+
+
+def time_step(dt):
+    """Check the length of a time step."""
+    if not 0.0 < dt <= LONGEST_TIME:
+        most = f"{LONGEST_TIME:g}"
+        raise ValueError(f"a time step of {dt} s; give a positive number up to {most}")
 
 
 def per_vertex(values, vertex_count, what, dtype=float):

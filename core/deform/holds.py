@@ -23,6 +23,7 @@ class Holds:
         self.handles = np.empty(0, np.int64)  # vertex ids  [K]
         self.springs = None  # stiffness and force limit of each handle [K, 2]; None: exact
         self._targets = None  # of the handles, as last given to move()
+        self._positions = Feed(state.vertices)
         # Which handles move [K] bool, their targets on the device, and a Feed of those; None: look.
         self._movable = None
 
@@ -50,6 +51,10 @@ class Holds:
 
     def move(self, targets):
         """Set the handles' targets.  [K, 3]"""
+        targets, count = np.reshape(targets, (-1, 3)), len(self.handles)
+        if len(targets) != count:
+            raise ValueError(f"{len(targets)} targets for {count} handles")
+        targets = checks.vectors(targets, count, "target", "handle")
         if self._targets is not None and np.array_equal(targets, self._targets):
             return
         self._targets = targets.copy()
@@ -74,8 +79,9 @@ class Holds:
         self.rescued = mask
         self._update()
 
-    def set_positions(self):
-        """All vertices were moved: set anchors and targets to the new positions."""
+    def set_positions(self, vertices):
+        """Move all vertices, and anchors and targets with them.  [V, 3]"""
+        self._positions.put(vertices)
         for goals in (self._state.anchors, self._state.targets):
             wp.copy(goals, self._state.vertices)
         self._targets = None

@@ -14,7 +14,6 @@ import math
 import numpy as np
 import warp as wp
 
-from ..feed import Feed
 from ..geometry import components
 from . import checks, constraints
 from .arrays import ConstraintList, frame_arrays
@@ -31,7 +30,6 @@ from .rigid_motion import FreeParts
 from .tangles import Feedback
 from .xpbd_options import TIME_STEP, XpbdOptions
 
-LONGEST_TIME = 1e6  # s, of a step; the squares of longer ones leave float32
 EVERYWHERE = slice(None)
 
 
@@ -93,9 +91,8 @@ class XpbdSolver:
         common = count, self.device, on_gpu and runs_in_block(count), halves
         self._lists = [ConstraintList(part, *common) for part in lists]
         arrays = frame_arrays(count, *(part.arrays for part in self._lists), self.device)
-        self._state, self._timing = arrays.state, arrays.timing
+        self._state, self._timing, self._motion = arrays.state, arrays.timing, arrays.motion
         self.vertices, self.velocities = arrays.state.vertices, arrays.state.velocities
-        self._feed = Feed(self.vertices)
         self._placed = None  # where set_state has put the vertices, if no step has passed  [V, 3]
         self._rest_shape = RestShape(self.rest_vertices, *self._lists, self.vertices)
         self._holds = Holds(pinned, arrays.state)
@@ -104,7 +101,6 @@ class XpbdSolver:
         self._recovery = Recovery(arrays.state, self._holds, *body)
         self.rescue = self._recovery.rescue
         self._guard = InversionGuard(self.volumes, self._part_of)
-        self._motion = arrays.motion
         self._colliders = ColliderRows(arrays.colliders)
         self._colliders.put(self.options.colliders)
         self._feedback = self._make_feedback()
@@ -227,11 +223,7 @@ class XpbdSolver:
 
     def move(self, targets):
         """Set the positions of the handles, in grab()'s order, after the next step.  [K, 3]"""
-        targets = np.reshape(targets, (-1, 3))
-        count = len(self._holds.handles)
-        if len(targets) != count:
-            raise ValueError(f"{len(targets)} targets for {count} handles")
-        self._holds.move(checks.vectors(targets, count, "target", "handle"))
+        self._holds.move(targets)
 
     def release(self):
         """Release all handles; they keep their velocity and get their mass back."""
@@ -252,8 +244,7 @@ class XpbdSolver:
     def set_state(self, vertices, velocities=None):
         """Start from these positions [m] and velocities [m/s] (zero by default).  [V, 3]"""
         vertices = checks.vectors(vertices, len(self.pinned), "position", "vertex")
-        self._feed.put(vertices)
-        self._holds.set_positions()
+        self._holds.set_positions(vertices)
         if self._placed is None:  # else nothing has written to them since
             self._state.deltas.zero_()
             self._state.presses.zero_()
@@ -269,18 +260,15 @@ class XpbdSolver:
     def stand(self, vertices):
         """Stand still at these positions [m]; if they are those of now, nothing wakes.  [V, 3]"""
         now = self.vertices.numpy() if self._placed is None else self._placed
-        if np.array_equal(vertices, now):
-            self.velocities.zero_()
-        else:
+        self.velocities.zero_()
+        if not np.array_equal(vertices, now):
             self.set_state(vertices)
 
     @property
     def settled(self) -> bool:
         """Whether the solver sleeps: nothing is grabbed and nothing moves."""
-        still = self._still_frames >= self.options.sleep_frames
-        if not still or len(self._holds.handles) > 0:
-            return False
-        return not self.options.rescue or self._recovery.may_sleep()
+        awake = self._still_frames < self.options.sleep_frames or len(self._holds.handles) > 0
+        return not awake and (not self.options.rescue or self._recovery.may_sleep())
 
     def stiffness_ratio(self) -> float:
         """The median of r = α/(w h²) over edges that can move; nan if none can.
@@ -302,9 +290,7 @@ class XpbdSolver:
 
     def step(self, dt):
         """Advance by one frame of dt seconds; a dt other than before costs new coefficients."""
-        if not 0.0 < dt <= LONGEST_TIME:
-            most = f"{LONGEST_TIME:g}"
-            raise ValueError(f"a time step of {dt} s; give a positive number up to {most}")
+        checks.time_step(dt)
         self._read_feedback()
         if self.settled:
             return
