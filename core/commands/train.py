@@ -1,6 +1,5 @@
 """deformrf-train: photographs with known cameras in, a model file out."""
 
-import os
 import sys
 import tempfile
 from collections.abc import Callable
@@ -127,15 +126,7 @@ def train_command(kind: type, prepare: Callable):
     if asked_for_version():
         sys.exit(0)
     arguments = tyro.cli(kind, prog=PROGRAM)
-    code = run(PROGRAM, lambda: prepare(arguments))
-    if int(os.environ.get("WORLD_SIZE", 1)) > 1:
-        # All is written.  A thread of torch's that outlives the group of workers has ended one of
-        # them by a signal, rarely; then torchrun would say that the training failed.
-        for stream in (sys.stdout, sys.stderr):
-            if stream is not None:
-                stream.flush()
-        os._exit(code)
-    sys.exit(code)
+    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
 
 
 def prepare_training(
