@@ -117,16 +117,19 @@ def test_crowded_rays_are_merged_as_a_whole(make_ball_field, device):
 
 
 def test_poses_one_after_another(make_ball_field, device):
-    """The tree of all tets is fitted, not built: each pose has the image that a new one has."""
+    """Each has the image of a new renderer, where an overlap ends or begins as well."""
     field = make_ball_field(6, march_step=0.01)
     rest, end = field.mesh.rest_vertices, folded(field)
     renderer = prepared(field, end, device)
     camera = from_inside(end, 30)
-    for share in (1.0, 0.8, 0.95):
+    for share in (1.0, 0.8, 0.95, 0.0, 0.0, 0.9, 0.0):
         vertices = (rest + share * (end - rest)).astype(np.float32)
         renderer.set_vertices(vertices)
         found = renderer.render(camera, OPTIONS)
-        assert_alike(found, prepared(field, vertices, device).render(camera, OPTIONS))
+        expected = prepared(field, vertices, device).render(camera, OPTIONS)
+        assert_alike(found, expected)
+        assert abs(found.sample_count - expected.sample_count) < 0.02 * expected.sample_count
+        assert renderer.overlap.expected == (share > 0.0)
 
 
 def test_tets_beyond_the_boundary_are_seen(make_ball_field, device):

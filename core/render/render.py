@@ -14,6 +14,7 @@ of the image run in a pool of threads.
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -247,11 +248,22 @@ class Renderer:
         wavefront = self._wavefront_for(count)
         with self.stage("overlap"):
             self.overlap.search()
-        wavefront.begin(device_camera(camera), rows, options, self.stage)
+            if self.stage.seconds is not None:
+                self.overlap.join()  # or its time would count elsewhere
+        begin = partial(wavefront.begin, device_camera(camera), rows, options, self.stage)
+        begin()
         rays, pixels = wavefront.buffers.rays, wavefront.buffers.pixels
         color, depth = wavefront.buffers.color[:count], wavefront.buffers.depth[:count]
-        # Where the last pose overlapped, the host does not wait for what is found in this one.
-        if self.overlap.expected or self.overlap.exists():
+        # The host does not wait for the search before it launches: a pose is taken for one like
+        # the last one, with overlap or without.
+        overlaps = self.overlap.expected
+        if not overlaps:
+            wavefront.start(options, self.stage)
+            overlaps = self.overlap.exists()
+            if overlaps:  # the image is begun anew
+                begin()
+        if overlaps:
+            self.overlap.join()
             crowded, sample_count = self._windows.render(
                 self.overlap.counts, camera.width, shape[0], options, self.stage
             )
@@ -262,7 +274,7 @@ class Renderer:
                     sample_count += self.merger.render(rays, crowded, pixels, options)
                     resolve(pixels, options.background, color, depth, crowded)
         else:
-            sample_count = wavefront.render(options, self.stage)
+            sample_count, _ = wavefront.finish(options, self.stage)
         return Image(wp.clone(color).reshape(shape), wp.clone(depth).reshape(shape), sample_count)
 
     def _wavefront_for(self, count):

@@ -37,27 +37,35 @@ def choose_path(ctx: moderngl.Context, device: str, wanted: str) -> str:
 
 
 def _probe(ctx, device):
-    """Send a small image through a shared buffer; raise if it does not arrive."""
-    sent = np.arange(PROBE_SIZE * PROBE_SIZE * 4, dtype=np.uint8).reshape(PROBE_SIZE, -1, 4)
-    texture = ctx.texture((PROBE_SIZE, PROBE_SIZE), 4)
-    buffer = SharedBuffer(ctx, device, wp.vec4ub, sent.nbytes)
+    """Send a small image through shared memory; raise if it does not arrive."""
+    color = np.arange(4 * PROBE_SIZE * PROBE_SIZE, dtype=np.uint8).reshape(PROBE_SIZE, -1, 4)
+    depth = np.arange(PROBE_SIZE * PROBE_SIZE, dtype=np.float32).reshape(PROBE_SIZE, -1)
+    size = PROBE_SIZE, PROBE_SIZE
+    buffer = SharedBuffer(ctx, device, size)
+    textures = ctx.texture(size, 4), ctx.texture(size, 1, dtype="f4")
     try:
-        buffer.write(texture, wp.array(sent, dtype=wp.vec4ub, device=device), None)
-        if not np.array_equal(np.frombuffer(texture.read(), np.uint8), sent.ravel()):
+        sent = wp.array(color, dtype=wp.vec4ub, device=device), wp.array(depth, device=device)
+        buffer.write(sent, textures, None)
+        if [texture.read() for texture in textures] != [color.tobytes(), depth.tobytes()]:
             raise RuntimeError("what was written is not what was read")
     finally:
-        buffer.release()
-        texture.release()
+        for part in (buffer, *textures):
+            part.release()
 
 
 class SharedBuffer:
-    """An OpenGL pixel buffer that CUDA writes and a texture reads."""
+    """An OpenGL pixel buffer that CUDA writes and textures read.
 
-    def __init__(self, ctx: moderngl.Context, device: str, dtype, byte_count: int):
+    To map it for CUDA takes longer than to copy an image, so an image is one mapping.
+    """
+
+    def __init__(self, ctx: moderngl.Context, device: str, size: tuple[int, int]):
+        """Make room for two arrays of 4 bytes a pixel."""
         if not wp.get_device(device).is_cuda:
             raise RuntimeError("the renderer runs on the CPU")
-        self._dtype = dtype
-        self._buffer = ctx.buffer(reserve=byte_count, dynamic=True)
+        self._ctx, byte_count = ctx, 4 * size[0] * size[1]
+        self._buffer = ctx.buffer(reserve=2 * byte_count, dynamic=True)
+        self._second = ctx.buffer(reserve=byte_count, dynamic=True)  # textures read from the start
         self._shared = wp.RegisteredGLBuffer(
             self._buffer.glo,
             device,
@@ -65,21 +73,32 @@ class SharedBuffer:
             fallback_to_copy=False,
         )
 
-    def write(self, texture: moderngl.Texture, image, viewport) -> None:
-        mapped = self._shared.map(dtype=self._dtype, shape=(image.size,))
-        wp.copy(mapped, image.flatten())
+    def write(self, arrays, textures, viewport) -> None:
+        """Put one or two arrays of one shape into as many textures."""
+        byte_count = 4 * arrays[0].size
+        mapped = self._shared.map(dtype=wp.uint8, shape=(len(arrays) * byte_count,))
+        for index, array in enumerate(arrays):
+            start = mapped.ptr + index * byte_count
+            room = wp.array(ptr=start, dtype=array.dtype, shape=array.shape, device=array.device)
+            wp.copy(room, array)
         self._shared.unmap()
-        texture.write(self._buffer, viewport=viewport)
+        textures[0].write(self._buffer, viewport=viewport)
+        for texture in textures[1:]:
+            self._ctx.copy_buffer(self._second, self._buffer, byte_count, read_offset=byte_count)
+            texture.write(self._second, viewport=viewport)
 
     def release(self) -> None:
         self._shared = None  # unregistered before OpenGL deletes the buffer
         self._buffer.release()
+        self._second.release()
 
 
 class ImageTexture:
     """A color and a depth texture of one size, filled by strips of rows."""
 
     def __init__(self, ctx: moderngl.Context, size: tuple[int, int], device: str, path: str):
+        # Without a buffer, the host copies.
+        self._buffer = SharedBuffer(ctx, device, size) if path == "buffer" else None
         self.size = size
         self.color = ctx.texture(size, 4, dtype="f1")
         self.color.filter = moderngl.LINEAR, moderngl.LINEAR
@@ -87,30 +106,25 @@ class ImageTexture:
         self.depth.filter = moderngl.NEAREST, moderngl.NEAREST  # inf must not be blended
         for texture in (self.color, self.depth):
             texture.repeat_x = texture.repeat_y = False
-        self._color_buffer = self._depth_buffer = None  # without them, the host copies
         self._pinned = {}  # memory of the host that CUDA copies to, by the pixels' type
-        if path == "buffer":
-            byte_count = 4 * size[0] * size[1]
-            self._color_buffer = SharedBuffer(ctx, device, wp.vec4ub, byte_count)
-            self._depth_buffer = SharedBuffer(ctx, device, wp.float32, byte_count)
 
     def write_color(self, color, first_row: int = 0) -> None:
         """Put colors [h, w] vec4ub at `first_row`, counted from the top."""
-        self._write(self.color, self._color_buffer, color, first_row)
+        self._write([color], [self.color], first_row)
 
     def write(self, image, first_row: int = 0) -> None:
         """Put an Image of core/render at `first_row`, counted from the top."""
-        self.write_color(image.color, first_row)
-        self._write(self.depth, self._depth_buffer, image.depth, first_row)
+        self._write([image.color, image.depth], [self.color, self.depth], first_row)
 
-    def _write(self, texture, buffer, pixels, first_row):
-        height, width = pixels.shape
-        assert width == self.size[0] and first_row + height <= self.size[1], pixels.shape
+    def _write(self, arrays, textures, first_row):
+        height, width = arrays[0].shape
+        assert width == self.size[0] and first_row + height <= self.size[1], arrays[0].shape
         viewport = 0, first_row, width, height
-        if buffer is None:
+        if self._buffer is not None:
+            self._buffer.write(arrays, textures, viewport)
+            return
+        for texture, pixels in zip(textures, arrays, strict=True):
             texture.write(self._on_host(pixels), viewport=viewport)
-        else:
-            buffer.write(texture, pixels, viewport)
 
     def _on_host(self, pixels):
         """The pixels as a NumPy array, which the next call may overwrite."""
@@ -126,6 +140,6 @@ class ImageTexture:
         return pinned.numpy()
 
     def release(self) -> None:
-        for part in (self._color_buffer, self._depth_buffer, self.color, self.depth):
+        for part in (self._buffer, self.color, self.depth):
             if part is not None:
                 part.release()

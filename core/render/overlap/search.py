@@ -68,6 +68,7 @@ class Overlap:
             self.counts = wp.zeros(2, dtype=int)
             self.tangled.ids = wp.empty(mesh.tet_count, dtype=int)
         self._host_counts = wp.zeros(2, dtype=int, device="cpu", pinned=pose.device.is_cuda)
+        self._stream = wp.Stream(pose.device) if pose.device.is_cuda else None
         self._counted = wp.Event(pose.device) if pose.device.is_cuda else None
         self._searching = Recorded(pose.device)
 
@@ -88,16 +89,28 @@ class Overlap:
         return self.expected
 
     def search(self) -> None:
-        """Start the search on the device if the vertices have changed; does not wait."""
+        """Start the search on the device if the vertices have changed; does not wait.
+
+        On CUDA it runs on a stream of its own, beside what is launched later: `join` before
+        launches that read what it finds.
+        """
         pose = self._pose
         if self._searched == pose.revision:
             return
         if len(self._part_tets):
             pose.refresh_face_boxes()
-        self._searching(self._launch_search)
-        if self._counted:
-            wp.get_stream(pose.device).record_event(self._counted)
+        if self._stream is None:
+            self._launch_search()
+        else:
+            with wp.ScopedStream(self._stream, sync_enter=True):
+                self._searching(self._launch_search)
+                self._stream.record_event(self._counted)
         self._searched = pose.revision
+
+    def join(self) -> None:
+        """Let what is launched from now on wait on the device for the search."""
+        if self._stream is not None:
+            wp.wait_event(self._counted)
 
     def _launch_search(self):
         pose, tet_count = self._pose, len(self._pose.tets)

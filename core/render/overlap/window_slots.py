@@ -366,5 +366,6 @@ class WindowSlots:
             buffers.state.zero_()
             inputs = [pose.geometry, self._bins.bins, counts, width, height, buffers, windows]
             wp.launch(sort_listed_kernel, pixel_threads(width, height), inputs, **where)
-        state = wavefront.run(self._way, options, stage)
-        return windows.crowded[: int(state[CROWDED])], int(state[SAMPLES])
+        wavefront.start(options, stage, self._way)
+        sample_count, crowded_count = wavefront.finish(options, stage, self._way)
+        return windows.crowded[:crowded_count], sample_count

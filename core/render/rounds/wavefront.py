@@ -27,11 +27,11 @@ from ..rays import DeviceCamera, Pose
 from ..shading import Shading
 from . import slots
 
-SLOTS_PER_PIXEL = 1.2  # rays for which there is no room wait for the next round
+SLOTS_PER_PIXEL = 2.0  # rays for which there is no room wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
 MOST_MORE_ROUNDS = 8  # before the host looks again
 LEAST_SLOTS_IN_ALL = 1 << 19  # 70 MB; a round of fewer takes as long
-MOST_SLOTS_IN_ALL = 1 << 21  # 280 MB
+MOST_SLOTS_IN_ALL = 1 << 22  # 560 MB
 SLOT_MULTIPLE = 4096  # so that some rays have room in any case
 
 
@@ -94,22 +94,21 @@ class Wavefront:
             threads = slots.pixel_threads(camera.lens.width, row_count)
             self._launch(slots.begin_kernel, threads, inputs)
 
-    def render(self, options, stage) -> int:
-        """Render the listed rays as plain ones; returns the number of samples."""
-        return int(self.run(PLAIN, options, stage)[slots.SAMPLES])
-
-    def run(self, way: Way, options, stage):
-        """Rounds until no ray is listed, from those in the list of the next round.
+    def start(self, options, stage, way: Way = PLAIN):
+        """Launch as many rounds as an image is likely to need, from the rays in the list.
 
         They fill `color` and `depth` of the buffers.
+        """
+        self._launch_rounds(self._likely_rounds.get(way.march, FIRST_ROUNDS), way, options, stage)
+
+    def finish(self, options, stage, way: Way = PLAIN) -> tuple[int, int]:
+        """Wait for the rounds of `start`, and launch others until no ray is listed.
 
         Returns:
-            The state, on the host.  [STATE_SIZE]
+            The numbers of samples and of crowded rays.
         """
         rounds = self._likely_rounds.get(way.march, FIRST_ROUNDS)
         while True:
-            for _ in range(rounds):
-                self._round(way, options, stage)
             wp.copy(self._host_state, self.buffers.state)
             if self.device.is_cuda:
                 wp.synchronize_stream(wp.get_stream(self.device))
@@ -117,8 +116,13 @@ class Wavefront:
             if state[slots.NEXT_LISTED] == 0:
                 break
             rounds = min(max(2, rounds // 2), MOST_MORE_ROUNDS)
+            self._launch_rounds(rounds, way, options, stage)
         self._likely_rounds[way.march] = int(state[slots.ROUNDS]) + 1
-        return state
+        return int(state[slots.SAMPLES]), int(state[slots.CROWDED])
+
+    def _launch_rounds(self, count, way, options, stage):
+        for _ in range(count):
+            self._round(way, options, stage)
 
     def _round(self, way, options, stage):
         """One round, recorded as a CUDA graph unless its stages are timed."""
