@@ -1,8 +1,10 @@
 """deformrf-train: photographs with known cameras in, a model file out."""
 
+import os
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -126,7 +128,15 @@ def train_command(kind: type, prepare: Callable):
     if asked_for_version():
         sys.exit(0)
     arguments = tyro.cli(kind, prog=PROGRAM)
-    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
+    code = run(PROGRAM, lambda: prepare(arguments))
+    if int(os.environ.get("WORLD_SIZE", 1)) > 1 and training.was_worker():
+        # All is written.  A thread of torch's that outlives the group of workers aborts one of them
+        # now and then, when Python ends; torchrun would say that the training failed.
+        for stream in filter(None, (sys.stdout, sys.stderr)):
+            with suppress(OSError, ValueError):  # nobody reads it any more
+                stream.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def prepare_training(

@@ -36,6 +36,12 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         # for the commands
         "lpips": ["LPIPS_SIZE_MIN", "Lpips"],
         "metrics": ["check_size"],
-        "run": ["CheckpointError", "is_checkpoint", "load_checkpoint", "torchrun_workers"],
+        "run": [
+            "CheckpointError",
+            "is_checkpoint",
+            "load_checkpoint",
+            "torchrun_workers",
+            "was_worker",
+        ],
     },
 )

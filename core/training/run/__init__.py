@@ -14,7 +14,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "save_checkpoint",
         ],
         "differentiable": ["on_warp_stream"],
-        "distributed": ["ALONE", "Workers", "torchrun_workers"],
+        "distributed": ["ALONE", "Workers", "torchrun_workers", "was_worker"],
         "exposure": ["LearnedExposure"],
         "memory": ["ALLOCATION_ERRORS", "OutOfMemory", "give_memory_back", "lacks_memory"],
         "monitoring": ["Diverged", "History", "TrainingProgress"],

@@ -124,6 +124,12 @@ class Workers:
 
 
 ALONE = Workers()
+_met = []  # the group that this process was in, if any
+
+
+def was_worker() -> bool:
+    """Whether torchrun_workers has made this process one of several workers."""
+    return bool(_met)
 
 
 @contextmanager
@@ -140,5 +146,6 @@ def torchrun_workers(device):
         dist.init_process_group("nccl", timeout=PATIENCE, device_id=device)
     else:
         dist.init_process_group("gloo", timeout=PATIENCE)
-    yield Workers(dist.get_rank(), count, device)
+    _met.append(Workers(dist.get_rank(), count, device))
+    yield _met[-1]
     dist.destroy_process_group()  # not after an error, when nobody may answer
