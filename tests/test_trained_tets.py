@@ -84,6 +84,26 @@ def test_the_object_is_left_alone_and_solid(scene):
     assert middles[:, 2].min() > 0.0
 
 
+def test_fog_carries_no_crumbs_of_the_ground(scene):
+    """Around the column the table is thicker than a layer, with fog on it."""
+    field, column = scene
+    box, ground = np.array([[0.0] * 3, [1.0] * 3]), Plane(np.array([0.0, 0.0, 1.0]), 0.05)
+    x, y, z = np.moveaxis(subtet_middles(field.mesh), 2, 0)
+    ring = abs(np.hypot(x - 0.5, y - 0.5) - 0.3) < 0.1
+    crumbs, fog = ring & (z > 0.05) & (z < 0.095), ring & (z > 0.095) & (z < 0.13)
+    occupancy, densities = field.occupancy.copy(), np.full(column.shape, 50.0)
+    densities[fog] = 1.0
+    field.occupancy[:] = pack_mask(column | crumbs | fog)
+    try:
+        alone = trained_tets.object_alone(field, densities, box, ground)
+    finally:
+        field.occupancy[:] = occupancy
+    left = subtet_middles(alone.mesh)[unpack_mask(alone.occupancy)]
+    beside = np.hypot(*(left[:, :2] - 0.5).T) > 0.24
+    assert (left[beside, 2] < 0.095).sum() < 0.05 * crumbs.sum()
+    assert (~beside).sum() > 0.9 * column.sum()
+
+
 def test_without_matter_nothing_is_taken_away(scene):
     field, column = scene
     densities = np.full(column.shape, 50.0)

@@ -91,13 +91,14 @@ def object_alone(field: TetField, densities, box, ground: Plane | None) -> TetFi
     mesh, neighbours = field.mesh, field.neighbours
     edge = 0.25 * regular_edge(mesh)  # of a sub-tet
     matter = unpack_mask(field.occupancy)
-    matter &= ((matter * densities).max(axis=1) * edge >= FOG)[:, None]
+    thick = matter & (densities * edge >= FOG)
+    matter &= thick.any(axis=1)[:, None]
     is_ground = np.zeros(mesh.tet_count, bool)
     if ground is not None:
         places = subtet_middles(mesh)
         heights = ground.height(places)
         matter &= heights > CLEARANCE * edge
-        matter[matter] = carried(places[matter], ground, edge)
+        matter[matter] = carried(places[matter], thick[matter], ground, edge)
         is_ground = (heights < CLEARANCE * edge).all(axis=1)
     occupied = matter.any(axis=1)
     if not occupied.any():
@@ -119,11 +120,12 @@ def object_alone(field: TetField, densities, box, ground: Plane | None) -> TetFi
     return reduced(replace(field, occupancy=pack_mask(matter)), keep)
 
 
-def carried(places, ground: Plane, edge):
-    """Whether sub-tets are more than a layer of the ground: high, or below others.  [n] bool
+def carried(places, thick, ground: Plane, edge):
+    """Whether sub-tets are more than a layer of the ground: high, or below thick ones.  [n] bool
 
     Args:
         places: Their middles.  [n, 3]
+        thick: Which are more than fog, of which some hangs over the ground.  [n] bool
         edge: Their edges' length.
     """
     from scipy.spatial import cKDTree
@@ -131,7 +133,7 @@ def carried(places, ground: Plane, edge):
     heights = ground.height(places)
     flat = places - heights[:, None] * ground.normal
     low = heights < LOW * edge
-    above = ~low & (heights < ABOVE * edge)
+    above = thick & ~low & (heights < ABOVE * edge)
     stays = ~low
     if low.any() and above.any():
         distances = cKDTree(flat[above]).query(flat[low], distance_upper_bound=ASIDE * edge)[0]
