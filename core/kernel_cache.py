@@ -27,6 +27,7 @@ ROOM = 64 * 2**20  # bytes that a folder needs; Warp's compiler ends the process
 
 log = logging.getLogger(__name__)
 _moving = threading.Lock()
+_temporary: list[Path] = []  # folders of this process
 
 
 def start(init: Callable[[], None]) -> None:
@@ -154,6 +155,12 @@ def _discard(folder: Path) -> None:
         _move(folder.parent, error.strerror or str(error))
 
 
+def remove_temporary() -> None:
+    """Remove the folders that are not kept, as the end of Python does."""
+    for folder in _temporary:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 def _move(old: Path, why: str) -> Path:
     """Give Warp a folder of our own, kept if possible, else until the end of this process."""
     import warp as wp
@@ -164,7 +171,8 @@ def _move(old: Path, why: str) -> Path:
         kept = platformdirs.user_state_path("deformrf") / "kernels" / wp.config.version
         if kept == old or problem(kept):
             kept = Path(tempfile.mkdtemp(prefix="deformrf-kernels-"))
-            atexit.register(shutil.rmtree, kept, ignore_errors=True)
+            _temporary.append(kept)
+            atexit.register(remove_temporary)
         log.warning("kernels can't be kept in %s (%s): %s has them", printable(old), why, kept)
         wp.config.kernel_cache_dir = os.fspath(kept)
         return kept

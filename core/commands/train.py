@@ -4,7 +4,6 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,7 +12,7 @@ import tyro
 from platformdirs import user_state_path
 
 from .. import field as fields
-from .. import training
+from .. import kernel_cache, training
 from ..arguments import (
     Count,
     Meters,
@@ -129,12 +128,12 @@ def train_command(kind: type, prepare: Callable):
         sys.exit(0)
     arguments = tyro.cli(kind, prog=PROGRAM)
     code = run(PROGRAM, lambda: prepare(arguments))
-    if int(os.environ.get("WORLD_SIZE", 1)) > 1 and training.was_worker():
+    if "torch.distributed" in sys.modules and training.was_worker():
         # All is written.  A thread of torch's that outlives the group of workers aborts one of them
         # now and then, when Python ends; torchrun would say that the training failed.
-        for stream in filter(None, (sys.stdout, sys.stderr)):
-            with suppress(OSError, ValueError):  # nobody reads it any more
-                stream.flush()
+        kernel_cache.remove_temporary()
+        sys.stdout.flush()
+        sys.stderr.flush()
         os._exit(code)
     sys.exit(code)
 

@@ -80,7 +80,8 @@ class Renderer:
         part: The visible part of the field: fewer tets, in another order.
         pose, shading: Pose and shading of that part.
         overlap: `overlap.exists()` says whether the pose overlaps itself.
-        stage: Times the stages while `stage.seconds` is a dict; then each image is waited for.
+        stage: Times the stages while `stage.seconds` is a dict; then each image is waited for, and
+            no stage runs beside another.  Where an overlap begins, two images count as one.
     """
 
     def __init__(self, field: TetField, device="cpu", part_of=visible_part):
@@ -109,6 +110,7 @@ class Renderer:
     def set_vertices(self, vertices):
         """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""
         with self.stage("pose"):
+            self.overlap.join()  # a search may still read the pose before, if its image failed
             self.pose.set_vertices(vertices)
 
     def set_occupancy(self, occupancy):

@@ -20,7 +20,7 @@ SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters
 SMALLEST_PART = 0.01  # of the object's matter
 FOG = 0.1  # optical depth across a sub-tet; a tet without more is fog
 # Edges of a sub-tet: what is lower over the ground is the ground's; what is lower than LOW is the
-# object's only if something is ABOVE it, up to ASIDE beside it.
+# object's only if something thick is ABOVE it, up to ASIDE beside it.
 CLEARANCE, LOW, ABOVE, ASIDE = 0.6, 2.2, 4.4, 1.5
 
 

@@ -66,12 +66,17 @@ class SharedBuffer:
         self._ctx, byte_count = ctx, 4 * size[0] * size[1]
         self._buffer = ctx.buffer(reserve=2 * byte_count, dynamic=True)
         self._second = ctx.buffer(reserve=byte_count, dynamic=True)  # textures read from the start
-        self._shared = wp.RegisteredGLBuffer(
-            self._buffer.glo,
-            device,
-            flags=wp.RegisteredGLBuffer.WRITE_DISCARD,
-            fallback_to_copy=False,
-        )
+        self._shared = None
+        try:
+            self._shared = wp.RegisteredGLBuffer(
+                self._buffer.glo,
+                device,
+                flags=wp.RegisteredGLBuffer.WRITE_DISCARD,
+                fallback_to_copy=False,
+            )
+        except BaseException:
+            self.release()
+            raise
 
     def write(self, arrays, textures, viewport) -> None:
         """Put one or two arrays of one shape into as many textures."""

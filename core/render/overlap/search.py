@@ -92,7 +92,7 @@ class Overlap:
         """Start the search on the device if the vertices have changed; does not wait.
 
         On CUDA it runs on a stream of its own, beside what is launched later: `join` before
-        launches that read what it finds.
+        launches that read what it finds, or change the pose.
         """
         pose = self._pose
         if self._searched == pose.revision:
@@ -110,7 +110,7 @@ class Overlap:
     def join(self) -> None:
         """Let what is launched from now on wait on the device for the search."""
         if self._stream is not None:
-            wp.wait_event(self._counted)
+            wp.get_stream(self._pose.device).wait_event(self._counted)
 
     def _launch_search(self):
         pose, tet_count = self._pose, len(self._pose.tets)

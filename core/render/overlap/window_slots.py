@@ -349,7 +349,7 @@ class WindowSlots:
         self._way = Way(*kernels, LEAST_SLOTS, MOST_SLOTS, (windows, self._bins.bins))
 
     def render(self, counts, width: int, height: int, options, stage):
-        """Render the image that the wavefront has begun.
+        """Render the image that the wavefront has begun, and not started.
 
         Args:
             counts: Overlap's, on the device.

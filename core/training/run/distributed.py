@@ -124,17 +124,18 @@ class Workers:
 
 
 ALONE = Workers()
-_met = []  # the group that this process was in, if any
+_was_worker = False  # this process
 
 
 def was_worker() -> bool:
     """Whether torchrun_workers has made this process one of several workers."""
-    return bool(_met)
+    return _was_worker
 
 
 @contextmanager
 def torchrun_workers(device):
     """The Workers that torchrun has started, or ALONE; `device` is this worker's."""
+    global _was_worker
     count = int(os.environ.get("WORLD_SIZE", 1))
     if count == 1:
         yield ALONE
@@ -146,6 +147,6 @@ def torchrun_workers(device):
         dist.init_process_group("nccl", timeout=PATIENCE, device_id=device)
     else:
         dist.init_process_group("gloo", timeout=PATIENCE)
-    _met.append(Workers(dist.get_rank(), count, device))
-    yield _met[-1]
+    _was_worker = True
+    yield Workers(dist.get_rank(), count, device)
     dist.destroy_process_group()  # not after an error, when nobody may answer
