@@ -124,11 +124,17 @@ def test_few_contradictions_are_not_told():
 
 
 def test_two_things_that_look_alike_are_told(call, trainer, tmp_path):
-    """All photographs get a camera, and it is wrong."""
+    """Mostly all photographs get a camera, and it is wrong; or too few of them fit together.
+
+    Features are found by several threads, so their order differs, and with it what RANSAC draws.
+    """
     poses, folder = circle(24, radius=4.2, height=2.0), tmp_path / "photos"
     write_twins(folder, poses, np.random.default_rng(1))
     result = call(train.main, folder, "-o", tmp_path / "m.npz", "--check")
-    assert result.code == 0, result.err
+    if result.code:
+        for words in ("fit together", "things look alike", "newspaper"):
+            assert words in result.err
+        return
     views = load_dataset(folder, "train")
     centers, _ = similarity_errors(views.poses, poses[[int(name) for name in views.names]])
     assert np.median(centers) > 0.2
