@@ -5,11 +5,12 @@ import pytest
 import torch
 import warp as wp
 
+from deformrf.core.field import GEOMETRY_FEATURES
 from deformrf.core.render.rounds.compositing import composite_reference
 from deformrf.core.training.run.differentiable import Composite
 
 
-def random_samples(ray_count=40, longest=100):
+def random_samples(ray_count=40, longest=100, channels=3):
     """Packed samples of rays, some of which have none."""
     rng = np.random.default_rng()
     counts = rng.integers(0, longest, ray_count)
@@ -18,7 +19,7 @@ def random_samples(ray_count=40, longest=100):
     starts = np.repeat(np.cumsum(counts) - counts, counts)
     ends = np.cumsum(length)
     t = ends - 0.5 * length - np.concatenate([[0], ends])[starts]
-    return rng.exponential(3.0, total), rng.uniform(size=(total, 3)), length, t, counts
+    return rng.exponential(3.0, total), rng.uniform(size=(total, channels)), length, t, counts
 
 
 def test_a_homogeneous_medium_absorbs_exponentially():
@@ -67,18 +68,21 @@ def on_device(samples, device):
     )
 
 
-def test_forward_kernel_matches_the_reference(device):
-    samples = random_samples()
+@pytest.mark.parametrize("channels", [3, GEOMETRY_FEATURES])
+def test_forward_kernel_matches_the_reference(device, channels):
+    samples = random_samples(channels=channels)
     color, opacity, _, distortion = composite_reference(*samples)
     outputs = Composite.apply(*on_device(samples, device))
     for ours, expected in zip(outputs, (color, opacity, distortion), strict=False):
         np.testing.assert_allclose(ours.detach().cpu(), expected, atol=2e-6)
 
 
-def test_gradients_match_finite_differences_of_the_reference(device):
-    sigma, rgb, length, t, counts = samples = random_samples(ray_count=12, longest=45)
+@pytest.mark.parametrize("channels", [3, GEOMETRY_FEATURES])
+def test_gradients_match_finite_differences_of_the_reference(device, channels):
+    shape = {"ray_count": 12, "longest": 45 if channels == 3 else 15}
+    sigma, rgb, length, t, counts = samples = random_samples(**shape, channels=channels)
     rng = np.random.default_rng()
-    weights = [rng.normal(size=s) for s in ((12, 3), 12, 12)]
+    weights = [rng.normal(size=s) for s in ((12, channels), 12, 12)]
 
     def loss(sigma, rgb):
         color, opacity, _, distortion = composite_reference(sigma, rgb, length, t, counts)

@@ -47,6 +47,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "evaluators",
             "native_networks",
             "networks_kernel",
+            "sigma_from",
+            "spherical_harmonics",
         ],
         "occupancy": [
             "SUBTET_COUNT",

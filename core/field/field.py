@@ -14,7 +14,15 @@ from ..geometry import TetMesh
 from .encoding import encode_reference
 from .grid import Surroundings
 from .layout import FEATURES, Layout, make_layout
-from .networks import BASIS_COUNT, GEOMETRY_FEATURES, Layers, evaluate, spherical_harmonics
+from .networks import (
+    BASIS_COUNT,
+    GEOMETRY_FEATURES,
+    Layers,
+    mlp,
+    sigma_from,
+    sigmoid,
+    spherical_harmonics,
+)
 
 
 @dataclass(frozen=True)
@@ -29,6 +37,9 @@ class FieldOptions:
     # If color does not depend on the direction, the color network's weights for all but the
     # constant spherical harmonic are zero.
     view_dependence: bool = True
+    # One color a ray: the color network takes the means, along the ray, of what it would take of each
+    # sample.
+    deferred: bool = False
     dense_levels: bool = True  # an entry per vertex where they fit the table; else all are hashed
 
 
@@ -61,13 +72,22 @@ class TetField:
 
         Directions are unit vectors, turned back to rest.
         """
-        double = [
-            tuple((w.astype(np.float64), b.astype(np.float64)) for w, b in layers)
-            for layers in (self.density_layers, self.color_layers)
-        ]
+        h = self.geometry(tet, bary)
+        return sigma_from(h), self.colors(h, spherical_harmonics(directions))
+
+    def geometry(self, tet, bary):
+        """What the density network gives, in float64; `sigma_from` it is the density.  [N, 16]"""
         table = self.table.astype(np.float64)
         features = encode_reference(self.mesh, self.layout, table, tet, bary)
-        return evaluate(features, spherical_harmonics(directions), *double)
+        return mlp(features, _double(self.density_layers))
+
+    def colors(self, h, basis):
+        """What the color network gives, in float64.  [N, 16], [N, 16] -> [N, 3]"""
+        return sigmoid(mlp(np.concatenate([h, basis], axis=1), _double(self.color_layers)))
+
+
+def _double(layers: Layers) -> Layers:
+    return tuple((w.astype(np.float64), b.astype(np.float64)) for w, b in layers)
 
 
 def layer_widths(options: FieldOptions):

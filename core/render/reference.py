@@ -9,6 +9,9 @@ The four lines of docs/design/001-field-and-image.md:
 3. extinction per unit of t is κ = s·σ·|F⁻¹d|;
 4. all piece ends along the ray are merged; where tets overlap, the media add up.
 
+With one color a ray (`FieldOptions.deferred`), what is summed instead of the samples' colors is
+what the color network takes of them, h and Y(Qᵀd).  The ray's color is the network's of the means.
+
 Every ray is tested against every tet, so this is for small images in tests and reports.
 """
 
@@ -16,7 +19,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..field import TetField, is_occupied_reference
+from ..field import (
+    BASIS_COUNT,
+    GEOMETRY_FEATURES,
+    TetField,
+    is_occupied_reference,
+    sigma_from,
+    spherical_harmonics,
+)
 from .rays import ASIDE, tet_frames_reference
 
 ROUNDING = 1e-12  # relative; what is smaller counts as 0
@@ -84,13 +94,17 @@ def render_rays(field: TetField, vertices, origins, directions, background):
     ray, tet, bary, t_in, t_out, rest_direction, rate = ray_pieces(
         field, np.asarray(vertices, float), origins, directions
     )
-    sigma, rgb = np.empty(len(ray)), np.empty((len(ray), 3))
+    deferred = field.options.deferred
+    width = GEOMETRY_FEATURES + BASIS_COUNT if deferred else 3
+    sigma, values = np.empty(len(ray)), np.empty((len(ray), width))
     for first in range(0, len(ray), EVALUATE_CHUNK):
         part = slice(first, first + EVALUATE_CHUNK)
-        sigma[part], rgb[part] = field.evaluate(tet[part], bary[part], rest_direction[part])
+        h, basis = field.geometry(tet[part], bary[part]), spherical_harmonics(rest_direction[part])
+        sigma[part] = sigma_from(h)
+        values[part] = np.column_stack([h, basis]) if deferred else field.colors(h, basis)
     kappa = sigma * rate
 
-    color = np.zeros((len(origins), 3))
+    sums = np.zeros((len(origins), width))
     opacity, depth = np.zeros(len(origins)), np.zeros(len(origins))
     bounds = np.searchsorted(ray, np.arange(len(origins) + 1))
     for r, (first, last) in enumerate(pairwise(bounds)):
@@ -98,8 +112,8 @@ def render_rays(field: TetField, vertices, origins, directions, background):
         ends, inverse = np.unique(np.concatenate([t_in[part], t_out[part]]), return_inverse=True)
         starts, stops = np.split(inverse, 2)
         # A piece adds its medium at its start and removes it at its end: cumulative sums.
-        medium = np.zeros((len(ends), 4))
-        emission = np.column_stack([kappa[part], kappa[part, None] * rgb[part]])
+        medium = np.zeros((len(ends), 1 + width))
+        emission = np.column_stack([kappa[part], kappa[part, None] * values[part]])
         np.add.at(medium, starts, emission)
         np.add.at(medium, stops, -emission)
         medium = np.cumsum(medium, axis=0)[:-1]
@@ -109,9 +123,13 @@ def render_rays(field: TetField, vertices, origins, directions, background):
         weights = transmittance[:-1] * -np.expm1(-tau)
         lit = medium[:, 0] > 1e-9
         weights = np.where(lit, weights, 0.0)
-        color[r] = (weights / np.where(lit, medium[:, 0], 1.0)) @ medium[:, 1:]
+        sums[r] = (weights / np.where(lit, medium[:, 0], 1.0)) @ medium[:, 1:]
         opacity[r] = weights.sum()
         if opacity[r] > 0:
             depth[r] = weights @ (0.5 * (ends[:-1] + ends[1:])) / opacity[r]
-    color += (1.0 - opacity)[:, None] * np.asarray(background, float)
+    color = sums
+    if deferred:
+        means = sums / np.maximum(opacity, 1e-12)[:, None]
+        color = opacity[:, None] * field.colors(*np.split(means, [GEOMETRY_FEATURES], axis=1))
+    color = color + (1.0 - opacity)[:, None] * np.asarray(background, float)
     return color, opacity, depth

@@ -42,13 +42,17 @@ class TorchNetworks(nn.Module):
         """Density per unit of rest length, float32.  [N]"""
         return TruncatedExp.apply(h[:, 0].float())
 
-    def forward(self, features, basis):
-        """sigma [N] and rgb [N, 3], both float32."""
-        h = self.density_features(features)
+    def colors(self, h, basis):
+        """rgb [N, 3], float32, of what the density network gives [N, 16] and directions [N, 16]."""
         x = torch.cat([h, basis.to(h.dtype)], dim=1)
         for layer in self.color[:-1]:
             x = torch.relu(layer(x))
-        return self.sigma(h), torch.sigmoid(self.color[-1](x).float())
+        return torch.sigmoid(self.color[-1](x).float())
+
+    def forward(self, features, basis):
+        """sigma [N] and rgb [N, 3], both float32."""
+        h = self.density_features(features)
+        return self.sigma(h), self.colors(h, basis)
 
     def evaluate(self, features, basis, sample_count=None):
         """`forward`, by the fused kernels where they fit (triton.py).

@@ -26,7 +26,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 def composite_reference(sigma, rgb, length, t, counts):
     """color [R, 3] (no background), opacity [R], depth [R] (0 without opacity), distortion [R]."""
     ends = np.cumsum(counts)
-    color, opacity = np.zeros((len(counts), 3)), np.zeros(len(counts))
+    color, opacity = np.zeros((len(counts), rgb.shape[1])), np.zeros(len(counts))
     depth, distortion = np.zeros(len(counts)), np.zeros(len(counts))
     for ray, (end, count) in enumerate(zip(ends, counts, strict=True)):
         part = slice(end - count, end)

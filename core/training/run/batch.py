@@ -11,7 +11,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from ...field import CONSTANT_BASIS, basis_vector
+from ...field import CONSTANT_BASIS, basis_of, basis_vector
 from ...render import (
     COUNT,
     WRITE,
@@ -57,6 +57,15 @@ def mark_unused_kernel(sample_count: wp.array(dtype=int), sample_tet: wp.array(d
     n = wp.tid()
     if n >= sample_count[0]:
         sample_tet[n] = -1
+
+
+@wp.kernel
+def ray_basis_kernel(
+    directions: wp.array(dtype=wp.vec3),  # [R]
+    basis: wp.array(dtype=basis_vector),  # [R] out
+):
+    i = wp.tid()
+    basis[i] = basis_of(directions[i])
 
 
 class Batch:
@@ -162,6 +171,16 @@ class Batch:
             ],
             [self._basis],
         )
+
+    def ray_basis(self, view_dependence=True):
+        """Spherical harmonics of the rays' directions, which at rest are the samples'.  [R, 16]"""
+        basis = torch.zeros(self.ray_count, len(CONSTANT_BASIS), device=self.basis.device)
+        if not view_dependence:
+            basis[:, 0] = CONSTANT_BASIS[0]
+            return basis
+        outputs = [wp.from_torch(basis, dtype=basis_vector)]
+        self._launch(ray_basis_kernel, self.ray_count, [self.drawn.directions], outputs)
+        return basis
 
     def _make_room(self, capacity):
         self.samples = empty_samples(capacity, self.device)

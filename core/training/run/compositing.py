@@ -4,10 +4,19 @@ On CUDA the 32 lanes of a warp take 32 samples of a ray at a time, because a ste
 longest rays.  On the CPU one lane takes one sample after another.  The kernels are the same:
 `sum_before`, `product_before` and `last_lane` combine what the lanes have.
 
+What is summed is a vector of each sample: its color (`vec3`), or the numbers between the networks
+(`geometry_vector`), from which one color a ray is made.
+
 Shapes: R rays, N packed samples; ray r owns samples ends[r] - counts[r] .. ends[r] - 1.
 """
 
+from typing import Any
+
 import warp as wp
+
+from ...field import GEOMETRY_FEATURES
+
+geometry_vector = wp.types.vector(length=GEOMETRY_FEATURES, dtype=wp.float32)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -71,17 +80,30 @@ def total(x: float) -> float:
     return last_lane(sum_before(0.0, x) + x)
 
 
+@wp.func
+def total(x: wp.vec3):
+    return wp.vec3(total(x[0]), total(x[1]), total(x[2]))
+
+
+@wp.func
+def total(x: geometry_vector):
+    y = geometry_vector()
+    for k in range(wp.static(GEOMETRY_FEATURES)):
+        y[k] = total(x[k])
+    return y
+
+
 @wp.kernel
 def composite_kernel(
     lanes: int,
     sigma: wp.array(dtype=float),  # [N]
-    rgb: wp.array(dtype=wp.vec3),  # [N]
+    values: wp.array(dtype=Any),  # [N]
     length: wp.array(dtype=float),  # [N]
     t: wp.array(dtype=float),  # [N]
     counts: wp.array(dtype=int),  # [R]
     ends: wp.array(dtype=int),  # [R]
     weights: wp.array(dtype=float),  # [N] out
-    color: wp.array(dtype=wp.vec3),  # [R] out
+    sums: wp.array(dtype=Any),  # [R] out
     opacity: wp.array(dtype=float),  # [R] out
     weighted_t: wp.array(dtype=float),  # [R] out: Σ w t
     distortion: wp.array(dtype=float),  # [R] out
@@ -94,7 +116,7 @@ def composite_kernel(
     transmittance = float(1.0)
     total_w = float(0.0)  # Σ w_j and Σ w_j t_j of the pieces so far
     total_t = float(0.0)
-    c = wp.vec3()  # sums of this lane's pieces
+    c = values.dtype()  # sums of this lane's pieces
     loss = float(0.0)
     while first < end:
         n = first + lane
@@ -110,7 +132,7 @@ def composite_kernel(
         if n < end:
             w = before * (1.0 - remaining)
             weights[n] = w
-            c += w * rgb[n]
+            c += w * values[n]
         w_before = sum_before(total_w, w)
         t_before = sum_before(total_t, w * at)
         # Samples are ordered in t, so |t_i - t_j| needs no absolute value.
@@ -119,10 +141,10 @@ def composite_kernel(
         total_w = last_lane(w_before + w)
         total_t = last_lane(t_before + w * at)
         first += lanes
-    c = wp.vec3(total(c[0]), total(c[1]), total(c[2]))
+    c = total(c)
     loss = total(loss)
     if lane == 0:
-        color[ray] = c
+        sums[ray] = c
         opacity[ray] = total_w
         weighted_t[ray] = total_t
         distortion[ray] = loss
@@ -131,7 +153,7 @@ def composite_kernel(
 @wp.kernel
 def composite_backward_kernel(
     lanes: int,
-    rgb: wp.array(dtype=wp.vec3),  # [N]
+    values: wp.array(dtype=Any),  # [N]
     length: wp.array(dtype=float),  # [N]
     t: wp.array(dtype=float),  # [N]
     counts: wp.array(dtype=int),  # [R]
@@ -139,18 +161,18 @@ def composite_backward_kernel(
     weights: wp.array(dtype=float),  # [N] of the forward pass, as the next two
     opacity: wp.array(dtype=float),  # [R]
     weighted_t: wp.array(dtype=float),  # [R]
-    color_grad: wp.array(dtype=wp.vec3),  # [R]
+    sums_grad: wp.array(dtype=Any),  # [R]
     opacity_grad: wp.array(dtype=float),  # [R]
     distortion_grad: wp.array(dtype=float),  # [R]
     sigma_grad: wp.array(dtype=float),  # [N] out
-    rgb_grad: wp.array(dtype=wp.vec3),  # [N] out
+    values_grad: wp.array(dtype=Any),  # [N] out
 ):
     """dL/dτ_i = T_{i+1} v_i - Σ_{j>i} w_j v_j with v = dL/dw; then τ = σ·length."""
     ray = wp.tid() // lanes
     lane = wp.tid() - ray * lanes
     last = ends[ray] - 1
     first = ends[ray] - counts[ray]
-    gc = color_grad[ray]
+    gc = sums_grad[ray]
     go = opacity_grad[ray]
     gd = distortion_grad[ray]
     total_w = opacity[ray]
@@ -170,7 +192,7 @@ def composite_backward_kernel(
             w = weights[n]
             at = t[n]
             extent = length[n]
-            seen = wp.dot(gc, rgb[n])
+            seen = wp.dot(gc, values[n])
         w_after = sum_before(after, w)
         t_after = sum_before(after_t, w * at)
         w_before = total_w - w_after - w
@@ -181,9 +203,17 @@ def composite_backward_kernel(
         t_behind = sum_before(transmittance, w)
         if n >= first:
             sigma_grad[n] = extent * (t_behind * v - wv_after)
-            rgb_grad[n] = w * gc
+            values_grad[n] = w * gc
         behind = last_lane(wv_after + w * v)
         after = last_lane(w_after + w)
         after_t = last_lane(t_after + w * at)
         transmittance = last_lane(t_behind + w)
         last -= lanes
+
+
+for _vector in (wp.vec3, geometry_vector):
+    wp.overload(composite_kernel, {"values": wp.array(dtype=_vector), "sums": wp.array(dtype=_vector)})
+    wp.overload(
+        composite_backward_kernel,
+        {name: wp.array(dtype=_vector) for name in ("values", "sums_grad", "values_grad")},
+    )

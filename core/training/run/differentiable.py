@@ -11,7 +11,12 @@ import warp as wp
 
 from ...field import FEATURES, Tables, encode_backward_kernel, encode_kernel
 from ...wide import vec4h
-from .compositing import composite_backward_kernel, composite_kernel, lane_count
+from .compositing import (
+    composite_backward_kernel,
+    composite_kernel,
+    geometry_vector,
+    lane_count,
+)
 
 
 def on_warp_stream(device):
@@ -63,44 +68,45 @@ class Encode(torch.autograd.Function):
 
 
 class Composite(torch.autograd.Function):
-    """color [R, 3], opacity [R], distortion [R], weights [N] of packed samples.
+    """Sums of values [R, C], opacity [R], distortion [R], weights [N] of packed samples.
 
-    Differentiable in sigma and rgb; weights are not to be differentiated through.
+    Differentiable in sigma and in the values, which are colors (C = 3) or the numbers between the
+    networks (C = 16) [N, C]; weights are not to be differentiated through.
     """
 
     @staticmethod
-    def forward(ctx, sigma, rgb, length, t, counts, ends):
+    def forward(ctx, sigma, values, length, t, counts, ends):
         ray_count, device = len(counts), wp.device_from_torch(sigma.device)
         weights = torch.empty_like(sigma)
-        color = torch.empty(ray_count, 3, device=sigma.device)
+        sums = torch.empty(ray_count, values.shape[1], device=sigma.device)
         opacity = torch.empty(ray_count, device=sigma.device)
         weighted_t, distortion = torch.empty_like(opacity), torch.empty_like(opacity)
-        sigma, rgb = sigma.contiguous(), rgb.contiguous()
+        sigma, values = sigma.contiguous(), values.contiguous()
         lanes = lane_count(device)
         wp.launch(
             composite_kernel,
             dim=ray_count * lanes,
-            inputs=[lanes, _float(sigma), _vec3(rgb), length, t, counts, ends],
+            inputs=[lanes, _float(sigma), _vectors(values), length, t, counts, ends],
             outputs=[
                 _float(weights),
-                _vec3(color),
+                _vectors(sums),
                 _float(opacity),
                 _float(weighted_t),
                 _float(distortion),
             ],
             device=device,
         )
-        ctx.save_for_backward(rgb, weights, opacity, weighted_t)
+        ctx.save_for_backward(values, weights, opacity, weighted_t)
         ctx.samples = (length, t, counts, ends)
         ctx.mark_non_differentiable(weights)
-        return color, opacity, distortion, weights
+        return sums, opacity, distortion, weights
 
     @staticmethod
-    def backward(ctx, color_grad, opacity_grad, distortion_grad, _weights_grad):
-        rgb, weights, opacity, weighted_t = ctx.saved_tensors
+    def backward(ctx, sums_grad, opacity_grad, distortion_grad, _weights_grad):
+        values, weights, opacity, weighted_t = ctx.saved_tensors
         length, t, counts, ends = ctx.samples
         # Zeros: samples that belong to no ray get nothing.
-        sigma_grad, rgb_grad = torch.zeros_like(weights), torch.zeros_like(rgb)
+        sigma_grad, values_grad = torch.zeros_like(weights), torch.zeros_like(values)
         device = wp.device_from_torch(weights.device)
         lanes = lane_count(device)
         wp.launch(
@@ -108,7 +114,7 @@ class Composite(torch.autograd.Function):
             dim=len(counts) * lanes,
             inputs=[
                 lanes,
-                _vec3(rgb),
+                _vectors(values),
                 length,
                 t,
                 counts,
@@ -116,22 +122,23 @@ class Composite(torch.autograd.Function):
                 _float(weights),
                 _float(opacity),
                 _float(weighted_t),
-                _vec3(color_grad),
+                _vectors(sums_grad),
                 _float(opacity_grad),
                 _float(distortion_grad),
             ],
-            outputs=[_float(sigma_grad), _vec3(rgb_grad)],
+            outputs=[_float(sigma_grad), _vectors(values_grad)],
             device=device,
         )
-        return sigma_grad, rgb_grad, None, None, None, None
+        return sigma_grad, values_grad, None, None, None, None
 
 
 def _float(tensor):
     return wp.from_torch(tensor.detach().contiguous(), dtype=wp.float32)
 
 
-def _vec3(tensor):
-    return wp.from_torch(tensor.detach().contiguous(), dtype=wp.vec3)
+def _vectors(tensor):
+    dtype = wp.vec3 if tensor.shape[1] == 3 else geometry_vector
+    return wp.from_torch(tensor.detach().contiguous(), dtype=dtype)
 
 
 def _vec4(tensor):

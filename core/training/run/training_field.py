@@ -39,6 +39,7 @@ EMPTY_THICKNESS = 1e-4  # below it is empty, even where everything is as thin
 OCCUPANCY_DECAY = 0.95  # of the thickness per update: space that got empty stays some 60 updates
 UPDATE_CHUNK, SMALLEST_CHUNK = 1 << 20, 1 << 10  # sub-tets evaluated at once
 LOOK_RAYS, SMALLEST_LOOK = 1 << 14, 1 << 6  # rays traced at once to find what none of them sees
+SMALLEST_OPACITY = 1e-3  # of a ray whose means are taken: a smaller one has hardly a color
 INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
 
 wp.set_module_options({"enable_backward": False})
@@ -136,11 +137,21 @@ class TrainingField:
             color [R, 3] without background, opacity [R], distortion [R], weights [N].
         """
         samples = batch.samples
+        along = samples.length, samples.t, batch.counts, batch.ends
         with self.precision():
             features = self.encode(samples.tet, samples.bary)
-            sample_count = wp.to_torch(batch.sample_count)
-            sigma, rgb = self.networks.evaluate(features, batch.basis, sample_count)
-        return Composite.apply(sigma, rgb, samples.length, samples.t, batch.counts, batch.ends)
+            if self.options.deferred:
+                h = self.networks.density_features(features)
+            else:
+                sample_count = wp.to_torch(batch.sample_count)
+                sigma, rgb = self.networks.evaluate(features, batch.basis, sample_count)
+        if not self.options.deferred:
+            return Composite.apply(sigma, rgb, *along)
+        sums, opacity, *others = Composite.apply(self.networks.sigma(h), h.float(), *along)
+        means = sums / opacity.clamp(min=SMALLEST_OPACITY)[:, None]
+        with self.precision():  # at rest a ray has one direction
+            rgb = self.networks.colors(means, batch.ray_basis(self.options.view_dependence))
+        return opacity[:, None] * rgb, opacity, *others
 
     def entries(self):
         """The table's values that this worker has whole: float32, or exchanged as float16."""
