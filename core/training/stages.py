@@ -15,6 +15,8 @@ def field_options(options: TrainOptions) -> FieldOptions:
         table_size=2**options.table_size_log2,
         march_step=options.march_step,
         view_dependence=options.view_dependence,
+        deferred=options.deferred,
+        color_hidden=(options.color_width,) * 2,
         dense_levels="dense-levels" not in options.leave_out,
     )
 

@@ -33,6 +33,8 @@ class TrainOptions:
         surroundings: Surroundings of the object: "white" (or cut out by alpha), "learnt"
             beside it, or "auto": learned where images have neither alpha nor a white border.
         view_dependence: Whether color may depend on the direction.
+        deferred: One color a ray, see FieldOptions.
+        color_width: Of the color network's hidden layers.
         distortion: Weight of the distortion loss (the paper's 1e-2).
         table_decay: Weight of the squares of features, see loss.py, where features outnumber
             what photographs show; against noise.
@@ -58,6 +60,8 @@ class TrainOptions:
     learning_rate: float = 1e-2
     surroundings: str = "auto"
     view_dependence: bool = True
+    deferred: bool = False
+    color_width: int = 64
     distortion: float = 1e-2
     table_decay: float = 5e-7
     leave_out: tuple[str, ...] = ()
