@@ -155,6 +155,56 @@ def test_values_and_gradients_match_float64(device):
         assert max(errors) < tolerance, (rounding, errors)
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float16])
+def test_the_density_network_alone_matches_float64(device, dtype):
+    networks = random_networks(device)
+    x, y, g_sigma, _ = random_samples(np.random.default_rng().integers(300, 700), device)
+    x = x.detach().to(dtype).requires_grad_()
+    sigma, h = fused.evaluate_density(networks, x)
+    assert sigma.dtype == h.dtype == torch.float32
+    double = copy.deepcopy(networks).double()
+    with torch.no_grad():
+        exact = double.density_features(x.double())
+    scale = float(exact.abs().max().clamp(min=1.0))
+    torch.testing.assert_close(h.double(), exact, rtol=0.0, atol=FORWARD * scale)
+    torch.testing.assert_close(sigma, h[:, 0].exp(), rtol=1e-6, atol=0.0)
+
+    g_h = torch.randn_like(h)
+    g_sigma /= sigma.detach()
+    drop_close_calls(networks, x.float(), y, g_sigma, g_h)
+    weights = [x, *networks.density.parameters()]
+    ours = torch.autograd.grad((sigma, h), weights, (g_sigma, g_h))
+    assert ours[0].dtype == dtype
+    x = x.detach().double().requires_grad_()
+    near = rounded(torch.relu(rounded(x) @ rounded(double.density[0].weight).T + double.density[0].bias))
+    h = near @ rounded(double.density[1].weight).T + double.density[1].bias
+    weights = [x, *double.density.parameters()]
+    given = (g_sigma.double(), g_h.double())
+    expected = torch.autograd.grad((TruncatedExp.apply(h[:, 0]), h), weights, given)
+    errors = [relative_error(a, b) for a, b in zip(ours, expected, strict=True)]
+    assert max(errors) < SAME_ROUNDING, errors
+
+
+@pytest.mark.parametrize("count", [0, 1, 200])
+def test_the_density_of_samples_past_the_count_is_neither_read_nor_written(device, count):
+    networks = random_networks(device)
+    x, _, g_sigma, _ = random_samples(300, device)
+    counter = torch.tensor([count], dtype=torch.int32, device=device)
+    g_h = torch.randn(300, 16, device=device)
+    with torch.no_grad():
+        for array in (x, g_sigma, g_h):
+            array[count:] = torch.nan
+    weights = list(networks.density.parameters())
+    outputs = fused.evaluate_density(networks, x, counter)
+    ours = torch.autograd.grad(outputs, [x, *weights], (g_sigma, g_h))
+    few = x[:count].detach().requires_grad_()
+    outputs = fused.evaluate_density(networks, few)
+    expected = torch.autograd.grad(outputs, [few, *weights], (g_sigma[:count], g_h[:count]))
+    torch.testing.assert_close(ours[0][:count], expected[0], rtol=0.0, atol=0.0)
+    for a, b in zip(ours[1:], expected[1:], strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5 * float(b.abs().max()))
+
+
 @pytest.mark.parametrize("level_count", [1, 3, 8])
 def test_any_number_of_levels_up_to_eight(device, level_count):
     networks = random_networks(device, level_count=level_count)
@@ -207,7 +257,7 @@ def test_samples_past_the_count_are_neither_read_nor_written(device, count):
         torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5 * float(b.abs().max()))
 
     sigma, rgb = torch.full((room,), -1.0, device=device), torch.full((room, 3), -1.0).to(device)
-    parameters = fused.pack(networks).detach()
+    parameters = fused.pack([*networks.density, *networks.color]).detach()
     fused.launch_forward(x.detach(), y, parameters, counter, sigma, rgb)
     assert torch.equal(sigma[:count], outputs[0])
     assert (sigma[count:] == -1.0).all()

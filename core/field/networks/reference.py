@@ -29,15 +29,15 @@ Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
 def has_usual_shape(shapes) -> bool:
     """Whether the layers' shapes (in, out), density's first, are those of the fused kernels."""
     shapes = [tuple(shape) for shape in shapes]
-    feature_count = shapes[0][0]
-    usual = [
-        (feature_count, WIDTH),
-        (WIDTH, GEOMETRY_FEATURES),
-        (GEOMETRY_FEATURES + BASIS_COUNT, WIDTH),
-        (WIDTH, WIDTH),
-        (WIDTH, 3),
-    ]
-    return feature_count <= MAX_FEATURES and shapes == usual
+    color = [(GEOMETRY_FEATURES + BASIS_COUNT, WIDTH), (WIDTH, WIDTH), (WIDTH, 3)]
+    return has_usual_density(shapes[:2]) and shapes[2:] == color
+
+
+def has_usual_density(shapes) -> bool:
+    """Whether the density layers' shapes (in, out) are those of the fused kernels."""
+    (feature_count, width), *others = [tuple(shape) for shape in shapes]
+    usual = feature_count <= MAX_FEATURES and width == WIDTH
+    return usual and others == [(WIDTH, GEOMETRY_FEATURES)]
 
 
 def sigmoid(x):

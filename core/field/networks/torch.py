@@ -68,6 +68,16 @@ class TorchNetworks(nn.Module):
                 return triton.evaluate(self, features, basis, sample_count)
         return self(features, basis)
 
+    def geometry(self, features, sample_count=None):
+        """sigma [N] and h [N, 16], both float32; otherwise as `evaluate`."""
+        if features.is_cuda:
+            from . import triton
+
+            if triton.density_fits(self):
+                return triton.evaluate_density(self, features, sample_count)
+        h = self.density_features(features).float()
+        return self.sigma(h), h
+
     def layers(self):
         """Density and color layers as NumPy arrays (weights [in, out], bias [out])."""
 

@@ -32,7 +32,13 @@ from dataclasses import dataclass
 import torch
 from torch.autograd.function import once_differentiable
 
-from .reference import BASIS_COUNT, MAX_FEATURES, has_usual_shape
+from .reference import (
+    BASIS_COUNT,
+    GEOMETRY_FEATURES,
+    MAX_FEATURES,
+    has_usual_density,
+    has_usual_shape,
+)
 from .torch import TorchNetworks
 
 try:
@@ -64,25 +70,41 @@ BACKWARD_HOPPER = Launch(block=128, warps=8, stages=1, programs=1)
 
 def fits(networks: TorchNetworks) -> bool:
     """Whether `evaluate` takes these networks on the device where they are."""
-    layers = [*networks.density, *networks.color]
-    device = layers[0].weight.device
+    return _runs_on(networks) and has_usual_shape(_shapes(networks.density, networks.color))
+
+
+def density_fits(networks: TorchNetworks) -> bool:
+    """Whether `evaluate_density` takes these networks on the device where they are."""
+    return _runs_on(networks) and has_usual_density(_shapes(networks.density))
+
+
+def _runs_on(networks):
+    device = networks.density[0].weight.device
     return (
         kernels is not None
         and device.type == "cuda"
         and torch.cuda.get_device_capability(device) >= OLDEST_GPU
-        and has_usual_shape([(layer.in_features, layer.out_features) for layer in layers])
     )
 
 
-def pack(networks: TorchNetworks):
-    """All parameters one after another: density, then color, weights [out, in], then bias."""
-    return torch.cat(
-        [
-            parameter.flatten()
-            for layer in (*networks.density, *networks.color)
-            for parameter in (layer.weight, layer.bias)
-        ]
-    )
+def _shapes(*parts):
+    return [(layer.in_features, layer.out_features) for part in parts for layer in part]
+
+
+def pack(layers):
+    """The layers' parameters one after another: weights [out, in], then bias."""
+    parameters = [p.flatten() for layer in layers for p in (layer.weight, layer.bias)]
+    return torch.cat(parameters)
+
+
+def evaluate_density(networks: TorchNetworks, features, sample_count=None):
+    """The density network alone, otherwise as `evaluate`.
+
+    Returns:
+        sigma [N] per unit of rest length and h [N, 16], both float32.
+    """
+    count = _checked_count(networks, features, sample_count)
+    return FusedDensity.apply(features, pack(networks.density), count)
 
 
 def evaluate(networks: TorchNetworks, features, basis, sample_count=None):
@@ -98,13 +120,19 @@ def evaluate(networks: TorchNetworks, features, basis, sample_count=None):
     Returns:
         sigma [N] per unit of rest length and rgb [N, 3], both float32.
     """
+    assert basis.shape == (len(features), BASIS_COUNT), basis.shape
+    count = _checked_count(networks, features, sample_count)
+    return Fused.apply(features, basis, pack([*networks.density, *networks.color]), count)
+
+
+def _checked_count(networks, features, sample_count):
+    """int32 [1]"""
     count = len(features)
     assert features.shape[1] == networks.density[0].in_features, features.shape
-    assert basis.shape == (count, BASIS_COUNT), basis.shape
     assert count * MAX_FEATURES < 2**31, f"{count} samples: offsets have 32 bits"
     if sample_count is None:
-        sample_count = torch.full((1,), count, dtype=torch.int32, device=features.device)
-    return Fused.apply(features, basis, pack(networks), sample_count)
+        return torch.full((1,), count, dtype=torch.int32, device=features.device)
+    return sample_count
 
 
 class Fused(torch.autograd.Function):
@@ -123,27 +151,43 @@ class Fused(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, g_sigma, g_rgb):
-        features, basis, parameters, sample_count = ctx.saved_tensors
-        g_sigma, g_rgb = g_sigma.contiguous(), g_rgb.contiguous()
-        g_features = torch.empty_like(features)
-        launch = _backward_launch(features.device)
-        programs = _program_count(features, launch)
-        partial = torch.empty(programs, len(parameters), device=features.device)
-        _launch(
-            kernels.backward_kernel,
-            launch,
-            features,
-            basis,
-            parameters,
-            sample_count,
-            g_sigma,
-            g_rgb,
-            g_features,
-            partial,
-            PARAMETERS=len(parameters),
-        )
-        g_parameters = partial.sum(dim=0).to(parameters.dtype)
-        return g_features, None, g_parameters, None
+        features, *others = ctx.saved_tensors
+        gradients = g_sigma.contiguous(), g_rgb.contiguous()
+        found = _backward(kernels.backward_kernel, features, *others, *gradients)
+        return found[0], None, found[1], None
+
+
+class FusedDensity(torch.autograd.Function):
+    """sigma [N] and h [N, 16]; differentiable in the features and the packed parameters."""
+
+    @staticmethod
+    def forward(ctx, features, parameters, sample_count):
+        features = features.contiguous()
+        sigma = torch.empty(len(features), device=features.device)
+        h = torch.empty(len(features), GEOMETRY_FEATURES, device=features.device)
+        inputs = (features, parameters, sample_count)
+        _launch(kernels.density_kernel, FORWARD, *inputs, sigma, h)
+        ctx.save_for_backward(*inputs)
+        return sigma, h
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, g_sigma, g_h):
+        features, *others = ctx.saved_tensors
+        gradients = g_sigma.contiguous(), g_h.contiguous()
+        kernel = kernels.density_backward_kernel
+        return *_backward(kernel, features, *others, *gradients), None
+
+
+def _backward(kernel, features, *others):
+    """Gradients of features and of parameters: the array before the last three of `others`."""
+    launch = _backward_launch(features.device)
+    *_, parameters, _sample_count, _g_sigma, _g_values = others
+    g_features = torch.empty_like(features)
+    programs = _program_count(features, launch)
+    partial = torch.empty(programs, len(parameters), device=features.device)
+    _launch(kernel, launch, features, *others, g_features, partial, PARAMETERS=len(parameters))
+    return g_features, partial.sum(dim=0).to(parameters.dtype)
 
 
 def launch_forward(features, basis, parameters, sample_count, sigma, rgb):

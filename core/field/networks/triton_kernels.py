@@ -52,11 +52,17 @@ def _starts(parameters, FEATURES: tl.constexpr):
 
 
 @triton.jit
+def _load_density(parameters, FEATURES: tl.constexpr):
+    """The density network's weights."""
+    a, h, _, _, _ = _starts(parameters, FEATURES)
+    return _weights(a, WIDTH, FEATURES, FEATURES), _weights(h, GEOMETRY, WIDTH, WIDTH)
+
+
+@triton.jit
 def _load_weights(parameters, FEATURES: tl.constexpr):
     """Weights, one layer after another; c1's in two parts, for h and y."""
-    a, h, c1, c2, rgb = _starts(parameters, FEATURES)
-    wa = _weights(a, WIDTH, FEATURES, FEATURES)
-    wh = _weights(h, GEOMETRY, WIDTH, WIDTH)
+    _, _, c1, c2, rgb = _starts(parameters, FEATURES)
+    wa, wh = _load_density(parameters, FEATURES)
     wc1h = _weights(c1, WIDTH, GEOMETRY, GEOMETRY + BASIS)
     wc1y = _weights(c1 + GEOMETRY, WIDTH, BASIS, GEOMETRY + BASIS)
     wc2 = _weights(c2, WIDTH, WIDTH, WIDTH)
@@ -133,6 +139,27 @@ def forward_kernel(
         tl.store(sigma + n, _sigma(h), mask=n < count)
         _, _, color = _color(h.to(tl.float16), y, parameters, wc1h, wc1y, wc2, wrgb, FEATURES)
         _store_rows(rgb, n, count, color, 3)
+
+
+@triton.jit(do_not_specialize=["room"])
+def density_kernel(
+    features,  # [N, FEATURES]
+    parameters,  # those of the density network, see `pack`
+    sample_count,  # [1]
+    sigma,  # [N] out
+    h,  # [N, 16] out
+    room,  # N
+    FEATURES: tl.constexpr,
+    BLOCK: tl.constexpr,
+):
+    count = tl.minimum(tl.load(sample_count), room)
+    wa, wh = _load_density(parameters, FEATURES)
+    for block in range(tl.program_id(0), tl.cdiv(count, BLOCK), tl.num_programs(0)):
+        n = block * BLOCK + tl.arange(0, BLOCK)
+        x = _load_rows(features, n, count, FEATURES).to(tl.float16)
+        _, out = _density(x, parameters, wa, wh, FEATURES)
+        tl.store(sigma + n, _sigma(out), mask=n < count)
+        _store_rows(h, n, count, out, GEOMETRY)
 
 
 @triton.jit
@@ -256,3 +283,42 @@ def backward_kernel(
     _store(pc1 + (GEOMETRY + BASIS) * WIDTH, tc1, WIDTH, 1, 1)
     _store_layer(pc2, sc2, tc2, WIDTH, WIDTH)
     _store_out(prgb, srgb, trgb, 3)
+
+
+@triton.jit(do_not_specialize=["room"])
+def density_backward_kernel(
+    features,  # [N, FEATURES]
+    parameters,  # [PARAMETERS], those of the density network, see `pack`
+    sample_count,  # [1]
+    g_sigma,  # [N]
+    g_out,  # [N, 16]: gradients of h, without what comes by sigma
+    g_features,  # [N, FEATURES] out
+    partial,  # [programs, PARAMETERS] out: gradients of the program's samples
+    room,  # N
+    FEATURES: tl.constexpr,
+    PARAMETERS: tl.constexpr,
+    BLOCK: tl.constexpr,
+):
+    count = tl.minimum(tl.load(sample_count), room)
+    wa, wh = _load_density(parameters, FEATURES)
+    ones = tl.full((BLOCK, DOT_SIZE), 1.0, tl.float16)  # sums as in backward_kernel
+    sa, ta = _zeros(WIDTH, FEATURES), _zeros(WIDTH, 1)
+    sh, th = _zeros(WIDTH, GEOMETRY), _zeros(BLOCK, GEOMETRY)
+    for block in range(tl.program_id(0), tl.cdiv(count, BLOCK), tl.num_programs(0)):
+        n = block * BLOCK + tl.arange(0, BLOCK)
+        x = _load_rows(features, n, count, FEATURES).to(tl.float16)
+        a, h = _density(x, parameters, wa, wh, FEATURES)
+        g_h0 = tl.load(g_sigma + n, mask=n < count, other=0.0) * _sigma(h)
+        first = tl.arange(0, GEOMETRY)[None, :] == 0
+        g_h = _load_rows(g_out, n, count, GEOMETRY) + tl.where(first, g_h0[:, None], 0.0)
+        th += g_h
+        unit = _unit(g_h)
+        g_h = _half(g_h * (1.0 / unit))
+        sh = _add(sh, a, g_h, unit)
+        g_a = _before(tl.dot(g_h, wh), a)
+        sa, ta = _add(sa, g_a, x, unit), _add(ta, g_a, ones, unit)
+        _store_rows(g_features, n, count, tl.dot(g_a, wa) * unit, FEATURES)
+
+    pa, ph, _, _, _ = _starts(partial + tl.program_id(0) * PARAMETERS, FEATURES)
+    _store_layer(pa, sa, ta, WIDTH, FEATURES)
+    _store_out(ph, sh, th, GEOMETRY)

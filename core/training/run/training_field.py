@@ -138,18 +138,16 @@ class TrainingField:
         """
         samples = batch.samples
         along = samples.length, samples.t, batch.counts, batch.ends
+        sample_count = wp.to_torch(batch.sample_count)
         with self.precision():
             features = self.encode(samples.tet, samples.bary)
-            if self.options.deferred:
-                h = self.networks.density_features(features)
-            else:
-                sample_count = wp.to_torch(batch.sample_count)
+            if not self.options.deferred:
                 sigma, rgb = self.networks.evaluate(features, batch.basis, sample_count)
-        if not self.options.deferred:
-            return Composite.apply(sigma, rgb, *along)
-        sums, opacity, *others = Composite.apply(self.networks.sigma(h), h.float(), *along)
-        means = sums / opacity.clamp(min=SMALLEST_OPACITY)[:, None]
-        with self.precision():  # at rest a ray has one direction
+                return Composite.apply(sigma, rgb, *along)
+            sigma, h = self.networks.geometry(features, sample_count)
+            sums, opacity, *others = Composite.apply(sigma, h, *along)
+            means = sums / opacity.clamp(min=SMALLEST_OPACITY)[:, None]
+            # At rest a ray has one direction.
             rgb = self.networks.colors(means, batch.ray_basis(self.options.view_dependence))
         return opacity[:, None] * rgb, opacity, *others
 
