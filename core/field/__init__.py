@@ -43,7 +43,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "TorchNetworks",
             "basis_of",
             "basis_vector",
-            "evaluate_kernel",
             "evaluators",
             "native_networks",
             "networks_kernel",

@@ -9,8 +9,9 @@ The four lines of docs/design/001-field-and-image.md:
 3. extinction per unit of t is κ = s·σ·|F⁻¹d|;
 4. all piece ends along the ray are merged; where tets overlap, the media add up.
 
-With one color a ray (`FieldOptions.deferred`), what is summed instead of the samples' colors is
-what the color network takes of them, h and Y(Qᵀd).  The ray's color is the network's of the means.
+With one color a ray (`FieldOptions.deferred`), what is summed instead of the samples' colors is h,
+what the density network gives, and the rest direction Qᵀd.  The ray's color is that of the means:
+the color network takes the mean h, and Y of the mean direction, which is normalized before.
 
 Every ray is tested against every tet, so this is for small images in tests and reports.
 """
@@ -20,7 +21,6 @@ from itertools import pairwise
 import numpy as np
 
 from ..field import (
-    BASIS_COUNT,
     GEOMETRY_FEATURES,
     TetField,
     is_occupied_reference,
@@ -30,6 +30,7 @@ from ..field import (
 from .rays import ASIDE, tet_frames_reference
 
 ROUNDING = 1e-12  # relative; what is smaller counts as 0
+NEGLIGIBLE = 1e-6  # an opacity, or the length of a mean of directions; less is divided by this
 EVALUATE_CHUNK = 1 << 18  # samples per call of the field: bounds the memory
 
 
@@ -95,13 +96,16 @@ def render_rays(field: TetField, vertices, origins, directions, background):
         field, np.asarray(vertices, float), origins, directions
     )
     deferred = field.options.deferred
-    width = GEOMETRY_FEATURES + BASIS_COUNT if deferred else 3
+    width = GEOMETRY_FEATURES + 3 if deferred else 3
     sigma, values = np.empty(len(ray)), np.empty((len(ray), width))
     for first in range(0, len(ray), EVALUATE_CHUNK):
         part = slice(first, first + EVALUATE_CHUNK)
-        h, basis = field.geometry(tet[part], bary[part]), spherical_harmonics(rest_direction[part])
+        h, directions = field.geometry(tet[part], bary[part]), rest_direction[part]
         sigma[part] = sigma_from(h)
-        values[part] = np.column_stack([h, basis]) if deferred else field.colors(h, basis)
+        if deferred:
+            values[part] = np.column_stack([h, directions])
+        else:
+            values[part] = field.colors(h, spherical_harmonics(directions))
     kappa = sigma * rate
 
     sums = np.zeros((len(origins), width))
@@ -129,7 +133,22 @@ def render_rays(field: TetField, vertices, origins, directions, background):
             depth[r] = weights @ (0.5 * (ends[:-1] + ends[1:])) / opacity[r]
     color = sums
     if deferred:
-        means = sums / np.maximum(opacity, 1e-12)[:, None]
-        color = opacity[:, None] * field.colors(*np.split(means, [GEOMETRY_FEATURES], axis=1))
+        color = opacity[:, None] * color_of_sums(field, sums, opacity)
     color = color + (1.0 - opacity)[:, None] * np.asarray(background, float)
     return color, opacity, depth
+
+
+def color_of_sums(field: TetField, sums, opacity):
+    """The colors of rays from the sums of h and of rest directions along them.
+
+    Args:
+        sums: Weighted by the samples' weights, [R, 16 + 3].
+        opacity: The sums of these weights.  [R]
+
+    Returns:
+        [R, 3]; those of a ray without opacity mean nothing.
+    """
+    means = sums / np.maximum(opacity, NEGLIGIBLE)[:, None]
+    h, direction = np.split(means, [GEOMETRY_FEATURES], axis=1)
+    direction = direction / np.maximum(np.linalg.norm(direction, axis=1), NEGLIGIBLE)[:, None]
+    return field.colors(h, spherical_harmonics(direction))

@@ -130,7 +130,7 @@ class Renderer:
         if self.device.is_cuda:
             camera = moved_aside(camera)  # on a CPU each ray is looked at
         fast = options.path == "auto" and options.half and not options.details
-        fast = fast and self.shading.evaluate_slots is not None
+        fast = fast and self.shading.in_place is not None
         way = self._render_wavefront if fast else self._render_tiles
         image = way(camera, options, rows or (0, camera.height))
         self.stage.collect()
@@ -173,7 +173,7 @@ class Renderer:
         `entries`, if given, are those of the rays into the mesh.
         """
         count = len(rays.origins)
-        pixels = empty_pixels(count, self.device)
+        pixels = empty_pixels(count, self.device, self.field.options.deferred)
         ids = np.arange(count) if entries is None else np.flatnonzero(entries.count.numpy())
         plain = wp.array(ids, dtype=int, device=self.device)
         tangled = wp.empty(0, dtype=int, device=self.device)

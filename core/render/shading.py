@@ -1,5 +1,7 @@
 """Density and color of samples: features from the tables, then the networks.
 
+Where a ray has one color (deferred.py), samples have values that it sums, and `finish` colors it.
+
 Shapes: N packed samples, L levels.
 """
 
@@ -8,6 +10,7 @@ import warp as wp
 
 from ..field import (
     CONSTANT_BASIS,
+    GEOMETRY_FEATURES,
     TetField,
     basis_vector,
     encode_kernel,
@@ -16,7 +19,9 @@ from ..field import (
     node_table,
 )
 from ..wide import vec4h
+from .deferred import color_rays, values_kernel
 from .rays import Rays, RaySamples, Samples, basis_kernel
+from .rounds import Pixels, ray_sums
 
 wp.set_module_options({"enable_backward": False})
 
@@ -26,7 +31,7 @@ class Shading:
 
     Attributes:
         table: Its entries in float32; on CUDA None until they are needed.
-        evaluate_slots: The `evaluators`' `in_place`, for rounds that do not wait for the host.
+        in_place: That of the `evaluators`, for rounds that do not wait for the host.
     """
 
     def __init__(self, field: TetField, rotations, device):
@@ -34,19 +39,40 @@ class Shading:
         self.field, self.rotations, self.device = field, rotations, device
         self.tables = make_tables(field.mesh, field.layout, device)
         self.table = self._half_tables = None
-        self._evaluate, self.evaluate_slots = evaluators(field, device)
+        self._networks = evaluators(field, device)
+        self.in_place = self._networks.in_place
         if not device.is_cuda:
             self._upload_table()
 
     def shade(self, rays: Rays, found: RaySamples, options, stage):
-        """Density and color of packed samples: sigma [N] and rgb [N], Warp arrays."""
-        if self.evaluate_slots is not None and options.half:
+        """Density of packed samples, and what their rays sum: sigma [N] and values [N].
+
+        The values are colors, vec3; of a field with one color a ray they are ray_sums.
+        """
+        if self.in_place is not None and options.half:
             return self._shade_half(rays, found, options, stage)
         with stage("encode"):
             features = self.encode(found.samples, options.level_count)
-            basis = self.basis(rays, found)
         with stage("networks"):
-            return self._evaluate(features, basis, half=options.half)
+            sigma, h = self._networks.geometry(features, options.half)
+            if self.field.options.deferred:
+                return sigma, self._values(rays, found, h)
+            return sigma, self._networks.colors(h, self.basis(rays, found), options.half)
+
+    def finish(self, ids, pixels: Pixels, options):
+        """Give the rays `ids`, which have come to their ends, the colors of what they summed."""
+        if self.field.options.deferred:
+
+            def colors(h, basis):
+                return self._networks.colors(h, basis, options.half)
+
+            color_rays(colors, self.field.options.view_dependence, ids, pixels)
+
+    def _values(self, rays, found, h):
+        values = wp.empty(len(h), dtype=ray_sums, device=self.device)
+        inputs = [rays, self.rotations, found, h]
+        wp.launch(values_kernel, len(found.ids), inputs, [values], device=self.device)
+        return values
 
     def _shade_half(self, rays, found, options, stage):
         samples, count, device = found.samples, len(found.samples.tet), self.device
@@ -56,14 +82,19 @@ class Shading:
             inputs = [self.tables, self.half_tables()[0], samples.tet, samples.bary]
             inputs.append(options.level_count or level_count)
             wp.launch(encode_kernel, count, inputs=inputs, outputs=[features], device=device)
-            basis = wp.empty((count, 4), dtype=vec4h, device=device)
-            exact = self.basis(rays, found)
-            wp.launch(half_basis_kernel, count, inputs=[exact], outputs=[basis], device=device)
         with stage("networks"):
             sigma = wp.empty(count, dtype=float, device=device)
-            rgb = wp.empty(count, dtype=wp.vec3, device=device)
             total = wp.full(1, count, dtype=int, device=device)
-            self.evaluate_slots(features.flatten(), basis.flatten(), total, sigma, rgb)
+            between = wp.empty((count, 4), dtype=vec4h, device=device)
+            if self.field.options.deferred:
+                self.in_place.geometry(features.flatten(), total, sigma, between.flatten())
+                h = wp.empty((count, GEOMETRY_FEATURES), dtype=float, device=device)
+                wp.launch(float_kernel, (count, 4), [between], [h], device=device)
+                return sigma, self._values(rays, found, h)
+            exact = self.basis(rays, found)
+            wp.launch(half_basis_kernel, count, inputs=[exact], outputs=[between], device=device)
+            rgb = wp.empty(count, dtype=wp.vec3, device=device)
+            self.in_place.evaluate(features.flatten(), between.flatten(), total, sigma, rgb)
         return sigma, rgb
 
     def encode(self, samples: Samples, level_count=None):
@@ -115,3 +146,14 @@ def half_basis_kernel(
             wp.float16(b[4 * k + 2]),
             wp.float16(b[4 * k + 3]),
         )
+
+
+@wp.kernel
+def float_kernel(
+    halves: wp.array2d(dtype=vec4h),  # [N, 4]
+    h: wp.array2d(dtype=float),  # [N, 16] out
+):
+    n, k = wp.tid()
+    four = halves[n, k]
+    for i in range(4):
+        h[n, 4 * k + i] = float(four[i])

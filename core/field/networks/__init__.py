@@ -10,7 +10,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "NATIVE_VALUES",
             "NETWORK_BLOCK",
             "NativeNetworks",
-            "evaluate_kernel",
             "native_networks",
         ],
         "dispatch": ["evaluators"],

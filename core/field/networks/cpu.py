@@ -1,6 +1,6 @@
 """The networks on a CPU, in float32: native code, block by block in registers (layers.h).
 
-Shapes: N samples, l <= L levels, F features per level.
+Shapes: N samples, l <= L levels.
 """
 
 from pathlib import Path
@@ -9,7 +9,14 @@ import numpy as np
 import warp as wp
 
 from ...native import native_source
-from .reference import BASIS_COUNT, GEOMETRY_FEATURES, MAX_LOG_SIGMA, Layers, basis_vector
+from .reference import (
+    BASIS_COUNT,
+    GEOMETRY_FEATURES,
+    MAX_LOG_SIGMA,
+    Layers,
+    sigma_from,
+    sigmoid,
+)
 
 LEAST_WIDTH = 16  # rows of weights are a multiple of it: lanes of the widest vector
 NETWORK_BLOCK = 48  # samples that pass the layers together; a multiple of layers.h's ROWS
@@ -52,36 +59,54 @@ def native_networks(density_layers: Layers, color_layers: Layers) -> NativeNetwo
 
 
 @wp.func_native(native_source(Path(__file__).parent / "cpu.cpp", [LAYERS_H], NATIVE_VALUES))
-def evaluate_native(
+def apply_native(
     networks: NativeNetworks,
-    features: wp.array2d(dtype=wp.vec4),
-    basis: wp.array(dtype=basis_vector),
+    first_layer: int,
+    layer_count: int,
+    x: wp.array2d(dtype=float),
     scratch: wp.array(dtype=float),
-    sigma: wp.array(dtype=float),
-    rgb: wp.array(dtype=wp.vec3),
+    y: wp.array2d(dtype=float),
 ): ...
 
 
 @wp.kernel(enable_backward=False)
-def evaluate_kernel(
+def apply_kernel(
     networks: NativeNetworks,
-    features: wp.array2d(dtype=wp.vec4),  # [N, l]
-    basis: wp.array(dtype=basis_vector),  # [N]
+    first_layer: int,
+    layer_count: int,
+    x: wp.array2d(dtype=float),  # [N, in]
     scratch: wp.array(dtype=float),
-    sigma: wp.array(dtype=float),  # [N] out
-    rgb: wp.array(dtype=wp.vec3),  # [N] out
+    y: wp.array2d(dtype=float),  # [N, out] out
 ):
-    """`reference.evaluate` for all samples, by one thread."""
-    evaluate_native(networks, features, basis, scratch, sigma, rgb)
+    """`reference.mlp` for all rows, by one thread."""
+    apply_native(networks, first_layer, layer_count, x, scratch, y)
 
 
-def evaluate_on_cpu(networks: NativeNetworks, features, basis):
-    """sigma [N] and rgb [N] of samples, from features [N, l] and Y(d) [N] in the CPU's memory."""
-    count, level_count = features.shape
-    sigma = wp.empty(count, dtype=float, device="cpu")
-    rgb = wp.empty(count, dtype=wp.vec3, device="cpu")
-    width = 2 * networks.widest + 4 * level_count + GEOMETRY_FEATURES + BASIS_COUNT
-    scratch = wp.empty(NETWORK_BLOCK * width, dtype=float, device="cpu")
-    inputs = [networks, features, basis, scratch]
-    wp.launch(evaluate_kernel, 1, inputs, [sigma, rgb], device="cpu")
-    return sigma, rgb
+class CpuNetworks:
+    """Both networks for arrays in the CPU's memory; `reference` in float32."""
+
+    def __init__(self, density_layers: Layers, color_layers: Layers):
+        self._networks = native_networks(density_layers, color_layers)
+
+    def geometry(self, features):
+        """sigma [N] and h [N, 16] from features [N, l] vec4, Warp arrays."""
+        rows = features.numpy().reshape(len(features), -1)
+        h = self._apply(0, self._networks.density_count, rows, GEOMETRY_FEATURES)
+        return wp.array(sigma_from(h), dtype=float, device="cpu"), wp.array(h, device="cpu")
+
+    def colors(self, h, basis):
+        """rgb [N] from h [N, 16] and Y(d) [N], Warp arrays."""
+        joined = np.concatenate([h.numpy(), basis.numpy()], axis=1)
+        layers = self._networks.density_count, self._networks.color_count
+        rgb = sigmoid(self._apply(*layers, joined, 3))
+        return wp.array(rgb, dtype=wp.vec3, device="cpu")
+
+    def _apply(self, first_layer, layer_count, rows, width):
+        y = np.empty((len(rows), width), np.float32)
+        size = NETWORK_BLOCK * (2 * self._networks.widest + rows.shape[1])
+        scratch = wp.empty(size, dtype=float, device="cpu")
+        x, out = (wp.array(a, dtype=float, device="cpu", copy=False) for a in (rows, y))
+        inputs = [self._networks, first_layer, layer_count, x, scratch]
+        if len(rows):
+            wp.launch(apply_kernel, 1, inputs, [out], device="cpu")
+        return y

@@ -13,37 +13,49 @@ Training evaluates its networks itself: TorchNetworks.evaluate.
 Shapes: N samples, L levels, l <= L of them encoded.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
 
 from . import mma
-from .cpu import evaluate_on_cpu, native_networks
+from .cpu import CpuNetworks
 
 
-def evaluators(field, device):
-    """Functions that evaluate both networks of a field (TetField) on a Warp device.
+@dataclass(frozen=True)
+class Evaluators:
+    """The two networks of a field on a Warp device; arrays are Warp's.
 
-    Returns:
-        packed: packed(features [N, l] vec4, basis [N] basis_vector, half) -> sigma [N], rgb
-            [N]: Warp arrays.  With `half`, in half precision if the device gains by it.
-        in_place: mma.TensorCoreNetworks.evaluate, which allocates nothing and waits for
-            nothing; None where only `packed` is there.
+    Attributes:
+        geometry: geometry(features [N, l] vec4, half) -> sigma [N], h [N, 16].
+        colors: colors(h [N, 16], basis [N] basis_vector, half) -> rgb [N].
+        in_place: What evaluates them without allocating or waiting for anything, see mma.py; None
+            where only the others are there.
+
+    With `half`, they compute in half precision if the device gains by it.
     """
+
+    geometry: Callable
+    colors: Callable
+    in_place: mma.TensorCoreNetworks | None = None
+
+
+def evaluators(field, device) -> Evaluators:
+    """How to evaluate both networks of a field (TetField) on a Warp device."""
     if not device.is_cuda:
-        return _on_cpu(field), None
-    in_place = None
-    if mma.fits(field, device):
-        in_place = mma.TensorCoreNetworks(field, device).evaluate
+        return _on_cpu(field)
+    in_place = mma.TensorCoreNetworks(field, device) if mma.fits(field, device) else None
 
     @cache
     def networks():
         return _in_torch(field, device) if _torch_finds_a_gpu() else _on_cpu(field)
 
-    def packed(features, basis, half):
-        return networks()(features, basis, half)
-
-    return packed, in_place
+    return Evaluators(
+        lambda *arguments: networks().geometry(*arguments),
+        lambda *arguments: networks().colors(*arguments),
+        in_place,
+    )
 
 
 def _torch_finds_a_gpu() -> bool:
@@ -54,37 +66,47 @@ def _torch_finds_a_gpu() -> bool:
     return torch.cuda.is_available()  # a CPU build of torch finds none
 
 
-def _on_cpu(field):
-    networks = native_networks(field.density_layers, field.color_layers)
+def _on_cpu(field) -> Evaluators:
+    networks = CpuNetworks(field.density_layers, field.color_layers)
 
-    def packed(features, basis, half):
-        device = features.device  # of a GPU's arrays, these calls copy down and up
-        sigma, rgb = evaluate_on_cpu(networks, features.to("cpu"), basis.to("cpu"))
-        return sigma.to(device), rgb.to(device)
+    # Of a GPU's arrays, these calls copy down and up.
+    def geometry(features, _half):
+        found = networks.geometry(features.to("cpu"))
+        return tuple(array.to(features.device) for array in found)
 
-    return packed
+    def colors(h, basis, _half):
+        return networks.colors(h.to("cpu"), basis.to("cpu")).to(h.device)
+
+    return Evaluators(geometry, colors)
 
 
-def _in_torch(field, device):
+def _in_torch(field, device) -> Evaluators:
+    import torch
+
+    from .torch import TorchNetworks
+
     @cache
     def networks(half):
-        from .torch import TorchNetworks
-
         whole = TorchNetworks(field.density_layers, field.color_layers)
         whole = whole.to(f"cuda:{device.ordinal}")
         return whole.half() if half else whole
 
-    def packed(features, basis, half):
-        import torch
+    # On Warp's stream, so that kernels and layers follow each other without waiting.
+    def on_warp_stream():
+        return torch.cuda.stream(wp.stream_to_torch(wp.get_stream(device)))
 
-        dtype = torch.float16 if half else torch.float32
-        # On Warp's stream, so that kernels and layers follow each other without waiting.
-        stream = wp.stream_to_torch(wp.get_stream(device))
-        with torch.no_grad(), torch.cuda.stream(stream):
+    def geometry(features, half):
+        with torch.no_grad(), on_warp_stream():
             x = wp.to_torch(features).flatten(1)
             missing = networks(half).density[0].in_features - x.shape[1]
             x = torch.nn.functional.pad(x, (0, missing)) if missing else x
-            sigma, rgb = networks(half)(x.to(dtype), wp.to_torch(basis).to(dtype))
-            return wp.from_torch(sigma), wp.from_torch(rgb, dtype=wp.vec3)
+            h = networks(half).density_features(x.half() if half else x)
+            return wp.from_torch(networks(half).sigma(h)), wp.from_torch(h.float())
 
-    return packed
+    def colors(h, basis, half):
+        with torch.no_grad(), on_warp_stream():
+            h = wp.to_torch(h)
+            rgb = networks(half).colors(h.half() if half else h, wp.to_torch(basis))
+            return wp.from_torch(rgb, dtype=wp.vec3)
+
+    return Evaluators(geometry, colors)

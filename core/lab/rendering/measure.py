@@ -140,7 +140,7 @@ class RenderingStudy:
     @property
     def half(self) -> bool:
         """Whether default mode evaluates networks in half precision here."""
-        return self._renderer.shading.evaluate_slots is not None
+        return self._renderer.shading.in_place is not None
 
     def measure(
         self,

@@ -12,6 +12,8 @@ The sums are float64, so that they return to zero when the last medium is remove
 Shapes: R rays, M of them tangled, N pieces, 2 N ends.
 """
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -28,12 +30,13 @@ from ..rays import (
     interval_in_tet,
     speed_and_fade,
 )
-from ..rounds import Pixels
+from ..rounds import Pixels, ray_sums
 from ..stage_timer import StageTimer
 from .windows import WindowRounds
 
 CPU_PIECES = 1 << 17  # at once, if no single ray has more
 CUDA_PIECES = 1 << 20
+ray_sums_d = wp.types.vector(length=len(ray_sums()), dtype=wp.float64)
 DARK = wp.constant(wp.float64(1.0e-9))  # a smaller extinction is rounding, as in reference.py
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
@@ -92,14 +95,15 @@ class PieceMerger:
         device = self._pose.device
         pieces = empty_pieces(total, ids, counts)
         self._find_pieces(rays, ids, WRITE, counts, pieces, options)
-        sigma, rgb = self._shading.shade(rays, pieces.found, options, self._untimed)
+        sigma, values = self._shading.shade(rays, pieces.found, options, self._untimed)
         if device.is_cuda and total:
             first, last = pieces.first_switches, pieces.last_switches
             wp.utils.segmented_sort_pairs(pieces.places, pieces.switches, 2 * total, first, last)
         elif total:  # on a CPU that function takes 60 µs per ray
             wp.launch(sort_kernel, dim=len(ids), inputs=[pieces], device=device)
-        inputs = [pieces, sigma, rgb]
-        wp.launch(merge_kernel, dim=len(ids), inputs=inputs, outputs=[pixels], device=device)
+        sums = pixels.sums if len(pixels.sums) else pixels.color
+        wp.launch(merge_kernel, len(ids), [pieces, sigma, values], [pixels, sums], device=device)
+        self._shading.finish(ids, pixels, options)
 
     def _find_pieces(self, rays, ids, purpose, counts, pieces, options):
         pose, boxes = self._pose, self._boxes.id
@@ -243,12 +247,43 @@ def sort_kernel(pieces: Pieces):
         gap /= 3
 
 
+@wp.func
+def double(v: wp.vec3):
+    return wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2]))
+
+
+@wp.func
+def double(v: ray_sums):  # noqa: F811
+    w = ray_sums_d()
+    k = int(0)
+    while k < wp.static(len(ray_sums())):
+        w[k] = wp.float64(v[k])
+        k += 1
+    return w
+
+
+@wp.func
+def single(v: wp.vec3d):
+    return wp.vec3(float(v[0]), float(v[1]), float(v[2]))
+
+
+@wp.func
+def single(v: ray_sums_d):  # noqa: F811
+    w = ray_sums()
+    k = int(0)
+    while k < wp.static(len(ray_sums())):
+        w[k] = float(v[k])
+        k += 1
+    return w
+
+
 @wp.kernel
 def merge_kernel(
     pieces: Pieces,  # switches sorted within each ray
     sigma: wp.array(dtype=float),  # [N]
-    rgb: wp.array(dtype=wp.vec3),  # [N]
+    values: wp.array(dtype=Any),  # [N] colors, or what rays sum instead
     pixels: Pixels,  # out; where tets overlap, `tet` is one of them
+    sums: wp.array(dtype=Any),  # [R] out, of the values: the pixels' color, or their sums
 ):
     """Running sums along each ray: line 4 of the definition."""
     i = wp.tid()
@@ -256,9 +291,9 @@ def merge_kernel(
     e = pieces.first_switches[i]
     last = pieces.last_switches[i]
     kappa = wp.float64(0.0)  # of the media that are switched on
-    emission = wp.vec3d()
+    emission = double(values.dtype())
     transmittance = wp.float64(1.0)
-    color = wp.vec3d()
+    total = double(values.dtype())
     depth = wp.float64(0.0)
     surface = int(-1)
     previous = float(0.0)
@@ -267,21 +302,24 @@ def merge_kernel(
         if kappa > DARK and t > previous:
             remaining = wp.exp(-kappa * wp.float64(t - previous))
             w = transmittance * (wp.float64(1.0) - remaining)
-            color += (w / kappa) * emission
+            total += (w / kappa) * emission
             depth += w * wp.float64(0.5 * (t + previous))
             transmittance *= remaining
         previous = t
         n = pieces.switches[e] / 2
         sign = wp.float64(1 - 2 * (pieces.switches[e] % 2))
         medium = sign * wp.float64(sigma[n]) * wp.float64(pieces.rates[n])
-        c = rgb[n]
         kappa += medium
-        emission += medium * wp.vec3d(wp.float64(c[0]), wp.float64(c[1]), wp.float64(c[2]))
+        emission += medium * double(values[n])
         if surface < 0 and transmittance < wp.float64(0.5):
             surface = pieces.found.samples.tet[n]
         e += 1
-    pixels.color[ray] = wp.vec3(float(color[0]), float(color[1]), float(color[2]))
+    sums[ray] = single(total)
     pixels.depth[ray] = float(depth)
     pixels.transmittance[ray] = float(transmittance)
     pixels.tet[ray] = surface
     pixels.sample_count[ray] = pieces.found.counts[i]
+
+
+for _vector in (wp.vec3, ray_sums):
+    wp.overload(merge_kernel, {name: wp.array(dtype=_vector) for name in ("values", "sums")})

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from ..rays import Geometry, Pose, Rays, Samples, empty_samples
-from ..rounds import CpuShader, NativeShading, Pixels, shade_native
+from ..rounds import CpuShader, NativeShading, Pixels, ray_sums, shade_native
 from .pieces import FAR, OUTSIDE, SHORTEST, first_pieces, interval_in_box
 
 SLOTS = wp.constant(64)  # K
@@ -52,6 +52,8 @@ def trace_windows_kernel(
         ray = alive[i]
         rays.t[ray] = 0.0
         pixels.color[ray] = wp.vec3()
+        if pixels.sums.shape[0] > 0:
+            pixels.sums[ray] = ray_sums()
         pixels.depth[ray] = 0.0
         pixels.transmittance[ray] = 1.0
         pixels.tet[ray] = -1

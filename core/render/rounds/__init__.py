@@ -5,8 +5,15 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "compositing": ["Pixels", "empty_pixels", "resolve", "resolve_kernel", "to_bytes"],
-        "cpu": ["CpuShader", "NativeShading", "shade_native", "trace_kernel"],
+        "compositing": [
+            "Pixels",
+            "empty_pixels",
+            "ray_sums",
+            "resolve",
+            "resolve_kernel",
+            "to_bytes",
+        ],
+        "cpu": ["SMALLEST", "CpuShader", "NativeShading", "shade_native", "trace_kernel"],
         "host": ["HostRounds"],
         "slots": [
             "BLOCK_SIZE",

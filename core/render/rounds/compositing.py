@@ -15,29 +15,36 @@ middles t_i and extents δ_i:
 Shapes: R rays, N packed samples; ray r owns samples ends[r] - counts[r] .. ends[r] - 1.
 """
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
+from ...field import GEOMETRY_FEATURES
 from ..rays import RaySamples
+
+# What a ray sums where it has one color, see ../deferred.py: h, the rest direction, and a number
+# that stays 0: rows of whole 16 bytes.
+ray_sums = wp.types.vector(length=GEOMETRY_FEATURES + 4, dtype=wp.float32)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
-def composite_reference(sigma, rgb, length, t, counts):
-    """color [R, 3] (no background), opacity [R], depth [R] (0 without opacity), distortion [R]."""
+def composite_reference(sigma, values, length, t, counts):
+    """Sums of values [R, C] (colors: no background), opacity [R], depth [R] (0 without opacity), distortion [R]."""
     ends = np.cumsum(counts)
-    color, opacity = np.zeros((len(counts), rgb.shape[1])), np.zeros(len(counts))
+    sums, opacity = np.zeros((len(counts), values.shape[1])), np.zeros(len(counts))
     depth, distortion = np.zeros(len(counts)), np.zeros(len(counts))
     for ray, (end, count) in enumerate(zip(ends, counts, strict=True)):
         part = slice(end - count, end)
         tau = sigma[part] * length[part]
         transmittance = np.exp(-np.concatenate([[0.0], np.cumsum(tau)[:-1]]))[:count]
         w = transmittance * -np.expm1(-tau)
-        color[ray], opacity[ray] = w @ rgb[part], w.sum()
+        sums[ray], opacity[ray] = w @ values[part], w.sum()
         depth[ray] = w @ t[part] / opacity[ray] if opacity[ray] > 0 else 0.0
         gaps = np.abs(t[part][:, None] - t[part][None])
         distortion[ray] = w @ gaps @ w + (w**2 @ length[part]) / 3
-    return color, opacity, depth, distortion
+    return sums, opacity, depth, distortion
 
 
 @wp.struct
@@ -49,10 +56,13 @@ class Pixels:
     transmittance: wp.array(dtype=float)
     tet: wp.array(dtype=int)  # where transmittance passes ½, -1 before
     sample_count: wp.array(dtype=int)  # that were evaluated
+    sums: wp.array(dtype=ray_sums)  # [R]; empty where samples have colors
 
 
-def empty_pixels(count: int, device) -> Pixels:
+def empty_pixels(count: int, device, deferred=False) -> Pixels:
+    """Pixels of rays that have not begun; `deferred`: with one color a ray."""
     pixels = Pixels()
+    pixels.sums = wp.zeros(count if deferred else 0, dtype=ray_sums, device=device)
     pixels.color = wp.zeros(count, dtype=wp.vec3, device=device)
     pixels.depth = wp.zeros(count, dtype=float, device=device)
     pixels.transmittance = wp.full(count, 1.0, dtype=float, device=device)
@@ -64,12 +74,13 @@ def empty_pixels(count: int, device) -> Pixels:
 @wp.kernel
 def accumulate_kernel(
     sigma: wp.array(dtype=float),  # [N]
-    rgb: wp.array(dtype=wp.vec3),  # [N]
+    values: wp.array(dtype=Any),  # [N] colors, or what rays sum instead
     found: RaySamples,
     ray_tet: wp.array(dtype=int),  # [R] -2 where the ray has left the mesh for good
     stop: float,  # transmittance below which a ray ends
     closing: int,  # 1: behind its end a ray looks as before it; 0: black
     pixels: Pixels,
+    sums: wp.array(dtype=Any),  # [R] of the values: the pixels' color, or their sums
     still_alive: wp.array(dtype=int),  # [threads] out
     still_alive_count: wp.array(dtype=int),  # [1] out
 ):
@@ -78,14 +89,14 @@ def accumulate_kernel(
     ray = found.ids[i]
     samples = found.samples
     transmittance = pixels.transmittance[ray]
-    c = pixels.color[ray]
+    c = sums[ray]
     depth = pixels.depth[ray]
     pixels.sample_count[ray] = pixels.sample_count[ray] + found.counts[i]
     n = found.ends[i] - found.counts[i]
     while n < found.ends[i] and transmittance >= stop:
         remaining = wp.exp(-sigma[n] * samples.length[n])
         w = transmittance * (1.0 - remaining)
-        c += w * rgb[n]
+        c += w * values[n]
         depth += w * samples.t[n]
         if transmittance >= 0.5 and transmittance * remaining < 0.5:
             pixels.tet[ray] = samples.tet[n]
@@ -97,10 +108,14 @@ def accumulate_kernel(
         depth /= 1.0 - transmittance
         transmittance = 0.0
     pixels.transmittance[ray] = transmittance
-    pixels.color[ray] = c
+    sums[ray] = c
     pixels.depth[ray] = depth
     if not ended and ray_tet[ray] > -2:
         still_alive[wp.atomic_add(still_alive_count, 0, 1)] = ray
+
+
+for _vector in (wp.vec3, ray_sums):
+    wp.overload(accumulate_kernel, {k: wp.array(dtype=_vector) for k in ("values", "sums")})
 
 
 @wp.kernel

@@ -1,6 +1,7 @@
 // One round's samples to pixels, on a CPU: the body of shade_native in cpu.py, which fills in
 // @NAMES and includes.  Some rays at a time: features and densities of all their samples, then the
-// weights, then the colors of samples that weigh something, then the sums.
+// weights, then the colors of samples that weigh something, then the sums.  With one color a ray,
+// h and rest directions are summed instead, and rays that have come to their ends are colored.
 //
 // Where `highs` has numbers, samples overlap: samples.t is where one begins, highs where it ends,
 // and samples.length the factor from its density to its extinction.
@@ -23,14 +24,16 @@ auto take = [&](auto*& room, int count) {
     free_memory += count * sizeof(room[0]);
 };
 struct Colored { int sample, tet, ray; float weight; };
-struct Run { int ray, first, count, first_colored; float transmittance; };
+struct Run { int ray, first, count, weighed; float before, transmittance; };
 const int stride = 4 * level_count;
 Corners corners[2];
 Places* places;
 float *features, *h, *joined, *one, *other;
 float* kept;  // 1 - opacity of each sample alone; its extinction, where samples overlap
-float* weights;  // of samples that overlap
-int *slots, *order, *active;
+float* weights;
+int *slots;
+int *order;  // samples from front to back, run by run
+int *active;  // samples that cover an interval; rays that get a color
 Colored* colored;
 Run* runs;
 for (Corners& of_level : corners)
@@ -55,7 +58,8 @@ take(runs, CHUNK);
 static_assert(@BLOCK % ROWS == 0 && CHUNK % @BLOCK == 0 && CHUNK % LANES == 0, "whole blocks");
 if (free_memory > reinterpret_cast<char*>(scratch.data + scratch.shape[0])) __builtin_trap();
 
-const bool overlapping = highs.shape[0] > 0;
+const bool overlapping = highs.shape[0] > 0, deferred = pixels.sums.shape[0] > 0;
+const int sum_count = deferred ? @GEOMETRY_FEATURES + 3 : 0;
 
 // -- the stages of a chunk ---------------------------------------------------------------------
 auto width_of = [&](int layer) { return networks.shapes.data[4 * layer + 1]; };
@@ -83,17 +87,18 @@ auto find_densities = [&](int count) {
     }
 };
 
+// A component of the rest direction, Qᵀd.
+auto turned = [&](int ray, int tet, int k) {
+    const auto& d = rays.directions.data[ray];
+    const auto& q = shading.rotations.data[tet];
+    return q.data[0][k] * d[0] + q.data[1][k] * d[1] + q.data[2][k] * d[2];
+};
+
 // The 16 spherical harmonics of a direction, as spherical_harmonics in networks/reference.py.
-auto put_basis = [&](float* y, int ray, int tet) {
+auto put_basis = [&](float* y, float x, float v, float z) {
     for (int k = 0; k < @BASIS_COUNT; ++k) y[k] = 0.0f;
     y[0] = 0.28209479177387814f;
     if (!shading.has_directions) return;
-    const auto& d = rays.directions.data[ray];
-    const auto& q = shading.rotations.data[tet];
-    float turned[3];
-    for (int k = 0; k < 3; ++k)
-        turned[k] = q.data[0][k] * d[0] + q.data[1][k] * d[1] + q.data[2][k] * d[2];
-    const float x = turned[0], v = turned[1], z = turned[2];
     const float xx = x * x, vv = v * v, zz = z * z;
     y[1] = -0.4886025119029199f * v;
     y[2] = 0.4886025119029199f * z;
@@ -112,47 +117,28 @@ auto put_basis = [&](float* y, int ray, int tet) {
     y[15] = -0.5900435899266435f * x * (xx - 3.0f * vv);
 };
 
-// What weighs too little behind the last color of a run: it counts for that one, or it is colored.
-auto settle = [&](const Run& run, int colored_count, float pending, float before, int last) {
+// What the samples of a ray weigh, to where it ends.
+auto weigh = [&](Run& run) {
     const int ray = run.ray;
-    if (pending > 0.0f && colored_count > run.first_colored)
-        colored[colored_count - 1].weight += pending;
-    else if (pending > 0.0f && pending < 0.25f * least_weight * before)  // it adds up over rounds
-        pixels.color.data[ray] = wp::mul(pixels.color.data[ray], 1.0f + pending / before);
-    else if (pending > 0.0f)
-        colored[colored_count++] = {last, samples.tet.data[slots[last]], ray, pending};
-    return colored_count;
-};
-
-// The samples of a ray that need a color, and the color's weight: that of the samples before that
-// weigh too little, too.  Returns the number of all chosen ones.
-auto weigh = [&](Run& run, int colored_count) {
-    const int ray = run.ray;
-    float transmittance = pixels.transmittance.data[ray], depth = 0.0f, pending = 0.0f;
-    const float before = 1.0f - transmittance;
-    run.first_colored = colored_count;
-    int end = run.first;
-    for (; end < run.first + run.count && transmittance >= stop; ++end) {
-        const int slot = slots[end];
-        const float next = transmittance * kept[end], weight = transmittance - next;
+    float transmittance = run.before, depth = 0.0f;
+    int i = run.first;
+    for (; i < run.first + run.count && transmittance >= stop; ++i) {
+        const int slot = slots[i];
+        const float next = transmittance * kept[i], weight = transmittance - next;
         depth += weight * samples.t.data[slot];
         if (transmittance >= 0.5f && next < 0.5f) pixels.tet.data[ray] = samples.tet.data[slot];
-        pending += weight;
+        order[i] = i;
+        weights[i] = weight;
         transmittance = next;
-        if (pending > least_weight) {
-            colored[colored_count++] = {end, samples.tet.data[slot], ray, pending};
-            pending = 0.0f;
-        }
     }
-    colored_count = settle(run, colored_count, pending, before, end - 1);
+    run.weighed = i - run.first;
     pixels.depth.data[ray] += depth;
     run.transmittance = transmittance;
-    return colored_count;
 };
 
 // The same where samples overlap: on each interval between two of their ends, the media of all
 // that cover it add up (line 4 of the definition).
-auto weigh_overlapping = [&](Run& run, int colored_count) {
+auto weigh_overlapping = [&](Run& run) {
     const int ray = run.ray, end = run.first + run.count;
     auto low = [&](int i) { return samples.t.data[slots[i]]; };
     auto high = [&](int i) { return highs.data[slots[i]]; };
@@ -163,8 +149,7 @@ auto weigh_overlapping = [&](Run& run, int colored_count) {
         for (; at > 0 && low(sorted[at - 1]) > low(i); --at) sorted[at] = sorted[at - 1];
         sorted[at] = i;
     }
-    float transmittance = pixels.transmittance.data[ray], depth = 0.0f, t = 0.0f;
-    const float before = 1.0f - transmittance;
+    float transmittance = run.before, depth = 0.0f, t = 0.0f;
     int next = 0, active_count = 0;
     while ((next < run.count || active_count > 0) && transmittance >= stop) {
         float to = next < run.count ? low(sorted[next]) : @FAR, kappa = 0.0f;
@@ -188,11 +173,19 @@ auto weigh_overlapping = [&](Run& run, int colored_count) {
         for (; next < run.count && low(sorted[next]) <= t; ++next)
             if (high(sorted[next]) > t) active[active_count++] = sorted[next];
     }
+    run.weighed = run.count;
+    pixels.depth.data[ray] += depth;
+    run.transmittance = transmittance;
+};
+
+// The samples of a ray that need a color, and the color's weight: that of the samples before that
+// weigh too little, too.  Returns the number of all chosen ones.
+auto choose = [&](const Run& run, int colored_count) {
+    const int ray = run.ray, first_colored = colored_count;
     float pending = 0.0f;
     int last = run.first;
-    run.first_colored = colored_count;
-    for (int k = 0; k < run.count; ++k) {
-        const int i = sorted[k];
+    for (int k = 0; k < run.weighed; ++k) {
+        const int i = order[run.first + k];
         if (weights[i] > 0.0f) last = i;
         pending += weights[i];
         if (pending > least_weight) {
@@ -200,9 +193,14 @@ auto weigh_overlapping = [&](Run& run, int colored_count) {
             pending = 0.0f;
         }
     }
-    colored_count = settle(run, colored_count, pending, before, last);
-    pixels.depth.data[ray] += depth;
-    run.transmittance = transmittance;
+    // What is left counts for the last color, or for those so far, or is colored.
+    const float so_far = 1.0f - run.before;
+    if (pending > 0.0f && colored_count > first_colored)
+        colored[colored_count - 1].weight += pending;
+    else if (pending > 0.0f && pending < 0.25f * least_weight * so_far)  // it adds up over rounds
+        pixels.color.data[ray] = wp::mul(pixels.color.data[ray], 1.0f + pending / so_far);
+    else if (pending > 0.0f)
+        colored[colored_count++] = {last, samples.tet.data[slots[last]], ray, pending};
     return colored_count;
 };
 
@@ -216,7 +214,8 @@ auto add_colors = [&](int count) {
             float* const x = joined + r * JOINED;
             for (int k = 0; k < @GEOMETRY_FEATURES; ++k)
                 x[k] = h[c.sample * @GEOMETRY_FEATURES + k];
-            put_basis(x + @GEOMETRY_FEATURES, c.ray, c.tet);
+            put_basis(x + @GEOMETRY_FEATURES, turned(c.ray, c.tet, 0), turned(c.ray, c.tet, 1),
+                      turned(c.ray, c.tet, 2));
         }
         const float* const y =
             apply_network(first_layer, layer_count, rows, joined, JOINED, JOINED, one, other);
@@ -229,6 +228,50 @@ auto add_colors = [&](int count) {
     }
 };
 
+// -- one color a ray ---------------------------------------------------------------------------
+// The sums of a ray: h and the rest direction, with the samples' weights.
+auto add_up = [&](const Run& run) {
+    auto& sums = pixels.sums.data[run.ray];
+    for (int k = 0; k < run.weighed; ++k) {
+        const int i = order[run.first + k], tet = samples.tet.data[slots[i]];
+        const float weight = weights[i];
+        for (int j = 0; j < @GEOMETRY_FEATURES; ++j)
+            sums[j] += weight * h[i * @GEOMETRY_FEATURES + j];
+        for (int j = 0; j < 3; ++j)
+            sums[@GEOMETRY_FEATURES + j] += weight * turned(run.ray, tet, j);
+    }
+};
+
+// The colors of rays that have come to their ends, from the means.
+auto color_rays = [&](const int* ended, int count) {
+    const int first_layer = networks.density_count, layer_count = networks.color_count;
+    const int width = width_of(first_layer + layer_count - 1);
+    for (int first = 0; first < count; first += @BLOCK) {
+        const int rows = count - first < @BLOCK ? count - first : @BLOCK;
+        for (int r = 0; r < rows; ++r) {
+            const int ray = ended[first + r];
+            const auto& sums = pixels.sums.data[ray];
+            const float opacity = 1.0f - pixels.transmittance.data[ray];
+            float* const x = joined + r * JOINED;
+            for (int k = 0; k < @GEOMETRY_FEATURES; ++k)
+                x[k] = sums[k] / (opacity > @SMALLEST ? opacity : @SMALLEST);
+            const float d[3] = {sums[@GEOMETRY_FEATURES], sums[@GEOMETRY_FEATURES + 1],
+                                sums[@GEOMETRY_FEATURES + 2]};
+            const float length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+            const float scale = 1.0f / (length > @SMALLEST ? length : @SMALLEST);
+            put_basis(x + @GEOMETRY_FEATURES, scale * d[0], scale * d[1], scale * d[2]);
+        }
+        const float* const y =
+            apply_network(first_layer, layer_count, rows, joined, JOINED, JOINED, one, other);
+        for (int r = 0; r < rows; ++r) {
+            const int ray = ended[first + r];
+            Entry color = *reinterpret_cast<const Entry*>(y + r * width);
+            color = (1.0f - pixels.transmittance.data[ray]) / (1.0f + exp_of(-color));
+            for (int k = 0; k < 3; ++k) pixels.color.data[ray][k] = color[k];
+        }
+    }
+};
+
 // -- the chunks --------------------------------------------------------------------------------
 int left_count = left_before, run_count = 0, count = 0;
 auto finish_chunk = [&]() {
@@ -236,32 +279,46 @@ auto finish_chunk = [&]() {
         encode(slots, count, level_count, places, corners, features, stride);
         find_densities(count);
     }
-    int colored_count = 0;
-    for (int i = 0; i < run_count; ++i)
-        colored_count = overlapping ? weigh_overlapping(runs[i], colored_count)
-                                    : weigh(runs[i], colored_count);
+    int colored_count = 0, ended_count = 0;
+    for (int i = 0; i < run_count; ++i) {
+        Run& run = runs[i];
+        run.before = pixels.transmittance.data[run.ray];
+        if (overlapping)
+            weigh_overlapping(run);
+        else
+            weigh(run);
+        if (deferred)
+            add_up(run);
+        else
+            colored_count = choose(run, colored_count);
+    }
     add_colors(colored_count);
     for (int i = 0; i < run_count; ++i) {
         const int ray = runs[i].ray;
         float transmittance = runs[i].transmittance;
-        const bool ended = transmittance < stop;
-        if (ended && shading.closing) {
+        const bool dark = transmittance < stop;
+        if (dark && shading.closing) {
             const float scale = 1.0f / (1.0f - transmittance);
+            for (int k = 0; k < sum_count; ++k) pixels.sums.data[ray][k] *= scale;
             pixels.color.data[ray] = wp::mul(pixels.color.data[ray], scale);
             pixels.depth.data[ray] *= scale;
             transmittance = 0.0f;
         }
         pixels.transmittance.data[ray] = transmittance;
         pixels.sample_count.data[ray] += runs[i].count;
-        if (!ended && rays.tet.data[ray] > -2) still_alive.data[left_count++] = ray;
+        if (!dark && rays.tet.data[ray] > -2)
+            still_alive.data[left_count++] = ray;
+        else if (deferred && transmittance < 1.0f)
+            active[ended_count++] = ray;
     }
+    color_rays(active, ended_count);
     run_count = count = 0;
 };
 
 for (int i = 0; i < alive_count; ++i) {
     const int ray_count = counts.data[i];
     if (run_count == CHUNK || count + ray_count > CHUNK) finish_chunk();
-    runs[run_count++] = {alive.data[first_alive + i], count, ray_count, 0, 0.0f};
+    runs[run_count++] = {alive.data[first_alive + i], count, ray_count, 0, 0.0f, 0.0f};
     for (int k = 0; k < ray_count; ++k) slots[count++] = i * slot_count + k;
 }
 finish_chunk();

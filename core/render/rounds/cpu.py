@@ -2,7 +2,7 @@
 
 Marching is Warp's, shading and summing are native code (cpu.cpp): encoding, networks and sums
 pass from one to the other what is still in a core's cache, and the color network is evaluated
-only for samples that weigh something.
+only for samples that weigh something, or once a ray (../deferred.py).
 
 Shapes: R rays, K slots per ray, T tets.
 """
@@ -40,6 +40,7 @@ SLOTS = 1 << 14  # that are marched and then shaded: they stay in a core's cache
 LEAST_WEIGHT = 4e-3  # of a color in default mode: a step of a byte
 SAMPLE_BYTES = 272  # of scratch, beside features
 FAR = 1.0e30  # a t behind everything
+SMALLEST = 1.0e-6  # an opacity, or the length of a mean of directions; less is divided by this
 
 
 @wp.struct
@@ -62,7 +63,7 @@ class NativeShading:
     native_source(
         Path(__file__).parent / "cpu.cpp",
         [LAYERS_H, ENCODING_H],
-        NATIVE_VALUES | {"CHUNK": CHUNK, "FAR": f"{FAR}f"},
+        NATIVE_VALUES | {"CHUNK": CHUNK, "FAR": f"{FAR}f", "SMALLEST": f"{SMALLEST}f"},
     )
 )
 def shade_native(

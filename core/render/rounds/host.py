@@ -51,7 +51,7 @@ class HostRounds:
         """
         if self._on_cpu and stage.seconds is None:
             return self._on_cpu.trace(rays, entries, alive, pixels, options)
-        sample_count, round_ = 0, 0
+        sample_count, round_, ids = 0, 0, alive
         while len(alive):
             slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
             left = []
@@ -63,6 +63,9 @@ class HostRounds:
                 sample_count += count
             alive = left[0] if len(left) == 1 else joined(left)
             round_ += 1
+        if not self._on_cpu:
+            with stage("networks"):
+                self._shading.finish(ids, pixels, options)
         return sample_count
 
     def _parts(self, alive, slot_count):
@@ -92,12 +95,13 @@ class HostRounds:
         device, count = self._pose.device, len(alive)
         with stage("march"):
             found = packed(slots, counts, alive)
-        sigma, rgb = self._shading.shade(rays, found, options, stage)
+        sigma, values = self._shading.shade(rays, found, options, stage)
         with stage("accumulate"):
             still_alive = wp.empty(count, dtype=int, device=device)
             still_alive_count = wp.zeros(1, dtype=int, device=device)
             closing = int(not options.conformance)
-            inputs = [sigma, rgb, found, rays.tet, options.stop, closing, pixels]
+            sums = pixels.sums if len(pixels.sums) else pixels.color
+            inputs = [sigma, values, found, rays.tet, options.stop, closing, pixels, sums]
             outputs = [still_alive, still_alive_count]
             wp.launch(accumulate_kernel, count, inputs, outputs, device=device)
             return still_alive[: int(still_alive_count.numpy()[0])], len(sigma)
