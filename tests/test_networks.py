@@ -80,11 +80,10 @@ def test_networks_in_blocks_agree_with_the_reference(make_ball_field, hidden, le
     features = rng.normal(size=(count, 24)).astype(np.float32)
     features[:, 4 * levels :] = 0.0
     basis = spherical_harmonics(random_directions(count)).astype(np.float32)
-    sigma, rgb = cpu.evaluate_on_cpu(
-        cpu.native_networks(density, color),
-        wp.array(features.reshape(count, 6, 4)[:, :levels], dtype=wp.vec4, device="cpu"),
-        wp.array(basis, dtype=basis_vector, device="cpu"),
-    )
+    networks = cpu.CpuNetworks(density, color)
+    x = wp.array(features.reshape(count, 6, 4)[:, :levels], dtype=wp.vec4, device="cpu")
+    sigma, h = networks.geometry(x)
+    rgb = networks.colors(h, wp.array(basis, dtype=basis_vector, device="cpu"))
     double = [
         [(w.astype(float), b.astype(float)) for w, b in layers] for layers in (density, color)
     ]
@@ -102,12 +101,9 @@ def test_the_evaluator_of_a_device_agrees_with_the_reference(make_ball_field, de
     count, levels = 700, 5
     features = rng.normal(size=(count, levels, 4)).astype(np.float32)
     basis = spherical_harmonics(random_directions(count)).astype(np.float32)
-    packed, _ = evaluators(field, device)
-    sigma, rgb = packed(
-        wp.array(features, dtype=wp.vec4, device=device),
-        wp.array(basis, dtype=basis_vector, device=device),
-        half=half,
-    )
+    networks = evaluators(field, device)
+    sigma, h = networks.geometry(wp.array(features, dtype=wp.vec4, device=device), half)
+    rgb = networks.colors(h, wp.array(basis, dtype=basis_vector, device=device), half)
     whole = np.concatenate([features.reshape(count, -1), np.zeros((count, 4))], axis=1)
     expected_sigma, expected_rgb = evaluate(
         whole, basis.astype(float), field.density_layers, field.color_layers
@@ -129,8 +125,8 @@ def test_numpy_evaluates_for_a_gpu_that_torch_does_not_serve(
         monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     rng, count = np.random.default_rng(), 700
     field = make_ball_field(int(rng.integers(1000)))
-    packed, in_place = evaluators(field, SimpleNamespace(is_cuda=True, arch=70, ordinal=0))
-    assert in_place is None
+    networks = evaluators(field, SimpleNamespace(is_cuda=True, arch=70, ordinal=0))
+    assert networks.in_place is None
     features = rng.normal(size=(count, 6, 4)).astype(np.float32)
     basis = spherical_harmonics(random_directions(count)).astype(np.float32)
     arrays = (
@@ -141,7 +137,8 @@ def test_numpy_evaluates_for_a_gpu_that_torch_does_not_serve(
         features.reshape(count, -1), basis.astype(float), field.density_layers, field.color_layers
     )
     for half in (False, True):
-        sigma, rgb = packed(*arrays, half=half)
+        sigma, h = networks.geometry(arrays[0], half)
+        rgb = networks.colors(h, arrays[1], half)
         assert sigma.device == rgb.device == wp.get_device(device)
         np.testing.assert_allclose(np.log(sigma.numpy()), np.log(expected_sigma), atol=1e-3)
         np.testing.assert_allclose(rgb.numpy(), expected_rgb, atol=1e-3)
@@ -151,7 +148,7 @@ def test_numpy_evaluates_for_a_gpu_that_torch_does_not_serve(
 @pytest.mark.parametrize("hidden, fused", [((64,), True), ((64, 64), False), ((32,), False)])
 def test_only_the_usual_shape_runs_in_place(make_ball_field, hidden, fused):
     field = make_ball_field(1, density_hidden=hidden)
-    assert (evaluators(field, wp.get_device("cuda:0"))[1] is not None) == fused
+    assert (evaluators(field, wp.get_device("cuda:0")).in_place is not None) == fused
 
 
 def test_the_usual_shape():

@@ -1,11 +1,13 @@
 """Networks on tensor cores: the weights' order, and the same values as in NumPy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
 
 from deformrf.core.field import BASIS_COUNT
-from deformrf.core.field.networks import evaluate, mma
+from deformrf.core.field.networks import evaluate, mlp, mma, sigmoid
 from deformrf.core.wide import vec4h
 
 
@@ -59,3 +61,52 @@ def test_values_are_those_of_numpy(make_ball_field, level_count, count):
     np.testing.assert_allclose(rgb.numpy()[:count], expected_rgb[:count], atol=2e-2)
     assert not sigma.numpy()[count:].any()
     assert not rgb.numpy()[count:].any()
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("level_count", [1, 6, 7])
+@pytest.mark.parametrize("count", [1, 33, 50_000])
+def test_the_density_network_alone_is_that_of_numpy(make_ball_field, level_count, count):
+    rng = np.random.default_rng()
+    field = make_ball_field(int(rng.integers(1000)), level_count=level_count, deferred=True)
+    device, room = wp.get_device("cuda:0"), count + 7
+    features = rng.normal(size=(room, 4 * level_count)).astype(np.float16)
+    sigma = wp.zeros(room, dtype=float, device=device)
+    h = wp.zeros(4 * room, dtype=vec4h, device=device)
+    x = wp.array(features.reshape(-1, 4), dtype=vec4h, device=device)
+    total = wp.full(1, count, dtype=int, device=device)
+    mma.TensorCoreNetworks(field, device).geometry(x, total, sigma, h)
+    expected = mlp(features.astype(float), field.density_layers)[:count]
+    found = h.numpy().reshape(room, -1).astype(float)
+    np.testing.assert_allclose(found[:count], expected, atol=3e-2, rtol=1e-2)
+    np.testing.assert_allclose(np.log(sigma.numpy()[:count]), expected[:, 0], atol=3e-2)
+    assert not found[count:].any() and not sigma.numpy()[count:].any()
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("hidden", [(64, 64), (32,), (96, 128), (128,), (256, 256, 256), ()])
+@pytest.mark.parametrize("count", [1, 65, 40_000])
+def test_the_colors_of_rays_are_those_of_numpy(make_ball_field, hidden, count):
+    rng = np.random.default_rng()
+    field = make_ball_field(int(rng.integers(1000)), color_hidden=hidden, deferred=True)
+    device, room = wp.get_device("cuda:0"), count + 7
+    assert mma.fits(field, device)
+    layers = [(w, rng.normal(0.0, 0.3, b.shape).astype("f4")) for w, b in field.color_layers]
+    field = replace(field, color_layers=tuple(layers))
+    rows = rng.normal(size=(room, 32)).astype(np.float16)
+    x = wp.array(rows.reshape(-1, 4), dtype=vec4h, device=device)
+    light = np.repeat(rng.uniform(size=-(-room // 80)) < 0.5, 80)[:room]  # whole blocks have none
+    transmittance = wp.array(np.where(light, 0.5, 1.0), dtype=float, device=device)
+    rgb = wp.zeros(room, dtype=wp.vec3, device=device)
+    mma.TensorCoreNetworks(field, device).colors(x, transmittance, count, rgb)
+    expected = sigmoid(mlp(rows.astype(float), field.color_layers))
+    wanted = light & (np.arange(room) < count)
+    np.testing.assert_allclose(rgb.numpy()[wanted], expected[wanted], atol=2e-2)
+    assert not rgb.numpy()[count:].any()
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("hidden, takes", [((48,), False), ((512,), False), ((256, 32), True)])
+def test_which_widths_of_a_color_a_ray_it_takes(make_ball_field, hidden, takes):
+    field = make_ball_field(1, color_hidden=hidden, deferred=True)
+    assert mma.fits(field, wp.get_device("cuda:0")) == takes

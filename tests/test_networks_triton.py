@@ -176,7 +176,9 @@ def test_the_density_network_alone_matches_float64(device, dtype):
     ours = torch.autograd.grad((sigma, h), weights, (g_sigma, g_h))
     assert ours[0].dtype == dtype
     x = x.detach().double().requires_grad_()
-    near = rounded(torch.relu(rounded(x) @ rounded(double.density[0].weight).T + double.density[0].bias))
+    near = rounded(
+        torch.relu(rounded(x) @ rounded(double.density[0].weight).T + double.density[0].bias)
+    )
     h = near @ rounded(double.density[1].weight).T + double.density[1].bias
     weights = [x, *double.density.parameters()]
     given = (g_sigma.double(), g_h.double())

@@ -41,8 +41,6 @@ def test_memory_is_freed_with_what_records(make_ball_field, device):
     field = make_ball_field(2)
     vertices = folded(field)
     renderer = in_slots(Renderer(field, device))
-    if renderer.device.is_cpu:
-        renderer.shading.evaluate_slots = lambda *_: None  # in_slots' own refers to the renderer
     gc.collect()
     gc.disable()
     try:

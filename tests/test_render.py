@@ -1,6 +1,7 @@
 """The fast renderer equals the definition: at rest, moved, bent and stretched."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,12 @@ from deformrf.core.render import (
     look_at,
     reference,
 )
+
+
+@pytest.fixture(params=[False, True], ids=["color a sample", "color a ray"])
+def make_ball_field(request, make_ball_field):
+    return partial(make_ball_field, deferred=request.param)
+
 
 BACKGROUND = (0.2, 0.5, 0.9)
 CONFORMANCE = RenderOptions(background=BACKGROUND, conformance=True)

@@ -1,5 +1,7 @@
 """The wavefront makes the image that the rounds of the host make."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import warp as wp
@@ -16,6 +18,12 @@ from deformrf.core.render import (
 )
 from deformrf.core.render.rounds import slots, wavefront
 from deformrf.core.wide import vec4h
+
+
+@pytest.fixture(params=[False, True], ids=["color a sample", "color a ray"])
+def make_ball_field(request, make_ball_field):
+    return partial(make_ball_field, deferred=request.param)
+
 
 BACKGROUND = (0.2, 0.5, 0.9)
 HOST_ROUNDS = RenderOptions(BACKGROUND, path="host")
@@ -138,7 +146,7 @@ def test_networks_of_another_shape_make_the_same_image(make_ball_field, device):
     """Three hidden layers for density: torch evaluates them on CUDA, in rounds of the host."""
     field = make_ball_field(9, density_hidden=(64, 64, 64))
     plain = Renderer(field, device)
-    assert plain.shading.evaluate_slots is None
+    assert plain.shading.in_place is None
     camera = view()
     expected = plain.render(camera, HOST_ROUNDS)
     assert_alike(plain.render(camera, RenderOptions(BACKGROUND)), expected)

@@ -1,5 +1,7 @@
 """Tangled rays of a wavefront: windows from front to back give the defined image."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import warp as wp
@@ -16,6 +18,12 @@ from deformrf.core.render import (
 from deformrf.core.render.overlap import PieceMerger, window_slots
 from deformrf.core.render.rays.camera import camera_rays
 from deformrf.core.render.rounds import wavefront
+
+
+@pytest.fixture(params=[False, True], ids=["color a sample", "color a ray"])
+def make_ball_field(request, make_ball_field):
+    return partial(make_ball_field, deferred=request.param)
+
 
 BACKGROUND = (0.2, 0.5, 0.9)
 OPTIONS = RenderOptions(BACKGROUND)

@@ -1,6 +1,7 @@
 """Tangled rays on a CPU: windows from front to back give the defined image, and end early."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,12 @@ from fold_poses import crowd, denser, folded, from_inside
 from deformrf.core.render import Renderer, RenderOptions, reference
 from deformrf.core.render.overlap import PieceMerger, windows
 from deformrf.core.render.rays.camera import camera_rays
+
+
+@pytest.fixture(params=[False, True], ids=["color a sample", "color a ray"])
+def make_ball_field(request, make_ball_field):
+    return partial(make_ball_field, deferred=request.param)
+
 
 EXACT = RenderOptions(conformance=True, details=True)
 

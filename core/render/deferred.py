@@ -10,7 +10,7 @@ Shapes: R rays, n of them in a launch, N packed samples, T tets.
 import warp as wp
 
 from ..field import CONSTANT_BASIS, GEOMETRY_FEATURES, basis_of, basis_vector
-from .rays import RaySamples, Rays
+from .rays import Rays, RaySamples
 from .rounds import SMALLEST, Pixels, ray_sums
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})

@@ -2,24 +2,44 @@
 
 import numpy as np
 
-from deformrf.core.field.networks import evaluate as evaluate_reference
+from deformrf.core.field.networks import evaluate, mlp, sigma_from, sigmoid
 
 
 def in_slots(renderer):
     """Let a renderer on the CPU use the wavefront, too, with NumPy's networks."""
     if renderer.device.is_cuda:
         return renderer
-    field = renderer.field
-
-    def evaluate(features, basis, total, sigma, rgb):
-        count = int(total.numpy()[0])
-        rows = (a.numpy().reshape(len(sigma), -1)[:count].astype(float) for a in (features, basis))
-        if count:
-            values = evaluate_reference(*rows, field.density_layers, field.color_layers)
-            sigma.numpy()[:count], rgb.numpy()[:count] = values
-
-    renderer.shading.evaluate_slots = evaluate
+    renderer.shading.in_place = NumpyNetworks(renderer.field)
     return renderer
+
+
+class NumpyNetworks:
+    """What TensorCoreNetworks does, on a CPU."""
+
+    def __init__(self, field):
+        self._layers = field.density_layers, field.color_layers
+
+    def evaluate(self, features, basis, total, sigma, rgb):
+        x, y = _rows(features, len(sigma), total), _rows(basis, len(sigma), total)
+        if len(x):
+            sigma.numpy()[: len(x)], rgb.numpy()[: len(x)] = evaluate(x, y, *self._layers)
+
+    def geometry(self, features, total, sigma, h):
+        x = _rows(features, len(sigma), total)
+        if len(x):
+            found = mlp(x, self._layers[0])
+            h.numpy().reshape(len(sigma), -1)[: len(x)] = found
+            sigma.numpy()[: len(x)] = sigma_from(found)
+
+    def colors(self, x, transmittance, count, rgb):
+        rows = x.numpy().reshape(-1, 32)[:count].astype(float)
+        wanted = transmittance.numpy()[:count] < 1.0
+        if wanted.any():
+            rgb.numpy()[:count][wanted] = sigmoid(mlp(rows[wanted], self._layers[1]))
+
+
+def _rows(array, count, total):
+    return array.numpy().reshape(count, -1)[: int(total.numpy()[0])].astype(float)
 
 
 def assert_alike(image, expected):

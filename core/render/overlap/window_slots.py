@@ -35,11 +35,13 @@ from ..rounds import (
     add_up,
     claim,
     composite_slots,
+    has_ray_colors,
     keep_or_finish,
     list_ray,
     march_in_slots,
     pixel_of,
     pixel_threads,
+    sum_slots,
 )
 from .bins import ALL_BITS, BIN_COUNT, BITS, Bins, TetBins, bin_of, lowest_bit
 from .pieces import FAR, OUTSIDE, SHORTEST, first_piece, next_piece
@@ -276,6 +278,12 @@ def composite_window(stop: float, buffers: Buffers, windows: Windows, i: int, ra
     next = float(FAR)  # where the next one begins
     if count > 0:
         next = buffers.slots.t[i + windows.order[i] * stride]
+    summed = has_ray_colors(buffers)
+    before = transmittance
+    k = int(0)
+    while summed and k < count:
+        buffers.weights[i + k * stride] = 0.0
+        k += 1
     going = bool(next < end)
     while going:
         # What overlaps the interval from t to the next end of a piece.
@@ -289,7 +297,8 @@ def composite_window(stop: float, buffers: Buffers, windows: Windows, i: int, ra
             if high > t:
                 medium = buffers.sigma[n] * buffers.slots.length[n]
                 kappa += medium
-                emission += medium * buffers.rgb[n]
+                if not summed:
+                    emission += medium * buffers.rgb[n]
                 until = wp.min(until, high)
             elif k == first:
                 first += 1
@@ -298,6 +307,13 @@ def composite_window(stop: float, buffers: Buffers, windows: Windows, i: int, ra
             remaining = wp.exp(-kappa * (until - t))
             w = transmittance * (1.0 - remaining)
             color += (w / kappa) * emission
+            k = first
+            while summed and k < begun:
+                n = i + windows.order[i + k * stride] * stride
+                if windows.highs[n] > t:
+                    medium = buffers.sigma[n] * buffers.slots.length[n]
+                    buffers.weights[n] = buffers.weights[n] + (w / kappa) * medium
+                k += 1
             total_t += w * 0.5 * (t + until)
             transmittance *= remaining
         going = until > t and until < end and transmittance >= stop
@@ -307,6 +323,8 @@ def composite_window(stop: float, buffers: Buffers, windows: Windows, i: int, ra
             next = FAR
             if begun < count:
                 next = buffers.slots.t[i + windows.order[i + begun * stride] * stride]
+    if summed and transmittance < before:
+        sum_slots(buffers, i, ray, i + count * stride, before)
     return transmittance, color, total_t
 
 

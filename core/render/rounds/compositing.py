@@ -31,7 +31,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
 def composite_reference(sigma, values, length, t, counts):
-    """Sums of values [R, C] (colors: no background), opacity [R], depth [R] (0 without opacity), distortion [R]."""
+    """Sums [R, C] of values [N, C], opacity [R], depth [R] (0 without opacity), distortion [R]."""
     ends = np.cumsum(counts)
     sums, opacity = np.zeros((len(counts), values.shape[1])), np.zeros(len(counts))
     depth, distortion = np.zeros(len(counts)), np.zeros(len(counts))

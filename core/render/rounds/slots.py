@@ -28,8 +28,9 @@ from ..rays import (
     march_ray,
 )
 from .compositing import Pixels, empty_pixels, to_bytes
+from .ray_color import fours_of, sum_values
+from .tiles import pixel_of
 
-TILE_WIDTH, TILE_HEIGHT = wp.constant(8), wp.constant(4)  # pixels of a warp
 LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
 ALIGNMENT = wp.constant(64)  # of the stride
 # Places in the state, integers on the device.
@@ -98,34 +99,54 @@ class Buffers:
     slots: Samples  # [S]
     counts: wp.array(dtype=int)  # [S / LEAST_SLOTS] samples of each listed ray
     features: wp.array(dtype=vec4h)  # [S · L]
-    basis: wp.array(dtype=vec4h)  # [4 S] spherical harmonics
     sigma: wp.array(dtype=float)  # [S]
-    rgb: wp.array(dtype=wp.vec3)  # [S]
+    # Where samples have colors:
+    basis: wp.array(dtype=vec4h)  # [4 S] spherical harmonics
+    rgb: wp.array(dtype=wp.vec3)  # [S]; with one color a ray [R]
+    # With one color a ray, see ray_color.py; else these are empty:
+    h: wp.array(dtype=vec4h)  # [4 S]
+    weights: wp.array(dtype=float)  # [S]
+    rotations: wp.array(dtype=wp.mat33)  # [T] Q
+    sums: wp.array(dtype=wp.vec4)  # [5 R] those of the pixels
+    means: wp.array(dtype=vec4h)  # [8 R]
     background: wp.array(dtype=wp.vec3)  # [1]
     color: wp.array(dtype=wp.vec4ub)  # [R] of finished rays
     depth: wp.array(dtype=float)  # [R] of finished rays
 
 
-def empty_buffers(ray_count: int, slot_count: int, level_count: int, device) -> Buffers:
-    buffers = Buffers()
+def empty_buffers(ray_count: int, slot_count: int, options, rotations, device) -> Buffers:
+    """Room for so many rays and slots of a field with `options`, whose tets turn by `rotations`."""
+    buffers, deferred = Buffers(), options.deferred
     buffers.rays = empty_rays(ray_count, device)
     buffers.entries = empty_entries(ray_count, device)
-    buffers.pixels = empty_pixels(ray_count, device)
+    buffers.pixels = empty_pixels(ray_count, device, deferred)
     buffers.slots = empty_samples(slot_count, device)
-    basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (slot_count, 1))
+    sample_count, ray_colors = (0, ray_count) if deferred else (slot_count, 0)
+    value_count = slot_count - sample_count
+    basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (sample_count, 1))
     with wp.ScopedDevice(device):
         buffers.camera = wp.zeros(1, dtype=DeviceCamera)
         buffers.state = wp.zeros(STATE_SIZE, dtype=int)
         buffers.lists = wp.empty((2, ray_count), dtype=int)
         buffers.counts = wp.empty(slot_count // LEAST_SLOTS, dtype=int)
-        buffers.features = wp.zeros(slot_count * level_count, dtype=vec4h)
-        buffers.basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
+        buffers.features = wp.zeros(slot_count * options.level_count, dtype=vec4h)
         buffers.sigma = wp.empty(slot_count, dtype=float)
-        buffers.rgb = wp.empty(slot_count, dtype=wp.vec3)
+        buffers.basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
+        buffers.rgb = wp.empty(sample_count + ray_colors, dtype=wp.vec3)
+        buffers.h = wp.empty(4 * value_count, dtype=vec4h)
+        buffers.weights = wp.empty(value_count, dtype=float)
+        buffers.rotations = rotations
+        buffers.sums = fours_of(buffers.pixels.sums)
+        buffers.means = wp.zeros(8 * ray_colors, dtype=vec4h)
         buffers.background = wp.zeros(1, dtype=wp.vec3)
         buffers.color = wp.empty(ray_count, dtype=wp.vec4ub)
         buffers.depth = wp.empty(ray_count, dtype=float)
     return buffers
+
+
+@wp.func
+def has_ray_colors(buffers: Buffers):
+    return buffers.weights.shape[0] > 0
 
 
 @wp.func
@@ -140,22 +161,6 @@ def finish_ray(buffers: Buffers, ray: int, color: wp.vec3, opacity: float, depth
     """Write the pixel of a ray; its color is over the background."""
     buffers.color[ray] = to_bytes(color, opacity)
     buffers.depth[ray] = wp.where(opacity < 0.5, wp.inf, depth)
-
-
-def pixel_threads(width: int, row_count: int) -> int:
-    """Threads for all pixels of an image, a warp for each tile."""
-    tiles = -(-width // TILE_WIDTH) * -(-row_count // TILE_HEIGHT)
-    return tiles * TILE_WIDTH * TILE_HEIGHT
-
-
-@wp.func
-def pixel_of(thread: int, width: int):
-    """Column and row of a thread's pixel; beside the image there may be some, too."""
-    tile = thread / (TILE_WIDTH * TILE_HEIGHT)
-    within = thread % (TILE_WIDTH * TILE_HEIGHT)
-    tiles_across = (width + TILE_WIDTH - 1) / TILE_WIDTH
-    column = (tile % tiles_across) * TILE_WIDTH + within % TILE_WIDTH
-    return column, (tile / tiles_across) * TILE_HEIGHT + within / TILE_WIDTH
 
 
 @wp.kernel
@@ -181,6 +186,7 @@ def begin_kernel(
     rays = buffers.rays
     rays.origins[ray] = origin
     rays.directions[ray] = direction
+    buffers.pixels.transmittance[ray] = 1.0
     if find_entries(geometry, origin, direction, ray, buffers.entries) == 0:
         finish_ray(buffers, ray, buffers.background[0], 0.0, 0.0)
         return
@@ -190,7 +196,6 @@ def begin_kernel(
     rays.piece[ray] = 0
     buffers.pixels.color[ray] = wp.vec3()
     buffers.pixels.depth[ray] = 0.0
-    buffers.pixels.transmittance[ray] = 1.0
     list_ray(buffers, ray)
 
 
@@ -294,13 +299,34 @@ def encode_slots_kernel(
     while level < level_count:
         store_wide_half(buffers.features, n * level_count + level, wp.vec4())
         level += 1
-    if constant_direction == 0:
+    if constant_direction == 0 and not has_ray_colors(buffers):
         direction = buffers.rays.directions[buffers.lists[state[PARITY], i]]
         b = basis_of(wp.transpose(rotations[tet]) * direction)
         store_wide_half(buffers.basis, 4 * n, wp.vec4(b[0], b[1], b[2], b[3]))
         store_wide_half(buffers.basis, 4 * n + 1, wp.vec4(b[4], b[5], b[6], b[7]))
         store_wide_half(buffers.basis, 4 * n + 2, wp.vec4(b[8], b[9], b[10], b[11]))
         store_wide_half(buffers.basis, 4 * n + 3, wp.vec4(b[12], b[13], b[14], b[15]))
+
+
+@wp.func
+def sum_slots(buffers: Buffers, i: int, ray: int, last: int, before: float):
+    """Add what slots of the listed ray i weigh to its sums, up to slot `last`.
+
+    `before` is its transmittance before them.
+    """
+    sum_values(
+        buffers.weights,
+        buffers.h,
+        buffers.slots.tet,
+        buffers.rotations,
+        buffers.rays.directions[ray],
+        i,
+        last,
+        buffers.state[STRIDE],
+        before == 1.0,
+        ray,
+        buffers.sums,
+    )
 
 
 @wp.func
@@ -313,6 +339,8 @@ def composite_slots(stop: float, buffers: Buffers, i: int, ray: int):
     stride = buffers.state[STRIDE]
     slots = buffers.slots
     transmittance = buffers.pixels.transmittance[ray]
+    before = transmittance
+    summed = has_ray_colors(buffers)
     c = buffers.pixels.color[ray]
     total_t = buffers.pixels.depth[ray]
     n = int(i)
@@ -320,10 +348,15 @@ def composite_slots(stop: float, buffers: Buffers, i: int, ray: int):
     while n < last and transmittance >= stop:
         remaining = wp.exp(-buffers.sigma[n] * slots.length[n])
         w = transmittance * (1.0 - remaining)
-        c += w * buffers.rgb[n]
+        if summed:
+            buffers.weights[n] = w
+        else:
+            c += w * buffers.rgb[n]
         total_t += w * slots.t[n]
         transmittance *= remaining
         n += stride
+    if summed and n > i:
+        sum_slots(buffers, i, ray, n, before)
     return transmittance, c, total_t
 
 
@@ -341,6 +374,10 @@ def keep_or_finish(
         return
     opacity = 1.0 - transmittance
     depth = total_t / wp.max(opacity, 1.0e-6)
+    if has_ray_colors(buffers) and opacity > 0.0:  # it is painted when all rays have ended
+        pixels.transmittance[ray] = transmittance
+        buffers.depth[ray] = wp.where(transmittance > 0.5 and transmittance >= stop, wp.inf, depth)
+        return
     c = color
     if transmittance < stop:
         c = color / opacity

@@ -9,6 +9,9 @@ CUDA graph of five launches (slots.py has the kernels):
     evaluate    features to density and color: both networks, one fused kernel
     composite   slots to pixels; lists the rays that go on in the next round
 
+With one color a ray, evaluate finds h instead of colors, composite sums it, and behind the rounds
+come means, the color network and pixels, of the rays that have ended by then.
+
 Only the device knows how long the list is, and so K.  The host launches one round more than
 the last image needed, and reads the length of the list when all are done.  If rays are left,
 which is rare, it launches further rounds.
@@ -25,7 +28,8 @@ import warp as wp
 
 from ..rays import DeviceCamera, Pose
 from ..shading import Shading
-from . import slots
+from . import ray_color, slots
+from .tiles import pixel_threads
 
 SLOTS_PER_PIXEL = 2.0  # rays for which there is no room wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
@@ -62,15 +66,19 @@ class Wavefront:
         """Allocate everything; `options` are the field's."""
         self.capacity = capacity
         self._pose, self._occupancy = pose, occupancy
-        self._tables, self._evaluate = shading.tables, shading.evaluate_slots
+        self._tables, self._networks = shading.tables, shading.in_place
         self._table, self._nodes = shading.half_tables()
         self._constant_direction = int(not options.view_dependence)
+        self._deferred = options.deferred
+        self._ray_count = 0  # of the image
         self._march_step, self._level_count = options.march_step, options.level_count
         self.device = device = pose.device
         slot_count = max(int(SLOTS_PER_PIXEL * capacity), LEAST_SLOTS_IN_ALL)
         slot_count = min(slot_count, MOST_SLOTS_IN_ALL)
         self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
-        self.buffers = slots.empty_buffers(capacity, slot_count, options.level_count, device)
+        self.buffers = slots.empty_buffers(
+            capacity, slot_count, options, pose.geometry.rotations, device
+        )
         pinned = device.is_cuda
         self._host_state = wp.zeros(slots.STATE_SIZE, dtype=int, device="cpu", pinned=pinned)
         self._background = None  # that the buffers have
@@ -87,11 +95,12 @@ class Wavefront:
             self._background = tuple(options.background)
             self.buffers.background.fill_(wp.vec3(*options.background))
         row_count = rows[1] - rows[0]
+        self._ray_count = row_count * camera.lens.width
         with stage("begin"):
             self._pose.refresh_face_boxes()
             self.buffers.state.zero_()
             inputs = [self._pose.geometry, camera, rows[0], row_count, self.buffers]
-            threads = slots.pixel_threads(camera.lens.width, row_count)
+            threads = pixel_threads(camera.lens.width, row_count)
             self._launch(slots.begin_kernel, threads, inputs)
 
     def start(self, options, stage, way: Way = PLAIN):
@@ -123,6 +132,8 @@ class Wavefront:
     def _launch_rounds(self, count, way, options, stage):
         for _ in range(count):
             self._round(way, options, stage)
+        if self._deferred:
+            self._launch_colors(options, stage)
 
     def _round(self, way, options, stage):
         """One round, recorded as a CUDA graph unless its stages are timed."""
@@ -153,10 +164,25 @@ class Wavefront:
             self._launch(slots.encode_slots_kernel, self._slot_count, inputs)
         with stage("networks"):
             total = buffers.state[slots.TOTAL : slots.TOTAL + 1]
-            self._evaluate(buffers.features, buffers.basis, total, buffers.sigma, buffers.rgb)
+            if self._deferred:
+                self._networks.geometry(buffers.features, total, buffers.sigma, buffers.h)
+            else:
+                inputs = buffers.features, buffers.basis, total
+                self._networks.evaluate(*inputs, buffers.sigma, buffers.rgb)
         with stage("composite"):
             inputs = [options.stop, buffers, *way.more]
             self._launch(way.composite, self.capacity, inputs)
+
+    def _launch_colors(self, options, stage):
+        """Paint the rays that have ended."""
+        buffers, count = self.buffers, self._ray_count
+        transmittance = buffers.pixels.transmittance
+        with stage("networks"):
+            inputs = [transmittance, buffers.sums, self._constant_direction, buffers.means]
+            self._launch(ray_color.means_kernel, count, inputs)
+            self._networks.colors(buffers.means, transmittance, count, buffers.rgb)
+            inputs = [transmittance, buffers.rgb, options.stop, buffers.background, buffers.color]
+            self._launch(ray_color.paint_kernel, count, inputs)
 
     def _launch(self, kernel, dim, inputs):
         wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=slots.BLOCK_SIZE)

@@ -81,12 +81,12 @@ def total(x: float) -> float:
 
 
 @wp.func
-def total(x: wp.vec3):
+def total(x: wp.vec3):  # noqa: F811
     return wp.vec3(total(x[0]), total(x[1]), total(x[2]))
 
 
 @wp.func
-def total(x: geometry_vector):
+def total(x: geometry_vector):  # noqa: F811
     y = geometry_vector()
     for k in range(wp.static(GEOMETRY_FEATURES)):
         y[k] = total(x[k])
@@ -212,7 +212,9 @@ def composite_backward_kernel(
 
 
 for _vector in (wp.vec3, geometry_vector):
-    wp.overload(composite_kernel, {"values": wp.array(dtype=_vector), "sums": wp.array(dtype=_vector)})
+    wp.overload(
+        composite_kernel, {"values": wp.array(dtype=_vector), "sums": wp.array(dtype=_vector)}
+    )
     wp.overload(
         composite_backward_kernel,
         {name: wp.array(dtype=_vector) for name in ("values", "sums_grad", "values_grad")},

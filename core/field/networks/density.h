@@ -1,0 +1,56 @@
+// The density network of 32 samples in a warp's registers: lambdas for the bodies in mma.py, which
+// say before how many TILES of weights and BIASES their networks have.
+#include "tensor_cores.h"
+__shared__ uint2 weights[TILES * 32];
+__shared__ float bias[BIASES];
+for (int i = threadIdx.x; i < TILES * 32; i += blockDim.x)
+    weights[i] = reinterpret_cast<const uint2*>(fragments.data)[i];
+for (int i = threadIdx.x; i < BIASES; i += blockDim.x) bias[i] = biases.data[i];
+__syncthreads();
+
+const int count = total.data[0];
+const int warp_count = gridDim.x * (blockDim.x >> 5);
+
+auto product = [&](Result& c, const Operand& a, int tile) {
+    multiply(c, a, weights[tile * 32 + lane]);
+};
+auto load = [&](Operand& a, const char* bytes, int row, int columns_, int column) {
+    for (int i = 0; i < 4; ++i) {
+        const int r = row + (i & 1) * 8, c = column + pair + (i >> 1) * 8;
+        a[i] = r < count && c < columns_
+            ? *reinterpret_cast<const uint*>(bytes + 2 * (size_t(r) * columns_ + c)) : 0u;
+    }
+};
+
+// h of the rows first_row + 16 m; sigma is written.
+auto find_density = [&](int first_row, Result (&h)[2][2]) {
+    uint a[2][4][4];
+    float c[2][8][4];
+    for (int m = 0; m < 2; ++m)
+        for (int k = 0; k < 2; ++k)
+            load(a[m][k], reinterpret_cast<const char*>(features.data), first_row + 16 * m,
+                 columns, 16 * k);
+#pragma unroll
+    for (int n = 0; n < 8; ++n)
+#pragma unroll
+        for (int m = 0; m < 2; ++m) {
+            start(c[m][n], bias + 8 * n);
+            product(c[m][n], a[m][0], 2 * n);
+            product(c[m][n], a[m][1], 2 * n + 1);
+            for (int i = 0; i < 4; ++i) c[m][n][i] = relu(c[m][n][i]);
+        }
+#pragma unroll
+    for (int m = 0; m < 2; ++m) {
+        for (int k = 0; k < 4; ++k) join(a[m][k], c[m][2 * k], c[m][2 * k + 1]);
+#pragma unroll
+        for (int n = 0; n < 2; ++n) {
+            start(h[m][n], bias + 64 + 8 * n);
+            for (int k = 0; k < 4; ++k) product(h[m][n], a[m][k], 16 + 4 * n + k);
+        }
+        const int row = first_row + 16 * m;
+        if (pair == 0) {
+            if (row < count) sigma.data[row] = expf(fminf(h[m][0][0], @MAX_LOG_SIGMA));
+            if (row + 8 < count) sigma.data[row + 8] = expf(fminf(h[m][0][2], @MAX_LOG_SIGMA));
+        }
+    }
+};

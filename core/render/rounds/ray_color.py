@@ -1,0 +1,121 @@
+"""One color a ray, in the wavefront: what its slots add to the sums, and the colors of ended rays.
+
+../deferred.py does the same where rounds wait for the host.  A ray that has no opacity yet has no
+sums, either: what memory holds there is not read.
+
+Shapes: R rays, S slots, T tets.
+"""
+
+import warp as wp
+
+from ...field import CONSTANT_BASIS, basis_of, basis_vector
+from ...wide import load_wide, load_wide_half, store_wide, store_wide_half, vec4h
+from .compositing import ray_sums, to_bytes
+from .cpu import SMALLEST
+
+BLOCK_SIZE = 128  # as in slots.py
+FOURS = wp.constant(len(ray_sums()) // 4)  # of a ray's sums
+
+wp.set_module_options(
+    {"enable_backward": False, "max_unroll": 2, "fast_math": True, "block_dim": BLOCK_SIZE}
+)
+
+
+def fours_of(sums):
+    """An array of ray_sums [R] as one of vec4 [5 R]."""
+    if not len(sums):
+        return wp.empty(0, dtype=wp.vec4, device=sums.device)
+    count = len(sums) * int(FOURS)
+    return wp.array(
+        ptr=sums.ptr, dtype=wp.vec4, shape=count, device=sums.device, capacity=sums.capacity
+    )
+
+
+@wp.func
+def sum_values(
+    weights: wp.array(dtype=float),  # [S]
+    h: wp.array(dtype=vec4h),  # [4 S]
+    tets: wp.array(dtype=int),  # [S]
+    rotations: wp.array(dtype=wp.mat33),  # [T] Q
+    direction: wp.vec3,
+    first: int,  # slot
+    last: int,  # behind the last slot
+    stride: int,  # from one slot of the ray to the next
+    fresh: bool,  # no slot of this ray weighed anything before
+    ray: int,
+    sums: wp.array(dtype=wp.vec4),  # [5 R] in, out
+):
+    """Add h and the rest direction of a ray's slots, with their weights, to its sums."""
+    a = wp.vec4()
+    b = wp.vec4()
+    c = wp.vec4()
+    d = wp.vec4()
+    turned = wp.vec3()
+    n = int(first)
+    while n < last:
+        w = weights[n]
+        if w > 0.0:
+            a += w * load_wide_half(h, 4 * n)
+            b += w * load_wide_half(h, 4 * n + 1)
+            c += w * load_wide_half(h, 4 * n + 2)
+            d += w * load_wide_half(h, 4 * n + 3)
+            turned += w * (wp.transpose(rotations[tets[n]]) * direction)
+        n += stride
+    e = wp.vec4(turned[0], turned[1], turned[2], 0.0)
+    k = FOURS * ray
+    if not fresh:
+        a += load_wide(sums, k)
+        b += load_wide(sums, k + 1)
+        c += load_wide(sums, k + 2)
+        d += load_wide(sums, k + 3)
+        e += load_wide(sums, k + 4)
+    store_wide(sums, k, a)
+    store_wide(sums, k + 1, b)
+    store_wide(sums, k + 2, c)
+    store_wide(sums, k + 3, d)
+    store_wide(sums, k + 4, e)
+
+
+@wp.kernel
+def means_kernel(
+    transmittance: wp.array(dtype=float),  # [R]
+    sums: wp.array(dtype=wp.vec4),  # [5 R]
+    constant_direction: int,  # 1: the color does not depend on the direction
+    x: wp.array(dtype=vec4h),  # [8 R] out: mean h, then Y of the mean direction
+):
+    ray = wp.tid()
+    opacity = 1.0 - transmittance[ray]
+    if opacity <= 0.0:
+        return
+    scale = 1.0 / wp.max(opacity, wp.static(SMALLEST))
+    k = int(0)
+    while k < 4:
+        store_wide_half(x, 8 * ray + k, scale * load_wide(sums, FOURS * ray + k))
+        k += 1
+    b = basis_vector()
+    b[0] = wp.static(CONSTANT_BASIS[0])
+    if constant_direction == 0:
+        e = load_wide(sums, FOURS * ray + 4)
+        direction = wp.vec3(e[0], e[1], e[2])
+        b = basis_of(direction / wp.max(wp.length(direction), wp.static(SMALLEST)))
+    store_wide_half(x, 8 * ray + 4, wp.vec4(b[0], b[1], b[2], b[3]))
+    store_wide_half(x, 8 * ray + 5, wp.vec4(b[4], b[5], b[6], b[7]))
+    store_wide_half(x, 8 * ray + 6, wp.vec4(b[8], b[9], b[10], b[11]))
+    store_wide_half(x, 8 * ray + 7, wp.vec4(b[12], b[13], b[14], b[15]))
+
+
+@wp.kernel
+def paint_kernel(
+    transmittance: wp.array(dtype=float),  # [R]
+    rgb: wp.array(dtype=wp.vec3),  # [R]
+    stop: float,  # a ray with a smaller transmittance is opaque
+    background: wp.array(dtype=wp.vec3),  # [1]
+    color: wp.array(dtype=wp.vec4ub),  # [R] out, where there is any opacity
+):
+    ray = wp.tid()
+    opacity = 1.0 - transmittance[ray]
+    if opacity <= 0.0:
+        return
+    if transmittance[ray] < stop:
+        opacity = 1.0
+    color[ray] = to_bytes(opacity * rgb[ray] + (1.0 - opacity) * background[0], opacity)
