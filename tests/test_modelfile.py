@@ -103,6 +103,33 @@ def test_what_is_left_out_of_the_file_changes_no_pixel(field, path):
     np.testing.assert_array_equal(picture(modelfile.load(path)), picture(rounded))
 
 
+def test_one_color_a_ray_is_read_back_and_older_versions_do_not_know_it(make_ball_field, tmp_path):
+    field, path = make_ball_field(3, deferred=True, color_hidden=(256, 256)), tmp_path / "a.npz"
+    modelfile.save(field, path)
+    loaded = modelfile.load(path)
+    assert loaded.options == field.options and loaded.options.deferred
+    assert [w.shape for w, _ in loaded.color_layers] == [(32, 256), (256, 256), (256, 3)]
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    meta = json.loads(arrays["meta"].tobytes())
+    arrays["meta"] = np.frombuffer(json.dumps(meta | {"format_version": 2}).encode(), np.uint8)
+    np.savez(path, **arrays)
+    with pytest.raises(ModelFileError, match="one color a ray, which format version 2"):
+        modelfile.load(path)
+
+
+def test_a_version_2_file_has_colors_of_samples(field, tmp_path):
+    path = tmp_path / "old.npz"
+    modelfile.save(field, path)
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    meta = json.loads(arrays["meta"].tobytes()) | {"format_version": 2}
+    del meta["options"]["deferred"]
+    arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+    np.savez(path, **arrays)
+    assert modelfile.load(path).options == field.options and not field.options.deferred
+
+
 def test_a_version_1_file_is_loaded(field, tmp_path):
     """Whole tables, every rest vertex, 32-bit integers and no word about a lattice."""
     path = tmp_path / "old.npz"

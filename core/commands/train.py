@@ -87,13 +87,17 @@ class TrainArguments:
     keep_surroundings: bool = False
     """Store the surroundings in the model, and all that is in the object's box, so that
     deformrf-eval can compare whole images."""
+    color_width: Count = None
+    """Width of the color network's hidden layers; default: the preset's, 256 or, for small and
+    tiny, 128. Narrower is quicker to draw, above all on a CPU, and shows less of what shines."""
     view_dependence: bool = True
     """Without it colors look the same from all sides, and cost less."""
     leave_out: Words = ()
     """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
-    (tets are occupied as a whole), dense-levels (all are hashed), distortion, table-decay (no
-    such loss), found-box (the object isn't sought: its box is where the cameras look), exposure
-    (photographs have one for all), blur-weights (blurred photographs count like others)."""
+    (tets are occupied as a whole), dense-levels (all are hashed), ray-color (each sample has a
+    color, instead of each ray), distortion, table-decay (no such loss), found-box (the object isn't
+    sought: its box is where the cameras look), exposure (photographs have one for all),
+    blur-weights (blurred photographs count like others)."""
     entry_bits: Literal[8, 16] = 8
     """Bits of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
     size: Meters = None

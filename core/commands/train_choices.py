@@ -8,8 +8,10 @@ from ..arguments import at_least, at_most, positive
 
 LARGEST_SEED, MOST_STEPS = 2**63 - 1, 10**8  # torch's; a year on a GPU
 SPACINGS = 0.005, 0.25  # at 0.005 the lattice of the whole box has 6 million tets
+COLOR_WIDTHS = 16, 256
 SAME_NAMED = (
     "seed",
+    "color_width",
     "aabb",
     "scene_radius",
     "spacing",
@@ -38,7 +40,10 @@ def train_options(arguments):
             f"--spacing is {arguments.spacing}: it has to be from {low} to {high} of the box"
         )
     values = {name: getattr(arguments, name) for name in SAME_NAMED}
-    for name in ("seed", "spacing"):
+    low, high = COLOR_WIDTHS
+    if arguments.color_width is not None and not low <= arguments.color_width <= high:
+        raise ValueError(f"--color-width is {arguments.color_width}: give {low} to {high}")
+    for name in ("seed", "spacing", "color_width"):
         if values[name] is None:
             del values[name]
     options = training.preset(arguments.preset, **values)

@@ -18,7 +18,7 @@ FARTHEST = 16.0  # of a coordinate from 0: float32 keeps positions to 1e-6 there
 SHORTEST = 1e-3  # of the mesh's longest side
 MOST_PIECES = 20_000  # along the box's diagonal: the unit cube at the smallest march step
 FLATTEST = 1e-7  # volume of a tet over its longest edge³: flat in float32
-MOST_WEIGHTS = 2**17  # of a network; the usual ones have 6,000
+MOST_WEIGHTS = 2**18  # of a network; the usual ones have 3,000 and 75,000
 MOST_HIDDEN_LAYERS = 8
 LARGEST_WEIGHT = 65504.0  # float16's largest: CUDA's networks compute with such weights
 LARGEST_SUM = 1e30  # of a layer's output, far from float32's largest
@@ -96,7 +96,7 @@ def check_geometry(mesh: TetMesh, neighbours, march_step: float) -> None:
 
 
 def check_widths(name, widths) -> None:
-    """Whether a network is small enough to be evaluated for each sample."""
+    """Whether a network is small enough to be evaluated for each sample or ray."""
     check(
         all(type(width) is int and width >= 1 for width in widths)
         and len(widths) <= MOST_HIDDEN_LAYERS + 2,

@@ -37,7 +37,7 @@ class FieldOptions:
     # If color does not depend on the direction, the color network's weights for all but the
     # constant spherical harmonic are zero.
     view_dependence: bool = True
-    # One color a ray: the color network takes the means, along the ray, of h and of rest directions.
+    # One color a ray: the color network takes the means of h and rest directions along it.
     deferred: bool = False
     dense_levels: bool = True  # an entry per vertex where they fit the table; else all are hashed
 

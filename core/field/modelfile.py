@@ -47,8 +47,9 @@ from .packing import (
 from .reach import reached_entries
 
 FORMAT = "deformrf-model"
-FORMAT_VERSION = 2
-READABLE_VERSIONS = (1, 2)
+FORMAT_VERSION = 3
+READABLE_VERSIONS = (1, 2, 3)
+RAY_COLOR_VERSION = 3  # the first that knows options.deferred
 ACTIVATION = "relu"  # older programs could train density networks with "sigmoid" as well
 LONGEST_META = 2**20  # bytes; ours has some 30,000
 HISTORY_KEYS = ("seconds", "stage", "step", "psnr")
@@ -146,6 +147,10 @@ def _build(arrays) -> TetField:
     check(meta_bytes <= LONGEST_META, f"its 'meta' has {meta_bytes} bytes, over {LONGEST_META}")
     meta = read_meta(array(arrays, "meta", np.uint8, (None,)).tobytes().decode())
     options = read_options(meta["options"])
+    check(
+        meta["format_version"] >= RAY_COLOR_VERSION or not options.deferred,
+        f"it has one color a ray, which format version {meta['format_version']} does not know",
+    )
     entry_counts, dense_count = meta["entry_counts"], meta["dense_level_count"]
     check_levels(entry_counts, dense_count, options)
     check_tables(arrays, entry_counts)
@@ -234,7 +239,7 @@ def read_meta(text: str) -> dict:
     check(
         version in READABLE_VERSIONS,
         f"it has format version {version}, "
-        f"this program reads {' and '.join(map(str, READABLE_VERSIONS))}",
+        f"this program reads {', '.join(map(str, READABLE_VERSIONS))}",
     )
     check(
         meta["feature_count"] == FEATURES,

@@ -7,16 +7,19 @@ from .train_options import TrainOptions
 
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
+SAMPLE_COLOR_WIDTH = 64  # that of the color network, where each sample has a color
 
 
 def field_options(options: TrainOptions) -> FieldOptions:
+    deferred = "ray-color" not in options.leave_out
+    width = options.color_width if deferred else SAMPLE_COLOR_WIDTH
     return FieldOptions(
         level_count=options.level_count,
         table_size=2**options.table_size_log2,
         march_step=options.march_step,
         view_dependence=options.view_dependence,
-        deferred=options.deferred,
-        color_hidden=(options.color_width,) * 2,
+        deferred=deferred,
+        color_hidden=(width, width),
         dense_levels="dense-levels" not in options.leave_out,
     )
 

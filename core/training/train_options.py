@@ -6,6 +6,7 @@ LEAVE_OUT = (
     "coarse-stage",
     "subtet-mask",
     "dense-levels",
+    "ray-color",
     "distortion",
     "table-decay",
     "found-box",
@@ -33,8 +34,7 @@ class TrainOptions:
         surroundings: Surroundings of the object: "white" (or cut out by alpha), "learnt"
             beside it, or "auto": learned where images have neither alpha nor a white border.
         view_dependence: Whether color may depend on the direction.
-        deferred: One color a ray, see FieldOptions.
-        color_width: Of the color network's hidden layers.
+        color_width: Of the color network's two hidden layers.  64, where samples have colors.
         distortion: Weight of the distortion loss (the paper's 1e-2).
         table_decay: Weight of the squares of features, see loss.py, where features outnumber
             what photographs show; against noise.
@@ -42,9 +42,10 @@ class TrainOptions:
             "found-box": the object isn't sought, its box lies where the cameras look;
             "coarse-stage": all fine_steps go to all levels on the whole grid, which the model
             then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":
-            every level is hashed; "distortion", "table-decay": the loss has no such term;
-            "exposure": photographs have no color maps (run/exposure.py); "blur-weights": blurred
-            photographs count as much as sharp ones.
+            every level is hashed; "ray-color": each sample has a color of its own, and a ray the
+            sum of them (FieldOptions.deferred); "distortion", "table-decay": the loss has no such
+            term; "exposure": photographs have no color maps (run/exposure.py); "blur-weights":
+            blurred photographs count as much as sharp ones.
         seed: Seed of all random choices.
     """
 
@@ -60,8 +61,7 @@ class TrainOptions:
     learning_rate: float = 1e-2
     surroundings: str = "auto"
     view_dependence: bool = True
-    deferred: bool = False
-    color_width: int = 64
+    color_width: int = 256
     distortion: float = 1e-2
     table_decay: float = 5e-7
     leave_out: tuple[str, ...] = ()
@@ -83,6 +83,7 @@ PRESETS = {
         table_size_log2=18,
         march_step=0.002,
         samples_per_step=2**18,
+        color_width=128,
     ),
     "tiny": TrainOptions(
         spacing=0.04,
@@ -93,6 +94,7 @@ PRESETS = {
         march_step=0.005,
         samples_per_step=2**15,
         learning_rate=2e-2,
+        color_width=128,
     ),
 }
 

@@ -21,7 +21,8 @@ from .checkpoint_checks import check_archive, check_tensors, checked_mesh, check
 
 FORMAT = "deformrf-checkpoint-1"
 GONE = {"density_layers": 1, "density_activation": "relu"}  # of older checkpoints
-ADDED = {"table_decay": 0.0}  # options that older checkpoints lack, and what they trained with
+# Options that older checkpoints lack, and what they trained with.
+ADDED = {"table_decay": 0.0, "color_width": 64}
 UNREADABLE = (  # what zipfile, pickle and torch raise for bytes that nobody has written so
     *(OSError, EOFError, RuntimeError, ValueError, TypeError, KeyError, IndexError, MemoryError),
     *(AttributeError, AssertionError, OverflowError, ImportError),
@@ -105,6 +106,8 @@ def load_checkpoint(path) -> Checkpoint:
                     f"{path} has another {name} than {only!r}, which this version can't train: "
                     f"train it anew"
                 )
+        if "color_width" not in options:  # then each sample had a color
+            options["leave_out"] = (*options["leave_out"], "ray-color")
         if options["aabb"] is not None:
             options["aabb"] = tuple(options["aabb"])
         if content["stage"] not in (1, 2) or not isinstance(content["report"], dict):
