@@ -23,8 +23,9 @@ auto load_rows = [&](Operand& a, int m, int k) {
 
 for (int first = blockIdx.x * ROWS; first < count; first += gridDim.x * ROWS) {
     bool wanted = false;
-    if (threadIdx.x < ROWS && first + int(threadIdx.x) < count)
-        wanted = transmittance.data[first + threadIdx.x] < 1.0f;
+    const int thread = threadIdx.x;
+    if (thread < ROWS && first + thread < count)
+        wanted = transmittance.data[first + thread] < 1.0f;
     if (!__syncthreads_or(wanted)) continue;
     for (int i = threadIdx.x; i < ROWS * 16; i += blockDim.x) {
         const int row = first + (i >> 4);

@@ -34,6 +34,7 @@ TILE_K, TILE_N = 16, 8  # of one product
 OLDEST_GPU = 80  # Warp's arch
 BLOCK_SIZE = 128
 BLOCKS_PER_PROCESSOR = 3  # the registers have room for no more
+DENSITY_BLOCKS_PER_PROCESSOR = 5  # for the density network alone
 MAX_WIDTH = 256  # of the color network's hidden layers, a multiple of WIDTH_STEP
 WIDTH_STEP = 32  # each of the four warps of a block has whole tiles
 
@@ -84,7 +85,6 @@ class TensorCoreNetworks:
         (first, bias), *others = density
         density = [(np.pad(first, ((0, MAX_FEATURES - len(first)), (0, 0))), bias), *others]
         self.device = device
-        self._threads = device.sm_count * BLOCKS_PER_PROCESSOR * BLOCK_SIZE
         if field.options.deferred:
             self._density, self._color = (self._weights(part) for part in (density, color))
             self._layers = wp.array(layer_places(color), dtype=int, device=device)
@@ -99,7 +99,7 @@ class TensorCoreNetworks:
     def geometry(self, features, total, sigma, h):
         """Fill sigma and h by `geometry_kernel`."""
         inputs = [features, *self._density, total, _columns(features, sigma)]
-        self._launch(geometry_kernel, inputs, [sigma, h])
+        self._launch(geometry_kernel, inputs, [sigma, h], DENSITY_BLOCKS_PER_PROCESSOR)
 
     def colors(self, x, transmittance, count, rgb):
         """Fill rgb of the first `count` rays by `colors_kernel`."""
@@ -113,9 +113,10 @@ class TensorCoreNetworks:
         biases = wp.array(biases.astype(np.float32), device=self.device)
         return wp.array(tiles, dtype=vec4h, device=self.device), biases
 
-    def _launch(self, kernel, inputs, outputs):
+    def _launch(self, kernel, inputs, outputs, blocks=BLOCKS_PER_PROCESSOR):
         where = {"device": self.device, "block_dim": BLOCK_SIZE}
-        wp.launch(kernel, dim=self._threads, inputs=inputs, outputs=outputs, **where)
+        threads = self.device.sm_count * blocks * BLOCK_SIZE
+        wp.launch(kernel, dim=threads, inputs=inputs, outputs=outputs, **where)
 
 
 def _columns(features, sigma) -> int:
