@@ -19,12 +19,12 @@ class NumpyNetworks:
     def __init__(self, field):
         self._layers = field.density_layers, field.color_layers
 
-    def evaluate(self, features, basis, total, sigma, rgb):
+    def evaluate(self, features, basis, total, sigma, rgb, _slots=None):
         x, y = _rows(features, len(sigma), total), _rows(basis, len(sigma), total)
         if len(x):
             sigma.numpy()[: len(x)], rgb.numpy()[: len(x)] = evaluate(x, y, *self._layers)
 
-    def geometry(self, features, total, sigma, h):
+    def geometry(self, features, total, sigma, h, _slots=None):
         x = _rows(features, len(sigma), total)
         if len(x):
             found = mlp(x, self._layers[0])

@@ -5,6 +5,7 @@ enum { TILES = 76, BIASES = 216 };  // of all layers, one after another
 
 for (int tile = blockIdx.x * (blockDim.x >> 5) + (threadIdx.x >> 5); tile * 32 < count;
      tile += warp_count) {
+    if (!is_used(tile)) continue;
     const int first_row = tile * 32 + group;
     Result h[2][2];
     find_density(first_row, h);

@@ -5,6 +5,7 @@ enum { TILES = 24, BIASES = 80 };
 
 for (int tile = blockIdx.x * (blockDim.x >> 5) + (threadIdx.x >> 5); tile * 32 < count;
      tile += warp_count) {
+    if (!is_used(tile)) continue;
     const int first_row = tile * 32 + group;
     Result results[2][2];
     find_density(first_row, results);

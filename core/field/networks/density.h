@@ -22,6 +22,14 @@ auto load = [&](Operand& a, const char* bytes, int row, int columns_, int column
     }
 };
 
+// Whether some of 32 samples are there: row n is place n / stride of ray n % stride, which has so many
+// samples as `counts` says.  The stride is a multiple of 32.
+auto is_used = [&](int tile) {
+    if (counts.shape[0] == 0) return true;
+    const int row = 32 * tile, rays = stride.data[0];
+    return __any_sync(0xffffffffu, row / rays < counts.data[row % rays + lane]) != 0;
+};
+
 // h of the rows first_row + 16 m; sigma is written.
 auto find_density = [&](int first_row, Result (&h)[2][2]) {
     uint a[2][4][4];

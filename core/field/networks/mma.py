@@ -2,7 +2,7 @@
 
 Where samples have colors, one kernel (both.cu) takes networks of the usual shape: one hidden layer
 of 64 for density, two for color, up to 8 levels.  With one color a ray, one kernel (density.cu)
-takes the samples and another (colors.cu) the rays, whose network may be up to MAX_WIDTH wide.
+takes the samples and another (colors.cu) the rays, whose network may have several widths.
 
 A warp multiplies by mma.sync.m16n8k16.  It takes 32 samples through all layers in its registers:
 the result of one product, rounded to half precision, lies in each thread's registers where the
@@ -35,8 +35,7 @@ OLDEST_GPU = 80  # Warp's arch
 BLOCK_SIZE = 128
 BLOCKS_PER_PROCESSOR = 3  # the registers have room for no more
 DENSITY_BLOCKS_PER_PROCESSOR = 5  # for the density network alone
-MAX_WIDTH = 256  # of the color network's hidden layers, a multiple of WIDTH_STEP
-WIDTH_STEP = 32  # each of the four warps of a block has whole tiles
+COLOR_WIDTHS = (32, 64, 128, 256)  # of the hidden layers, where a ray has one color
 
 # Warp compiles a module for each block size: loading one ahead has to know it.
 wp.set_module_options({"enable_backward": False, "block_dim": BLOCK_SIZE})
@@ -53,9 +52,7 @@ def fits(field, device) -> bool:
     if not field.options.deferred:
         return has_usual_shape([*density, *color])
     widths = [width for _, width in color[:-1]]
-    return has_usual_density(density) and all(
-        width <= MAX_WIDTH and width % WIDTH_STEP == 0 for width in widths
-    )
+    return has_usual_density(density) and all(width in COLOR_WIDTHS for width in widths)
 
 
 def fragments(weights):
@@ -85,26 +82,35 @@ class TensorCoreNetworks:
         (first, bias), *others = density
         density = [(np.pad(first, ((0, MAX_FEATURES - len(first)), (0, 0))), bias), *others]
         self.device = device
+        self._no_slots = [wp.empty(0, dtype=int, device=device)] * 2
         if field.options.deferred:
             self._density, self._color = (self._weights(part) for part in (density, color))
             self._layers = wp.array(layer_places(color), dtype=int, device=device)
         else:
             self._both = self._weights([*density, *color])
 
-    def evaluate(self, features, basis, total, sigma, rgb):
-        """Fill sigma and rgb by `networks_kernel`."""
-        inputs = [features, basis, *self._both, total, _columns(features, sigma)]
+    def evaluate(self, features, basis, total, sigma, rgb, slots=None):
+        """Fill sigma and rgb by `networks_kernel`.
+
+        `slots`: counts and stride, where rows are slots of rays; free ones may get no values.
+        """
+        inputs = [features, basis, *self._both, total, *self._slots(slots)]
+        inputs.append(_columns(features, sigma))
         self._launch(networks_kernel, inputs, [sigma, rgb])
 
-    def geometry(self, features, total, sigma, h):
-        """Fill sigma and h by `geometry_kernel`."""
-        inputs = [features, *self._density, total, _columns(features, sigma)]
+    def geometry(self, features, total, sigma, h, slots=None):
+        """Fill sigma and h by `geometry_kernel`; `slots` as for `evaluate`."""
+        inputs = [features, *self._density, total, *self._slots(slots)]
+        inputs.append(_columns(features, sigma))
         self._launch(geometry_kernel, inputs, [sigma, h], DENSITY_BLOCKS_PER_PROCESSOR)
 
     def colors(self, x, transmittance, count, rgb):
         """Fill rgb of the first `count` rays by `colors_kernel`."""
         inputs = [x, transmittance, *self._color, self._layers, count]
         self._launch(colors_kernel, inputs, [rgb])
+
+    def _slots(self, slots):
+        return self._no_slots if slots is None else slots
 
     def _weights(self, layers):
         """`fragments` of all weights, and all biases with whole tiles."""
@@ -136,7 +142,7 @@ def layer_places(layers):
 def _source(name: str):
     """A body with its includes."""
     folder = Path(__file__).parent
-    values = {"MAX_LOG_SIGMA": f"{MAX_LOG_SIGMA}f", "MAX_WIDTH": MAX_WIDTH}
+    values = {"MAX_LOG_SIGMA": f"{MAX_LOG_SIGMA}f", "MAX_WIDTH": max(COLOR_WIDTHS)}
     includes = [folder / "density.h", folder / "tensor_cores.h"]  # one includes the next
     return native_source(folder / name, includes, values)
 
@@ -148,6 +154,8 @@ def evaluate_native(
     fragments: wp.array(dtype=vec4h),
     biases: wp.array(dtype=float),
     total: wp.array(dtype=int),
+    counts: wp.array(dtype=int),
+    stride: wp.array(dtype=int),
     columns: int,
     sigma: wp.array(dtype=float),
     rgb: wp.array(dtype=wp.vec3),
@@ -161,11 +169,13 @@ def networks_kernel(
     weights: wp.array(dtype=vec4h),  # `fragments` of all layers
     biases: wp.array(dtype=float),
     total: wp.array(dtype=int),  # [1] existing samples, at most N
+    counts: wp.array(dtype=int),  # [rays] samples of each ray in its slots; empty: rows are packed
+    stride: wp.array(dtype=int),  # [1] slot k of ray i is row k · stride + i
     columns: int,  # 4 L
     sigma: wp.array(dtype=float),  # [N] out
     rgb: wp.array(dtype=wp.vec3),  # [N] out
 ):
-    evaluate_native(features, basis, weights, biases, total, columns, sigma, rgb)
+    evaluate_native(features, basis, weights, biases, total, counts, stride, columns, sigma, rgb)
 
 
 @wp.func_native(_source("density.cu"))
@@ -174,6 +184,8 @@ def geometry_native(
     fragments: wp.array(dtype=vec4h),
     biases: wp.array(dtype=float),
     total: wp.array(dtype=int),
+    counts: wp.array(dtype=int),
+    stride: wp.array(dtype=int),
     columns: int,
     sigma: wp.array(dtype=float),
     h: wp.array(dtype=vec4h),
@@ -186,11 +198,13 @@ def geometry_kernel(
     weights: wp.array(dtype=vec4h),  # `fragments` of the density network
     biases: wp.array(dtype=float),
     total: wp.array(dtype=int),  # [1] existing samples, at most N
+    counts: wp.array(dtype=int),  # [rays] samples of each ray in its slots; empty: rows are packed
+    stride: wp.array(dtype=int),  # [1] slot k of ray i is row k · stride + i
     columns: int,  # 4 L
     sigma: wp.array(dtype=float),  # [N] out
     h: wp.array(dtype=vec4h),  # [4 N] out
 ):
-    geometry_native(features, weights, biases, total, columns, sigma, h)
+    geometry_native(features, weights, biases, total, counts, stride, columns, sigma, h)
 
 
 @wp.func_native(_source("colors.cu"))

@@ -164,11 +164,12 @@ class Wavefront:
             self._launch(slots.encode_slots_kernel, self._slot_count, inputs)
         with stage("networks"):
             total = buffers.state[slots.TOTAL : slots.TOTAL + 1]
+            places = buffers.counts, buffers.state[slots.STRIDE : slots.STRIDE + 1]
             if self._deferred:
-                self._networks.geometry(buffers.features, total, buffers.sigma, buffers.h)
+                self._networks.geometry(buffers.features, total, buffers.sigma, buffers.h, places)
             else:
                 inputs = buffers.features, buffers.basis, total
-                self._networks.evaluate(*inputs, buffers.sigma, buffers.rgb)
+                self._networks.evaluate(*inputs, buffers.sigma, buffers.rgb, places)
         with stage("composite"):
             inputs = [options.stop, buffers, *way.more]
             self._launch(way.composite, self.capacity, inputs)
