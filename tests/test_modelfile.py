@@ -109,6 +109,10 @@ def test_one_color_a_ray_is_read_back_and_older_versions_do_not_know_it(make_bal
     loaded = modelfile.load(path)
     assert loaded.options == field.options and loaded.options.deferred
     assert [w.shape for w, _ in loaded.color_layers] == [(32, 256), (256, 256), (256, 3)]
+    for (w, b), (found, found_bias) in zip(field.color_layers, loaded.color_layers, strict=True):
+        assert found.dtype == np.float32  # computed with; stored are halves
+        np.testing.assert_array_equal(found, w.astype(np.float16))
+        np.testing.assert_array_equal(found_bias, b)
     with np.load(path) as archive:
         arrays = dict(archive)
     meta = json.loads(arrays["meta"].tobytes())

@@ -1,5 +1,6 @@
 """The wavefront makes the image that the rounds of the host make."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -91,8 +92,10 @@ def test_tangled_rays_see_every_tet(make_ball_field, device):
     vertices = field.mesh.rest_vertices.copy()
     vertices[np.argmax(vertices @ camera.camera_to_world[:3, 2])] += 0.25 * camera.forward
     renderer.set_vertices(vertices)
-    mended = renderer.render(camera, RenderOptions(BACKGROUND))
-    assert_alike(mended, renderer.render(camera, HOST_ROUNDS))
+    # On CUDA the host merges a ray to its far end, and rounds stop where it is opaque.
+    whole = {"termination": 1e-4}
+    mended = renderer.render(camera, RenderOptions(BACKGROUND, **whole))
+    assert_alike(mended, renderer.render(camera, replace(HOST_ROUNDS, **whole)))
     rays = renderer._wavefront.buffers.rays
     _, tangled = renderer.overlap.sort_rays(rays, camera.width * camera.height)
     assert 0 < len(tangled) < 0.5 * (mended.color_array()[..., 3] > 0).sum()

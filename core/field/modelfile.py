@@ -106,7 +106,7 @@ def pack(field: TetField, metadata_: dict | None = None, entry_bits: int | None 
     reached = reached_entries(field.mesh, field.layout, field.occupancy)
     arrays |= pack_tables(field.table, field.layout, reached, entry_bits)
     arrays |= pack_layers("density", field.density_layers)
-    arrays |= pack_layers("color", field.color_layers)
+    arrays |= pack_layers("color", field.color_layers, half=field.options.deferred)
     if field.surroundings:
         arrays |= pack_surroundings(field.surroundings)
     if field.stiffness is not None:
@@ -172,7 +172,7 @@ def _build(arrays) -> TetField:
     table = unpack_tables(arrays, layout)
     surroundings = unpack_surroundings(arrays)
     density, color = (
-        unpack_layers(arrays, name, widths)
+        unpack_layers(arrays, name, widths, half=name == "color" and options.deferred)
         for name, widths in zip(("density", "color"), layer_widths(options), strict=True)
     )
     _check_networks("", table, density, color)

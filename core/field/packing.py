@@ -14,14 +14,19 @@ docs/model-format.md describes the arrays.  The file stores nothing that follows
 - Entries are float16, or int8 with a scale per level and feature: value = scale · integer,
   scale = max |value| / 127, so an error is at most scale / 2.  (Clipping the largest
   values would gain 0.2 dB of 61 on the bundled model, and lose that bound.)
+- Weights of the color network are float16 where a ray has one color.  They are many then, and
+  GPUs compute with such ones anyway.
 
 Shapes: V vertices, T tets, F features per entry.
 """
+
+from itertools import pairwise
 
 import numpy as np
 
 from ..geometry import TetMesh, lattice_spacing, lattice_vertices
 from .archive import check
+from .bounds import LARGEST_WEIGHT
 from .grid import GRID_ENTRIES, GRID_LEVELS, Surroundings, surroundings_widths
 from .layout import FEATURES, MOST_ENTRIES, Layout
 
@@ -175,23 +180,25 @@ def stored_bits(arrays, level_count: int) -> int:
     return 8 if kinds == {np.dtype(np.int8)} else 16
 
 
-def pack_layers(name, layers) -> dict:
-    """A network's arrays."""
+def pack_layers(name, layers, half=False) -> dict:
+    """A network's arrays; `half`: weights in half precision, if it can hold them."""
     arrays = {}
     for i, (weights, bias) in enumerate(layers):
-        arrays[f"{name}_weights_{i}"] = weights.astype(np.float32)
+        fits = half and np.abs(weights).max(initial=0.0) <= LARGEST_WEIGHT
+        arrays[f"{name}_weights_{i}"] = weights.astype(np.float16 if fits else np.float32)
         arrays[f"{name}_bias_{i}"] = bias.astype(np.float32)
     return arrays
 
 
-def unpack_layers(arrays, name, widths):
-    """A network's layers, checked against its widths."""
+def unpack_layers(arrays, name, widths, half=False):
+    """A network's layers in float32, checked against its widths; see `pack_layers`."""
+    kinds = (np.float32, np.float16) if half else np.float32
     return tuple(
         (
-            array(arrays, f"{name}_weights_{i}", np.float32, (widths[i], widths[i + 1])),
-            array(arrays, f"{name}_bias_{i}", np.float32, (widths[i + 1],)),
+            array(arrays, f"{name}_weights_{i}", kinds, (rows, columns)).astype(np.float32),
+            array(arrays, f"{name}_bias_{i}", np.float32, (columns,)),
         )
-        for i in range(len(widths) - 1)
+        for i, (rows, columns) in enumerate(pairwise(widths))
     )
 
 
