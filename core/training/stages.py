@@ -7,12 +7,14 @@ from .train_options import TrainOptions
 
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
-SAMPLE_COLOR_WIDTH = 64  # that of the color network, where each sample has a color
+# Width of the color network where each sample has a color, and in stage 1.  Wider ones find colors
+# before there are densities, and stage 1 ends with nothing if it is short.
+SMALL_COLOR_WIDTH = 64
 
 
 def field_options(options: TrainOptions) -> FieldOptions:
     deferred = "ray-color" not in options.leave_out
-    width = options.color_width if deferred else SAMPLE_COLOR_WIDTH
+    width = options.color_width if deferred else SMALL_COLOR_WIDTH
     return FieldOptions(
         level_count=options.level_count,
         table_size=2**options.table_size_log2,
@@ -31,4 +33,5 @@ def coarse_options(options: TrainOptions) -> FieldOptions:
         fine,
         level_count=min(COARSE_LEVELS, options.level_count),
         march_step=COARSE_STEP_FACTOR * fine.march_step,
+        color_hidden=(SMALL_COLOR_WIDTH,) * 2,
     )

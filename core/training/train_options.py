@@ -34,7 +34,8 @@ class TrainOptions:
         surroundings: Surroundings of the object: "white" (or cut out by alpha), "learnt"
             beside it, or "auto": learned where images have neither alpha nor a white border.
         view_dependence: Whether color may depend on the direction.
-        color_width: Of the color network's two hidden layers.  64, where samples have colors.
+        color_width: Of the color network's two hidden layers in stage 2.  It is 64 in stage 1, and
+            where samples have colors.
         distortion: Weight of the distortion loss (the paper's 1e-2).
         table_decay: Weight of the squares of features, see loss.py, where features outnumber
             what photographs show; against noise.

@@ -30,9 +30,10 @@ from PIL import Image
 from views import subset
 
 from deformrf.core.device import start_warp
-from deformrf.core.field import basis_of, basis_vector, modelfile
+from deformrf.core.field import GEOMETRY_FEATURES, basis_of, basis_vector, modelfile
 from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
 from deformrf.core.render.rays.pose import tet_frames_reference
+from deformrf.core.render.rounds import ray_sums
 from deformrf.core.training import load_dataset, white_composite
 from deformrf.core.training.metrics import psnr, ssim
 
@@ -102,6 +103,28 @@ def turned_basis_kernel(
         n += 1
 
 
+@wp.kernel
+def turned_values_kernel(
+    directions: wp.array(dtype=wp.vec3),  # [R]
+    turns: wp.array(dtype=wp.mat33),  # [T] what stands for Qᵀ
+    alive: wp.array(dtype=int),
+    counts: wp.array(dtype=int),
+    ends: wp.array(dtype=int),
+    sample_tet: wp.array(dtype=int),
+    values: wp.array(dtype=ray_sums),  # [N] their directions are out
+):
+    i = wp.tid()
+    direction = directions[alive[i]]
+    n = ends[i] - counts[i]
+    while n < ends[i]:
+        turned = wp.normalize(turns[sample_tet[n]] * direction)
+        value = values[n]
+        for k in range(3):
+            value[wp.static(GEOMETRY_FEATURES) + k] = turned[k]
+        values[n] = value
+        n += 1
+
+
 class WayRenderer(Renderer):
     """The renderer with another direction or path length."""
 
@@ -110,6 +133,7 @@ class WayRenderer(Renderer):
     def __init__(self, field, device):
         super().__init__(field, device)
         self._defined_basis, self.shading.basis = self.shading.basis, self._basis
+        self._defined_values, self.shading._values = self.shading._values, self._values
         self._defined_shade, self.shading.shade = self.shading.shade, self._shade
         self.host_rounds._on_cpu = None  # native code knows no other way
 
@@ -130,10 +154,20 @@ class WayRenderer(Renderer):
             wp.launch(current_length_kernel, len(found.ids), inputs, outputs, device=self.device)
         return self._defined_shade(rays, found, *rest)
 
+    def _turns(self):
+        return {"d": self._still, "F⁻¹d": self._rest_from_current}[self.direction]
+
+    def _values(self, rays, found, h):
+        values = self._defined_values(rays, found, h)
+        if self.direction != "Qᵀd":
+            inputs = self._inputs(rays, self._turns(), found)
+            wp.launch(turned_values_kernel, len(found.ids), inputs, [values], device=self.device)
+        return values
+
     def _basis(self, rays, found):
         if self.direction == "Qᵀd":
             return self._defined_basis(rays, found)
-        turns = {"d": self._still, "F⁻¹d": self._rest_from_current}[self.direction]
+        turns = self._turns()
         basis = wp.empty(len(found.samples.tet), dtype=basis_vector, device=self.device)
         inputs = self._inputs(rays, turns, found)
         wp.launch(turned_basis_kernel, len(found.ids), inputs, [basis], device=self.device)

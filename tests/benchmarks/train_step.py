@@ -63,23 +63,34 @@ def parts_of(run, times):
     samples = batch.samples
     with field.precision():
         features = field.encode(samples.tet, samples.bary)
-        done("encode")
-        counter = wp.to_torch(batch.sample_count)
-        sigma, rgb = field.networks.evaluate(features, batch.basis, counter)
-        done("networks")
-    color, _, distortion, _ = Composite.apply(
-        sigma, rgb, samples.length, samples.t, batch.counts, batch.ends
+    done("encode")
+    sigma, values = field.evaluate(batch, features)
+    done("networks")
+    sums, opacity, distortion, _ = Composite.apply(
+        sigma, values, samples.length, samples.t, batch.counts, batch.ends
     )
     done("composite")
+    color = field.color(batch, sums, opacity)
     loss = ((color - rgba[:, :3]) ** 2).mean() + run.distortion * distortion.mean()
     run.optimizer.zero_grad(set_to_none=True)
-    done("loss")
-    g_sigma, g_rgb = torch.autograd.grad(LOSS_SCALE * loss, [sigma, rgb], retain_graph=True)
-    done("composite back")
+    done("color and loss")
+    # With one color a ray, the color network's gradients come before the sums'.
     weights = list(field.networks.parameters())
-    g_features, *g_weights = torch.autograd.grad(
-        [sigma, rgb], [features, *weights], [g_sigma, g_rgb], retain_graph=True
+    early = list(field.networks.color.parameters()) if field.options.deferred else []
+    *g_early, g_sums, g_opacity, g_distortion = torch.autograd.grad(
+        LOSS_SCALE * loss, [*early, sums, opacity, distortion], retain_graph=True, allow_unused=True
     )
+    done("color back")
+    given = [g if g is not None else torch.zeros_like(opacity) for g in (g_opacity, g_distortion)]
+    g_sigma, g_values = torch.autograd.grad(
+        [sums, opacity, distortion], [sigma, values], [g_sums, *given], retain_graph=True
+    )
+    done("composite back")
+    late = weights[: len(weights) - len(early)]
+    g_features, *g_late = torch.autograd.grad(
+        [sigma, values], [features, *late], [g_sigma, g_values], retain_graph=True
+    )
+    g_weights = [*g_late, *g_early]
     done("networks back")
     (field.table.grad,) = torch.autograd.grad(features, [field.table], [g_features])
     done("encode back")

@@ -76,16 +76,18 @@ class Batch:
         origins, directions, rgba, background, views: The same as torch tensors.
         counts, ends: Number of each ray's samples, and its inclusive scan.  [R]
         drawn: The rays, and the colors that they should see.
-        basis: Spherical harmonics of the samples' directions.  torch [N, 16]
+        basis: Spherical harmonics of the samples' directions; None without `harmonics`.
+            torch [N, 16]
         fits: 1 where a ray is in use and its samples fit, else 0.  torch [R]
         sample_count: Number of samples.  wp int [1]
         mask: The occupancy that its rays are marched through; None is the field's at that time.
     """
 
-    def __init__(self, ray_count: int, capacity: int | None, device, first_ray=0):
+    def __init__(self, ray_count: int, capacity: int | None, device, first_ray=0, harmonics=True):
         """`capacity` None makes room for what each march finds, and waits for the device.
 
-        `first_ray` is the number of ray 0, see Drawn.
+        `first_ray` is the number of ray 0, see Drawn.  With one color a ray, samples need no
+        `harmonics`: see `ray_basis`.
         """
         self.device = device
         self.capacity = capacity
@@ -115,6 +117,7 @@ class Batch:
         self.fits = wp.to_torch(self._fits)
         self.sample_count = wp.zeros(1, dtype=int, device=device)
         self.mask = None
+        self._harmonics, self.basis = harmonics, None
         if capacity is not None:
             self._make_room(capacity)
 
@@ -155,6 +158,8 @@ class Batch:
             march_kernel, self.ray_count, [*common, WRITE, self.ends], [self.samples, self.counts]
         )
         self._launch(mark_unused_kernel, room, [self.sample_count], [self.samples.tet])
+        if not self._harmonics:
+            return
         if not view_dependence:
             self.basis[:, 0] = CONSTANT_BASIS[0]
             return
@@ -174,7 +179,7 @@ class Batch:
 
     def ray_basis(self, view_dependence=True):
         """Spherical harmonics of the rays' directions, which at rest are the samples'.  [R, 16]"""
-        basis = torch.zeros(self.ray_count, len(CONSTANT_BASIS), device=self.basis.device)
+        basis = torch.zeros(self.ray_count, len(CONSTANT_BASIS), device=self.directions.device)
         if not view_dependence:
             basis[:, 0] = CONSTANT_BASIS[0]
             return basis
@@ -186,8 +191,9 @@ class Batch:
         self.samples = empty_samples(capacity, self.device)
         for array in (self.samples.bary, self.samples.length, self.samples.t):
             array.zero_()  # the networks read unused places too
-        self._basis = wp.zeros(capacity, dtype=basis_vector, device=self.device)
-        self.basis = wp.to_torch(self._basis)
+        if self._harmonics:
+            self._basis = wp.zeros(capacity, dtype=basis_vector, device=self.device)
+            self.basis = wp.to_torch(self._basis)
 
     def _launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)

@@ -184,7 +184,8 @@ class Optimization:
             copies = recorded_steps.AHEAD + 1
         self._ray_room = room or ray_count
         rays = self.workers.share(self._ray_room)
-        self._batches = [Batch(len(rays), samples, device, rays.start) for _ in range(copies)]
+        size = len(rays), samples, device, rays.start, not self.field.options.deferred
+        self._batches = [Batch(*size) for _ in range(copies)]
         if device.is_cuda:
             for batch in self._batches:
                 batch.mask = wp.clone(self.field.mask)

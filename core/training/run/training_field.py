@@ -137,19 +137,27 @@ class TrainingField:
             color [R, 3] without background, opacity [R], distortion [R], weights [N].
         """
         samples = batch.samples
+        sigma, values = self.evaluate(batch, self.encode(samples.tet, samples.bary))
         along = samples.length, samples.t, batch.counts, batch.ends
+        sums, opacity, *others = Composite.apply(sigma, values, *along)
+        return self.color(batch, sums, opacity), opacity, *others
+
+    def evaluate(self, batch: Batch, features):
+        """sigma [N], and what a ray sums of the samples: colors [N, 3], or h [N, 16]."""
         sample_count = wp.to_torch(batch.sample_count)
         with self.precision():
-            features = self.encode(samples.tet, samples.bary)
-            if not self.options.deferred:
-                sigma, rgb = self.networks.evaluate(features, batch.basis, sample_count)
-                return Composite.apply(sigma, rgb, *along)
-            sigma, h = self.networks.geometry(features, sample_count)
-            sums, opacity, *others = Composite.apply(sigma, h, *along)
-            means = sums / opacity.clamp(min=SMALLEST_OPACITY)[:, None]
-            # At rest a ray has one direction.
+            if self.options.deferred:
+                return self.networks.geometry(features, sample_count)
+            return self.networks.evaluate(features, batch.basis, sample_count)
+
+    def color(self, batch: Batch, sums, opacity):
+        """The colors of rays, times their opacity, from what they summed.  [R, 3]"""
+        if not self.options.deferred:
+            return sums
+        means = sums / opacity.clamp(min=SMALLEST_OPACITY)[:, None]
+        with self.precision():  # at rest a ray has one direction
             rgb = self.networks.colors(means, batch.ray_basis(self.options.view_dependence))
-        return opacity[:, None] * rgb, opacity, *others
+        return opacity[:, None] * rgb
 
     def entries(self):
         """The table's values that this worker has whole: float32, or exchanged as float16."""
