@@ -88,8 +88,8 @@ class TrainArguments:
     """Store the surroundings in the model, and all that is in the object's box, so that
     deformrf-eval can compare whole images."""
     color_width: Count = None
-    """Width of the color network's hidden layers; default: the preset's, 256 or, for small and
-    tiny, 128. Narrower is quicker to draw, above all on a CPU, and shows less of what shines."""
+    """Width of the color network's hidden layers; default: the preset's, 256 or, for small 128, for
+    tiny 64. Narrower is quicker to draw, above all on a CPU, and shows less of what shines."""
     view_dependence: bool = True
     """Without it colors look the same from all sides, and cost less."""
     leave_out: Words = ()

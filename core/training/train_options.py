@@ -95,7 +95,7 @@ PRESETS = {
         march_step=0.005,
         samples_per_step=2**15,
         learning_rate=2e-2,
-        color_width=128,
+        color_width=64,
     ),
 }
 
