@@ -114,6 +114,13 @@ def test_the_evaluator_of_a_device_agrees_with_the_reference(make_ball_field, de
     np.testing.assert_allclose(rgb.numpy(), expected_rgb, atol=tolerance)
 
 
+def test_no_samples_have_no_values(make_ball_field, device):
+    networks = evaluators(make_ball_field(1), wp.get_device(device))
+    sigma, h = networks.geometry(wp.empty((0, 6), dtype=wp.vec4, device=device), False)
+    rgb = networks.colors(h, wp.empty(0, dtype=basis_vector, device=device), False)
+    assert (sigma.shape, h.shape, rgb.shape) == ((0,), (0, 16), (0,))
+
+
 @pytest.mark.parametrize("torch_is", ["missing", "a CPU build"])
 def test_numpy_evaluates_for_a_gpu_that_torch_does_not_serve(
     make_ball_field, device, monkeypatch, torch_is

@@ -90,7 +90,7 @@ class CpuNetworks:
 
     def geometry(self, features):
         """sigma [N] and h [N, 16] from features [N, l] vec4, Warp arrays."""
-        rows = features.numpy().reshape(len(features), -1)
+        rows = features.numpy().reshape(len(features), 4 * features.shape[1])
         h = self._apply(0, self._networks.density_count, rows, GEOMETRY_FEATURES)
         return wp.array(sigma_from(h), dtype=float, device="cpu"), wp.array(h, device="cpu")
 
