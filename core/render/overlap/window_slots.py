@@ -30,6 +30,7 @@ from ..rounds import (
     STUCK,
     TAKEN,
     Buffers,
+    Sums,
     Wavefront,
     Way,
     add_up,
@@ -41,7 +42,9 @@ from ..rounds import (
     march_in_slots,
     pixel_of,
     pixel_threads,
-    sum_slots,
+    rest_direction,
+    store_sums,
+    with_slot,
 )
 from .bins import ALL_BITS, BIN_COUNT, BITS, Bins, TetBins, bin_of, lowest_bit
 from .pieces import FAR, OUTSIDE, SHORTEST, first_piece, next_piece
@@ -280,10 +283,6 @@ def composite_window(stop: float, buffers: Buffers, windows: Windows, i: int, ra
         next = buffers.slots.t[i + windows.order[i] * stride]
     summed = has_ray_colors(buffers)
     before = transmittance
-    k = int(0)
-    while summed and k < count:
-        buffers.weights[i + k * stride] = 0.0
-        k += 1
     going = bool(next < end)
     while going:
         # What overlaps the interval from t to the next end of a piece.
@@ -319,12 +318,23 @@ def composite_window(stop: float, buffers: Buffers, windows: Windows, i: int, ra
         going = until > t and until < end and transmittance >= stop
         t = until
         while going and next <= t:
+            if summed:
+                buffers.weights[i + windows.order[i + begun * stride] * stride] = 0.0
             begun += 1
             next = FAR
             if begun < count:
                 next = buffers.slots.t[i + windows.order[i + begun * stride] * stride]
     if summed and transmittance < before:
-        sum_slots(buffers, i, ray, i + count * stride, before)
+        direction = buffers.rays.directions[ray]
+        s = Sums()
+        k = int(0)
+        while k < begun:
+            n = i + windows.order[i + k * stride] * stride
+            if buffers.weights[n] > 0.0:
+                turned = rest_direction(buffers.rotations, buffers.slots.tet[n], direction)
+                s = with_slot(s, buffers.weights[n], buffers.h, n, turned)
+            k += 1
+        store_sums(s, before == 1.0, ray, buffers.sums)
     return transmittance, color, total_t
 
 

@@ -15,6 +15,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         ],
         "cpu": ["SMALLEST", "CpuShader", "NativeShading", "shade_native", "trace_kernel"],
         "host": ["HostRounds"],
+        "ray_color": ["Sums", "rest_direction", "store_sums", "with_slot"],
         "slots": [
             "BLOCK_SIZE",
             "CROWDED",
@@ -36,7 +37,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "keep_or_finish",
             "list_ray",
             "march_in_slots",
-            "sum_slots",
         ],
         "tiles": ["pixel_of", "pixel_threads"],
         "wavefront": ["Wavefront", "Way"],

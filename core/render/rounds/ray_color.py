@@ -31,49 +31,49 @@ def fours_of(sums):
     )
 
 
+@wp.struct
+class Sums:
+    """A ray's sums so far: h, four by four, and the rest direction."""
+
+    a: wp.vec4
+    b: wp.vec4
+    c: wp.vec4
+    d: wp.vec4
+    direction: wp.vec3
+
+
 @wp.func
-def sum_values(
-    weights: wp.array(dtype=float),  # [S]
-    h: wp.array(dtype=vec4h),  # [4 S]
-    tets: wp.array(dtype=int),  # [S]
-    rotations: wp.array(dtype=wp.mat33),  # [T] Q
-    direction: wp.vec3,
-    first: int,  # slot
-    last: int,  # behind the last slot
-    stride: int,  # from one slot of the ray to the next
-    fresh: bool,  # no slot of this ray weighed anything before
-    ray: int,
-    sums: wp.array(dtype=wp.vec4),  # [5 R] in, out
-):
-    """Add h and the rest direction of a ray's slots, with their weights, to its sums."""
-    a = wp.vec4()
-    b = wp.vec4()
-    c = wp.vec4()
-    d = wp.vec4()
-    turned = wp.vec3()
-    n = int(first)
-    while n < last:
-        w = weights[n]
-        if w > 0.0:
-            a += w * load_wide_half(h, 4 * n)
-            b += w * load_wide_half(h, 4 * n + 1)
-            c += w * load_wide_half(h, 4 * n + 2)
-            d += w * load_wide_half(h, 4 * n + 3)
-            turned += w * (wp.transpose(rotations[tets[n]]) * direction)
-        n += stride
-    e = wp.vec4(turned[0], turned[1], turned[2], 0.0)
+def with_slot(s: Sums, w: float, h: wp.array(dtype=vec4h), n: int, direction: wp.vec3):
+    """The sums with those of slot n, whose weight is w."""
+    s.a += w * load_wide_half(h, 4 * n)
+    s.b += w * load_wide_half(h, 4 * n + 1)
+    s.c += w * load_wide_half(h, 4 * n + 2)
+    s.d += w * load_wide_half(h, 4 * n + 3)
+    s.direction += w * direction
+    return s
+
+
+@wp.func
+def store_sums(s: Sums, fresh: bool, ray: int, sums: wp.array(dtype=wp.vec4)):
+    """Add to what a ray has summed before; `fresh`: nothing, memory may hold anything."""
     k = FOURS * ray
+    e = wp.vec4(s.direction[0], s.direction[1], s.direction[2], 0.0)
     if not fresh:
-        a += load_wide(sums, k)
-        b += load_wide(sums, k + 1)
-        c += load_wide(sums, k + 2)
-        d += load_wide(sums, k + 3)
+        s.a += load_wide(sums, k)
+        s.b += load_wide(sums, k + 1)
+        s.c += load_wide(sums, k + 2)
+        s.d += load_wide(sums, k + 3)
         e += load_wide(sums, k + 4)
-    store_wide(sums, k, a)
-    store_wide(sums, k + 1, b)
-    store_wide(sums, k + 2, c)
-    store_wide(sums, k + 3, d)
+    store_wide(sums, k, s.a)
+    store_wide(sums, k + 1, s.b)
+    store_wide(sums, k + 2, s.c)
+    store_wide(sums, k + 3, s.d)
     store_wide(sums, k + 4, e)
+
+
+@wp.func
+def rest_direction(rotations: wp.array(dtype=wp.mat33), tet: int, direction: wp.vec3):
+    return wp.transpose(rotations[tet]) * direction
 
 
 @wp.kernel

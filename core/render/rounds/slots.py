@@ -28,7 +28,7 @@ from ..rays import (
     march_ray,
 )
 from .compositing import Pixels, empty_pixels, to_bytes
-from .ray_color import fours_of, sum_values
+from .ray_color import Sums, fours_of, rest_direction, store_sums, with_slot
 from .tiles import pixel_of
 
 LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
@@ -309,27 +309,6 @@ def encode_slots_kernel(
 
 
 @wp.func
-def sum_slots(buffers: Buffers, i: int, ray: int, last: int, before: float):
-    """Add what slots of the listed ray i weigh to its sums, up to slot `last`.
-
-    `before` is its transmittance before them.
-    """
-    sum_values(
-        buffers.weights,
-        buffers.h,
-        buffers.slots.tet,
-        buffers.rotations,
-        buffers.rays.directions[ray],
-        i,
-        last,
-        buffers.state[STRIDE],
-        before == 1.0,
-        ray,
-        buffers.sums,
-    )
-
-
-@wp.func
 def composite_slots(stop: float, buffers: Buffers, i: int, ray: int):
     """`accumulate_kernel` on the slots of the listed ray i.
 
@@ -340,23 +319,32 @@ def composite_slots(stop: float, buffers: Buffers, i: int, ray: int):
     slots = buffers.slots
     transmittance = buffers.pixels.transmittance[ray]
     before = transmittance
-    summed = has_ray_colors(buffers)
     c = buffers.pixels.color[ray]
     total_t = buffers.pixels.depth[ray]
+    summed = has_ray_colors(buffers)
+    direction = wp.vec3()
+    if summed:
+        direction = buffers.rays.directions[ray]
+    s = Sums()
+    turned = wp.vec3()  # in the last slot's tet
+    tet = int(-1)
     n = int(i)
     last = i + buffers.counts[i] * stride
     while n < last and transmittance >= stop:
         remaining = wp.exp(-buffers.sigma[n] * slots.length[n])
         w = transmittance * (1.0 - remaining)
         if summed:
-            buffers.weights[n] = w
+            if slots.tet[n] != tet:
+                tet = slots.tet[n]
+                turned = rest_direction(buffers.rotations, tet, direction)
+            s = with_slot(s, w, buffers.h, n, turned)
         else:
             c += w * buffers.rgb[n]
         total_t += w * slots.t[n]
         transmittance *= remaining
         n += stride
     if summed and n > i:
-        sum_slots(buffers, i, ray, n, before)
+        store_sums(s, before == 1.0, ray, buffers.sums)
     return transmittance, c, total_t
 
 
