@@ -50,6 +50,21 @@ def dataset(field):
     return from_images(images, poses, [view.lens] * VIEWS, names, "test")
 
 
+def test_several_rays_a_pixel_come_closer_to_what_a_camera_averages(make_ball_field):
+    """The truth is averaged over 6 x 6 rays a pixel."""
+    field = make_ball_field(int(np.random.default_rng().integers(1000)))
+    pose = look_at((1.6, -0.9, 1.0), (0.5, 0.5, 0.5))
+    fine = Renderer(field).render(from_field_of_view(pose, 0.6, 6 * 24, 6 * 24))
+    parts = fine.color_array().astype(float).reshape(24, 6, 24, 6, 4)
+    image = np.round(parts.mean(axis=(1, 3))).astype(np.uint8)
+    image[..., 3] = 255  # over white
+    view = from_field_of_view(pose, 0.6, 24, 24)
+    dataset = from_images(image[None], [pose], [view.lens], ("r_0",), "test")
+    one, four = (evaluate(field, dataset, samples=count) for count in (1, 4))
+    assert (one["samples"], four["samples"]) == (1, 4)
+    assert four["mean"]["psnr"] > one["mean"]["psnr"] + 2.0
+
+
 class FakeRenderer:
     """Renders the constant `color`, and is interrupted at view number `interrupted_at`."""
 

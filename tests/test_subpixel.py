@@ -53,6 +53,15 @@ def test_a_shifted_camera_looks_through_the_shifted_point_of_the_pixel():
     assert np.abs(directions - camera_rays(camera)[1]).max() > 1e-3
 
 
+@pytest.mark.parametrize("count", [1, 4, 5])
+def test_spread_cameras_look_through_the_same_pixels_in_the_mean(count):
+    camera = view()
+    centers = np.array([c.lens.center for c in subpixel.spread(camera, count)])
+    np.testing.assert_allclose(centers.mean(axis=0), camera.lens.center, atol=1e-9)
+    apart = centers - [subpixel.shifted(camera, k).lens.center for k in range(count)]
+    np.testing.assert_allclose(apart, apart[:1].repeat(count, axis=0), atol=1e-9)
+
+
 def test_the_mean_of_strips_is_the_mean_of_the_images(make_ball_field, device):
     renderer = Renderer(make_ball_field(int(np.random.default_rng().integers(10_000))), device)
     camera = view()

@@ -17,6 +17,7 @@ from .running import INTERRUPTED, asked_for_version, complain, load_views, requi
 
 PROGRAM = "deformrf-eval"
 SPLITS = ("train", "val", "test")
+MOST_SAMPLES = 256
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class EvaluateArguments:
     """Shrink the images to this longer side [pixels]."""
     step_factor: float = 1.0
     """March with that part of the model's step: 0.5 takes longer and comes closer."""
+    samples: int = 1
+    """Rays a pixel: 4 come closer to what a camera averages, and take four times as long."""
     outside_images: bool = False
     """Read images that lie outside DATA, too."""
     device: Choice = "auto"
@@ -59,6 +62,8 @@ def prepare(arguments: EvaluateArguments):
     """Check the arguments and read images and model; returns the work."""
     if not 0.01 <= arguments.step_factor <= 100.0:
         raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
+    if not 1 <= arguments.samples <= MOST_SAMPLES:
+        raise ValueError(f"--samples is {arguments.samples}; give 1 to {MOST_SAMPLES}")
     if arguments.split not in SPLITS:
         raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
     dataset = load_views(
@@ -97,7 +102,14 @@ def prepare(arguments: EvaluateArguments):
                 flush=True,
             )
         report = training.evaluate(
-            field, dataset, arguments.images, device, options, arguments.model, lpips
+            field,
+            dataset,
+            arguments.images,
+            device,
+            options,
+            arguments.model,
+            lpips,
+            arguments.samples,
         )
         print_report(report)
         not_written = report.get("not_written")

@@ -18,7 +18,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "rays.lens": ["Lens", "distort", "has_rays", "pinhole"],
         "preview": ["preview", "seen_from_outside", "vertex_normals"],
         "modes": ["caption", "render_mode"],
-        "subpixel": ["RunningMean", "shifted"],
+        "subpixel": ["RunningMean", "shifted", "spread"],
         "visible": ["visible_part"],
         "kernels": ["kernel_modules"],
         # For training next door: kernels, their functions and structs.

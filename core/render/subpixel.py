@@ -31,6 +31,14 @@ def shifted(camera: Camera, k: int) -> Camera:
     return replace(camera, lens=replace(camera.lens, center=(cx - x, cy - y)))
 
 
+def spread(camera: Camera, count: int) -> list[Camera]:
+    """`count` cameras, whose shifts are the first ones but for their mean, which is none."""
+    shifts = np.array([shift(k) for k in range(count)])
+    centers = np.array(camera.lens.center) - (shifts - shifts.mean(axis=0))
+    lenses = [replace(camera.lens, center=tuple(center)) for center in centers.tolist()]
+    return [replace(camera, lens=lens) for lens in lenses]
+
+
 @wp.kernel
 def add_kernel(
     color: wp.array2d(dtype=wp.vec4ub),

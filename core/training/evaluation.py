@@ -17,7 +17,7 @@ from PIL import Image
 from ..device import thread_count
 from ..field import TetField, occupied_share, parts_of_file
 from ..paths import whole_file
-from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space
+from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space, spread
 from .data import Dataset, learns_surroundings, track, white_composite
 from .metrics import check_size, psnr, ssim
 
@@ -37,6 +37,7 @@ def evaluate(
     options=None,
     model_path=None,
     lpips=None,
+    samples=1,
 ) -> dict:
     """Render every view of a data set and score it.
 
@@ -50,6 +51,7 @@ def evaluate(
         options: RenderOptions; their background is replaced by white.
         model_path: The file that the field came from; the report then says its size.
         lpips: An Lpips with its weights; None leaves that metric out.
+        samples: Rays a pixel, spread over it; cameras average over a pixel, too.
 
     Returns:
         The report, plain JSON values.
@@ -100,6 +102,7 @@ def evaluate(
             "sizes": sorted({f"{lens.width}x{lens.height}" for lens in dataset.lenses}),
             "device": str(device),
             "step_factor": options.step_factor,
+            "samples": samples,
             "complete": len(rows) == dataset.view_count,
             "mean": {name: mean([row[name] for row in rows]) for name in FIGURES},
             "views": rows,
@@ -116,7 +119,7 @@ def evaluate(
         try:
             for index, camera in enumerate(track(views, len(views), "Evaluating")):
                 begin = time.perf_counter()
-                rendered = render_view(renderer, around, camera, options)
+                rendered = render_view(renderer, around, camera, options, samples)
                 seconds = time.perf_counter() - begin
                 jobs.append(pool.submit(score, index, rendered, seconds))
                 if len(jobs) >= waiting:
@@ -156,8 +159,12 @@ def is_report(path: Path) -> bool:
     return isinstance(content, dict) and content.keys() >= REPORT_KEYS
 
 
-def render_view(renderer, around, camera, options):
+def render_view(renderer, around, camera, options, samples=1):
     """Color over white, or over the surroundings if there are any, and α.  uint8 [H, W, 4]"""
+    if samples > 1:
+        cameras = spread(camera, samples)
+        images = (render_view(renderer, around, c, options).astype(np.uint16) for c in cameras)
+        return np.round(sum(images) / samples).astype(np.uint8)
     if around is None:
         return renderer.render(camera, options).color_array()
     import torch
