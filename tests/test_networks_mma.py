@@ -1,6 +1,7 @@
 """Networks on tensor cores: the weights' order, and the same values as in NumPy."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -25,6 +26,16 @@ def test_missing_columns_are_zero():
     tiles = mma.fragments(np.ones((64, 3)))
     assert tiles.shape == (4, 32, 4)
     assert tiles.sum() == 64 * 3
+
+
+def test_widened_layers_compute_the_same():
+    rng = np.random.default_rng()
+    widths = (32, 20, 100, 3)
+    layers = [(rng.normal(size=(i, o)), rng.normal(size=o)) for i, o in pairwise(widths)]
+    wide = mma.widened(layers)
+    assert [weights.shape for weights, _ in wide] == [(32, 32), (32, 128), (128, 3)]
+    x = rng.normal(size=(50, 32))
+    np.testing.assert_allclose(mlp(x, wide), mlp(x, layers), rtol=1e-12)
 
 
 def test_the_cpu_has_no_tensor_cores(make_ball_field):
@@ -109,7 +120,7 @@ def test_free_slots_may_have_no_values_and_used_ones_have(make_ball_field, defer
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("hidden", [(64, 64), (32,), (32, 128), (128,), (256, 64, 256), ()])
+@pytest.mark.parametrize("hidden", [(64, 64), (32,), (20, 100), (128,), (256, 64, 256), ()])
 @pytest.mark.parametrize("count", [1, 65, 40_000])
 def test_the_colors_of_rays_are_those_of_numpy(make_ball_field, hidden, count):
     rng = np.random.default_rng()
@@ -131,7 +142,7 @@ def test_the_colors_of_rays_are_those_of_numpy(make_ball_field, hidden, count):
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("hidden, takes", [((96,), False), ((512,), False), ((256, 32), True)])
+@pytest.mark.parametrize("hidden, takes", [((300,), False), ((96,), True), ((256, 32), True)])
 def test_which_widths_of_a_color_a_ray_it_takes(make_ball_field, hidden, takes):
     field = make_ball_field(1, color_hidden=hidden, deferred=True)
     assert mma.fits(field, wp.get_device("cuda:0")) == takes

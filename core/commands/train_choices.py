@@ -43,6 +43,8 @@ def train_options(arguments):
     low, high = COLOR_WIDTHS
     if arguments.color_width is not None and not low <= arguments.color_width <= high:
         raise ValueError(f"--color-width is {arguments.color_width}: give {low} to {high}")
+    if arguments.color_width is not None and "ray-color" in arguments.leave_out:
+        raise ValueError("--color-width is for the color of a ray, which --leave-out leaves out")
     for name in ("seed", "spacing", "color_width"):
         if values[name] is None:
             del values[name]

@@ -47,9 +47,8 @@ from .packing import (
 from .reach import reached_entries
 
 FORMAT = "deformrf-model"
-FORMAT_VERSION = 3
 READABLE_VERSIONS = (1, 2, 3)
-RAY_COLOR_VERSION = 3  # the first that knows options.deferred
+SAMPLE_COLOR_VERSION, RAY_COLOR_VERSION = 2, 3  # the first that know such fields
 ACTIVATION = "relu"  # older programs could train density networks with "sigmoid" as well
 LONGEST_META = 2**20  # bytes; ours has some 30,000
 HISTORY_KEYS = ("seconds", "stage", "step", "psnr")
@@ -205,10 +204,11 @@ def _check_networks(prefix, table, density, color):
 
 def meta_text(field: TetField, lattice_spacing: float | None, training: dict) -> str:
     """The values of a model file's `meta`."""
+    version = RAY_COLOR_VERSION if field.options.deferred else SAMPLE_COLOR_VERSION
     return json.dumps(
         {
             "format": FORMAT,
-            "format_version": FORMAT_VERSION,
+            "format_version": version,
             "program_version": program_version(),
             "options": asdict(field.options) | {"density_activation": ACTIVATION},
             "feature_count": FEATURES,

@@ -10,8 +10,11 @@ Shapes: R rays, n of them in a launch, N packed samples, T tets.
 import warp as wp
 
 from ..field import CONSTANT_BASIS, GEOMETRY_FEATURES, basis_of, basis_vector
+from ..wide import vec4h
 from .rays import Rays, RaySamples
 from .rounds import SMALLEST, Pixels, ray_sums
+
+AT_ONCE = 1 << 18  # rays: torch takes a kilobyte for each, a layer
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -84,15 +87,45 @@ def put_colors_kernel(
     pixels.color[ray] = (1.0 - pixels.transmittance[ray]) * rgb[wp.tid()]
 
 
+@wp.kernel
+def half_rows_kernel(
+    h: wp.array2d(dtype=float),  # [n, 16]
+    basis: wp.array(dtype=basis_vector),  # [n]
+    x: wp.array2d(dtype=wp.float16),  # [n, 32] out
+):
+    i, k = wp.tid()
+    x[i, k] = wp.float16(h[i, k])
+    x[i, wp.static(GEOMETRY_FEATURES) + k] = wp.float16(basis[i][k])
+
+
+def colors_in_place(networks):
+    """The `colors` that `color_rays` takes, of tensor cores (TensorCoreNetworks)."""
+
+    def colors(h, basis):
+        count, device = h.shape[0], h.device
+        x = wp.empty((count, 2 * GEOMETRY_FEATURES), dtype=wp.float16, device=device)
+        wp.launch(half_rows_kernel, (count, GEOMETRY_FEATURES), [h, basis], [x], device=device)
+        fours = wp.array(ptr=x.ptr, dtype=vec4h, shape=8 * count, device=device)
+        rgb = wp.empty(count, dtype=wp.vec3, device=device)
+        networks.colors(fours, wp.zeros(count, dtype=float, device=device), count, rgb)
+        return rgb
+
+    return colors
+
+
 def color_rays(colors, view_dependence: bool, ids, pixels: Pixels):
     """Write the colors of the rays `ids` [n], which have come to their ends.
 
     Args:
         colors: colors(h [n, 16], basis [n]) -> rgb [n].
     """
+    for first in range(0, len(ids), AT_ONCE):
+        part = ids[first : min(first + AT_ONCE, len(ids))]  # Warp takes no slice beyond the end
+        _color_part(colors, view_dependence, part, pixels)
+
+
+def _color_part(colors, view_dependence, ids, pixels):
     count, device = len(ids), ids.device
-    if not count:
-        return
     h = wp.empty((count, GEOMETRY_FEATURES), dtype=float, device=device)
     basis = wp.empty(count, dtype=basis_vector, device=device)
     inputs = [pixels, ids, int(view_dependence)]

@@ -1,7 +1,7 @@
 """The Warp modules of rendering, so that a viewer can compile them before the first frame."""
 
 from ..field import encode_kernel, networks_kernel
-from . import modes, shading, subpixel
+from . import deferred, modes, shading, subpixel
 from .overlap import Overlap, PieceMerger, trace_windows_kernel
 from .rays import Pose, camera_rays_kernel, march_kernel, raster_kernel
 from .render import Renderer
@@ -15,10 +15,10 @@ def kernel_modules(device) -> list[str]:
     kernels = [camera_rays_kernel, resolve_kernel]
     if str(device).startswith("cuda"):
         from .overlap import TetBins, WindowSlots
-        from .rounds import begin_kernel
+        from .rounds import begin_kernel, paint_kernel
 
         names += [owner.__module__ for owner in (PieceMerger, TetBins, WindowSlots)]
-        kernels += [march_kernel, begin_kernel]
+        kernels += [march_kernel, begin_kernel, paint_kernel, deferred.means_kernel]
         kernels += [encode_kernel, shading.half_basis_kernel, networks_kernel]
     else:  # what crowded rays need is compiled when there are any
         kernels += [raster_kernel, trace_kernel, trace_windows_kernel]

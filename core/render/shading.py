@@ -5,6 +5,8 @@ Where a ray has one color (deferred.py), samples have values that it sums, and `
 Shapes: N packed samples, L levels.
 """
 
+from functools import partial
+
 import numpy as np
 import warp as wp
 
@@ -19,7 +21,7 @@ from ..field import (
     node_table,
 )
 from ..wide import vec4h
-from .deferred import color_rays, values_kernel
+from .deferred import color_rays, colors_in_place, values_kernel
 from .rays import Rays, RaySamples, Samples, basis_kernel
 from .rounds import Pixels, ray_sums
 
@@ -61,12 +63,13 @@ class Shading:
 
     def finish(self, ids, pixels: Pixels, options):
         """Give the rays `ids`, which have come to their ends, the colors of what they summed."""
-        if self.field.options.deferred:
-
-            def colors(h, basis):
-                return self._networks.colors(h, basis, options.half)
-
-            color_rays(colors, self.field.options.view_dependence, ids, pixels)
+        if not self.field.options.deferred:
+            return
+        if self.in_place is not None and options.half:
+            colors = colors_in_place(self.in_place)
+        else:
+            colors = partial(self._networks.colors, half=options.half)
+        color_rays(colors, self.field.options.view_dependence, ids, pixels)
 
     def _values(self, rays, found, h):
         values = wp.empty(len(h), dtype=ray_sums, device=self.device)

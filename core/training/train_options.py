@@ -15,6 +15,9 @@ LEAVE_OUT = (
 )
 
 
+WIDEST = 256  # layers of the color network, on tensor cores
+
+
 @dataclass(frozen=True)
 class TrainOptions:
     """Settings of a training run; lengths are in model units (the scene box has edge 1).
@@ -69,6 +72,8 @@ class TrainOptions:
     seed: int = 0
 
     def __post_init__(self):
+        if not 1 <= self.color_width <= WIDEST:
+            raise ValueError(f"color_width is {self.color_width}: give 1 to {WIDEST}")
         for word in self.leave_out:
             if word not in LEAVE_OUT:
                 words = ", ".join(LEAVE_OUT)

@@ -3,6 +3,9 @@
 enum { TILES = 24, BIASES = 80 };
 #include "density.h"
 
+// An infinite number would spoil the sums of its ray, even if it weighs nothing.
+auto finite = [](float v) { return fminf(fmaxf(v, -65504.0f), 65504.0f); };
+
 for (int tile = blockIdx.x * (blockDim.x >> 5) + (threadIdx.x >> 5); tile * 32 < count;
      tile += warp_count) {
     if (!is_used(tile)) continue;
@@ -18,7 +21,7 @@ for (int tile = blockIdx.x * (blockDim.x >> 5) + (threadIdx.x >> 5); tile * 32 <
                 const int row = first_row + 16 * m + 8 * i;
                 if (row < count)
                     reinterpret_cast<uint*>(h.data)[size_t(row) * 8 + 4 * n + pair / 2] =
-                        halves(results[m][n][2 * i], results[m][n][2 * i + 1]);
+                        halves(finite(results[m][n][2 * i]), finite(results[m][n][2 * i + 1]));
             }
 }
 #endif

@@ -52,8 +52,8 @@ def evaluators(field, device) -> Evaluators:
         return _in_torch(field, device) if _torch_finds_a_gpu() else _on_cpu(field)
 
     return Evaluators(
-        lambda *arguments: networks().geometry(*arguments),
-        lambda *arguments: networks().colors(*arguments),
+        lambda features, half: networks().geometry(features, half),
+        lambda h, basis, half: networks().colors(h, basis, half),
         in_place,
     )
 
@@ -70,11 +70,11 @@ def _on_cpu(field) -> Evaluators:
     networks = CpuNetworks(field.density_layers, field.color_layers)
 
     # Of a GPU's arrays, these calls copy down and up.
-    def geometry(features, _half):
+    def geometry(features, half):
         found = networks.geometry(features.to("cpu"))
         return tuple(array.to(features.device) for array in found)
 
-    def colors(h, basis, _half):
+    def colors(h, basis, half):
         return networks.colors(h.to("cpu"), basis.to("cpu")).to(h.device)
 
     return Evaluators(geometry, colors)

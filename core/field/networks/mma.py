@@ -35,7 +35,7 @@ OLDEST_GPU = 80  # Warp's arch
 BLOCK_SIZE = 128
 BLOCKS_PER_PROCESSOR = 3  # the registers have room for no more
 DENSITY_BLOCKS_PER_PROCESSOR = 5  # for the density network alone
-COLOR_WIDTHS = (32, 64, 128, 256)  # of the hidden layers, where a ray has one color
+COLOR_WIDTHS = (32, 64, 128, 256)  # that hidden layers are filled up to, where rays have colors
 
 # Warp compiles a module for each block size: loading one ahead has to know it.
 wp.set_module_options({"enable_backward": False, "block_dim": BLOCK_SIZE})
@@ -52,7 +52,7 @@ def fits(field, device) -> bool:
     if not field.options.deferred:
         return has_usual_shape([*density, *color])
     widths = [width for _, width in color[:-1]]
-    return has_usual_density(density) and all(width in COLOR_WIDTHS for width in widths)
+    return has_usual_density(density) and max(widths, default=0) <= max(COLOR_WIDTHS)
 
 
 def fragments(weights):
@@ -84,6 +84,7 @@ class TensorCoreNetworks:
         self.device = device
         self._no_slots = [wp.empty(0, dtype=int, device=device)] * 2
         if field.options.deferred:
+            color = widened(color)
             self._density, self._color = (self._weights(part) for part in (density, color))
             self._layers = wp.array(layer_places(color), dtype=int, device=device)
         else:
@@ -105,7 +106,10 @@ class TensorCoreNetworks:
         self._launch(geometry_kernel, inputs, [sigma, h], DENSITY_BLOCKS_PER_PROCESSOR)
 
     def colors(self, x, transmittance, count, rgb):
-        """Fill rgb of the first `count` rays by `colors_kernel`."""
+        """Fill rgb of the first `count` rays by `colors_kernel`.
+
+        64 neighboring rays without any opacity get no values.
+        """
         inputs = [x, transmittance, *self._color, self._layers, count]
         self._launch(colors_kernel, inputs, [rgb])
 
@@ -127,6 +131,20 @@ class TensorCoreNetworks:
 
 def _columns(features, sigma) -> int:
     return 4 * (len(features) // max(len(sigma), 1))
+
+
+def widened(layers):
+    """Layers with hidden units of zeros, as many as make their widths COLOR_WIDTHS."""
+    wide, missing_rows = [], 0
+    for number, (weights, bias) in enumerate(layers):
+        columns = weights.shape[1]
+        missing = 0
+        if number < len(layers) - 1:
+            missing = min(width for width in COLOR_WIDTHS if width >= columns) - columns
+        weights = np.pad(weights, ((0, missing_rows), (0, missing)))
+        wide.append((weights, np.pad(bias, (0, missing))))
+        missing_rows = missing
+    return wide
 
 
 def layer_places(layers):

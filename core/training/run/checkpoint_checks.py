@@ -25,7 +25,7 @@ BOUNDS = {  # of numbers, both included
     "march_step": (1e-4, 1.0),
     "samples_per_step": (1, 2**26),
     "learning_rate": (0.0, 1e3),
-    "color_width": (1, 2**10),
+    "color_width": (1, 256),
     "distortion": (0.0, 1e6),
     "seed": (0, 2**63 - 1),
 }
