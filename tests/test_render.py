@@ -13,6 +13,7 @@ from deformrf.core.render import (
     Renderer,
     RenderOptions,
     camera_rays,
+    default_stop,
     from_field_of_view,
     look_at,
     reference,
@@ -262,7 +263,7 @@ def test_a_larger_termination_takes_fewer_samples(make_ball_field, device):
     renderer.set_vertices(field.mesh.rest_vertices)
     counts = [
         renderer.render(camera, RenderOptions(termination=stop)).sample_count
-        for stop in (0.0, 1e-3, RenderOptions().stop, 0.5)
+        for stop in (0.0, 1e-3, default_stop(field.options.deferred), 0.5)
     ]
     assert counts == sorted(counts, reverse=True) and counts[0] > counts[-1]
     assert counts[2] == renderer.render(camera).sample_count  # the default

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from deformrf.core.field import FieldOptions
 from deformrf.core.lab import rule
 from deformrf.core.lab.effort import EFFORTS
 from deformrf.core.lab.rendering import measure as rendering
@@ -53,7 +54,9 @@ def test_settings_differ_from_default_mode(level_count, half):
     assert len(set(kinds)) == len(kinds)
     assert any(setting.options.single_precision for setting in others) == half
     for setting in found:
-        assert checked(setting.options, level_count) == setting.options
+        taken = checked(setting.options, FieldOptions(level_count))
+        assert replace(taken, termination=setting.options.termination) == setting.options
+        assert taken.stop == setting.options.stop
 
 
 def test_default_mode_keeps_steps_pixels_and_mask():

@@ -6,7 +6,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "render": ["Renderer"],
-        "render_options": ["MODES", "Mode", "RenderOptions"],
+        "render_options": ["MODES", "Mode", "RenderOptions", "default_stop"],
         "rays.camera": [
             "Camera",
             "camera_rays",

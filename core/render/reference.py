@@ -30,7 +30,7 @@ from ..field import (
 from .rays import ASIDE, tet_frames_reference
 
 ROUNDING = 1e-12  # relative; what is smaller counts as 0
-NEGLIGIBLE = 1e-6  # an opacity, or the length of a mean of directions; less is divided by this
+NEGLIGIBLE = 1e-6  # the least divisor: an opacity, or the length of a mean of directions
 EVALUATE_CHUNK = 1 << 18  # samples per call of the field: bounds the memory
 
 

@@ -126,7 +126,7 @@ class Renderer:
         Raises:
             ValueError: See render_options.checked.
         """
-        options = checked(options, self.field.layout.level_count)
+        options = checked(options, self.field.options)
         if self.device.is_cuda:
             camera = moved_aside(camera)  # on a CPU each ray is looked at
         fast = options.path == "auto" and options.half and not options.details
@@ -146,7 +146,7 @@ class Renderer:
         Raises:
             ValueError: See render_options.checked.
         """
-        options = checked(options, self.field.layout.level_count)
+        options = checked(options, self.field.options)
         self._find_overlap(options)
         rays = empty_rays(len(origins), self.device)
         ball = ball_around(self.pose.vertices.numpy())

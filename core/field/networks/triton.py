@@ -22,6 +22,8 @@ divides its gradients by a unit of its own, 1/16 of the largest, and multiplies 
 in float32.  On their way through the network gradients may grow 4000-fold before they
 saturate.  They have all 11 bits down to 2^-18 of the largest, and vanish below 2^-29 of it.
 
+With one color a ray, `evaluate_density` is the first half of this, and torch has the rest.
+
 Nothing waits for the host and the grid follows from shapes alone, so a CUDA graph can hold
 the launches.  Triton comes with torch for CUDA on Linux; without it `fits` is false and
 torch.py evaluates the layers.

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...field import TetField, below_pixel, level_edges, narrowest_pixel, occupied_share
-from ...render import Renderer, RenderOptions, visible_part
+from ...render import Renderer, RenderOptions, default_stop, visible_part
 from ..rendering import FULL, views
 from .measure import Switch, image_change
 
@@ -77,6 +77,7 @@ def frame_switches(frames: Frames) -> list[Switch]:
     filled = np.where(field.occupancy == 0, field.occupancy, FULL)
     empty_subtets = 100.0 * (1.0 - occupied_share(visible_part(field)[0].occupancy))
     empty_tets = 100.0 * (field.occupancy == 0).mean()
+    spent = 100.0 - 100.0 * default_stop(field.options.deferred)
     switches = [
         Switch(
             "samples in empty sub-tets",
@@ -96,8 +97,8 @@ def frame_switches(frames: Frames) -> list[Switch]:
             "samples behind what is opaque",
             lambda: way(termination=0.0),
             usual,
-            f"A ray ends once {100.0 * (1.0 - RenderOptions().stop):.0f} % of it is spent; what is"
-            " behind is taken to look like what is before. The test is one comparison a sample.",
+            f"A ray ends once {spent:g} % of it is spent; what is behind is taken"
+            " to look like what is before. The test is one comparison a sample.",
         ),
         Switch(
             "the path for overlap, at rest",

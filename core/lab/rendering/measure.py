@@ -22,7 +22,7 @@ import numpy as np
 from PIL import Image
 
 from ...field import TetField
-from ...render import Renderer, RenderOptions
+from ...render import Renderer, RenderOptions, default_stop
 from .. import rule
 from ..effort import Effort
 from ..stopwatch import WARM_UP, Share, Timing, held_back, milliseconds, timing_of
@@ -33,7 +33,7 @@ BOUND = 45.0  # dB, of default mode
 LARGEST = 8.0  # 1/255
 SUSPECTS = 16  # pixels of each view, of each setting that default mode may use
 STEP_FACTORS = (4.0, 2.0, 1.5, 0.5, 0.25)
-TERMINATIONS = (0.0, 1e-3, 5e-3, 1e-2, 2e-2, 3e-2, 5e-2, 0.1, 0.2)
+TERMINATIONS = (0.0, 1e-3, 3e-3, 5e-3, 1e-2, 2e-2, 3e-2, 5e-2, 0.1, 0.2)
 SCALES = (2, 4)
 SPARED_LEVELS = (1, 2, 3)
 DEFAULT = RenderOptions()
@@ -81,15 +81,20 @@ class RenderingRow:
         return self.worst_psnr >= BOUND and largest <= LARGEST
 
 
-def settings(level_count: int, half: bool) -> list[Setting]:
-    """The settings to compare, default mode first; `half`: its networks use half precision."""
+def settings(level_count: int, half: bool, deferred=False) -> list[Setting]:
+    """The settings to compare, default mode first.
+
+    Args:
+        half: Default mode's networks use half precision.
+        deferred: A ray has one color.
+    """
     found = [Setting("default", "default", candidate=True)]
 
     def add(name, family, candidate=False, **options):
         found.append(Setting(name, family, RenderOptions(**options), candidate=candidate))
 
     for stop in TERMINATIONS:
-        if stop != DEFAULT.stop:
+        if stop != default_stop(deferred):
             add(f"stop {stop:g}", "termination", True, termination=stop)
     for spared in SPARED_LEVELS:
         if (count := level_count - spared) > 0:

@@ -44,7 +44,9 @@ def section(
     """Measure all settings; `step` is called with the finished share."""
     own_error = discretization(study.field, study.pictures, DISCRETIZATION_PIXELS)
     stages = [StageRow(name, time) for name, time in study.stages(turns).items()]
-    rows = study.measure(settings(study.field.layout.level_count, study.half), turns, photos, step)
+    options = study.field.options
+    compared = settings(options.level_count, study.half, options.deferred)
+    rows = study.measure(compared, turns, photos, step)
     default = rows[0]
     stages.append(StageRow("the view, by itself", default.frame))
     pixels = sum(len(picture.pixels) for picture in study.pictures)

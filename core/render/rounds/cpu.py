@@ -40,7 +40,7 @@ SLOTS = 1 << 14  # that are marched and then shaded: they stay in a core's cache
 LEAST_WEIGHT = 4e-3  # of a color in default mode: a step of a byte
 SAMPLE_BYTES = 272  # of scratch, beside features
 FAR = 1.0e30  # a t behind everything
-SMALLEST = 1.0e-6  # an opacity, or the length of a mean of directions; less is divided by this
+SMALLEST = 1.0e-6  # divisor: an opacity, or the length of a sum of directions
 
 
 @wp.struct

@@ -55,7 +55,11 @@ def with_slot(s: Sums, w: float, h: wp.array(dtype=vec4h), n: int, direction: wp
 
 @wp.func
 def store_sums(s: Sums, fresh: bool, ray: int, sums: wp.array(dtype=wp.vec4)):
-    """Add to what a ray has summed before; `fresh`: nothing, memory may hold anything."""
+    """Add to what a ray has summed before; `fresh`: nothing, memory may hold anything.
+
+    A ray's sums are read by one thread alone, before it writes them, so the cache for what no
+    kernel changes (load_wide) may hold them.
+    """
     k = FOURS * ray
     e = wp.vec4(s.direction[0], s.direction[1], s.direction[2], 0.0)
     if not fresh:

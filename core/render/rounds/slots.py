@@ -103,12 +103,13 @@ class Buffers:
     # Where samples have colors:
     basis: wp.array(dtype=vec4h)  # [4 S] spherical harmonics
     rgb: wp.array(dtype=wp.vec3)  # [S]; with one color a ray [R]
-    # With one color a ray, see ray_color.py; else these are empty:
+    # Where rays have colors (ray_color.py):
     h: wp.array(dtype=vec4h)  # [4 S]
-    weights: wp.array(dtype=float)  # [S]
-    rotations: wp.array(dtype=wp.mat33)  # [T] Q
+    weights: wp.array(dtype=float)  # [S] of tangled rays
     sums: wp.array(dtype=wp.vec4)  # [5 R] those of the pixels
     means: wp.array(dtype=vec4h)  # [8 R]
+    rotations: wp.array(dtype=wp.mat33)  # [T] Q
+    # Of the image:
     background: wp.array(dtype=wp.vec3)  # [1]
     color: wp.array(dtype=wp.vec4ub)  # [R] of finished rays
     depth: wp.array(dtype=float)  # [R] of finished rays

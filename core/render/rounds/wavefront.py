@@ -9,8 +9,9 @@ CUDA graph of five launches (slots.py has the kernels):
     evaluate    features to density and color: both networks, one fused kernel
     composite   slots to pixels; lists the rays that go on in the next round
 
-With one color a ray, evaluate finds h instead of colors, composite sums it, and behind the rounds
-come means, the color network and pixels, of the rays that have ended by then.
+With one color a ray, evaluate finds h instead of colors, and composite sums it.  After the rounds,
+three more launches paint all rays: means, the color network, pixels.  If rays are left, they are
+painted again after further rounds.
 
 Only the device knows how long the list is, and so K.  The host launches one round more than
 the last image needed, and reads the length of the list when all are done.  If rays are left,
@@ -175,7 +176,7 @@ class Wavefront:
             self._launch(way.composite, self.capacity, inputs)
 
     def _launch_colors(self, options, stage):
-        """Paint the rays that have ended."""
+        """Paint all rays that have any opacity; those that are not done are painted again later."""
         buffers, count = self.buffers, self._ray_count
         transmittance = buffers.pixels.transmittance
         with stage("networks"):
