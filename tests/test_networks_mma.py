@@ -120,7 +120,9 @@ def test_free_slots_may_have_no_values_and_used_ones_have(make_ball_field, defer
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("hidden", [(64, 64), (32,), (20, 100), (128,), (256, 64, 256), ()])
+@pytest.mark.parametrize(
+    "hidden", [(64, 64), (32,), (20, 100), (128,), (180, 192), (256, 64, 256), ()]
+)
 @pytest.mark.parametrize("count", [1, 65, 40_000])
 def test_the_colors_of_rays_are_those_of_numpy(make_ball_field, hidden, count):
     rng = np.random.default_rng()

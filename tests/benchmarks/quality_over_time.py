@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deformrf.core.commands.train import with_steps
+from deformrf.core.commands.train_choices import with_steps
 from deformrf.core.device import start_warp
 from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
 from deformrf.core.training import load_dataset, preset, trainer, white_composite

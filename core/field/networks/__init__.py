@@ -12,6 +12,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "NativeNetworks",
             "native_networks",
         ],
+        "density_rows": ["any_of_warp", "density_of_rows", "density_room", "put_features"],
         "dispatch": ["evaluators"],
         "mma": ["networks_kernel"],
         "reference": [

@@ -15,6 +15,7 @@ const int warp = threadIdx.x >> 5, layer_count = layers.shape[0];
 struct Tiles1 { enum { COUNT = 1 }; };  // tiles of columns that a warp has, by the layer's width
 struct Tiles2 { enum { COUNT = 2 }; };
 struct Tiles4 { enum { COUNT = 4 }; };
+struct Tiles6 { enum { COUNT = 6 }; };
 struct Tiles8 { enum { COUNT = 8 }; };
 
 // Rows 16 m .. 16 m + 15, columns 16 k .. 16 k + 15.
@@ -82,6 +83,7 @@ for (int first = blockIdx.x * ROWS; first < count; first += gridDim.x * ROWS) {
     for (int l = 0; l + 1 < layer_count; ++l) {
         const int* const layer = &layers.data[4 * l];
         if (layer[1] == 32) apply_layer(Tiles8(), layer);
+        else if (layer[1] == 24) apply_layer(Tiles6(), layer);
         else if (layer[1] == 16) apply_layer(Tiles4(), layer);
         else if (layer[1] == 8) apply_layer(Tiles2(), layer);
         else apply_layer(Tiles1(), layer);

@@ -35,7 +35,8 @@ OLDEST_GPU = 80  # Warp's arch
 BLOCK_SIZE = 128
 BLOCKS_PER_PROCESSOR = 3  # the registers have room for no more
 DENSITY_BLOCKS_PER_PROCESSOR = 5  # for the density network alone
-COLOR_WIDTHS = (32, 64, 128, 256)  # that hidden layers are filled up to, where rays have colors
+COLOR_BLOCKS_PER_PROCESSOR = 2  # for the colors of rays
+COLOR_WIDTHS = (32, 64, 128, 192, 256)  # that hidden layers of rays' colors are filled up to
 
 # Warp compiles a module for each block size: loading one ahead has to know it.
 wp.set_module_options({"enable_backward": False, "block_dim": BLOCK_SIZE})
@@ -75,7 +76,11 @@ def fragments(weights):
 
 
 class TensorCoreNetworks:
-    """The networks of a field on a CUDA device, for images: without allocations or waits."""
+    """The networks of a field on a CUDA device, for images: without allocations or waits.
+
+    Attributes:
+        density: `fragments` and biases of the density network, where rays have colors.
+    """
 
     def __init__(self, field, device):
         density, color = field.density_layers, field.color_layers
@@ -85,7 +90,7 @@ class TensorCoreNetworks:
         self._no_slots = [wp.empty(0, dtype=int, device=device)] * 2
         if field.options.deferred:
             color = widened(color)
-            self._density, self._color = (self._weights(part) for part in (density, color))
+            self.density, self._color = (self._weights(part) for part in (density, color))
             self._layers = wp.array(layer_places(color), dtype=int, device=device)
         else:
             self._both = self._weights([*density, *color])
@@ -101,7 +106,7 @@ class TensorCoreNetworks:
 
     def geometry(self, features, total, sigma, h, slots=None):
         """Fill sigma and h by `geometry_kernel`; `slots` as for `evaluate`."""
-        inputs = [features, *self._density, total, *self._slots(slots)]
+        inputs = [features, *self.density, total, *self._slots(slots)]
         inputs.append(_columns(features, sigma))
         self._launch(geometry_kernel, inputs, [sigma, h], DENSITY_BLOCKS_PER_PROCESSOR)
 
@@ -111,7 +116,7 @@ class TensorCoreNetworks:
         64 neighboring rays without any opacity get no values.
         """
         inputs = [x, transmittance, *self._color, self._layers, count]
-        self._launch(colors_kernel, inputs, [rgb])
+        self._launch(colors_kernel, inputs, [rgb], COLOR_BLOCKS_PER_PROCESSOR)
 
     def _slots(self, slots):
         return self._no_slots if slots is None else slots

@@ -16,6 +16,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "cpu": ["SMALLEST", "CpuShader", "NativeShading", "shade_native", "trace_kernel"],
         "host": ["HostRounds"],
         "ray_color": ["Sums", "paint_kernel", "rest_direction", "store_sums", "with_slot"],
+        "slot_densities": ["slot_densities_kernel"],
         "slots": [
             "BLOCK_SIZE",
             "CROWDED",

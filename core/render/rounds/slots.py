@@ -98,7 +98,7 @@ class Buffers:
     lists: wp.array2d(dtype=int)  # [2, R]
     slots: Samples  # [S]
     counts: wp.array(dtype=int)  # [S / LEAST_SLOTS] samples of each listed ray
-    features: wp.array(dtype=vec4h)  # [S · L]
+    features: wp.array(dtype=vec4h)  # [S · L], unless slot_densities.py finds and uses them at once
     sigma: wp.array(dtype=float)  # [S]
     # Where samples have colors:
     basis: wp.array(dtype=vec4h)  # [4 S] spherical harmonics
@@ -124,13 +124,14 @@ def empty_buffers(ray_count: int, slot_count: int, options, rotations, device) -
     buffers.slots = empty_samples(slot_count, device)
     sample_count, ray_colors = (0, ray_count) if deferred else (slot_count, 0)
     value_count = slot_count - sample_count
+    feature_count = 0 if deferred and device.is_cuda else slot_count * options.level_count
     basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (sample_count, 1))
     with wp.ScopedDevice(device):
         buffers.camera = wp.zeros(1, dtype=DeviceCamera)
         buffers.state = wp.zeros(STATE_SIZE, dtype=int)
         buffers.lists = wp.empty((2, ray_count), dtype=int)
         buffers.counts = wp.empty(slot_count // LEAST_SLOTS, dtype=int)
-        buffers.features = wp.zeros(slot_count * options.level_count, dtype=vec4h)
+        buffers.features = wp.zeros(feature_count, dtype=vec4h)
         buffers.sigma = wp.empty(slot_count, dtype=float)
         buffers.basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
         buffers.rgb = wp.empty(sample_count + ray_colors, dtype=wp.vec3)

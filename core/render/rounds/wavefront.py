@@ -9,9 +9,9 @@ CUDA graph of five launches (slots.py has the kernels):
     evaluate    features to density and color: both networks, one fused kernel
     composite   slots to pixels; lists the rays that go on in the next round
 
-With one color a ray, evaluate finds h instead of colors, and composite sums it.  After the rounds,
-three more launches paint all rays: means, the color network, pixels.  If rays are left, they are
-painted again after further rounds.
+With one color a ray, encode and evaluate are one kernel (slot_densities.py) that finds h instead of
+colors, and composite sums it.  After the rounds, three more launches paint all rays: means, the
+color network, pixels.  If rays are left, they are painted again after further rounds.
 
 Only the device knows how long the list is, and so K.  The host launches one round more than
 the last image needed, and reads the length of the list when all are done.  If rays are left,
@@ -150,7 +150,7 @@ class Wavefront:
         wp.capture_launch(self._graphs[key])
 
     def _launch_round(self, way, options, stage):
-        geometry, buffers, level_count = self._pose.geometry, self.buffers, self._level_count
+        geometry, buffers = self._pose.geometry, self.buffers
         step = self._march_step * options.step_factor
         with stage("march"):
             self._launch(
@@ -158,9 +158,28 @@ class Wavefront:
             )
             inputs = [geometry, self._occupancy, step, buffers, *way.more]
             self._launch(way.march, len(buffers.counts), inputs)
+        used_level_count = options.level_count or self._level_count
+        if self._deferred and self.device.is_cuda:
+            with stage("networks"):
+                self._launch_densities(used_level_count)
+        else:
+            self._launch_networks(used_level_count, stage)
+        with stage("composite"):
+            inputs = [options.stop, buffers, *way.more]
+            self._launch(way.composite, self.capacity, inputs)
+
+    def _launch_densities(self, used_level_count):
+        from .slot_densities import BLOCKS_PER_PROCESSOR, slot_densities_kernel  # CUDA alone
+
+        threads = self.device.sm_count * BLOCKS_PER_PROCESSOR * slots.BLOCK_SIZE
+        inputs = [self._tables, self._table, self._nodes, used_level_count]
+        inputs += [*self._networks.density, threads, self.buffers]
+        self._launch(slot_densities_kernel, threads, inputs)
+
+    def _launch_networks(self, used_level_count, stage):
+        buffers, level_count = self.buffers, self._level_count
         with stage("encode"):
-            used_level_count = options.level_count or level_count
-            inputs = [self._tables, self._table, self._nodes, geometry.rotations]
+            inputs = [self._tables, self._table, self._nodes, self._pose.geometry.rotations]
             inputs += [level_count, used_level_count, self._constant_direction, buffers]
             self._launch(slots.encode_slots_kernel, self._slot_count, inputs)
         with stage("networks"):
@@ -171,9 +190,6 @@ class Wavefront:
             else:
                 inputs = buffers.features, buffers.basis, total
                 self._networks.evaluate(*inputs, buffers.sigma, buffers.rgb, places)
-        with stage("composite"):
-            inputs = [options.stop, buffers, *way.more]
-            self._launch(way.composite, self.capacity, inputs)
 
     def _launch_colors(self, options, stage):
         """Paint all rays that have any opacity; those that are not done are painted again later."""

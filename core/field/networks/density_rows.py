@@ -1,0 +1,55 @@
+"""The density network on a GPU's tensor cores, on features that the same kernel has just found.
+
+For a kernel whose warps take 32 rows at a time: `density_room` once, then for each row
+`put_features`, level by level, and `density_of_rows` by all threads of the warp together.  The
+features go through the block's shared memory instead of the device's.  mma.py says how a warp
+multiplies.  On a CPU and on older GPUs nothing is computed.
+"""
+
+from pathlib import Path
+
+import warp as wp
+
+from ...native import native_source
+from ...wide import vec4h
+from .reference import MAX_LOG_SIGMA
+
+BLOCK_SIZE = 128  # of the kernel
+
+
+def _source(name: str):
+    folder = Path(__file__).parent
+    values = {"MAX_LOG_SIGMA": f"{MAX_LOG_SIGMA}f", "BLOCK_SIZE": BLOCK_SIZE}
+    includes = [folder / "density_rows.h", folder / "tensor_cores.h"]
+    return native_source(folder / name, includes, values)
+
+
+@wp.func_native(_source("density_room.cu"))
+def density_room(fragments: wp.array(dtype=vec4h), biases: wp.array(dtype=float)) -> wp.uint64:
+    """Where the block's shared memory is, with the weights in it.  All threads call it."""
+    ...
+
+
+@wp.func_native(_source("put_features.cu"))
+def put_features(room: wp.uint64, level: int, f: wp.vec4):
+    """Put a level's features of this thread's row; those that it never puts are zero."""
+    ...
+
+
+@wp.func_native(_source("density_rows.cu"))
+def density_of_rows(
+    room: wp.uint64,
+    n: int,  # this thread's row, a multiple of 32 and its place in the warp
+    sigma: wp.array(dtype=float),  # [N] out
+    h: wp.array(dtype=vec4h),  # [4 N] out
+): ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __any_sync(0xffffffffu, flag) != 0;
+#else
+    return flag;
+#endif
+""")
+def any_of_warp(flag: bool) -> bool: ...
