@@ -6,8 +6,15 @@
 //
 // SMOOTH is defined where the field has fewer pixels than the window and its colors may be
 // blended; without it, each of its pixels is a block.  GROUND is defined where one is seen.
+//
+// BUFFER is defined where the image lies in a buffer: all colors, then all depths.
+#ifdef BUFFER
+uniform samplerBuffer field_color, field_depth;
+uniform ivec2 field_size;        // pixels
+#else
 uniform sampler2D field_color;   // alpha = opacity
 uniform sampler2D field_depth;   // distance t along the unit ray, inf where nothing is
+#endif
 uniform float texel;             // its pixels' width at distance 1, or of parallel rays anywhere
 uniform vec3 background;
 uniform bool checkerboard;
@@ -33,15 +40,25 @@ const float STEEPEST = 6.0;   // a surface's rise in depth, in texels per texel,
 const float SHARPNESS = 1.3;  // of edges; 1 is as bilinear means have them
 const float INF = uintBitsToFloat(0x7f800000u);
 
+#ifdef BUFFER
+ivec2 size_of_field() { return field_size; }
+int place_of(ivec2 at) { return at.y * field_size.x + at.x; }
+vec4 colors_at(ivec2 at) { return texelFetch(field_color, place_of(at)); }
+float depth_at(ivec2 at) {
+    return texelFetch(field_depth, field_size.x * field_size.y + place_of(at)).r;
+}
+#else
+ivec2 size_of_field() { return textureSize(field_depth, 0); }
 vec4 colors_at(ivec2 at) { return texelFetch(field_color, at, 0); }
 float depth_at(ivec2 at) { return texelFetch(field_depth, at, 0).r; }
+#endif
 
 #ifdef SMOOTH
 // The color between the four nearest texels, which are of two layers: those about as near as the
 // nearest one, and what is behind them.  Within a layer, colors are bilinear means; the edge of
 // the front layer lies where half of the bilinear weights are its own, and is sharpened.
 vec4 filtered(out float t) {
-    ivec2 last = textureSize(field_depth, 0) - 1;
+    ivec2 last = size_of_field() - 1;
     vec2 at = uv * vec2(last + 1) - 0.5, share = fract(at);
     ivec2 low = max(ivec2(floor(at)), 0), high = min(ivec2(floor(at)) + 1, last);
     ivec2 c01 = ivec2(low.x, high.y), c10 = ivec2(high.x, low.y);
@@ -86,7 +103,7 @@ vec4 ink_at(vec2 place) {
 #endif
 
 void main() {
-    ivec2 block = ivec2(uv * vec2(textureSize(field_depth, 0)));
+    ivec2 block = ivec2(uv * vec2(size_of_field()));
     float t = depth_at(block);
     vec4 field = colors_at(block);
 #ifdef SMOOTH

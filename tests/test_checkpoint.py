@@ -40,7 +40,8 @@ def as_version_1_wrote_it(path, **options):
     """Give the saved options those that later versions don't have any more."""
     content = torch.load(path, weights_only=True)
     content["options"] |= {"density_layers": 1, "density_activation": "relu", **options}
-    del content["options"]["table_decay"], content["options"]["color_width"]
+    for name in ("table_decay", "color_width", "color_depth"):
+        del content["options"][name]
     torch.save(content, path)
 
 
@@ -48,7 +49,7 @@ def test_a_checkpoint_with_options_that_are_gone_is_loaded(tmp_path):
     path = tmp_path / "a.checkpoint"
     save_checkpoint(some(seed=4), path)
     as_version_1_wrote_it(path)
-    known = {"table_decay": 0.0, "color_width": 64, "leave_out": ("ray-color",)}
+    known = {"table_decay": 0.0, "color_width": 64, "color_depth": 2, "leave_out": ("ray-color",)}
     assert load_checkpoint(path).options == preset("tiny", seed=4, **known)
 
 

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from deformrf.core.render.render import Image
-from deformrf.viewer.layers import upload
+from deformrf.viewer.layers import gl, upload
 
 pytestmark = pytest.mark.gl
 
@@ -18,8 +18,34 @@ def image(rows, width, device, seed=0):
     return Image(wp.array(color, dtype=wp.vec4ub, device=device), wp.array(depth, device=device), 0)
 
 
-def read(texture, dtype):
-    return np.frombuffer(texture.read(), dtype).reshape(texture.height, texture.width, -1)
+class HostWritten(upload.SharedImage):
+    """A buffer that the host writes, as CUDA does where there is one."""
+
+    def _register(self):
+        pass
+
+    def _write(self, arrays, first_row):
+        for index, array in enumerate(arrays):
+            start = index * self._byte_count + 4 * first_row * self.size[0]
+            self._buffer.write(array.numpy().tobytes(), offset=start)
+
+
+def drawn(context, target, defines=()):
+    """What the shader shows of an image.  [h, w, 4]"""
+    width, height = target.size
+    framebuffer = context.framebuffer([context.texture((width, height), 4)])
+    framebuffer.use()
+    defines += ("BUFFER",) if target.is_buffer else ()
+    triangle = gl.full_screen(context, "image", defines)
+    gl.set_uniforms(
+        triangle.program, field_color=0, field_depth=1, field_size=target.size, texel=0.1,
+        extent=(1.0, 1.0), axis=(0.5, 0.5), depth_terms=(1.0, -1.0), transparent=True,
+    )  # fmt: skip
+    target.use()
+    context.enable_only(context.NOTHING)
+    triangle.render()
+    assert context.error == "GL_NO_ERROR"
+    return np.frombuffer(framebuffer.read(components=4), np.uint8).reshape(height, width, 4)[::-1]
 
 
 @pytest.mark.parametrize("wanted", ["auto", "copy"])
@@ -32,20 +58,43 @@ def test_what_cannot_be_shared_is_refused_in_a_sentence(window):
         upload.choose_path(window[1], "cpu", "buffer")
 
 
-@pytest.mark.parametrize("path", ["copy", "buffer"])
+@pytest.mark.parametrize("path", ["copy", "buffer", "written by the host"])
 def test_strips_arrive_in_their_rows(window, device, path):
-    try:
-        assert upload.choose_path(window[1], device, path) == path
-    except ValueError as error:
-        pytest.skip(str(error))
-    texture = upload.ImageTexture(window[1], (6, 7), device, path)
-    top, bottom = image(4, 6, device), image(3, 6, device, seed=1)
-    texture.write(top)
-    texture.write(bottom, first_row=4)
-    color, depth = read(texture.color, np.uint8), read(texture.depth, np.float32)[..., 0]
-    assert np.array_equal(color, np.concatenate([top.color_array(), bottom.color_array()]))
-    assert np.array_equal(depth, np.concatenate([top.depth_array(), bottom.depth_array()]))
-    assert window[1].error == "GL_NO_ERROR"
+    """As the shader reads them; what is in a row stays when others are written."""
+    context = window[1]
+    if path == "written by the host":
+        target = HostWritten(context, (6, 7), "cpu")
+    else:
+        try:
+            assert upload.choose_path(context, device, path) == path
+        except ValueError as error:
+            pytest.skip(str(error))
+        target = upload.image_target(context, (6, 7), device, path)
+    top, bottom, colors = (image(n, 6, device, seed) for seed, n in enumerate((4, 3, 2)))
+    target.write(top)
+    target.write(bottom, first_row=4)
+    target.write_color(colors.color, first_row=3)
+    wanted = np.concatenate([i.color_array() for i in (top, bottom)])
+    wanted[3:5] = colors.color_array()
+    assert np.array_equal(drawn(context, target), wanted)
+    depth = np.concatenate([i.depth_array() for i in (top, bottom)])
+    if path == "copy":
+        assert target.depth.read() == depth.tobytes()
+    else:
+        assert target.read() == wanted.tobytes() + depth.tobytes()
+    target.release()
+    assert context.error == "GL_NO_ERROR"
+
+
+@pytest.mark.parametrize("defines", [(), ("SMOOTH",)])
+def test_a_buffer_is_drawn_as_textures_are(window, defines):
+    context, size = window[1], (13, 9)
+    frame = image(9, 13, "cpu", 5)
+    both = HostWritten(context, size, "cpu"), upload.ImageTexture(context, size)
+    for target in both:
+        target.write(frame)
+    buffer, textures = (drawn(context, target, defines) for target in both)
+    assert np.array_equal(buffer, textures) and len(np.unique(buffer)) > 100
 
 
 def test_a_probe_that_fails_falls_back_to_copying(window, monkeypatch, caplog):

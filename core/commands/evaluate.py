@@ -43,8 +43,9 @@ class EvaluateArguments:
     """Shrink the images to this longer side [pixels]."""
     step_factor: float = 1.0
     """March with that part of the model's step: 0.5 takes longer and comes closer."""
-    samples: int = 1
-    """Rays a pixel: 4 come closer to what a camera averages, and take four times as long."""
+    samples: int = 4
+    """Rays a pixel of the scored images: cameras average over a pixel, too. Beside that stands the
+    PSNR of images with one ray a pixel, and what one of them takes."""
     outside_images: bool = False
     """Read images that lie outside DATA, too."""
     device: Choice = "auto"
@@ -128,15 +129,25 @@ def prepare(arguments: EvaluateArguments):
 def print_report(report):
     """A table: a line for each view, then the mean."""
 
+    columns = {
+        "psnr": ("PSNR (dB)", "{:.2f}"),
+        "ssim": ("SSIM", "{:.4f}"),
+        "lpips": ("LPIPS", "{:.4f}"),
+        "alpha_error": ("alpha error", "{:.4f}"),
+        "psnr_one_ray": ("one ray (dB)", "{:.2f}"),
+        "seconds": ("seconds", "{:.3f}"),
+    }
+    if report["mean"]["lpips"] is None:
+        del columns["lpips"]
+
     def cells(row):
-        values = (row["psnr"], row["ssim"], row["lpips"], row["alpha_error"], row["seconds"])
-        formats = ("{:.2f}", "{:.4f}", "{:.4f}", "{:.4f}", "{:.3f}")
-        return ["-" if v is None else f.format(v) for f, v in zip(formats, values, strict=True)]
+        values = ((row[name], form) for name, (_, form) in columns.items())
+        return ["-" if value is None else form.format(value) for value, form in values]
 
     facts = report["model"]
     title = f"{facts['tets']} tets, {facts['levels']} levels, {', '.join(report['sizes'])}"
     table = Table("view", title=title)
-    for heading in ("PSNR [dB]", "SSIM", "LPIPS", "alpha error", "seconds"):
+    for heading, _ in columns.values():
         table.add_column(heading, justify="right")
     for row in report["views"]:
         table.add_row(row["name"], *cells(row))
@@ -145,6 +156,8 @@ def print_report(report):
     table.add_row(label, *cells(report["mean"]))
     console = Console()
     console.print(table)
+    rays = f"{report['samples']} rays" if report["samples"] > 1 else "one ray"
+    console.print(f"Scored with {rays} a pixel; seconds are of an image with one.", soft_wrap=True)
     if report["mean"]["lpips"] is None:
         console.print("LPIPS: not computed; --lpips-weights names its weights.")
     console.print(model_line(facts), soft_wrap=True)

@@ -1,7 +1,9 @@
 """A model against images that it has not seen: PSNR, SSIM and opacity, view by view.
 
-Render and truth are composited over white.  Seconds are those of one render and of its copy to
-the host, without the first compilation of the kernels.
+Render and truth are composited over white.  Photographs average over a pixel, as the viewer does at
+rest; so do the scored renders.  Beside them stands the score of an image with one ray a pixel, as
+the viewer shows while things move: seconds are those of one such image and of its copy to the
+host, without the first compilation of the kernels.
 """
 
 import json
@@ -23,7 +25,7 @@ from .metrics import check_size, psnr, ssim
 
 REPORT = "report.json"
 REPORT_KEYS = {"model", "split", "mean", "views"}
-FIGURES = ("psnr", "ssim", "lpips", "alpha_error", "seconds")  # of a view
+FIGURES = ("psnr", "ssim", "lpips", "alpha_error", "psnr_one_ray", "seconds")  # of a view
 SURROUNDINGS_RAYS = 1 << 14  # at once: 64 samples each
 WAITING_VIEWS = 32  # at most, rendered and not scored yet: images would fill the memory
 DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
@@ -37,7 +39,7 @@ def evaluate(
     options=None,
     model_path=None,
     lpips=None,
-    samples=1,
+    samples=4,
 ) -> dict:
     """Render every view of a data set and score it.
 
@@ -51,7 +53,7 @@ def evaluate(
         options: RenderOptions; their background is replaced by white.
         model_path: The file that the field came from; the report then says its size.
         lpips: An Lpips with its weights; None leaves that metric out.
-        samples: Rays a pixel, spread over it; cameras average over a pixel, too.
+        samples: Rays a pixel of the scored renders, spread over it.
 
     Returns:
         The report, plain JSON values.
@@ -87,12 +89,13 @@ def evaluate(
         except OSError as error:
             failures.append(f"{path}: {error.strerror or error}")
 
-    def score(index, rendered, seconds):
+    def score(index, rendered, one_ray, seconds):
         truth = dataset.image(index)
         if paths:
             picture = Image.fromarray(side_by_side(rendered, truth))
             write(paths[1 + index], lambda partial: picture.save(partial, "PNG"))
         scores = score_view(rendered, truth, has_alpha, lpips)
+        scores["psnr_one_ray"] = psnr_of(one_ray, truth)
         return {"name": dataset.names[index], **scores, "seconds": seconds}
 
     def write_report_of(rows) -> dict:
@@ -119,9 +122,12 @@ def evaluate(
         try:
             for index, camera in enumerate(track(views, len(views), "Evaluating")):
                 begin = time.perf_counter()
-                rendered = render_view(renderer, around, camera, options, samples)
+                one_ray = render_view(renderer, around, camera, options)
                 seconds = time.perf_counter() - begin
-                jobs.append(pool.submit(score, index, rendered, seconds))
+                rendered = one_ray
+                if samples > 1:
+                    rendered = render_view(renderer, around, camera, options, samples)
+                jobs.append(pool.submit(score, index, rendered, one_ray, seconds))
                 if len(jobs) >= waiting:
                     jobs[-waiting].result()
             wait(jobs)
@@ -208,16 +214,22 @@ def score_view(rendered, truth, has_alpha, lpips=None) -> dict:
         without that metric) and "alpha_error", the mean of |Δα| (None without alpha).
     """
     a, b = rendered[..., :3] / 255.0, white_composite(truth).astype(np.float64)
-    decibels, alpha_error = psnr(a, b), None
+    alpha_error = None
     if has_alpha:
         difference = rendered[..., 3].astype(np.float64) - truth[..., 3]
         alpha_error = float(np.abs(difference).mean() / 255.0)
     return {
-        "psnr": decibels if np.isfinite(decibels) else None,
+        "psnr": psnr_of(rendered, truth),
         "ssim": ssim(a, b),
         "lpips": lpips(a, b) if lpips else None,
         "alpha_error": alpha_error,
     }
+
+
+def psnr_of(rendered, truth) -> float | None:
+    """PSNR of a render as in `score_view`."""
+    decibels = psnr(rendered[..., :3] / 255.0, white_composite(truth).astype(np.float64))
+    return decibels if np.isfinite(decibels) else None
 
 
 def mean(values) -> float | None:

@@ -7,21 +7,21 @@ from .train_options import TrainOptions
 
 COARSE_LEVELS = 4
 COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
-# Width of the color network where each sample has a color, and in stage 1.  Wider ones find colors
-# before there are densities, and stage 1 ends with nothing if it is short.
-SMALL_COLOR_WIDTH = 64
+# Hidden layers of the color network where each sample has a color, and in stage 1.  Wider ones find
+# colors before there are densities, and stage 1 ends with nothing if it is short.
+SMALL_COLOR = 64, 64
 
 
 def field_options(options: TrainOptions) -> FieldOptions:
     deferred = "ray-color" not in options.leave_out
-    width = options.color_width if deferred else SMALL_COLOR_WIDTH
+    hidden = (options.color_width,) * options.color_depth if deferred else SMALL_COLOR
     return FieldOptions(
         level_count=options.level_count,
         table_size=2**options.table_size_log2,
         march_step=options.march_step,
         view_dependence=options.view_dependence,
         deferred=deferred,
-        color_hidden=(width, width),
+        color_hidden=hidden,
         dense_levels="dense-levels" not in options.leave_out,
     )
 
@@ -33,5 +33,5 @@ def coarse_options(options: TrainOptions) -> FieldOptions:
         fine,
         level_count=min(COARSE_LEVELS, options.level_count),
         march_step=COARSE_STEP_FACTOR * fine.march_step,
-        color_hidden=(SMALL_COLOR_WIDTH,) * 2,
+        color_hidden=SMALL_COLOR,
     )

@@ -15,7 +15,7 @@ LEAVE_OUT = (
 )
 
 
-WIDEST = 256  # layers of the color network, on tensor cores
+WIDEST, DEEPEST = 256, 16  # layers of the color network, on tensor cores
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,9 @@ class TrainOptions:
         surroundings: Surroundings of the object: "white" (or cut out by alpha), "learnt"
             beside it, or "auto": learned where images have neither alpha nor a white border.
         view_dependence: Whether color may depend on the direction.
-        color_width: Of the color network's two hidden layers in stage 2.  It is 64 in stage 1, and
+        color_width: Of the color network's hidden layers in stage 2.  It is 64 in stage 1, and
             where samples have colors.
+        color_depth: Number of these layers, two where samples have colors.
         distortion: Weight of the distortion loss (the paper's 1e-2).
         table_decay: Weight of the squares of features, see loss.py, where features outnumber
             what photographs show; against noise.
@@ -57,7 +58,7 @@ class TrainOptions:
     scene_radius: float | None = None
     spacing: float = 0.02
     coarse_steps: int = 1500
-    fine_steps: int = 30000
+    fine_steps: int = 25000
     level_count: int = 7
     table_size_log2: int = 20
     march_step: float = 0.0013
@@ -66,6 +67,7 @@ class TrainOptions:
     surroundings: str = "auto"
     view_dependence: bool = True
     color_width: int = 256
+    color_depth: int = 3
     distortion: float = 1e-2
     table_decay: float = 5e-7
     leave_out: tuple[str, ...] = ()
@@ -74,6 +76,8 @@ class TrainOptions:
     def __post_init__(self):
         if not 1 <= self.color_width <= WIDEST:
             raise ValueError(f"color_width is {self.color_width}: give 1 to {WIDEST}")
+        if not 0 <= self.color_depth <= DEEPEST:
+            raise ValueError(f"color_depth is {self.color_depth}: give 0 to {DEEPEST}")
         for word in self.leave_out:
             if word not in LEAVE_OUT:
                 words = ", ".join(LEAVE_OUT)
@@ -82,7 +86,7 @@ class TrainOptions:
 
 PRESETS = {
     "default": TrainOptions(),
-    "fast": TrainOptions(coarse_steps=1000, fine_steps=12000),
+    "fast": TrainOptions(coarse_steps=1000, fine_steps=12000, color_depth=2),
     "small": TrainOptions(
         fine_steps=15000,
         level_count=6,
@@ -90,6 +94,7 @@ PRESETS = {
         march_step=0.002,
         samples_per_step=2**18,
         color_width=128,
+        color_depth=2,
     ),
     "tiny": TrainOptions(
         spacing=0.04,
@@ -101,6 +106,7 @@ PRESETS = {
         samples_per_step=2**15,
         learning_rate=2e-2,
         color_width=64,
+        color_depth=2,
     ),
 }
 

@@ -5,7 +5,7 @@
 
 orbit: the camera goes around the object, which rests.
 drag: a handle goes in a circle, the solver makes 20 substeps a frame, the camera stands
-    still, and the image goes into an OpenGL texture where there is one.
+    still, and the image goes to where OpenGL draws it from, if there is one.
 fill: as drag, at 1920x1080, so near that the object fills the image.
 
 Each frame is rendered anew, in default mode, at the pixels of the size.  fps and ms are those
@@ -121,15 +121,15 @@ def opengl():
         return None
 
 
-def texture_upload(device, size):
-    """write(image) into an OpenGL texture, and how the bytes go there."""
-    from deformrf.viewer.layers.upload import ImageTexture, choose_path
+def opengl_upload(device, size):
+    """write(image) to where OpenGL reads it, and how the bytes go there."""
+    from deformrf.viewer.layers.upload import choose_path, image_target
 
     if opengl() is None:
         return (lambda image: None), "nowhere: there is no OpenGL"
     _, context = opengl()
     path = choose_path(context, device, "auto")
-    return ImageTexture(context, size, device, path).write, path
+    return image_target(context, size, device, path).write, path
 
 
 def measure(case):
@@ -190,7 +190,7 @@ def cases(name, renderer, arguments):
     sizes = [(s, s) for s in arguments.sizes] if name == "drag" else [(1920, 1080)]
     distance = 1.344 if name == "drag" else FILLING * 1.344
     for size in sizes:
-        upload, path = texture_upload(arguments.device, size)
+        upload, path = opengl_upload(arguments.device, size)
         print(f"{name}: frames go by {path}")
         yield Drag(renderer, size, count, upload, distance)
 

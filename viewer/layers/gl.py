@@ -50,6 +50,31 @@ def set_uniforms(program: moderngl.Program, **values) -> None:
             kept[name] = value
 
 
+def buffer_texture(buffer: moderngl.Buffer, kind: str):
+    """OpenGL's number of a buffer as a texture of RGBA8 or R32F texels, which moderngl has not."""
+    from pyglet import gl
+
+    number = gl.GLuint()
+    gl.glGenTextures(1, number)
+    gl.glActiveTexture(gl.GL_TEXTURE0)
+    gl.glBindTexture(gl.GL_TEXTURE_BUFFER, number)
+    gl.glTexBuffer(gl.GL_TEXTURE_BUFFER, getattr(gl, f"GL_{kind}"), buffer.glo)
+    return number
+
+
+def use_buffer_texture(number, unit: int) -> None:
+    from pyglet import gl
+
+    gl.glActiveTexture(gl.GL_TEXTURE0 + unit)
+    gl.glBindTexture(gl.GL_TEXTURE_BUFFER, number)
+
+
+def release_buffer_texture(number) -> None:
+    from pyglet import gl
+
+    gl.glDeleteTextures(1, number)
+
+
 def view_matrices(camera, clip_range) -> dict:
     """The uniforms `world_to_camera` and `projection` of what is drawn by vertices."""
     pose = np.asarray(camera.camera_to_world, float).tobytes()

@@ -22,7 +22,7 @@ from ..files import with_colors
 from . import gl
 from .ground_plane import GroundPlane
 from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Picture, Sampling, finer
-from .upload import ImageTexture
+from .upload import ImageTexture, SharedImage, image_target
 
 REST_SECONDS = 0.15  # without a change, before refining begins
 OTHER_PARTS = ("simulate", "draw", "panel")  # of a frame, beside rendering
@@ -49,7 +49,7 @@ class RadianceLayer:
         self._level_edges = level_edges(field.mesh, field.layout.level_count)
         self.shown = Picture(0)  # the last whole picture
         self._coming: Picture | None = None  # a finer one, as far as it is
-        self._spare: ImageTexture | None = None  # for the next finer one
+        self._spare: ImageTexture | SharedImage | None = None  # for the next finer one
         self._sampling: Sampling | None = None  # once shifted images are rendered
         self._seen = self._pose = None  # what was rendered last
         self._expect_all()
@@ -272,7 +272,7 @@ class RadianceLayer:
         if texture is not None and texture.size != size:
             texture.release()
             texture = None
-        texture = texture or ImageTexture(self._ctx, size, self.device, self.path)
+        texture = texture or image_target(self._ctx, size, self.device, self.path)
         return Picture(size[1], factor, texture, cheaper or {})
 
     def _add_rows(self, picture, camera, rows=None):
@@ -308,6 +308,7 @@ class RadianceLayer:
             self._triangle.program,
             field_color=0,
             field_depth=1,
+            field_size=self.shown.texture.size,
             texel=height / self.shown.height / camera.focal,
             background=self._scene.settings.background,
             squares=(width / CHECKER_SIZE, height / CHECKER_SIZE),
@@ -349,14 +350,14 @@ class RadianceLayer:
     def _triangle_for(self, smooth):
         """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
         wanted = ("SMOOTH", smooth), ("GROUND", self._ground.shown)
+        wanted += (("BUFFER", self.shown.texture.is_buffer),)
         defines = tuple(name for name, is_wanted in wanted if is_wanted)
         if defines not in self._triangles:
             self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)
         return self._triangles[defines]
 
     def _draw_triangle(self):
-        self.shown.texture.color.use(0)
-        self.shown.texture.depth.use(1)
+        self.shown.texture.use()
         self._ctx.enable_only(moderngl.DEPTH_TEST)  # without the test nothing is written
         self._ctx.depth_func = "1"  # always
         self._triangle.render(moderngl.TRIANGLES)

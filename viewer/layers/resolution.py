@@ -17,7 +17,7 @@ import numpy as np
 
 from ...core.field import below_pixel
 from ...core.render import RunningMean, shifted
-from .upload import ImageTexture
+from .upload import ImageTexture, SharedImage
 
 FACTORS = tuple(0.5 ** (0.5 * step) for step in range(7))  # 1 .. 0.125
 TOO_SLOW, LATE = 1.25, 1.05  # of the target: what leads to less at once, and if it goes on
@@ -120,7 +120,7 @@ class Picture:
 
     height: int
     factor: float = 1.0  # its size relative to the window's
-    texture: ImageTexture | None = None  # that its rows are put into
+    texture: ImageTexture | SharedImage | None = None  # that its rows are put into
     cheaper: dict = field(default_factory=dict)  # what it saves on, for RenderOptions
     images: list = field(default_factory=list)  # the renderer's, from top to bottom
     next_row: int = 0

@@ -1,8 +1,8 @@
-"""Copies the renderer's arrays to OpenGL textures, without the host where possible.
+"""Copies the renderer's arrays to OpenGL, without the host where possible.
 
-On CUDA the arrays go into pixel buffers that CUDA and OpenGL share.  On laptops and remote
-desktops OpenGL often runs on another GPU and they can't share: a probe at the start finds
-out.  There, and on the CPU, the bytes go through host memory.
+On CUDA the arrays go into a buffer that CUDA and OpenGL share, and the shader reads it.  On
+laptops and remote desktops OpenGL often runs on another GPU and they can't share: a probe at the
+start finds out.  There, and on the CPU, the bytes go through host memory into textures.
 """
 
 import logging
@@ -10,6 +10,8 @@ import logging
 import moderngl
 import numpy as np
 import warp as wp
+
+from . import gl
 
 log = logging.getLogger(__name__)
 PROBE_SIZE = 16
@@ -40,70 +42,96 @@ def _probe(ctx, device):
     """Send a small image through shared memory; raise if it does not arrive."""
     color = np.arange(4 * PROBE_SIZE * PROBE_SIZE, dtype=np.uint8).reshape(PROBE_SIZE, -1, 4)
     depth = np.arange(PROBE_SIZE * PROBE_SIZE, dtype=np.float32).reshape(PROBE_SIZE, -1)
-    size = PROBE_SIZE, PROBE_SIZE
-    buffer = SharedBuffer(ctx, device, size)
-    textures = ctx.texture(size, 4), ctx.texture(size, 1, dtype="f4")
+    shared = SharedImage(ctx, (PROBE_SIZE, PROBE_SIZE), device)
     try:
         sent = wp.array(color, dtype=wp.vec4ub, device=device), wp.array(depth, device=device)
-        buffer.write(sent, textures, None)
-        if [texture.read() for texture in textures] != [color.tobytes(), depth.tobytes()]:
+        shared._write(sent, 0)
+        if shared.read() != color.tobytes() + depth.tobytes():
             raise RuntimeError("what was written is not what was read")
     finally:
-        for part in (buffer, *textures):
-            part.release()
+        shared.release()
 
 
-class SharedBuffer:
-    """An OpenGL pixel buffer that CUDA writes and textures read.
+def image_target(ctx: moderngl.Context, size: tuple[int, int], device: str, path: str):
+    """Where OpenGL reads an image from, which comes there by the path of `choose_path`."""
+    return SharedImage(ctx, size, device) if path == "buffer" else ImageTexture(ctx, size)
 
-    To map it for CUDA takes longer than to copy an image, so an image is one mapping.
+
+class SharedImage:
+    """A color and a depth image of one size in an OpenGL buffer that CUDA writes and shaders read.
+
+    Textures would be a copy more: of 1920x1080, some 0.5 ms.
     """
 
-    def __init__(self, ctx: moderngl.Context, device: str, size: tuple[int, int]):
-        """Make room for two arrays of 4 bytes a pixel."""
-        if not wp.get_device(device).is_cuda:
-            raise RuntimeError("the renderer runs on the CPU")
-        self._ctx, byte_count = ctx, 4 * size[0] * size[1]
-        self._buffer = ctx.buffer(reserve=2 * byte_count, dynamic=True)
-        self._second = ctx.buffer(reserve=byte_count, dynamic=True)  # textures read from the start
-        self._shared = None
+    is_buffer = True
+
+    def __init__(self, ctx: moderngl.Context, size: tuple[int, int], device: str):
+        self.size, self._device = size, device
+        self._byte_count = 4 * size[0] * size[1]  # of the colors; the depths follow
+        self._buffer = ctx.buffer(reserve=2 * self._byte_count, dynamic=True)
+        self._shared, self._views = None, []
         try:
-            self._shared = wp.RegisteredGLBuffer(
-                self._buffer.glo,
-                device,
-                flags=wp.RegisteredGLBuffer.WRITE_DISCARD,
-                fallback_to_copy=False,
-            )
+            self._register()
+            self._views = [gl.buffer_texture(self._buffer, kind) for kind in ("RGBA8", "R32F")]
         except BaseException:
             self.release()
             raise
 
-    def write(self, arrays, textures, viewport) -> None:
-        """Put one or two arrays of one shape into as many textures."""
-        byte_count = 4 * arrays[0].size
-        mapped = self._shared.map(dtype=wp.uint8, shape=(len(arrays) * byte_count,))
+    def _register(self):
+        if not wp.get_device(self._device).is_cuda:
+            raise RuntimeError("the renderer runs on the CPU")
+        # Strips are written one by one: what is there stays.
+        self._shared = wp.RegisteredGLBuffer(
+            self._buffer.glo,
+            self._device,
+            flags=wp.RegisteredGLBuffer.NONE,
+            fallback_to_copy=False,
+        )
+
+    def write_color(self, color, first_row: int = 0) -> None:
+        """Put colors [h, w] vec4ub at `first_row`, counted from the top."""
+        self._write([color], first_row)
+
+    def write(self, image, first_row: int = 0) -> None:
+        """Put an Image of core/render at `first_row`, counted from the top."""
+        self._write([image.color, image.depth], first_row)
+
+    def _write(self, arrays, first_row):
+        height, width = arrays[0].shape
+        assert width == self.size[0] and first_row + height <= self.size[1], arrays[0].shape
+        mapped = self._shared.map(dtype=wp.uint8, shape=(2 * self._byte_count,))
         for index, array in enumerate(arrays):
-            start = mapped.ptr + index * byte_count
+            start = mapped.ptr + index * self._byte_count + 4 * first_row * width
             room = wp.array(ptr=start, dtype=array.dtype, shape=array.shape, device=array.device)
             wp.copy(room, array)
         self._shared.unmap()
-        textures[0].write(self._buffer, viewport=viewport)
-        for texture in textures[1:]:
-            self._ctx.copy_buffer(self._second, self._buffer, byte_count, read_offset=byte_count)
-            texture.write(self._second, viewport=viewport)
+
+    def use(self) -> None:
+        """Give shaders that find BUFFER defined the colors as unit 0 and the depths as unit 1.
+
+        They find both in each of them, one after the other, and only one in the right format.
+        """
+        for unit, view in enumerate(self._views):
+            gl.use_buffer_texture(view, unit)
+
+    def read(self) -> bytes:
+        """All colors, then all depths."""
+        return self._buffer.read()
 
     def release(self) -> None:
         self._shared = None  # unregistered before OpenGL deletes the buffer
+        for view in self._views:
+            gl.release_buffer_texture(view)
+        self._views = []
         self._buffer.release()
-        self._second.release()
 
 
 class ImageTexture:
-    """A color and a depth texture of one size, filled by strips of rows."""
+    """A color and a depth texture of one size, which the host fills by strips of rows."""
 
-    def __init__(self, ctx: moderngl.Context, size: tuple[int, int], device: str, path: str):
-        # Without a buffer, the host copies.
-        self._buffer = SharedBuffer(ctx, device, size) if path == "buffer" else None
+    is_buffer = False
+
+    def __init__(self, ctx: moderngl.Context, size: tuple[int, int]):
         self.size = size
         self.color = ctx.texture(size, 4, dtype="f1")
         self.color.filter = moderngl.LINEAR, moderngl.LINEAR
@@ -125,9 +153,6 @@ class ImageTexture:
         height, width = arrays[0].shape
         assert width == self.size[0] and first_row + height <= self.size[1], arrays[0].shape
         viewport = 0, first_row, width, height
-        if self._buffer is not None:
-            self._buffer.write(arrays, textures, viewport)
-            return
         for texture, pixels in zip(textures, arrays, strict=True):
             texture.write(self._on_host(pixels), viewport=viewport)
 
@@ -144,7 +169,11 @@ class ImageTexture:
         wp.synchronize_device(pixels.device)
         return pinned.numpy()
 
+    def use(self) -> None:
+        """Give shaders the colors as unit 0 and the depths as unit 1."""
+        self.color.use(0)
+        self.depth.use(1)
+
     def release(self) -> None:
-        for part in (self._buffer, self.color, self.depth):
-            if part is not None:
-                part.release()
+        self.color.release()
+        self.depth.release()

@@ -14,7 +14,7 @@ import torch
 
 from ...field import check_geometry
 from ...geometry import TetMesh, tet_neighbours
-from ..train_options import TrainOptions
+from ..train_options import DEEPEST, WIDEST, TrainOptions
 
 BOUNDS = {  # of numbers, both included
     "spacing": (0.002, 0.5),
@@ -25,7 +25,8 @@ BOUNDS = {  # of numbers, both included
     "march_step": (1e-4, 1.0),
     "samples_per_step": (1, 2**26),
     "learning_rate": (0.0, 1e3),
-    "color_width": (1, 256),
+    "color_width": (1, WIDEST),
+    "color_depth": (0, DEEPEST),
     "distortion": (0.0, 1e6),
     "seed": (0, 2**63 - 1),
 }
