@@ -93,6 +93,20 @@ def test_the_learning_rate_warms_up_and_falls_along_a_cosine():
     assert rates[-1] == pytest.approx(optimization.FINAL_RATE)
 
 
+@pytest.mark.parametrize("hidden, share", [((64, 64), 1.0), ((32,), 1.0), ((256, 256, 64), 0.25)])
+def test_the_rate_of_colors_falls_with_their_widest_layer(run, hidden, share):
+    """Other rates stay, and so does the order, which a checkpoint counts parameters by."""
+    options = FieldOptions(2, 2**8, march_step=0.05, color_hidden=hidden, deferred=True)
+    field = TrainingField(a15_grid(0.25), options, "cpu")
+    stage = Optimization(field, run.bank, OPTIONS, run.has_alpha, 50)
+    stage.step(0.1, False)
+    groups = stage.optimizer.param_groups
+    ids = [[id(weights) for weights in group["params"]] for group in groups]
+    assert sum(ids, []) == [id(weights) for weights in field.parameters()]
+    assert ids[1] == [id(weights) for weights in field.networks.color.parameters()]
+    assert [group["lr"] for group in groups] == pytest.approx([0.1, 0.1 * share])
+
+
 def test_the_ray_count_fills_the_room_and_then_stays():
     count = 1024
     for _ in range(20):

@@ -183,7 +183,7 @@ class PeerExchange(Exchange):
             optimizer.step()  # the part of the table has no gradient
 
         def update_table():
-            (group,) = optimizer.param_groups
+            group = optimizer.param_groups[0]
             rate = torch.as_tensor(group["lr"], device=self.error.device).view(1)
             vectors = (state["exp_avg"], state["exp_avg_sq"], self._part.detach())
             wp.launch(
