@@ -102,7 +102,7 @@ def test_the_rate_of_colors_falls_with_their_widest_layer(run, hidden, share):
     stage.step(0.1, False)
     groups = stage.optimizer.param_groups
     ids = [[id(weights) for weights in group["params"]] for group in groups]
-    assert sum(ids, []) == [id(weights) for weights in field.parameters()]
+    assert [*ids[0], *ids[1]] == [id(weights) for weights in field.parameters()]
     assert ids[1] == [id(weights) for weights in field.networks.color.parameters()]
     assert [group["lr"] for group in groups] == pytest.approx([0.1, 0.1 * share])
 
