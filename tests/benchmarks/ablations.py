@@ -34,6 +34,7 @@ ROWS = {
     "occupancy per tet": {"leave_out": ("subtet-mask",)},
     "all levels hashed": {"leave_out": ("dense-levels",)},
     "no distortion loss": {"leave_out": ("distortion",)},
+    "colors of samples": {"leave_out": ("ray-color",)},
     "no view dependence": {"view_dependence": False},
 }
 WARM_UP_STEPS = 32
