@@ -178,7 +178,7 @@ def test_ctrl_c_leaves_a_report_of_what_is_done(fake, field, tmp_path, capsys, d
     assert len(report["views"]) == len(list(tmp_path.glob("*.png"))) == done
     assert json.loads((tmp_path / "report.json").read_text()) == report
     print_report(report)
-    assert f"mean of the {done} views done" in capsys.readouterr().out
+    assert f"the mean is that of the {done} views done" in capsys.readouterr().out
 
 
 def test_on_the_cpu_nothing_is_scored_while_a_view_is_timed(fake, field):

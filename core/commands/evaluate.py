@@ -152,10 +152,12 @@ def print_report(report):
     for row in report["views"]:
         table.add_row(row["name"], *cells(row))
     table.add_section()
-    label = "mean" if report["complete"] else f"mean of the {len(report['views'])} views done"
-    table.add_row(label, *cells(report["mean"]))
+    table.add_row("mean", *cells(report["mean"]))
     console = Console()
     console.print(table)
+    if not report["complete"]:
+        done = len(report["views"])
+        console.print(f"Interrupted: the mean is that of the {done} views done.", soft_wrap=True)
     rays = f"{report['samples']} rays" if report["samples"] > 1 else "one ray"
     console.print(f"Scored with {rays} a pixel; seconds are of an image with one.", soft_wrap=True)
     if report["mean"]["lpips"] is None:
