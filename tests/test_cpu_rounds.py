@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.field import modelfile
+from deformrf.core.field import modelfile, sigma_from, subtet_corners, unpack_mask
 from deformrf.core.field.encoding import encode_reference
 from deformrf.core.field.networks import evaluate, spherical_harmonics
 from deformrf.core.render import (
@@ -41,7 +41,7 @@ def round_of(make_ball_field):
         rays.directions.assign(directions.astype(np.float32))
         alive = wp.array(np.arange(RAYS), dtype=int, device="cpu")
         rounds = renderer.host_rounds
-        slots, counts = rounds._march(rays, Entries(), alive, slot_count, options)
+        slots, counts = rounds._march(rays, Entries(), alive, slot_count, pixels, options)
         left, count = rounds._on_cpu.shade(rays, alive, slots, counts, pixels, options)
         assert count == counts.numpy().sum() > 0
         return renderer, rays, slots, counts.numpy(), pixels, left.numpy()
@@ -121,7 +121,7 @@ def test_rounds_without_samples_leave_the_pixels_alone(round_of):
     renderer, rays, _, _, pixels, _ = round_of(options)
     before = pixels.color.numpy().copy(), pixels.transmittance.numpy().copy()
     alive = wp.array([3, 5], dtype=int, device="cpu")
-    slots, counts = renderer.host_rounds._march(rays, Entries(), alive, 4, options)
+    slots, counts = renderer.host_rounds._march(rays, Entries(), alive, 4, pixels, options)
     counts.zero_()
     renderer.host_rounds._on_cpu.shade(rays, alive, slots, counts, pixels, options)
     np.testing.assert_array_equal(pixels.color.numpy(), before[0])
@@ -177,10 +177,42 @@ def test_rounds_without_a_color_of_their_own_take_the_color_so_far(make_ball_fie
     rays.directions.assign(directions.astype(np.float32))
     alive, rounds = wp.array(np.arange(900), dtype=int, device="cpu"), renderer.host_rounds
     for number in range(4):
-        slots, counts = rounds._march(rays, Entries(), alive, 4, options)
+        slots, counts = rounds._march(rays, Entries(), alive, 4, pixels, options)
         if number % 2:
             slots.length.assign(1e-4 * slots.length.numpy())  # hardly anything is there
         alive, _ = rounds._on_cpu.shade(rays, alive, slots, counts, pixels, options)
     opacity = 1.0 - pixels.transmittance.numpy()
     assert (opacity > 0.3).sum() > 50
     np.testing.assert_allclose(pixels.color.numpy(), 0.5 * opacity[:, None].repeat(3, 1), atol=1e-5)
+
+
+@pytest.mark.parametrize("expected", [0.0, 1e9, "random"])
+def test_what_is_expected_changes_no_pixel(make_ball_field, expected):
+    """Expected densities say when a ray's round ends early, not what it shows."""
+    rng = np.random.default_rng()
+    renderer = Renderer(make_ball_field(int(rng.integers(1000))), "cpu")
+    exact = RenderOptions(conformance=True)  # light samples would lend weight within a round
+    camera = from_field_of_view(look_at((1.7, -0.7, 1.0), (0.5, 0.5, 0.5)), 0.5, 60, 50)
+    before = renderer.render(camera, exact)
+    densities = renderer.host_rounds._on_cpu.densities.numpy()
+    assert (densities > 0.0).any()
+    densities[:] = 10 ** rng.uniform(-3, 5, len(densities)) if expected == "random" else expected
+    after = renderer.render(camera, exact)
+    np.testing.assert_allclose(after.color.numpy(), before.color.numpy().astype(int), atol=1)
+    np.testing.assert_allclose(after.depth.numpy(), before.depth.numpy(), atol=1e-5)
+    if expected == 0.0:
+        assert after.sample_count > before.sample_count
+    if expected == 1e9:
+        assert after.sample_count <= before.sample_count
+
+
+def test_expected_densities_are_those_of_sub_tets_middles(make_ball_field):
+    renderer = Renderer(make_ball_field(3), "cpu")
+    part = renderer.part
+    tets, subtets = np.nonzero(unpack_mask(part.occupancy))
+    middles = subtet_corners().mean(axis=1)[subtets]
+    expected = sigma_from(part.geometry(tets, middles))
+    found = renderer.host_rounds._on_cpu.densities.numpy().reshape(-1, 64)
+    clear = (expected > 1e-2) & (expected < 1e4)
+    np.testing.assert_allclose(found[tets, subtets][clear], expected[clear], rtol=2e-3)
+    assert clear.any() and (found[unpack_mask(part.occupancy) == 0] == 0.0).all()

@@ -13,6 +13,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "reduction": ["cut", "nearer_to_matter", "reduced", "specks", "without_specks"],
         "levels": ["below_pixel", "level_edges", "narrowest_pixel"],
         # For the rooms next door: kernels, their functions and array structs.
+        "byte_table": ["table_in_bytes"],
         "encoding": [
             "ENCODING_H",
             "Tables",

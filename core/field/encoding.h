@@ -78,27 +78,65 @@ auto find_corners = [&](const Places& at, int level, Corners found, int first) {
     }
 };
 
-// The corners of a level of all samples, whose entries are on their way from memory.
+// The corners of a level of all samples, whose entries are on their way from memory.  Entries are
+// places in `words`, or in `table` if there are no words.
 auto find_all = [&](const Places* places, int count, int level, Corners found) {
-    const bool dense = level < tables.dense_level_count;
-    const int start = tables.entry_starts.data[level];
+    const bool dense = level < tables.dense_level_count, in_bytes = words.shape[0] > 0;
+    const int start = (in_bytes && dense ? 0 : tables.entry_starts.data[level])
+        + (in_bytes && !dense ? hashed_start : 0);
     const int* const ids = tables.node_ids.data;
     for (int first = 0; first < count; first += LANES) {
         find_corners(places[first / LANES], level, found, first);
         for (int k = 0; k < 4; ++k) {
             int* const entries = found.entries[k] + first;
-            if (dense)
+            if (dense && !in_bytes)
                 for (int lane = 0; lane < LANES; ++lane) entries[lane] = ids[entries[lane]];
             *reinterpret_cast<Ints*>(entries) += start;
-            for (int lane = 0; lane < LANES; ++lane) __builtin_prefetch(table.data + entries[lane]);
+            for (int lane = 0; lane < LANES; ++lane)
+                if (in_bytes)
+                    __builtin_prefetch(words.data + entries[lane]);
+                else
+                    __builtin_prefetch(table.data + entries[lane]);
         }
     }
 };
 
-// Rows of features [count, stride] of the samples in some slots.  `corners` has two levels' room;
+// Features of a level, x [4][step], from entries of four bytes, which take the places of `at`.
+auto mix_bytes = [&](Corners at, int count, float* x, int step) {
+    const int end = count + LANES - 1 & -LANES;
+    for (int k = 0; k < 4; ++k)
+        for (int i = 0; i < end; ++i) at.entries[k][i] = words.data[at.entries[k][i]];
+    for (int first = 0; first < end; first += LANES)
+#pragma clang loop unroll(full)
+        for (int feature = 0; feature < 4; ++feature) {
+            Lanes f = 0.0f;
+#pragma clang loop unroll(full)
+            for (int k = 0; k < 4; ++k) {
+                const Ints word = *reinterpret_cast<const Ints*>(at.entries[k] + first);
+                const Lanes value =
+                    __builtin_convertvector(word << (24 - 8 * feature) >> 24, Lanes);
+                const Lanes weight = *reinterpret_cast<const Lanes*>(at.weights[k] + first);
+                f = k == 0 ? weight * value : multiply_add(weight, value, f);
+            }
+            *reinterpret_cast<Lanes*>(x + feature * step + first) = f;
+        }
+};
+
+// The same from entries of four floats.
+auto mix_floats = [&](Corners at, int count, float* x, int step) {
+    const Entry* const entries = reinterpret_cast<const Entry*>(table.data);
+    for (int i = 0; i < count; ++i) {
+        Entry f = at.weights[0][i] * entries[at.entries[0][i]];
+        for (int k = 1; k < 4; ++k)
+            f = multiply_add(Entry(at.weights[k][i]), entries[at.entries[k][i]], f);
+        for (int feature = 0; feature < 4; ++feature) x[feature * step + i] = f[feature];
+    }
+};
+
+// Features x [4 level_count][step] of the samples in some slots.  `corners` has two levels' room;
 // all arrays have room for a multiple of LANES samples.
 auto encode = [&](const int* slots, int count, int level_count, Places* places,
-                  const Corners* corners, float* rows, int stride) {
+                  const Corners* corners, float* x, int step) {
     for (int first = 0; first < count; first += LANES) {
         Places& at = places[first / LANES];
         for (int lane = 0; lane < LANES; ++lane) {
@@ -122,12 +160,10 @@ auto encode = [&](const int* slots, int count, int level_count, Places* places,
     for (int level = 0; level < level_count; ++level) {
         if (level + 1 < level_count) find_all(places, count, level + 1, corners[(level + 1) & 1]);
         const Corners& at = corners[level & 1];
-        const Entry* const entries = reinterpret_cast<const Entry*>(table.data);
-        for (int i = 0; i < count; ++i) {
-            Entry f = at.weights[0][i] * entries[at.entries[0][i]];
-            for (int k = 1; k < 4; ++k)
-                f = multiply_add(Entry(at.weights[k][i]), entries[at.entries[k][i]], f);
-            *reinterpret_cast<Entry*>(rows + i * stride + 4 * level) = f;
-        }
+        float* const of_level = x + 4 * level * step;
+        if (words.shape[0] > 0)
+            mix_bytes(at, count, of_level, step);
+        else
+            mix_floats(at, count, of_level, step);
     }
 };

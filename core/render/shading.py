@@ -23,7 +23,7 @@ from ..field import (
 from ..wide import vec4h
 from .deferred import color_rays, colors_in_place, values_kernel
 from .rays import Rays, RaySamples, Samples, basis_kernel
-from .rounds import Pixels, ray_sums
+from .rounds import CpuShader, Pixels, ray_sums
 
 wp.set_module_options({"enable_backward": False})
 
@@ -33,6 +33,7 @@ class Shading:
 
     Attributes:
         table: Its entries in float32; on CUDA None until they are needed.
+        on_cpu: Its native code, on a CPU alone.
         in_place: That of the `evaluators`, for rounds that do not wait for the host.
     """
 
@@ -45,6 +46,7 @@ class Shading:
         self.in_place = self._networks.in_place
         if not device.is_cuda:
             self._upload_table()
+            self.on_cpu = CpuShader(self)
 
     def shade(self, rays: Rays, found: RaySamples, options, stage):
         """Density of packed samples, and what their rays sum: sigma [N] and values [N].

@@ -10,7 +10,7 @@ for (int first = 0; first < count; first += @BLOCK) {
     const int rows = count - first < @BLOCK ? count - first : @BLOCK;
     for (int i = 0; i < rows * in; ++i) rows_in[i] = x.data[first * in + i];
     const float* const found =
-        apply_network(first_layer, layer_count, rows, rows_in, in, in, one, other);
+        apply_network(first_layer, layer_count, rows, {rows_in, in, 1}, in, one, other);
     for (int r = 0; r < rows; ++r)
         for (int k = 0; k < out; ++k) y.data[(first + r) * out + k] = found[r * width + k];
 }

@@ -1,9 +1,8 @@
 // Layers of the networks for some samples at once, on a CPU.  Bodies of functions include this
 // text (native.py), so it has lambdas in place of functions.
 //
-// A row is a sample's values; rows follow each other at a stride.  A block of outputs of ROWS rows
-// stays in registers while the inputs pass: each weight that is loaded serves ROWS rows, and each
-// input all outputs of the block.
+// A row is a sample's values.  A block of outputs of ROWS rows stays in registers while the inputs
+// pass: each weight that is loaded serves ROWS rows, and each input all outputs of the block.
 #if defined(__AVX512F__)
 typedef float Lanes __attribute__((ext_vector_type(16)));
 struct Wide { enum { VECTORS = 4 }; };
@@ -26,8 +25,11 @@ auto multiply_add = [](auto a, auto b, auto c) __attribute__((always_inline)) {
 
 struct Layer { int in, width; const float *weights, *bias; };  // width: of its rows of weights
 
+// Numbers of rows: from one row to the next, and from one number of a row to the next.
+struct Inputs { const float* data; int row_step, step; };
+
 // A block: y = max(x W + b, lowest), for ROWS rows and some columns.
-auto block = [&](auto columns, Layer layer, const float* x, int x_stride, float* y, int y_stride,
+auto block = [&](auto columns, Layer layer, Inputs x, float* y, int y_stride,
                 float lowest) __attribute__((always_inline)) {
     enum { VECTORS = decltype(columns)::VECTORS };
     Lanes sums[ROWS][VECTORS];
@@ -39,13 +41,14 @@ auto block = [&](auto columns, Layer layer, const float* x, int x_stride, float*
     }
     for (int k = 0; k < layer.in; ++k) {
         const float* const row = layer.weights + k * layer.width;
+        const float* const inputs = x.data + k * x.step;
         Lanes weights[VECTORS];
 #pragma clang loop unroll(full)
         for (int v = 0; v < VECTORS; ++v)
             weights[v] = *reinterpret_cast<const LooseLanes*>(row + v * LANES);
 #pragma clang loop unroll(full)
         for (int r = 0; r < ROWS; ++r) {
-            const Lanes value = x[r * x_stride + k];
+            const Lanes value = inputs[r * x.row_step];
 #pragma clang loop unroll(full)
             for (int v = 0; v < VECTORS; ++v)
                 sums[r][v] = multiply_add(value, weights[v], sums[r][v]);
@@ -60,20 +63,19 @@ auto block = [&](auto columns, Layer layer, const float* x, int x_stride, float*
 };
 
 // y = max(x W + b, lowest).  Arrays have room for a multiple of ROWS rows.
-auto apply_layer = [&](Layer layer, int row_count, const float* x, int x_stride, float* y,
-                       float lowest) {
+auto apply_layer = [&](Layer layer, int row_count, Inputs x, float* y, float lowest) {
     for (int first = 0; first < row_count; first += ROWS) {
-        const float* const from = x + first * x_stride;
+        const Inputs from = {x.data + first * x.row_step, x.row_step, x.step};
         float* const to = y + first * layer.width;
         Layer part = layer;
         int column = 0;
         for (; column + Wide::VECTORS * LANES <= layer.width; column += Wide::VECTORS * LANES) {
-            block(Wide(), part, from, x_stride, to + column, layer.width, lowest);
+            block(Wide(), part, from, to + column, layer.width, lowest);
             part.weights += Wide::VECTORS * LANES;
             part.bias += Wide::VECTORS * LANES;
         }
         for (; column < layer.width; column += LANES) {
-            block(Narrow(), part, from, x_stride, to + column, layer.width, lowest);
+            block(Narrow(), part, from, to + column, layer.width, lowest);
             part.weights += LANES;
             part.bias += LANES;
         }
@@ -81,22 +83,20 @@ auto apply_layer = [&](Layer layer, int row_count, const float* x, int x_stride,
 };
 
 // The output of a network [rows, width of the last layer]: one of two buffers.
-auto apply_network = [&](int first_layer, int layer_count, int row_count, const float* x,
-                         int x_stride, int in, float* buffer, float* other) {
-    const float* rows = x;
+auto apply_network = [&](int first_layer, int layer_count, int row_count, Inputs x, int in,
+                         float* buffer, float* other) {
     for (int l = 0; l < layer_count; ++l) {
         const int* const shape = networks.shapes.data + 4 * (first_layer + l);
         const float* const values = networks.values.data;
         const int inputs = l == 0 ? in : shape[0];
         const Layer layer = {inputs, shape[1], values + shape[2], values + shape[3]};
         const bool last = l + 1 == layer_count;
-        apply_layer(layer, row_count, rows, x_stride, buffer, last ? -__builtin_inff() : 0.0f);
-        rows = buffer;
-        x_stride = layer.width;
+        apply_layer(layer, row_count, x, buffer, last ? -__builtin_inff() : 0.0f);
+        x = {buffer, layer.width, 1};
         buffer = other;
-        other = const_cast<float*>(rows);
+        other = const_cast<float*>(x.data);
     }
-    return rows;
+    return x.data;
 };
 
 // exp of each lane, to 2e-7 of itself: 2^n times a polynomial, as in Cephes.

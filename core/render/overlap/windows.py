@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from ..rays import Geometry, Pose, Rays, Samples, empty_samples
-from ..rounds import CpuShader, NativeShading, Pixels, ray_sums, shade_native
+from ..rounds import NativeShading, Pixels, ray_sums, shade_native
 from .pieces import FAR, OUTSIDE, SHORTEST, first_pieces, interval_in_box
 
 SLOTS = wp.constant(64)  # K
@@ -137,7 +137,7 @@ class WindowRounds:
 
     def __init__(self, pose: Pose, occupancy, shading, march_step: float):
         self._pose, self._occupancy, self._march_step = pose, occupancy, march_step
-        self._shader = CpuShader(shading)
+        self._shader = shading.on_cpu
 
     def render(self, boxes, rays: Rays, ids, pixels: Pixels, options):
         """Fill the pixels of the rays `ids` [M].

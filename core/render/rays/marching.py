@@ -18,7 +18,7 @@ Shapes: R rays, K slots per ray, N packed samples.
 
 import warp as wp
 
-from ...field import basis_of, basis_vector, is_occupied, subtet_ahead
+from ...field import SUBTET_COUNT, basis_of, basis_vector, is_occupied, subtet_ahead
 from ...wide import store_wide
 from .entries import Entries, next_entry
 from .pose import Geometry
@@ -35,7 +35,9 @@ FILL_SLOTS = wp.constant(0)  # purposes of a launch of march_kernel
 COUNT = wp.constant(1)
 WRITE = wp.constant(2)
 MIDDLE = wp.constant(0)  # as a seed: evaluate at the middle
-MOST_PIECES = wp.constant(1.0e6)  # skipped at once: int() takes no larger numbers
+MOST_PIECES = wp.constant(1.0e6)  # at once: int() takes no larger numbers
+ANY_DEPTH = wp.constant(1.0e30)  # as a ray's depth_left: nothing is expected
+FEWEST_AT_ONCE = wp.constant(2.0)  # samples of a sub-tet, however dense it is expected to be
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -107,10 +109,13 @@ def march_ray(
     slot_spacing: int,  # from one slot of this ray to the next
     limit: int,  # slots
     samples: Samples,  # out
+    densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets; not read with ANY_DEPTH
+    depth_left: float,  # expected optical depth after which a round has samples enough
 ):
     """One round of one ray; returns the number of its samples.
 
-    FILL_SLOTS stores how far the ray has come; COUNT and WRITE do not.
+    FILL_SLOTS stores how far the ray has come; COUNT and WRITE do not.  A ray that is expected to
+    be opaque ends its round before `limit`: samples behind that are seldom evaluated for nothing.
     """
     origin = rays.origins[ray]
     direction = rays.directions[ray]
@@ -120,8 +125,10 @@ def march_ray(
     piece = rays.piece[ray]
     random = wp.rand_init(seed, rays.first + ray)
     count = int(0)
+    most = int(limit)
+    depth = float(depth_left)
     tets_left = int(MAX_TETS)
-    while tet > -2 and count < limit:
+    while tet > -2 and count < most:
         # Two loops, so that on CUDA a warp's rays search together and then walk together.
         if tet == -1:
             found, entry_t = next_entry(geometry, entries, ray, origin, direction, t)
@@ -129,7 +136,7 @@ def march_ray(
             entry_face = -1
             piece = 0
             tet = wp.where(found < 0, -2, found)
-        while tet >= 0 and count < limit:
+        while tet >= 0 and count < most:
             p = origin + t * direction
             alpha, slope = line_in_tet(geometry, tet, p, direction)
             face, distance = exit_tet(alpha, slope, entry_face)
@@ -142,7 +149,7 @@ def march_ray(
                 piece_count = int(wp.ceil(rest_length / step))
                 if mask == wp.uint64(0) or fade <= 0.0:
                     piece_count = 0
-                while piece < piece_count and count < limit:
+                while piece < piece_count and count < most:
                     length = wp.min(step, rest_length - float(piece) * step)
                     at = (float(piece) * step + 0.5 * length) / speed
                     last = piece + 1
@@ -153,7 +160,14 @@ def march_ray(
                         last += int(wp.clamp(ahead * speed / step, 0.0, MOST_PIECES))
                     last = wp.min(last, piece_count)
                     if is_occupied(mask, subtet):
-                        last = wp.min(last, piece + limit - count)
+                        room = most - count
+                        expected = float(0.0)  # extinction per rest length
+                        if depth_left < ANY_DEPTH:
+                            expected = fade * densities[wp.static(SUBTET_COUNT) * tet + subtet]
+                            enough = wp.max(depth, 0.0) / wp.max(expected * step, 1.0e-9)
+                            enough = wp.max(wp.min(enough, MOST_PIECES) + 1.0, FEWEST_AT_ONCE)
+                            room = wp.min(room, int(enough))
+                        last = wp.min(last, piece + room)
                         while piece < last:
                             length = wp.min(step, rest_length - float(piece) * step)
                             middle = (float(piece) * step + 0.5 * length) / speed
@@ -165,8 +179,11 @@ def march_ray(
                                 store_wide(samples.bary, slot, alpha + at * slope)
                                 samples.length[slot] = fade * length
                                 samples.t[slot] = t + middle
+                            depth -= expected * length
                             count += 1
                             piece += 1
+                        if depth <= 0.0:
+                            most = count
                     piece = last
                 if piece >= piece_count:
                     t += wp.max(distance, SMALLEST_ADVANCE * wp.max(t, 1.0))
@@ -218,6 +235,8 @@ def march_kernel(
         1,
         limit,
         samples,
+        samples.length,
+        ANY_DEPTH,
     )
     if purpose != WRITE:
         counts[i] = count

@@ -8,6 +8,8 @@
 #if !defined(__CUDA_ARCH__)
 const auto& tables = shading.tables;
 const auto& table = shading.table;
+const auto& words = shading.bytes.words;
+const int hashed_start = shading.bytes.hashed_start;
 const auto& networks = shading.networks;
 const auto& scratch = shading.scratch;
 const int level_count = shading.level_count;
@@ -25,10 +27,10 @@ auto take = [&](auto*& room, int count) {
 };
 struct Colored { int sample, tet, ray; float weight; };
 struct Run { int ray, first, count, weighed; float before, transmittance; };
-const int stride = 4 * level_count;
 Corners corners[2];
 Places* places;
-float *features, *h, *joined, *one, *other;
+float* features;  // [4 level_count][CHUNK]
+float *h, *joined, *one, *other;
 float* kept;  // 1 - opacity of each sample alone; its extinction, where samples overlap
 float* weights;
 int *slots;
@@ -42,7 +44,7 @@ for (Corners& of_level : corners)
         take(of_level.weights[k], CHUNK);
     }
 take(places, CHUNK / LANES);
-take(features, CHUNK * stride);
+take(features, CHUNK * 4 * level_count);
 take(h, CHUNK * @GEOMETRY_FEATURES);
 take(kept, CHUNK);
 take(weights, CHUNK);
@@ -68,9 +70,9 @@ auto find_densities = [&](int count) {
     const int width = width_of(networks.density_count - 1);
     for (int first = 0; first < count; first += @BLOCK) {
         const int rows = count - first < @BLOCK ? count - first : @BLOCK;
-        const float* const x = features + first * stride;
+        const Inputs x = {features + first, 1, CHUNK};
         const float* const y =
-            apply_network(0, networks.density_count, rows, x, stride, stride, one, other);
+            apply_network(0, networks.density_count, rows, x, 4 * level_count, one, other);
         for (int r = 0; r < rows; ++r) {
             for (int k = 0; k < @GEOMETRY_FEATURES; ++k)
                 h[(first + r) * @GEOMETRY_FEATURES + k] = y[r * width + k];
@@ -218,7 +220,7 @@ auto add_colors = [&](int count) {
                       turned(c.ray, c.tet, 2));
         }
         const float* const y =
-            apply_network(first_layer, layer_count, rows, joined, JOINED, JOINED, one, other);
+            apply_network(first_layer, layer_count, rows, {joined, JOINED, 1}, JOINED, one, other);
         for (int r = 0; r < rows; ++r) {
             const Colored& c = colored[first + r];
             Entry color = *reinterpret_cast<const Entry*>(y + r * width);
@@ -230,16 +232,28 @@ auto add_colors = [&](int count) {
 
 // -- one color a ray ---------------------------------------------------------------------------
 // The sums of a ray: h and the rest direction, with the samples' weights.
+typedef float Features __attribute__((ext_vector_type(@GEOMETRY_FEATURES)));
 auto add_up = [&](const Run& run) {
     auto& sums = pixels.sums.data[run.ray];
+    Features total = 0.0f;
+    int tet = -1;
+    float in_tet = 0.0f;  // weight of the samples so far
+    auto leave_tet = [&]() {
+        for (int j = 0; j < 3 && in_tet > 0.0f; ++j)
+            sums[@GEOMETRY_FEATURES + j] += in_tet * turned(run.ray, tet, j);
+    };
     for (int k = 0; k < run.weighed; ++k) {
-        const int i = order[run.first + k], tet = samples.tet.data[slots[i]];
-        const float weight = weights[i];
-        for (int j = 0; j < @GEOMETRY_FEATURES; ++j)
-            sums[j] += weight * h[i * @GEOMETRY_FEATURES + j];
-        for (int j = 0; j < 3; ++j)
-            sums[@GEOMETRY_FEATURES + j] += weight * turned(run.ray, tet, j);
+        const int i = order[run.first + k], next = samples.tet.data[slots[i]];
+        if (next != tet) {
+            leave_tet();
+            tet = next;
+            in_tet = 0.0f;
+        }
+        in_tet += weights[i];
+        total = multiply_add(Features(weights[i]), reinterpret_cast<const Features*>(h)[i], total);
     }
+    leave_tet();
+    for (int j = 0; j < @GEOMETRY_FEATURES; ++j) sums[j] += total[j];
 };
 
 // The colors of rays that have come to their ends, from the means.
@@ -262,7 +276,7 @@ auto color_rays = [&](const int* ended, int count) {
             put_basis(x + @GEOMETRY_FEATURES, scale * d[0], scale * d[1], scale * d[2]);
         }
         const float* const y =
-            apply_network(first_layer, layer_count, rows, joined, JOINED, JOINED, one, other);
+            apply_network(first_layer, layer_count, rows, {joined, JOINED, 1}, JOINED, one, other);
         for (int r = 0; r < rows; ++r) {
             const int ray = ended[first + r];
             Entry color = *reinterpret_cast<const Entry*>(y + r * width);
@@ -276,8 +290,13 @@ auto color_rays = [&](const int* ended, int count) {
 int left_count = left_before, run_count = 0, count = 0;
 auto finish_chunk = [&]() {
     if (count > 0) {
-        encode(slots, count, level_count, places, corners, features, stride);
+        encode(slots, count, level_count, places, corners, features, CHUNK);
         find_densities(count);
+    }
+    if (shading.kept.shape[0] > 0) {
+        for (int i = 0; i < count; ++i) shading.kept.data[slots[i]] = kept[i];
+        run_count = count = 0;
+        return;
     }
     int colored_count = 0, ended_count = 0;
     for (int i = 0; i < run_count; ++i) {

@@ -9,6 +9,7 @@ Shapes: R rays, K slots per ray, T tets.
 
 from pathlib import Path
 
+import numpy as np
 import warp as wp
 
 from ...field import (
@@ -16,31 +17,42 @@ from ...field import (
     LAYERS_H,
     NATIVE_VALUES,
     NETWORK_BLOCK,
+    SUBTET_COUNT,
     NativeNetworks,
     Tables,
     native_networks,
+    subtet_corners,
+    table_in_bytes,
+    unpack_mask,
 )
 from ...native import native_source
 from ..rays import (
-    FILL_SLOTS,
-    MIDDLE,
     Entries,
     Geometry,
     Pose,
     Rays,
     Samples,
     empty_samples,
-    march_ray,
+    march_some,
 )
+from ..render_options import RenderOptions
 from .compositing import Pixels
 
 CHUNK = 10 * NETWORK_BLOCK  # samples that are shaded together; a multiple of a vector's lanes
-ROUND_SLOTS = (8, 4, 8, 8, 16, 32, 64, 128)  # K by round: most rays end after 12 samples
+ROUND_SLOTS = (16, 8, 8, 8, 16, 32, 64, 128)  # K by round, at most: most rays end after 12 samples
 SLOTS = 1 << 14  # that are marched and then shaded: they stay in a core's cache
 LEAST_WEIGHT = 4e-3  # of a color in default mode: a step of a byte
 SAMPLE_BYTES = 272  # of scratch, beside features
 FAR = 1.0e30  # a t behind everything
 SMALLEST = 1.0e-6  # divisor: an opacity, or the length of a sum of directions
+
+
+@wp.struct
+class NativeBytes:
+    """A ByteTable, whose scales the density network has; no words: `table` is read."""
+
+    words: wp.array(dtype=int)
+    hashed_start: int
 
 
 @wp.struct
@@ -50,12 +62,16 @@ class NativeShading:
     rotations: wp.array(dtype=wp.mat33)  # [T] Q
     tables: Tables
     table: wp.array(dtype=wp.vec4)
+    bytes: NativeBytes
     networks: NativeNetworks
     level_count: int
     has_directions: int  # 0: colors do not depend on them
     stop: float  # transmittance below which a ray ends
     closing: int  # 1: behind its end a ray looks as before it; 0: black
     least_weight: float  # a sample's color counts for those before it that weigh less together
+    kept: wp.array(
+        dtype=float
+    )  # [slots] if not empty: 1 - opacity of each sample, and nothing else
     scratch: wp.array(dtype=float)
 
 
@@ -84,6 +100,40 @@ def shade_native(
 
 
 @wp.kernel(enable_backward=False)
+def march_some_kernel(
+    geometry: Geometry,
+    entries: Entries,
+    occupancy: wp.array(dtype=wp.uint64),  # [T]
+    rays: Rays,
+    step: float,  # Δ
+    slot_count: int,  # K
+    densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets
+    stop: float,
+    transmittance: wp.array(dtype=float),  # [R]
+    alive: wp.array(dtype=int),  # [R]
+    samples: Samples,  # out
+    counts: wp.array(dtype=int),  # [R] out: samples of each ray
+):
+    """A round's march of the rays `alive`, by one thread."""
+    march_some(
+        geometry,
+        entries,
+        occupancy,
+        rays,
+        alive,
+        0,
+        alive.shape[0],
+        step,
+        slot_count,
+        densities,
+        transmittance,
+        stop,
+        samples,
+        counts,
+    )
+
+
+@wp.kernel(enable_backward=False)
 def trace_kernel(
     geometry: Geometry,
     entries: Entries,
@@ -92,6 +142,7 @@ def trace_kernel(
     step: float,  # Δ
     round_slots: wp.array(dtype=int),  # K by round; the last one for all that follow
     is_marched: int,  # 1: samples and counts are those of the only round
+    densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets
     alive: wp.array(dtype=int),  # [R] in; out: those that are left
     samples: Samples,  # room for slots
     no_highs: wp.array(dtype=float),  # empty: samples do not overlap
@@ -111,23 +162,25 @@ def trace_kernel(
         left = int(0)
         while first < count:
             some = wp.min(most, count - first)
+            if is_marched == 0:
+                march_some(
+                    geometry,
+                    entries,
+                    occupancy,
+                    rays,
+                    alive,
+                    first,
+                    some,
+                    step,
+                    slot_count,
+                    densities,
+                    pixels.transmittance,
+                    shading.stop,
+                    samples,
+                    counts,
+                )
             i = int(0)
             while i < some:
-                if is_marched == 0:
-                    counts[i] = march_ray(
-                        geometry,
-                        entries,
-                        occupancy,
-                        rays,
-                        alive[first + i],
-                        step,
-                        MIDDLE,
-                        FILL_SLOTS,
-                        i * slot_count,
-                        1,
-                        slot_count,
-                        samples,
-                    )
                 sample_count += counts[i]
                 i += 1
             # It writes behind what it reads of `alive`.
@@ -159,19 +212,35 @@ class CpuShader:
     def __init__(self, shading):
         """Take a Shading on the CPU, whose arrays are read."""
         self._shading, self._field = shading, shading.field
-        self._networks = native_networks(self._field.density_layers, self._field.color_layers)
+        field = shading.field
+        self._bytes, layers = NativeBytes(), field.density_layers
+        self._bytes.words = wp.empty(0, dtype=int, device="cpu")
+        found = table_in_bytes(field.layout, field.table) if field.entry_bits == 8 else None
+        if found:
+            self._bytes.words = wp.array(found.words, dtype=int, device="cpu")
+            self._bytes.hashed_start = found.hashed_start
+            (weights, bias), *others = layers
+            layers = (found.scales[:, None] * weights, bias), *others
+        self._networks = native_networks(layers, field.color_layers)
+
+    @property
+    def words(self):
+        """Those of the table in bytes; empty if floats are read."""
+        return self._bytes.words
 
     def of_launch(self, options) -> NativeShading:
         """What one launch needs, with memory of its own."""
         native, exact = NativeShading(), options.conformance
         native.rotations, native.tables = self._shading.rotations, self._shading.tables
-        native.table, native.networks = self._shading.table, self._networks
+        native.table, native.bytes = self._shading.table, self._bytes
+        native.networks = self._networks
         native.level_count = options.level_count or self._field.layout.level_count
         native.has_directions = int(self._field.options.view_dependence)
         native.stop, native.closing = options.stop, int(not exact)
         native.least_weight = 0.0 if exact else LEAST_WEIGHT
         size = CHUNK * (SAMPLE_BYTES // 4 + 4 * native.level_count)
         size += 3 * NETWORK_BLOCK * self._networks.widest + 1024
+        native.kept = wp.empty(0, dtype=float, device="cpu")
         native.scratch = wp.empty(size, dtype=float, device="cpu")
         return native
 
@@ -181,9 +250,33 @@ class CpuRounds:
 
     def __init__(self, pose: Pose, occupancy, shading, march_step: float):
         self._pose, self._occupancy, self._march_step = pose, occupancy, march_step
-        self._shader = CpuShader(shading)
+        self._shader = shading.on_cpu
         self._round_slots = wp.array(ROUND_SLOTS, dtype=int, device="cpu")
         self._no_highs = wp.empty(0, dtype=float, device="cpu")
+        self.densities = wp.zeros(SUBTET_COUNT * len(occupancy), dtype=float, device="cpu")
+        self._expect_densities()
+
+    def _expect_densities(self):
+        """σ in the middle of each occupied sub-tet: how many samples a ray is likely to need."""
+        masks = unpack_mask(self._occupancy.numpy())
+        tets, subtets = np.nonzero(masks)
+        if not len(tets):
+            return
+        samples = Samples()
+        middles = subtet_corners().mean(axis=1)[subtets]
+        samples.tet = wp.array(tets, dtype=int, device="cpu")
+        samples.bary = wp.array(middles, dtype=wp.vec4, device="cpu")
+        samples.length = wp.full(len(tets), self._march_step, dtype=float, device="cpu")
+        shading = self._shader.of_launch(RenderOptions(termination=0.0))
+        shading.kept = wp.empty(len(tets), dtype=float, device="cpu")
+        alive = wp.array(np.arange(len(tets)), dtype=int, device="cpu")
+        counts = wp.full(len(tets), 1, dtype=int, device="cpu")
+        totals = wp.zeros(2, dtype=int, device="cpu")
+        inputs = [self._pose.geometry, Entries(), self._occupancy, Rays(), self._march_step]
+        inputs += [counts, 1, self.densities, alive, samples, self._no_highs, counts]
+        wp.launch(trace_kernel, 1, [*inputs, shading, Pixels()], [totals], device="cpu")
+        depths = -np.log(np.maximum(shading.kept.numpy(), np.finfo(np.float32).tiny))
+        self.densities.numpy()[SUBTET_COUNT * tets + subtets] = depths / self._march_step
 
     def trace(self, rays: Rays, entries, alive, pixels: Pixels, options) -> int:
         """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
@@ -194,6 +287,16 @@ class CpuRounds:
         counts = wp.empty(min(len(alive), room // min(ROUND_SLOTS)), dtype=int, device="cpu")
         alive = wp.clone(alive)
         return self._launch(rays, entries, alive, samples, counts, pixels, options)[1]
+
+    def march(self, rays: Rays, entries, alive, slot_count, pixels: Pixels, options):
+        """One round's samples of the rays `alive` in slots, and how many each ray has."""
+        slots = empty_samples(len(alive) * slot_count, "cpu")
+        counts = wp.empty(len(alive), dtype=int, device="cpu")
+        step = self._march_step * options.step_factor
+        inputs = [self._pose.geometry, entries, self._occupancy, rays, step, slot_count]
+        inputs += [self.densities, options.stop, pixels.transmittance, alive]
+        wp.launch(march_some_kernel, 1, inputs, [slots, counts], device="cpu")
+        return slots, counts
 
     def shade(self, rays: Rays, alive, slots: Samples, counts, pixels: Pixels, options):
         """Add a round's samples to the pixels: the rays that are left, the number of samples."""
@@ -212,7 +315,7 @@ class CpuRounds:
         totals = wp.zeros(2, dtype=int, device="cpu")
         step = self._march_step * options.step_factor
         inputs = [self._pose.geometry, entries, self._occupancy, rays, step, round_slots]
-        inputs += [int(slot_count > 0), alive, samples, self._no_highs, counts]
+        inputs += [int(slot_count > 0), self.densities, alive, samples, self._no_highs, counts]
         inputs += [self._shader.of_launch(options), pixels]
         wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
         return tuple(totals.numpy().tolist())

@@ -57,7 +57,7 @@ class HostRounds:
             left = []
             for part in self._parts(alive, slot_count):
                 with stage("march"):
-                    slots, counts = self._march(rays, entries, part, slot_count, options)
+                    slots, counts = self._march(rays, entries, part, slot_count, pixels, options)
                 still, count = self._shade(rays, part, slots, counts, pixels, options, stage)
                 left.append(still)
                 sample_count += count
@@ -76,8 +76,10 @@ class HostRounds:
         count = len(alive)  # Warp takes no slice beyond the end
         return [alive[k : min(k + most, count)] for k in range(0, count, most)]
 
-    def _march(self, rays, entries, alive, slot_count, options):
+    def _march(self, rays, entries, alive, slot_count, pixels, options):
         """One round's samples of the rays `alive` in slots, and how many each ray has."""
+        if self._on_cpu:
+            return self._on_cpu.march(rays, entries, alive, slot_count, pixels, options)
         pose, count, device = self._pose, len(alive), self._pose.device
         slots = empty_samples(count * slot_count, device)
         counts = wp.empty(count, dtype=int, device=device)

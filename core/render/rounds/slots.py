@@ -13,6 +13,7 @@ from ...field import CONSTANT_BASIS, Tables, basis_of, encoded_half
 from ...geometry import lattice_point
 from ...wide import load_wide, store_wide_half, vec4h
 from ..rays import (
+    ANY_DEPTH,
     FILL_SLOTS,
     MIDDLE,
     DeviceCamera,
@@ -252,6 +253,8 @@ def march_in_slots(
         state[STRIDE],
         state[PER_RAY],
         buffers.slots,
+        buffers.slots.length,
+        ANY_DEPTH,
     )
 
 

@@ -1,0 +1,51 @@
+"""A table of features in bytes, as a CPU reads it: a quarter of the size, so that caches hold more.
+
+A file's entries of 8 bits are integers times a scale per level and feature (packing.py).  On a
+CPU the integers stay, four in a word, and the scales go into the density network's first
+layer, which multiplies all features anyway.  The dense levels' entries are stored for each
+node of each tet (`node_table`): no id has to be read first.
+
+Shapes: L levels, F = 4 features.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from .layout import FEATURES, Layout, node_table
+from .packing import quantize
+
+EXACT = 1e-4  # of a scale: roundings of float32
+
+
+@dataclass(frozen=True)
+class ByteTable:
+    """A table in bytes.
+
+    Attributes:
+        words: Entries of the nodes in the order of `Tables.node_ids`, then those of the hashed
+            levels; feature f is the signed byte f of the little-endian word.  int32
+        hashed_start: What to add to an entry of a hashed level for its place in `words`.
+        scales: Of the features.  [L · F] float32
+    """
+
+    words: np.ndarray
+    hashed_start: int
+    scales: np.ndarray
+
+
+def table_in_bytes(layout: Layout, table) -> ByteTable | None:
+    """The table [entries, F] in bytes; None if some of it is not an integer times a scale."""
+    assert table.shape[1] == FEATURES == 4, "a word has four bytes"
+    integers, scales = np.empty(table.shape, np.int8), []
+    for first, end in pairwise(layout.offsets):
+        part, scale = quantize(table[first:end])
+        if (np.abs(part * scale - table[first:end]) > EXACT * scale).any():
+            return None
+        integers[first:end] = part
+        scales.append(scale)
+    nodes = node_table(layout, integers)
+    hashed = layout.offsets[layout.dense_level_count]
+    words = np.concatenate([nodes, integers[hashed:]]).view("<i4").ravel()
+    return ByteTable(words, len(nodes) - int(hashed), np.concatenate(scales))
