@@ -6,6 +6,8 @@ and templates.
 
 from pathlib import Path
 
+LANES_H = Path(__file__).parent / "lanes.h"
+
 
 def native_source(path: Path, includes=(), values=None) -> str:
     """The text of a file with others in it.

@@ -64,6 +64,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "subtet_corners",
             "subtet_middles",
             "subtet_of",
+            "subtets_of",
             "unpack_mask",
         ],
     },

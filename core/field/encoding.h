@@ -3,12 +3,7 @@
 //
 // First the entries and weights of a level are found for all samples, and fetched from memory
 // while those of the next level are found; then the entries are mixed.
-typedef int Ints __attribute__((ext_vector_type(LANES)));
-typedef unsigned Words __attribute__((ext_vector_type(LANES)));
 typedef float Entry __attribute__((ext_vector_type(4)));
-
-auto smaller = [](auto a, auto b) { return __builtin_elementwise_min(a, b); };
-auto larger = [](auto a, auto b) { return __builtin_elementwise_max(a, b); };
 
 // Corners of a level's descendants of all samples, and their weights.  [4][sample]
 struct Corners { int* entries[4]; float* weights[4]; };

@@ -45,8 +45,13 @@ def occupied_share(mask) -> float:
 
 def is_occupied_reference(mask, tet, bary):
     """Whether each sample lies in an occupied sub-tet.  [N] bool"""
-    path = child_path(bary, LEVELS).astype(np.uint64)
+    path = subtets_of(bary).astype(np.uint64)
     return ((mask[tet] >> path) & np.uint64(1)) > 0
+
+
+def subtets_of(bary):
+    """`subtet_of` in NumPy.  [N, 4] -> [N] int64"""
+    return child_path(bary, LEVELS)
 
 
 @wp.func

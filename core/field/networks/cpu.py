@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from ...native import native_source
+from ...native import LANES_H, native_source
 from .reference import (
     BASIS_COUNT,
     GEOMETRY_FEATURES,
@@ -58,7 +58,9 @@ def native_networks(density_layers: Layers, color_layers: Layers) -> NativeNetwo
     return networks
 
 
-@wp.func_native(native_source(Path(__file__).parent / "cpu.cpp", [LAYERS_H], NATIVE_VALUES))
+@wp.func_native(
+    native_source(Path(__file__).parent / "cpu.cpp", [LAYERS_H, LANES_H], NATIVE_VALUES)
+)
 def apply_native(
     networks: NativeNetworks,
     first_layer: int,

@@ -3,25 +3,11 @@
 //
 // A row is a sample's values.  A block of outputs of ROWS rows stays in registers while the inputs
 // pass: each weight that is loaded serves ROWS rows, and each input all outputs of the block.
-#if defined(__AVX512F__)
-typedef float Lanes __attribute__((ext_vector_type(16)));
-struct Wide { enum { VECTORS = 4 }; };
-#else
-typedef float Lanes __attribute__((ext_vector_type(8)));
-struct Wide { enum { VECTORS = 2 }; };
-#endif
-typedef Lanes LooseLanes __attribute__((aligned(4)));
+#include "lanes.h"
+struct Wide { enum { VECTORS = LANES == 16 ? 4 : 2 }; };
 struct Narrow { enum { VECTORS = 1 }; };
-enum { LANES = sizeof(Lanes) / sizeof(float), ROWS = 6 };
-
-// a b + c, in one instruction where there is one: elsewhere fma would call a function for each lane.
-auto multiply_add = [](auto a, auto b, auto c) __attribute__((always_inline)) {
-#if defined(__FMA__) || defined(__aarch64__)
-    return __builtin_elementwise_fma(a, b, c);
-#else
-    return a * b + c;
-#endif
-};
+enum { ROWS = 6 };
+typedef Lanes LooseLanes __attribute__((aligned(4)));
 
 struct Layer { int in, width; const float *weights, *bias; };  // width: of its rows of weights
 

@@ -21,7 +21,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "camera_rays_kernel",
             "device_camera",
         ],
-        "cpu_march": ["march_some"],
+        "cpu_march": ["lattice_paths", "march_some"],
         "entries": ["Entries", "crossing_of", "empty_entries", "find_entries"],
         "marching": [
             "ANY_DEPTH",

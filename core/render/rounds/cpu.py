@@ -25,7 +25,7 @@ from ...field import (
     table_in_bytes,
     unpack_mask,
 )
-from ...native import native_source
+from ...native import LANES_H, native_source
 from ..rays import (
     Entries,
     Geometry,
@@ -33,6 +33,7 @@ from ..rays import (
     Rays,
     Samples,
     empty_samples,
+    lattice_paths,
     march_some,
 )
 from ..render_options import RenderOptions
@@ -78,7 +79,7 @@ class NativeShading:
 @wp.func_native(
     native_source(
         Path(__file__).parent / "cpu.cpp",
-        [LAYERS_H, ENCODING_H],
+        [LAYERS_H, ENCODING_H, LANES_H],
         NATIVE_VALUES | {"CHUNK": CHUNK, "FAR": f"{FAR}f", "SMALLEST": f"{SMALLEST}f"},
     )
 )
@@ -107,6 +108,7 @@ def march_some_kernel(
     rays: Rays,
     step: float,  # Δ
     slot_count: int,  # K
+    paths: wp.array(dtype=int),  # `lattice_paths`
     densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets
     stop: float,
     transmittance: wp.array(dtype=float),  # [R]
@@ -125,6 +127,7 @@ def march_some_kernel(
         alive.shape[0],
         step,
         slot_count,
+        paths,
         densities,
         transmittance,
         stop,
@@ -142,6 +145,7 @@ def trace_kernel(
     step: float,  # Δ
     round_slots: wp.array(dtype=int),  # K by round; the last one for all that follow
     is_marched: int,  # 1: samples and counts are those of the only round
+    paths: wp.array(dtype=int),  # `lattice_paths`
     densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets
     alive: wp.array(dtype=int),  # [R] in; out: those that are left
     samples: Samples,  # room for slots
@@ -173,6 +177,7 @@ def trace_kernel(
                     some,
                     step,
                     slot_count,
+                    paths,
                     densities,
                     pixels.transmittance,
                     shading.stop,
@@ -254,6 +259,7 @@ class CpuRounds:
         self._round_slots = wp.array(ROUND_SLOTS, dtype=int, device="cpu")
         self._no_highs = wp.empty(0, dtype=float, device="cpu")
         self.densities = wp.zeros(SUBTET_COUNT * len(occupancy), dtype=float, device="cpu")
+        self._paths = wp.array(lattice_paths(), dtype=int, device="cpu")
         self._expect_densities()
 
     def _expect_densities(self):
@@ -273,7 +279,7 @@ class CpuRounds:
         counts = wp.full(len(tets), 1, dtype=int, device="cpu")
         totals = wp.zeros(2, dtype=int, device="cpu")
         inputs = [self._pose.geometry, Entries(), self._occupancy, Rays(), self._march_step]
-        inputs += [counts, 1, self.densities, alive, samples, self._no_highs, counts]
+        inputs += [counts, 1, self._paths, self.densities, alive, samples, self._no_highs, counts]
         wp.launch(trace_kernel, 1, [*inputs, shading, Pixels()], [totals], device="cpu")
         depths = -np.log(np.maximum(shading.kept.numpy(), np.finfo(np.float32).tiny))
         self.densities.numpy()[SUBTET_COUNT * tets + subtets] = depths / self._march_step
@@ -294,7 +300,7 @@ class CpuRounds:
         counts = wp.empty(len(alive), dtype=int, device="cpu")
         step = self._march_step * options.step_factor
         inputs = [self._pose.geometry, entries, self._occupancy, rays, step, slot_count]
-        inputs += [self.densities, options.stop, pixels.transmittance, alive]
+        inputs += [self._paths, self.densities, options.stop, pixels.transmittance, alive]
         wp.launch(march_some_kernel, 1, inputs, [slots, counts], device="cpu")
         return slots, counts
 
@@ -315,7 +321,8 @@ class CpuRounds:
         totals = wp.zeros(2, dtype=int, device="cpu")
         step = self._march_step * options.step_factor
         inputs = [self._pose.geometry, entries, self._occupancy, rays, step, round_slots]
-        inputs += [int(slot_count > 0), self.densities, alive, samples, self._no_highs, counts]
+        inputs += [int(slot_count > 0), self._paths, self.densities, alive, samples]
+        inputs += [self._no_highs, counts]
         inputs += [self._shader.of_launch(options), pixels]
         wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
         return tuple(totals.numpy().tolist())

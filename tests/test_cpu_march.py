@@ -1,0 +1,138 @@
+"""The march in vectors: slots and states are those of `march_ray`, ray by ray."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from deformrf.core.field import SUBTET_COUNT, subtets_of
+from deformrf.core.render import (
+    Renderer,
+    RenderOptions,
+    camera_rays,
+    from_field_of_view,
+    look_at,
+    reference,
+)
+from deformrf.core.render.rays import (
+    FILL_SLOTS,
+    MIDDLE,
+    FaceRectangles,
+    camera_rays_kernel,
+    device_camera,
+    empty_rays,
+    empty_samples,
+    lattice_paths,
+    march_kernel,
+    move_aside,
+)
+from deformrf.core.render.rays.cpu_march import ORDERS, SIDE
+from deformrf.core.render.rounds import empty_pixels
+
+MANY = 300  # slots: more than any ray needs
+
+
+def test_paths_are_those_of_points_in_each_cube_and_order():
+    bary = np.random.default_rng().dirichlet(np.ones(4), 20_000)
+    x = SIDE * bary[:, :0:-1].cumsum(axis=1)[:, ::-1]
+    cell = np.minimum(x.astype(int), SIDE - 1)
+    f = x - cell
+    order = (f[:, 0] >= f[:, 1]) + 2 * (f[:, 0] >= f[:, 2]) + 4 * (f[:, 1] >= f[:, 2])
+    place = (cell @ [1, SIDE, SIDE * SIDE]) * ORDERS + order
+    np.testing.assert_array_equal(lattice_paths()[place], subtets_of(bary))
+    assert len(set(lattice_paths())) == SUBTET_COUNT
+
+
+def rays_of(camera, pose):
+    """The rays of a camera that meet the mesh, and all entries."""
+    count = camera.width * camera.height
+    rays = empty_rays(count, "cpu")
+    inputs, outputs = [device_camera(camera), 0], [rays.origins, rays.directions]
+    wp.launch(camera_rays_kernel, count, inputs, outputs, device="cpu")
+    move_aside(rays)
+    entries = FaceRectangles(camera, pose).entries(rays, 0)
+    return rays, entries, np.flatnonzero(entries.count.numpy())
+
+
+def sampled(slots, counts, slot_count):
+    """tet, bary, length and t of each ray's samples, with the coordinates side by side."""
+    filled = np.arange(slot_count) < counts[:, None]
+    columns = [
+        getattr(slots, name).numpy().reshape(*filled.shape, -1)[filled]
+        for name in ("tet", "bary", "length", "t")
+    ]
+    return np.split(np.concatenate(columns, axis=1), counts.cumsum()[:-1])
+
+
+def by_ray(renderer, camera):
+    """All samples of each ray, by march_ray in one round."""
+    rays, entries, ids = rays_of(camera, renderer.pose)
+    slots = empty_samples(len(ids) * MANY, "cpu")
+    counts = wp.empty(len(ids), dtype=int, device="cpu")
+    inputs = [renderer.pose.geometry, entries, renderer._occupancy, rays]
+    inputs += [wp.array(ids, dtype=int, device="cpu"), renderer.field.options.march_step, MANY]
+    inputs += [wp.full(1, MIDDLE, dtype=int, device="cpu"), FILL_SLOTS, counts]
+    wp.launch(march_kernel, len(ids), inputs, [slots, counts], device="cpu")
+    assert (rays.tet.numpy()[ids] == -2).all() and counts.numpy().max() < MANY
+    return sampled(slots, counts.numpy(), MANY)
+
+
+def in_vectors(renderer, camera, options, slot_count):
+    """All samples of each ray from rounds of the march in vectors, and how many rounds there were.
+
+    Transmittance stays 1, so that each round goes as far as a ray that begins.
+    """
+    rays, entries, ids = rays_of(camera, renderer.pose)
+    pixels = empty_pixels(len(rays.t), "cpu")
+    found, left, rounds = {ray: [] for ray in ids}, ids, 0
+    while len(left):
+        alive = wp.array(left, dtype=int, device="cpu")
+        march = renderer.host_rounds._on_cpu.march
+        slots, counts = march(rays, entries, alive, slot_count, pixels, options)
+        assert counts.numpy().min() >= 0 and counts.numpy().max() <= slot_count
+        for ray, rows in zip(left, sampled(slots, counts.numpy(), slot_count), strict=True):
+            found[ray].append(rows)
+        left = left[rays.tet.numpy()[left] > -2]
+        rounds += 1
+    return [np.concatenate(rows) for rows in found.values()], rounds
+
+
+@pytest.mark.parametrize("slot_count", [1, 7, MANY])
+@pytest.mark.parametrize("bend", [0.0, 0.003])
+@pytest.mark.parametrize("options", [{}, {"termination": 0.0}])
+def test_samples_are_those_of_march_ray(make_ball_field, slot_count, bend, options):
+    rng = np.random.default_rng()
+    renderer = Renderer(make_ball_field(int(rng.integers(1000)), gap=0.05), "cpu")
+    rest = renderer.field.mesh.rest_vertices
+    renderer.set_vertices(rest + bend * rng.normal(size=rest.shape))
+    eye = rng.normal(size=3)
+    pose = look_at(0.5 + 1.6 * eye / np.linalg.norm(eye), (0.5, 0.5, 0.5))
+    camera = from_field_of_view(pose, 0.5, 45, 37)
+    expected = by_ray(renderer, camera)
+    found, rounds = in_vectors(renderer, camera, RenderOptions(**options), slot_count)
+    assert len(expected) == len(found) > 300
+    # A middle on the face of a sub-tet or of a tet is on either side, by a rounding.
+    same = [
+        one.shape == other.shape and np.allclose(one, other, atol=2e-5)
+        for one, other in zip(expected, found, strict=True)
+    ]
+    assert np.mean(same) > 0.97
+    total = sum(map(len, expected))
+    assert sum(map(len, found)) == pytest.approx(total, rel=2e-3) and total > 3000
+    if slot_count == MANY:
+        assert (rounds == 1) == (options != {}), "the expected depth ends rounds early"
+
+
+def test_rays_that_have_to_search_are_marched_as_well(make_ball_field):
+    renderer = Renderer(make_ball_field(5), "cpu")
+    camera = from_field_of_view(look_at((0.5, 0.5, 0.52), (1.0, 0.6, 0.5)), 1.2, 30, 20)  # inside
+    image = renderer.render(camera, RenderOptions(conformance=True)).color_array()
+    origins, directions = camera_rays(camera)
+    expected, _, _ = reference.render_rays(
+        renderer.field, rest_of(renderer), origins, directions, (1.0, 1.0, 1.0)
+    )
+    off = np.abs(image[..., :3].reshape(-1, 3) / 255.0 - expected).max(axis=1)
+    assert np.ptp(expected) > 0.2 and np.mean(off < 2.5 / 255.0) > 0.99
+
+
+def rest_of(renderer):
+    return renderer.field.mesh.rest_vertices.astype(float)
