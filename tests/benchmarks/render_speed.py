@@ -1,12 +1,14 @@
 """Frames per second, milliseconds by stage, memory, and the error against the reference beside.
 
-    python tests/benchmarks/render_speed.py [--model M] [--device cpu|cuda:0]
-        [--cases orbit drag fill] [--sizes 400 800] [--frames 40]
+    python tests/benchmarks/render_speed.py [--model M] [--ray-colors 128 128]
+        [--device cpu|cuda:0] [--cases orbit drag fill] [--sizes 400 800] [--frames 40]
 
 orbit: the camera goes around the object, which rests.
 drag: a handle goes in a circle, the solver makes 20 substeps a frame, the camera stands
     still, and the image goes to where OpenGL draws it from, if there is one.
 fill: as drag, at 1920x1080, so near that the object fills the image.
+
+--ray-colors gives the model one color a ray, by a random network with hidden layers that wide.
 
 Each frame is rendered anew, in default mode, at the pixels of the size.  fps and ms are those
 of a run without waiting between the stages, which are measured in another run, one by one:
@@ -16,7 +18,9 @@ on CUDA their sum is larger; on the CPU it is the sum of both threads.  dB and m
 
 import argparse
 import time
+from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import warp as wp
@@ -32,7 +36,7 @@ from deformrf.core.deform import (
     vertices_within,
 )
 from deformrf.core.device import start_warp
-from deformrf.core.field import modelfile
+from deformrf.core.field import BASIS_COUNT, GEOMETRY_FEATURES, modelfile
 from deformrf.core.render import (
     Renderer,
     RenderOptions,
@@ -195,13 +199,34 @@ def cases(name, renderer, arguments):
         yield Drag(renderer, size, count, upload, distance)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def field_of(arguments):
+    """The model that the arguments name, with random colors of rays if they say so."""
+    field = modelfile.load(arguments.model)
+    if not arguments.ray_colors:
+        return field
+    rng = np.random.default_rng(0)
+    widths = GEOMETRY_FEATURES + BASIS_COUNT, *arguments.ray_colors, 3
+    layers = tuple(
+        (rng.normal(0.0, np.sqrt(2.0 / fan_in), (fan_in, fan_out)), np.zeros(fan_out))
+        for fan_in, fan_out in pairwise(widths)
+    )
+    options = replace(field.options, deferred=True, color_hidden=tuple(arguments.ray_colors))
+    layers = tuple((w.astype(np.float32), b.astype(np.float32)) for w, b in layers)
+    return replace(field, options=options, color_layers=layers)
+
+
+def add_arguments(parser, sizes, frames):
     parser.add_argument("--model", default=paths.DEFAULT_MODEL)
+    parser.add_argument("--ray-colors", type=int, nargs="+")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--cases", nargs="+", default=["orbit"])
-    parser.add_argument("--sizes", type=int, nargs="+", default=[400, 800])
-    parser.add_argument("--frames", type=int, default=8)
+    parser.add_argument("--sizes", type=int, nargs="+", default=sizes)
+    parser.add_argument("--frames", type=int, default=frames)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    add_arguments(parser, sizes=[400, 800], frames=8)
     arguments = parser.parse_args()
     start_warp()
     device = wp.get_device(arguments.device)
@@ -211,7 +236,7 @@ def main():
 
     wp.zeros(1, device=device)  # the context
     before = free()
-    renderer = Renderer(modelfile.load(arguments.model), arguments.device)
+    renderer = Renderer(field_of(arguments), arguments.device)
     print(f"{renderer.device.name}, {arguments.frames} frames, ms per frame")
     for name in arguments.cases:
         for case in cases(name, renderer, arguments):
