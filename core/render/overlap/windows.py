@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from ..rays import Geometry, Pose, Rays, Samples, empty_samples
-from ..rounds import NativeShading, Pixels, ray_sums, shade_native
+from ..rounds import NativeShading, Pixels, ray_sums, shade_native, trace_kernel
 from .pieces import FAR, OUTSIDE, SHORTEST, first_pieces, interval_in_box
 
 SLOTS = wp.constant(64)  # K
@@ -26,7 +26,8 @@ CROWDED = wp.constant(-1.0)  # as a window's length
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
-@wp.kernel
+# It is compiled with the kernel of other rays, since both contain the same native shading.
+@wp.kernel(enable_backward=False, module=trace_kernel.module)
 def trace_windows_kernel(
     geometry: Geometry,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
