@@ -48,17 +48,26 @@ def test_other_tables_are_not_rounded(make_ball_field):
     assert table_in_bytes(field.layout, table) is None
 
 
+@pytest.mark.parametrize("fold", [0.0, 1.0])
+@pytest.mark.parametrize("level_count", [None, 1])
 @pytest.mark.parametrize("deferred", [False, True])
-def test_images_are_the_same_from_bytes_and_from_floats(make_ball_field, tmp_path, deferred):
+def test_images_are_the_same_from_bytes_and_from_floats(
+    make_ball_field, tmp_path, deferred, level_count, fold
+):
     field = make_ball_field(3, deferred=deferred)
     modelfile.save(field, tmp_path / "m.npz", entry_bits=8)
     field = modelfile.load(tmp_path / "m.npz")
     eye = np.random.default_rng().normal(size=3)
     pose = look_at(0.5 + 1.6 * eye / np.linalg.norm(eye), (0.5, 0.5, 0.5))
-    camera, options = from_field_of_view(pose, 0.6, 50, 40), RenderOptions(conformance=True)
-    renderers = [Renderer(f, "cpu") for f in (field, replace(field, entry_bits=None))]
-    in_bytes, in_floats = (len(r.shading.on_cpu.words) > 0 for r in renderers)
-    assert in_bytes and not in_floats
-    one, other = (r.render(camera, options).color_array().astype(int) for r in renderers)
-    assert np.ptp(one) > 50
-    assert np.abs(one - other).max() <= 1
+    camera, options = from_field_of_view(pose, 0.6, 50, 40), RenderOptions(level_count=level_count)
+    vertices = field.mesh.rest_vertices.copy()
+    vertices[0] += fold  # turns tets inside out
+    images = []
+    for stored_bits in (8, None):
+        renderer = Renderer(replace(field, entry_bits=stored_bits), "cpu")
+        assert (len(renderer.shading.on_cpu._bytes.words) > 0) == (stored_bits == 8)
+        renderer.set_vertices(vertices)
+        assert renderer.overlap.exists() == (fold > 0.0)
+        images.append(renderer.render(camera, options).color_array().astype(int))
+    assert np.ptp(images[0]) > 50
+    assert np.abs(images[0] - images[1]).max() <= 1

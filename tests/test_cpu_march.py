@@ -16,6 +16,7 @@ from deformrf.core.render import (
 from deformrf.core.render.rays import (
     FILL_SLOTS,
     MIDDLE,
+    Entries,
     FaceRectangles,
     camera_rays_kernel,
     device_camera,
@@ -115,11 +116,42 @@ def test_samples_are_those_of_march_ray(make_ball_field, slot_count, bend, optio
         one.shape == other.shape and np.allclose(one, other, atol=2e-5)
         for one, other in zip(expected, found, strict=True)
     ]
-    assert np.mean(same) > 0.97
+    assert np.mean(same) > 0.99
     total = sum(map(len, expected))
     assert sum(map(len, found)) == pytest.approx(total, rel=2e-3) and total > 3000
     if slot_count == MANY:
         assert (rounds == 1) == (options != {}), "the expected depth ends rounds early"
+
+
+@pytest.mark.parametrize("slot_count", [5, 16])
+def test_rounds_end_where_those_of_march_ray_end(make_ball_field, slot_count):
+    """Rays without entries of their own are marched one by one, also to where dark is expected."""
+    rng = np.random.default_rng()
+    renderer = Renderer(make_ball_field(int(rng.integers(1000))), "cpu")
+    rest = renderer.field.mesh.rest_vertices
+    flat = rest * np.where(rest[:, 2:] > 0.5, (1.0, 1.0, 0.02), 1.0)  # tets that fade
+    renderer.set_vertices(flat + (0.0, 0.0, 0.5) * (rest[:, 2:] > 0.5))
+    camera = from_field_of_view(look_at((1.7, -0.7, 1.0), (0.5, 0.5, 0.5)), 0.5, 45, 37)
+    found, shades = [], rng.uniform(0.05, 1.0, camera.width * camera.height)
+    for with_entries in (True, False):
+        rays, entries, ids = rays_of(camera, renderer.pose)
+        # Rays through an edge search in both cases.
+        ids = np.flatnonzero(entries.count.numpy() > 0)
+        pixels = empty_pixels(len(rays.t), "cpu")
+        pixels.transmittance.assign(shades)
+        alive = wp.array(ids, dtype=int, device="cpu")
+        march, options = renderer.host_rounds._on_cpu.march, RenderOptions(termination=0.03)
+        for _ in range(3):
+            _, counts = march(
+                rays, entries if with_entries else Entries(), alive, slot_count, pixels, options
+            )
+            state = [a.numpy()[ids] for a in (rays.tet, rays.piece, rays.entry_face, rays.t)]
+            found.append((counts.numpy(), *state))
+    assert len(ids) > 300 and np.ptp(found[0][0]) > 2
+    for one, other in zip(found[:3], found[3:], strict=True):
+        same = np.logical_and.reduce([a == b for a, b in zip(one[:4], other[:4], strict=True)])
+        assert same.mean() > 0.99
+        np.testing.assert_allclose(one[4][same], other[4][same], atol=1e-5)
 
 
 def test_rays_that_have_to_search_are_marched_as_well(make_ball_field):

@@ -8,7 +8,8 @@ import pytest
 import warp as wp
 
 from deformrf.core.field import BASIS_COUNT
-from deformrf.core.field.networks import evaluate, mlp, mma, sigmoid
+from deformrf.core.field.networks import density_rows, evaluate, mlp, mma, sigmoid
+from deformrf.core.render.rounds import slots
 from deformrf.core.wide import vec4h
 
 
@@ -148,3 +149,8 @@ def test_the_colors_of_rays_are_those_of_numpy(make_ball_field, hidden, count):
 def test_which_widths_of_a_color_a_ray_it_takes(make_ball_field, hidden, takes):
     field = make_ball_field(1, color_hidden=hidden, deferred=True)
     assert mma.fits(field, wp.get_device("cuda:0")) == takes
+
+
+def test_rows_of_a_block_are_those_of_the_slots_kernel():
+    """`density_rows` keeps features in shared memory, a row for each thread of a block."""
+    assert density_rows.BLOCK_SIZE == slots.BLOCK_SIZE

@@ -113,7 +113,8 @@ def test_a_recorded_step_learns_like_one_that_is_run(gray_disc, monkeypatch):
                 if recorded:
                     run.step(1e-2, white=False)
                 else:
-                    run._rate.fill_(1e-2)
+                    for group in run.optimizer.param_groups:
+                        group["lr"].fill_(1e-2)
                     run._draw_and_learn(run.batch, number)
                 errors.append(float(run.error))
             results.append(errors)

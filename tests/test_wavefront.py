@@ -52,6 +52,23 @@ def test_both_paths_make_the_same_image(make_ball_field, device, monkeypatch, sl
         )
 
 
+def test_what_is_expected_changes_no_pixel(make_ball_field, device):
+    """Expected densities say when a ray's round ends early, not what it shows."""
+    rng = np.random.default_rng()
+    renderer = in_slots(Renderer(make_ball_field(int(rng.integers(1000))), device))
+    camera, densities = view(), renderer.shading.densities
+    before = renderer.render(camera)
+    found = densities.numpy().copy()
+    assert (found > 0.0).any()
+    for other in (0.0 * found, (10 ** rng.uniform(-3, 5, len(found))).astype(np.float32)):
+        densities.assign(other)
+        after = renderer.render(camera)
+        one, two = (image.color_array().astype(int) for image in (before, after))
+        assert np.ptp(one) > 50 and np.abs(one - two).max() <= 1
+        if not other.any():
+            assert after.sample_count > before.sample_count
+
+
 def test_the_path_host_and_details_use_no_wavefront(make_ball_field, device):
     renderer = in_slots(Renderer(make_ball_field(4), device))
     for options in (RenderOptions(path="host"), RenderOptions(details=True)):

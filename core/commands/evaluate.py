@@ -139,6 +139,8 @@ def print_report(report):
     }
     if report["mean"]["lpips"] is None:
         del columns["lpips"]
+    if report["samples"] == 1:
+        del columns["psnr_one_ray"]
 
     def cells(row):
         values = ((row[name], form) for name, (_, form) in columns.items())
@@ -158,8 +160,9 @@ def print_report(report):
     if not report["complete"]:
         done = len(report["views"])
         console.print(f"Interrupted: the mean is that of the {done} views done.", soft_wrap=True)
-    rays = f"{report['samples']} rays" if report["samples"] > 1 else "one ray"
-    console.print(f"Scored with {rays} a pixel; seconds are of an image with one.", soft_wrap=True)
+    if report["samples"] > 1:
+        rays = f"Scored with {report['samples']} rays a pixel; seconds are of an image with one."
+        console.print(rays, soft_wrap=True)
     if report["mean"]["lpips"] is None:
         console.print("LPIPS: not computed; --lpips-weights names its weights.")
     console.print(model_line(facts), soft_wrap=True)

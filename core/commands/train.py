@@ -287,7 +287,7 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
         scored = trained.whole
     elif test_views.has_alpha and trained.report.get("object_box"):
         scored = replace(scored, surroundings=None)
-    report = training.evaluate(scored, test_views, None, device, model_path=path)
+    report = training.evaluate(scored, test_views, None, device, model_path=path, samples=1)
     scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
     try:
         fields.save(kept, path, scores, arguments.entry_bits)

@@ -53,7 +53,7 @@ def check_work(tet_count, entry_counts, dense_count, options) -> None:
         )
     ranked = range(min(options.level_count, MAX_DENSE_LEVELS) if options.dense_levels else 0)
     nodes = [comb(2**k + 3, 3) for k in ranked if tet_count * 8**k <= 8 * options.table_size]
-    needed = 400 * tet_count + 80 * tet_count * max(nodes, default=0) + 16 * sum(entry_counts)
+    needed = 660 * tet_count + 80 * tet_count * max(nodes, default=0) + 16 * sum(entry_counts)
     free = free_bytes()
     check(
         free is None or needed <= free,

@@ -1,5 +1,6 @@
 // The features of some samples, on a CPU: `encode_reference` with the lanes of a vector side by
-// side.  Bodies of functions include this text after networks/layers.h (native.py).
+// side.  Bodies of functions include this text (native.py) after lanes.h, with the names samples,
+// tables, table, words and hashed_start (of a NativeBytes).
 //
 // First the entries and weights of a level are found for all samples, and fetched from memory
 // while those of the next level are found; then the entries are mixed.

@@ -84,7 +84,7 @@ def checked(options: RenderOptions | None, field_options) -> RenderOptions:
         raise ValueError(
             f"level_count is {options.level_count}; the field has {level_count} levels"
         )
-    if not options.step_factor > 0.0:
+    if not 0.0 < options.step_factor < float("inf"):
         raise ValueError(f"step_factor is {options.step_factor}; give a positive number")
     if not 0.0 <= options.stop < 1.0:
         raise ValueError(f"termination is {options.stop}; give a number from 0 to below 1")

@@ -5,7 +5,7 @@ Where a ray has one color (deferred.py), samples have values that it sums, and `
 Shapes: N packed samples, L levels.
 """
 
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import warp as wp
@@ -13,17 +13,22 @@ import warp as wp
 from ..field import (
     CONSTANT_BASIS,
     GEOMETRY_FEATURES,
+    SUBTET_COUNT,
     TetField,
     basis_vector,
     encode_kernel,
     evaluators,
     make_tables,
     node_table,
+    subtet_corners,
+    unpack_mask,
 )
 from ..wide import vec4h
 from .deferred import color_rays, colors_in_place, values_kernel
-from .rays import Rays, RaySamples, Samples, basis_kernel
+from .rays import Rays, RaySamples, Samples, basis_kernel, empty_samples
 from .rounds import CpuShader, Pixels, ray_sums
+
+AT_ONCE = 1 << 12  # tets whose sub-tets' densities are found: 40 MB
 
 wp.set_module_options({"enable_backward": False})
 
@@ -73,6 +78,43 @@ class Shading:
             colors = partial(self._networks.colors, half=options.half)
         color_rays(colors, self.field.options.view_dependence, ids, pixels)
 
+    @cached_property
+    def densities(self):
+        """σ in the middle of each occupied sub-tet, else 0: what rays may expect.  [64 T]"""
+        of_samples = self._sigma_in_place if self.device.is_cuda else self.on_cpu.sigma
+        occupancy, middles = self.field.occupancy, subtet_corners().mean(axis=1)
+        expected = np.zeros((len(occupancy), SUBTET_COUNT), np.float32)
+        for first in range(0, len(occupancy), AT_ONCE):
+            tets, subtets = np.nonzero(unpack_mask(occupancy[first : first + AT_ONCE]))
+            if not len(tets):
+                continue
+            tets += first
+            samples = empty_samples(len(tets), self.device)
+            samples.tet.assign(tets.astype(np.int32))
+            samples.bary.assign(middles[subtets].astype(np.float32))
+            expected[tets, subtets] = of_samples(samples)
+        return wp.array(expected.ravel(), dtype=float, device=self.device)
+
+    def _sigma_in_place(self, samples):
+        count, features = len(samples.tet), self._half_features(samples)
+        sigma = wp.empty(count, dtype=float, device=self.device)
+        total = wp.full(1, count, dtype=int, device=self.device)
+        between = wp.zeros(4 * count, dtype=vec4h, device=self.device)
+        if self.field.options.deferred:
+            self.in_place.geometry(features.flatten(), total, sigma, between)
+        else:
+            rgb = wp.empty(count, dtype=wp.vec3, device=self.device)
+            self.in_place.evaluate(features.flatten(), between, total, sigma, rgb)
+        return sigma.numpy()
+
+    def _half_features(self, samples, used_level_count=None):
+        count, level_count = len(samples.tet), self.field.layout.level_count
+        features = wp.zeros((count, level_count), dtype=vec4h, device=self.device)
+        inputs = [self.tables, self.half_tables()[0], samples.tet, samples.bary]
+        inputs.append(used_level_count or level_count)
+        wp.launch(encode_kernel, count, inputs=inputs, outputs=[features], device=self.device)
+        return features
+
     def _values(self, rays, found, h):
         values = wp.empty(len(h), dtype=ray_sums, device=self.device)
         inputs = [rays, self.rotations, found, h]
@@ -82,11 +124,7 @@ class Shading:
     def _shade_half(self, rays, found, options, stage):
         samples, count, device = found.samples, len(found.samples.tet), self.device
         with stage("encode"):
-            level_count = self.field.layout.level_count
-            features = wp.zeros((count, level_count), dtype=vec4h, device=device)
-            inputs = [self.tables, self.half_tables()[0], samples.tet, samples.bary]
-            inputs.append(options.level_count or level_count)
-            wp.launch(encode_kernel, count, inputs=inputs, outputs=[features], device=device)
+            features = self._half_features(samples, options.level_count)
         with stage("networks"):
             sigma = wp.empty(count, dtype=float, device=device)
             total = wp.full(1, count, dtype=int, device=device)

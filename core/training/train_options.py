@@ -15,7 +15,7 @@ LEAVE_OUT = (
 )
 
 
-WIDEST, DEEPEST = 256, 16  # layers of the color network, on tensor cores
+WIDEST, DEEPEST = 256, 4  # layers of the color network: a file may hold so many weights
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def measure(options, train_views, test_views, device):
         modelfile.save(replace(trained.field, surroundings=None), path, entry_bits=8)
         size = path.stat().st_size
         field = replace(modelfile.load(path), surroundings=trained.field.surroundings)
-    scores = evaluate.evaluate(field, test_views, device=device)
+    scores = evaluate.evaluate(field, test_views, device=device, samples=1)
     if not scores["complete"]:
         raise KeyboardInterrupt
     report = trained.report

@@ -1,11 +1,11 @@
 """Frames of two checkouts in turns, so that a busy machine slows both: medians and their ratio.
 
     python tests/benchmarks/in_turns.py OTHER [--model M] [--ray-colors 128 128]
-        [--device cpu|cuda:0] [--cases orbit drag] [--sizes 300] [--frames 60]
+        [--device cpu|cuda:0] [--cases orbit drag fill] [--sizes 300] [--frames 60]
 
 OTHER is another checkout of this repository, for example of `git worktree add OTHER COMMIT`; it
-runs in this checkout's environment.  Cases, models and errors are those of this render_speed.py:
-OTHER has to have what it imports.
+runs in this checkout's environment.  Model, cases and errors are this checkout's: OTHER has to
+have what its render_speed.py imports.
 """
 
 import argparse
@@ -51,12 +51,15 @@ def serve(arguments):
 class Checkout:
     """A process that renders with the code of a checkout."""
 
-    def __init__(self, root: Path, folder: Path, case, size):
+    def __init__(self, root: Path, folder: Path, case, size, arguments):
         folder.mkdir()
         (folder / "deformrf").symlink_to(root)
-        command = [sys.executable, HERE, root, *sys.argv[2:], "--serve", "--cases", case]
+        command = [sys.executable, HERE, root, "--serve", "--cases", case, "--sizes", size]
+        command += ["--model", Path(arguments.model).resolve(), "--device", arguments.device]
+        if arguments.ray_colors:
+            command += ["--ray-colors", *arguments.ray_colors]
         self._process = subprocess.Popen(
-            [*map(str, command), "--sizes", str(size)],
+            list(map(str, command)),
             env={**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{HERE.parent}"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -69,22 +72,24 @@ class Checkout:
     def ask(self, line):
         self._process.stdin.write(f"{line}\n")
         self._process.stdin.flush()
-        return tuple(map(float, self._process.stdout.readline().split()))
+        if not (answer := self._process.stdout.readline()):
+            raise SystemExit("a checkout's process ended early; its error stands above")
+        return tuple(map(float, answer.split()))
 
     def close(self):
         self._process.stdin.close()
         self._process.wait()
 
 
-def compare(other: Path, case, size, frame_count):
+def compare(case, size, arguments):
     with tempfile.TemporaryDirectory() as folder:
-        roots = {"other": other, "this": ROOT}
+        roots = {"other": arguments.other, "this": ROOT}
         checkouts = {
-            name: Checkout(root.resolve(), Path(folder) / name, case, size)
+            name: Checkout(root.resolve(), Path(folder) / name, case, size, arguments)
             for name, root in roots.items()
         }
         found = {name: [] for name in roots}
-        for frame in range(frame_count):
+        for frame in range(arguments.frames):
             for name in list(roots)[:: 1 if frame % 2 else -1]:
                 found[name].append(checkouts[name].ask(frame))
         errors = {name: checkout.ask("error") for name, checkout in checkouts.items()}
@@ -117,7 +122,7 @@ def main():
         return
     for case in arguments.cases:
         for size in arguments.sizes:
-            compare(arguments.other, case, size, arguments.frames)
+            compare(case, size, arguments)
 
 
 if __name__ == "__main__":

@@ -106,7 +106,8 @@ def main():
             trained = trainer.train(train_views, options, arguments.device)
         if trained.interrupted:
             break
-        mean = evaluate.evaluate(trained.field, held_aside, device=arguments.device)["mean"]
+        scores = evaluate.evaluate(trained.field, held_aside, device=arguments.device, samples=1)
+        mean = scores["mean"]
         report = trained.report
         print(
             f"{name:<40}{mean['psnr']:>8.2f}{mean['ssim']:>8.4f}{report['seconds']:>9.1f}"

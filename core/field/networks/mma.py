@@ -1,8 +1,9 @@
 """The networks on a GPU's tensor cores, in Warp kernels: rendering needs no torch.
 
 Where samples have colors, one kernel (both.cu) takes networks of the usual shape: one hidden layer
-of 64 for density, two for color, up to 8 levels.  With one color a ray, one kernel (density.cu)
-takes the samples and another (colors.cu) the rays, whose network may have several widths.
+of 64 for density, two for color, up to 8 levels.  With one color a ray, one kernel (density.cu, or
+density_rows.py within another kernel) takes the samples and another (colors.cu) the rays, whose
+network may have several widths.
 
 A warp multiplies by mma.sync.m16n8k16.  It takes 32 samples through all layers in its registers:
 the result of one product, rounded to half precision, lies in each thread's registers where the

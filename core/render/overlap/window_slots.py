@@ -242,6 +242,7 @@ def march_windows_kernel(
     geometry: Geometry,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     step: float,  # Δ
+    stop: float,  # transmittance below which a ray ends
     buffers: Buffers,
     windows: Windows,
     bins: Bins,
@@ -255,7 +256,7 @@ def march_windows_kernel(
     if i < state[TAKEN]:
         ray = buffers.lists[state[PARITY], i]
         if windows.places[ray] == PLAIN_RAY:
-            count = march_in_slots(geometry, occupancy, step, buffers, i)
+            count = march_in_slots(geometry, occupancy, step, stop, buffers, i)
         else:
             count = march_window(geometry, occupancy, bins, step, buffers, windows, i, ray)
     buffers.counts[i] = count

@@ -23,8 +23,6 @@ GROWTH = wp.constant(2.0)
 SHORTER = wp.constant(0.7)
 CROWDED = wp.constant(-1.0)  # as a window's length
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 2})
-
 
 # It is compiled with the kernel of other rays, since both contain the same native shading.
 @wp.kernel(enable_backward=False, module=trace_kernel.module)

@@ -19,11 +19,8 @@ auto all = [](auto& numbers) -> auto& {
 auto bits_of = [](Ints mask) -> unsigned {
     return __builtin_bit_cast(LaneBits, __builtin_convertvector(mask, Bits));
 };
-auto each = [](Ints mask, auto work) __attribute__((always_inline)) {
-    unsigned bits = 0;
-    for (bits = __builtin_bit_cast(LaneBits, __builtin_convertvector(mask, Bits)); bits != 0;
-         bits &= bits - 1)
-        work(__builtin_ctz(bits));
+auto each = [&](Ints mask, auto work) __attribute__((always_inline)) {
+    for (unsigned bits = bits_of(mask); bits != 0; bits &= bits - 1) work(__builtin_ctz(bits));
 };
 auto chosen = [](Ints mask, auto yes, auto no) {
     typedef decltype(yes) V;
@@ -135,7 +132,7 @@ auto enter_tets = [&](Ints entering) {
     Ints empty = all(shape[6]) <= zero;
     for (int lane = 0; lane < LANES; ++lane)
         if (masks[lane] == 0) empty[lane] = -1;
-    const Lanes pieces = smaller(__builtin_elementwise_ceil(rest / step), Lanes(@MOST_PIECES));
+    const Lanes pieces = smaller(__builtin_elementwise_ceil(rest / step), Lanes(1.0e9f));
     for (int i = 0; i < 4; ++i) {
         all(alpha[i]) = chosen(entering, a[i], all(alpha[i]));
         all(slope[i]) = chosen(entering, s[i], all(slope[i]));
@@ -151,11 +148,17 @@ auto enter_tets = [&](Ints entering) {
     all(fresh) = all(fresh) & ~entering;
 };
 
-// The sub-tet of a piece's middle, and how many pieces further middles are in it.
-auto find_subtets = [&](Ints going) -> Ints {
+// The rest length of the lanes' pieces, and their middles as distances from where tets begin.
+struct Piece { Lanes size, at; };
+auto pieces_of_lanes = [&]() -> Piece {
     const Lanes begin = __builtin_convertvector(all(piece), Lanes) * step;
     const Lanes size = smaller(Lanes(step), all(rest_length) - begin);
-    const Lanes at = multiply_add(size, Lanes(0.5f), begin) / all(speed);
+    return {size, multiply_add(size, Lanes(0.5f), begin) / all(speed)};
+};
+
+// The sub-tet of a piece's middle, and how many pieces further middles are in it.
+auto find_subtets = [&](Ints going) -> Ints {
+    const Lanes at = pieces_of_lanes().at;
     Lanes f[3], g[3];
     Lanes x = 0.0f, rate = 0.0f;
     Ints cube = 0;
@@ -207,9 +210,7 @@ auto fill_slots = [&](Ints filling, Ints last) {
     for (;;) {
         const Ints now = filling & (all(piece) < end);
         if (bits_of(now) == 0) break;
-        const Lanes begin = __builtin_convertvector(all(piece), Lanes) * step;
-        const Lanes size = smaller(Lanes(step), all(rest_length) - begin);
-        const Lanes at = multiply_add(size, Lanes(0.5f), begin) / all(speed);
+        const auto [size, at] = pieces_of_lanes();
         all(length) = all(fade) * size;
         all(middle) = all(t) + at;
         for (int i = 0; i < 4; ++i)

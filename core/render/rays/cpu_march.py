@@ -31,8 +31,6 @@ from .traversal import MAX_TETS, SMALLEST_ADVANCE
 SIDE = 4  # cubes of the lattice along an edge of a tet, whose halves are the sub-tets
 ORDERS = 8  # of a point's fractions in its cube: three comparisons
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 2})
-
 
 @cache
 def lattice_paths():

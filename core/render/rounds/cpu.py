@@ -1,8 +1,8 @@
 """Rounds on a CPU: one launch for all rounds of some rays.
 
-Marching is Warp's, shading and summing are native code (cpu.cpp): encoding, networks and sums
-pass from one to the other what is still in a core's cache, and the color network is evaluated
-only for samples that weigh something, or once a ray (../deferred.py).
+Marching (rays/cpu_march.py), shading and summing (cpu.cpp) are native code: encoding, networks
+and sums pass from one to the other what is still in a core's cache, and the color network is
+evaluated only for samples that weigh something, or once a ray (../deferred.py).
 
 Shapes: R rays, K slots per ray, T tets.
 """
@@ -17,13 +17,10 @@ from ...field import (
     LAYERS_H,
     NATIVE_VALUES,
     NETWORK_BLOCK,
-    SUBTET_COUNT,
     NativeNetworks,
     Tables,
     native_networks,
-    subtet_corners,
     table_in_bytes,
-    unpack_mask,
 )
 from ...native import LANES_H, native_source
 from ..rays import (
@@ -44,6 +41,7 @@ ROUND_SLOTS = (16, 8, 8, 8, 16, 32, 64, 128)  # K by round, at most: most rays e
 SLOTS = 1 << 14  # that are marched and then shaded: they stay in a core's cache
 LEAST_WEIGHT = 4e-3  # of a color in default mode: a step of a byte
 SAMPLE_BYTES = 272  # of scratch, beside features
+SHORT = 1.0e-3  # length of a sample whose opacity tells its σ
 FAR = 1.0e30  # a t behind everything
 SMALLEST = 1.0e-6  # divisor: an opacity, or the length of a sum of directions
 
@@ -70,9 +68,7 @@ class NativeShading:
     stop: float  # transmittance below which a ray ends
     closing: int  # 1: behind its end a ray looks as before it; 0: black
     least_weight: float  # a sample's color counts for those before it that weigh less together
-    kept: wp.array(
-        dtype=float
-    )  # [slots] if not empty: 1 - opacity of each sample, and nothing else
+    kept: wp.array(dtype=float)  # [slots] out, if not empty: 1 - opacity, instead of pixels
     scratch: wp.array(dtype=float)
 
 
@@ -217,7 +213,7 @@ class CpuShader:
     def __init__(self, shading):
         """Take a Shading on the CPU, whose arrays are read."""
         self._shading, self._field = shading, shading.field
-        field = shading.field
+        field = self._field
         self._bytes, layers = NativeBytes(), field.density_layers
         self._bytes.words = wp.empty(0, dtype=int, device="cpu")
         found = table_in_bytes(field.layout, field.table) if field.entry_bits == 8 else None
@@ -227,11 +223,6 @@ class CpuShader:
             (weights, bias), *others = layers
             layers = (found.scales[:, None] * weights, bias), *others
         self._networks = native_networks(layers, field.color_layers)
-
-    @property
-    def words(self):
-        """Those of the table in bytes; empty if floats are read."""
-        return self._bytes.words
 
     def of_launch(self, options) -> NativeShading:
         """What one launch needs, with memory of its own."""
@@ -249,6 +240,22 @@ class CpuShader:
         native.scratch = wp.empty(size, dtype=float, device="cpu")
         return native
 
+    def sigma(self, samples: Samples):
+        """σ of samples, to what differs where a sample of the length 1/1000 is opaque.  [N]"""
+        count = len(samples.tet)
+        samples.length = wp.full(count, SHORT, dtype=float, device="cpu")
+        shading = self.of_launch(RenderOptions(termination=0.0))
+        shading.kept = wp.empty(count, dtype=float, device="cpu")
+        alive = wp.array(np.arange(count), dtype=int, device="cpu")
+        ones, nothing = (wp.full(n, 1, dtype=int, device="cpu") for n in (count, 0))
+        none = wp.empty(0, dtype=float, device="cpu")
+        totals = wp.zeros(2, dtype=int, device="cpu")
+        inputs = [Geometry(), Entries(), wp.empty(0, dtype=wp.uint64, device="cpu"), Rays(), SHORT]
+        inputs += [wp.full(1, 1, dtype=int, device="cpu"), 1, nothing, none, alive, samples]
+        inputs += [none, ones, shading, Pixels()]
+        wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
+        return -np.log(np.maximum(shading.kept.numpy(), np.finfo(np.float32).tiny)) / SHORT
+
 
 class CpuRounds:
     """Traces rays of one field, in any number of threads at once."""
@@ -258,31 +265,8 @@ class CpuRounds:
         self._shader = shading.on_cpu
         self._round_slots = wp.array(ROUND_SLOTS, dtype=int, device="cpu")
         self._no_highs = wp.empty(0, dtype=float, device="cpu")
-        self.densities = wp.zeros(SUBTET_COUNT * len(occupancy), dtype=float, device="cpu")
         self._paths = wp.array(lattice_paths(), dtype=int, device="cpu")
-        self._expect_densities()
-
-    def _expect_densities(self):
-        """σ in the middle of each occupied sub-tet: how many samples a ray is likely to need."""
-        masks = unpack_mask(self._occupancy.numpy())
-        tets, subtets = np.nonzero(masks)
-        if not len(tets):
-            return
-        samples = Samples()
-        middles = subtet_corners().mean(axis=1)[subtets]
-        samples.tet = wp.array(tets, dtype=int, device="cpu")
-        samples.bary = wp.array(middles, dtype=wp.vec4, device="cpu")
-        samples.length = wp.full(len(tets), self._march_step, dtype=float, device="cpu")
-        shading = self._shader.of_launch(RenderOptions(termination=0.0))
-        shading.kept = wp.empty(len(tets), dtype=float, device="cpu")
-        alive = wp.array(np.arange(len(tets)), dtype=int, device="cpu")
-        counts = wp.full(len(tets), 1, dtype=int, device="cpu")
-        totals = wp.zeros(2, dtype=int, device="cpu")
-        inputs = [self._pose.geometry, Entries(), self._occupancy, Rays(), self._march_step]
-        inputs += [counts, 1, self._paths, self.densities, alive, samples, self._no_highs, counts]
-        wp.launch(trace_kernel, 1, [*inputs, shading, Pixels()], [totals], device="cpu")
-        depths = -np.log(np.maximum(shading.kept.numpy(), np.finfo(np.float32).tiny))
-        self.densities.numpy()[SUBTET_COUNT * tets + subtets] = depths / self._march_step
+        self._densities = shading.densities
 
     def trace(self, rays: Rays, entries, alive, pixels: Pixels, options) -> int:
         """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
@@ -300,7 +284,7 @@ class CpuRounds:
         counts = wp.empty(len(alive), dtype=int, device="cpu")
         step = self._march_step * options.step_factor
         inputs = [self._pose.geometry, entries, self._occupancy, rays, step, slot_count]
-        inputs += [self._paths, self.densities, options.stop, pixels.transmittance, alive]
+        inputs += [self._paths, self._densities, options.stop, pixels.transmittance, alive]
         wp.launch(march_some_kernel, 1, inputs, [slots, counts], device="cpu")
         return slots, counts
 
@@ -321,7 +305,7 @@ class CpuRounds:
         totals = wp.zeros(2, dtype=int, device="cpu")
         step = self._march_step * options.step_factor
         inputs = [self._pose.geometry, entries, self._occupancy, rays, step, round_slots]
-        inputs += [int(slot_count > 0), self._paths, self.densities, alive, samples]
+        inputs += [int(slot_count > 0), self._paths, self._densities, alive, samples]
         inputs += [self._no_highs, counts]
         inputs += [self._shader.of_launch(options), pixels]
         wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")

@@ -6,7 +6,8 @@ Each round gives every ray that is left at most K samples:
     shade        samples to density and color (shading.py), after they are packed without gaps
     accumulate   samples to pixels, and the list of rays that are left
 
-On the CPU the last two are one launch, and all rounds are, unless stages are timed (cpu.py).
+On the CPU all rounds are one launch, unless stages are timed (cpu.py); then the march is one
+(rays/cpu_march.py), and shading with what follows another.
 
 Shapes: R rays, K slots per ray, N packed samples.
 """
@@ -27,6 +28,7 @@ from ..rays import (
 from .compositing import Pixels, accumulate_kernel
 from .cpu import ROUND_SLOTS, CpuRounds
 
+CUDA_ROUND_SLOTS = (8, 4, 8, 8, 16, 32, 64, 128)  # K by round: rays go on behind their ends
 CPU_SLOTS = 1 << 19  # of a launch; 15 MB
 
 wp.set_module_options({"enable_backward": False})
@@ -52,8 +54,9 @@ class HostRounds:
         if self._on_cpu and stage.seconds is None:
             return self._on_cpu.trace(rays, entries, alive, pixels, options)
         sample_count, round_, ids = 0, 0, alive
+        by_round = ROUND_SLOTS if self._on_cpu else CUDA_ROUND_SLOTS
         while len(alive):
-            slot_count = ROUND_SLOTS[min(round_, len(ROUND_SLOTS) - 1)]
+            slot_count = by_round[min(round_, len(by_round) - 1)]
             left = []
             for part in self._parts(alive, slot_count):
                 with stage("march"):

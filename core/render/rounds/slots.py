@@ -13,7 +13,6 @@ from ...field import CONSTANT_BASIS, Tables, basis_of, encoded_half
 from ...geometry import lattice_point
 from ...wide import load_wide, store_wide_half, vec4h
 from ..rays import (
-    ANY_DEPTH,
     FILL_SLOTS,
     MIDDLE,
     DeviceCamera,
@@ -110,15 +109,16 @@ class Buffers:
     sums: wp.array(dtype=wp.vec4)  # [5 R] those of the pixels
     means: wp.array(dtype=vec4h)  # [8 R]
     rotations: wp.array(dtype=wp.mat33)  # [T] Q
+    densities: wp.array(dtype=float)  # [64 T] expected σ of sub-tets
     # Of the image:
     background: wp.array(dtype=wp.vec3)  # [1]
     color: wp.array(dtype=wp.vec4ub)  # [R] of finished rays
     depth: wp.array(dtype=float)  # [R] of finished rays
 
 
-def empty_buffers(ray_count: int, slot_count: int, options, rotations, device) -> Buffers:
-    """Room for so many rays and slots of a field with `options`, whose tets turn by `rotations`."""
-    buffers, deferred = Buffers(), options.deferred
+def empty_buffers(ray_count: int, slot_count: int, options, shading) -> Buffers:
+    """Room for so many rays and slots of a field with `options`, whose Shading that is."""
+    buffers, deferred, device = Buffers(), options.deferred, shading.device
     buffers.rays = empty_rays(ray_count, device)
     buffers.entries = empty_entries(ray_count, device)
     buffers.pixels = empty_pixels(ray_count, device, deferred)
@@ -138,7 +138,7 @@ def empty_buffers(ray_count: int, slot_count: int, options, rotations, device) -
         buffers.rgb = wp.empty(sample_count + ray_colors, dtype=wp.vec3)
         buffers.h = wp.empty(4 * value_count, dtype=vec4h)
         buffers.weights = wp.empty(value_count, dtype=float)
-        buffers.rotations = rotations
+        buffers.rotations, buffers.densities = shading.rotations, shading.densities
         buffers.sums = fours_of(buffers.pixels.sums)
         buffers.means = wp.zeros(8 * ray_colors, dtype=vec4h)
         buffers.background = wp.zeros(1, dtype=wp.vec3)
@@ -235,17 +235,19 @@ def march_in_slots(
     geometry: Geometry,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     step: float,  # Δ
+    stop: float,  # transmittance below which a ray ends
     buffers: Buffers,
     i: int,
 ):
     """Let the listed ray i walk, and fill its slots; returns how many."""
     state = buffers.state
+    ray = buffers.lists[state[PARITY], i]
     return march_ray(
         geometry,
         buffers.entries,
         occupancy,
         buffers.rays,
-        buffers.lists[state[PARITY], i],
+        ray,
         step,
         MIDDLE,
         FILL_SLOTS,
@@ -253,8 +255,8 @@ def march_in_slots(
         state[STRIDE],
         state[PER_RAY],
         buffers.slots,
-        buffers.slots.length,
-        ANY_DEPTH,
+        buffers.densities,
+        wp.log(buffers.pixels.transmittance[ray] / stop),
     )
 
 
@@ -263,6 +265,7 @@ def march_slots_kernel(
     geometry: Geometry,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     step: float,  # Δ
+    stop: float,  # transmittance below which a ray ends
     buffers: Buffers,
 ):
     i = wp.tid()
@@ -270,7 +273,7 @@ def march_slots_kernel(
         return
     count = int(0)
     if i < buffers.state[TAKEN]:
-        count = march_in_slots(geometry, occupancy, step, buffers, i)
+        count = march_in_slots(geometry, occupancy, step, stop, buffers, i)
     buffers.counts[i] = count
 
 

@@ -45,7 +45,7 @@ class Way:
     """How the rays of a list fill their slots, and what becomes of these.
 
     The kernels are launched for the place of each listed ray, with inputs (geometry, occupancy,
-    step, buffers, *more) and (stop, buffers, *more).
+    step, stop, buffers, *more) and (stop, buffers, *more).
     """
 
     march: wp.Kernel
@@ -77,9 +77,7 @@ class Wavefront:
         slot_count = max(int(SLOTS_PER_PIXEL * capacity), LEAST_SLOTS_IN_ALL)
         slot_count = min(slot_count, MOST_SLOTS_IN_ALL)
         self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
-        self.buffers = slots.empty_buffers(
-            capacity, slot_count, options, pose.geometry.rotations, device
-        )
+        self.buffers = slots.empty_buffers(capacity, slot_count, options, shading)
         pinned = device.is_cuda
         self._host_state = wp.zeros(slots.STATE_SIZE, dtype=int, device="cpu", pinned=pinned)
         self._background = None  # that the buffers have
@@ -156,7 +154,7 @@ class Wavefront:
             self._launch(
                 slots.advance_kernel, 1, [self._slot_count, way.least, way.most, buffers.state]
             )
-            inputs = [geometry, self._occupancy, step, buffers, *way.more]
+            inputs = [geometry, self._occupancy, step, options.stop, buffers, *way.more]
             self._launch(way.march, len(buffers.counts), inputs)
         used_level_count = options.level_count or self._level_count
         if self._deferred and self.device.is_cuda:
