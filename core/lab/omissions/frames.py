@@ -74,6 +74,11 @@ def frame_switches(frames: Frames) -> list[Switch]:
     def waiting():  # float32 runs in rounds that the host waits for
         return way(path="host")
 
+    def to_the_last_slot():
+        one = way()
+        one.renderer.shading.densities.zero_()
+        return one
+
     filled = np.where(field.occupancy == 0, field.occupancy, FULL)
     empty_subtets = 100.0 * (1.0 - occupied_share(visible_part(field)[0].occupancy))
     empty_tets = 100.0 * (field.occupancy == 0).mean()
@@ -99,6 +104,13 @@ def frame_switches(frames: Frames) -> list[Switch]:
             usual,
             f"A ray ends once {spent:g} % of it is spent; what is behind is taken"
             " to look like what is before. The test is one comparison a sample.",
+        ),
+        Switch(
+            "samples where a ray is expected to be opaque",
+            to_the_last_slot,
+            usual,
+            "Densities in the middles of sub-tets, found when a model is loaded, tell how far a"
+            " round goes; a ray that is still transparent there goes on in the next one.",
         ),
         Switch(
             "the path for overlap, at rest",
@@ -131,7 +143,7 @@ def frame_switches(frames: Frames) -> list[Switch]:
         _view_switch(frames),
     ]
     on_cuda = frames.device != "cpu"  # on the CPU all is single precision, and nothing waits
-    return switches if on_cuda else switches[:4] + switches[6:]
+    return switches if on_cuda else switches[:5] + switches[7:]
 
 
 def _level_switch(frames):
