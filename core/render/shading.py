@@ -80,11 +80,15 @@ class Shading:
 
     @cached_property
     def densities(self):
-        """σ in the middle of each occupied sub-tet, else 0: what rays may expect.  [64 T]"""
+        """σ in the middle of each occupied sub-tet, else 0: what rays may expect.  [64 T]
+
+        All are 0 on CUDA where no tensor cores find them: rays then expect nothing.
+        """
         of_samples = self._sigma_in_place if self.device.is_cuda else self.on_cpu.sigma
         occupancy, middles = self.field.occupancy, subtet_corners().mean(axis=1)
         expected = np.zeros((len(occupancy), SUBTET_COUNT), np.float32)
-        for first in range(0, len(occupancy), AT_ONCE):
+        known = not self.device.is_cuda or self.in_place is not None
+        for first in range(0, len(occupancy) if known else 0, AT_ONCE):
             tets, subtets = np.nonzero(unpack_mask(occupancy[first : first + AT_ONCE]))
             if not len(tets):
                 continue

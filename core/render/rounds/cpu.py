@@ -241,7 +241,10 @@ class CpuShader:
         return native
 
     def sigma(self, samples: Samples):
-        """σ of samples, to what differs where a sample of the length 1/1000 is opaque.  [N]"""
+        """σ of samples, from the opacity that each has at the length SHORT.  [N] float32
+
+        Resolution: 1e-4 at small σ; σ above 87,000 all look alike.
+        """
         count = len(samples.tet)
         samples.length = wp.full(count, SHORT, dtype=float, device="cpu")
         shading = self.of_launch(RenderOptions(termination=0.0))
