@@ -26,6 +26,7 @@ ROWS = (
     "samples in empty",
     "tets without",
     "samples behind",
+    "samples where",
     "the path for",
     "rendering again",
     "the finest level",
