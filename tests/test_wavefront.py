@@ -17,6 +17,7 @@ from deformrf.core.render import (
     from_field_of_view,
     look_at,
 )
+from deformrf.core.render.rays import UNKNOWN
 from deformrf.core.render.rounds import slots, wavefront
 from deformrf.core.wide import vec4h
 
@@ -71,6 +72,17 @@ def test_what_is_expected_changes_no_pixel(make_ball_field, device):
         assert np.ptp(one) > 50 and np.abs(one - two).max() <= 1
         if not other.any():
             assert after.sample_count > before.sample_count
+
+
+def test_rays_that_search_for_their_entries_are_seen(make_ball_field, device):
+    """Those that begin inside of the mesh: a kernel of their own lets them march."""
+    renderer = in_slots(Renderer(make_ball_field(5), device))
+    eye = 0.5 + np.random.default_rng().uniform(-0.05, 0.05, 3)
+    camera = from_field_of_view(look_at(eye, (0.9, 0.4, 0.5)), 1.2, 60, 50)
+    image = renderer.render(camera, RenderOptions(BACKGROUND))
+    assert (renderer._wavefront.buffers.entries.count.numpy()[: 60 * 50] == UNKNOWN).all()
+    assert image.sample_count > 1000
+    assert_alike(image, renderer.render(camera, HOST_ROUNDS))
 
 
 def test_the_path_host_and_details_use_no_wavefront(make_ball_field, device):

@@ -39,7 +39,7 @@ from ..rounds import (
     has_ray_colors,
     keep_or_finish,
     list_ray,
-    march_in_slots,
+    march_or_put_off,
     pixel_of,
     pixel_threads,
     rest_direction,
@@ -256,7 +256,7 @@ def march_windows_kernel(
     if i < state[TAKEN]:
         ray = buffers.lists[state[PARITY], i]
         if windows.places[ray] == PLAIN_RAY:
-            count = march_in_slots(geometry, occupancy, step, stop, buffers, i)
+            count = march_or_put_off(geometry, occupancy, step, stop, buffers, i, ray)
         else:
             count = march_window(geometry, occupancy, bins, step, buffers, windows, i, ray)
     buffers.counts[i] = count

@@ -22,7 +22,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "device_camera",
         ],
         "cpu_march": ["lattice_paths", "march_some"],
-        "entries": ["Entries", "crossing_of", "empty_entries", "find_entries"],
+        "entries": ["UNKNOWN", "Entries", "crossing_of", "empty_entries", "find_entries"],
         "marching": [
             "ANY_DEPTH",
             "COUNT",

@@ -140,5 +140,6 @@ def march_some(
                 samples,
                 densities,
                 wp.log(transmittance[ray] / stop),
+                True,
             )
         i += 1

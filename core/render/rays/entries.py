@@ -4,7 +4,8 @@
 entries of a ray in one pass through a BVH of the boundary's faces: on CUDA, a search per entry
 costs a warp as many passes, one after another, as its slowest ray needs.  A ray falls back to
 `enter_mesh` if it has more entries than there is room for, or if its entries and exits do not
-pair up (it starts inside, or slipped through an edge).
+pair up (it starts inside, or slipped through an edge).  That search takes half of the registers
+that a GPU has for a ray, so a kernel that calls `next_entry` without `searches` holds more rays.
 
 Shapes: R rays, B boundary faces.
 """
@@ -201,15 +202,21 @@ def next_entry(
     origin: wp.vec3,
     direction: wp.vec3,
     t: float,
+    searches: bool,
 ):
-    """Find the next tet that a ray enters at or behind t: tet (-1: none), t of entry."""
+    """Find the next tet that a ray enters at or behind t: tet (-1: none), t of entry.
+
+    Args:
+        searches: A constant: whether enter_mesh is there for rays whose entries are unknown.
+    """
     count = int(UNKNOWN)
     if entries.count.shape[0] > 0:
         count = entries.count[ray]
     tet = int(-1)
     entry = float(t)
     if count == UNKNOWN:
-        tet, entry = enter_mesh(geometry, origin, direction, t)
+        if searches:
+            tet, entry = enter_mesh(geometry, origin, direction, t)
     else:
         place = entries.next[ray]
         if place < count:

@@ -111,6 +111,7 @@ def march_ray(
     samples: Samples,  # out
     densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets; not read with ANY_DEPTH
     depth_left: float,  # expected optical depth after which a round has samples enough
+    searches: bool,  # see next_entry
 ):
     """One round of one ray; returns the number of its samples.
 
@@ -131,67 +132,65 @@ def march_ray(
     while tet > -2 and count < most:
         # Two loops, so that on CUDA a warp's rays search together and then walk together.
         if tet == -1:
-            found, entry_t = next_entry(geometry, entries, ray, origin, direction, t)
+            found, entry_t = next_entry(geometry, entries, ray, origin, direction, t, searches)
             t = entry_t
             entry_face = -1
             piece = 0
             tet = wp.where(found < 0, -2, found)
         while tet >= 0 and count < most:
-            p = origin + t * direction
-            alpha, slope = line_in_tet(geometry, tet, p, direction)
+            # No branch before the sub-tets: all that is read of a tet is asked for at once.
+            alpha, slope = line_in_tet(geometry, tet, origin + t * direction, direction)
+            speed, fade = speed_and_fade(geometry, tet, slope)
             face, distance = exit_tet(alpha, slope, entry_face)
-            if tets_left <= 0 or face < 0:  # walks in circles, or in a flat tet
-                tet = -2
-            else:
-                speed, fade = speed_and_fade(geometry, tet, slope)
-                rest_length = distance * speed
-                mask = occupancy[tet]
-                piece_count = int(wp.ceil(rest_length / step))
-                if mask == wp.uint64(0) or fade <= 0.0:
-                    piece_count = 0
-                while piece < piece_count and count < most:
-                    length = wp.min(step, rest_length - float(piece) * step)
-                    at = (float(piece) * step + 0.5 * length) / speed
-                    last = piece + 1
-                    if seed != MIDDLE:
-                        at = (float(piece) * step + wp.randf(random) * length) / speed
-                    subtet, ahead = subtet_ahead(alpha + at * slope, slope)
-                    if seed == MIDDLE:  # further middles are in the same sub-tet
-                        last += int(wp.clamp(ahead * speed / step, 0.0, MOST_PIECES))
-                    last = wp.min(last, piece_count)
-                    if is_occupied(mask, subtet):
-                        room = most - count
-                        expected = float(0.0)  # extinction per rest length
-                        if depth_left < ANY_DEPTH:
-                            expected = fade * densities[wp.static(SUBTET_COUNT) * tet + subtet]
-                            enough = wp.max(depth, 0.0) / wp.max(expected * step, 1.0e-9)
-                            enough = wp.max(wp.min(enough, MOST_PIECES) + 1.0, FEWEST_AT_ONCE)
-                            room = wp.min(room, int(enough))
-                        last = wp.min(last, piece + room)
-                        while piece < last:
-                            length = wp.min(step, rest_length - float(piece) * step)
-                            middle = (float(piece) * step + 0.5 * length) / speed
-                            if seed == MIDDLE:
-                                at = middle
-                            if purpose != COUNT:
-                                slot = first_slot + count * slot_spacing
-                                samples.tet[slot] = tet
-                                store_wide(samples.bary, slot, alpha + at * slope)
-                                samples.length[slot] = fade * length
-                                samples.t[slot] = t + middle
-                            depth -= expected * length
-                            count += 1
-                            piece += 1
-                        if depth <= 0.0:
-                            most = count
-                    piece = last
-                if piece >= piece_count:
-                    t += wp.max(distance, SMALLEST_ADVANCE * wp.max(t, 1.0))
-                    link = link_across(geometry, tet, face)
-                    piece = 0
-                    tets_left -= 1
-                    tet = wp.where(link >= 0, link / 4, -1)
-                    entry_face = link % 4
+            stuck = tets_left <= 0 or face < 0  # it walks in circles, or in a flat tet
+            link = link_across(geometry, tet, face)
+            mask = occupancy[tet]
+            rest_length = distance * speed
+            piece_count = int(wp.ceil(rest_length / step))
+            if mask == wp.uint64(0) or fade <= 0.0 or stuck:
+                piece_count = 0
+            while piece < piece_count and count < most:
+                length = wp.min(step, rest_length - float(piece) * step)
+                at = (float(piece) * step + 0.5 * length) / speed
+                last = piece + 1
+                if seed != MIDDLE:
+                    at = (float(piece) * step + wp.randf(random) * length) / speed
+                subtet, ahead = subtet_ahead(alpha + at * slope, slope)
+                if seed == MIDDLE:  # further middles are in the same sub-tet
+                    last += int(wp.clamp(ahead * speed / step, 0.0, MOST_PIECES))
+                last = wp.min(last, piece_count)
+                if is_occupied(mask, subtet):
+                    room = most - count
+                    expected = float(0.0)  # extinction per rest length
+                    if depth_left < ANY_DEPTH:
+                        expected = fade * densities[wp.static(SUBTET_COUNT) * tet + subtet]
+                        enough = wp.max(depth, 0.0) / wp.max(expected * step, 1.0e-9)
+                        enough = wp.max(wp.min(enough, MOST_PIECES) + 1.0, FEWEST_AT_ONCE)
+                        room = wp.min(room, int(enough))
+                    last = wp.min(last, piece + room)
+                    while piece < last:
+                        length = wp.min(step, rest_length - float(piece) * step)
+                        middle = (float(piece) * step + 0.5 * length) / speed
+                        if seed == MIDDLE:
+                            at = middle
+                        if purpose != COUNT:
+                            slot = first_slot + count * slot_spacing
+                            samples.tet[slot] = tet
+                            store_wide(samples.bary, slot, alpha + at * slope)
+                            samples.length[slot] = fade * length
+                            samples.t[slot] = t + middle
+                        depth -= expected * length
+                        count += 1
+                        piece += 1
+                    if depth <= 0.0:
+                        most = count
+                piece = last
+            if piece >= piece_count:
+                t += wp.max(distance, SMALLEST_ADVANCE * wp.max(t, 1.0))
+                piece = 0
+                tets_left -= 1
+                tet = wp.where(stuck, -2, wp.where(link >= 0, link / 4, -1))
+                entry_face = link % 4
     if purpose == FILL_SLOTS:
         rays.t[ray] = t
         rays.tet[ray] = tet
@@ -237,6 +236,7 @@ def march_kernel(
         samples,
         samples.length,
         ANY_DEPTH,
+        True,
     )
     if purpose != WRITE:
         counts[i] = count

@@ -17,6 +17,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "host": ["HostRounds"],
         "ray_color": ["Sums", "paint_kernel", "rest_direction", "store_sums", "with_slot"],
         "slot_densities": ["slot_densities_kernel"],
+        "slot_march": ["march_or_put_off", "march_slots_kernel"],
         "slots": [
             "BLOCK_SIZE",
             "CROWDED",
@@ -37,7 +38,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "has_ray_colors",
             "keep_or_finish",
             "list_ray",
-            "march_in_slots",
         ],
         "tiles": ["pixel_of", "pixel_threads"],
         "wavefront": ["Wavefront", "Way"],

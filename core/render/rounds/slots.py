@@ -1,4 +1,4 @@
-"""The kernels of wavefront.py, where a round is described.
+"""What the kernels of wavefront.py share, where a round is described, and most of them.
 
 The progress of an image is a few integers on the device, the state; the constants below name
 their places.  Two lists of rays alternate: kernels read one and write the other.
@@ -13,8 +13,6 @@ from ...field import CONSTANT_BASIS, Tables, basis_of, encoded_half
 from ...geometry import lattice_point
 from ...wide import load_wide, store_wide_half, vec4h
 from ..rays import (
-    FILL_SLOTS,
-    MIDDLE,
     DeviceCamera,
     Entries,
     Geometry,
@@ -25,7 +23,6 @@ from ..rays import (
     empty_rays,
     empty_samples,
     find_entries,
-    march_ray,
 )
 from .compositing import Pixels, empty_pixels, to_bytes
 from .ray_color import Sums, fours_of, rest_direction, store_sums, with_slot
@@ -46,7 +43,8 @@ SAMPLES = wp.constant(8)  # evaluated
 CROWDED = wp.constant(9)  # rays that need another path, see overlap/window_slots.py
 STUCK = wp.constant(10)  # rays that could not go on for want of slots, in the last round
 FEWEST = wp.constant(11)  # slots per ray from now on, because many were stuck
-STATE_SIZE = 12
+LATER = wp.constant(12)  # rays that search for their entries in this round, see slot_march.py
+STATE_SIZE = 13
 MANY_STUCK = wp.constant(40)  # one in so many rays
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
@@ -98,6 +96,7 @@ class Buffers:
     lists: wp.array2d(dtype=int)  # [2, R]
     slots: Samples  # [S]
     counts: wp.array(dtype=int)  # [S / LEAST_SLOTS] samples of each listed ray
+    later: wp.array(dtype=int)  # [S / LEAST_SLOTS] listed rays that search, LATER of them
     features: wp.array(dtype=vec4h)  # [S · L], unless slot_densities.py finds and uses them at once
     sigma: wp.array(dtype=float)  # [S]
     # Where samples have colors:
@@ -132,6 +131,7 @@ def empty_buffers(ray_count: int, slot_count: int, options, shading) -> Buffers:
         buffers.state = wp.zeros(STATE_SIZE, dtype=int)
         buffers.lists = wp.empty((2, ray_count), dtype=int)
         buffers.counts = wp.empty(slot_count // LEAST_SLOTS, dtype=int)
+        buffers.later = wp.empty(slot_count // LEAST_SLOTS, dtype=int)
         buffers.features = wp.zeros(feature_count, dtype=vec4h)
         buffers.sigma = wp.empty(slot_count, dtype=float)
         buffers.basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
@@ -214,6 +214,7 @@ def advance_kernel(slot_count: int, least: int, most: int, state: wp.array(dtype
         fewest = wp.min(2 * state[PER_RAY], most)
         state[FEWEST] = fewest
     state[STUCK] = 0
+    state[LATER] = 0
     listed = state[NEXT_LISTED]
     state[PARITY] = 1 - state[PARITY]
     state[LISTED] = listed
@@ -228,53 +229,6 @@ def advance_kernel(slot_count: int, least: int, most: int, state: wp.array(dtype
     state[TOTAL] = stride * per_ray
     if listed > 0:
         state[ROUNDS] = state[ROUNDS] + 1
-
-
-@wp.func
-def march_in_slots(
-    geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    step: float,  # Δ
-    stop: float,  # transmittance below which a ray ends
-    buffers: Buffers,
-    i: int,
-):
-    """Let the listed ray i walk, and fill its slots; returns how many."""
-    state = buffers.state
-    ray = buffers.lists[state[PARITY], i]
-    return march_ray(
-        geometry,
-        buffers.entries,
-        occupancy,
-        buffers.rays,
-        ray,
-        step,
-        MIDDLE,
-        FILL_SLOTS,
-        i,
-        state[STRIDE],
-        state[PER_RAY],
-        buffers.slots,
-        buffers.densities,
-        wp.log(buffers.pixels.transmittance[ray] / stop),
-    )
-
-
-@wp.kernel
-def march_slots_kernel(
-    geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    step: float,  # Δ
-    stop: float,  # transmittance below which a ray ends
-    buffers: Buffers,
-):
-    i = wp.tid()
-    if i >= buffers.state[STRIDE]:
-        return
-    count = int(0)
-    if i < buffers.state[TAKEN]:
-        count = march_in_slots(geometry, occupancy, step, stop, buffers, i)
-    buffers.counts[i] = count
 
 
 @wp.kernel

@@ -1,10 +1,11 @@
 """Default mode on CUDA: an image in rounds that do not wait for the host.
 
 One launch makes the rays and lists those that meet the mesh.  Then come rounds, each one a
-CUDA graph of five launches (slots.py has the kernels):
+CUDA graph of six launches (slots.py and slot_march.py have the kernels):
 
     advance     swaps the lists of rays and divides the slots among the rays
     march       fills K slots for each ray of the list, for as many rays as there is room
+    search      does the same for the few rays that search for their entries
     encode      slots to features and spherical harmonics, in half precision
     evaluate    features to density and color: both networks, one fused kernel
     composite   slots to pixels; lists the rays that go on in the next round
@@ -29,7 +30,7 @@ import warp as wp
 
 from ..rays import DeviceCamera, Pose
 from ..shading import Shading
-from . import ray_color, slots
+from . import ray_color, slot_march, slots
 from .tiles import pixel_threads
 
 SLOTS_PER_PIXEL = 2.0  # rays for which there is no room wait for the next round
@@ -56,7 +57,7 @@ class Way:
 
 
 PLAIN = Way(
-    slots.march_slots_kernel, slots.composite_slots_kernel, slots.LEAST_SLOTS, slots.MOST_SLOTS
+    slot_march.march_slots_kernel, slots.composite_slots_kernel, slots.LEAST_SLOTS, slots.MOST_SLOTS
 )
 
 
@@ -156,6 +157,7 @@ class Wavefront:
             )
             inputs = [geometry, self._occupancy, step, options.stop, buffers, *way.more]
             self._launch(way.march, len(buffers.counts), inputs)
+            self._launch(slot_march.search_slots_kernel, slot_march.SEARCHING_THREADS, inputs[:5])
         used_level_count = options.level_count or self._level_count
         if self._deferred and self.device.is_cuda:
             with stage("networks"):
