@@ -4,8 +4,8 @@
 entries of a ray in one pass through a BVH of the boundary's faces: on CUDA, a search per entry
 costs a warp as many passes, one after another, as its slowest ray needs.  A ray falls back to
 `enter_mesh` if it has more entries than there is room for, or if its entries and exits do not
-pair up (it starts inside, or slipped through an edge).  That search takes half of the registers
-that a GPU has for a ray, so a kernel that calls `next_entry` without `searches` holds more rays.
+pair up (it starts inside, or slipped through an edge).  A GPU runs more rays at once in a kernel
+without that search, which takes many registers: see rounds/slot_march.py.
 
 Shapes: R rays, B boundary faces.
 """
@@ -207,7 +207,8 @@ def next_entry(
     """Find the next tet that a ray enters at or behind t: tet (-1: none), t of entry.
 
     Args:
-        searches: A constant: whether enter_mesh is there for rays whose entries are unknown.
+        searches: A constant.  If it is false, the kernel lacks `enter_mesh`, and may be called for
+            rays with known entries alone: others meet nothing.
     """
     count = int(UNKNOWN)
     if entries.count.shape[0] > 0:
