@@ -10,7 +10,8 @@ from deformrf.core.field.networks.reference import spherical_harmonics
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.render import Pose
 from deformrf.core.training.run import TrainingField
-from deformrf.core.training.run.batch import MAX_RAY_SAMPLES, Batch
+from deformrf.core.training.run.batch import Batch
+from deformrf.core.training.run.passes import MAX_RAY_SAMPLES
 from deformrf.core.training.train_options import PRESETS
 
 RAYS = 300

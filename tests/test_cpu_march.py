@@ -14,7 +14,6 @@ from deformrf.core.render import (
     reference,
 )
 from deformrf.core.render.rays import (
-    FILL_SLOTS,
     MIDDLE,
     Entries,
     FaceRectangles,
@@ -71,7 +70,7 @@ def by_ray(renderer, camera):
     counts = wp.empty(len(ids), dtype=int, device="cpu")
     inputs = [renderer.pose.geometry, entries, renderer._occupancy, rays]
     inputs += [wp.array(ids, dtype=int, device="cpu"), renderer.field.options.march_step, MANY]
-    inputs += [wp.full(1, MIDDLE, dtype=int, device="cpu"), FILL_SLOTS, counts]
+    inputs.append(MIDDLE)
     wp.launch(march_kernel, len(ids), inputs, [slots, counts], device="cpu")
     assert (rays.tet.numpy()[ids] == -2).all() and counts.numpy().max() < MANY
     return sampled(slots, counts.numpy(), MANY)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.render import Entries, Pose, empty_rays, empty_samples, march_kernel
-from deformrf.core.render.rays.marching import FILL_SLOTS
+from deformrf.core.render import Pose, empty_rays, empty_samples
+from deformrf.core.render.rays import Entries, march_kernel
 from deformrf.core.render.rays.pose import Geometry, tet_frames_reference
 from deformrf.core.render.rays.traversal import line_in_tet, speed_and_fade
 from deformrf.core.render.reference import ray_pieces
@@ -139,9 +139,7 @@ def march(field, vertices, origins, directions, device, jitter_seed=0):
             wp.array(np.arange(count, dtype=np.int32), dtype=int, device=device),
             field.options.march_step,
             SLOTS,
-            wp.full(1, jitter_seed, dtype=int, device=device),
-            FILL_SLOTS,
-            counts,
+            jitter_seed,
         ],
         outputs=[slots, counts],
         device=device,

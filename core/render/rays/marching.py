@@ -10,8 +10,8 @@ state and goes on in the next round.  The samples reach arrays in one of three w
 
     slots [R, K], then pack_kernel removes the gaps    rounds that the host waits for; K is small
     slots that stay as they are                        the wavefront on CUDA
-    count, then march again and write                  training: one round with a large K, for
-                                                       which slots would take a gigabyte
+    count, then march again and write                  training/run/passes.py: one round with a
+                                                       large K; slots would take a gigabyte
 
 Shapes: R rays, K slots per ray, N packed samples.
 """
@@ -31,7 +31,7 @@ from .traversal import (
     speed_and_fade,
 )
 
-FILL_SLOTS = wp.constant(0)  # purposes of a launch of march_kernel
+FILL_SLOTS = wp.constant(0)  # purposes of a round
 COUNT = wp.constant(1)
 WRITE = wp.constant(2)
 MIDDLE = wp.constant(0)  # as a seed: evaluate at the middle
@@ -205,41 +205,32 @@ def march_kernel(
     entries: Entries,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
-    alive: wp.array(dtype=int),  # [R] ray of each thread
+    alive: wp.array(dtype=int),  # [threads] ray of each thread
     step: float,  # Δ
     slot_count: int,  # K
-    jitter_seed: wp.array(dtype=int),  # [1] MIDDLE, or the seed of the jitter
-    purpose: int,  # FILL_SLOTS, COUNT, or WRITE
-    ends: wp.array(dtype=int),  # [threads] WRITE: inclusive scan of counts
-    samples: Samples,  # out: [threads · K], or [N] for WRITE
-    counts: wp.array(dtype=int),  # [threads] out: samples of each ray; WRITE: in
+    seed: int,  # MIDDLE, or the seed of the jitter
+    samples: Samples,  # [threads · K] out
+    counts: wp.array(dtype=int),  # [threads] out: samples of each ray
 ):
-    """One round for each ray.  COUNT keeps the state of the rays: WRITE repeats the round."""
+    """One round for each ray."""
     i = wp.tid()
-    base = i * slot_count
-    limit = slot_count
-    if purpose == WRITE:
-        base = ends[i] - counts[i]
-        limit = counts[i]
-    count = march_ray(
+    counts[i] = march_ray(
         geometry,
         entries,
         occupancy,
         rays,
         alive[i],
         step,
-        jitter_seed[0],
-        purpose,
-        base,
+        seed,
+        FILL_SLOTS,
+        i * slot_count,
         1,
-        limit,
+        slot_count,
         samples,
         samples.length,
         ANY_DEPTH,
         True,
     )
-    if purpose != WRITE:
-        counts[i] = count
 
 
 @wp.kernel

@@ -16,7 +16,6 @@ import numpy as np
 import warp as wp
 
 from ..rays import (
-    FILL_SLOTS,
     MIDDLE,
     Pose,
     Rays,
@@ -40,11 +39,9 @@ class HostRounds:
     def __init__(self, pose: Pose, occupancy, shading, march_step: float):
         self._pose, self._occupancy = pose, occupancy
         self._shading, self._march_step = shading, march_step
-        self._middle = wp.full(1, MIDDLE, dtype=int, device=pose.device)
         self._on_cpu = None
         if pose.device.is_cpu:
             self._on_cpu = CpuRounds(pose, occupancy, shading, march_step)
-        self._no_ends = wp.empty(0, dtype=int, device=pose.device)
 
     def render(self, rays: Rays, entries, alive, pixels: Pixels, options, stage) -> int:
         """Add the rays `alive` to the pixels, to their ends; returns the number of samples.
@@ -87,8 +84,7 @@ class HostRounds:
         slots = empty_samples(count * slot_count, device)
         counts = wp.empty(count, dtype=int, device=device)
         step = self._march_step * options.step_factor
-        inputs = [pose.geometry, entries, self._occupancy, rays, alive, step, slot_count]
-        inputs += [self._middle, FILL_SLOTS, self._no_ends]
+        inputs = [pose.geometry, entries, self._occupancy, rays, alive, step, slot_count, MIDDLE]
         wp.launch(march_kernel, count, inputs, [slots, counts], device=device)
         return slots, counts
 

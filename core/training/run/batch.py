@@ -1,8 +1,8 @@
 """The samples of a batch of rays, on the device, in arrays that stay where they are.
 
-Two launches of the march kernel, one that counts and one that writes.  With a fixed
-capacity no launch waits for the host, so a CUDA graph can hold them.  Rays whose samples don't
-fit are left out of the step (`fits`); places that are unused have tet = -1.
+A march counts samples, then writes them (passes.py).  With a fixed capacity no launch waits for the
+host, so a CUDA graph can hold them.  Rays whose samples don't fit are left out of the step
+(`fits`); places that are unused have tet = -1.
 
 Shapes: R rays, N samples or places for them.
 """
@@ -15,16 +15,15 @@ from ...field import CONSTANT_BASIS, basis_of, basis_vector
 from ...render import (
     COUNT,
     WRITE,
-    Entries,
     Pose,
     basis_kernel,
+    empty_entries,
     empty_rays,
     empty_samples,
-    march_kernel,
 )
 from ..data import Drawn, RayBank
+from . import passes
 
-MAX_RAY_SAMPLES = 2048  # beyond, a ray is cut off; √3/Δ and one for each tet are far fewer
 wp.set_module_options({"enable_backward": False})
 
 
@@ -93,6 +92,7 @@ class Batch:
         self.capacity = capacity
         self._rays = empty_rays(ray_count, device)
         self._rays.first = first_ray
+        self._entries = empty_entries(ray_count, device)
         self._used = ray_count
         self.drawn = Drawn(
             self._rays.origins,
@@ -138,12 +138,11 @@ class Batch:
 
         Without `view_dependence` their basis is constant.
         """
-        common = [pose.geometry, Entries(), mask, self._rays, self._everyone, step]
-        common += [MAX_RAY_SAMPLES, self.seed]
-        nowhere = empty_samples(0, self.device)
-        self._launch(
-            march_kernel, self.ray_count, [*common, COUNT, self.ends], [nowhere, self.counts]
-        )
+        pose.refresh_face_boxes()
+        inputs = [pose.geometry, self._rays, self._entries]
+        self._launch(passes.entries_kernel, self.ray_count, inputs, [])
+        inputs = [pose.geometry, self._entries, mask, self._rays, step, self.seed]
+        self._march(inputs, COUNT, empty_samples(0, self.device))
         wp.utils.array_scan(self.counts, self.ends, inclusive=True)
         if self.capacity is None:
             self._make_room(int(self.ends[self.ray_count - 1 :].numpy()[0]))
@@ -154,9 +153,7 @@ class Batch:
             [self.ends, self._rays.tet, room],
             [self.counts, self._fits, self.sample_count],
         )
-        self._launch(
-            march_kernel, self.ray_count, [*common, WRITE, self.ends], [self.samples, self.counts]
-        )
+        self._march(inputs, WRITE, self.samples)
         self._launch(mark_unused_kernel, room, [self.sample_count], [self.samples.tet])
         if not self._harmonics:
             return
@@ -187,6 +184,12 @@ class Batch:
         self._launch(ray_basis_kernel, self.ray_count, [self.drawn.directions], outputs)
         return basis
 
+    def _march(self, inputs, purpose, samples):
+        """A pass over all rays."""
+        for kernel in passes.march_known_kernel, passes.march_unknown_kernel:
+            inputs_ = [*inputs, purpose, self.ends, samples, self.counts]
+            self._launch(kernel, self.ray_count, inputs_, [])
+
     def _make_room(self, capacity):
         self.samples = empty_samples(capacity, self.device)
         for array in (self.samples.bary, self.samples.length, self.samples.t):
@@ -196,7 +199,14 @@ class Batch:
             self.basis = wp.to_torch(self._basis)
 
     def _launch(self, kernel, dim, inputs, outputs):
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+        wp.launch(
+            kernel,
+            dim=dim,
+            inputs=inputs,
+            outputs=outputs,
+            device=self.device,
+            block_dim=kernel.module.options["block_dim"],
+        )
 
 
 def looks(bank: RayBank, device, most: int, size: int):
