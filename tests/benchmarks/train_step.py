@@ -72,7 +72,7 @@ def parts_of(run, times):
     done("composite")
     color = field.color(batch, sums, opacity)
     loss = ((color - rgba[:, :3]) ** 2).mean() + run.distortion * distortion.mean()
-    run.optimizer.zero_grad(set_to_none=True)
+    run.optimizer.zero_grad()
     done("color and loss")
     # With one color a ray, the color network's gradients come before the sums'.
     weights = list(field.networks.parameters())

@@ -21,6 +21,7 @@ import warp as wp
 from ..data import RayBank
 from ..train_options import TrainOptions
 from . import recorded_steps
+from .adam import Adam
 from .batch import Batch
 from .loss import add_table_decay, needed_decay, training_loss
 from .memory import ALLOCATION_ERRORS, give_memory_back, halved, memory_name
@@ -97,13 +98,8 @@ class Optimization:
         self._rate_shares = [share for share, _ in groups]
         # On CUDA a graph reads the rates.
         rates = [torch.zeros((), device=device) if device.type == "cuda" else 0.0 for _ in groups]
-        self.optimizer = torch.optim.Adam(
-            [{"params": p, "lr": r} for (_, p), r in zip(groups, rates, strict=True)],
-            betas=BETAS,
-            eps=EPSILON,
-            fused=True,
-            capturable=device.type == "cuda",
-        )
+        groups = [{"params": p, "lr": r} for (_, p), r in zip(groups, rates, strict=True)]
+        self.optimizer = Adam(groups, BETAS, EPSILON)
         self._make_whole = self._exchange.make_whole if several else lambda: None
         self._watch = LossWatch(field, self._make_whole)
         self._average = None  # of what this worker updates, exponentially weighted
@@ -230,7 +226,7 @@ class Optimization:
 
     def _learn(self, batch):
         """Gradients and update of a single worker."""
-        self.optimizer.zero_grad(set_to_none=True)  # before more memory is taken
+        self.optimizer.zero_grad()  # before more memory is taken
         self._backpropagate(batch)
         self.optimizer.step()
 
@@ -323,7 +319,7 @@ class Optimization:
     def state(self) -> dict:
         """The state to resume from with any number of workers; waits for all of them."""
         self._make_whole()
-        state = self.optimizer.state_dict()["state"]
+        state = self.optimizer.numbered_state()
         if self._exchange and state:
             state = {**state, 0: self._map_moments(state[0], self._exchange.whole)}
         return {
@@ -348,14 +344,11 @@ class Optimization:
     def load_state(self, state: dict):
         """Go on from `state`, whose field has the mesh and the options of this one."""
         self.field.load_state(state["stage"])
-        step, whole = state["step"], self.optimizer.state_dict()
-        rates = [group["lr"] for group in self.optimizer.param_groups]
+        step = state["step"]
         moments = step["optimizer"]
         if self._exchange and moments:
             moments = {**moments, 0: self._map_moments(moments[0], self._exchange.part)}
-        self.optimizer.load_state_dict({**whole, "state": moments})
-        for group, rate in zip(self.optimizer.param_groups, rates, strict=True):
-            group["lr"] = rate  # the very tensor that a graph reads
+        self.optimizer.load(moments)
         self.number = step["number"]
         self.samples_per_step = step["samples_per_step"]
         self.set_ray_count(step["ray_count"])
