@@ -21,7 +21,7 @@ from .memory import free_bytes
 
 MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
 FREE_BYTES = 2**24
-EXPANSION = 16  # how far compression shrinks: models themselves are not compressed
+EXPANSION = 16  # how far compression shrinks; tables shrink to about two thirds
 LONGEST_READ = 2**20  # also of the zip's list of its entries, which zipfile reads at once
 LONGEST_HEADER = 2**12  # ours have 118 bytes
 HEADER_KEYS = {"descr", "fortran_order", "shape"}
@@ -34,6 +34,11 @@ class ArchiveError(ValueError):
 def _check(condition, sentence):
     if not condition:
         raise ArchiveError(sentence)
+
+
+def unpacked_limit(file_size: int) -> int:
+    """Bytes that the arrays of a file of that size may have."""
+    return min(MAX_BYTES, FREE_BYTES + EXPANSION * file_size)
 
 
 class StoredArray:
@@ -77,7 +82,7 @@ class Archive(Mapping):
     def __init__(self, zip_file: zipfile.ZipFile, file_size: int):
         self.zip = zip_file
         self.names = {entry.filename: entry for entry in zip_file.infolist()}
-        self.allowed = self.left = min(MAX_BYTES, FREE_BYTES + EXPANSION * file_size)
+        self.allowed = self.left = unpacked_limit(file_size)
         free = free_bytes()
         if free is not None:
             self.allowed = self.left = min(self.allowed, free // 4)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..archive import unpacked_limit
 from ..geometry import tet_neighbours
 from ..paths import program_version, whole_file
 from ..streams import printable
@@ -95,7 +96,11 @@ def save(field: TetField, path, metadata_: dict | None = None, entry_bits: int |
     arrays = pack(field, metadata_, entry_bits)
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as partial, open(partial, "wb") as stream:
-        np.savez(stream, **arrays)
+        np.savez_compressed(stream, **arrays)
+        if sum(a.nbytes for a in arrays.values()) > unpacked_limit(stream.tell()):
+            stream.seek(0)  # `load` would take so small a file for a bomb
+            stream.truncate()
+            np.savez(stream, **arrays)
 
 
 def pack(field: TetField, metadata_: dict | None = None, entry_bits: int | None = None) -> dict:

@@ -35,9 +35,11 @@ def write_files(field, folder):
     everything = np.ones(len(field.table), bool)
     np.savez(path, **others, **pack_tables(field.table, field.layout, everything))
     yield "fp16, all entries", path
-    for entry_bits, name in ((16, "fp16, reached only"), (8, "int8, reached only")):
+    for entry_bits, name in ((16, "fp16"), (8, "int8")):
+        np.savez(path, **modelfile.pack(field, entry_bits=entry_bits))
+        yield f"{name}, reached only", path
         modelfile.save(field, path, entry_bits=entry_bits)
-        yield name, path
+        yield f"{name}, deflated", path
 
 
 def byte_counts(path):
