@@ -2,7 +2,6 @@
 
 import json
 import re
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -397,15 +396,3 @@ def test_a_failed_save_leaves_nothing_behind(field, tmp_path, monkeypatch):
     with pytest.raises(OSError, match="no space"):
         modelfile.save(field, tmp_path / "model.npz")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("limit", [0, 2**30])
-def test_a_file_is_compressed_unless_it_would_be_refused(field, tmp_path, monkeypatch, limit):
-    monkeypatch.setattr(modelfile, "unpacked_limit", lambda file_size: limit)
-    modelfile.save(field, tmp_path / "model.npz")
-    with zipfile.ZipFile(tmp_path / "model.npz") as archive:
-        ways = {entry.compress_type for entry in archive.infolist()}
-        assert archive.testzip() is None
-    assert ways == {zipfile.ZIP_DEFLATED if limit else zipfile.ZIP_STORED}
-    loaded = modelfile.load(tmp_path / "model.npz")
-    assert np.abs(loaded.table).max() == np.abs(field.table.astype(np.float16)).max()

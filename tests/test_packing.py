@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.field import FEATURES, ModelFileError, load
+from deformrf.core.field import FEATURES, ModelFileError, load, modelfile
 from deformrf.core.field.archive import open_arrays
 from deformrf.core.field.layout import Layout
 from deformrf.core.field.packing import (
@@ -174,3 +174,17 @@ def test_a_truncated_file_is_refused(path):
 def test_a_wrong_array_is_named_with_what_it_should_be(found, words):
     with pytest.raises(ModelFileError, match=words):
         array({"a": found}, "a", (np.uint16, np.int32), (None, 3))
+
+
+@pytest.mark.parametrize("limit", [0, 2**30])
+def test_a_file_is_deflated_unless_it_would_be_refused(
+    make_ball_field, tmp_path, monkeypatch, limit
+):
+    field, path = make_ball_field(3), tmp_path / "model.npz"
+    monkeypatch.setattr(modelfile, "unpacked_limit", lambda file_size: limit)
+    modelfile.save(field, path)
+    with zipfile.ZipFile(path) as archive:
+        ways = {entry.compress_type for entry in archive.infolist()}
+        assert archive.testzip() is None
+    assert ways == {zipfile.ZIP_DEFLATED if limit else zipfile.ZIP_STORED}
+    assert np.abs(load(path).table).max() == np.abs(field.table.astype(np.float16)).max()

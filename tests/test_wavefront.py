@@ -53,27 +53,6 @@ def test_both_paths_make_the_same_image(make_ball_field, device, monkeypatch, sl
         )
 
 
-def test_what_is_expected_changes_no_pixel(make_ball_field, device):
-    """Expected densities say when a ray's round ends early, not what it shows."""
-    rng = np.random.default_rng()
-    field = make_ball_field(int(rng.integers(1000)))
-    *before, (weights, bias) = field.density_layers
-    dense = bias + 3.0 * (np.arange(len(bias)) == 0)  # rays end within a few samples
-    field = replace(field, density_layers=(*before, (weights, dense.astype(np.float32))))
-    renderer = in_slots(Renderer(field, device))
-    camera, densities = view(), renderer.shading.densities
-    before = renderer.render(camera)
-    found = densities.numpy().copy()
-    assert (found > 0.0).any()
-    for other in (0.0 * found, (10 ** rng.uniform(-3, 5, len(found))).astype(np.float32)):
-        densities.assign(other)
-        after = renderer.render(camera)
-        one, two = (image.color_array().astype(int) for image in (before, after))
-        assert np.ptp(one) > 50 and np.abs(one - two).max() <= 1
-        if not other.any():
-            assert after.sample_count > before.sample_count
-
-
 def test_rays_that_search_for_their_entries_are_seen(make_ball_field, device):
     """Those that begin inside of the mesh: a kernel of their own lets them march."""
     renderer = in_slots(Renderer(make_ball_field(5), device))

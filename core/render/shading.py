@@ -80,15 +80,10 @@ class Shading:
 
     @cached_property
     def densities(self):
-        """σ in the middle of each occupied sub-tet, else 0: what rays may expect.  [64 T]
-
-        All are 0 on CUDA where no tensor cores find them: rays then expect nothing.
-        """
-        of_samples = self._sigma_in_place if self.device.is_cuda else self.on_cpu.sigma
+        """σ in the middle of each occupied sub-tet, else 0: what rays on a CPU expect.  [64 T]"""
         occupancy, middles = self.field.occupancy, subtet_corners().mean(axis=1)
         expected = np.zeros((len(occupancy), SUBTET_COUNT), np.float32)
-        known = not self.device.is_cuda or self.in_place is not None
-        for first in range(0, len(occupancy) if known else 0, AT_ONCE):
+        for first in range(0, len(occupancy), AT_ONCE):
             tets, subtets = np.nonzero(unpack_mask(occupancy[first : first + AT_ONCE]))
             if not len(tets):
                 continue
@@ -96,20 +91,8 @@ class Shading:
             samples = empty_samples(len(tets), self.device)
             samples.tet.assign(tets.astype(np.int32))
             samples.bary.assign(middles[subtets].astype(np.float32))
-            expected[tets, subtets] = of_samples(samples)
+            expected[tets, subtets] = self.on_cpu.sigma(samples)
         return wp.array(expected.ravel(), dtype=float, device=self.device)
-
-    def _sigma_in_place(self, samples):
-        count, features = len(samples.tet), self._half_features(samples)
-        sigma = wp.empty(count, dtype=float, device=self.device)
-        total = wp.full(1, count, dtype=int, device=self.device)
-        between = wp.zeros(4 * count, dtype=vec4h, device=self.device)
-        if self.field.options.deferred:
-            self.in_place.geometry(features.flatten(), total, sigma, between)
-        else:
-            rgb = wp.empty(count, dtype=wp.vec3, device=self.device)
-            self.in_place.evaluate(features.flatten(), between, total, sigma, rgb)
-        return sigma.numpy()
 
     def _half_features(self, samples, used_level_count=None):
         count, level_count = len(samples.tet), self.field.layout.level_count

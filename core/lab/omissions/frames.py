@@ -142,8 +142,9 @@ def frame_switches(frames: Frames) -> list[Switch]:
         _level_switch(frames),
         _view_switch(frames),
     ]
-    on_cuda = frames.device != "cpu"  # on the CPU all is single precision, and nothing waits
-    return switches if on_cuda else switches[:5] + switches[7:]
+    if frames.device == "cpu":  # all is single precision, and nothing waits
+        return switches[:5] + switches[7:]
+    return switches[:3] + switches[4:]  # no ray is expected to be opaque
 
 
 def _level_switch(frames):

@@ -4,9 +4,8 @@ The buffers of the wavefront (rounds/wavefront.py) hold all rays of an image, pl
 ones.  In a round a plain ray walks; a tangled one has one window of t, with so many pieces of all
 tets as it has slots, and what overlaps is merged: line 4 of the definition, between each two
 neighboring ends of pieces.  bins.py says which tets a ray may meet, near ones first, so that the
-next window goes on where this one ended.  A ray is done when it gets dark or no tet is left.
-Where even the shortest window has too many pieces for the most slots, the ray is *crowded*:
-merging.py renders it.
+next window goes on where this one ended.  A ray is done when it gets dark or no tet is left.  Where
+even the shortest window has too many pieces for the most slots, it is *crowded*: for merging.py.
 
 windows.py does the same on a CPU, a thread's rays at a time.
 
@@ -39,7 +38,7 @@ from ..rounds import (
     has_ray_colors,
     keep_or_finish,
     list_ray,
-    march_or_put_off,
+    march_known,
     pixel_of,
     pixel_threads,
     rest_direction,
@@ -113,6 +112,7 @@ def sort_listed_kernel(
     if not tangled and meets_face and counts[wp.static(CROSSINGS)] > 0:
         tangled = is_inside_two_shells(geometry, origin, direction)
     if tangled:
+        buffers.entries.count[ray] = 0  # it does not use any, so search_slots_kernel leaves it out
         buffers.rays.t[ray] = 0.0
         buffers.pixels.color[ray] = wp.vec3()
         buffers.pixels.depth[ray] = 0.0
@@ -242,7 +242,6 @@ def march_windows_kernel(
     geometry: Geometry,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     step: float,  # Δ
-    stop: float,  # transmittance below which a ray ends
     buffers: Buffers,
     windows: Windows,
     bins: Bins,
@@ -252,14 +251,15 @@ def march_windows_kernel(
     state = buffers.state
     if i >= state[STRIDE]:
         return
-    count = int(0)
-    if i < state[TAKEN]:
-        ray = buffers.lists[state[PARITY], i]
-        if windows.places[ray] == PLAIN_RAY:
-            count = march_or_put_off(geometry, occupancy, step, stop, buffers, i, ray)
-        else:
-            count = march_window(geometry, occupancy, bins, step, buffers, windows, i, ray)
-    buffers.counts[i] = count
+    if i >= state[TAKEN]:
+        buffers.counts[i] = 0
+        return
+    ray = buffers.lists[state[PARITY], i]
+    if windows.places[ray] == PLAIN_RAY:
+        march_known(geometry, occupancy, step, buffers, i, ray)
+    else:
+        count = march_window(geometry, occupancy, bins, step, buffers, windows, i, ray)
+        buffers.counts[i] = count
 
 
 @wp.func

@@ -17,7 +17,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "host": ["HostRounds"],
         "ray_color": ["Sums", "paint_kernel", "rest_direction", "store_sums", "with_slot"],
         "slot_densities": ["slot_densities_kernel"],
-        "slot_march": ["march_or_put_off", "march_slots_kernel"],
+        "slot_march": ["march_known", "march_slots_kernel"],
         "slots": [
             "BLOCK_SIZE",
             "CROWDED",

@@ -28,7 +28,7 @@ from .compositing import Pixels, empty_pixels, to_bytes
 from .ray_color import Sums, fours_of, rest_direction, store_sums, with_slot
 from .tiles import pixel_of
 
-LEAST_SLOTS, MOST_SLOTS = wp.constant(4), wp.constant(32)  # per ray and round, K
+LEAST_SLOTS, MOST_SLOTS = wp.constant(8), wp.constant(32)  # per ray and round, K
 ALIGNMENT = wp.constant(64)  # of the stride
 # Places in the state, integers on the device.
 PARITY = wp.constant(0)  # which list is read
@@ -43,8 +43,7 @@ SAMPLES = wp.constant(8)  # evaluated
 CROWDED = wp.constant(9)  # rays that need another path, see overlap/window_slots.py
 STUCK = wp.constant(10)  # rays that could not go on for want of slots, in the last round
 FEWEST = wp.constant(11)  # slots per ray from now on, because many were stuck
-LATER = wp.constant(12)  # rays that search for their entries in this round, see slot_march.py
-STATE_SIZE = 13
+STATE_SIZE = 12
 MANY_STUCK = wp.constant(40)  # one in so many rays
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
@@ -96,7 +95,6 @@ class Buffers:
     lists: wp.array2d(dtype=int)  # [2, R]
     slots: Samples  # [S]
     counts: wp.array(dtype=int)  # [S / LEAST_SLOTS] samples of each listed ray
-    later: wp.array(dtype=int)  # [S / LEAST_SLOTS] listed rays that search, LATER of them
     features: wp.array(dtype=vec4h)  # [S · L], unless slot_densities.py finds and uses them at once
     sigma: wp.array(dtype=float)  # [S]
     # Where samples have colors:
@@ -108,7 +106,6 @@ class Buffers:
     sums: wp.array(dtype=wp.vec4)  # [5 R] those of the pixels
     means: wp.array(dtype=vec4h)  # [8 R]
     rotations: wp.array(dtype=wp.mat33)  # [T] Q
-    densities: wp.array(dtype=float)  # [64 T] expected σ of sub-tets
     # Of the image:
     background: wp.array(dtype=wp.vec3)  # [1]
     color: wp.array(dtype=wp.vec4ub)  # [R] of finished rays
@@ -131,14 +128,13 @@ def empty_buffers(ray_count: int, slot_count: int, options, shading) -> Buffers:
         buffers.state = wp.zeros(STATE_SIZE, dtype=int)
         buffers.lists = wp.empty((2, ray_count), dtype=int)
         buffers.counts = wp.empty(slot_count // LEAST_SLOTS, dtype=int)
-        buffers.later = wp.empty(slot_count // LEAST_SLOTS, dtype=int)
         buffers.features = wp.zeros(feature_count, dtype=vec4h)
         buffers.sigma = wp.empty(slot_count, dtype=float)
         buffers.basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
         buffers.rgb = wp.empty(sample_count + ray_colors, dtype=wp.vec3)
         buffers.h = wp.empty(4 * value_count, dtype=vec4h)
         buffers.weights = wp.empty(value_count, dtype=float)
-        buffers.rotations, buffers.densities = shading.rotations, shading.densities
+        buffers.rotations = shading.rotations
         buffers.sums = fours_of(buffers.pixels.sums)
         buffers.means = wp.zeros(8 * ray_colors, dtype=vec4h)
         buffers.background = wp.zeros(1, dtype=wp.vec3)
@@ -214,7 +210,6 @@ def advance_kernel(slot_count: int, least: int, most: int, state: wp.array(dtype
         fewest = wp.min(2 * state[PER_RAY], most)
         state[FEWEST] = fewest
     state[STUCK] = 0
-    state[LATER] = 0
     listed = state[NEXT_LISTED]
     state[PARITY] = 1 - state[PARITY]
     state[LISTED] = listed

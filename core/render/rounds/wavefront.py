@@ -5,7 +5,7 @@ CUDA graph of six launches (slots.py and slot_march.py have the kernels):
 
     advance     swaps the lists of rays and divides the slots among the rays
     march       fills K slots for each ray of the list, for as many rays as there is room
-    search      does the same for the few rays that search for their entries
+    search      at the same time: the same for the few rays that search for their entries
     encode      slots to features and spherical harmonics, in half precision
     evaluate    features to density and color: both networks, one fused kernel
     composite   slots to pixels; lists the rays that go on in the next round
@@ -24,6 +24,7 @@ pixels, and slot k of ray i is at k * stride + i.
 Shapes: R rays, S slots, L levels.
 """
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import warp as wp
@@ -33,11 +34,12 @@ from ..shading import Shading
 from . import ray_color, slot_march, slots
 from .tiles import pixel_threads
 
-SLOTS_PER_PIXEL = 2.0  # rays for which there is no room wait for the next round
+SLOTS_PER_PIXEL = 4.0  # rays for which there is no room wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
 MOST_MORE_ROUNDS = 8  # before the host looks again
-LEAST_SLOTS_IN_ALL = 1 << 19  # 70 MB; a round of fewer takes as long
-MOST_SLOTS_IN_ALL = 1 << 22  # 560 MB
+LEAST_SLOTS_IN_ALL = 1 << 19  # a round of fewer takes as long
+MOST_BYTES = 600e6  # of slots
+RAY_COLOR_BYTES, SAMPLE_COLOR_BYTES = 70, 140  # of a slot, about
 SLOT_MULTIPLE = 4096  # so that some rays have room in any case
 
 
@@ -46,7 +48,7 @@ class Way:
     """How the rays of a list fill their slots, and what becomes of these.
 
     The kernels are launched for the place of each listed ray, with inputs (geometry, occupancy,
-    step, stop, buffers, *more) and (stop, buffers, *more).
+    step, buffers, *more) and (stop, buffers, *more).
     """
 
     march: wp.Kernel
@@ -76,12 +78,14 @@ class Wavefront:
         self._march_step, self._level_count = options.march_step, options.level_count
         self.device = device = pose.device
         slot_count = max(int(SLOTS_PER_PIXEL * capacity), LEAST_SLOTS_IN_ALL)
-        slot_count = min(slot_count, MOST_SLOTS_IN_ALL)
+        slot_bytes = RAY_COLOR_BYTES if options.deferred else SAMPLE_COLOR_BYTES
+        slot_count = min(slot_count, int(MOST_BYTES / slot_bytes))
         self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
         self.buffers = slots.empty_buffers(capacity, slot_count, options, shading)
         pinned = device.is_cuda
         self._host_state = wp.zeros(slots.STATE_SIZE, dtype=int, device="cpu", pinned=pinned)
         self._background = None  # that the buffers have
+        self._beside = wp.Stream(device) if pinned else None
         self._graphs = {}  # of one round each, by way, step, stop and levels
         self._likely_rounds = {}  # of each way
 
@@ -155,9 +159,11 @@ class Wavefront:
             self._launch(
                 slots.advance_kernel, 1, [self._slot_count, way.least, way.most, buffers.state]
             )
-            inputs = [geometry, self._occupancy, step, options.stop, buffers, *way.more]
-            self._launch(way.march, len(buffers.counts), inputs)
-            self._launch(slot_march.search_slots_kernel, slot_march.SEARCHING_THREADS, inputs[:5])
+            inputs = [geometry, self._occupancy, step, buffers]
+            with self._side_by_side():
+                self._launch(slot_march.search_slots_kernel, slot_march.SEARCHING_THREADS, inputs)
+            self._launch(way.march, len(buffers.counts), [*inputs, *way.more])
+            self._join()
         used_level_count = options.level_count or self._level_count
         if self._deferred and self.device.is_cuda:
             with stage("networks"):
@@ -167,6 +173,20 @@ class Wavefront:
         with stage("composite"):
             inputs = [options.stop, buffers, *way.more]
             self._launch(way.composite, self.capacity, inputs)
+
+    @contextmanager
+    def _side_by_side(self):
+        """Context whose launches run beside those that follow it, up to `_join`."""
+        if self._beside is None:
+            yield
+            return
+        self._beside.wait_stream(wp.get_stream(self.device))
+        with wp.ScopedStream(self._beside, sync_enter=False):
+            yield
+
+    def _join(self):
+        if self._beside is not None:
+            wp.get_stream(self.device).wait_stream(self._beside)
 
     def _launch_densities(self, used_level_count):
         from .slot_densities import BLOCKS_PER_PROCESSOR, slot_densities_kernel  # CUDA alone
