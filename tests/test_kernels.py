@@ -17,7 +17,7 @@ from deformrf.core.render import (
     render_mode,
 )
 from deformrf.core.render import deferred as deferred_module
-from deformrf.core.render.rounds import ray_color, slot_densities
+from deformrf.core.render.rounds import ray_color, slot_densities, slot_shading
 from deformrf.core.rig import Skinner
 
 TET = np.array([[-0.3, -0.3, 0.2], [0.3, -0.3, 0.2], [0.0, 0.4, 0.2], [0, 0, 0.7]])
@@ -46,7 +46,8 @@ def test_the_modules_are_those_that_rendering_loads(make_ball_field, device, mon
     mean.color(1)
     expected = set(kernel_modules(device))
     if not deferred:  # as models of this version are
-        expected -= {ray_color.__name__, deferred_module.__name__, slot_densities.__name__}
+        alone = ray_color, deferred_module, slot_densities, slot_shading
+        expected -= {module.__name__ for module in alone}
     assert {name for name in loaded if name.startswith("deformrf.")} == expected
 
 

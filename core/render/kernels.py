@@ -19,13 +19,14 @@ def kernel_modules(device) -> list[str]:
             begin_kernel,
             march_slots_kernel,
             paint_kernel,
+            shade_slots_kernel,
             slot_densities_kernel,
         )
 
         names += [owner.__module__ for owner in (PieceMerger, TetBins, WindowSlots)]
         kernels += [march_kernel, begin_kernel, paint_kernel, deferred.means_kernel]
         kernels += [encode_kernel, shading.half_basis_kernel, networks_kernel]
-        kernels += [march_slots_kernel, slot_densities_kernel]
+        kernels += [march_slots_kernel, shade_slots_kernel, slot_densities_kernel]
     else:  # what crowded rays need is compiled when there are any
         kernels += [raster_kernel, trace_kernel, trace_windows_kernel]
     return sorted({*names, *(kernel.module.name for kernel in kernels)})

@@ -12,7 +12,15 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "NativeNetworks",
             "native_networks",
         ],
-        "density_rows": ["any_of_warp", "density_of_rows", "density_room", "put_features"],
+        "density_rows": [
+            "any_of_warp",
+            "density_in_room",
+            "density_of_rows",
+            "density_room",
+            "h_in_room",
+            "put_features",
+            "sigma_in_room",
+        ],
         "dispatch": ["evaluators"],
         "mma": ["networks_kernel"],
         "reference": [

@@ -1,8 +1,9 @@
 """The density network on a GPU's tensor cores, on features that the same kernel has just found.
 
 For a kernel whose warps take 32 rows at a time: `density_room` once, then for each row
-`put_features`, level by level, and `density_of_rows` by all threads of the warp together.  The
-features go through the block's shared memory instead of the device's.  mma.py says how a warp
+`put_features`, level by level, and by all threads of the warp together `density_of_rows`, which
+writes to arrays, or `density_in_room`, whose results `sigma_in_room` and `h_in_room` read.
+Features go through the block's shared memory instead of the device's.  mma.py says how a warp
 multiplies.  On a CPU and on older GPUs nothing is computed.
 """
 
@@ -20,7 +21,8 @@ BLOCK_SIZE = 128  # of the kernel
 def _source(name: str):
     folder = Path(__file__).parent
     values = {"MAX_LOG_SIGMA": f"{MAX_LOG_SIGMA}f", "BLOCK_SIZE": BLOCK_SIZE}
-    includes = [folder / "density_rows.h", folder / "tensor_cores.h"]
+    names = "density_tiles.h", "density_rows.h", "tensor_cores.h"
+    includes = [folder / name for name in names]
     return native_source(folder / name, includes, values)
 
 
@@ -43,6 +45,24 @@ def density_of_rows(
     sigma: wp.array(dtype=float),  # [N] out
     h: wp.array(dtype=vec4h),  # [4 N] out
 ): ...
+
+
+@wp.func_native(_source("density_in_room.cu"))
+def density_in_room(room: wp.uint64):
+    """Find density and h, which take the place of the first four levels' features."""
+    ...
+
+
+@wp.func_native(_source("sigma_in_room.cu"))
+def sigma_in_room(room: wp.uint64) -> float:
+    """The density of this thread's row."""
+    ...
+
+
+@wp.func_native(_source("h_in_room.cu"))
+def h_in_room(room: wp.uint64, k: int) -> wp.vec4:
+    """Numbers 4 k .. 4 k + 3 of h of this thread's row."""
+    ...
 
 
 @wp.func_native("""

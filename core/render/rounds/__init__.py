@@ -18,6 +18,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "ray_color": ["Sums", "paint_kernel", "rest_direction", "store_sums", "with_slot"],
         "slot_densities": ["slot_densities_kernel"],
         "slot_march": ["march_known", "march_slots_kernel"],
+        "slot_shading": ["shade_slots_kernel"],
         "slots": [
             "BLOCK_SIZE",
             "CROWDED",

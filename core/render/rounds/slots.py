@@ -43,7 +43,8 @@ SAMPLES = wp.constant(8)  # evaluated
 CROWDED = wp.constant(9)  # rays that need another path, see overlap/window_slots.py
 STUCK = wp.constant(10)  # rays that could not go on for want of slots, in the last round
 FEWEST = wp.constant(11)  # slots per ray from now on, because many were stuck
-STATE_SIZE = 12
+NEXT_TILE = wp.constant(12)  # of 32 listed rays, see slot_shading.py
+STATE_SIZE = 13
 MANY_STUCK = wp.constant(40)  # one in so many rays
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
@@ -210,6 +211,7 @@ def advance_kernel(slot_count: int, least: int, most: int, state: wp.array(dtype
         fewest = wp.min(2 * state[PER_RAY], most)
         state[FEWEST] = fewest
     state[STUCK] = 0
+    state[NEXT_TILE] = 0
     listed = state[NEXT_LISTED]
     state[PARITY] = 1 - state[PARITY]
     state[LISTED] = listed

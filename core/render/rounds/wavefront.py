@@ -10,13 +10,14 @@ CUDA graph of six launches (slots.py and slot_march.py have the kernels):
     evaluate    features to density and color: both networks, one fused kernel
     composite   slots to pixels; lists the rays that go on in the next round
 
-With one color a ray, encode and evaluate are one kernel (slot_densities.py) that finds h instead of
-colors, and composite sums it.  After the rounds, three more launches paint all rays: means, the
-color network, pixels.  If rays are left, they are painted again after further rounds.
+With one color a ray, encode, evaluate and composite are one kernel (slot_shading.py), or two where
+pieces have to be sorted (slot_densities.py before composite): rays sum h instead of colors.  After
+the rounds, three more launches paint all rays: means, the color network, pixels.  If rays are left,
+they are painted again after further rounds.
 
-Only the device knows how long the list is, and so K.  The host launches one round more than
-the last image needed, and reads the length of the list when all are done.  If rays are left,
-which is rare, it launches further rounds.
+Only the device knows how long the list is, and so K.  The host launches as many rounds as the last
+images needed, and reads the length of the list when all are done.  If rays are left, which is rare,
+it launches further rounds.
 
 Rays of neighboring pixels are side by side in lists and slots: a warp takes a tile of 8 x 4
 pixels, and slot k of ray i is at k * stride + i.
@@ -24,6 +25,7 @@ pixels, and slot k of ray i is at k * stride + i.
 Shapes: R rays, S slots, L levels.
 """
 
+from collections import deque
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -36,6 +38,7 @@ from .tiles import pixel_threads
 
 SLOTS_PER_PIXEL = 4.0  # rays for which there is no room wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
+REMEMBERED_IMAGES = 8  # the next one is expected to need as many rounds as one of these
 MOST_MORE_ROUNDS = 8  # before the host looks again
 LEAST_SLOTS_IN_ALL = 1 << 19  # a round of fewer takes as long
 MOST_BYTES = 600e6  # of slots
@@ -87,7 +90,7 @@ class Wavefront:
         self._background = None  # that the buffers have
         self._beside = wp.Stream(device) if pinned else None
         self._graphs = {}  # of one round each, by way, step, stop and levels
-        self._likely_rounds = {}  # of each way
+        self._needed_rounds = {}  # of each way, for the last images
 
     def begin(self, camera: DeviceCamera, rows, options, stage):
         """Make the rays of an image, and list those that meet the mesh for the next round.
@@ -112,7 +115,7 @@ class Wavefront:
 
         They fill `color` and `depth` of the buffers.
         """
-        self._launch_rounds(self._likely_rounds.get(way.march, FIRST_ROUNDS), way, options, stage)
+        self._launch_rounds(self._likely_rounds(way), way, options, stage)
 
     def finish(self, options, stage, way: Way = PLAIN) -> tuple[int, int]:
         """Wait for the rounds of `start`, and launch others until no ray is listed.
@@ -120,7 +123,7 @@ class Wavefront:
         Returns:
             The numbers of samples and of crowded rays.
         """
-        rounds = self._likely_rounds.get(way.march, FIRST_ROUNDS)
+        rounds = self._likely_rounds(way)
         while True:
             wp.copy(self._host_state, self.buffers.state)
             if self.device.is_cuda:
@@ -130,8 +133,12 @@ class Wavefront:
                 break
             rounds = min(max(2, rounds // 2), MOST_MORE_ROUNDS)
             self._launch_rounds(rounds, way, options, stage)
-        self._likely_rounds[way.march] = int(state[slots.ROUNDS]) + 1
+        needed = self._needed_rounds.setdefault(way.march, deque(maxlen=REMEMBERED_IMAGES))
+        needed.append(int(state[slots.ROUNDS]))
         return int(state[slots.SAMPLES]), int(state[slots.CROWDED])
+
+    def _likely_rounds(self, way) -> int:
+        return max(self._needed_rounds.get(way.march, ()), default=FIRST_ROUNDS)
 
     def _launch_rounds(self, count, way, options, stage):
         for _ in range(count):
@@ -165,6 +172,10 @@ class Wavefront:
             self._launch(way.march, len(buffers.counts), [*inputs, *way.more])
             self._join()
         used_level_count = options.level_count or self._level_count
+        if way is PLAIN and self._deferred and self.device.is_cuda:
+            with stage("networks"):
+                self._launch_shading(used_level_count, options.stop)
+            return
         if self._deferred and self.device.is_cuda:
             with stage("networks"):
                 self._launch_densities(used_level_count)
@@ -195,6 +206,14 @@ class Wavefront:
         inputs = [self._tables, self._table, self._nodes, used_level_count]
         inputs += [*self._networks.density, threads, self.buffers]
         self._launch(slot_densities_kernel, threads, inputs)
+
+    def _launch_shading(self, used_level_count, stop):
+        from .slot_shading import BLOCKS_PER_PROCESSOR, shade_slots_kernel  # CUDA alone
+
+        threads = self.device.sm_count * BLOCKS_PER_PROCESSOR * slots.BLOCK_SIZE
+        inputs = [self._tables, self._table, self._nodes, used_level_count]
+        inputs += [*self._networks.density, stop, self.buffers]
+        self._launch(shade_slots_kernel, threads, inputs)
 
     def _launch_networks(self, used_level_count, stage):
         buffers, level_count = self.buffers, self._level_count
