@@ -136,7 +136,9 @@ def test_poses_one_after_another(make_ball_field, device):
         found = renderer.render(camera, OPTIONS)
         expected = prepared(field, vertices, device).render(camera, OPTIONS)
         assert_alike(found, expected)
-        assert abs(found.sample_count - expected.sample_count) < 0.02 * expected.sample_count
+        # Where an overlap ends, plain rays are among windows once more, and fill slots behind
+        # their ends.
+        assert 0.98 < found.sample_count / expected.sample_count < (1.02 if share > 0.0 else 1.3)
         assert renderer.overlap.expected == (share > 0.0)
 
 

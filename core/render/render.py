@@ -14,7 +14,6 @@ of the image run in a pool of threads.
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -252,19 +251,22 @@ class Renderer:
             self.overlap.search()
             if self.stage.seconds is not None:
                 self.overlap.join()  # or its time would count elsewhere
-        begin = partial(wavefront.begin, device_camera(camera), rows, options, self.stage)
-        begin()
+        view = device_camera(camera), rows, options, self.stage
         rays, pixels = wavefront.buffers.rays, wavefront.buffers.pixels
         color, depth = wavefront.buffers.color[:count], wavefront.buffers.depth[:count]
+
+        def copied():
+            return Image(wp.clone(color).reshape(shape), wp.clone(depth).reshape(shape), 0)
+
         # The host does not wait for the search before it launches: a pose is taken for one like
         # the last one, with overlap or without.
-        overlaps = self.overlap.expected
+        overlaps, image = self.overlap.expected, None
         if not overlaps:
-            wavefront.start(options, self.stage)
+            wavefront.draw(*view)
+            image = copied()  # while the device is busy
             overlaps = self.overlap.exists()
-            if overlaps:  # the image is begun anew
-                begin()
-        if overlaps:
+        if overlaps:  # the image is begun, perhaps anew
+            wavefront.begin(*view)
             self.overlap.join()
             crowded, sample_count = self._windows.render(
                 self.overlap.counts, camera.width, shape[0], options, self.stage
@@ -275,9 +277,13 @@ class Renderer:
                     self.merger.prepare()
                     sample_count += self.merger.render(rays, crowded, pixels, options)
                     resolve(pixels, options.background, color, depth, crowded)
+            image = copied()
         else:
-            sample_count, _ = wavefront.finish(options, self.stage)
-        return Image(wp.clone(color).reshape(shape), wp.clone(depth).reshape(shape), sample_count)
+            sample_count, _, again = wavefront.finish(options, self.stage)
+            if again:
+                image = copied()
+        image.sample_count = sample_count
+        return image
 
     def _wavefront_for(self, count):
         """A wavefront with room for that many pixels: the last one, if it is large enough."""

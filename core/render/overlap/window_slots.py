@@ -396,5 +396,5 @@ class WindowSlots:
             inputs = [pose.geometry, self._bins.bins, counts, width, height, buffers, windows]
             wp.launch(sort_listed_kernel, pixel_threads(width, height), inputs, **where)
         wavefront.start(options, stage, self._way)
-        sample_count, crowded_count = wavefront.finish(options, stage, self._way)
+        sample_count, crowded_count, _ = wavefront.finish(options, stage, self._way)
         return windows.crowded[:crowded_count], sample_count

@@ -88,7 +88,7 @@ def add_up(state: wp.array(dtype=int), place: int, value: int): ...
 class Buffers:
     """An image in progress."""
 
-    camera: wp.array(dtype=DeviceCamera)  # [1] that of the rays; begin_kernel writes it
+    camera: wp.array(dtype=DeviceCamera)  # [1] that of the rays
     rays: Rays  # [R]
     entries: Entries  # [R]
     pixels: Pixels  # [R]
@@ -164,24 +164,17 @@ def finish_ray(buffers: Buffers, ray: int, color: wp.vec3, opacity: float, depth
 
 
 @wp.kernel
-def begin_kernel(
-    geometry: Geometry,
-    camera: DeviceCamera,
-    first_row: int,
-    row_count: int,
-    buffers: Buffers,
-):
+def begin_kernel(geometry: Geometry, first_row: int, row_count: int, buffers: Buffers):
     """Make the rays of the image, find their entries, and list those that meet the mesh.
 
     Rays are numbered as their pixels, row by row.
     """
+    camera = buffers.camera[0]
     width = camera.lens.width
     column, row = pixel_of(wp.tid(), width)
     if column >= width or row >= row_count:
         return
     ray = row * width + column
-    if ray == 0:
-        buffers.camera[0] = camera  # for launches that are recorded
     origin, direction = camera_ray(camera, column, first_row + row)
     rays = buffers.rays
     rays.origins[ray] = origin

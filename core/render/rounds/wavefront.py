@@ -15,6 +15,8 @@ pieces have to be sorted (slot_densities.py before composite): rays sum h instea
 the rounds, three more launches paint all rays: means, the color network, pixels.  If rays are left,
 they are painted again after further rounds.
 
+Where nothing is timed, all of an image is one CUDA graph, and each further round another.
+
 Only the device knows how long the list is, and so K.  The host launches as many rounds as the last
 images needed, and reads the length of the list when all are done.  If rays are left, which is rare,
 it launches further rounds.
@@ -27,10 +29,12 @@ Shapes: R rays, S slots, L levels.
 
 from collections import deque
 from contextlib import contextmanager
+from ctypes import byref, memmove
 from dataclasses import dataclass
 
 import warp as wp
 
+from ...recorded import Recorded
 from ..rays import DeviceCamera, Pose
 from ..shading import Shading
 from . import ray_color, slot_march, slots
@@ -40,6 +44,8 @@ SLOTS_PER_PIXEL = 4.0  # rays for which there is no room wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
 REMEMBERED_IMAGES = 8  # the next one is expected to need as many rounds as one of these
 MOST_MORE_ROUNDS = 8  # before the host looks again
+MOST_GRAPHS = 32  # of images
+DEVICE_CAMERA_BYTES = wp.types.type_size_in_bytes(DeviceCamera)
 LEAST_SLOTS_IN_ALL = 1 << 19  # a round of fewer takes as long
 MOST_BYTES = 600e6  # of slots
 RAY_COLOR_BYTES, SAMPLE_COLOR_BYTES = 70, 140  # of a slot, about
@@ -87,9 +93,11 @@ class Wavefront:
         self.buffers = slots.empty_buffers(capacity, slot_count, options, shading)
         pinned = device.is_cuda
         self._host_state = wp.zeros(slots.STATE_SIZE, dtype=int, device="cpu", pinned=pinned)
+        self._host_camera = wp.zeros(1, dtype=DeviceCamera, device="cpu", pinned=pinned)
         self._background = None  # that the buffers have
         self._beside = wp.Stream(device) if pinned else None
         self._graphs = {}  # of one round each, by way, step, stop and levels
+        self._whole = {}  # Recorded of all that an image takes, by its size, rounds and options
         self._needed_rounds = {}  # of each way, for the last images
 
     def begin(self, camera: DeviceCamera, rows, options, stage):
@@ -98,17 +106,49 @@ class Wavefront:
         Args:
             rows: (first, last): the rows first..last-1 of the camera's image.
         """
+        with stage("begin"):
+            self._take(camera, rows, options)
+            self._launch_begin(camera.lens.width, rows)
+
+    def draw(self, camera: DeviceCamera, rows, options, stage):
+        """`begin` and `start`, with as few launches as possible."""
+        if not self.device.is_cuda or stage.seconds is not None:
+            self.begin(camera, rows, options, stage)
+            self.start(options, stage)
+            return
+        self._take(camera, rows, options)
+        count, width = self._likely_rounds(PLAIN), camera.lens.width
+        key = count, width, tuple(rows), options.step_factor, options.stop, options.level_count
+        if key not in self._whole:
+            if len(self._whole) == MOST_GRAPHS:
+                self._whole.clear()
+            self._whole[key] = Recorded(self.device)
+
+        def launch():
+            self._launch_begin(width, rows)
+            for _ in range(count):
+                self._launch_round(PLAIN, options, stage)
+            if self._deferred:
+                self._launch_colors(options, stage)
+
+        self._whole[key](launch)
+
+    def _take(self, camera, rows, options):
+        """What recorded launches read of an image, and what they need before."""
         if self._background != tuple(options.background):
             self._background = tuple(options.background)
             self.buffers.background.fill_(wp.vec3(*options.background))
+        self._ray_count = (rows[1] - rows[0]) * camera.lens.width
+        # No image is under way.  (Warp's numpy_value() fails for structs in structs.)
+        memmove(self._host_camera.ptr, byref(camera.__ctype__()), DEVICE_CAMERA_BYTES)
+        wp.copy(self.buffers.camera, self._host_camera)
+        self._pose.refresh_face_boxes()
+
+    def _launch_begin(self, width, rows):
+        self.buffers.state.zero_()
         row_count = rows[1] - rows[0]
-        self._ray_count = row_count * camera.lens.width
-        with stage("begin"):
-            self._pose.refresh_face_boxes()
-            self.buffers.state.zero_()
-            inputs = [self._pose.geometry, camera, rows[0], row_count, self.buffers]
-            threads = pixel_threads(camera.lens.width, row_count)
-            self._launch(slots.begin_kernel, threads, inputs)
+        inputs = [self._pose.geometry, rows[0], row_count, self.buffers]
+        self._launch(slots.begin_kernel, pixel_threads(width, row_count), inputs)
 
     def start(self, options, stage, way: Way = PLAIN):
         """Launch as many rounds as an image is likely to need, from the rays in the list.
@@ -117,13 +157,13 @@ class Wavefront:
         """
         self._launch_rounds(self._likely_rounds(way), way, options, stage)
 
-    def finish(self, options, stage, way: Way = PLAIN) -> tuple[int, int]:
+    def finish(self, options, stage, way: Way = PLAIN) -> tuple[int, int, bool]:
         """Wait for the rounds of `start`, and launch others until no ray is listed.
 
         Returns:
-            The numbers of samples and of crowded rays.
+            The numbers of samples and of crowded rays, and whether other rounds were launched.
         """
-        rounds = self._likely_rounds(way)
+        first = rounds = self._likely_rounds(way)
         while True:
             wp.copy(self._host_state, self.buffers.state)
             if self.device.is_cuda:
@@ -135,7 +175,7 @@ class Wavefront:
             self._launch_rounds(rounds, way, options, stage)
         needed = self._needed_rounds.setdefault(way.march, deque(maxlen=REMEMBERED_IMAGES))
         needed.append(int(state[slots.ROUNDS]))
-        return int(state[slots.SAMPLES]), int(state[slots.CROWDED])
+        return int(state[slots.SAMPLES]), int(state[slots.CROWDED]), needed[-1] > first
 
     def _likely_rounds(self, way) -> int:
         return max(self._needed_rounds.get(way.march, ()), default=FIRST_ROUNDS)
