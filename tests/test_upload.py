@@ -71,9 +71,13 @@ def test_strips_arrive_in_their_rows(window, device, path):
             pytest.skip(str(error))
         target = upload.image_target(context, (6, 7), device, path)
     top, bottom, colors = (image(n, 6, device, seed) for seed, n in enumerate((4, 3, 2)))
+    target.prepare()
     target.write(top)
     target.write(bottom, first_row=4)
+    target.prepare()
+    target.prepare()  # the second time nothing is left to prepare
     target.write_color(colors.color, first_row=3)
+    target.prepare()  # and no image comes before it is drawn
     wanted = np.concatenate([i.color_array() for i in (top, bottom)])
     wanted[3:5] = colors.color_array()
     assert np.array_equal(drawn(context, target), wanted)

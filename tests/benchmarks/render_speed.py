@@ -75,11 +75,11 @@ class Orbit:
 
 
 class Drag:
-    """A handle at the top goes in a circle; `upload` takes the images."""
+    """A handle at the top goes in a circle; `target` takes the images, if there is one."""
 
-    def __init__(self, renderer, size, frame_count, upload, distance=1.344):
+    def __init__(self, renderer, size, frame_count, target, distance=1.344):
         self.renderer, self.size, self.frame_count = renderer, size, frame_count
-        self.upload = upload
+        self.target = target
         self.camera = camera(0.6, *size, distance)
         mesh = renderer.field.mesh
         rest = mesh.rest_vertices
@@ -104,13 +104,16 @@ class Drag:
         angle = 0.1 * frame
         offset = 0.12 * np.array([np.sin(angle), 1.0 - np.cos(angle), 0.0])
         stage = self.renderer.stage
+        if self.target:
+            self.target.prepare()
         with stage("solver"):
             self.solver.move(self.renderer.field.mesh.rest_vertices[self.ids] + offset)
             self.solver.step(TIME_STEP)
         self.renderer.set_vertices(self.solver.vertices)
         image = self.renderer.render(self.view(frame))
         with stage("upload"):
-            self.upload(image)
+            if self.target:
+                self.target.write(image)
         return image
 
 
@@ -125,15 +128,15 @@ def opengl():
         return None
 
 
-def opengl_upload(device, size):
-    """write(image) to where OpenGL reads it, and how the bytes go there."""
+def opengl_target(device, size):
+    """Where OpenGL reads images, and how the bytes go there."""
     from deformrf.viewer.layers.upload import choose_path, image_target
 
     if opengl() is None:
-        return (lambda image: None), "nowhere: there is no OpenGL"
+        return None, "nowhere: there is no OpenGL"
     _, context = opengl()
     path = choose_path(context, device, "auto")
-    return image_target(context, size, device, path).write, path
+    return image_target(context, size, device, path), path
 
 
 def measure(case):
@@ -194,9 +197,9 @@ def cases(name, renderer, arguments):
     sizes = [(s, s) for s in arguments.sizes] if name == "drag" else [(1920, 1080)]
     distance = 1.344 if name == "drag" else FILLING * 1.344
     for size in sizes:
-        upload, path = opengl_upload(arguments.device, size)
+        target, path = opengl_target(arguments.device, size)
         print(f"{name}: frames go by {path}")
-        yield Drag(renderer, size, count, upload, distance)
+        yield Drag(renderer, size, count, target, distance)
 
 
 def field_of(arguments):

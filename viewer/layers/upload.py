@@ -60,7 +60,8 @@ def image_target(ctx: moderngl.Context, size: tuple[int, int], device: str, path
 class SharedImage:
     """A color and a depth image of one size in an OpenGL buffer that CUDA writes and shaders read.
 
-    Textures would be a copy more: of 1920x1080, some 0.5 ms.
+    Textures would be a copy more: of 1920x1080, some 0.5 ms.  Before CUDA may write, the GPU waits
+    0.3 ms for OpenGL: `prepare` has it wait while an image is rendered.
     """
 
     is_buffer = True
@@ -70,6 +71,7 @@ class SharedImage:
         self._byte_count = 4 * size[0] * size[1]  # of the colors; the depths follow
         self._buffer = ctx.buffer(reserve=2 * self._byte_count, dynamic=True)
         self._shared, self._views = None, []
+        self._mapped = self._beside = None
         try:
             self._register()
             self._views = [gl.buffer_texture(self._buffer, kind) for kind in ("RGBA8", "R32F")]
@@ -87,6 +89,21 @@ class SharedImage:
             flags=wp.RegisteredGLBuffer.NONE,
             fallback_to_copy=False,
         )
+        self._beside = wp.Stream(self._device)
+
+    def prepare(self) -> None:
+        """Begin to take the buffer from OpenGL, for the next `write`; does not wait."""
+        if self._beside is not None and self._mapped is None:
+            # What is launched later does not wait for this stream, only `write` does.
+            with wp.ScopedStream(self._beside, sync_enter=False):
+                self._mapped = self._map()
+
+    def _map(self):
+        return self._shared.map(dtype=wp.uint8, shape=(2 * self._byte_count,))
+
+    def _unmap(self):
+        self._shared.unmap()
+        self._mapped = None
 
     def write_color(self, color, first_row: int = 0) -> None:
         """Put colors [h, w] vec4ub at `first_row`, counted from the top."""
@@ -99,26 +116,35 @@ class SharedImage:
     def _write(self, arrays, first_row):
         height, width = arrays[0].shape
         assert width == self.size[0] and first_row + height <= self.size[1], arrays[0].shape
-        mapped = self._shared.map(dtype=wp.uint8, shape=(2 * self._byte_count,))
+        if self._mapped is None:
+            self._mapped = self._map()
+        else:
+            wp.get_stream(self._device).wait_stream(self._beside)
         for index, array in enumerate(arrays):
-            start = mapped.ptr + index * self._byte_count + 4 * first_row * width
+            start = self._mapped.ptr + index * self._byte_count + 4 * first_row * width
             room = wp.array(ptr=start, dtype=array.dtype, shape=array.shape, device=array.device)
             wp.copy(room, array)
-        self._shared.unmap()
+        self._unmap()
 
     def use(self) -> None:
         """Give shaders that find BUFFER defined the colors as unit 0 and the depths as unit 1.
 
         They find both in each of them, one after the other, and only one in the right format.
         """
+        if self._mapped is not None:  # no image came
+            self._unmap()
         for unit, view in enumerate(self._views):
             gl.use_buffer_texture(view, unit)
 
     def read(self) -> bytes:
         """All colors, then all depths."""
+        if self._mapped is not None:
+            self._unmap()
         return self._buffer.read()
 
     def release(self) -> None:
+        if self._mapped is not None:
+            self._unmap()
         self._shared = None  # unregistered before OpenGL deletes the buffer
         for view in self._views:
             gl.release_buffer_texture(view)
@@ -140,6 +166,9 @@ class ImageTexture:
         for texture in (self.color, self.depth):
             texture.repeat_x = texture.repeat_y = False
         self._pinned = {}  # memory of the host that CUDA copies to, by the pixels' type
+
+    def prepare(self) -> None:
+        """As SharedImage's: there is nothing to prepare."""
 
     def write_color(self, color, first_row: int = 0) -> None:
         """Put colors [h, w] vec4ub at `first_row`, counted from the top."""
