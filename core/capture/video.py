@@ -10,13 +10,15 @@ import tempfile
 from itertools import pairwise
 from pathlib import Path
 
-import av
+import lazy_loader
 import numpy as np
 from PIL import Image
 
 from ..images import MOST_PIXELS
 from .photos import CaptureError
 from .sharpness import sharpness_of
+
+av = lazy_loader.load("av")  # a viewer asks what is a video, and most often has none
 
 ENDINGS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".3gp")
 # FFmpeg's names.  Other formats may read further files, or name addresses.
