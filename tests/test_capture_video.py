@@ -1,5 +1,8 @@
 """Videos as photographs: which frames are taken, and what is refused."""
 
+import subprocess
+import sys
+
 import av
 import numpy as np
 import pytest
@@ -106,3 +109,12 @@ def test_videos_of_a_telephone_that_was_held_upright_are_turned(tmp_path, turn):
     with Image.open(path) as frame:
         assert frame.size == (96, 120)
         assert np.abs(np.asarray(frame, float) - np.asarray(image, float)).mean() < 12
+
+
+def test_asking_what_is_a_video_loads_no_library_for_it(tmp_path):
+    program = (
+        "import sys; from pathlib import Path; from deformrf.core.capture import is_video;"
+        "print(is_video(Path('model.npz')), 'av.container' in sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert run.stdout.split() == ["False", "False"], run.stderr

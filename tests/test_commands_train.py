@@ -290,7 +290,7 @@ def full_disk(*_, **__):
 
 
 def test_a_full_disk_leaves_the_checkpoint_and_says_so(call, trainer, data, tmp_path, monkeypatch):
-    monkeypatch.setattr(np, "savez", full_disk)
+    monkeypatch.setattr(np, "savez_compressed", full_disk)
     output, checkpoint_path = tmp_path / "m.npz", tmp_path / "m.checkpoint"
     checkpoint_path.write_text("PK deformrf-checkpoint-1: the run")
     trainer.trained.resumable = True
@@ -306,7 +306,7 @@ def test_a_full_disk_leaves_the_checkpoint_and_says_so(call, trainer, data, tmp_
 
 def test_a_full_disk_without_a_checkpoint_promises_none(call, trainer, data, tmp_path, monkeypatch):
     """A file that another run left is not this run's checkpoint."""
-    monkeypatch.setattr(np, "savez", full_disk)
+    monkeypatch.setattr(np, "savez_compressed", full_disk)
     (tmp_path / "m.checkpoint").write_text("PK deformrf-checkpoint-1: another run")
     trainer.trained.interrupted = True
     output = tmp_path / "m.npz"
@@ -326,7 +326,7 @@ def test_a_model_that_can_not_be_written_goes_to_a_second_place(
     def full_there(stream, **arrays):
         return full_disk() if str(tmp_path / "out") in stream.name else savez(stream, **arrays)
 
-    monkeypatch.setattr(np, "savez", full_there)
+    monkeypatch.setattr(np, "savez_compressed", full_there)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     output = tmp_path / "out" / "m.npz"
     result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
@@ -347,7 +347,7 @@ def test_a_disk_that_fills_before_the_scores_are_written_leaves_the_model(
     def full_at_second(*arguments, **arrays):
         return full_disk() if output.exists() else savez(*arguments, **arrays)
 
-    monkeypatch.setattr(np, "savez", full_at_second)
+    monkeypatch.setattr(np, "savez_compressed", full_at_second)
     result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
     assert result.code == INPUT_ERROR
     assert result.err.endswith(f"can't add the scores to {output}: No space left on device\n")

@@ -261,6 +261,16 @@ def test_entry_points_import_nothing_slow(module):
     assert not run.stdout.split(), f"{module} imports {run.stdout.strip()} before it is needed"
 
 
+def test_a_viewer_s_arguments_need_no_checker_of_types():
+    """For X | None tyro would import typeguard, and that 60 modules more, asyncio and ssl too."""
+    program = (
+        "import sys; from deformrf.viewer import command; command.main(['--version']);"
+        "print('typeguard' in sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert run.stdout.split()[-1:] == ["False"], run.stderr
+
+
 def test_bare_folder_names_are_not_imported():
     """Each test may have imported anything by now, but never the folders by their bare names."""
     import deformrf.core.paths  # noqa: F401

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Optional
 
 import tyro
 
@@ -43,8 +43,8 @@ SLOW_START = 1.5  # s after which the user is told what takes so long
 HEADLESS_SIZE = 400, 400
 SMALLEST_SIDE, LARGEST_SIDE = 32, 8192
 
-Size = Annotated[str | None, tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
-Drag = Annotated[str | None, tyro.conf.arg(metavar="VERTEX:DX,DY,DZ", help_behavior_hint="")]
+Size = Annotated[Optional[str], tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
+Drag = Annotated[Optional[str], tyro.conf.arg(metavar="VERTEX:DX,DY,DZ", help_behavior_hint="")]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 
 
@@ -73,7 +73,7 @@ class InnerArguments:
     """For programs that drive the viewer, and for finding faults."""
 
     interop: Annotated[
-        Literal["auto", "buffer", "copy"] | None, tyro.conf.arg(help_behavior_hint="")
+        Optional[Literal["auto", "buffer", "copy"]], tyro.conf.arg(help_behavior_hint="")
     ] = None
     """How CUDA frames reach OpenGL: a shared buffer, or a copy through host memory; auto, the
     default, takes the buffer if that works."""
@@ -107,7 +107,7 @@ class ViewArguments:
     The same material is stiffer for its weight where the object is smaller."""
     session: File = None
     """Begin where this session ended (Ctrl+Shift+S saves one)."""
-    mode: Annotated[Mode | None, tyro.conf.arg(help_behavior_hint="")] = None
+    mode: Annotated[Optional[Mode], tyro.conf.arg(help_behavior_hint="")] = None
     """View mode, color by default; error is the difference from the exact mode of rendering."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
     """Frames per second of clips."""

@@ -31,7 +31,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "Pose",
             "Rays",
             "Samples",
-            "UNKNOWN",
             "WRITE",
             "basis_kernel",
             "camera_ray",

@@ -186,9 +186,8 @@ class Batch:
 
     def _march(self, inputs, purpose, samples):
         """A pass over all rays."""
-        for kernel in passes.march_known_kernel, passes.march_unknown_kernel:
-            inputs_ = [*inputs, purpose, self.ends, samples, self.counts]
-            self._launch(kernel, self.ray_count, inputs_, [])
+        inputs = [*inputs, purpose, self.ends, samples, self.counts]
+        self._launch(passes.march_pass_kernel, self.ray_count, inputs, [])
 
     def _make_room(self, capacity):
         self.samples = empty_samples(capacity, self.device)

@@ -1,9 +1,7 @@
 """The march of a batch: entries, one pass that counts samples, and one that writes them.
 
 Slots for all that a ray may have would take a gigabyte, so the second pass repeats the first.  Both
-have the ray's entries from one search of the boundary.  As in render/rounds/slot_march.py, the few
-rays that have to search along the way go in launches of their own: without the search a kernel
-takes fewer registers, and a GPU runs more rays at once.
+have the ray's entries from one search of the boundary.
 
 Shapes: R rays, N samples, T tets.
 """
@@ -13,7 +11,6 @@ import warp as wp
 from ...render import (
     ANY_DEPTH,
     COUNT,
-    UNKNOWN,
     WRITE,
     Entries,
     Geometry,
@@ -38,22 +35,21 @@ def entries_kernel(geometry: Geometry, rays: Rays, entries: Entries):
         find_entries(geometry, rays.origins[i], rays.directions[i], i, entries)
 
 
-@wp.func
-def march_pass(
+@wp.kernel
+def march_pass_kernel(
     geometry: Geometry,
     entries: Entries,
     occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
-    i: int,
     step: float,  # Δ
-    seed: int,
+    seed: wp.array(dtype=int),  # [1]
     purpose: int,  # COUNT or WRITE
     ends: wp.array(dtype=int),  # [R] WRITE: inclusive scan of counts
     samples: Samples,  # [N] WRITE: out
     counts: wp.array(dtype=int),  # [R] COUNT: out; WRITE: in
-    searches: bool,  # see next_entry
 ):
-    """Count or write the samples of ray i; WRITE with the same seed repeats COUNT."""
+    """Count or write the samples of each ray; WRITE with the same seed repeats COUNT."""
+    i = wp.tid()
     first = int(0)
     limit = int(MAX_RAY_SAMPLES)
     if purpose == WRITE:
@@ -67,7 +63,7 @@ def march_pass(
         rays,
         i,
         step,
-        seed,
+        seed[0],
         purpose,
         first,
         1,
@@ -75,73 +71,7 @@ def march_pass(
         samples,
         samples.length,
         ANY_DEPTH,
-        searches,
+        True,
     )
     if purpose == COUNT:
         counts[i] = count
-
-
-@wp.kernel
-def march_known_kernel(
-    geometry: Geometry,
-    entries: Entries,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    rays: Rays,
-    step: float,  # Δ
-    seed: wp.array(dtype=int),  # [1]
-    purpose: int,  # COUNT or WRITE
-    ends: wp.array(dtype=int),  # [R]
-    samples: Samples,  # [N]
-    counts: wp.array(dtype=int),  # [R]
-):
-    """A pass of the rays whose entries are known."""
-    i = wp.tid()
-    if rays.tet[i] > FINISHED and entries.count[i] != UNKNOWN:
-        march_pass(
-            geometry,
-            entries,
-            occupancy,
-            rays,
-            i,
-            step,
-            seed[0],
-            purpose,
-            ends,
-            samples,
-            counts,
-            False,
-        )
-    elif rays.tet[i] == FINISHED and purpose == COUNT:
-        counts[i] = 0
-
-
-@wp.kernel
-def march_unknown_kernel(
-    geometry: Geometry,
-    entries: Entries,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    rays: Rays,
-    step: float,  # Δ
-    seed: wp.array(dtype=int),  # [1]
-    purpose: int,  # COUNT or WRITE
-    ends: wp.array(dtype=int),  # [R]
-    samples: Samples,  # [N]
-    counts: wp.array(dtype=int),  # [R]
-):
-    """A pass of the rays that search for their entries."""
-    i = wp.tid()
-    if rays.tet[i] > FINISHED and entries.count[i] == UNKNOWN:
-        march_pass(
-            geometry,
-            entries,
-            occupancy,
-            rays,
-            i,
-            step,
-            seed[0],
-            purpose,
-            ends,
-            samples,
-            counts,
-            True,
-        )
