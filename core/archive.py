@@ -21,7 +21,7 @@ from .memory import free_bytes
 
 MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
 FREE_BYTES = 2**24
-EXPANSION = 16  # how far compression shrinks; tables shrink to about two thirds
+EXPANSION = 16  # times its size that a file may unpack to; models unpack to about twice theirs
 LONGEST_READ = 2**20  # also of the zip's list of its entries, which zipfile reads at once
 LONGEST_HEADER = 2**12  # ours have 118 bytes
 HEADER_KEYS = {"descr", "fortran_order", "shape"}

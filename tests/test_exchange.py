@@ -6,6 +6,7 @@ import torch
 from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
 from deformrf.core.training.run import TrainingField, Workers
+from deformrf.core.training.run.adam import Adam
 from deformrf.core.training.run.exchange import Exchange
 from deformrf.core.training.run.peer_exchange import PeerExchange
 
@@ -64,7 +65,7 @@ def weighted_mean(own):
 
 
 def optimizers(pair):
-    return [torch.optim.Adam(one.parameters, lr=RATE, betas=BETAS, eps=EPSILON) for one in pair]
+    return [Adam([{"params": one.parameters, "lr": RATE}], BETAS, EPSILON) for one in pair]
 
 
 def test_gradients_are_weighted_means_of_all_workers(pair):

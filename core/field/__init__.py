@@ -41,6 +41,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "NATIVE_VALUES",
             "NETWORK_BLOCK",
             "NativeNetworks",
+            "OVERWRITTEN_LEVELS",
             "TorchNetworks",
             "any_of_warp",
             "basis_of",

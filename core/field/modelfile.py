@@ -96,11 +96,16 @@ def save(field: TetField, path, metadata_: dict | None = None, entry_bits: int |
     arrays = pack(field, metadata_, entry_bits)
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as partial, open(partial, "wb") as stream:
-        np.savez_compressed(stream, **arrays)
-        if sum(a.nbytes for a in arrays.values()) > unpacked_limit(stream.tell()):
-            stream.seek(0)  # `load` would take so small a file for a bomb
-            stream.truncate()
-            np.savez(stream, **arrays)
+        write(arrays, stream)
+
+
+def write(arrays: dict, stream):
+    """Write arrays as a file that `load` accepts: deflated, unless that makes it too small."""
+    np.savez_compressed(stream, **arrays)
+    if sum(a.nbytes for a in arrays.values()) > unpacked_limit(stream.tell()):
+        stream.seek(0)  # `load` would take it for a bomb
+        stream.truncate()
+        np.savez(stream, **arrays)
 
 
 def pack(field: TetField, metadata_: dict | None = None, entry_bits: int | None = None) -> dict:

@@ -104,8 +104,9 @@ class Drag:
         angle = 0.1 * frame
         offset = 0.12 * np.array([np.sin(angle), 1.0 - np.cos(angle), 0.0])
         stage = self.renderer.stage
-        if self.target:
-            self.target.prepare()
+        with stage("upload"):
+            if self.target:
+                self.target.prepare()
         with stage("solver"):
             self.solver.move(self.renderer.field.mesh.rest_vertices[self.ids] + offset)
             self.solver.step(TIME_STEP)

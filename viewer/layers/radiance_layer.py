@@ -281,7 +281,8 @@ class RadianceLayer:
         options = RenderOptions(background=tuple(scene.settings.background), **picture.cheaper)
         if picture.texture is not None:
             camera = camera.resized(*picture.texture.size)
-            picture.texture.prepare()
+            with self._times.part("upload"):
+                picture.texture.prepare()
         with self._times.part("render"):
             image = render_mode(
                 self._renderer,

@@ -102,6 +102,7 @@ class SharedImage:
         return self._shared.map(dtype=wp.uint8, shape=(2 * self._byte_count,))
 
     def _unmap(self):
+        wp.get_stream(self._device).wait_stream(self._beside)
         self._shared.unmap()
         self._mapped = None
 
@@ -118,8 +119,7 @@ class SharedImage:
         assert width == self.size[0] and first_row + height <= self.size[1], arrays[0].shape
         if self._mapped is None:
             self._mapped = self._map()
-        else:
-            wp.get_stream(self._device).wait_stream(self._beside)
+        wp.get_stream(self._device).wait_stream(self._beside)
         for index, array in enumerate(arrays):
             start = self._mapped.ptr + index * self._byte_count + 4 * first_row * width
             room = wp.array(ptr=start, dtype=array.dtype, shape=array.shape, device=array.device)

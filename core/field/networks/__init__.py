@@ -13,6 +13,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "native_networks",
         ],
         "density_rows": [
+            "OVERWRITTEN_LEVELS",
             "any_of_warp",
             "density_in_room",
             "density_of_rows",

@@ -1,5 +1,5 @@
-// Density and h of the rows whose features a warp has put, in the place of the first features: the
-// body of density_in_room in density_rows.py.
+// Density and h of the rows whose features a warp has put, in the same rows: the body of
+// density_in_room in density_rows.py.
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
 #include "density_tiles.h"
 find_density([&](int row, int j, const Result& r) {

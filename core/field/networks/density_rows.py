@@ -16,6 +16,7 @@ from ...wide import vec4h
 from .reference import MAX_LOG_SIGMA
 
 BLOCK_SIZE = 128  # of the kernel
+OVERWRITTEN_LEVELS = wp.constant(4)  # by density_in_room
 
 
 def _source(name: str):
@@ -34,7 +35,7 @@ def density_room(fragments: wp.array(dtype=vec4h), biases: wp.array(dtype=float)
 
 @wp.func_native(_source("put_features.cu"))
 def put_features(room: wp.uint64, level: int, f: wp.vec4):
-    """Put a level's features of this thread's row; those that it never puts are zero."""
+    """Put a level's features of this thread's row; those that nobody ever put are zero."""
     ...
 
 
@@ -49,7 +50,11 @@ def density_of_rows(
 
 @wp.func_native(_source("density_in_room.cu"))
 def density_in_room(room: wp.uint64):
-    """Find density and h, which take the place of the first four levels' features."""
+    """Find density and h.
+
+    h takes the place of the features of OVERWRITTEN_LEVELS, the first ones: all of these have to
+    be put again before the next call.  The density lies behind the features.
+    """
     ...
 
 

@@ -91,5 +91,5 @@ def _surroundings(frames, arrays) -> Omission:
 def _megabytes(arrays) -> float:
     """Size of a file with these arrays [10⁶ bytes]."""
     stream = io.BytesIO()
-    np.savez(stream, **arrays)
+    modelfile.write(arrays, stream)
     return stream.tell() / 1e6

@@ -2,7 +2,7 @@
 
 A turn renders one view with the part and once without; the next turn takes the next view.
 Each variant has its own renderer: on CUDA a renderer predicts the number of rounds from its
-last image, so the variants must not share it.  Images are compared over all views, over white.
+last images, so the variants must not share it.  Images are compared over all views, over white.
 """
 
 from collections.abc import Callable
@@ -131,7 +131,7 @@ def frame_switches(frames: Frames) -> list[Switch]:
             "rounds that the host waits for",
             waiting,
             usual,
-            "The device knows how many rays go on; each round is a CUDA graph.",
+            "The device knows how many rays go on; an image is one CUDA graph.",
         ),
         Switch(
             "rendering again what did not change",

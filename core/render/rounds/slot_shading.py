@@ -8,6 +8,7 @@ to be sorted first, `slot_densities_kernel` and a kernel that composites do it i
 import warp as wp
 
 from ...field import (
+    OVERWRITTEN_LEVELS,
     Tables,
     any_of_warp,
     density_in_room,
@@ -36,7 +37,6 @@ from .slots import (
 
 BLOCKS_PER_PROCESSOR = 5  # the registers have room for no more
 WARP = wp.constant(32)
-OVERWRITTEN_LEVELS = wp.constant(4)  # whose features have made room for h
 
 wp.set_module_options(
     {"enable_backward": False, "max_unroll": 2, "fast_math": True, "block_dim": BLOCK_SIZE}
@@ -82,7 +82,7 @@ def shade_slots_kernel(
     state = buffers.state
     stride = state[STRIDE]
     lane = lane_of_warp()
-    tile_count = (wp.max(stride, state[LISTED]) + WARP - 1) / WARP
+    tile_count = (state[LISTED] + WARP - 1) / WARP
     tile = claim_tile(state, NEXT_TILE)
     while tile < tile_count:
         i = tile * WARP + lane

@@ -96,7 +96,7 @@ class Buffers:
     lists: wp.array2d(dtype=int)  # [2, R]
     slots: Samples  # [S]
     counts: wp.array(dtype=int)  # [S / LEAST_SLOTS] samples of each listed ray
-    features: wp.array(dtype=vec4h)  # [S · L], unless slot_densities.py finds and uses them at once
+    features: wp.array(dtype=vec4h)  # [S · L], unless a kernel finds and uses them at once
     sigma: wp.array(dtype=float)  # [S]
     # Where samples have colors:
     basis: wp.array(dtype=vec4h)  # [4 S] spherical harmonics

@@ -1,7 +1,7 @@
 """Default mode on CUDA: an image in rounds that do not wait for the host.
 
-One launch makes the rays and lists those that meet the mesh.  Then come rounds, each one a
-CUDA graph of six launches (slots.py and slot_march.py have the kernels):
+One launch makes the rays and lists those that meet the mesh.  Then come rounds of six launches
+(slots.py and slot_march.py have the kernels):
 
     advance     swaps the lists of rays and divides the slots among the rays
     march       fills K slots for each ray of the list, for as many rays as there is room
@@ -15,11 +15,12 @@ pieces have to be sorted (slot_densities.py before composite): rays sum h instea
 the rounds, three more launches paint all rays: means, the color network, pixels.  If rays are left,
 they are painted again after further rounds.
 
-Where nothing is timed, all of an image is one CUDA graph, and each further round another.
+A whole image is one CUDA graph where nothing overlaps; other rounds are a graph each.  Where stages
+are timed there is none.
 
-Only the device knows how long the list is, and so K.  The host launches as many rounds as the last
-images needed, and reads the length of the list when all are done.  If rays are left, which is rare,
-it launches further rounds.
+Only the device knows how long the list is, and so K.  The host launches as many rounds as the most
+that one of the last images needed, and reads the length of the list when all are done.  If rays are
+left, which is rare, it launches further rounds.
 
 Rays of neighboring pixels are side by side in lists and slots: a warp takes a tile of 8 x 4
 pixels, and slot k of ray i is at k * stride + i.
@@ -42,13 +43,13 @@ from .tiles import pixel_threads
 
 SLOTS_PER_PIXEL = 4.0  # rays for which there is no room wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
-REMEMBERED_IMAGES = 8  # the next one is expected to need as many rounds as one of these
+REMEMBERED_IMAGES = 8  # the next one is expected to need as many rounds as the most of these
 MOST_MORE_ROUNDS = 8  # before the host looks again
-MOST_GRAPHS = 32  # of images
+MOST_GRAPHS = 16  # of images
 DEVICE_CAMERA_BYTES = wp.types.type_size_in_bytes(DeviceCamera)
 LEAST_SLOTS_IN_ALL = 1 << 19  # a round of fewer takes as long
-MOST_BYTES = 600e6  # of slots
-RAY_COLOR_BYTES, SAMPLE_COLOR_BYTES = 70, 140  # of a slot, about
+MOST_BYTES = 640e6  # of slots
+RAY_COLOR_BYTES, SAMPLE_COLOR_BYTES = 76, 148  # of a slot, about, with those of WindowSlots
 SLOT_MULTIPLE = 4096  # so that some rays have room in any case
 
 
@@ -111,18 +112,19 @@ class Wavefront:
             self._launch_begin(camera.lens.width, rows)
 
     def draw(self, camera: DeviceCamera, rows, options, stage):
-        """`begin` and `start`, with as few launches as possible."""
-        if not self.device.is_cuda or stage.seconds is not None:
+        """`begin` and `start`, of whole images with as few launches as possible."""
+        width, whole = camera.lens.width, (0, camera.lens.height)
+        if not self.device.is_cuda or stage.seconds is not None or tuple(rows) != whole:
             self.begin(camera, rows, options, stage)
             self.start(options, stage)
             return
         self._take(camera, rows, options)
-        count, width = self._likely_rounds(PLAIN), camera.lens.width
-        key = count, width, tuple(rows), options.step_factor, options.stop, options.level_count
-        if key not in self._whole:
-            if len(self._whole) == MOST_GRAPHS:
-                self._whole.clear()
-            self._whole[key] = Recorded(self.device)
+        count = self._likely_rounds(PLAIN)
+        key = count, width, whole, options.step_factor, options.stop, options.level_count
+        recorded = self._whole.pop(key, None) or Recorded(self.device)
+        if len(self._whole) == MOST_GRAPHS:
+            del self._whole[next(iter(self._whole))]  # the one that was launched longest ago
+        self._whole[key] = recorded
 
         def launch():
             self._launch_begin(width, rows)
@@ -131,7 +133,7 @@ class Wavefront:
             if self._deferred:
                 self._launch_colors(options, stage)
 
-        self._whole[key](launch)
+        recorded(launch)
 
     def _take(self, camera, rows, options):
         """What recorded launches read of an image, and what they need before."""
@@ -139,7 +141,7 @@ class Wavefront:
             self._background = tuple(options.background)
             self.buffers.background.fill_(wp.vec3(*options.background))
         self._ray_count = (rows[1] - rows[0]) * camera.lens.width
-        # No image is under way.  (Warp's numpy_value() fails for structs in structs.)
+        # No image of another camera is under way.  (numpy_value() fails for structs in structs.)
         memmove(self._host_camera.ptr, byref(camera.__ctype__()), DEVICE_CAMERA_BYTES)
         wp.copy(self.buffers.camera, self._host_camera)
         self._pose.refresh_face_boxes()

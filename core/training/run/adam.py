@@ -17,12 +17,13 @@ class Adam:
         param_groups: Dictionaries of a group's "params" and its rate "lr": on CUDA a tensor on the
             device, which recorded steps read.
         state: Of each parameter that had a gradient: "step", "exp_avg", "exp_avg_sq".
+        betas, epsilon: Decay of the two moments, and what is added to the root of the second.
     """
 
     def __init__(self, groups: list[dict], betas: tuple[float, float], epsilon: float):
         self.param_groups = groups
         self.state = defaultdict(dict)
-        self._betas, self._epsilon = betas, epsilon
+        self.betas, self.epsilon = betas, epsilon
 
     def zero_grad(self):
         """Forget the gradients, and free their memory."""
@@ -34,6 +35,8 @@ class Adam:
         """Update the parameters that have gradients."""
         for group in self.param_groups:
             some = [p for p in group["params"] if p.grad is not None]
+            if not some:
+                continue
             states = [self._state_of(p) for p in some]
             adam(
                 some,
@@ -44,11 +47,11 @@ class Adam:
                 [state["step"] for state in states],
                 fused=True,
                 amsgrad=False,
-                beta1=self._betas[0],
-                beta2=self._betas[1],
+                beta1=self.betas[0],
+                beta2=self.betas[1],
                 lr=group["lr"],
                 weight_decay=0.0,
-                eps=self._epsilon,
+                eps=self.epsilon,
                 maximize=False,
             )
 
@@ -72,7 +75,8 @@ class Adam:
         """Go on from a `numbered_state`.
 
         Raises:
-            IndexError, KeyError, ValueError, AttributeError: It isn't one of these parameters.
+            IndexError, KeyError, TypeError, ValueError, AttributeError, RuntimeError: It isn't one
+                of these parameters.
         """
         parameters = self._parameters()
         self.state.clear()
@@ -81,5 +85,8 @@ class Adam:
             for name in "exp_avg", "exp_avg_sq":
                 if state[name].shape != parameter.shape:
                     raise ValueError(f"{name} of parameter {number} has shape {state[name].shape}")
-            loaded = {n: state[n].to(parameter.device) for n in ("step", "exp_avg", "exp_avg_sq")}
-            self.state[parameter] = loaded
+            self.state[parameter] = {
+                "step": state["step"].to(parameter.device, torch.float32).reshape(()),
+                "exp_avg": state["exp_avg"].to(parameter),
+                "exp_avg_sq": state["exp_avg_sq"].to(parameter),
+            }

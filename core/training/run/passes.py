@@ -20,7 +20,6 @@ from ...render import (
     march_ray,
 )
 
-FINISHED = wp.constant(-2)  # as the tet of a ray
 MAX_RAY_SAMPLES = wp.constant(2048)  # beyond, a ray is cut off; √3/Δ and one a tet are far fewer
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
@@ -31,7 +30,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2, "block_dim": B
 def entries_kernel(geometry: Geometry, rays: Rays, entries: Entries):
     """Find the entries of the rays in use; Pose.refresh_face_boxes comes before."""
     i = wp.tid()
-    if rays.tet[i] > FINISHED:
+    if rays.tet[i] > -2:
         find_entries(geometry, rays.origins[i], rays.directions[i], i, entries)
 
 
