@@ -1,6 +1,6 @@
 """Arguments that the commands share: their appearance in --help, and their checks.
 
-They say Optional[X]: for X | None tyro imports typeguard, and that 60 modules more.
+Types are written Optional[X]: for X | None, tyro imports typeguard and 60 other modules.
 """
 
 from dataclasses import replace

@@ -33,7 +33,8 @@ def test_what_nothing_reaches_is_left_out(make_ball_field, rows, entry_bits):
     assert entries.without.median == pytest.approx(path.stat().st_size / 1e6, rel=0.02)
     vertices = found["rest vertices of a lattice"]
     assert vertices.left_out and vertices.change == NONE and vertices.unit == "MB"
-    assert 0.0 < vertices.saving.median < 24e-6 * field.mesh.vertex_count + 5e-4  # deflated
+    stored = 24e-6 * field.mesh.vertex_count  # before the file is deflated
+    assert 0.05 * stored < vertices.saving.median < stored + 5e-4
 
 
 def test_where_all_is_reached_nothing_is_saved(ball, rows):

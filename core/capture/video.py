@@ -18,7 +18,7 @@ from ..images import MOST_PIXELS
 from .photos import CaptureError
 from .sharpness import sharpness_of
 
-av = lazy_loader.load("av")  # a viewer asks what is a video, and most often has none
+av = lazy_loader.load("av")  # at its first use: a viewer only asks what is_video
 
 ENDINGS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".3gp")
 # FFmpeg's names.  Other formats may read further files, or name addresses.

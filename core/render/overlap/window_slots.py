@@ -4,8 +4,8 @@ The buffers of the wavefront (rounds/wavefront.py) hold all rays of an image, pl
 ones.  In a round a plain ray walks; a tangled one has one window of t, with so many pieces of all
 tets as it has slots, and what overlaps is merged: line 4 of the definition, between each two
 neighboring ends of pieces.  bins.py says which tets a ray may meet, near ones first, so that the
-next window goes on where this one ended.  A ray is done when it gets dark or no tet is left.  Where
-even the shortest window has too many pieces for the most slots, it is *crowded*: for merging.py.
+next window goes on where this one ended.  A ray is done when it gets dark or no tet is left.  If
+even its shortest window has too many pieces, the ray is *crowded*, and merging.py renders it.
 
 windows.py does the same on a CPU, a thread's rays at a time.
 

@@ -18,6 +18,26 @@ wp.set_module_options(
 )
 
 
+@wp.func
+def put_levels(
+    room: wp.uint64,
+    tables: Tables,
+    table: wp.array(dtype=vec4h),  # [entries]
+    nodes: wp.array(dtype=vec4h),  # node_table of the dense levels
+    used_level_count: int,
+    tet: int,
+    bary: wp.vec4,
+):
+    """Encode a sample and put its features; returns the level behind the last one."""
+    x = lattice_point(bary)
+    products = tables.products[tet]
+    level = int(0)
+    while level < used_level_count:
+        put_features(room, level, encoded_half(tables, table, nodes, level, tet, x, products))
+        level += 1
+    return level
+
+
 @wp.kernel
 def slot_densities_kernel(
     tables: Tables,
@@ -37,14 +57,8 @@ def slot_densities_kernel(
         used = n / stride < buffers.counts[n % stride]
         if any_of_warp(used):
             if used:
+                bary = load_wide(buffers.slots.bary, n)
                 tet = buffers.slots.tet[n]
-                x = lattice_point(load_wide(buffers.slots.bary, n))
-                products = tables.products[tet]
-                level = int(0)
-                while level < used_level_count:
-                    put_features(
-                        room, level, encoded_half(tables, table, nodes, level, tet, x, products)
-                    )
-                    level += 1
+                put_levels(room, tables, table, nodes, used_level_count, tet, bary)
             density_of_rows(room, n, buffers.sigma, buffers.h)
         n += thread_count

@@ -13,14 +13,13 @@ from ...field import (
     any_of_warp,
     density_in_room,
     density_room,
-    encoded_half,
     h_in_room,
     put_features,
     sigma_in_room,
 )
-from ...geometry import lattice_point
 from ...wide import load_wide, vec4h
 from .ray_color import Sums, rest_direction, store_sums
+from .slot_densities import put_levels
 from .slots import (
     BLOCK_SIZE,
     LISTED,
@@ -104,15 +103,9 @@ def shade_slots_kernel(
         while any_of_warp(going):
             tet = int(0)
             if going:
+                bary = load_wide(buffers.slots.bary, n)
                 tet = buffers.slots.tet[n]
-                x = lattice_point(load_wide(buffers.slots.bary, n))
-                products = tables.products[tet]
-                level = int(0)
-                while level < used_level_count:
-                    put_features(
-                        room, level, encoded_half(tables, table, nodes, level, tet, x, products)
-                    )
-                    level += 1
+                level = put_levels(room, tables, table, nodes, used_level_count, tet, bary)
                 while level < OVERWRITTEN_LEVELS:
                     put_features(room, level, wp.vec4())
                     level += 1
