@@ -27,7 +27,7 @@ export XDG_CACHE_HOME := $(CURDIR)/.cache
 export WARP_CACHE_PATH := $(CURDIR)/.cache/warp
 endif
 
-.PHONY: help demo test soak random-use lint venv debian-packages
+.PHONY: help demo test soak random-use lint kernels venv debian-packages
 
 help:
 	@echo "make demo   open the bundled model (set-up included: what viewing needs)"
@@ -35,6 +35,7 @@ help:
 	@echo "make soak   run the tests with new random inputs, read damaged files, kill commands (ten minutes more)"
 	@echo "make random-use   a million frames of random use of the solver (some ten minutes)"
 	@echo "make lint   check style and formatting"
+	@echo "make kernels   compile the CUDA kernels that are shipped compiled, after a change of them"
 	@echo "make venv   set-up alone: $(VENV) with everything, in the versions of constraints.txt"
 	@echo "make debian-packages   install OpenGL and a virtual screen on Debian or Ubuntu (uses sudo)"
 
@@ -77,6 +78,9 @@ random-use: venv
 lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+kernels: venv
+	$(BIN)/python tests/benchmarks/ship_kernels.py
 
 venv: $(VENV)/installed
 

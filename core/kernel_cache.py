@@ -2,7 +2,8 @@
 
 Warp compiles a module of kernels once and keeps its files in a folder of their own.  `start`
 has Warp compare them with checksums before it loads them, since the linker may crash on damaged
-ones, and gives Warp another folder where it can't write.
+ones, and gives Warp another folder where it can't write.  Kernels that are shipped compiled are
+put there instead.
 """
 
 import atexit
@@ -19,6 +20,7 @@ from pathlib import Path
 
 import platformdirs
 
+from . import shipped_kernels
 from .paths import whole_file
 from .streams import printable
 
@@ -71,7 +73,7 @@ def _guarded(load):
         module.get_module_hash(block_dim)
         name = module.get_module_identifier(block_dim)
         folder = _ready(name)
-        cached = folder.exists()
+        cached = shipped_kernels.unpack(module, device, block_dim, folder) or folder.exists()
         try:
             loaded = load(module, *arguments, **named)
         except Exception as error:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from ..core import deform, render
+from ..core import deform, render, shipped_kernels
 from ..core.deform import TIME_STEP
 from ..core.device import thread_count
 from ..core.rig import Skinner
@@ -68,7 +68,7 @@ def kernel_modules(device: str) -> list[str]:
 
 
 def is_cached(name: str, device: str) -> bool:
-    """Whether Warp has a binary of a module, as it is now, in its cache.
+    """Whether Warp has a binary of a module, as it is now, in its cache or we ship one.
 
     The answer depends on internals of Warp, and is only shown to the user: with a version of
     Warp that has other internals, every module is taken to be in the cache.
@@ -80,7 +80,8 @@ def is_cached(name: str, device: str) -> bool:
         binary = "*.o" if device.is_cpu else f"*.sm{device.get_cuda_compile_arch()}*"
     except (AttributeError, KeyError, TypeError):
         return True
-    return any(folder.glob("*.meta")) and any(folder.glob(binary))
+    cached = any(folder.glob("*.meta")) and any(folder.glob(binary))
+    return cached or shipped_kernels.has(module, device, block_dim)
 
 
 def load_kernels(device: str, progress: Progress) -> None:

@@ -12,6 +12,7 @@ MOST_POINTS = 100  # that are placed at the start
 SPACING = 0.12  # of the object's size, between two of them
 SPECK = 0.02  # of the surface's points: what is apart from the others and smaller is no object
 SPARSE = 0.3  # of the points: if the largest part has fewer, they are too far apart
+BLOCK = 1_000_000  # distances at once
 FLAT = 1e-12  # of the longest side cubed: a tet of less volume holds no point
 
 
@@ -50,6 +51,16 @@ class ControlPoints:
         """These, and more behind them."""
         corners = np.concatenate([self.corners, more.corners])
         return ControlPoints(corners, np.concatenate([self.weights, more.weights]))
+
+
+def squared_distances(points, others):
+    """Those from some points after another [N, 3] to the others [M, 3], as blocks [some, M].
+
+    As a product of matrices, so each is off by 10⁻¹⁵ of the squared distance from the origin.
+    """
+    squares = (others**2).sum(axis=1)
+    for part in np.array_split(points, max(1, len(points) * len(others) // BLOCK)):
+        yield (part**2).sum(axis=1)[:, None] - 2.0 * (part @ others.T) + squares
 
 
 def spread(points, spacing: float, count: int):
@@ -94,8 +105,8 @@ def of_large_parts(points, radius: float):
     Points nearer than the radius are of one part.  A small one is a speck in the air, which a
     white background hides in white.
     """
-    points = np.asarray(points, np.float32)
-    near = np.array([((points - one) ** 2).sum(axis=1) < radius**2 for one in points])
+    points = np.asarray(points, float)
+    near = np.concatenate([part < radius**2 for part in squared_distances(points, points)])
     parts = np.zeros(len(points), int)  # 0: not yet known
     while not parts.all():
         part = np.zeros(len(points), bool)

@@ -9,6 +9,7 @@ import numpy as np
 from ...core.geometry import components
 from ...core.render import camera_rays
 from ..camera import Orbit, camera_of, framed
+from .points import squared_distances
 
 VIEWS = (*((np.radians(60.0 * k), np.radians(15.0)) for k in range(6)), (0.0, 1.4), (0.0, -1.4))
 VIEW_SIZE = 64  # pixels
@@ -65,11 +66,8 @@ def bounds(points):
 
 def nearest_vertices(points, vertices):
     """The id of the vertex [V, 3] that is nearest to each of the points [N, 3].  [N]"""
-    ids = [
-        ((part[:, None] - vertices) ** 2).sum(axis=-1).argmin(axis=1)
-        for part in np.array_split(points, max(1, len(points) * len(vertices) // 4_000_000))
-    ]
-    return np.concatenate(ids)
+    points, vertices = np.asarray(points, float), np.asarray(vertices, float)
+    return np.concatenate([part.argmin(axis=1) for part in squared_distances(points, vertices)])
 
 
 def of_the_object(rest, tets):

@@ -56,7 +56,9 @@ def _kernel(grid, threads):
         "THREAD_VERTICES": -(-SHARED_VERTICES // threads),
         "MOST_COLORS": MOST_COLORS,
     }
-    return native_kernel("cuda.cu", CudaScratch, values, module="unique", launch_bounds=threads)
+    kernel = native_kernel("cuda.cu", CudaScratch, values, module="unique", launch_bounds=threads)
+    kernel.module.options["block_dim"] = threads  # as it is launched, and is shipped compiled
+    return kernel
 
 
 @wp.func
