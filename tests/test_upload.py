@@ -31,9 +31,14 @@ class HostWritten(upload.SharedImage):
 
 
 def drawn(context, target, defines=()):
-    """What the shader shows of an image.  [h, w, 4]"""
+    """What the shader shows of an image, and the depth that others hide behind.
+
+    [h, w, 4] uint8, [h, w] float32
+    """
     width, height = target.size
-    framebuffer = context.framebuffer([context.texture((width, height), 4)])
+    framebuffer = context.framebuffer(
+        [context.texture((width, height), 4)], context.depth_renderbuffer((width, height))
+    )
     framebuffer.use()
     defines += ("BUFFER",) if target.is_buffer else ()
     triangle = gl.full_screen(context, "image", defines)
@@ -42,10 +47,14 @@ def drawn(context, target, defines=()):
         extent=(1.0, 1.0), axis=(0.5, 0.5), depth_terms=(1.0, -1.0), transparent=True,
     )  # fmt: skip
     target.use()
-    context.enable_only(context.NOTHING)
+    context.enable_only(context.DEPTH_TEST)
+    context.depth_func = "1"
     triangle.render()
+    context.depth_func = "<="
     assert context.error == "GL_NO_ERROR"
-    return np.frombuffer(framebuffer.read(components=4), np.uint8).reshape(height, width, 4)[::-1]
+    colors = np.frombuffer(framebuffer.read(components=4), np.uint8).reshape(height, width, 4)
+    raw = framebuffer.read(attachment=-1, components=1, dtype="f4", alignment=1)
+    return colors[::-1], np.frombuffer(raw, np.float32).reshape(height, width)[::-1]
 
 
 @pytest.mark.parametrize("wanted", ["auto", "copy"])
@@ -80,7 +89,7 @@ def test_strips_arrive_in_their_rows(window, device, path):
     target.prepare()  # and no image comes before it is drawn
     wanted = np.concatenate([i.color_array() for i in (top, bottom)])
     wanted[3:5] = colors.color_array()
-    assert np.array_equal(drawn(context, target), wanted)
+    assert np.array_equal(drawn(context, target)[0], wanted)
     depth = np.concatenate([i.depth_array() for i in (top, bottom)])
     if path == "copy":
         assert target.depth.read() == depth.tobytes()
@@ -98,7 +107,19 @@ def test_a_buffer_is_drawn_as_textures_are(window, defines):
     for target in both:
         target.write(frame)
     buffer, textures = (drawn(context, target, defines) for target in both)
-    assert np.array_equal(buffer, textures) and len(np.unique(buffer)) > 100
+    for one, other in zip(buffer, textures, strict=True):
+        assert np.array_equal(one, other) and len(np.unique(one)) > 50
+
+
+def test_others_hide_behind_what_a_buffer_shows(window):
+    """The depth 1 - 1/z, at a distance z before the camera's plane; beyond 1 is nothing."""
+    frame = image(9, 13, "cpu", 5)
+    target = HostWritten(window[1], (13, 9), "cpu")
+    target.write(frame)
+    x, y = ((np.arange(n) + 0.5) / n - 0.5 for n in (13, 9))
+    z = frame.depth_array() / np.sqrt(1.0 + x**2 + y[:, None] ** 2)
+    wanted = np.clip(1.0 - 1.0 / z, 0.0, 1.0)
+    np.testing.assert_allclose(drawn(window[1], target)[1], wanted, atol=1e-6)
 
 
 def test_a_probe_that_fails_falls_back_to_copying(window, monkeypatch, caplog):

@@ -9,6 +9,8 @@ import numpy as np
 from ...core.paths import SHADERS
 from ...core.render import Camera, view_projection
 
+SAMPLER_BUFFER = 0x8DC2  # uniforms of this type are passed over by moderngl, without an error
+
 
 def program(
     ctx: moderngl.Context, name: str, vertex: str = "", defines: tuple[str, ...] = ()
@@ -46,8 +48,18 @@ def set_uniforms(program: moderngl.Program, **values) -> None:
             value = tuple(value.T.ravel().tolist())  # OpenGL stores columns
         if name not in kept or kept[name] != value:
             if (uniform := program.get(name, None)) is not None:
-                uniform.value = value
+                _set_uniform(program, uniform, value)
             kept[name] = value
+
+
+def _set_uniform(program, uniform, value):
+    if uniform.gl_type != SAMPLER_BUFFER:
+        uniform.value = value
+        return
+    from pyglet import gl
+
+    gl.glUseProgram(program.glo)
+    gl.glUniform1i(uniform.location, value)
 
 
 def buffer_texture(buffer: moderngl.Buffer, kind: str):
