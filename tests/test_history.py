@@ -192,6 +192,7 @@ def test_a_lost_run_keeps_what_it_knew(views, monkeypatch):
                 run.field.networks.color[0].weight[0, 0] = float("nan")
 
     monkeypatch.setattr(Optimization, "step", spoiled)
+    monkeypatch.setattr(monitoring, "MOST_RETURNS", 0)
     lost = trainer.train(views, OPTIONS, "cpu", "ball")
     assert lost.diverged
     assert places(lost.report["history"]) == LOOKS[:2]

@@ -85,8 +85,11 @@ def test_features_decay_where_they_outnumber_what_photographs_show(run):
     assert Optimization(run.field, run.bank, without, run.has_alpha, 1).table_decay == 0.0
 
 
-def test_the_learning_rate_warms_up_and_falls_along_a_cosine():
-    rates = [optimization.learning_rate(step, 10_000, 1.0) for step in range(10_001)]
+def test_the_learning_rate_warms_up_and_falls_along_a_cosine(run):
+    rates = [
+        optimization.learning_rate(step, 10_000, 1.0) * run._watch.rate_share(step)
+        for step in range(10_001)
+    ]
     assert rates[0] == pytest.approx(0.01)
     assert max(rates) == pytest.approx(1.0, abs=1e-3)
     assert rates[5000] == pytest.approx(0.5 + 0.5 * optimization.FINAL_RATE, abs=1e-3)
@@ -132,6 +135,7 @@ def test_pauses_come_every_few_steps(run):
 @pytest.mark.parametrize("network", ["density", "color"])
 def test_a_loss_that_is_no_number_ends_the_run_with_good_weights(run, monkeypatch, network):
     """And with an occupancy that such weights did not change."""
+    monkeypatch.setattr(monitoring, "MOST_RETURNS", 0)
     step = Optimization.step
 
     def spoiled(self, rate, white):
@@ -194,6 +198,7 @@ def test_a_run_ends_with_averaged_weights_and_exports_them_before(run, monkeypat
 
 def test_a_weight_that_no_ray_meets_is_watched_too(run, monkeypatch):
     monkeypatch.setattr(monitoring, "SNAPSHOT_INTERVAL", 16)
+    monkeypatch.setattr(monitoring, "MOST_RETURNS", 0)
     step = Optimization.step
 
     def spoiled(self, rate, white):
@@ -209,6 +214,7 @@ def test_a_weight_that_no_ray_meets_is_watched_too(run, monkeypatch):
 
 
 def test_a_loss_that_rises_far_ends_the_run(run, monkeypatch):
+    monkeypatch.setattr(monitoring, "MOST_RETURNS", 0)
     step = Optimization.step
 
     def rising(self, rate, white):
@@ -218,6 +224,49 @@ def test_a_loss_that_rises_far_ends_the_run(run, monkeypatch):
     monkeypatch.setattr(Optimization, "step", rising)
     with pytest.raises(Diverged, match=r"the loss rose from 0\.001 to 0\.2 at step 32"):
         go(run)
+
+
+def test_a_run_goes_on_from_its_good_weights_more_slowly(run, monkeypatch, capsys):
+    """After a step that throws all weights off, and after three others it gives up."""
+    step, rates, thrown = Optimization.step, [], {36}
+
+    def throwing(self, rate, white):
+        step(self, rate, white)
+        rates.append(rate)
+        if self.number in thrown:
+            for weights in self.field.parameters():
+                weights.data.fill_(float("nan"))
+
+    monkeypatch.setattr(Optimization, "step", throwing)
+    monkeypatch.setattr(monitoring, "WARM_UP_STEPS", 1)
+    go(run)
+    assert run.number == 50
+    assert all(bool(weights.isfinite().all()) for weights in run.field.parameters())
+    said = "The loss became nan at step 48 of 50; going on with the weights of step 32"
+    assert said in " ".join(capsys.readouterr().out.split())
+    highest = run.options.learning_rate
+    wanted = [optimization.learning_rate(n, 50, highest) for n in range(50)]
+    np.testing.assert_allclose(rates[:48], wanted[:48])
+    np.testing.assert_allclose(rates[48:], 0.5 * np.array(wanted[48:]))
+    moments = [s for s in run.optimizer.state.values() if s["exp_avg"].abs().sum() > 0.0]
+    assert {int(state["step"]) for state in moments} == {2}  # begun anew at step 48
+    thrown.update(range(200))
+    run.step_count = 200
+    with pytest.raises(Diverged, match="the loss became nan at step 96 of 200; the model has"):
+        go(run)
+    assert all(bool(weights.isfinite().all()) for weights in run.field.parameters())
+
+
+def test_a_resumed_run_stays_as_slow(run):
+    run._watch.returns, run._watch.returned_at, run.number = 2, 32, 40
+    state = run.state()
+    run._watch.load(0, 0, 0)
+    run.load_state(state)
+    assert run._watch.rate_share(10**6) == 0.25 and run._watch.returned_at == 32
+    for forged in (9, 0), (1, 41), (1, -1):
+        state["step"]["returns"] = forged
+        with pytest.raises(ValueError, match="it returned"):
+            run.load_state(state)
 
 
 def take_too_much(monkeypatch, error):

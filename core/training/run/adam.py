@@ -31,6 +31,13 @@ class Adam:
             parameter.grad = None
 
     @torch.no_grad()
+    def forget(self):
+        """Begin anew, with moments of 0 in the memory that recorded steps read."""
+        for state in self.state.values():
+            for value in state.values():
+                value.zero_()
+
+    @torch.no_grad()
     def step(self):
         """Update the parameters that have gradients."""
         for group in self.param_groups:

@@ -31,7 +31,6 @@ from .recorded_steps import RecordedSteps
 from .training_field import TrainingField
 
 FULL_RATE_WIDTH = 64  # of hidden layers that learn as fast as the rest
-WARM_UP_STEPS = 100  # in which the learning rate rises
 FINAL_RATE = 0.1  # of the highest learning rate, at the cosine's end
 BETAS, EPSILON = (0.9, 0.99), 1e-15  # of Adam; the paper has 0.999
 LOSS_SCALE = 1024.0  # against vanishing fp16 gradients (0.2 % of their sum); Adam cancels it
@@ -51,10 +50,12 @@ RECORDING_RUNS = 3  # before a graph is recorded: libraries choose their kernels
 
 
 def learning_rate(step: int, step_count: int, highest: float) -> float:
-    """Adam's learning rate at a step: linear warm-up, then cosine decay to FINAL_RATE · highest."""
-    warm_up = min(1.0, (step + 1) / WARM_UP_STEPS)
+    """Adam's learning rate at a step: cosine decay to FINAL_RATE · highest.
+
+    LossWatch has it rise from 0 at the start.
+    """
     fall = 0.5 * (1.0 + cos(pi * step / step_count))
-    return highest * warm_up * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
+    return highest * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
 
 
 class Optimization:
@@ -140,6 +141,7 @@ class Optimization:
                 after_pause()
                 self.workers.stop_if_interrupted()
             rate = learning_rate(self.number, self.step_count, self.options.learning_rate)
+            rate *= self._watch.rate_share(self.number)
             white = not self.has_alpha or self.number >= (1.0 - WHITE_SHARE) * self.step_count
             try:
                 self.step(rate, white)
@@ -261,10 +263,14 @@ class Optimization:
         note(self.number, error)
         self._shown = self.number
         try:
-            self._watch.examine(error, self.number, self.step_count)
+            returned = self._watch.examine(error, self.number, self.step_count)
         except Diverged:
             self._average = None  # it may hold what was lost
             raise
+        if returned:
+            self._average = None
+            self.optimizer.forget()
+            progress.say(returned)
         return sample_count
 
     def _adapt_ray_count(self, sample_count):
@@ -328,6 +334,7 @@ class Optimization:
                 "number": self.number,
                 "ray_count": self.ray_count,
                 "samples_per_step": self.samples_per_step,
+                "returns": (self._watch.returns, self._watch.returned_at),
             },
             "stage": self.field.state(),
             "average": self._whole_average(),
@@ -350,6 +357,7 @@ class Optimization:
             moments = {**moments, 0: self._map_moments(moments[0], self._exchange.part)}
         self.optimizer.load(moments)
         self.number = step["number"]
+        self._watch.load(*step.get("returns", (0, 0)), self.number)
         self.samples_per_step = step["samples_per_step"]
         self.set_ray_count(step["ray_count"])
         if state["average"] is not None:
