@@ -1,5 +1,7 @@
-"""How much main memory is free."""
+"""How much main memory is free, and when Python looks for garbage in it."""
 
+import gc
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -15,3 +17,15 @@ def free_bytes() -> int | None:
     except (OSError, ValueError, LookupError):
         pass
     return min(found, default=None)
+
+
+@contextmanager
+def no_garbage_collected():
+    """Context in which Python looks for no objects that refer to each other and to no one else."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()

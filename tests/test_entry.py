@@ -103,3 +103,15 @@ def test_a_mistake_of_the_user_leaves_none(tmp_path):
     run = subprocess.run(command, capture_output=True, text=True, env=state, cwd=tmp_path)
     assert run.returncode == 2 and run.stderr.count("\n") == 1
     assert not list(tmp_path.rglob("crash-*"))
+
+
+def test_garbage_is_collected_after_the_start_and_not_at_the_end():
+    said = (
+        "import atexit, gc, sys\n"
+        "atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 10_000))\n"
+        "from deformrf.viewer.entry import begin\n"
+        "sys.argv = ['x', '--version']\n"
+        "sys.exit(begin('deformrf-view'))\n"
+    )
+    run = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    assert run.stdout.split("\n")[1:] == ["True True", ""]

@@ -3,11 +3,14 @@
 Only what is needed for that is imported here; `core.commands.run` takes over with the work.
 """
 
+import atexit
+import gc
 import os
 import signal
 import sys
 from importlib import import_module
 
+from ..core.memory import no_garbage_collected
 from ..core.streams import keep_going
 
 COMMANDS = {
@@ -69,12 +72,16 @@ def begin(program: str) -> int:
     if signal.getsignal(signal.SIGINT) == signal.default_int_handler:  # ignored in the background
         signal.signal(signal.SIGINT, end)
     keep_going()
+    # At its end Python would look for garbage among all that the process is about to leave.
+    atexit.register(gc.freeze)
     verbose = "--verbose" in sys.argv[1:]
     sys.argv[1:] = [word for word in sys.argv[1:] if word != "--verbose"]
     crash = import_module("deformrf.viewer.crash")
     recent = crash.begin_logging(program, verbose)
     try:
-        return import_module(COMMANDS[program]).main()
+        with no_garbage_collected():
+            command = import_module(COMMANDS[program])
+        return command.main()
     except SystemExit as ended:
         if not ended.code and {"-h", "--help"} & {*sys.argv[1:]}:
             print(VERBOSE)

@@ -8,13 +8,12 @@ Within a recorded step nothing waits for the host: it has a fixed number of rays
 room for samples; learning rate, background and seed are values on the device.
 """
 
-import gc
 from collections.abc import Callable
-from contextlib import contextmanager
 
 import torch
 import warp as wp
 
+from ...memory import no_garbage_collected
 from .batch import Batch
 
 AHEAD = 4  # batches that are being marched while one is learned from
@@ -47,7 +46,7 @@ class RecordedSteps:
         self._prepared = [torch.cuda.Event() for _ in self._streams]
         self._next = None  # the step whose batch was marched ahead
         self._march, self.learn, pool = [], [], None
-        with no_garbage_collected():
+        with no_garbage_collected():  # it would free device memory, which ends a recording
             for batch in batches:
                 graph = recorded(device, march, batch)
                 self._march.append(graph)
@@ -98,18 +97,6 @@ class RecordedSteps:
         """Make the main stream wait until all batches under way have copied what they read."""
         for event in self._prepared:
             self._main.wait_event(event)
-
-
-@contextmanager
-def no_garbage_collected():
-    """Context in which no device memory is freed by chance, which a recording doesn't survive."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def recorded(device, function: Callable[[Batch], None], batch: Batch, pool=None):
