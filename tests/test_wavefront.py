@@ -66,6 +66,26 @@ def test_rays_that_search_for_their_entries_are_seen(make_ball_field, device):
     assert_alike(image, renderer.render(camera, HOST_ROUNDS))
 
 
+def test_rays_that_meet_an_edge_of_the_boundary_search(make_ball_field, device):
+    """A walk through the tets may see them on its other side, and leave the mesh for good."""
+    rng = np.random.default_rng()
+    renderer = in_slots(Renderer(make_ball_field(5), device))
+    geometry = renderer.pose.geometry
+    vertices, faces = geometry.vertices.numpy(), geometry.faces.numpy()
+    searching = 0
+    for face in rng.choice(faces, 40):
+        share = rng.uniform(0.1, 0.9)
+        at = share * vertices[face[0]] + (1.0 - share) * vertices[face[1]]
+        away = rng.normal(size=3)
+        eye = at + 1.4 * away / np.linalg.norm(away)
+        renderer.render(from_field_of_view(look_at(eye, at), 0.1, 1, 1))
+        searching += renderer._wavefront.buffers.entries.count.numpy()[0] == UNKNOWN
+    assert searching >= 36  # others passed beside it, by a rounding
+    renderer.render(view(80, 60))
+    count = renderer._wavefront.buffers.entries.count.numpy()[: 80 * 60]
+    assert (count == UNKNOWN).sum() <= 0.05 * (count != 0).sum()
+
+
 def test_the_path_host_and_details_use_no_wavefront(make_ball_field, device):
     renderer = in_slots(Renderer(make_ball_field(4), device))
     for options in (RenderOptions(path="host"), RenderOptions(details=True)):

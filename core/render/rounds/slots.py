@@ -180,7 +180,7 @@ def begin_kernel(geometry: Geometry, first_row: int, row_count: int, buffers: Bu
     rays.origins[ray] = origin
     rays.directions[ray] = direction
     buffers.pixels.transmittance[ray] = 1.0
-    if find_entries(geometry, origin, direction, ray, buffers.entries) == 0:
+    if find_entries(geometry, origin, direction, ray, buffers.entries, True) == 0:
         finish_ray(buffers, ray, buffers.background[0], 0.0, 0.0)
         return
     rays.t[ray] = 0.0

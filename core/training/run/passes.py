@@ -31,7 +31,7 @@ def entries_kernel(geometry: Geometry, rays: Rays, entries: Entries):
     """Find the entries of the rays in use; Pose.refresh_face_boxes comes before."""
     i = wp.tid()
     if rays.tet[i] > -2:
-        find_entries(geometry, rays.origins[i], rays.directions[i], i, entries)
+        find_entries(geometry, rays.origins[i], rays.directions[i], i, entries, False)
 
 
 @wp.kernel
