@@ -2,8 +2,8 @@
 
 Warp compiles a module of kernels once and keeps its files in a folder of their own.  `start`
 has Warp compare them with checksums before it loads them, since the linker may crash on damaged
-ones, and gives Warp another folder where it can't write.  Kernels that are shipped compiled are
-put there instead.
+ones, and gives Warp another folder where it can't write.  A module that is shipped compiled is
+copied into the cache before Warp looks there.
 """
 
 import atexit
@@ -73,7 +73,8 @@ def _guarded(load):
         module.get_module_hash(block_dim)
         name = module.get_module_identifier(block_dim)
         folder = _ready(name)
-        cached = shipped_kernels.unpack(module, device, block_dim, folder) or folder.exists()
+        shipped_kernels.unpack(module, device, block_dim, folder)
+        cached = folder.exists()
         try:
             loaded = load(module, *arguments, **named)
         except Exception as error:

@@ -1,4 +1,4 @@
-"""How much main memory is free, and when Python looks for garbage in it."""
+"""How much main memory is free, and a context without garbage collection."""
 
 import gc
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ def free_bytes() -> int | None:
 
 @contextmanager
 def no_garbage_collected():
-    """Context in which Python looks for no objects that refer to each other and to no one else."""
+    """Context in which Python's collector of reference cycles does not run, in any thread."""
     enabled = gc.isenabled()
     gc.disable()
     try:

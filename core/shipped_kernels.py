@@ -35,20 +35,23 @@ def has(module, device, block_dim: int) -> bool:
 
 
 def unpack(module, device, block_dim: int, folder: Path) -> bool:
-    """Put a module's files into its folder of Warp's cache, and say whether it has them.
+    """Put a module's files into its folder of Warp's cache; returns whether it has them.
 
-    Files that are there stay.  If some can't be written, Warp compiles the module.
+    Files that are there stay.  If nothing is shipped, or a file can't be written, the answer is
+    no, and Warp compiles the module.
     """
-    if device.is_cpu or any(folder.glob(f"*.sm{device.arch}*")):
-        return False
     files = _modules(device).get(module.get_module_hash(block_dim).hex(), {})
+    missing = [name for name in files if not (folder / name).exists()]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            if not (folder / name).exists():
-                partial = reserved(folder / name)  # checksums tell later if the disk lost some
-                partial.write_bytes(content)
+        if missing:
+            folder.mkdir(parents=True, exist_ok=True)
+        for name in missing:
+            partial = reserved(folder / name)  # checksums tell later if the disk lost some
+            try:
+                partial.write_bytes(files[name])
                 partial.replace(folder / name)
+            finally:
+                partial.unlink(missing_ok=True)
     except OSError:
         return False
     return bool(files)

@@ -83,7 +83,7 @@ def test_rays_that_meet_an_edge_of_the_boundary_search(make_ball_field, device):
     assert searching >= 36  # others passed beside it, by a rounding
     renderer.render(view(80, 60))
     count = renderer._wavefront.buffers.entries.count.numpy()[: 80 * 60]
-    assert (count == UNKNOWN).sum() <= 0.05 * (count != 0).sum()
+    assert (count == UNKNOWN).sum() <= 0.02 * (count != 0).sum()
 
 
 def test_the_path_host_and_details_use_no_wavefront(make_ball_field, device):

@@ -1,7 +1,7 @@
 """Preparation of the first picture: loads kernels, and finds the object's surface.
 
 `prepare` runs in a thread, so that a window can show the progress.  Warp compiles a module
-of kernels when it finds no binary of it in its cache, which takes a second or so each.
+of kernels that neither its cache nor what is shipped compiled has, which takes a second or so each.
 """
 
 import time

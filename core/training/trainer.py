@@ -105,8 +105,8 @@ def train(
 ) -> Trained:
     """Train a field.
 
-    A KeyboardInterrupt or a diverged loss ends the run early; the field then has the weights
-    reached so far.  Several workers stop together, within a few steps.
+    A KeyboardInterrupt ends the run early, with the weights reached so far, or a loss that diverges
+    too often, with the last good ones.  Several workers stop together, within a few steps.
 
     Args:
         dataset: The training views.
@@ -276,8 +276,8 @@ class _Run:
         )
         if field.device.is_cuda:
             torch.cuda.reset_peak_memory_stats()
-        has_alpha = self.dataset.has_alpha
-        optimization = Optimization(field, self.bank, self.options, has_alpha, step_count)
+        inputs = self.bank, self.options, self.dataset.has_alpha
+        optimization = Optimization(field, *inputs, step_count)
         if self.resumed and self.resumed.stage == stage:
             try:
                 optimization.load_state(self.resumed.fit)
@@ -291,12 +291,12 @@ class _Run:
         self.stage, self.field, self.optimization = stage, field, optimization
         history = History(self.report["history"], stage, step_count, self._seconds)
         optimization.run(self.progress, f"stage {stage}", self._pause, history.note)
+        self.report["returns"] = self.report.get("returns", 0) + optimization.returns
         self._note_memory()
 
     def _unfit(self) -> CheckpointError:
         return CheckpointError(
-            f"{self.checkpoint_path} does not fit its own options and mesh: train anew, without "
-            f"--resume"
+            f"{self.checkpoint_path} does not fit its own options and mesh; train without --resume"
         )
 
     def _hide_unseen(self, look, smallest_weight):

@@ -98,6 +98,9 @@ def main():
             if changed := stale(path, modules):
                 sys.exit(f"{path.name} lacks {', '.join(changed)}: make kernels")
         return
+    for other in set(options.output.glob("warp-*.tar.xz")) - set(paths.values()):
+        if f"warp-{wp.__version__}-" not in other.name:
+            other.unlink()  # of another version
     for architecture, path in paths.items():
         with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(thread_count()) as pool:
             compiling = partial(compiled, architecture=architecture, folder=Path(folder))

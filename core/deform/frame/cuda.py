@@ -57,7 +57,7 @@ def _kernel(grid, threads):
         "MOST_COLORS": MOST_COLORS,
     }
     kernel = native_kernel("cuda.cu", CudaScratch, values, module="unique", launch_bounds=threads)
-    kernel.module.options["block_dim"] = threads  # as it is launched, and is shipped compiled
+    kernel.module.options["block_dim"] = threads  # of launches; what we ship is compiled for it
     return kernel
 
 

@@ -127,10 +127,16 @@ def edge_volumes(geometry: Geometry, index: int, origin: wp.vec3, direction: wp.
 
 @wp.func
 def meets_edge(geometry: Geometry, index: int, origin: wp.vec3, direction: wp.vec3, slack: float):
-    """Whether a ray meets an edge of a face, or might; `slack` is in squares of its distance."""
+    """Whether a ray meets an edge of a face, or might.
+
+    `slack` is in squares of the distance of the farthest vertex, by which roundings grow.
+    """
     v = edge_volumes(geometry, index, origin, direction)
-    a = geometry.vertices[geometry.faces[index][0]] - origin
-    gap = slack * wp.dot(a, a)
+    face = geometry.faces[index]
+    a = geometry.vertices[face[0]] - origin
+    b = geometry.vertices[face[1]] - origin
+    c = geometry.vertices[face[2]] - origin
+    gap = slack * wp.max(wp.max(wp.dot(a, a), wp.dot(b, b)), wp.dot(c, c))
     low = wp.min(v)
     high = wp.max(v)
     return (low >= -gap and low <= gap) or (high >= -gap and high <= gap)
@@ -186,8 +192,8 @@ def find_entries(
     Pose.refresh_face_boxes comes before.
 
     Args:
-        edges_too: A constant.  If it is false, rays that meet an edge need not search, some four
-            in a thousand, and one in a million of all ends too early.
+        edges_too: A constant.  If true, rays that meet an edge are UNKNOWN and search.  If false,
+            they don't, and of a million rays about one ends too early.
     """
     facing = orientation(geometry)
     count = int(0)
@@ -197,7 +203,7 @@ def find_entries(
     while wp.bvh_query_next(query, index):
         crossing, t = crossing_of(geometry, index, origin, direction)
         if edges_too and meets_edge(geometry, index, origin, direction, EDGE_SLACK):
-            exits = int(MAX_TETS)  # no ray has as many entries
+            exits = int(MAX_TETS)  # so that entries and exits don't pair up
         if float(crossing) * facing > 0.0:
             exits += 1
         elif crossing != 0:

@@ -21,6 +21,7 @@ MOST_ROWS = 100  # of a stage
 LEAST_ERROR = 1e-12  # of equal images, whose PSNR would be infinite
 SNAPSHOT_INTERVAL = 512  # steps from one set of good weights to the next
 DIVERGED_FACTOR = 20.0  # of the smoothed loss over the lowest so far
+GOOD_FACTOR = 3.0  # the same: weights of a larger loss are not kept
 MOST_RETURNS = 3  # of a stage to its last good weights; then it is given up
 RETURN_RATE = 0.5  # of the learning rate, after each of them
 WARM_UP_STEPS = 100  # in which the learning rate rises, at a stage's start and after a return
@@ -115,7 +116,7 @@ class LossWatch:
 
     Where an error is small already, a rare step can throw all weights far off: a run of *foxrig*
     fell from 46 to 25 dB within 200 of 25,000 steps.  From the weights before it, and more slowly,
-    it can go on.
+    it can go on.  Its occupancy goes back with it.
 
     Attributes:
         returns: How often the field returned, `returned_at` the last time.
@@ -129,12 +130,13 @@ class LossWatch:
         self.returns, self.returned_at = 0, 0
         self._smooth, self._lowest = None, inf
         self._good, self._good_number = None, 0
+        self._kept_at = 0  # the step at which weights were kept or given up
 
     def load(self, returns: int, returned_at: int, number: int) -> None:
         """Go on at step `number` of a run that has returned so often.
 
         Raises:
-            ValueError: No run has.
+            ValueError: No run can have returned so often or then.
         """
         if not (0 <= returns <= MOST_RETURNS and 0 <= returned_at <= number):
             raise ValueError(f"it returned {returns} times, at last at step {returned_at}")
@@ -153,17 +155,19 @@ class LossWatch:
             or far above its lowest, or a weight isn't finite.  Adam's moments are of no use then.
 
         Raises:
-            Diverged: The same, once too often.
+            Diverged: The same, once too often or at the last step.
         """
         what = self._trouble(error, number)
         if what is None:
             return None
-        self.field.set_weights(self._good)
+        weights, *occupancy = self._good
+        self.field.set_weights(weights)
+        self.field.set_occupancy(*occupancy)
         what, good = f"{what} at step {number} of {step_count}", f"step {self._good_number}"
-        if self.returns == MOST_RETURNS:
+        if self.returns == MOST_RETURNS or number >= step_count:
             raise Diverged(f"{what}; the model has the weights of {good}")
         self.returns, self.returned_at = self.returns + 1, number
-        self._smooth = None
+        self._smooth, self._kept_at = None, number
         return f"{what[0].upper()}{what[1:]}; going on with the weights of {good}, more slowly."
 
     def _trouble(self, error, number) -> str | None:
@@ -177,7 +181,8 @@ class LossWatch:
         if self._smooth > DIVERGED_FACTOR * self._lowest:
             return f"the loss rose from {self._lowest:.2g} to {self._smooth:.2g}"
         # Early on, when much is learned in few steps, more often.
-        if number - self._good_number >= min(SNAPSHOT_INTERVAL, max(self._good_number, 1)):
+        due = number - self._kept_at >= min(SNAPSHOT_INTERVAL, max(self._kept_at, 1))
+        if due and self._smooth < GOOD_FACTOR * self._lowest:
             if not self.keep_good(number):
                 return "a weight became infinite"
         return None
@@ -188,5 +193,7 @@ class LossWatch:
         weights = [p.detach() for p in self.field.parameters()]
         finite = all(bool(w.isfinite().all()) for w in weights)
         if finite:
-            self._good, self._good_number = [w.clone() for w in weights], number
+            occupancy = self.field.thickness.clone(), self.field.occupied.clone()
+            self._good = [w.clone() for w in weights], *occupancy
+            self._good_number = self._kept_at = number
         return finite

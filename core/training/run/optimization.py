@@ -52,7 +52,7 @@ RECORDING_RUNS = 3  # before a graph is recorded: libraries choose their kernels
 def learning_rate(step: int, step_count: int, highest: float) -> float:
     """Adam's learning rate at a step: cosine decay to FINAL_RATE · highest.
 
-    LossWatch has it rise from 0 at the start.
+    `LossWatch.rate_share` multiplies it: a warm-up, and half after each return.
     """
     fall = 0.5 * (1.0 + cos(pi * step / step_count))
     return highest * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
@@ -170,6 +170,11 @@ class Optimization:
         self.number += 1
 
     @property
+    def returns(self) -> int:
+        """How often the stage went back to its last good weights."""
+        return self._watch.returns
+
+    @property
     def batch(self) -> Batch:
         """The last step's samples; before the first, the next step's."""
         return self._batches[max(self.number - 1, 0) % len(self._batches)]
@@ -270,7 +275,8 @@ class Optimization:
         if returned:
             self._average = None
             self.optimizer.forget()
-            progress.say(returned)
+            if self.workers.is_first:
+                progress.say(returned)
         return sample_count
 
     def _adapt_ray_count(self, sample_count):

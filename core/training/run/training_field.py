@@ -190,7 +190,7 @@ class TrainingField:
             measure, self._chunk, SMALLEST_CHUNK, "sub-tets at once", self.workers, self.device
         )
         self.thickness *= OCCUPANCY_DECAY ** (1.0 / parts)
-        # Weights that became infinite are given up soon after; the occupancy goes on.
+        # Weights that became infinite are given up soon after, and so is their occupancy.
         flat[every] = torch.maximum(flat[every], found.nan_to_num(0.0, 0.0))
         threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
         self._occupy((self.thickness > threshold) & ~self.hidden)
@@ -283,6 +283,13 @@ class TrainingField:
             mine.copy_(given)
         if self.half_rows is not None:
             self.half_rows.copy_(self.rows)
+
+    @torch.no_grad()
+    def set_occupancy(self, thickness, occupied):
+        """Take the thickness and the occupancy of before.  [T, 64] each"""
+        self.thickness.copy_(thickness)
+        self.occupied.copy_(occupied)
+        self.refresh_mask()
 
     def state(self) -> dict:
         """Everything that learning changes, as tensors."""
