@@ -77,6 +77,7 @@ TRAINING_TYPES = {
     "test_mean": dict,
     "peak_memory_bytes": list,
     "levels_below_pixel": list,
+    "returns": int,
 }
 NUMBER_LISTS = ("image_size", "peak_memory_bytes", "levels_below_pixel")
 LONGEST_MESSAGE = 300  # characters: a damaged file may have anything as a value
