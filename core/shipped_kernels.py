@@ -34,18 +34,19 @@ def has(module, device, block_dim: int) -> bool:
     return module.get_module_hash(block_dim).hex() in _modules(device)
 
 
-def unpack(module, device, block_dim: int, folder: Path) -> bool:
-    """Put a module's files into its folder of Warp's cache; returns whether it has them.
+def unpack(module, device, block_dim: int, folder: Path) -> None:
+    """Put a module's files into its folder of Warp's cache, unless it has a binary there.
 
-    Files that are there stay.  If nothing is shipped, or a file can't be written, the answer is
-    no, and Warp compiles the module.
+    If nothing is shipped, or a file can't be written, Warp compiles the module.
     """
+    if device.is_cpu or any(folder.glob(f"*.sm{device.arch}.cubin")):
+        return  # later starts read no archive
     files = _modules(device).get(module.get_module_hash(block_dim).hex(), {})
-    missing = [name for name in files if not (folder / name).exists()]
+    missing = [name for name in sorted(files) if not (folder / name).exists()]
     try:
         if missing:
             folder.mkdir(parents=True, exist_ok=True)
-        for name in missing:
+        for name in missing:  # the binary last
             partial = reserved(folder / name)  # checksums tell later if the disk lost some
             try:
                 partial.write_bytes(files[name])
@@ -53,8 +54,7 @@ def unpack(module, device, block_dim: int, folder: Path) -> bool:
             finally:
                 partial.unlink(missing_ok=True)
     except OSError:
-        return False
-    return bool(files)
+        pass
 
 
 def _modules(device) -> dict[str, dict[str, bytes]]:
