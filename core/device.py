@@ -7,6 +7,7 @@ there is any.  Training that torchrun starts has as many GPUs as processes, one 
 import ctypes
 import os
 import sys
+import threading
 import time
 from contextlib import contextmanager
 from functools import lru_cache
@@ -17,6 +18,7 @@ from typing import Literal
 from . import kernel_cache
 
 Choice = Literal["auto", "cpu", "cuda"]
+_starting: threading.Thread | None = None
 
 
 def device_name(choice: Choice, for_training=False) -> str:
@@ -75,17 +77,41 @@ def _quota(root, _second) -> float:
     return cores if cores > 0.0 else float("inf")  # v1 says -1 for no limit
 
 
+def begin_cuda() -> None:
+    """Let CUDA start on the first GPU, if there is any, while this thread imports modules.
+
+    It takes about half a second, and `start_warp` waits for its end.
+    """
+    global _starting
+    if _starting is None and (driver := _cuda_driver()) is not None:
+        # No daemon: a program that ends at once must not end in the middle of this.
+        _starting = threading.Thread(target=_start_cuda, args=(driver,), name="start of CUDA")
+        _starting.start()
+
+
+def _start_cuda(driver):
+    """Make the context that Warp and torch will use, too; they tell of what fails."""
+    device, context = ctypes.c_int(), ctypes.c_void_p()
+    if driver.cuInit(0) == 0 and driver.cuDeviceGet(ctypes.byref(device), 0) == 0:
+        driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), device)
+
+
+def _cuda_driver():
+    """NVIDIA's driver as a library; None where there is none."""
+    try:
+        return ctypes.CDLL("libcuda.so.1" if sys.platform != "win32" else "nvcuda.dll")
+    except OSError:
+        return None
+
+
 def start_warp():
     """Initialize Warp without its greeting, and without a warning where there is no GPU."""
     import warp as wp
 
+    if _starting is not None:
+        _starting.join()
     wp.config.log_level = wp.LOG_ERROR
-    try:
-        ctypes.CDLL("libcuda.so.1" if sys.platform != "win32" else "nvcuda.dll")
-    except OSError:
-        kernel_cache.start(_init_silently)
-    else:
-        kernel_cache.start(wp.init)
+    kernel_cache.start(_init_silently if _cuda_driver() is None else wp.init)
 
 
 def _init_silently():

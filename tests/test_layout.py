@@ -18,6 +18,7 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 MAY_IMPORT = {
     "core.paths": [],
     "core.memory": [],
+    "core.bytecode": [],
     "core.arguments": [],
     "core.streams": [],
     "core.shipped_kernels": ["core.paths"],

@@ -29,7 +29,7 @@ from ..core.arguments import (
     writable_file,
 )
 from ..core.commands import FAILED, run
-from ..core.device import Choice, device_name
+from ..core.device import Choice, begin_cuda, device_name
 from ..core.memory import no_garbage_collected
 from ..core.paths import DEFAULT_MODEL, program_version
 from ..core.render import Mode
@@ -209,6 +209,8 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
 
         return lambda: report(chosen.run.headless)
     check(chosen)
+    if chosen.device != "cpu":
+        begin_cuda()
     from .files import open_photographs
     from .script import parse_drag, resolved
 
