@@ -35,7 +35,7 @@ def speeds_kernel(
     fades: wp.array(dtype=float),
 ):
     tet = wp.tid()
-    _alpha, slope = line_in_tet(geometry, tet, directions[tet], directions[tet])
+    _alpha, slope = line_in_tet(geometry, tet, directions[tet], 0.0, directions[tet])
     speed, fade = speed_and_fade(geometry, tet, slope)
     speeds[tet] = speed
     fades[tet] = fade

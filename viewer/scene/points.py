@@ -88,15 +88,17 @@ def located(points, vertices, tets) -> ControlPoints:
     volumes = (sides[:, 0] * rows[:, 0]).sum(axis=1)
     flat = abs(volumes) <= FLAT * float(np.ptp(corners, axis=(0, 1)).max()) ** 3
     rows = rows / np.where(flat, 1.0, volumes)[:, None, None]
-    ids, weights = [], []
-    for point in np.asarray(points, float):
-        parts = np.einsum("tkx,tx->tk", rows, point - origins)
-        parts = np.concatenate([1.0 - parts.sum(axis=1, keepdims=True), parts], axis=1)
-        best = int(np.where(flat, -np.inf, parts.min(axis=1)).argmax())
-        inside = np.maximum(parts[best], 0.0)
+    points = np.asarray(points, float)
+    starts = (rows @ origins[:, :, None])[:, :, 0]
+    ids, weights = [np.zeros(0, int)], [np.zeros((0, 4))]
+    for some in np.array_split(points, max(1, 3 * len(points) * len(tets) // BLOCK)):
+        along = (rows.reshape(-1, 3) @ some.T).reshape(-1, 3, len(some)) - starts[:, :, None]
+        parts = np.concatenate([1.0 - along.sum(axis=1, keepdims=True), along], axis=1)
+        best = np.where(flat[:, None], -np.inf, parts.min(axis=1)).argmax(axis=0)
+        inside = np.maximum(parts[best, :, np.arange(len(some))], 0.0)
         ids.append(best)
-        weights.append(inside / inside.sum())
-    return ControlPoints(np.asarray(tets)[ids], np.array(weights).reshape(-1, 4))
+        weights.append(inside / inside.sum(axis=1, keepdims=True))
+    return ControlPoints(np.asarray(tets)[np.concatenate(ids)], np.concatenate(weights))
 
 
 def of_large_parts(points, radius: float):

@@ -128,7 +128,8 @@ def exits(rest_vertices, surface: Surface):
     ranks = np.repeat(np.arange(len(rows)), [len(row) for row in rows])
     known = pairs[:, 1] >= 0
     pairs, ranks = pairs[known], ranks[known]
-    _, first = np.unique(pairs, axis=0, return_index=True)  # once each, with the first rank
+    keys = pairs[:, 0] * len(surface.faces) + pairs[:, 1]
+    _, first = np.unique(keys, return_index=True)  # once each, with the first rank
     pairs, ranks = pairs[first], ranks[first]
     order = np.lexsort((ranks, pairs[:, 0]))
     pairs = pairs[order]

@@ -35,7 +35,7 @@ Integers tet, entry_face, piece, count, most, tets_left, fresh;  // fresh: a tet
 Numbers origin[3], direction[3], t, depth;
 // Of the lane's tet:
 Numbers row[12], shape[7];
-Numbers alpha[4], slope[4], speed, fade, rest_length, distance;
+Numbers alpha[4], slope[4], speed, fade, rest_length, distance, begin;  // begin: entry_of
 Integers face, piece_count;
 unsigned long long masks[LANES];
 // Of its sub-tet:
@@ -91,7 +91,7 @@ auto enter_mesh_again = [&](Ints outside) {
     });
 };
 
-// line_in_tet, exit_tet and speed_and_fade of the lanes' tets.
+// line_in_tet, exit_tet, entry_of and speed_and_fade of the lanes' tets.
 auto enter_tets = [&](Ints entering) {
     each(entering, [&](int lane) {
         const int k = tet.at[lane];
@@ -102,8 +102,11 @@ auto enter_tets = [&](Ints entering) {
         masks[lane] = occupancy.data[k];
     });
     Lanes q[3], a[4], s[4];
-    for (int k = 0; k < 3; ++k)
-        q[k] = multiply_add(all(t), all(direction[k]), all(origin[k])) - all(row[4 * k + 3]);
+    for (int k = 0; k < 3; ++k) {
+        const Lanes from = all(origin[k]), corner = all(row[4 * k + 3]), apart = from - corner;
+        const Lanes back = apart - from, lost = (from - (apart - back)) - (corner + back);
+        q[k] = multiply_add(all(t), all(direction[k]), apart) + lost;
+    }
     a[0] = 1.0f;
     s[0] = 0.0f;
     for (int i = 1; i < 4; ++i) {
@@ -114,20 +117,23 @@ auto enter_tets = [&](Ints entering) {
         a[0] -= a[i];
         s[0] -= s[i];
     }
-    Lanes nearest = FAR;
+    Lanes nearest = FAR, entry = -FAR;
     Ints exit = -1;
     for (int i = 3; i >= 0; --i) {
         const Ints falls = (s[i] < zero) & (all(entry_face) != i);
-        const Lanes to = chosen(falls, -a[i] / s[i], FAR);
+        const Lanes crossing = -a[i] / s[i], to = chosen(falls, crossing, FAR);
         exit = chosen(falls & (to <= nearest), Ints(i), exit);
         nearest = smaller(nearest, to);
+        entry = larger(entry, chosen(s[i] > zero, crossing, -FAR));
     }
+    const Lanes slack = @ENTRY_SLACK * larger(all(t), Lanes(1.0f));
+    entry = chosen(larger(entry, -entry) <= slack, entry, zero);
     const Lanes x = s[1], y = s[2], z = s[3];
     Lanes square = all(shape[0]) * x * x + all(shape[1]) * y * y + all(shape[2]) * z * z;
     square += all(shape[3]) * x * y + all(shape[4]) * x * z + all(shape[5]) * y * z;
     const Lanes fast = __builtin_elementwise_sqrt(larger(square, zero));
     nearest = larger(nearest, zero);
-    const Lanes rest = nearest * fast;
+    const Lanes rest = larger(nearest - entry, zero) * fast;
     const Ints astray = (all(tets_left) <= 0) | (exit < 0);  // walks in circles, or in a flat tet
     Ints empty = all(shape[6]) <= zero;
     for (int lane = 0; lane < LANES; ++lane)
@@ -141,6 +147,7 @@ auto enter_tets = [&](Ints entering) {
     all(speed) = chosen(entering, fast, all(speed));
     all(fade) = chosen(entering, all(shape[6]), all(fade));
     all(distance) = chosen(entering, nearest, all(distance));
+    all(begin) = chosen(entering, entry, all(begin));
     all(rest_length) = chosen(entering, rest, all(rest_length));
     all(face) = chosen(entering, exit, all(face));
     const Ints known = chosen(empty, none, __builtin_convertvector(pieces, Ints));
@@ -148,12 +155,12 @@ auto enter_tets = [&](Ints entering) {
     all(fresh) = all(fresh) & ~entering;
 };
 
-// The rest length of the lanes' pieces, and their middles as distances from where tets begin.
+// The rest length of the lanes' pieces, and their middles as distances from t.
 struct Piece { Lanes size, at; };
 auto pieces_of_lanes = [&]() -> Piece {
-    const Lanes begin = __builtin_convertvector(all(piece), Lanes) * step;
-    const Lanes size = smaller(Lanes(step), all(rest_length) - begin);
-    return {size, multiply_add(size, Lanes(0.5f), begin) / all(speed)};
+    const Lanes done = __builtin_convertvector(all(piece), Lanes) * step;
+    const Lanes size = smaller(Lanes(step), all(rest_length) - done);
+    return {size, all(begin) + multiply_add(size, Lanes(0.5f), done) / all(speed)};
 };
 
 // The sub-tet of a piece's middle, and how many pieces further middles are in it.
@@ -248,6 +255,7 @@ all(number) = all(tet) = -1;
 all(ray) = all(count) = all(most) = all(piece) = all(piece_count) = all(fresh) = none;
 all(entry_face) = all(face) = all(tets_left) = all(occupied) = none;
 all(t) = all(depth) = all(speed) = all(fade) = all(rest_length) = all(distance) = zero;
+all(begin) = zero;
 all(expected) = zero;
 for (Numbers& numbers : row) all(numbers) = zero;
 for (Numbers& numbers : shape) all(numbers) = zero;

@@ -26,7 +26,7 @@ from .marching import (
     march_ray,
 )
 from .pose import Geometry
-from .traversal import MAX_TETS, SMALLEST_ADVANCE
+from .traversal import ENTRY_SLACK, MAX_TETS, SMALLEST_ADVANCE
 
 SIDE = 4  # cubes of the lattice along an edge of a tet, whose halves are the sub-tets
 ORDERS = 8  # of a point's fractions in its cube: three comparisons
@@ -56,6 +56,7 @@ def lattice_paths():
         Path(__file__).parent / "cpu_march.cpp",
         [LANES_H],
         {
+            "ENTRY_SLACK": f"{float(ENTRY_SLACK)}f",
             "MAX_TETS": int(MAX_TETS),
             "MOST_PIECES": f"{float(MOST_PIECES)}f",
             "FEWEST_AT_ONCE": f"{float(FEWEST_AT_ONCE)}f",

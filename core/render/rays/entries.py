@@ -96,7 +96,7 @@ def walk_back(
     walking = int(1)
     while walking == 1:
         p = origin + position * direction
-        alpha, slope = line_in_tet(geometry, tet, p, -direction)
+        alpha, slope = line_in_tet(geometry, tet, p, 0.0, -direction)
         face, distance = exit_tet(alpha, slope, exit_face)
         walking = 0
         previous = int(-1)

@@ -25,6 +25,7 @@ from .pose import Geometry
 from .traversal import (
     MAX_TETS,
     SMALLEST_ADVANCE,
+    entry_of,
     exit_tet,
     line_in_tet,
     link_across,
@@ -139,22 +140,23 @@ def march_ray(
             tet = wp.where(found < 0, -2, found)
         while tet >= 0 and count < most:
             # No branch before the sub-tets: all that is read of a tet is asked for at once.
-            alpha, slope = line_in_tet(geometry, tet, origin + t * direction, direction)
+            alpha, slope = line_in_tet(geometry, tet, origin, t, direction)
             speed, fade = speed_and_fade(geometry, tet, slope)
             face, distance = exit_tet(alpha, slope, entry_face)
             stuck = tets_left <= 0 or face < 0  # it walks in circles, or in a flat tet
             link = link_across(geometry, tet, face)
             mask = occupancy[tet]
-            rest_length = distance * speed
+            entry = entry_of(alpha, slope, t)
+            rest_length = wp.max(distance - entry, 0.0) * speed
             piece_count = int(wp.ceil(rest_length / step))
             if mask == wp.uint64(0) or fade <= 0.0 or stuck:
                 piece_count = 0
             while piece < piece_count and count < most:
                 length = wp.min(step, rest_length - float(piece) * step)
-                at = (float(piece) * step + 0.5 * length) / speed
+                at = entry + (float(piece) * step + 0.5 * length) / speed
                 last = piece + 1
                 if seed != MIDDLE:
-                    at = (float(piece) * step + wp.randf(random) * length) / speed
+                    at = entry + (float(piece) * step + wp.randf(random) * length) / speed
                 subtet, ahead = subtet_ahead(alpha + at * slope, slope)
                 if seed == MIDDLE:  # further middles are in the same sub-tet
                     last += int(wp.clamp(ahead * speed / step, 0.0, MOST_PIECES))
@@ -170,7 +172,7 @@ def march_ray(
                     last = wp.min(last, piece + room)
                     while piece < last:
                         length = wp.min(step, rest_length - float(piece) * step)
-                        middle = (float(piece) * step + 0.5 * length) / speed
+                        middle = entry + (float(piece) * step + 0.5 * length) / speed
                         if seed == MIDDLE:
                             at = middle
                         if purpose != COUNT:
