@@ -122,6 +122,25 @@ def test_samples_are_those_of_march_ray(make_ball_field, slot_count, bend, optio
         assert (rounds == 1) == (options != {}), "the expected depth ends rounds early"
 
 
+def test_middles_are_where_the_reference_has_them(make_ball_field):
+    rng = np.random.default_rng()
+    renderer = Renderer(make_ball_field(int(rng.integers(1000))), "cpu")
+    field, rest = renderer.field, renderer.field.mesh.rest_vertices.astype(np.float32)
+    renderer.set_vertices(rest)
+    camera = from_field_of_view(look_at((1.7, -0.7, 1.0), (0.5, 0.5, 0.5)), 0.5, 30, 30)
+    found, _ = in_vectors(renderer, camera, RenderOptions(termination=0.0), MANY)
+    rays, _, ids = rays_of(camera, renderer.pose)
+    lines = [a.numpy()[ids].astype(float) for a in (rays.origins, rays.directions)]
+    expected_ray, _, _, t_in, t_out, *_ = reference.ray_pieces(field, rest.astype(float), *lines)
+    off = []
+    for number, rows in enumerate(found):
+        expected = np.sort((0.5 * (t_in + t_out))[expected_ray == number])
+        if len(expected) == len(rows):
+            off.append(abs(rows[:, -1] - expected) / np.spacing(rows[:, -1].astype(np.float32)))
+    assert len(off) > 0.98 * len(found)
+    assert np.quantile(np.concatenate(off), 0.9) < 0.85  # units in the last place of t
+
+
 @pytest.mark.parametrize("slot_count", [5, 16])
 def test_rounds_end_where_those_of_march_ray_end(make_ball_field, slot_count):
     """Rays without entries of their own are marched one by one, also to where dark is expected."""
