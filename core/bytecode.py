@@ -7,12 +7,14 @@ H100's host.  What is kept here is bytecode of the user's own, as compiled kerne
 
 import importlib.util
 import os
+import shutil
 import sys
 from pathlib import Path
 
 import platformdirs
 
 LARGE = "warp"  # a package whose modules take long to compile
+ROOM = 64 * 2**20  # bytes that a folder needs: Python may leave half a file on a full disk
 
 
 def keep(folder: Path | None = None) -> None:
@@ -27,10 +29,12 @@ def keep(folder: Path | None = None) -> None:
     try:
         folder = folder or platformdirs.user_cache_path("deformrf") / "bytecode"
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        status = folder.stat()
+        status, free = folder.stat(), shutil.disk_usage(folder).free
     except (OSError, RuntimeError):  # there is no home, or no room
         return
     if hasattr(os, "geteuid") and (status.st_uid != os.geteuid() or status.st_mode & 0o022):
+        return
+    if free < ROOM:
         return
     sys.pycache_prefix, sys.dont_write_bytecode = os.fspath(folder), False
 

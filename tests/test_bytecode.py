@@ -78,6 +78,20 @@ def test_a_folder_that_others_can_write_to_is_not_used(packages, tmp_path):
     assert not list(kept.iterdir()) and not bytecode_in(packages)
 
 
+def test_a_full_disk_gets_none(packages, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(packages)
+    monkeypatch.setattr(bytecode, "LARGE", "large")
+    monkeypatch.setattr(sys, "pycache_prefix", None)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    full = bytecode.shutil.disk_usage(tmp_path)._replace(free=bytecode.ROOM - 1)
+    monkeypatch.setattr(bytecode.shutil, "disk_usage", lambda _: full)
+    bytecode.keep(tmp_path / "kept")
+    assert sys.pycache_prefix is None
+    monkeypatch.setattr(bytecode.shutil, "disk_usage", lambda _: full._replace(free=bytecode.ROOM))
+    bytecode.keep(tmp_path / "kept")
+    assert sys.pycache_prefix == os.fspath(tmp_path / "kept")
+
+
 def test_no_folder_can_be_made(packages, tmp_path):
     (tmp_path / "file").write_text("")
     kept = tmp_path / "file" / "kept"

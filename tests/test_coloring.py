@@ -17,7 +17,13 @@ from deformrf.core.geometry import (
     extract,
     lattice_addresses,
 )
-from deformrf.core.geometry.coloring import complete_colors, periodic_classes
+from deformrf.core.geometry.coloring import (
+    _few_colors,
+    _one_period,
+    _table,
+    complete_colors,
+    periodic_classes,
+)
 from deformrf.core.geometry.lattice import grid
 
 
@@ -39,6 +45,14 @@ def assert_partition(constraints, order, offsets):
         vertices = constraints[order[first:last]]
         assert len(vertices) > 0
         assert len(np.unique(vertices)) == vertices.size
+
+
+@pytest.mark.parametrize("vertex_count", [2, 4])
+def test_known_colors_are_those_of_the_search(vertex_count):
+    keys, constraints = _one_period(A15, vertex_count)
+    known_keys, known = _table(A15, vertex_count)
+    np.testing.assert_array_equal(keys, known_keys)
+    np.testing.assert_array_equal(_few_colors(constraints), known)
 
 
 @pytest.mark.parametrize("lattice", [A15, BCC, KUHN])

@@ -92,20 +92,26 @@ def render_files(app, run, fps: int, drag: DragScript | None) -> None:
 
     The screenshot shows the last frame, or the last one before a drag is let go.
     """
-    from rich.console import Console
-    from rich.progress import track
-
     count = run.frames or FRAME_COUNT
     shot = count - 1 if drag is None else hold_ends(count) - 1
     app.canvas.use(app.size)
     if run.record is not None:
         app.recorder.start(run.record, live=False)
-    console = Console(stderr=True)
-    hidden = not console.is_terminal
-    for frame in track(range(count), "rendering", console=console, disable=hidden):
+    for frame in _shown(count):
         if drag is not None:
             play(drag, app.scene, frame, count)
         if run.screenshot is not None and frame == shot:
             app.recorder.screenshot(run.screenshot)
         app.window.switch_to()
         app.frame(1.0 / fps, whole=True)
+
+
+def _shown(count: int):
+    """The numbers of the frames, under a progress bar on stderr if that is a terminal."""
+    if count == 1:
+        return range(1)
+    from rich.console import Console
+    from rich.progress import track
+
+    console = Console(stderr=True)
+    return track(range(count), "rendering", console=console, disable=not console.is_terminal)

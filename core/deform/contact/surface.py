@@ -172,17 +172,17 @@ def _nearest_faces(rest_vertices, surface: Surface):
     best[surface.face_tets] = np.arange(len(surface.faces))
     known = np.flatnonzero(best >= 0)
     distance[known] = _distances(rest_vertices, surface.faces[best[known]], middles[known])
-    while True:
-        change = False
+    changed = best >= 0  # since its neighbors asked
+    while changed.any():
+        news, changed = changed, np.zeros_like(changed)
         for across in surface.neighbours.T:
-            asks = np.flatnonzero((across >= 0) & (best[across] >= 0) & (best[across] != best))
+            asks = np.flatnonzero((across >= 0) & (news | changed)[across] & (best[across] != best))
             offered = best[across[asks]]
             at = _distances(rest_vertices, surface.faces[offered], middles[asks])
             closer = at < distance[asks] * (1.0 - 1e-9)
             best[asks[closer]], distance[asks[closer]] = offered[closer], at[closer]
-            change |= bool(closer.any())
-        if not change:
-            return best
+            changed[asks[closer]] = True
+    return best
 
 
 def _distances(vertices, faces, points):

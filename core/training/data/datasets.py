@@ -16,8 +16,6 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from rich import progress
-from rich.console import Console
 
 from ...capture import load_points
 from ...device import thread_count
@@ -366,6 +364,9 @@ def read_image(image: PosedImage, width, height, mask: Path | None = None):
 
 def track(items, count, description):
     """Yield the items under a progress bar on stderr, if that is a terminal."""
+    from rich import progress
+    from rich.console import Console
+
     console = Console(stderr=True)
     return progress.track(
         items,
