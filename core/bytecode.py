@@ -8,6 +8,7 @@ H100's host.  What is kept here is bytecode of the user's own, as compiled kerne
 import importlib.util
 import os
 import shutil
+import stat
 import sys
 from pathlib import Path
 
@@ -21,22 +22,38 @@ def keep(folder: Path | None = None) -> None:
     """Let Python keep bytecode in a folder, the user's cache by default, if it keeps none else.
 
     Nothing changes where the package that takes longest has its bytecode, where Python can write
-    it beside the modules, or where PYTHONPYCACHEPREFIX names a folder already.  A folder that
-    others own or can write to is not used: whoever fills it chooses what runs here.
+    it beside the modules, or where the user said what to do (PYTHONPYCACHEPREFIX, python -B).
+    A folder that others own or can write to is not used: whoever fills it chooses what runs here.
+    As beside modules, Python compares the time and the size of a source before it takes bytecode.
     """
-    if sys.pycache_prefix is not None or not _is_compiled_each_time(LARGE):
+    if _is_said() or not _is_compiled_each_time(LARGE):
         return
     try:
         folder = folder or platformdirs.user_cache_path("deformrf") / "bytecode"
+        if not folder.is_absolute():  # there is no home
+            return
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        status, free = folder.stat(), shutil.disk_usage(folder).free
-    except (OSError, RuntimeError):  # there is no home, or no room
+        free = shutil.disk_usage(folder).free
+        mine = _is_only_mine(folder) and _is_only_mine(folder.parent)
+    except (OSError, RuntimeError):
         return
-    if hasattr(os, "geteuid") and (status.st_uid != os.geteuid() or status.st_mode & 0o022):
-        return
-    if free < ROOM:
-        return
-    sys.pycache_prefix, sys.dont_write_bytecode = os.fspath(folder), False
+    if mine and free >= ROOM:
+        sys.pycache_prefix, sys.dont_write_bytecode = os.fspath(folder), False
+
+
+def _is_said() -> bool:
+    """Whether the user chose a folder, or an option of Python that forbids bytecode."""
+    forbidden = sys.flags.dont_write_bytecode and not os.environ.get("PYTHONDONTWRITEBYTECODE")
+    return bool(forbidden) or sys.pycache_prefix is not None
+
+
+def _is_only_mine(folder: Path) -> bool:
+    """Whether it is a folder, no link, that nobody else can write to; on POSIX alone."""
+    status = folder.lstat()
+    if not hasattr(os, "geteuid"):
+        return True
+    others = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not others
 
 
 def _is_compiled_each_time(package: str) -> bool:

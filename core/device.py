@@ -90,7 +90,10 @@ def begin_cuda() -> None:
 
 
 def _start_cuda(driver):
-    """Make the context that Warp and torch will use, too; they tell of what fails."""
+    """Make the context that Warp and torch will use, too; they tell of what fails.
+
+    It stays until the end of the process, even if Warp then refuses an old driver.
+    """
     device, context = ctypes.c_int(), ctypes.c_void_p()
     if driver.cuInit(0) == 0 and driver.cuDeviceGet(ctypes.byref(device), 0) == 0:
         driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), device)

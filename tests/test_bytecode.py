@@ -27,12 +27,13 @@ def packages(tmp_path):
     return tmp_path / "packages"
 
 
-def started(packages, folder, **variables):
+def started(packages, folder, *options, **variables):
     """Where a program with `bytecode.keep` has the bytecode of the package."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHONDONT")}
+    own = ("PYTHONDONTWRITEBYTECODE", "PYTHONPYCACHEPREFIX")
+    environment = {name: value for name, value in os.environ.items() if name not in own}
     environment["PYTHONPATH"] = os.pathsep.join([os.fspath(packages), *sys.path])
     ended = subprocess.run(
-        [sys.executable, "-c", PROGRAM, folder],
+        [sys.executable, *options, "-c", PROGRAM, folder],
         env={**environment, **variables},
         capture_output=True,
         text=True,
@@ -78,11 +79,38 @@ def test_a_folder_that_others_can_write_to_is_not_used(packages, tmp_path):
     assert not list(kept.iterdir()) and not bytecode_in(packages)
 
 
+def test_an_option_that_forbids_bytecode_is_obeyed(packages, tmp_path):
+    assert started(packages, tmp_path / "kept", "-B").startswith(os.fspath(packages))
+    assert not (tmp_path / "kept").exists() and not bytecode_in(packages)
+
+
+def test_packages_that_are_only_read_have_theirs_kept(packages, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(packages)
+    monkeypatch.setattr(bytecode, "LARGE", "large")
+    monkeypatch.setattr(sys, "pycache_prefix", None)
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    monkeypatch.setattr(bytecode, "_is_said", lambda: False)  # of the process that runs tests
+    bytecode.keep(tmp_path / "kept")
+    assert sys.pycache_prefix is None, "Python writes it beside the module"
+    monkeypatch.setattr(bytecode.os, "access", lambda path, mode: False)
+    bytecode.keep(tmp_path / "kept")
+    assert sys.pycache_prefix == os.fspath(tmp_path / "kept")
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs POSIX")
+def test_a_link_is_not_used(packages, tmp_path):
+    (tmp_path / "elsewhere").mkdir(mode=0o700)
+    (tmp_path / "kept").symlink_to(tmp_path / "elsewhere")
+    started(packages, tmp_path / "kept", PYTHONDONTWRITEBYTECODE="1")
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
 def test_a_full_disk_gets_none(packages, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(packages)
     monkeypatch.setattr(bytecode, "LARGE", "large")
     monkeypatch.setattr(sys, "pycache_prefix", None)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.setattr(bytecode, "_is_said", lambda: False)  # of the process that runs tests
     full = bytecode.shutil.disk_usage(tmp_path)._replace(free=bytecode.ROOM - 1)
     monkeypatch.setattr(bytecode.shutil, "disk_usage", lambda _: full)
     bytecode.keep(tmp_path / "kept")

@@ -48,11 +48,14 @@ def assert_partition(constraints, order, offsets):
 
 
 @pytest.mark.parametrize("vertex_count", [2, 4])
-def test_known_colors_are_those_of_the_search(vertex_count):
+def test_known_colors_are_as_few_as_the_search_finds(vertex_count):
     keys, constraints = _one_period(A15, vertex_count)
     known_keys, known = _table(A15, vertex_count)
     np.testing.assert_array_equal(keys, known_keys)
-    np.testing.assert_array_equal(_few_colors(constraints), known)
+    assert len(np.unique(known)) == len(np.unique(_few_colors(constraints)))
+    for color in np.unique(known):
+        touched = constraints[known == color].ravel()
+        assert len(np.unique(touched)) == len(touched)
 
 
 @pytest.mark.parametrize("lattice", [A15, BCC, KUHN])

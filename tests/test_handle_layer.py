@@ -101,7 +101,7 @@ def test_hovered_is_larger_and_grabbed_has_another_color(scene):
     at = scene.handles.at([vertex])[0]
 
     def instance():
-        return next(row for row in sphere_instances(scene) if np.array_equal(row[:3], at))
+        return next(row for row in sphere_instances(scene) if np.allclose(row[:3], at, atol=1e-6))
 
     plain = instance()
     scene.handles.hover = vertex

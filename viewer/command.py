@@ -209,7 +209,7 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
 
         return lambda: report(chosen.run.headless)
     check(chosen)
-    if chosen.device != "cpu":
+    if chosen.device != "cpu" and chosen.model.exists():
         begin_cuda()
     from .files import open_photographs
     from .script import parse_drag, resolved

@@ -10,7 +10,6 @@ import signal
 import sys
 from importlib import import_module
 
-from ..core import bytecode
 from ..core.memory import no_garbage_collected
 from ..core.streams import keep_going
 
@@ -77,7 +76,7 @@ def begin(program: str) -> int:
     atexit.register(gc.freeze)
     verbose = "--verbose" in sys.argv[1:]
     sys.argv[1:] = [word for word in sys.argv[1:] if word != "--verbose"]
-    bytecode.keep()
+    import_module("deformrf.core.bytecode").keep()
     crash = import_module("deformrf.viewer.crash")
     recent = crash.begin_logging(program, verbose)
     try:
