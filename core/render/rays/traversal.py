@@ -15,7 +15,9 @@ from .pose import Geometry
 # Two units in the last place of t per face: a ray through an edge or a vertex, where rounding
 # makes the tets around it disagree, is carried past it and does not circle.
 SMALLEST_ADVANCE = wp.constant(2.4e-7)
-ENTRY_SLACK = wp.constant(1.0e-5)  # a walk's t is not farther from a tet's entry, relative to t
+# Roundings of t are smaller.  Where a face is almost parallel to the ray, its two tets disagree by
+# more; there pieces begin at t, where those of the tet before have ended.
+ENTRY_SLACK = wp.constant(5.0e-7)  # relative to t
 FADED = wp.constant(1.0)  # a tet with a smaller fade s is so flat that it is not fully there
 MAX_TETS = wp.constant(4096)  # per ray and round; a longer walk goes in circles
 
