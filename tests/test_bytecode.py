@@ -27,6 +27,16 @@ def packages(tmp_path):
     return tmp_path / "packages"
 
 
+@pytest.fixture
+def here(packages, monkeypatch):
+    """This process as one that was started where bytecode is forbidden, and nothing else said."""
+    monkeypatch.syspath_prepend(packages)
+    monkeypatch.setattr(bytecode, "LARGE", "large")
+    monkeypatch.setattr(bytecode, "_is_said", lambda: False)
+    monkeypatch.setattr(sys, "pycache_prefix", None)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+
 def started(packages, folder, *options, **variables):
     """Where a program with `bytecode.keep` has the bytecode of the package."""
     own = ("PYTHONDONTWRITEBYTECODE", "PYTHONPYCACHEPREFIX")
@@ -84,12 +94,9 @@ def test_an_option_that_forbids_bytecode_is_obeyed(packages, tmp_path):
     assert not (tmp_path / "kept").exists() and not bytecode_in(packages)
 
 
-def test_packages_that_are_only_read_have_theirs_kept(packages, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(packages)
-    monkeypatch.setattr(bytecode, "LARGE", "large")
-    monkeypatch.setattr(sys, "pycache_prefix", None)
+@pytest.mark.usefixtures("here")
+def test_packages_that_are_only_read_have_theirs_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
-    monkeypatch.setattr(bytecode, "_is_said", lambda: False)  # of the process that runs tests
     bytecode.keep(tmp_path / "kept")
     assert sys.pycache_prefix is None, "Python writes it beside the module"
     monkeypatch.setattr(bytecode.os, "access", lambda path, mode: False)
@@ -105,12 +112,8 @@ def test_a_link_is_not_used(packages, tmp_path):
     assert not list((tmp_path / "elsewhere").iterdir())
 
 
-def test_a_full_disk_gets_none(packages, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(packages)
-    monkeypatch.setattr(bytecode, "LARGE", "large")
-    monkeypatch.setattr(sys, "pycache_prefix", None)
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    monkeypatch.setattr(bytecode, "_is_said", lambda: False)  # of the process that runs tests
+@pytest.mark.usefixtures("here")
+def test_a_full_disk_gets_none(tmp_path, monkeypatch):
     full = bytecode.shutil.disk_usage(tmp_path)._replace(free=bytecode.ROOM - 1)
     monkeypatch.setattr(bytecode.shutil, "disk_usage", lambda _: full)
     bytecode.keep(tmp_path / "kept")
@@ -126,8 +129,8 @@ def test_no_folder_can_be_made(packages, tmp_path):
     assert started(packages, kept, PYTHONDONTWRITEBYTECODE="1").startswith(os.fspath(packages))
 
 
+@pytest.mark.usefixtures("here")
 def test_a_package_that_is_not_there_changes_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(bytecode, "LARGE", "no_such_package")
-    monkeypatch.setattr(sys, "pycache_prefix", None)
     bytecode.keep(tmp_path / "kept")
     assert sys.pycache_prefix is None and not (tmp_path / "kept").exists()

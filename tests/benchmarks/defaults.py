@@ -7,8 +7,7 @@ Times are those of the first reports, one of each model, all on one device, over
 the same turn.  Errors are a matter of the setting and not of the device: the worst of the reports
 behind --errors counts, by default that of the first ones.  --meshes has errors of substeps alone,
 on meshes of which no report is kept: each mesh has its own error, and a user's is none of ours.
-Ends with 1 if the program's defaults
-are not what the rule gives.
+Ends with 1 if the program's defaults are not what the rule gives.
 """
 
 import argparse
