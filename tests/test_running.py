@@ -1,7 +1,11 @@
 """How commands end: exit codes, errors in one sentence, several processes."""
 
+import os
+import signal
 import subprocess
 import sys
+import time
+import weakref
 
 import pytest
 
@@ -15,6 +19,63 @@ def test_ctrl_c_exits_with_130_and_says_so(capsys):
 
     assert run("deformrf-x", lambda: interrupted) == 130
     assert capsys.readouterr().err == "deformrf-x: interrupted\n"
+
+
+class Last:
+    """Sends a signal to its own process while it is deleted, as a user may at any time."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def __del__(self):
+        interrupt(self.number)
+
+
+def interrupt(number):
+    os.kill(os.getpid(), number)
+    for _ in range(1000):  # Python handles it within these
+        pass
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of one's own")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("finalizer", ["del", "callback"])
+def test_no_interrupt_is_lost_in_a_finalizer(capsys, number, finalizer):
+    """Warp frees its arrays in one; Python prints what it raises, and goes on."""
+    hook = sys.unraisablehook
+
+    def job():
+        if finalizer == "del":
+            Last(number)
+        else:
+            thing = {1}
+            kept = weakref.ref(thing, lambda _: interrupt(number))
+            del thing
+            assert kept() is None
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline:
+            pass
+        return 0
+
+    assert run("deformrf-x", lambda: job) == INTERRUPTED
+    assert capsys.readouterr().err == "deformrf-x: interrupted\n"
+    assert sys.unraisablehook is hook
+
+
+def test_other_errors_of_a_finalizer_are_still_printed(monkeypatch):
+    seen = []
+    monkeypatch.setattr(sys, "unraisablehook", seen.append)
+
+    class Wrong:
+        def __del__(self):
+            raise ValueError("wrong")
+
+    def job():
+        Wrong()
+        return 0
+
+    assert run("deformrf-x", lambda: job) == 0
+    assert [one.exc_type for one in seen] == [ValueError]
 
 
 def test_of_several_processes_only_the_first_prints(capsys, monkeypatch):

@@ -5,6 +5,7 @@ sentence on stderr and exit code 2.  Then it works.  Ctrl-C ends it with exit co
 it has written the results so far.
 """
 
+import _thread
 import importlib
 import importlib.util
 import os
@@ -12,6 +13,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import contextmanager
 
 from .. import training
 from ..arguments import plain_message
@@ -19,6 +21,7 @@ from ..paths import program_version
 from ..streams import keep_going, printable
 
 FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
+AGAIN_SECONDS = 0.05  # until an interrupt that was lost comes again
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
 
 # In the errors of Warp and torch.
@@ -60,8 +63,9 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
             signal.signal(number, signal.default_int_handler)
     job = None
     try:
-        job = prepare()
-        return job()
+        with interrupts_kept():
+            job = prepare()
+            return job()
     except ModuleNotFoundError as error:
         name = (error.name or "").partition(".")[0]
         if name not in PACKAGES:
@@ -103,6 +107,40 @@ def require(*packages: str):
     for name in packages:
         if importlib.util.find_spec(name) is None:
             raise ModuleNotFoundError(f"No module named '{name}'", name=name)
+
+
+@contextmanager
+def interrupts_kept():
+    """Let an interrupt that falls into a finalizer come again, after the finalizer.
+
+    Python prints what `__del__` and callbacks of C raise, and goes on as if nothing had been.  Warp
+    frees its arrays in `__del__`, so that a loop of frames lost a Ctrl-C now and then.
+    """
+    before = sys.unraisablehook
+
+    def hook(unraisable):
+        if unraisable.exc_type is not KeyboardInterrupt:
+            before(unraisable)
+            return
+        # Here it would be lost again.  (threading's own start waits for a lock that the code
+        # below the finalizer may hold.)
+        _thread.start_new_thread(_interrupt_soon, ())
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+
+
+def _interrupt_soon():
+    """Interrupt the main thread as the first of the signals does that Python handles."""
+    time.sleep(AGAIN_SECONDS)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and callable(signal.getsignal(number)):
+            _thread.interrupt_main(number)
+            return
 
 
 def load_whole(package: str):
