@@ -7,6 +7,7 @@ typedef unsigned short LaneBits;
 typedef float Lanes __attribute__((ext_vector_type(8)));
 typedef unsigned char LaneBits;
 #endif
+typedef Lanes LooseLanes __attribute__((aligned(4), may_alias));  // anywhere in memory
 enum { LANES = sizeof(Lanes) / sizeof(float) };
 typedef int Ints __attribute__((ext_vector_type(LANES)));
 typedef unsigned Words __attribute__((ext_vector_type(LANES)));
@@ -22,3 +23,12 @@ auto multiply_add = [](auto a, auto b, auto c) __attribute__((always_inline)) {
 
 auto smaller = [](auto a, auto b) { return __builtin_elementwise_min(a, b); };
 auto larger = [](auto a, auto b) { return __builtin_elementwise_max(a, b); };
+
+// A mask as bits, and what to do for each lane that it has.
+typedef bool Bits __attribute__((ext_vector_type(LANES)));
+auto bits_of = [](Ints mask) -> unsigned {
+    return __builtin_bit_cast(LaneBits, __builtin_convertvector(mask, Bits));
+};
+auto each = [&](Ints mask, auto work) __attribute__((always_inline)) {
+    for (unsigned bits = bits_of(mask); bits != 0; bits &= bits - 1) work(__builtin_ctz(bits));
+};

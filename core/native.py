@@ -7,6 +7,7 @@ and templates.
 from pathlib import Path
 
 LANES_H = Path(__file__).parent / "lanes.h"
+MOST_LANES = 16  # of its vectors
 
 
 def native_source(path: Path, includes=(), values=None) -> str:

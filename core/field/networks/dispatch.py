@@ -71,11 +71,11 @@ def _on_cpu(field) -> Evaluators:
 
     # Of a GPU's arrays, these calls copy down and up.
     def geometry(features, half):
-        found = networks.geometry(features.to("cpu"))
+        found = networks.geometry(features.to("cpu"), half)
         return tuple(array.to(features.device) for array in found)
 
     def colors(h, basis, half):
-        return networks.colors(h.to("cpu"), basis.to("cpu")).to(h.device)
+        return networks.colors(h.to("cpu"), basis.to("cpu"), half).to(h.device)
 
     return Evaluators(geometry, colors)
 

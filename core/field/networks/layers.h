@@ -3,21 +3,54 @@
 //
 // A row is a sample's values.  A block of outputs of ROWS rows stays in registers while the inputs
 // pass: each weight that is loaded serves ROWS rows, and each input all outputs of the block.
+//
+// Numbers of x and W are floats, or pairs: two bfloat16, those of rows 2k and 2k + 1 of W, in one
+// word.  Where a processor multiplies pairs, it takes as long for one as for a float.
 #include "lanes.h"
 struct Wide { enum { VECTORS = LANES == 16 ? 4 : 2 }; };
 struct Narrow { enum { VECTORS = 1 }; };
 enum { ROWS = 6 };
-typedef Lanes LooseLanes __attribute__((aligned(4)));
+typedef Ints LooseInts __attribute__((aligned(4), may_alias));
+typedef int Pair __attribute__((may_alias));
+typedef unsigned short Half __attribute__((may_alias));
 
-struct Layer { int in, width; const float *weights, *bias; };  // width: of its rows of weights
+// in: rows of weights; width: numbers of each, and of y.
+struct Layer { int in, width; const float *weights, *bias; };
+struct PairLayer { int in, width; const Pair* weights; const float* bias; };
 
 // Numbers of rows: from one row to the next, and from one number of a row to the next.
 struct Inputs { const float* data; int row_step, step; };
+struct PairInputs { const Pair* data; int row_step, step; };
 
-// A block: y = max(x W + b, lowest), for ROWS rows and some columns.
-auto block = [&](auto columns, Layer layer, Inputs x, float* y, int y_stride,
+#if defined(__AVX512BF16__)
+enum { HAS_PAIRS = 1 };
+typedef float Floats16 __attribute__((vector_size(64)));
+typedef __bf16 Halves32 __attribute__((vector_size(64)));
+typedef __bf16 Halves16 __attribute__((vector_size(32), aligned(2), may_alias));
+auto add_pairs = [](Ints a, Ints b, Lanes sums) __attribute__((always_inline)) {
+    return (Lanes)__builtin_ia32_dpbf16ps_512((Floats16)sums, (Halves32)a, (Halves32)b);
+};
+auto put_halves = [](Lanes x, Half* y) __attribute__((always_inline)) {
+    *reinterpret_cast<Halves16*>(y) = __builtin_convertvector((Floats16)x, Halves16);
+};
+#else  // where nobody asks for pairs
+enum { HAS_PAIRS = 0 };
+auto add_pairs = [](Ints, Ints, Lanes sums) { return sums; };
+auto put_halves = [](Lanes, Half*) {};
+#endif
+
+auto load = [](const auto* row) __attribute__((always_inline)) {
+    if constexpr (__is_same(decltype(row), const float*))
+        return Lanes(*reinterpret_cast<const LooseLanes*>(row));
+    else
+        return Ints(*reinterpret_cast<const LooseInts*>(row));
+};
+
+// A block: y = max(x W + b, lowest), for ROWS rows and some columns.  y is of floats or of halves.
+auto block = [&](auto columns, auto layer, auto x, auto* y, int y_stride,
                 float lowest) __attribute__((always_inline)) {
     enum { VECTORS = decltype(columns)::VECTORS };
+    constexpr bool in_pairs = __is_same(decltype(x), PairInputs);
     Lanes sums[ROWS][VECTORS];
 #pragma clang loop unroll(full)
     for (int v = 0; v < VECTORS; ++v) {
@@ -26,34 +59,41 @@ auto block = [&](auto columns, Layer layer, Inputs x, float* y, int y_stride,
         for (int r = 0; r < ROWS; ++r) sums[r][v] = bias;
     }
     for (int k = 0; k < layer.in; ++k) {
-        const float* const row = layer.weights + k * layer.width;
-        const float* const inputs = x.data + k * x.step;
-        Lanes weights[VECTORS];
+        const auto* const row = layer.weights + k * layer.width;
+        const auto* const inputs = x.data + k * x.step;
+        decltype(load(row)) weights[VECTORS];
 #pragma clang loop unroll(full)
-        for (int v = 0; v < VECTORS; ++v)
-            weights[v] = *reinterpret_cast<const LooseLanes*>(row + v * LANES);
+        for (int v = 0; v < VECTORS; ++v) weights[v] = load(row + v * LANES);
 #pragma clang loop unroll(full)
         for (int r = 0; r < ROWS; ++r) {
-            const Lanes value = inputs[r * x.row_step];
+            const decltype(load(row)) value = inputs[r * x.row_step];
 #pragma clang loop unroll(full)
             for (int v = 0; v < VECTORS; ++v)
-                sums[r][v] = multiply_add(value, weights[v], sums[r][v]);
+                if constexpr (in_pairs)
+                    sums[r][v] = add_pairs(value, weights[v], sums[r][v]);
+                else
+                    sums[r][v] = multiply_add(value, weights[v], sums[r][v]);
         }
     }
 #pragma clang loop unroll(full)
     for (int r = 0; r < ROWS; ++r)
 #pragma clang loop unroll(full)
-        for (int v = 0; v < VECTORS; ++v)
-            *reinterpret_cast<LooseLanes*>(y + r * y_stride + v * LANES) =
-                __builtin_elementwise_max(sums[r][v], Lanes(lowest));
+        for (int v = 0; v < VECTORS; ++v) {
+            const Lanes out = __builtin_elementwise_max(sums[r][v], Lanes(lowest));
+            auto* const to = y + r * y_stride + v * LANES;
+            if constexpr (sizeof(*y) == sizeof(Half))
+                put_halves(out, to);
+            else
+                *reinterpret_cast<LooseLanes*>(to) = out;
+        }
 };
 
 // y = max(x W + b, lowest).  Arrays have room for a multiple of ROWS rows.
-auto apply_layer = [&](Layer layer, int row_count, Inputs x, float* y, float lowest) {
+auto apply_layer = [&](auto layer, int row_count, auto x, auto* y, float lowest) {
     for (int first = 0; first < row_count; first += ROWS) {
-        const Inputs from = {x.data + first * x.row_step, x.row_step, x.step};
-        float* const to = y + first * layer.width;
-        Layer part = layer;
+        const decltype(x) from = {x.data + first * x.row_step, x.row_step, x.step};
+        auto* const to = y + first * layer.width;
+        auto part = layer;
         int column = 0;
         for (; column + Wide::VECTORS * LANES <= layer.width; column += Wide::VECTORS * LANES) {
             block(Wide(), part, from, to + column, layer.width, lowest);
@@ -69,20 +109,52 @@ auto apply_layer = [&](Layer layer, int row_count, Inputs x, float* y, float low
 };
 
 // The output of a network [rows, width of the last layer]: one of two buffers.
-auto apply_network = [&](int first_layer, int layer_count, int row_count, Inputs x, int in,
-                         float* buffer, float* other) {
+auto apply_network = [&](int first_layer, int layer_count, int row_count, auto x, int in,
+                         float* buffer, float* other) -> const float* {
+    constexpr bool in_pairs = __is_same(decltype(x), PairInputs);
+    const float* const values = networks.values.data;
     for (int l = 0; l < layer_count; ++l) {
-        const int* const shape = networks.shapes.data + 4 * (first_layer + l);
-        const float* const values = networks.values.data;
-        const int inputs = l == 0 ? in : shape[0];
-        const Layer layer = {inputs, shape[1], values + shape[2], values + shape[3]};
+        const int* const shape = networks.shapes.data + 5 * (first_layer + l);
+        const int inputs = l == 0 ? in : shape[0], width = shape[1];
         const bool last = l + 1 == layer_count;
-        apply_layer(layer, row_count, x, buffer, last ? -__builtin_inff() : 0.0f);
-        x = {buffer, layer.width, 1};
+        if constexpr (in_pairs) {
+            const Pair* const weights = networks.pairs.data + shape[4];
+            const PairLayer layer = {(inputs + 1) / 2, width, weights, values + shape[3]};
+            if (last) {
+                apply_layer(layer, row_count, x, buffer, -__builtin_inff());
+                break;
+            }
+            apply_layer(layer, row_count, x, reinterpret_cast<Half*>(buffer), 0.0f);
+            x = {reinterpret_cast<const Pair*>(buffer), width / 2, 1};
+        } else {
+            const Layer layer = {inputs, width, values + shape[2], values + shape[3]};
+            apply_layer(layer, row_count, x, buffer, last ? -__builtin_inff() : 0.0f);
+            if (last) break;
+            x = {buffer, width, 1};
+        }
+        float* const written = buffer;
         buffer = other;
-        other = const_cast<float*>(x.data);
+        other = written;
     }
-    return x.data;
+    return buffer;
+};
+
+// Numbers of rows as pairs, one after another: x [count] -> y [count / 2].  Both have room for a
+// multiple of LANES.
+auto pair_up = [&](const float* x, int count, Pair* y) {
+    for (int i = 0; i < count; i += LANES) put_halves(load(x + i), reinterpret_cast<Half*>(y) + i);
+};
+
+// The same of columns: x [in][step] -> y [in / 2][y_step].
+auto pair_columns = [&](const float* x, int step, int row_count, int in, Pair* y, int y_step) {
+    for (int k = 0; k < in / 2; ++k)
+        for (int r = 0; r < row_count; r += LANES) {
+            const float* const row = x + 2 * k * step + r;
+            const Words even = (Words)load(row), odd = (Words)load(row + step);
+            // A bfloat16 is the upper half of a float; the lower half rounds.
+            *reinterpret_cast<LooseInts*>(y + k * y_step + r) =
+                (Ints)(((even + 0x8000u) >> 16) | ((odd + 0x8000u) & 0xffff0000u));
+        }
 };
 
 // exp of each lane, to 2e-7 of itself: 2^n times a polynomial, as in Cephes.

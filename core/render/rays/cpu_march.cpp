@@ -9,18 +9,11 @@
 #include "lanes.h"
 struct alignas(sizeof(Lanes)) Numbers { float at[LANES]; };
 struct alignas(sizeof(Lanes)) Integers { int at[LANES]; };
-typedef bool Bits __attribute__((ext_vector_type(LANES)));
 auto all = [](auto& numbers) -> auto& {
     if constexpr (__is_same(decltype(numbers.at[0]), float&))
         return *reinterpret_cast<Lanes*>(numbers.at);
     else
         return *reinterpret_cast<Ints*>(numbers.at);
-};
-auto bits_of = [](Ints mask) -> unsigned {
-    return __builtin_bit_cast(LaneBits, __builtin_convertvector(mask, Bits));
-};
-auto each = [&](Ints mask, auto work) __attribute__((always_inline)) {
-    for (unsigned bits = bits_of(mask); bits != 0; bits &= bits - 1) work(__builtin_ctz(bits));
 };
 auto chosen = [](Ints mask, auto yes, auto no) {
     typedef decltype(yes) V;

@@ -7,19 +7,14 @@ that meet nothing cost nothing.
 Shapes: R rays, B boundary faces, T tets.
 """
 
+from pathlib import Path
+
 import numpy as np
 import warp as wp
 
+from ...native import LANES_H, MOST_LANES, native_source
 from .camera import Camera
-from .entries import (
-    MOST_ENTRIES,
-    UNKNOWN,
-    Entries,
-    add_entry,
-    crossing_of,
-    empty_entries,
-    meets_edge,
-)
+from .entries import MOST_ENTRIES, UNKNOWN, Entries, empty_entries
 from .marching import Rays
 from .pose import Geometry, Pose
 from .traversal import MAX_TETS, orientation
@@ -27,7 +22,7 @@ from .traversal import MAX_TETS, orientation
 FACE_WORK = 16.0  # a pixel in a face's rectangle, in pixels where there is none
 # A ray whose volume with an edge is below this, times its distance squared, has to search: a walk
 # through the tets may see it on the edge's other side.
-SLACK = wp.constant(1.0e-6)
+SLACK = 1.0e-6
 MARGIN = 1.0  # pixels around a face: half of one, and roundings
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
@@ -61,8 +56,10 @@ class FaceRectangles:
         exits = wp.zeros(count, dtype=int, device="cpu")
         entries.count.zero_()
         entries.next.zero_()
+        side_by_side = wp.empty(6 * (count + MOST_LANES), dtype=float, device="cpu")
         inputs = [self._pose.geometry, self._rectangles, self._width, first_pixel, rays]
-        wp.launch(raster_kernel, len(self._rectangles), inputs, [entries, exits], device="cpu")
+        inputs += [side_by_side]
+        wp.launch(raster_kernel, 1, inputs, [entries, exits], device="cpu")
         counts = entries.count.numpy()
         counts[(counts != exits.numpy()) | (counts > int(MOST_ENTRIES))] = UNKNOWN
         return entries
@@ -93,6 +90,30 @@ def bounding_rectangles(camera: Camera, vertices, faces):
     return np.ascontiguousarray(np.stack([left, top, right, bottom], axis=1), np.int32)
 
 
+@wp.func_native(
+    native_source(
+        Path(__file__).parent / "raster.cpp",
+        [LANES_H],
+        {
+            "SLACK": f"{SLACK}f",
+            "MAX_TETS": int(MAX_TETS),
+            "MOST_ENTRIES": int(MOST_ENTRIES),
+        },
+    )
+)
+def raster_native(
+    geometry: Geometry,
+    rectangles: wp.array(dtype=wp.vec4i),
+    facing: float,
+    width: int,
+    first_pixel: int,
+    rays: Rays,
+    side_by_side: wp.array(dtype=float),
+    entries: Entries,
+    exits: wp.array(dtype=int),
+): ...
+
+
 @wp.kernel
 def raster_kernel(
     geometry: Geometry,
@@ -100,29 +121,12 @@ def raster_kernel(
     width: int,  # of the image
     first_pixel: int,  # of ray 0
     rays: Rays,  # [R]
+    side_by_side: wp.array(dtype=float),  # [6 (R + lanes)] room
     entries: Entries,  # added to
     exits: wp.array(dtype=int),  # [R] added to
 ):
-    """Add a face's crossings to the rays of its rectangle; faces follow one another."""
-    index = wp.tid()
+    """Add all faces' crossings to the rays of their rectangles, by one thread."""
     facing = orientation(geometry)
-    box = rectangles[index]
-    last_pixel = first_pixel + rays.tet.shape[0] - 1
-    row = wp.max(box[1], first_pixel / width)
-    end = wp.min(box[3], last_pixel / width + 1)
-    while row < end:
-        pixel = wp.max(row * width + box[0], first_pixel)
-        last = wp.min(row * width + box[2] - 1, last_pixel)
-        while pixel <= last:
-            ray = pixel - first_pixel
-            origin, direction = rays.origins[ray], rays.directions[ray]
-            crossing, t = crossing_of(geometry, index, origin, direction)
-            if meets_edge(geometry, index, origin, direction, SLACK):
-                exits[ray] = MAX_TETS  # no ray has as many entries
-            if float(crossing) * facing > 0.0:
-                exits[ray] = exits[ray] + 1
-            elif crossing != 0:
-                tet = geometry.boundary_tets[index]
-                entries.count[ray] = add_entry(entries, ray, entries.count[ray], t, tet)
-            pixel += 1
-        row += 1
+    raster_native(
+        geometry, rectangles, facing, width, first_pixel, rays, side_by_side, entries, exits
+    )

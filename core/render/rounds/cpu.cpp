@@ -31,6 +31,7 @@ Corners corners[2];
 Places* places;
 float* features;  // [4 level_count][CHUNK]
 float *h, *joined, *one, *other;
+Pair* pairs;  // what goes into a network, in pairs
 float* kept;  // 1 - opacity of each sample alone; its extinction, where samples overlap
 float* weights;
 int *slots;
@@ -49,6 +50,7 @@ take(h, CHUNK * @GEOMETRY_FEATURES);
 take(kept, CHUNK);
 take(weights, CHUNK);
 take(joined, @BLOCK * JOINED);
+take(pairs, @BLOCK * (2 * level_count + JOINED / 2));  // of either network
 take(one, @BLOCK * networks.widest);
 take(other, @BLOCK * networks.widest);
 take(slots, CHUNK);
@@ -57,22 +59,27 @@ take(active, CHUNK);
 take(colored, CHUNK);
 take(runs, CHUNK);
 
-static_assert(@BLOCK % ROWS == 0 && CHUNK % @BLOCK == 0 && CHUNK % LANES == 0, "whole blocks");
+static_assert(@BLOCK % ROWS == 0 && @BLOCK % LANES == 0 && CHUNK % @BLOCK == 0, "whole blocks");
 if (free_memory > reinterpret_cast<char*>(scratch.data + scratch.shape[0])) __builtin_trap();
 
 const bool overlapping = highs.shape[0] > 0, deferred = pixels.sums.shape[0] > 0;
 const int sum_count = deferred ? @GEOMETRY_FEATURES + 3 : 0;
+const bool in_pairs = HAS_PAIRS && shading.in_pairs;
 
 // -- the stages of a chunk ---------------------------------------------------------------------
-auto width_of = [&](int layer) { return networks.shapes.data[4 * layer + 1]; };
+auto width_of = [&](int layer) { return networks.shapes.data[5 * layer + 1]; };
 
 auto find_densities = [&](int count) {
     const int width = width_of(networks.density_count - 1);
     for (int first = 0; first < count; first += @BLOCK) {
         const int rows = count - first < @BLOCK ? count - first : @BLOCK;
         const Inputs x = {features + first, 1, CHUNK};
-        const float* const y =
-            apply_network(0, networks.density_count, rows, x, 4 * level_count, one, other);
+        const int in = 4 * level_count;
+        if (in_pairs) pair_columns(x.data, CHUNK, rows, in, pairs, @BLOCK);
+        const PairInputs x_pairs = {pairs, 1, @BLOCK};
+        const float* const y = in_pairs
+            ? apply_network(0, networks.density_count, rows, x_pairs, in, one, other)
+            : apply_network(0, networks.density_count, rows, x, in, one, other);
         for (int r = 0; r < rows; ++r) {
             for (int k = 0; k < @GEOMETRY_FEATURES; ++k)
                 h[(first + r) * @GEOMETRY_FEATURES + k] = y[r * width + k];
@@ -206,9 +213,19 @@ auto choose = [&](const Run& run, int colored_count) {
     return colored_count;
 };
 
-auto add_colors = [&](int count) {
+// What the color network gives for the first rows of `joined`.
+auto apply_color = [&](int rows) {
     const int first_layer = networks.density_count, layer_count = networks.color_count;
-    const int width = width_of(first_layer + layer_count - 1);
+    if (!in_pairs)
+        return apply_network(first_layer, layer_count, rows, Inputs{joined, JOINED, 1}, JOINED, one,
+                             other);
+    pair_up(joined, rows * JOINED, pairs);
+    const PairInputs x = {pairs, JOINED / 2, 1};
+    return apply_network(first_layer, layer_count, rows, x, JOINED, one, other);
+};
+
+auto add_colors = [&](int count) {
+    const int width = width_of(networks.density_count + networks.color_count - 1);
     for (int first = 0; first < count; first += @BLOCK) {
         const int rows = count - first < @BLOCK ? count - first : @BLOCK;
         for (int r = 0; r < rows; ++r) {
@@ -219,8 +236,7 @@ auto add_colors = [&](int count) {
             put_basis(x + @GEOMETRY_FEATURES, turned(c.ray, c.tet, 0), turned(c.ray, c.tet, 1),
                       turned(c.ray, c.tet, 2));
         }
-        const float* const y =
-            apply_network(first_layer, layer_count, rows, {joined, JOINED, 1}, JOINED, one, other);
+        const float* const y = apply_color(rows);
         for (int r = 0; r < rows; ++r) {
             const Colored& c = colored[first + r];
             Entry color = *reinterpret_cast<const Entry*>(y + r * width);
@@ -258,8 +274,7 @@ auto add_up = [&](const Run& run) {
 
 // The colors of rays that have come to their ends, from the means.
 auto color_rays = [&](const int* ended, int count) {
-    const int first_layer = networks.density_count, layer_count = networks.color_count;
-    const int width = width_of(first_layer + layer_count - 1);
+    const int width = width_of(networks.density_count + networks.color_count - 1);
     for (int first = 0; first < count; first += @BLOCK) {
         const int rows = count - first < @BLOCK ? count - first : @BLOCK;
         for (int r = 0; r < rows; ++r) {
@@ -275,8 +290,7 @@ auto color_rays = [&](const int* ended, int count) {
             const float scale = 1.0f / (length > @SMALLEST ? length : @SMALLEST);
             put_basis(x + @GEOMETRY_FEATURES, scale * d[0], scale * d[1], scale * d[2]);
         }
-        const float* const y =
-            apply_network(first_layer, layer_count, rows, {joined, JOINED, 1}, JOINED, one, other);
+        const float* const y = apply_color(rows);
         for (int r = 0; r < rows; ++r) {
             const int ray = ended[first + r];
             Entry color = *reinterpret_cast<const Entry*>(y + r * width);

@@ -65,6 +65,7 @@ class NativeShading:
     networks: NativeNetworks
     level_count: int
     has_directions: int  # 0: colors do not depend on them
+    in_pairs: int  # 1: networks multiply pairs of bfloat16 where the processor can
     stop: float  # transmittance below which a ray ends
     closing: int  # 1: behind its end a ray looks as before it; 0: black
     least_weight: float  # a sample's color counts for those before it that weigh less together
@@ -232,10 +233,11 @@ class CpuShader:
         native.networks = self._networks
         native.level_count = options.level_count or self._field.layout.level_count
         native.has_directions = int(self._field.options.view_dependence)
+        native.in_pairs = int(options.half)
         native.stop, native.closing = options.stop, int(not exact)
         native.least_weight = 0.0 if exact else LEAST_WEIGHT
         size = CHUNK * (SAMPLE_BYTES // 4 + 4 * native.level_count)
-        size += 3 * NETWORK_BLOCK * self._networks.widest + 1024
+        size += NETWORK_BLOCK * (3 * self._networks.widest + 2 * native.level_count + 32) + 1024
         native.kept = wp.empty(0, dtype=float, device="cpu")
         native.scratch = wp.empty(size, dtype=float, device="cpu")
         return native
@@ -247,7 +249,7 @@ class CpuShader:
         """
         count = len(samples.tet)
         samples.length = wp.full(count, SHORT, dtype=float, device="cpu")
-        shading = self.of_launch(RenderOptions(termination=0.0))
+        shading = self.of_launch(RenderOptions(termination=0.0, single_precision=True))
         shading.kept = wp.empty(count, dtype=float, device="cpu")
         alive = wp.array(np.arange(count), dtype=int, device="cpu")
         ones, nothing = (wp.full(n, 1, dtype=int, device="cpu") for n in (count, 0))
