@@ -44,15 +44,16 @@ def measured(study):
     return measure
 
 
-@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("half, wavefront", [(False, False), (True, False), (True, True)])
 @pytest.mark.parametrize("level_count", [1, 2, 3, 8])
-def test_settings_differ_from_default_mode(level_count, half):
-    default, *others = found = rendering.settings(level_count, half)
+def test_settings_differ_from_default_mode(level_count, half, wavefront):
+    default, *others = found = rendering.settings(level_count, half, wavefront=wavefront)
     assert default.options == RenderOptions() and default.candidate
     assert len({setting.name for setting in found}) == len(found)
     kinds = [(setting.options, setting.scale, setting.masked) for setting in found]
     assert len(set(kinds)) == len(kinds)
     assert any(setting.options.single_precision for setting in others) == half
+    assert any(setting.options.path == "host" for setting in others) == wavefront
     for setting in found:
         taken = checked(setting.options, FieldOptions(level_count))
         assert replace(taken, termination=setting.options.termination) == setting.options

@@ -50,6 +50,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "density_of_rows",
             "density_room",
             "evaluators",
+            "multiplies_pairs",
             "native_networks",
             "networks_kernel",
             "h_in_room",

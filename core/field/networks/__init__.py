@@ -10,6 +10,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "NATIVE_VALUES",
             "NETWORK_BLOCK",
             "NativeNetworks",
+            "multiplies_pairs",
             "native_networks",
         ],
         "density_rows": [

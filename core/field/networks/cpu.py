@@ -1,8 +1,9 @@
-"""The networks on a CPU, in float32: native code, block by block in registers (layers.h).
+"""The networks on a CPU: native code, block by block in registers (layers.h).
 
 Shapes: N samples, l <= L levels.
 """
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,7 @@ class NativeNetworks:
 
 
 def native_networks(density_layers: Layers, color_layers: Layers) -> NativeNetworks:
-    """Copy the layers to where native code finds them."""
+    """Copy the layers to where native code finds them, also as pairs of bfloat16."""
     values, pairs, shapes, start, pair_start = [], [], [], 0, 0
     for weights, bias in (*density_layers, *color_layers):
         missing = -len(bias) % LEAST_WIDTH
@@ -102,6 +103,27 @@ def apply_kernel(
 ):
     """`reference.mlp` for all rows, by one thread."""
     apply_native(networks, first_layer, layer_count, in_pairs, x, scratch, y)
+
+
+@wp.func_native("""
+#if defined(__AVX512BF16__)  // as in layers.h
+answer.data[0] = 1;
+#endif
+""")
+def answer_native(answer: wp.array(dtype=int)): ...
+
+
+@wp.kernel(enable_backward=False)
+def answer_kernel(answer: wp.array(dtype=int)):  # [1] out
+    answer_native(answer)
+
+
+@cache
+def multiplies_pairs() -> bool:
+    """Whether this processor multiplies pairs of bfloat16, so that `half` makes a difference."""
+    answer = wp.zeros(1, dtype=int, device="cpu")
+    wp.launch(answer_kernel, 1, [], [answer], device="cpu")
+    return bool(answer.numpy()[0])
 
 
 class CpuNetworks:

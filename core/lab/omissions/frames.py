@@ -13,7 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...field import TetField, below_pixel, level_edges, narrowest_pixel, occupied_share
+from ...field import (
+    TetField,
+    below_pixel,
+    level_edges,
+    multiplies_pairs,
+    narrowest_pixel,
+    occupied_share,
+)
 from ...render import Renderer, RenderOptions, default_stop, visible_part
 from ..rendering import FULL, views
 from .measure import Switch, image_change
@@ -59,6 +66,10 @@ class Frames:
         endless = self.change(layers, self.way(termination=0.0))
         return f"{self.change(layers, usual)}; compared with rays that never end: {endless}"
 
+    def waiting(self):
+        """The way of rounds that the host waits for."""
+        return self.way(path="host")
+
     def again(self) -> list:
         """The first view, once more."""
         return [self.usual.renderer.render(self.cameras[0]).color_array()]
@@ -70,9 +81,6 @@ def frame_switches(frames: Frames) -> list[Switch]:
 
     def usual():
         return frames.usual
-
-    def waiting():  # float32 runs in rounds that the host waits for
-        return way(path="host")
 
     def to_the_last_slot():
         one = way()
@@ -120,16 +128,10 @@ def frame_switches(frames: Frames) -> list[Switch]:
             " or store its pieces.",
             change=frames.change_of_layers,
         ),
-        Switch(
-            "single precision of networks and tables",
-            lambda: way(single_precision=True),
-            waiting,
-            "Half precision uses tensor cores and half the bytes, and needs no torch; it counts"
-            " in large images.",
-        ),
+        _precision_switch(frames),
         Switch(
             "rounds that the host waits for",
-            waiting,
+            frames.waiting,
             usual,
             "The device knows how many rays go on; an image is one CUDA graph.",
         ),
@@ -142,9 +144,27 @@ def frame_switches(frames: Frames) -> list[Switch]:
         _level_switch(frames),
         _view_switch(frames),
     ]
-    if frames.device == "cpu":  # all is single precision, and nothing waits
-        return switches[:5] + switches[7:]
+    if frames.device == "cpu":  # nothing waits
+        return switches[: 6 if multiplies_pairs() else 5] + switches[7:]
     return switches[:3] + switches[4:]  # no ray is expected to be opaque
+
+
+def _precision_switch(frames):
+    """A switch for half precision: float16 on CUDA, bfloat16 on processors that multiply it."""
+    if frames.device == "cpu":
+        return Switch(
+            "single precision of networks",
+            lambda: frames.way(single_precision=True),
+            lambda: frames.usual,
+            "The processor multiplies two pairs of bfloat16 in the time of one of float32.",
+        )
+    return Switch(
+        "single precision of networks and tables",
+        lambda: frames.way(single_precision=True),
+        frames.waiting,  # float32 runs in rounds that the host waits for
+        "Half precision uses tensor cores and half the bytes, and needs no torch; it counts"
+        " in large images.",
+    )
 
 
 def _level_switch(frames):

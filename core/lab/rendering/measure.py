@@ -21,7 +21,7 @@ from typing import Annotated
 import numpy as np
 from PIL import Image
 
-from ...field import TetField
+from ...field import TetField, multiplies_pairs
 from ...render import Renderer, RenderOptions, default_stop
 from .. import rule
 from ..effort import Effort
@@ -81,12 +81,13 @@ class RenderingRow:
         return self.worst_psnr >= BOUND and largest <= LARGEST
 
 
-def settings(level_count: int, half: bool, deferred=False) -> list[Setting]:
+def settings(level_count: int, half: bool, deferred=False, wavefront=False) -> list[Setting]:
     """The settings to compare, default mode first.
 
     Args:
         half: Default mode's networks use half precision.
         deferred: A ray has one color.
+        wavefront: Default mode's rounds do not wait for the host.
     """
     found = [Setting("default", "default", candidate=True)]
 
@@ -105,6 +106,7 @@ def settings(level_count: int, half: bool, deferred=False) -> list[Setting]:
             add(name, "levels and termination", True, termination=stop, level_count=count)
     if half:
         add("float32", "precision", True, single_precision=True)
+    if wavefront:
         add("half, waited for", "precision", path="host")
     for factor in STEP_FACTORS:
         add(f"step × {factor:g}", "step", step_factor=factor)
@@ -145,6 +147,11 @@ class RenderingStudy:
     @property
     def half(self) -> bool:
         """Whether default mode evaluates networks in half precision here."""
+        return self.wavefront or (self.device.is_cpu and multiplies_pairs())
+
+    @property
+    def wavefront(self) -> bool:
+        """Whether default mode runs in rounds that do not wait for the host."""
         return self._renderer.shading.in_place is not None
 
     def measure(
@@ -232,7 +239,7 @@ class RenderingStudy:
         rng = np.random.default_rng(0)
         for turn in range(turns):
             for number in rng.permutation(len(compared)):  # no setting always follows the same one
-                if self.half:  # a wavefront predicts its rounds from the last image
+                if self.wavefront:  # it predicts its rounds from the last image
                     self._rendered(compared[number], 1)
                 taken = milliseconds(lambda n=number: self._rendered(compared[n]), self.device)
                 times[number, turn] = taken / len(self.pictures)

@@ -45,7 +45,7 @@ def section(
     own_error = discretization(study.field, study.pictures, DISCRETIZATION_PIXELS)
     stages = [StageRow(name, time) for name, time in study.stages(turns).items()]
     options = study.field.options
-    compared = settings(options.level_count, study.half, options.deferred)
+    compared = settings(options.level_count, study.half, options.deferred, study.wavefront)
     rows = study.measure(compared, turns, photos, step)
     default = rows[0]
     stages.append(StageRow("the view, by itself", default.frame))
@@ -121,7 +121,7 @@ def _verdict(default, chosen):
 
 def _stages_caption(study):
     clock = "those of all threads are added up."
-    if study.half:
+    if study.wavefront:
         clock = (
             "by events, on a device that always has the next launch at hand, except for the pose, "
             "which includes its upload; the view by itself waits for the host between views."
@@ -152,7 +152,7 @@ def _method(study, turns, pixels, own_error):
     ]
     if turns < ENOUGH:
         text[1] += " So few turns do not tell apart what differs by less than a tenth."
-    if study.half:
+    if study.wavefront:
         text.append(
             "On CUDA, default mode runs in rounds that the host does not wait for; float32 and "
             "conformance mode wait, as does “half, waited for”, so that their cost can be compared."
