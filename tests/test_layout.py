@@ -24,6 +24,7 @@ MAY_IMPORT = {
     "core.shipped_kernels": ["core.paths"],
     "core.kernel_cache": ["core.paths", "core.shipped_kernels", "core.streams"],
     "core.device": ["core.kernel_cache"],
+    "core.threads": ["core.device"],
     "core.wide": [],
     "core.native": [],
     "core.feed": [],
@@ -45,6 +46,7 @@ MAY_IMPORT = {
     "core.rig": ["core.paths", "core.memory", "core.archive", "core.feed", "core.geometry"],
     "core.render": [
         "core.device",
+        "core.threads",
         "core.wide",
         "core.native",
         "core.recorded",

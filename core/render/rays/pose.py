@@ -15,6 +15,7 @@ import warp as wp
 
 from ...geometry import TetMesh, boundary_faces
 from ...recorded import Recorded
+from ...threads import parts_of, side_by_side
 
 # Rounding may move a face across a ray's t: queries look this far around t, boxes are this
 # much larger than what is in them.
@@ -22,6 +23,7 @@ QUERY_GAP = wp.constant(4.0e-6)
 # A tet flatter than this (σ_min/σ_max) has no coordinates.  Rays that meet a fading tet are
 # tangled (overlap/search.py).  A walk meets a flat one by rounding only, and ends there.
 FLAT = wp.constant(1.0e-5)
+TETS_PER_THREAD = 1000  # of a CPU, at least: 0.3 ms
 FITTED_TREE = "sah"  # the host builds it once; rays find their way faster than in a GPU's own
 LONG = wp.constant(1.0e3)  # a stretch; svd3 computes with fourth powers, which have to fit
 
@@ -256,6 +258,7 @@ class Pose:
             geometry.rotations = wp.empty(mesh.tet_count, dtype=wp.mat33)
             geometry.mirrored_count = wp.zeros(1, dtype=int)
         self._following, self._fitting = Recorded(self.device), Recorded(self.device)
+        self._frame_parts = None  # on a CPU: launches, each with what it adds to mirrored_count
         self.set_vertices(self.vertices)
 
     def set_vertices(self, vertices):
@@ -280,11 +283,37 @@ class Pose:
         """Bring the boundary and the tets' frames to the vertices."""
         wp.copy(self._boundary.points, self.vertices)
         self._boundary.refit()
-        geometry = self.geometry
-        geometry.mirrored_count.zero_()
-        inputs = [self.tets, self.vertices, self._rest_edges, self._rest_edges_inverse]
-        frames = [geometry.rows, geometry.shapes, geometry.rotations, geometry.mirrored_count]
+        if self.device.is_cpu:
+            self._fit_frames_on_cpu()
+            return
+        self.geometry.mirrored_count.zero_()
+        inputs, frames = self._frame_arrays(0, len(self.tets), self.geometry.mirrored_count)
         wp.launch(tet_frames_kernel, len(self.tets), inputs, frames, device=self.device)
+
+    def _fit_frames_on_cpu(self):
+        """Launch for some tets in each thread."""
+        if self._frame_parts is None:
+            self._frame_parts = []
+            for first, end in parts_of(len(self.tets), TETS_PER_THREAD):
+                mirrored = wp.zeros(1, dtype=int, device="cpu")
+                arrays = self._frame_arrays(first, end, mirrored)
+                launch = wp.launch(
+                    tet_frames_kernel, end - first, *arrays, device="cpu", record_cmd=True
+                )
+                self._frame_parts.append((launch, mirrored.numpy()))
+        for _, mirrored in self._frame_parts:
+            mirrored[:] = 0
+        side_by_side([launch.launch for launch, _ in self._frame_parts])
+        count = sum(mirrored for _, mirrored in self._frame_parts)
+        self.geometry.mirrored_count.numpy()[:] = count
+
+    def _frame_arrays(self, first, end, mirrored_count):
+        """Inputs and outputs of tet_frames_kernel for some tets."""
+        geometry, part = self.geometry, slice(first, end)
+        inputs = [self.tets[part], self.vertices]
+        inputs += [self._rest_edges[part], self._rest_edges_inverse[part]]
+        frames = [geometry.rows[3 * first : 3 * end], geometry.shapes[2 * first : 2 * end]]
+        return inputs, [*frames, geometry.rotations[part], mirrored_count]
 
     def refresh_face_boxes(self) -> None:
         """Bring the BVH `geometry.face_boxes` up to date; only some paths of rendering need it."""
