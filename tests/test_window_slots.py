@@ -106,7 +106,9 @@ def test_any_size_of_images_and_meshes(make_ball_field, device, size, spacing):
     image = renderer.render(camera, OPTIONS)
     merged = Renderer(field, device)
     merged.set_vertices(vertices)
-    assert_alike(image, merged.render(camera, RenderOptions(BACKGROUND, path="merge")))
+    # NumPy's networks, which stand for tensor cores on a CPU, don't round as bfloat16 does.
+    options = RenderOptions(BACKGROUND, path="merge", single_precision=device == "cpu")
+    assert_alike(image, merged.render(camera, options))
     if size[1] > 1:
         middle = size[1] // 2
         parts = [

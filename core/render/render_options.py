@@ -16,13 +16,14 @@ class RenderOptions:
     Attributes:
         background: Color behind the object, 0..1.
         conformance: Equal the reference (float32, stop at T < 1e-3).  Otherwise rays stop
-            earlier; on CUDA the networks are evaluated in half precision; on a CPU, where samples
-            have colors, those that weigh less than a byte's step lend their weight to the next.
+            earlier; the networks are evaluated in half precision (float16 on CUDA, bfloat16 on
+            processors that multiply it); on a CPU, where samples have colors, those that weigh
+            less than a byte's step lend their weight to the next.
         step_factor: Multiplies the model's march step Δ.  A smaller step takes longer and
             comes closer to the integral that the sum approximates.
         level_count: Levels that are encoded, all by default; the features of finer ones are 0.
         termination: Transmittance below which a ray ends; None for the mode's default.
-        single_precision: Evaluate the networks in float32 on CUDA, too.
+        single_precision: Evaluate the networks in float32 everywhere.
         path: Path from rays to pixels.  "auto": the fastest path that the device and the other
             options allow, with tangled rays merged.  "host": rounds that the host waits for,
             as on the CPU, even where CUDA has a wavefront.  "merge": every ray is rendered as
@@ -42,7 +43,7 @@ class RenderOptions:
 
     @property
     def half(self) -> bool:
-        """Whether networks may be evaluated in half precision; on the CPU they never are."""
+        """Whether networks may be evaluated in half precision, where the device has it."""
         return not (self.conformance or self.single_precision)
 
     @property
