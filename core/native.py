@@ -7,7 +7,7 @@ and templates.
 from pathlib import Path
 
 LANES_H = Path(__file__).parent / "lanes.h"
-MOST_LANES = 16  # of its vectors
+MOST_LANES = 16  # of a vector, on any processor; rows of weights are a multiple of it
 
 
 def native_source(path: Path, includes=(), values=None) -> str:

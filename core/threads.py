@@ -1,7 +1,7 @@
 """Work that several threads share: a launch of Warp's on a CPU is the work of one thread."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from itertools import pairwise
 
@@ -18,17 +18,19 @@ def parts_of(count: int, least: int) -> list[tuple[int, int]]:
 
 
 def side_by_side(tasks: list[Callable]) -> list:
-    """What the tasks return; each runs in a thread of its own, the first in this one.
+    """What the tasks return; the first runs in this thread, each other one in one of its own.
 
-    No task may call this function: its threads could all be waiting.
+    An error comes when all have ended.  No task may call this function: its threads could all be
+    waiting.
     """
     first, *others = tasks
-    running = [_helpers().submit(task) for task in others]
+    running = []
     try:
+        running += [_helpers().submit(task) for task in others]
         mine = first()
     finally:
-        theirs = [future.result() for future in running]
-    return [mine, *theirs]
+        wait(running)
+    return [mine, *(future.result() for future in running)]
 
 
 @cache

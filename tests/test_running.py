@@ -52,14 +52,41 @@ def test_no_interrupt_is_lost_in_a_finalizer(capsys, number, finalizer):
             kept = weakref.ref(thing, lambda _: interrupt(number))
             del thing
             assert kept() is None
-        deadline = time.monotonic() + 20
-        while time.monotonic() < deadline:
-            pass
+        time.sleep(20)  # which the interrupt ends
+        return 0
+
+    before = time.monotonic()
+    assert run("deformrf-x", lambda: job) == INTERRUPTED
+    assert time.monotonic() - before < 10
+    assert capsys.readouterr().err == "deformrf-x: interrupted\n"
+    assert sys.unraisablehook is hook
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of one's own")
+def test_what_runs_in_the_background_keeps_its_signal(monkeypatch):
+    """A shell has SIGINT ignored there, so SIGTERM comes again as SIGTERM."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def job():
+        Last(signal.SIGTERM)
+        time.sleep(20)
+        return 0
+
+    try:
+        assert run("deformrf-x", lambda: job) == INTERRUPTED
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of one's own")
+def test_an_interrupt_that_is_owed_at_the_end_is_that_of_the_work():
+    def job():
+        Last(signal.SIGINT)
         return 0
 
     assert run("deformrf-x", lambda: job) == INTERRUPTED
-    assert capsys.readouterr().err == "deformrf-x: interrupted\n"
-    assert sys.unraisablehook is hook
+    time.sleep(3 * running.AGAIN_SECONDS)  # and none comes later
 
 
 def test_other_errors_of_a_finalizer_are_still_printed(monkeypatch):

@@ -1,6 +1,8 @@
 """Work that threads share: parts, order of results, errors; and a pose in parts."""
 
 import threading
+import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -43,11 +45,12 @@ def test_an_error_comes_when_all_have_ended(failing):
     def task(number):
         if number == failing:
             raise ValueError(f"task {number}")
+        time.sleep(0.1 * number)
         ended.append(number)
 
     with pytest.raises(ValueError, match=f"task {failing}"):
-        side_by_side([lambda: task(0), lambda: task(1)])
-    assert ended == [1 - failing]
+        side_by_side([partial(task, number) for number in range(3)])
+    assert ended == [number for number in range(3) if number != failing]
 
 
 def test_a_pose_is_the_same_in_parts(make_ball_field, monkeypatch):
@@ -56,13 +59,14 @@ def test_a_pose_is_the_same_in_parts(make_ball_field, monkeypatch):
     field = make_ball_field(int(rng.integers(1000)), gap=0.1)
     rest = field.mesh.rest_vertices
     shaken = rest + 0.1 * rng.normal(size=rest.shape)
-    monkeypatch.setattr(poses, "TETS_PER_THREAD", 50)
-    monkeypatch.setattr(search, "EDGES_PER_THREAD", 50)
+    monkeypatch.setattr(poses, "TETS_PER_THREAD", 20)
+    monkeypatch.setattr(search, "EDGES_PER_THREAD", 20)
     found = []
     for cores in (1, 3):
         monkeypatch.setattr(threads, "thread_count", lambda cores=cores: cores)
         pose = Pose(field.mesh, field.neighbours, "cpu")
         overlap = Overlap(field.mesh, field.neighbours, pose)
+        assert len(pose._frame_parts) == len(overlap._parts) == cores
         for vertices, tangled in ((rest, False), (shaken, True), (rest, False)):
             pose.set_vertices(vertices)
             assert overlap.exists() == tangled

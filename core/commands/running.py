@@ -11,9 +11,11 @@ import importlib.util
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 from .. import training
 from ..arguments import plain_message
@@ -116,31 +118,44 @@ def interrupts_kept():
     Python prints what `__del__` and callbacks of C raise, and goes on as if nothing had been.  Warp
     frees its arrays in `__del__`, so that a loop of frames lost a Ctrl-C now and then.
     """
-    before = sys.unraisablehook
+    before, now = sys.unraisablehook, SimpleNamespace(is_owed=False, is_over=False)
+
+    def send():
+        time.sleep(AGAIN_SECONDS)
+        if now.is_owed and not now.is_over:
+            now.is_owed = False
+            _interrupt()
 
     def hook(unraisable):
         if unraisable.exc_type is not KeyboardInterrupt:
             before(unraisable)
             return
-        # Here it would be lost again.  (threading's own start waits for a lock that the code
-        # below the finalizer may hold.)
-        _thread.start_new_thread(_interrupt_soon, ())
+        # Here it would be lost again.  Nothing of threading's that has a lock: the code below the
+        # finalizer may hold it.
+        now.is_owed = True
+        _thread.start_new_thread(send, ())
 
     sys.unraisablehook = hook
     try:
         yield
     finally:
+        now.is_over = True
         sys.unraisablehook = before
+    if now.is_owed:  # the work ended before it came again
+        raise KeyboardInterrupt
 
 
-def _interrupt_soon():
+def _interrupt():
     """Interrupt the main thread as the first of the signals does that Python handles."""
-    time.sleep(AGAIN_SECONDS)
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
-        if number is not None and callable(signal.getsignal(number)):
+        if number is None or not callable(signal.getsignal(number)):
+            continue
+        if hasattr(signal, "pthread_kill"):  # wakes a thread that waits
+            signal.pthread_kill(threading.main_thread().ident, number)
+        else:
             _thread.interrupt_main(number)
-            return
+        return
 
 
 def load_whole(package: str):

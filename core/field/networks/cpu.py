@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from ...native import LANES_H, native_source
+from ...native import LANES_H, MOST_LANES, native_source
 from .reference import (
     BASIS_COUNT,
     GEOMETRY_FEATURES,
@@ -19,8 +19,9 @@ from .reference import (
     sigmoid,
 )
 
-LEAST_WIDTH = 16  # rows of weights are a multiple of it: lanes of the widest vector
-NETWORK_BLOCK = 48  # samples that pass the layers together; a multiple of layers.h's ROWS
+NETWORK_BLOCK = (
+    48  # samples that pass the layers together; a multiple of layers.h's ROWS and of lanes
+)
 LAYERS_H = Path(__file__).parent / "layers.h"
 NATIVE_VALUES = {
     "BLOCK": NETWORK_BLOCK,
@@ -35,7 +36,7 @@ class NativeNetworks:
     """Both networks; columns of weights are filled up with zeros."""
 
     values: wp.array(dtype=float)  # weights [in, width] and bias [width] of each layer
-    pairs: wp.array(dtype=int)  # weights [⌈in / 2⌉, width] of each layer, `in_pairs`
+    pairs: wp.array(dtype=int)  # weights [⌈in / 2⌉, width] of each layer, `row_pairs`
     shapes: wp.array(dtype=int)  # of each layer: in, width, where weights, bias and pairs begin
     density_count: int  # layers
     color_count: int
@@ -46,12 +47,12 @@ def native_networks(density_layers: Layers, color_layers: Layers) -> NativeNetwo
     """Copy the layers to where native code finds them, also as pairs of bfloat16."""
     values, pairs, shapes, start, pair_start = [], [], [], 0, 0
     for weights, bias in (*density_layers, *color_layers):
-        missing = -len(bias) % LEAST_WIDTH
+        missing = -len(bias) % MOST_LANES
         weights = np.pad(weights, ((0, 0), (0, missing)))
         bias = np.pad(bias, (0, missing))
         shapes.append((*weights.shape, start, start + weights.size, pair_start))
         values += [weights.ravel(), bias]
-        pairs.append(in_pairs(weights).ravel())
+        pairs.append(row_pairs(weights).ravel())
         start += weights.size + bias.size
         pair_start += pairs[-1].size
     networks = NativeNetworks()
@@ -63,7 +64,7 @@ def native_networks(density_layers: Layers, color_layers: Layers) -> NativeNetwo
     return networks
 
 
-def in_pairs(weights):
+def row_pairs(weights):
     """Rows 2k and 2k + 1 as bfloat16 in one word, the first in the low half; a last odd row has
     zeros beside it.  [in, width] -> [⌈in / 2⌉, width] int32"""
     halves = bfloat16(np.pad(weights, ((0, len(weights) % 2), (0, 0)))).view(np.uint32)

@@ -1,13 +1,13 @@
 """The fastest way to evaluate a field's networks for images on a device.
 
     device                         half precision            float32
-    CPU                            none: it would be slower  native (cpu.py)
+    CPU                            native, bfloat16 (cpu.py) native (cpu.py)
     CUDA that tensor cores fit     tensor cores (mma.py)     torch
     CUDA of another kind or shape  torch                     torch
 
 Torch takes seconds to import, so its networks are made at the first call that needs them.
 Viewing must not need torch: where it is missing, or finds no GPU, the host stands in for it,
-in float32, which is slow and as accurate.
+which is slow and, in bfloat16, less accurate than float16.
 Training evaluates its networks itself: TorchNetworks.evaluate.
 
 Shapes: N samples, L levels, l <= L of them encoded.

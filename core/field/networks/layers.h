@@ -33,10 +33,13 @@ auto add_pairs = [](Ints a, Ints b, Lanes sums) __attribute__((always_inline)) {
 auto put_halves = [](Lanes x, Half* y) __attribute__((always_inline)) {
     *reinterpret_cast<Halves16*>(y) = __builtin_convertvector((Floats16)x, Halves16);
 };
-#else  // where nobody asks for pairs
+#else  // nobody asks for pairs here
 enum { HAS_PAIRS = 0 };
-auto add_pairs = [](Ints, Ints, Lanes sums) { return sums; };
-auto put_halves = [](Lanes, Half*) {};
+auto add_pairs = [](Ints, Ints, Lanes sums) {
+    __builtin_trap();
+    return sums;
+};
+auto put_halves = [](Lanes, Half*) { __builtin_trap(); };
 #endif
 
 auto load = [](const auto* row) __attribute__((always_inline)) {
@@ -50,7 +53,7 @@ auto load = [](const auto* row) __attribute__((always_inline)) {
 auto block = [&](auto columns, auto layer, auto x, auto* y, int y_stride,
                 float lowest) __attribute__((always_inline)) {
     enum { VECTORS = decltype(columns)::VECTORS };
-    constexpr bool in_pairs = __is_same(decltype(x), PairInputs);
+    constexpr bool of_pairs = __is_same(decltype(x), PairInputs);
     Lanes sums[ROWS][VECTORS];
 #pragma clang loop unroll(full)
     for (int v = 0; v < VECTORS; ++v) {
@@ -69,7 +72,7 @@ auto block = [&](auto columns, auto layer, auto x, auto* y, int y_stride,
             const decltype(load(row)) value = inputs[r * x.row_step];
 #pragma clang loop unroll(full)
             for (int v = 0; v < VECTORS; ++v)
-                if constexpr (in_pairs)
+                if constexpr (of_pairs)
                     sums[r][v] = add_pairs(value, weights[v], sums[r][v]);
                 else
                     sums[r][v] = multiply_add(value, weights[v], sums[r][v]);
@@ -111,13 +114,13 @@ auto apply_layer = [&](auto layer, int row_count, auto x, auto* y, float lowest)
 // The output of a network [rows, width of the last layer]: one of two buffers.
 auto apply_network = [&](int first_layer, int layer_count, int row_count, auto x, int in,
                          float* buffer, float* other) -> const float* {
-    constexpr bool in_pairs = __is_same(decltype(x), PairInputs);
+    constexpr bool of_pairs = __is_same(decltype(x), PairInputs);
     const float* const values = networks.values.data;
     for (int l = 0; l < layer_count; ++l) {
         const int* const shape = networks.shapes.data + 5 * (first_layer + l);
         const int inputs = l == 0 ? in : shape[0], width = shape[1];
         const bool last = l + 1 == layer_count;
-        if constexpr (in_pairs) {
+        if constexpr (of_pairs) {
             const Pair* const weights = networks.pairs.data + shape[4];
             const PairLayer layer = {(inputs + 1) / 2, width, weights, values + shape[3]};
             if (last) {
@@ -151,7 +154,7 @@ auto pair_columns = [&](const float* x, int step, int row_count, int in, Pair* y
         for (int r = 0; r < row_count; r += LANES) {
             const float* const row = x + 2 * k * step + r;
             const Words even = (Words)load(row), odd = (Words)load(row + step);
-            // A bfloat16 is the upper half of a float; the lower half rounds.
+            // A bfloat16 is the upper half of a float; the lower half rounds, from its middle on up.
             *reinterpret_cast<LooseInts*>(y + k * y_step + r) =
                 (Ints)(((even + 0x8000u) >> 16) | ((odd + 0x8000u) & 0xffff0000u));
         }

@@ -156,7 +156,7 @@ def _precision_switch(frames):
             "single precision of networks",
             lambda: frames.way(single_precision=True),
             lambda: frames.usual,
-            "The processor multiplies two pairs of bfloat16 in the time of one of float32.",
+            "The processor multiplies a pair of bfloat16 in the time of one float32.",
         )
     return Switch(
         "single precision of networks and tables",

@@ -76,6 +76,7 @@ class Overlap:
         self._counted = wp.Event(pose.device) if pose.device.is_cuda else None
         self._searching = Recorded(pose.device)
         self._parts = self._parts_for_threads() if pose.device.is_cpu else None
+        self._is_loaded = False
 
     @property
     def expected(self) -> bool:
@@ -142,7 +143,10 @@ class Overlap:
             wp.launch(search_kernel, threads, inputs, outputs, device="cpu", block_dim=BLOCK_SIZE)
             return counts.numpy()
 
-        found = sum(side_by_side([partial(search, part) for part in self._parts]))
+        tasks = [partial(search, part) for part in self._parts]
+        # At first each thread would compile the kernel.
+        found = sum(side_by_side(tasks) if self._is_loaded else [task() for task in tasks])
+        self._is_loaded = True
         self.counts.assign(found)
         self._host_counts.assign(found)
 

@@ -293,14 +293,15 @@ class Pose:
     def _fit_frames_on_cpu(self):
         """Launch for some tets in each thread."""
         if self._frame_parts is None:
-            self._frame_parts = []
+            parts = []
             for first, end in parts_of(len(self.tets), TETS_PER_THREAD):
                 mirrored = wp.zeros(1, dtype=int, device="cpu")
                 arrays = self._frame_arrays(first, end, mirrored)
                 launch = wp.launch(
                     tet_frames_kernel, end - first, *arrays, device="cpu", record_cmd=True
                 )
-                self._frame_parts.append((launch, mirrored.numpy()))
+                parts.append((launch, mirrored.numpy()))
+            self._frame_parts = parts
         for _, mirrored in self._frame_parts:
             mirrored[:] = 0
         side_by_side([launch.launch for launch, _ in self._frame_parts])

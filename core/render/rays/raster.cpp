@@ -10,11 +10,11 @@ const Lanes zero = 0.0f;
 const int stride = ray_count + LANES;
 for (int k = 0; k < 3; ++k)
     for (int ray = 0; ray < ray_count; ++ray) {
-        side_by_side.data[k * stride + ray] = rays.origins.data[ray][k];
-        side_by_side.data[(3 + k) * stride + ray] = rays.directions.data[ray][k];
+        by_component.data[k * stride + ray] = rays.origins.data[ray][k];
+        by_component.data[(3 + k) * stride + ray] = rays.directions.data[ray][k];
     }
 auto of_rays = [&](int number, int ray) -> Lanes {
-    return *reinterpret_cast<const LooseLanes*>(side_by_side.data + number * stride + ray);
+    return *reinterpret_cast<const LooseLanes*>(by_component.data + number * stride + ray);
 };
 
 struct Vector { Lanes at[3]; };

@@ -56,9 +56,9 @@ class FaceRectangles:
         exits = wp.zeros(count, dtype=int, device="cpu")
         entries.count.zero_()
         entries.next.zero_()
-        side_by_side = wp.empty(6 * (count + MOST_LANES), dtype=float, device="cpu")
+        by_component = wp.empty(6 * (count + MOST_LANES), dtype=float, device="cpu")
         inputs = [self._pose.geometry, self._rectangles, self._width, first_pixel, rays]
-        inputs += [side_by_side]
+        inputs += [by_component]
         wp.launch(raster_kernel, 1, inputs, [entries, exits], device="cpu")
         counts = entries.count.numpy()
         counts[(counts != exits.numpy()) | (counts > int(MOST_ENTRIES))] = UNKNOWN
@@ -108,7 +108,7 @@ def raster_native(
     width: int,
     first_pixel: int,
     rays: Rays,
-    side_by_side: wp.array(dtype=float),
+    by_component: wp.array(dtype=float),
     entries: Entries,
     exits: wp.array(dtype=int),
 ): ...
@@ -121,12 +121,12 @@ def raster_kernel(
     width: int,  # of the image
     first_pixel: int,  # of ray 0
     rays: Rays,  # [R]
-    side_by_side: wp.array(dtype=float),  # [6 (R + lanes)] room
+    by_component: wp.array(dtype=float),  # [6 (R + lanes)] room
     entries: Entries,  # added to
     exits: wp.array(dtype=int),  # [R] added to
 ):
     """Add all faces' crossings to the rays of their rectangles, by one thread."""
     facing = orientation(geometry)
     raster_native(
-        geometry, rectangles, facing, width, first_pixel, rays, side_by_side, entries, exits
+        geometry, rectangles, facing, width, first_pixel, rays, by_component, entries, exits
     )

@@ -64,7 +64,7 @@ if (free_memory > reinterpret_cast<char*>(scratch.data + scratch.shape[0])) __bu
 
 const bool overlapping = highs.shape[0] > 0, deferred = pixels.sums.shape[0] > 0;
 const int sum_count = deferred ? @GEOMETRY_FEATURES + 3 : 0;
-const bool in_pairs = HAS_PAIRS && shading.in_pairs;
+const bool by_pairs = HAS_PAIRS && shading.in_pairs;
 
 // -- the stages of a chunk ---------------------------------------------------------------------
 auto width_of = [&](int layer) { return networks.shapes.data[5 * layer + 1]; };
@@ -75,9 +75,9 @@ auto find_densities = [&](int count) {
         const int rows = count - first < @BLOCK ? count - first : @BLOCK;
         const Inputs x = {features + first, 1, CHUNK};
         const int in = 4 * level_count;
-        if (in_pairs) pair_columns(x.data, CHUNK, rows, in, pairs, @BLOCK);
+        if (by_pairs) pair_columns(x.data, CHUNK, rows, in, pairs, @BLOCK);
         const PairInputs x_pairs = {pairs, 1, @BLOCK};
-        const float* const y = in_pairs
+        const float* const y = by_pairs
             ? apply_network(0, networks.density_count, rows, x_pairs, in, one, other)
             : apply_network(0, networks.density_count, rows, x, in, one, other);
         for (int r = 0; r < rows; ++r) {
@@ -216,7 +216,7 @@ auto choose = [&](const Run& run, int colored_count) {
 // What the color network gives for the first rows of `joined`.
 auto apply_color = [&](int rows) {
     const int first_layer = networks.density_count, layer_count = networks.color_count;
-    if (!in_pairs)
+    if (!by_pairs)
         return apply_network(first_layer, layer_count, rows, Inputs{joined, JOINED, 1}, JOINED, one,
                              other);
     pair_up(joined, rows * JOINED, pairs);

@@ -13,7 +13,9 @@ import numpy as np
 import warp as wp
 
 from ...field import (
+    BASIS_COUNT,
     ENCODING_H,
+    GEOMETRY_FEATURES,
     LAYERS_H,
     NATIVE_VALUES,
     NETWORK_BLOCK,
@@ -237,7 +239,9 @@ class CpuShader:
         native.stop, native.closing = options.stop, int(not exact)
         native.least_weight = 0.0 if exact else LEAST_WEIGHT
         size = CHUNK * (SAMPLE_BYTES // 4 + 4 * native.level_count)
-        size += NETWORK_BLOCK * (3 * self._networks.widest + 2 * native.level_count + 32) + 1024
+        joined = GEOMETRY_FEATURES + BASIS_COUNT  # as floats, and as pairs
+        row = 2 * self._networks.widest + 2 * native.level_count + joined + joined // 2
+        size += NETWORK_BLOCK * row + 1024
         native.kept = wp.empty(0, dtype=float, device="cpu")
         native.scratch = wp.empty(size, dtype=float, device="cpu")
         return native
