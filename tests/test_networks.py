@@ -131,7 +131,7 @@ def test_pairs_agree_with_their_reference(make_ball_field, widths):
         assert np.median(error) < 0.1 * spread and error.mean() < spread
 
 
-def test_bfloat16_is_the_nearest(make_ball_field):
+def test_bfloat16_is_the_nearest():
     rng = np.random.default_rng()
     x = (rng.normal(size=5000) * np.exp(rng.normal(size=5000, scale=9))).astype(np.float32)
     found = cpu.bfloat16(x)

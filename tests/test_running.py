@@ -63,7 +63,7 @@ def test_no_interrupt_is_lost_in_a_finalizer(capsys, number, finalizer):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of one's own")
-def test_what_runs_in_the_background_keeps_its_signal(monkeypatch):
+def test_what_runs_in_the_background_keeps_its_signal():
     """A shell has SIGINT ignored there, so SIGTERM comes again as SIGTERM."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
 

@@ -19,9 +19,7 @@ from .reference import (
     sigmoid,
 )
 
-NETWORK_BLOCK = (
-    48  # samples that pass the layers together; a multiple of layers.h's ROWS and of lanes
-)
+NETWORK_BLOCK = 48  # samples that pass the layers together: whole ROWS of layers.h, whole vectors
 LAYERS_H = Path(__file__).parent / "layers.h"
 NATIVE_VALUES = {
     "BLOCK": NETWORK_BLOCK,
@@ -65,8 +63,10 @@ def native_networks(density_layers: Layers, color_layers: Layers) -> NativeNetwo
 
 
 def row_pairs(weights):
-    """Rows 2k and 2k + 1 as bfloat16 in one word, the first in the low half; a last odd row has
-    zeros beside it.  [in, width] -> [⌈in / 2⌉, width] int32"""
+    """Rows 2k and 2k + 1 as bfloat16 in one word, row 2k in its low half.
+
+    [in, width] -> [⌈in / 2⌉, width] int32.  Beside a last row without another are zeros.
+    """
     halves = bfloat16(np.pad(weights, ((0, len(weights) % 2), (0, 0)))).view(np.uint32)
     return (halves[::2] >> 16 | halves[1::2]).view(np.int32)
 
