@@ -1,4 +1,4 @@
-"""Work that several threads share: a launch of Warp's on a CPU is the work of one thread."""
+"""Work that several threads share.  On a CPU, Warp runs a launch in one thread."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
