@@ -222,7 +222,7 @@ def surface_points(field: TrainingField, bank: RayBank):
     for number, batch in enumerate(looks(bank, field.device, LOOK_RAYS, LOOK_SIZE), start=1):
         batch.seed.fill_(number)
         field.march(batch)
-        points.append(ends_of_rays(batch, field.composite(batch)[3]).cpu().numpy())
+        points.append(ends_of_rays(batch, field.composite(batch).weights).cpu().numpy())
     return np.concatenate(points)
 
 

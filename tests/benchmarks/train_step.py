@@ -70,7 +70,7 @@ def parts_of(run, times):
         sigma, values, samples.length, samples.t, batch.counts, batch.ends
     )
     done("composite")
-    color = field.color(batch, sums, opacity)
+    color, _ = field.color(batch, sums, opacity)
     loss = ((color - rgba[:, :3]) ** 2).mean() + run.distortion * distortion.mean()
     run.optimizer.zero_grad()
     done("color and loss")

@@ -8,8 +8,6 @@ from torch import nn
 
 from .reference import MAX_LOG_SIGMA, Layers
 
-LEAST_SLOPE = 1e-3  # that of the sigmoid at colors of 0.001 and 0.999
-
 
 class TruncatedExp(torch.autograd.Function):
     """exp with a gradient that stays finite (Instant-NGP's truncated exponential)."""
@@ -24,25 +22,6 @@ class TruncatedExp(torch.autograd.Function):
     def backward(ctx, gradient):
         (y,) = ctx.saved_tensors
         return gradient * y
-
-
-class Sigmoid(torch.autograd.Function):
-    """1 / (1 + exp(-x)) whose gradient never vanishes.
-
-    In the first steps an object of one color drives wide networks so far that its colors are 0 and
-    1 in float32.  The true gradient is zero there, and nothing would ever move them again.
-    """
-
-    @staticmethod
-    def forward(ctx, x):
-        y = torch.sigmoid(x)
-        ctx.save_for_backward(y)
-        return y
-
-    @staticmethod
-    def backward(ctx, gradient):
-        (y,) = ctx.saved_tensors
-        return gradient * (y * (1.0 - y)).clamp(min=LEAST_SLOPE)
 
 
 class TorchNetworks(nn.Module):
@@ -63,12 +42,16 @@ class TorchNetworks(nn.Module):
         """Density per unit of rest length, float32.  [N]"""
         return TruncatedExp.apply(h[:, 0].float())
 
-    def colors(self, h, basis):
-        """rgb [N, 3], float32, of what the density network gives [N, 16] and directions [N, 16]."""
+    def logits(self, h, basis):
+        """What `colors` takes the sigmoid of, float32.  [N, 3]"""
         x = torch.cat([h, basis.to(h.dtype)], dim=1)
         for layer in self.color[:-1]:
             x = torch.relu(layer(x))
-        return Sigmoid.apply(self.color[-1](x).float())
+        return self.color[-1](x).float()
+
+    def colors(self, h, basis):
+        """rgb [N, 3], float32, of what the density network gives [N, 16] and directions [N, 16]."""
+        return torch.sigmoid(self.logits(h, basis))
 
     def forward(self, features, basis):
         """sigma [N] and rgb [N, 3], both float32."""

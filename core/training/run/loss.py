@@ -1,6 +1,6 @@
 """The loss of a batch: the error of its rays' colors, and what scattered samples and features cost.
 
-    loss = mean over rays of (squared error + distortion weight · distortion)
+    loss = mean over rays of (squared error + distortion weight · distortion + 10⁻⁵ · excess)
            + table decay · ½ Σ 4^(l + 1 − L) θ²    over the features θ of the levels l = 0 … L − 1
 
 Images with alpha are composited on a random background per ray or on white, so that empty
@@ -8,6 +8,11 @@ space learns to be empty.  Where surroundings are learned, `surrounded_cost` is 
 
 Where photographs differ in exposure, each has a color map, which exposure.py describes, between the
 model's color and its own, and the maps have their price.
+
+The excess of a ray is how far the logits of its color are beyond ±8, squared.  A sigmoid has no
+slope there in float32: in the first steps an object of one color drives wide networks so far that
+its colors are 0 and 1, and no error would ever move them again.  Within ±8 lies every color that
+8 bits can tell from 0 and 1.
 
 The last term is against noise: fine levels explain what differs between photographs and is no
 texture.  A feature costs most at the finest level.  Where photographs show more than twice as
@@ -21,6 +26,8 @@ from .batch import Batch
 from .surroundings import over, surrounded_cost
 from .training_field import TrainingField
 
+EXCESS_WEIGHT = 1e-5
+
 
 def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: float):
     """The loss [] of a marched batch, to be differentiated, and its mean squared error [].
@@ -31,7 +38,7 @@ def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: 
         white: 1 for a white background, 0 for each ray's random one.  torch [1]
         distortion_weight: Weight of the distortion loss (Mip-NeRF 360, Eq. 15).
     """
-    color, opacity, distortion, _ = field.composite(batch)
+    color, opacity, distortion, excess, _ = field.composite(batch)
     target, alpha = batch.rgba[:, :3], batch.rgba[:, 3:]
     cost = distortion_weight * distortion
     if field.surroundings:
@@ -48,6 +55,7 @@ def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: 
         background = torch.maximum(batch.background, white)
         target = target * alpha + background * (1.0 - alpha)
         color = color + (1.0 - opacity[:, None]) * background
+    cost = cost + EXCESS_WEIGHT * excess
     shares = batch.fits / batch.fits.sum().clamp(min=1.0)
     error = (shares[:, None] * (color - target) ** 2).sum() / 3.0
     loss = error + (shares * cost).sum()

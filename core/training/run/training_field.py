@@ -9,6 +9,7 @@ Shapes: R rays, N packed samples, T tets with 64 sub-tets each.
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -41,6 +42,7 @@ UPDATE_CHUNK, SMALLEST_CHUNK = 1 << 20, 1 << 10  # sub-tets evaluated at once
 LOOK_RAYS, SMALLEST_LOOK = 1 << 14, 1 << 6  # rays traced at once to find what none of them sees
 SMALLEST_OPACITY = 1e-3  # of a ray whose means are taken: a smaller one has hardly a color
 INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
+MOST_LOGIT = 8.0  # of a color, at a tenth of 1/255 from 0 and from 1; what is beyond costs
 
 wp.set_module_options({"enable_backward": False})
 
@@ -56,6 +58,16 @@ def mark_seen_kernel(
     wp.atomic_max(
         seen, sample_tet[n] * wp.static(SUBTET_COUNT) + subtet_of(sample_bary[n]), weights[n]
     )
+
+
+class Rendered(NamedTuple):
+    """A batch of rays and samples, rendered with gradients, as torch tensors."""
+
+    color: torch.Tensor  # [R, 3] without background
+    opacity: torch.Tensor  # [R]
+    distortion: torch.Tensor  # [R]
+    excess: torch.Tensor  # [R] of the squares of logits beyond MOST_LOGIT, times the opacity
+    weights: torch.Tensor  # [N]
 
 
 class TrainingField:
@@ -130,17 +142,14 @@ class TrainingField:
         mask = self.mask if batch.mask is None else batch.mask
         batch.march(self.pose, mask, options.march_step, options.view_dependence)
 
-    def composite(self, batch: Batch):
-        """Render marched rays with gradients.
-
-        Returns:
-            color [R, 3] without background, opacity [R], distortion [R], weights [N].
-        """
+    def composite(self, batch: Batch) -> Rendered:
+        """Render marched rays with gradients."""
         samples = batch.samples
         sigma, values = self.evaluate(batch, self.encode(samples.tet, samples.bary))
         along = samples.length, samples.t, batch.counts, batch.ends
-        sums, opacity, *others = Composite.apply(sigma, values, *along)
-        return self.color(batch, sums, opacity), opacity, *others
+        sums, opacity, distortion, weights = Composite.apply(sigma, values, *along)
+        color, excess = self.color(batch, sums, opacity)
+        return Rendered(color, opacity, distortion, excess, weights)
 
     def evaluate(self, batch: Batch, features):
         """sigma [N], and what a ray sums of the samples: colors [N, 3], or h [N, 16]."""
@@ -151,13 +160,18 @@ class TrainingField:
             return self.networks.evaluate(features, batch.basis, sample_count)
 
     def color(self, batch: Batch, sums, opacity):
-        """The colors of rays, times their opacity, from what they summed.  [R, 3]"""
+        """The colors [R, 3] of rays, times their opacity, from what they summed; their excess [R].
+
+        Colors of samples have no excess: the fused kernels don't tell their logits.
+        """
         if not self.options.deferred:
-            return sums
+            return sums, torch.zeros_like(opacity)
         means = sums / opacity.clamp(min=SMALLEST_OPACITY)[:, None]
         with self.precision():  # at rest a ray has one direction
-            rgb = self.networks.colors(means, batch.ray_basis(self.options.view_dependence))
-        return opacity[:, None] * rgb
+            logits = self.networks.logits(means, batch.ray_basis(self.options.view_dependence))
+        beyond = (logits.abs() - MOST_LOGIT).clamp(min=0.0)
+        excess = opacity.detach() * beyond.square().sum(dim=1)
+        return opacity[:, None] * torch.sigmoid(logits), excess
 
     def entries(self):
         """The table's values that this worker has whole: float32, or exchanged as float16."""
@@ -237,7 +251,7 @@ class TrainingField:
             for seed, batch in islice(batches, self.workers.rank, None, self.workers.count):
                 batch.seed.fill_(seed)
                 self.march(batch)
-                weights = self.composite(batch)[3]
+                weights = self.composite(batch).weights
                 wp.launch(
                     mark_seen_kernel,
                     dim=len(weights),

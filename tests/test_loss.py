@@ -1,0 +1,103 @@
+"""The loss of colors that are 0 and 1: they can be moved, and what moves them is its gradient."""
+
+import numpy as np
+import pytest
+import torch
+
+from deformrf.core.field import FieldOptions
+from deformrf.core.geometry import a15_grid
+from deformrf.core.render import look_at, pinhole
+from deformrf.core.training import preset, world_to_unit_cube
+from deformrf.core.training.data.datasets import from_images
+from deformrf.core.training.data.raybank import RayBank
+from deformrf.core.training.run import Optimization, TrainingField, loss
+from deformrf.core.training.run.training_field import MOST_LOGIT
+
+GRAY = 128
+
+
+@pytest.fixture
+def stage(device):
+    """A stage with one color a ray on a few photographs of gray."""
+    image = np.full((8, 8, 4), (GRAY, GRAY, GRAY, 255), np.uint8)
+    eyes = np.random.default_rng().normal(size=(4, 3))
+    poses = [look_at(4 * eye / np.linalg.norm(eye), (0, 0, 0)) for eye in eyes]
+    dataset = from_images([image] * 4, poses, [pinhole(12.0, 8, 8)] * 4, "abcd", "train")
+    bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), device)
+    options = FieldOptions(2, 2**8, march_step=0.05, deferred=True, color_hidden=(64, 64))
+    field = TrainingField(a15_grid(0.25), options, device)
+    stage = Optimization(field, bank, preset("tiny"), dataset.has_alpha, 1000)
+    stage.set_ray_count(64)
+    return stage
+
+
+def rendered(stage):
+    """The same rays each time."""
+    stage._prepare(stage.batch, 0)
+    stage._march(stage.batch)
+    return stage.field.composite(stage.batch)
+
+
+def push(stage, logit):
+    """Move all colors' logits by that much."""
+    with torch.no_grad():
+        stage.field.networks.color[-1].bias += logit
+
+
+def colors_of(picture):
+    """Of the rays that see something.  [n, 3]"""
+    seen = picture.opacity > 0.1
+    assert seen.sum() > 10
+    return (picture.color / picture.opacity[:, None])[seen].detach()
+
+
+@pytest.mark.parametrize("logit", [-20.0, 20.0])
+def test_colors_of_0_and_1_can_be_moved(stage, logit):
+    """In float32 their sigmoid has no slope, or 10⁻⁹."""
+    push(stage, logit)
+    assert (colors_of(rendered(stage)) - float(logit > 0.0)).abs().max() < 1e-6
+    for number in range(400):
+        stage.step(0.005 * min(1.0, (number + 1) / 100.0), white=False)
+    assert (colors_of(rendered(stage)) - GRAY / 255.0).abs().mean() < 0.2
+
+
+def test_without_their_cost_colors_of_0_and_1_stay(stage, monkeypatch):
+    """So the test before this one can fail."""
+    monkeypatch.setattr(loss, "EXCESS_WEIGHT", 0.0)
+    push(stage, 60.0)
+    before = [weights.detach().clone() for weights in stage.field.networks.color.parameters()]
+    for _ in range(50):
+        stage.step(0.02, white=False)
+    for weights, old in zip(stage.field.networks.color.parameters(), before, strict=True):
+        assert torch.equal(weights, old)
+
+
+@pytest.mark.parametrize("device", ["cpu"])  # float16 would be too coarse for differences
+@pytest.mark.parametrize("logit", [-10.0, 0.0, 4.0, 10.0])
+def test_the_gradient_is_that_of_the_loss(stage, logit):
+    """Also where colors are nearly 0 or 1: another one led runs away from what they had learned."""
+    push(stage, logit)
+    white, bias = torch.zeros(1), stage.field.networks.color[-1].bias
+
+    def value():
+        rendered(stage)
+        return loss.training_loss(stage.field, stage.batch, white, 0.0)[0]
+
+    (gradient,) = torch.autograd.grad(value(), bias)
+    step = 0.25
+    with torch.no_grad():
+        bias += step
+        above = value()
+        bias -= 2.0 * step
+        below = value()
+    slope = (above - below) / (2.0 * step)
+    assert float(gradient.sum()) == pytest.approx(float(slope), rel=0.05)
+
+
+def test_only_logits_beyond_the_most_cost_something(stage):
+    picture = rendered(stage)
+    assert picture.excess.max() == 0.0
+    push(stage, MOST_LOGIT + 10.0)
+    picture = rendered(stage)
+    beyond = (picture.excess / picture.opacity)[picture.opacity > 0.1]
+    assert ((200.0 < beyond) & (beyond < 450.0)).all()  # 3 · 10², and the start's own logits
