@@ -114,9 +114,9 @@ class Diverged(Exception):
 class LossWatch:
     """Keeps good weights of a field, to return to when its loss diverges.
 
-    Where an error is small already, a rare step can throw all weights far off: a run of *foxrig*
-    fell from 46 to 25 dB within 200 of 25,000 steps.  From the weights before it, and more slowly,
-    it can go on.  Its occupancy goes back with it.
+    Steps may throw all weights far off.  From the weights before them, and more slowly, a run can
+    go on.  Its occupancy goes back with it.  Runs of *foxrig* needed this while colors had another
+    gradient than the loss has (docs/performance.md); none has since.
 
     Attributes:
         returns: How often the field returned, `returned_at` the last time.
