@@ -21,6 +21,7 @@ from deformrf.core.training import load_dataset, preset
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run import Optimization, TrainingField, on_warp_stream
 from deformrf.core.training.run.differentiable import Composite
+from deformrf.core.training.run.loss import EXCESS_WEIGHT
 from deformrf.core.training.run.optimization import LOSS_SCALE, next_ray_count
 
 RATE = 1e-4  # small: the field stays what it is
@@ -70,8 +71,9 @@ def parts_of(run, times):
         sigma, values, samples.length, samples.t, batch.counts, batch.ends
     )
     done("composite")
-    color, _ = field.color(batch, sums, opacity)
+    color, excess = field.color(batch, sums, opacity)
     loss = ((color - rgba[:, :3]) ** 2).mean() + run.distortion * distortion.mean()
+    loss = loss + EXCESS_WEIGHT * excess.mean()
     run.optimizer.zero_grad()
     done("color and loss")
     # With one color a ray, the color network's gradients come before the sums'.

@@ -9,10 +9,11 @@ space learns to be empty.  Where surroundings are learned, `surrounded_cost` is 
 Where photographs differ in exposure, each has a color map, which exposure.py describes, between the
 model's color and its own, and the maps have their price.
 
-The excess of a ray is how far the logits of its color are beyond ±8, squared.  A sigmoid has no
-slope there in float32: in the first steps an object of one color drives wide networks so far that
-its colors are 0 and 1, and no error would ever move them again.  Within ±8 lies every color that
-8 bits can tell from 0 and 1.
+The excess of a ray is the sum over its color's three logits of the square of what is beyond ±8,
+times the ray's opacity.  Farther out a sigmoid's slope falls to 0: in the first steps an object of
+one color drives wide networks so far that its colors are 0 and 1, and no error would ever move
+them again.  Within ±8 lies every color that 8 bits can tell from 0 and 1.  Colors of samples and
+of surroundings have no such cost: their networks are narrow.
 
 The last term is against noise: fine levels explain what differs between photographs and is no
 texture.  A feature costs most at the finest level.  Where photographs show more than twice as

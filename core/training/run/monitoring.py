@@ -115,8 +115,7 @@ class LossWatch:
     """Keeps good weights of a field, to return to when its loss diverges.
 
     Steps may throw all weights far off.  From the weights before them, and more slowly, a run can
-    go on.  Its occupancy goes back with it.  Runs of *foxrig* needed this while colors had another
-    gradient than the loss has (docs/performance.md); none has since.
+    go on.  Its occupancy goes back with it.
 
     Attributes:
         returns: How often the field returned, `returned_at` the last time.

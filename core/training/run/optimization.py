@@ -376,9 +376,9 @@ class Optimization:
 def rate_groups(field: TrainingField, parameters) -> list:
     """Parameters side by side with one learning rate: its share of the highest, and they.
 
-    Adam moves every weight equally far.  In wide layers that moves the sums further, and an object
-    of one color drove layers of 256 to colors of 0 and 1 within 26 steps, for good; so their rate
-    falls with their width.
+    Adam moves every weight equally far.  In wide layers that moves the sums further: an object of
+    one color drove layers of 256 to colors of 0 and 1 within 26 steps.  So their rate falls with
+    their width.
     """
     color = {id(weights) for weights in field.networks.color.parameters()}
     share = min(1.0, FULL_RATE_WIDTH / max(field.options.color_hidden, default=1))

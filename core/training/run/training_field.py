@@ -66,7 +66,7 @@ class Rendered(NamedTuple):
     color: torch.Tensor  # [R, 3] without background
     opacity: torch.Tensor  # [R]
     distortion: torch.Tensor  # [R]
-    excess: torch.Tensor  # [R] of the squares of logits beyond MOST_LOGIT, times the opacity
+    excess: torch.Tensor  # [R], see loss.py
     weights: torch.Tensor  # [N]
 
 
@@ -162,7 +162,7 @@ class TrainingField:
     def color(self, batch: Batch, sums, opacity):
         """The colors [R, 3] of rays, times their opacity, from what they summed; their excess [R].
 
-        Colors of samples have no excess: the fused kernels don't tell their logits.
+        Colors of samples have no excess.
         """
         if not self.options.deferred:
             return sums, torch.zeros_like(opacity)
@@ -170,6 +170,7 @@ class TrainingField:
         with self.precision():  # at rest a ray has one direction
             logits = self.networks.logits(means, batch.ray_basis(self.options.view_dependence))
         beyond = (logits.abs() - MOST_LOGIT).clamp(min=0.0)
+        # Detached: nothing becomes transparent because its color costs something.
         excess = opacity.detach() * beyond.square().sum(dim=1)
         return opacity[:, None] * torch.sigmoid(logits), excess
 
