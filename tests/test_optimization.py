@@ -6,12 +6,11 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
+from gray_photographs import gray_photographs
 
 from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
-from deformrf.core.render import look_at, pinhole
 from deformrf.core.training import preset, world_to_unit_cube
-from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run import (
     Diverged,
@@ -32,10 +31,7 @@ OPTIONS = preset("tiny", samples_per_step=2**15, coarse_steps=50, fine_steps=50)
 @pytest.fixture
 def run():
     """A stage on a few photographs of gray, with 50 steps to go."""
-    image = np.full((8, 8, 4), 128, np.uint8)
-    eyes = np.random.default_rng().normal(size=(4, 3))
-    poses = [look_at(4 * eye / np.linalg.norm(eye), (0, 0, 0)) for eye in eyes]
-    dataset = from_images([image] * 4, poses, [pinhole(12.0, 8, 8)] * 4, "abcd", "train")
+    dataset = gray_photographs(alpha=128)
     bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), "cpu")
     field = TrainingField(a15_grid(0.25), FieldOptions(2, 2**8, march_step=0.05), "cpu")
     return Optimization(field, bank, OPTIONS, dataset.has_alpha, 50)

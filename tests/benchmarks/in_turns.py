@@ -117,6 +117,8 @@ def main():
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     render_speed.add_arguments(parser, sizes=[300], frames=60)
     arguments = parser.parse_args()
+    if not (arguments.other / "core").is_dir():  # this checkout would be compared with itself
+        parser.error(f"{arguments.other} is no checkout of this repository")
     if arguments.serve:
         serve(arguments)
         return

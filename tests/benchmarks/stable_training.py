@@ -4,8 +4,8 @@
         [--rates 1 2 4] [--seeds 2] [--steps 7000] [--image-size PIXELS]
 
 The learning rate of stage 2 is multiplied by each of the rates, and its first steps are done.  A
-run whose loss diverged goes back to its last good weights; how often, and when the last time, is
-printed beside the error of the training rays at the end.
+run whose loss diverged goes back to its last good weights: at which steps it did is printed, and
+the error of the training rays over the last pauses.
 """
 
 import argparse
@@ -28,32 +28,31 @@ class Enough(Exception):
 
 def run(views, options, rate, step_count, device) -> str:
     """Train with that multiple of stage 2's rate; what became of it, a phrase."""
-    errors = []
+    stages, errors, returned = [], [], []
 
-    class Faster(Optimization):
-        def __init__(self, field, bank, options, *others):
-            if field.options == field_options(options):
-                options = replace(options, learning_rate=rate * options.learning_rate)
-            super().__init__(field, bank, options, *others)
-            Faster.last = self
+    def stage_of(field, bank, options, *others):
+        if field.options == field_options(options):
+            options = replace(options, learning_rate=rate * options.learning_rate)
+        stages.append(Optimization(field, bank, options, *others))
+        return stages[-1]
 
     def look(pause):
-        if pause.stage == 2:
-            errors.append(float(Faster.last.error))
-            if pause.step >= step_count:
-                raise Enough
+        if pause.stage == 1:
+            return
+        errors.append(float(stages[-1].error))
+        if stages[-1].returns > len(returned):
+            returned.append(pause.step)
+        if pause.step >= step_count:
+            raise Enough
 
-    with mock.patch.object(trainer, "Optimization", Faster):
+    with mock.patch.object(trainer, "Optimization", stage_of):
         try:
             end = trainer.train(views, options, device, on_pause=look).diverged or "all steps"
         except Enough:
             end = f"{step_count} steps"
-    watch = Faster.last._watch
-    returns = f"returned {watch.returns} times"
-    if watch.returns:
-        returns += f", at last at step {watch.returned_at}"
     decibels = -10.0 * np.log10(np.median(errors[-LAST:]))
-    return f"{returns}; {decibels:.1f} dB at the end; {end}"
+    steps = f" at steps {', '.join(map(str, returned))}" if returned else ""
+    return f"returned {len(returned)} times{steps}; {decibels:.1f} dB at the end; {end}"
 
 
 def main():

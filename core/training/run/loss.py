@@ -1,6 +1,7 @@
 """The loss of a batch: the error of its rays' colors, and what scattered samples and features cost.
 
-    loss = mean over rays of (squared error + distortion weight · distortion + 10⁻⁵ · excess)
+    loss = mean over rays of (squared error + distortion weight · distortion
+                              + excess weight · excess)
            + table decay · ½ Σ 4^(l + 1 − L) θ²    over the features θ of the levels l = 0 … L − 1
 
 Images with alpha are composited on a random background per ray or on white, so that empty
@@ -9,11 +10,11 @@ space learns to be empty.  Where surroundings are learned, `surrounded_cost` is 
 Where photographs differ in exposure, each has a color map, which exposure.py describes, between the
 model's color and its own, and the maps have their price.
 
-The excess of a ray is the sum over its color's three logits of the square of what is beyond ±8,
-times the ray's opacity.  Farther out a sigmoid's slope falls to 0: in the first steps an object of
-one color drives wide networks so far that its colors are 0 and 1, and no error would ever move
-them again.  Within ±8 lies every color that 8 bits can tell from 0 and 1.  Colors of samples and
-of surroundings have no such cost: their networks are narrow.
+A logit is what the sigmoid makes a color of.  The excess of a ray is the sum, over the three logits
+of its color, of the squared distance beyond ±8, times the ray's opacity.  Farther out the sigmoid
+has hardly a slope.  An object of one color drives a wide network there in the first steps, and no
+error would ever move its colors again.  Every color that 8 bits can tell from 0 and 1 lies within
+±8.  Colors of samples and of surroundings have no such cost; their networks are narrow.
 
 The last term is against noise: fine levels explain what differs between photographs and is no
 texture.  A feature costs most at the finest level.  Where photographs show more than twice as
@@ -27,7 +28,7 @@ from .batch import Batch
 from .surroundings import over, surrounded_cost
 from .training_field import TrainingField
 
-EXCESS_WEIGHT = 1e-5
+EXCESS_WEIGHT = 1e-5  # docs/design/004-training.md has what else was tried
 
 
 def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: float):

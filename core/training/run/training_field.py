@@ -42,7 +42,7 @@ UPDATE_CHUNK, SMALLEST_CHUNK = 1 << 20, 1 << 10  # sub-tets evaluated at once
 LOOK_RAYS, SMALLEST_LOOK = 1 << 14, 1 << 6  # rays traced at once to find what none of them sees
 SMALLEST_OPACITY = 1e-3  # of a ray whose means are taken: a smaller one has hardly a color
 INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
-MOST_LOGIT = 8.0  # of a color, at a tenth of 1/255 from 0 and from 1; what is beyond costs
+MOST_LOGIT = 8.0  # of a color, a tenth of 1/255 from 0 or 1; what is beyond costs, see loss.py
 
 wp.set_module_options({"enable_backward": False})
 
