@@ -165,10 +165,8 @@ def test_a_loss_that_is_lost_at_once_leaves_what_the_run_began_with(run, monkeyp
 
 
 def test_a_run_ends_with_averaged_weights_and_exports_them_before(run, monkeypatch):
-    """A parameter that follows the step's number ends at the mean of the last pauses."""
-    monkeypatch.setattr(
-        optimization, "AVERAGED_SHARE", 0.64
-    )  # 2 pauses: each time half of what is new
+    """A parameter that follows the step's number ends at the mean of all pauses so far."""
+    monkeypatch.setattr(optimization, "AVERAGED_SHARE", 1.0)
     step, lent, exported = Optimization.step, [], []
 
     def counting(self, rate, white):
@@ -186,10 +184,12 @@ def test_a_run_ends_with_averaged_weights_and_exports_them_before(run, monkeypat
     monkeypatch.setattr(Optimization, "step", counting)
     with TrainingProgress() as progress:
         run.run(progress, "stage", look)
-    assert lent == [16, 24, 36]
+    assert lent == [16, 24, 32]
     assert [field.table[0, 0] for field in exported] == lent
     assert [field.color_layers[0][1][0] for field in exported] == lent
-    assert run.field.table[0, 0].item() == 43
+    share_of_last = 16 / 50  # the stage ends 2 steps after a pause
+    end = 32 + (50 - 32) * share_of_last
+    assert run.field.table[0, 0].item() == pytest.approx(end)
 
 
 def test_a_weight_that_no_ray_meets_is_watched_too(run, monkeypatch):

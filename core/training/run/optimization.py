@@ -31,14 +31,14 @@ from .recorded_steps import RecordedSteps
 from .training_field import TrainingField
 
 FULL_RATE_WIDTH = 64  # of hidden layers that learn as fast as the rest
-FINAL_RATE = 0.1  # of the highest learning rate, at the cosine's end
+FINAL_RATE = 0.3  # of the highest learning rate, at the cosine's end
 BETAS, EPSILON = (0.9, 0.99), 1e-15  # of Adam; the paper has 0.999
 LOSS_SCALE = 1024.0  # against vanishing fp16 gradients (0.2 % of their sum); Adam cancels it
 WHITE_SHARE = 0.5  # of the steps, at the end, on a white background
 PAUSE_INTERVAL = 16  # steps from one look at loss, occupancy and ray count to the next
 OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
 OCCUPANCY_PARTS = 4  # later it looks at every fourth
-AVERAGED_SHARE = 0.02  # of the steps, over which the weights that are kept are averaged
+AVERAGED_SHARE = 0.1  # of the steps so far, over which the weights that are kept are averaged
 RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
 RAY_ROOM = 1.5  # times the rays of a step that graphs are recorded for, so that more fit later
 LEAST_USED = 0.25  # of that room; with fewer rays new graphs are recorded
@@ -296,7 +296,7 @@ class Optimization:
         parameters = self._exchange.parameters if self._exchange else self.field.parameters()
         if self._average is None:
             self._average = [p.clone() for p in parameters]
-        span = AVERAGED_SHARE * self.step_count / PAUSE_INTERVAL
+        span = AVERAGED_SHARE * (self.number - self._watch.returned_at) / PAUSE_INTERVAL
         torch._foreach_lerp_(self._average, parameters, 1.0 / max(span, 1.0))
 
     def _whole_average(self):
