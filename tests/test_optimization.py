@@ -192,6 +192,20 @@ def test_a_run_ends_with_averaged_weights_and_exports_them_before(run, monkeypat
     assert run.field.table[0, 0].item() == pytest.approx(end)
 
 
+def test_after_a_return_the_average_has_only_what_came_since(run, monkeypatch):
+    monkeypatch.setattr(optimization, "AVERAGED_SHARE", 1.0)
+    bias = run.field.networks.color[0].bias.data
+    run._watch.returned_at = 3200
+    means = []
+    for pause in 1, 2, 3:
+        run.number = 3200 + 16 * pause
+        bias[0] = pause
+        run._average_weights()
+        with run.averaged():
+            means.append(run.field.networks.color[0].bias[0].item())
+    assert means == pytest.approx([1.0, 1.5, 2.0])
+
+
 def test_a_weight_that_no_ray_meets_is_watched_too(run, monkeypatch):
     monkeypatch.setattr(monitoring, "SNAPSHOT_INTERVAL", 16)
     monkeypatch.setattr(monitoring, "MOST_RETURNS", 0)
