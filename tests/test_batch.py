@@ -9,6 +9,7 @@ from deformrf.core.field import FieldOptions
 from deformrf.core.field.networks.reference import spherical_harmonics
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.render import Pose
+from deformrf.core.training.data.raybank import NO_LIMIT
 from deformrf.core.training.run import TrainingField
 from deformrf.core.training.run.batch import Batch
 from deformrf.core.training.run.passes import MAX_RAY_SAMPLES
@@ -24,12 +25,14 @@ def scene(make_ball_field, device):
     return field, pose, wp.array(field.occupancy, dtype=wp.uint64, device=device)
 
 
-def marched(scene, capacity, device, rays):
+def marched(scene, capacity, device, rays, limits=None):
     field, pose, mask = scene
     batch = Batch(RAYS, capacity, device)
     for mine, given in zip((batch.origins, batch.directions), rays, strict=True):
         mine.copy_(torch.from_numpy(given.astype(np.float32)))
     batch.seed.fill_(5)
+    if limits is not None:
+        batch.drawn.limits.assign(limits.astype(np.int32))
     batch.march(pose, mask, field.options.march_step)
     return batch
 
@@ -70,6 +73,23 @@ def test_rays_that_do_not_fit_are_left_out(scene, device):
         tight.samples.bary.numpy()[:count], exact.samples.bary.numpy()[:count]
     )
     assert (tight.samples.tet.numpy()[count:] == -1).all()
+
+
+def test_a_ray_ends_at_its_limit(scene, device):
+    rays = random_rays()
+    whole = marched(scene, None, device, rays)
+    counts = whole.counts.numpy()
+    limits = np.random.default_rng().integers(1, counts.max() + 1, RAYS)
+    limits[::3] = int(NO_LIMIT)
+    cut = marched(scene, None, device, rays, limits)
+    expected = np.where(limits == NO_LIMIT, counts, np.minimum(counts, limits))
+    np.testing.assert_array_equal(cut.counts.numpy(), expected)
+    assert expected.sum() < counts.sum()
+    ray = np.repeat(np.arange(RAYS), counts)
+    number = np.arange(len(ray)) - (np.cumsum(counts) - counts)[ray]
+    for name in ("tet", "bary", "length", "t"):
+        kept = getattr(whole.samples, name).numpy()[number < expected[ray]]
+        np.testing.assert_array_equal(getattr(cut.samples, name).numpy(), kept)
 
 
 def test_no_ray_of_any_preset_is_cut_off():

@@ -7,6 +7,7 @@ import warp as wp
 
 from deformrf.core.field import GEOMETRY_FEATURES
 from deformrf.core.render.rounds.compositing import composite_reference
+from deformrf.core.training.run.compositing import LEAST_TRANSMITTANCE
 from deformrf.core.training.run.differentiable import Composite
 
 
@@ -75,6 +76,21 @@ def test_forward_kernel_matches_the_reference(device, channels):
     outputs = Composite.apply(*on_device(samples, device))
     for ours, expected in zip(outputs, (color, opacity, distortion), strict=False):
         np.testing.assert_allclose(ours.detach().cpu(), expected, atol=2e-6)
+
+
+def test_samples_behind_something_opaque_are_not_visible(device):
+    samples = random_samples()
+    sigma, length, counts = samples[0], samples[2], samples[4]
+    *_, visible = Composite.apply(*on_device(samples, device))
+    ends = np.cumsum(counts)
+    depths = np.cumsum(sigma * length) - sigma * length
+    before = depths - np.repeat(depths[np.minimum(ends - counts, len(depths) - 1)], counts)
+    lit = np.exp(-before) > float(LEAST_TRANSMITTANCE)
+    expected = np.array([part.sum() for part in np.split(lit, ends[:-1])])
+    found = visible.cpu().numpy()
+    assert (found < counts).any() and (found == counts).any()
+    assert np.abs(found - expected).max() <= 1  # where rounding decides
+    assert (found != expected).mean() < 0.1
 
 
 @pytest.mark.parametrize("channels", [3, GEOMETRY_FEATURES])

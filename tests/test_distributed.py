@@ -74,7 +74,7 @@ def gradients(run):
         found["all"] = [p.grad / LOSS_SCALE for p in run.field.parameters()]
         found["own"] = found["all"][0]
         return found
-    found["own"] = exchange._table_gradient[:count].float() / batch.fits.sum() / LOSS_SCALE
+    found["own"] = exchange._table_gradient[:count].float() / batch.pixels_tried() / LOSS_SCALE
     for function, _ in exchange.parts(run.optimizer).values():
         function()
     part, *others = exchange.parameters

@@ -131,13 +131,13 @@ class Interrupting:
 
     def __init__(self, monkeypatch, owner, name, after):
         self.calls, self.after, self.method = 0, after, getattr(owner, name)
-        monkeypatch.setattr(owner, name, lambda mine, *args: self(mine, *args))
+        monkeypatch.setattr(owner, name, lambda mine, *args, **named: self(mine, *args, **named))
 
-    def __call__(self, mine, *arguments):
+    def __call__(self, mine, *arguments, **named):
         self.calls += 1
         if self.calls > self.after:
             raise KeyboardInterrupt
-        return self.method(mine, *arguments)
+        return self.method(mine, *arguments, **named)
 
 
 @pytest.mark.parametrize(

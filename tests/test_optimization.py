@@ -34,7 +34,7 @@ def run():
     dataset = gray_photographs(alpha=128)
     bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), "cpu")
     field = TrainingField(a15_grid(0.25), FieldOptions(2, 2**8, march_step=0.05), "cpu")
-    return Optimization(field, bank, OPTIONS, dataset.has_alpha, 50)
+    return Optimization(field, bank, OPTIONS, dataset.has_alpha, 50, 0.3)
 
 
 def go(run):
@@ -83,13 +83,13 @@ def test_features_decay_where_they_outnumber_what_photographs_show(run):
 
 def test_the_learning_rate_warms_up_and_falls_along_a_cosine(run):
     rates = [
-        optimization.learning_rate(step, 10_000, 1.0) * run._watch.rate_share(step)
+        optimization.learning_rate(step, 10_000, 1.0, 0.2) * run._watch.rate_share(step)
         for step in range(10_001)
     ]
     assert rates[0] == pytest.approx(0.01)
     assert max(rates) == pytest.approx(1.0, abs=1e-3)
-    assert rates[5000] == pytest.approx(0.5 + 0.5 * optimization.FINAL_RATE, abs=1e-3)
-    assert rates[-1] == pytest.approx(optimization.FINAL_RATE)
+    assert rates[5000] == pytest.approx(0.6, abs=1e-3)
+    assert rates[-1] == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("hidden, share", [((64, 64), 1.0), ((32,), 1.0), ((256, 256, 64), 0.25)])
@@ -255,7 +255,7 @@ def test_a_run_goes_on_from_its_good_weights_more_slowly(run, monkeypatch, capsy
     said = "The loss became nan at step 48 of 50; going on with the weights of step 32"
     assert said in " ".join(capsys.readouterr().out.split())
     highest = run.options.learning_rate
-    wanted = [optimization.learning_rate(n, 50, highest) for n in range(50)]
+    wanted = [optimization.learning_rate(n, 50, highest, 0.3) for n in range(50)]
     np.testing.assert_allclose(rates[:48], wanted[:48])
     np.testing.assert_allclose(rates[48:], 0.5 * np.array(wanted[48:]))
     moments = [s for s in run.optimizer.state.values() if s["exp_avg"].abs().sum() > 0.0]

@@ -7,7 +7,7 @@ import warp as wp
 from deformrf.core.render import Camera, Lens, camera_rays, in_space, look_at
 from deformrf.core.training import world_to_unit_cube
 from deformrf.core.training.data.datasets import from_images
-from deformrf.core.training.data.raybank import Drawn, RayBank
+from deformrf.core.training.data.raybank import EMPTY, MOST_TRIES, NO_LIMIT, Drawn, RayBank
 
 LENSES = (
     Lens(7, 5, (9.0, 8.0), (3.2, 2.6), (0.05, -0.08, 0.01, 0.0), (-1e-3, 2e-3)),
@@ -17,7 +17,7 @@ LENSES = (
 
 
 def empty_drawn(count, device):
-    kinds = (wp.vec3, wp.vec3, wp.vec4, wp.vec3, int)
+    kinds = (wp.vec3, wp.vec3, wp.vec4, wp.vec3, int, int, int, float)
     return Drawn(*(wp.empty(count, dtype=kind, device=device) for kind in kinds))
 
 
@@ -72,6 +72,27 @@ def test_every_pixel_is_as_likely_as_any_other(device):
     often = np.bincount((drawn.rgba.numpy()[:, 0] * 255).round().astype(int), minlength=count)
     # Each is binomial with mean 200 and deviation 14.
     assert np.abs(often - 200).max() < 6 * 14
+
+
+def test_empty_pixels_are_drawn_less_often_and_the_others_stand_for_them(device):
+    dataset = views()
+    bank = RayBank(dataset, np.eye(4), device)
+    rng, count = np.random.default_rng(), bank.pixel_count
+    limits = rng.integers(1, int(NO_LIMIT) + 1, count)
+    limits[rng.random(count) < 0.5] = int(EMPTY)
+    drawn = empty_drawn(300 * count, device)
+    seed = wp.full(1, int(rng.integers(2**30)), dtype=int, device=device)
+    bank.draw(seed, drawn, limits=wp.array(limits.astype(np.uint8), device=device))
+    pixels, tries = drawn.pixels.numpy(), drawn.tries.numpy()
+    given = np.where(limits == EMPTY, NO_LIMIT, limits)  # one that is drawn is marched wholly
+    np.testing.assert_array_equal(drawn.limits.numpy(), given[pixels])
+    np.testing.assert_allclose(drawn.rgba.numpy() * 255, dataset.pixels[pixels], atol=1e-4)
+    assert tries.min() == 1.0 and tries.max() == MOST_TRIES
+    # A mean over all pixels of what is 0 in the empty ones.
+    values = np.where(limits == EMPTY, 0.0, rng.random(count))
+    found, expected = values[pixels].sum() / tries.sum(), values.mean()
+    assert found == pytest.approx(expected, rel=6.0 / np.sqrt(len(pixels)) / expected)
+    assert 0.05 < (limits[pixels] == EMPTY).mean() < 0.15
 
 
 def test_only_pixels_whose_rays_meet_a_box_are_drawn_if_asked_for(device):

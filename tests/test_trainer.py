@@ -173,14 +173,14 @@ class Interrupting:
     def __init__(self, monkeypatch, after):
         self.draws, self.after, self.draw = 0, after, RayBank.draw
         self.thread = threading.get_ident()
-        monkeypatch.setattr(RayBank, "draw", lambda bank, *args: self(bank, *args))
+        monkeypatch.setattr(RayBank, "draw", lambda *args, **named: self(*args, **named))
 
-    def __call__(self, bank, *arguments):
+    def __call__(self, bank, *arguments, **named):
         ours = threading.get_ident() == self.thread
         self.draws += ours and len(arguments) == 2  # looks also give pixels, or None
         if ours and self.draws > self.after:
             raise KeyboardInterrupt
-        self.draw(bank, *arguments)
+        self.draw(bank, *arguments, **named)
 
 
 def parameters(trained):

@@ -23,7 +23,7 @@ import warp as wp
 from ..device import start_warp
 from ..field import FieldOptions, TetField
 from ..geometry import TetMesh, a15_grid
-from . import photographs
+from . import photographs, stages
 from .data import (
     Dataset,
     Plane,
@@ -53,7 +53,6 @@ from .run import (
     random_surroundings,
     save_checkpoint,
 )
-from .stages import coarse_options, field_options
 from .train_options import TrainOptions
 from .trained_tets import boxed, kept_mesh, object_alone
 
@@ -239,7 +238,7 @@ class _Run:
 
     def _train_coarse(self, mesh) -> TetMesh:
         """Stage 1; the tets that it keeps."""
-        self._train_stage(1, mesh, coarse_options(self.options), self.options.coarse_steps)
+        self._train_stage(1, mesh, stages.coarse_options(self.options), self.options.coarse_steps)
         # Stage 2 begins without the optimizer of stage 1, so it could not save one.
         if self.workers.any(self.checkpoint_path is not None):
             self._save()
@@ -252,7 +251,7 @@ class _Run:
 
     def _train_fine(self, mesh) -> str | None:
         """Stage 2; a sentence if a single worker lacks the memory to hide what no image sees."""
-        self._train_stage(2, mesh, field_options(self.options), self.options.fine_steps)
+        self._train_stage(2, mesh, stages.field_options(self.options), self.options.fine_steps)
         try:
             self._hide_unseen(FINE_LOOK, UNSEEN_WEIGHT)
         except ALLOCATION_ERRORS as error:
@@ -277,7 +276,8 @@ class _Run:
         if field.device.is_cuda:
             torch.cuda.reset_peak_memory_stats()
         inputs = self.bank, self.options, self.dataset.has_alpha
-        optimization = Optimization(field, *inputs, step_count)
+        final_rate = stages.COARSE_FINAL_RATE if stage == 1 else stages.FINE_FINAL_RATE
+        optimization = Optimization(field, *inputs, step_count, final_rate)
         if self.resumed and self.resumed.stage == stage:
             try:
                 optimization.load_state(self.resumed.fit)

@@ -27,6 +27,7 @@ from deformrf.core.device import device_name, start_warp
 from deformrf.core.training import (
     load_dataset,
     preset,
+    stages,
     torchrun_workers,
     trainer,
     world_to_unit_cube,
@@ -54,14 +55,14 @@ def fine_run(views, options, device, workers, progress):
     box = object_box(world_to_model, options.aabb)
     bank = RayBank(views, world_to_model, device)
     mesh = trainer.boxed(trainer.a15_grid(options.spacing), box, options.spacing)
-    field = TrainingField(mesh, trainer.coarse_options(options), device, workers=workers)
+    field = TrainingField(mesh, stages.coarse_options(options), device, workers=workers)
     coarse = Optimization(field, bank, options, views.has_alpha, options.coarse_steps)
     coarse.run(progress, "stage 1")
     field.update_occupancy()
     most = trainer.COARSE_LOOK * options.samples_per_step
     field.hide_unseen(partial(looks, bank, field.device, most), trainer.COARSE_UNSEEN_WEIGHT)
     mesh = trainer.kept_mesh(field)
-    field = TrainingField(mesh, trainer.field_options(options), device, workers=workers)
+    field = TrainingField(mesh, stages.field_options(options), device, workers=workers)
     fine = Optimization(field, bank, options, views.has_alpha, SETTLING_STEPS)
     fine.run(progress, "stage 2")
     return fine

@@ -29,6 +29,7 @@ from deformrf.core.training.run import (
     compositing,
     passes,
     peer_exchange,
+    sample_limits,
     surroundings,
     training_field,
 )
@@ -44,6 +45,7 @@ TRAINING = (
     compositing,
     passes,
     peer_exchange,
+    sample_limits,
     surroundings,
     training_field,
 )

@@ -67,7 +67,7 @@ def parts_of(run, times):
     done("encode")
     sigma, values = field.evaluate(batch, features)
     done("networks")
-    sums, opacity, distortion, _ = Composite.apply(
+    sums, opacity, distortion, *_ = Composite.apply(
         sigma, values, samples.length, samples.t, batch.counts, batch.ends
     )
     done("composite")

@@ -17,7 +17,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "white_composite",
         ],
         "posed_images": ["DatasetError", "NoImagesError", "NoSplitError"],
-        "raybank": ["Drawn", "RayBank"],
+        "raybank": ["EMPTY", "NO_LIMIT", "Drawn", "RayBank"],
         "found_object": ["FoundObject", "Plane", "find_object", "ground_of"],
         "scene_box": [
             "REACH",

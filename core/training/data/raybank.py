@@ -17,6 +17,11 @@ from ...render import Camera, DeviceCamera, camera_ray, device_camera, in_space
 from .datasets import Dataset, check_pixel_count
 
 DRAW = wp.constant(1 << 30)  # so that a ray's pixel and its jitter have different random numbers
+# What a bank's limits have for a pixel: a number of samples, or one of these.
+EMPTY = wp.constant(0)  # its ray met no matter when it was last drawn
+NO_LIMIT = wp.constant(255)
+MOST_TRIES = wp.constant(10)  # pixels that are drawn for a ray, until one is taken
+EMPTY_CHANCE = wp.constant(0.1)  # that an empty one is taken
 
 wp.set_module_options({"enable_backward": False})
 
@@ -40,6 +45,10 @@ class Drawn:
         rgba: Straight alpha, 0..1.  [R] vec4
         background: A random color for each ray, 0..1.  [R] vec3
         views: The view of each ray.  [R] int
+        pixels: The pixel of each ray.  [R] int
+        limits: How many samples its ray may have; NO_LIMIT: any number.  [R] int
+        tries: Number of pixels that were drawn for this ray, itself included: its weight in the
+            number of pixels that a mean is over.  [R]
         first: Number of ray 0; a ray's random numbers depend on its number.
     """
 
@@ -48,6 +57,9 @@ class Drawn:
     rgba: wp.array
     background: wp.array
     views: wp.array
+    pixels: wp.array
+    limits: wp.array
+    tries: wp.array
     first: int = 0
 
 
@@ -69,6 +81,7 @@ def view_of(first_pixels: wp.array(dtype=int), pixel: int):
 def draw_kernel(
     bank: Bank,
     chosen: wp.array(dtype=int),  # [R] pixels, or [0]: random ones
+    limits_of: wp.array(dtype=wp.uint8),  # [P], or [0]: none has a limit
     seed: wp.array(dtype=int),  # [1]
     first: int,  # number of ray 0
     origins: wp.array(dtype=wp.vec3),  # [R] out
@@ -76,6 +89,9 @@ def draw_kernel(
     rgba: wp.array(dtype=wp.vec4),  # [R] out
     background: wp.array(dtype=wp.vec3),  # [R] out
     views: wp.array(dtype=int),  # [R] out
+    pixels: wp.array(dtype=int),  # [R] out
+    limits: wp.array(dtype=int),  # [R] out
+    tries: wp.array(dtype=float),  # [R] out
 ):
     i = wp.tid()
     random = wp.rand_init(seed[0], DRAW + first + i)
@@ -83,12 +99,24 @@ def draw_kernel(
     if bank.pool.shape[0] > 0:
         pixel_count = bank.pool.shape[0]
     pixel = int(0)
+    limit = int(NO_LIMIT)
+    tried = int(0)
     if chosen.shape[0] > 0:
         pixel = chosen[i]
-    else:
+        tried = 1
+    while tried == 0 or (limit == EMPTY and tried < MOST_TRIES):
         pixel = int(wp.randu(random) % wp.uint32(pixel_count))
         if bank.pool.shape[0] > 0:
             pixel = bank.pool[pixel]
+        tried += 1
+        limit = NO_LIMIT
+        if limits_of.shape[0] > 0:
+            limit = int(limits_of[pixel])
+            if limit == EMPTY and wp.randf(random) < EMPTY_CHANCE:
+                limit = NO_LIMIT
+    pixels[i] = pixel
+    limits[i] = wp.where(limit == EMPTY, NO_LIMIT, limit)
+    tries[i] = float(tried)
     view = view_of(bank.first_pixels, pixel)
     camera = bank.cameras[view]
     place = pixel - bank.first_pixels[view]
@@ -146,6 +174,7 @@ class RayBank:
             self.bank.first_pixels = wp.array(dataset.first_pixels.astype(np.int32), dtype=int)
             self.bank.cameras = wp.array(cameras, dtype=DeviceCamera)
             self._random = wp.empty(0, dtype=int)
+            self._no_limits = wp.empty(0, dtype=wp.uint8)
             self.bank.pool = wp.empty(0, dtype=int)
         # View by view: all pixels may be most of the memory.
         views = pairwise(dataset.first_pixels)
@@ -193,22 +222,35 @@ class RayBank:
     def pixel_count(self) -> int:
         return len(self.bank.pixels)
 
-    def draw(self, seed, drawn: Drawn, chosen=None):
+    def draw(self, seed, drawn: Drawn, chosen=None, limits=None):
         """Fill with random rays; the same seed (int [1] on the device) draws the same.
 
         Args:
             chosen: Pixels to take instead, numbered view by view, row by row.  [R] int
+            limits: How many samples each pixel's ray may have; of no effect on those that are
+                chosen.  Those that are EMPTY are drawn less often.  None: any number.  [P] uint8
         """
+        if limits is None:
+            limits = self._no_limits
         wp.launch(
             draw_kernel,
             dim=len(drawn.origins),
-            inputs=[self.bank, self._random if chosen is None else chosen, seed, drawn.first],
+            inputs=[
+                self.bank,
+                self._random if chosen is None else chosen,
+                limits,
+                seed,
+                drawn.first,
+            ],
             outputs=[
                 drawn.origins,
                 drawn.directions,
                 drawn.rgba,
                 drawn.background,
                 drawn.views,
+                drawn.pixels,
+                drawn.limits,
+                drawn.tries,
             ],
             device=self.device,
         )

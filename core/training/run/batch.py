@@ -21,7 +21,7 @@ from ...render import (
     empty_rays,
     empty_samples,
 )
-from ..data import Drawn, RayBank
+from ..data import NO_LIMIT, Drawn, RayBank
 from . import passes
 
 wp.set_module_options({"enable_backward": False})
@@ -77,7 +77,9 @@ class Batch:
         drawn: The rays, and the colors that they should see.
         basis: Spherical harmonics of the samples' directions; None without `harmonics`.
             torch [N, 16]
-        fits: 1 where a ray is in use and its samples fit, else 0.  torch [R]
+        fits: 1 where a ray is in use and its samples fit, else 0.  A step may leave out more, see
+            sample_limits.py.  torch [R]
+        tries: See Drawn.  torch [R]
         sample_count: Number of samples.  wp int [1]
         mask: The occupancy that its rays are marched through; None is the field's at that time.
     """
@@ -100,6 +102,9 @@ class Batch:
             wp.zeros(ray_count, dtype=wp.vec4, device=device),
             wp.zeros(ray_count, dtype=wp.vec3, device=device),
             wp.zeros(ray_count, dtype=int, device=device),
+            wp.zeros(ray_count, dtype=int, device=device),
+            wp.full(ray_count, int(NO_LIMIT), dtype=int, device=device),
+            wp.ones(ray_count, dtype=float, device=device),
             first_ray,
         )
         self.origins = wp.to_torch(self.drawn.origins)
@@ -107,6 +112,7 @@ class Batch:
         self.rgba = wp.to_torch(self.drawn.rgba)
         self.background = wp.to_torch(self.drawn.background)
         self.views = wp.to_torch(self.drawn.views)
+        self.tries = wp.to_torch(self.drawn.tries)
         self._everyone = wp.from_torch(
             torch.arange(ray_count, dtype=torch.int32, device=wp.device_to_torch(device))
         )
@@ -184,9 +190,13 @@ class Batch:
         self._launch(ray_basis_kernel, self.ray_count, [self.drawn.directions], outputs)
         return basis
 
+    def pixels_tried(self):
+        """How many pixels were drawn for the rays that fit.  torch []"""
+        return (self.fits * self.tries).sum()
+
     def _march(self, inputs, purpose, samples):
         """A pass over all rays."""
-        inputs = [*inputs, purpose, self.ends, samples, self.counts]
+        inputs = [*inputs, purpose, self.drawn.limits, self.ends, samples, self.counts]
         self._launch(passes.march_pass_kernel, self.ray_count, inputs, [])
 
     def _make_room(self, capacity):

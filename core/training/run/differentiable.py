@@ -68,10 +68,11 @@ class Encode(torch.autograd.Function):
 
 
 class Composite(torch.autograd.Function):
-    """Sums of values [R, C], opacity [R], distortion [R], weights [N] of packed samples.
+    """Sums of values [R, C], opacity, distortion [R], weights [N], visible [R] of packed samples.
 
     Differentiable in sigma and in the values, which are colors (C = 3) or the numbers between the
-    networks (C = 16) [N, C]; weights are not to be differentiated through.
+    networks (C = 16) [N, C]; weights, and how many samples of a ray are visible, are not to be
+    differentiated through.
     """
 
     @staticmethod
@@ -81,6 +82,7 @@ class Composite(torch.autograd.Function):
         sums = torch.empty(ray_count, values.shape[1], device=sigma.device)
         opacity = torch.empty(ray_count, device=sigma.device)
         weighted_t, distortion = torch.empty_like(opacity), torch.empty_like(opacity)
+        visible = torch.empty(ray_count, dtype=torch.int32, device=sigma.device)
         sigma, values = sigma.contiguous(), values.contiguous()
         lanes = lane_count(device)
         wp.launch(
@@ -93,16 +95,17 @@ class Composite(torch.autograd.Function):
                 _float(opacity),
                 _float(weighted_t),
                 _float(distortion),
+                wp.from_torch(visible),
             ],
             device=device,
         )
         ctx.save_for_backward(values, weights, opacity, weighted_t)
         ctx.samples = (length, t, counts, ends)
-        ctx.mark_non_differentiable(weights)
-        return sums, opacity, distortion, weights
+        ctx.mark_non_differentiable(weights, visible)
+        return sums, opacity, distortion, weights, visible
 
     @staticmethod
-    def backward(ctx, sums_grad, opacity_grad, distortion_grad, _weights_grad):
+    def backward(ctx, sums_grad, opacity_grad, distortion_grad, _weights_grad, _visible_grad):
         values, weights, opacity, weighted_t = ctx.saved_tensors
         length, t, counts, ends = ctx.samples
         # Zeros: samples that belong to no ray get nothing.

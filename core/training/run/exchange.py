@@ -74,7 +74,7 @@ class Exchange:
 
         Args:
             gradients: Gradients of the field's parameters; means over the worker's rays that fit.
-            weight: Number of those rays.  torch []
+            weight: Number of pixels that were tried for those rays.  torch []
         """
         table, *others = gradients
         shared, error, shared_weight = self._split(self._mine)

@@ -1,6 +1,6 @@
 """The loss of a batch: the error of its rays' colors, and what scattered samples and features cost.
 
-    loss = mean over rays of (squared error + distortion weight · distortion
+    loss = mean over pixels of (squared error + distortion weight · distortion
                               + excess weight · excess)
            + table decay · ½ Σ 4^(l + 1 − L) θ²    over the features θ of the levels l = 0 … L − 1
 
@@ -25,22 +25,33 @@ Only its gradient is ever needed: `add_table_decay`.
 import torch
 
 from .batch import Batch
+from .sample_limits import SampleLimits
 from .surroundings import over, surrounded_cost
 from .training_field import TrainingField
 
 EXCESS_WEIGHT = 1e-5  # docs/design/004-training.md has what else was tried
 
 
-def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: float):
+def training_loss(
+    field: TrainingField,
+    batch: Batch,
+    white,
+    distortion_weight: float,
+    limits: SampleLimits | None = None,
+):
     """The loss [] of a marched batch, to be differentiated, and its mean squared error [].
 
-    Rays whose samples didn't fit the batch have no part in them.
+    Rays whose samples didn't fit the batch, or that used their limit up too early, have no part in
+    them.  The means are over all pixels that were tried for the others, see Drawn.tries.
 
     Args:
         white: 1 for a white background, 0 for each ray's random one.  torch [1]
         distortion_weight: Weight of the distortion loss (Mip-NeRF 360, Eq. 15).
+        limits: Learn from the batch how many samples its rays need; they may leave out rays.
     """
-    color, opacity, distortion, excess, _ = field.composite(batch)
+    color, opacity, distortion, excess, _, visible = field.composite(batch)
+    if limits is not None:
+        limits.judge(batch, opacity, visible)
     target, alpha = batch.rgba[:, :3], batch.rgba[:, 3:]
     cost = distortion_weight * distortion
     if field.surroundings:
@@ -58,7 +69,7 @@ def training_loss(field: TrainingField, batch: Batch, white, distortion_weight: 
         target = target * alpha + background * (1.0 - alpha)
         color = color + (1.0 - opacity[:, None]) * background
     cost = cost + EXCESS_WEIGHT * excess
-    shares = batch.fits / batch.fits.sum().clamp(min=1.0)
+    shares = batch.fits / batch.pixels_tried().clamp(min=1.0)
     error = (shares[:, None] * (color - target) ** 2).sum() / 3.0
     loss = error + (shares * cost).sum()
     return loss if field.exposure is None else loss + field.exposure.cost(), error

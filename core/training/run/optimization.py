@@ -11,7 +11,6 @@ and the loss examined (monitoring.py).  Where memory is too small, the room is h
 
 from collections.abc import Callable
 from contextlib import contextmanager
-from itertools import groupby
 from math import cos, pi
 
 import numpy as np
@@ -21,24 +20,24 @@ import warp as wp
 from ..data import RayBank
 from ..train_options import TrainOptions
 from . import recorded_steps
-from .adam import Adam
+from .adam import Adam, rate_groups
 from .batch import Batch
 from .loss import add_table_decay, needed_decay, training_loss
 from .memory import ALLOCATION_ERRORS, give_memory_back, halved, memory_name
 from .monitoring import Diverged, LossWatch, TrainingProgress
 from .peer_exchange import make_exchange
 from .recorded_steps import RecordedSteps
+from .sample_limits import make_limits
 from .training_field import TrainingField
 
-FULL_RATE_WIDTH = 64  # of hidden layers that learn as fast as the rest
-FINAL_RATE = 0.3  # of the highest learning rate, at the cosine's end
 BETAS, EPSILON = (0.9, 0.99), 1e-15  # of Adam; the paper has 0.999
-LOSS_SCALE = 1024.0  # against vanishing fp16 gradients (0.2 % of their sum); Adam cancels it
+# Adam cancels it.  Less, and float16 loses the gradients that hold the color network's sums.
+LOSS_SCALE = 2.0**17
 WHITE_SHARE = 0.5  # of the steps, at the end, on a white background
 PAUSE_INTERVAL = 16  # steps from one look at loss, occupancy and ray count to the next
 OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
 OCCUPANCY_PARTS = 4  # later it looks at every fourth
-AVERAGED_SHARE = 0.1  # of the steps so far, over which the weights that are kept are averaged
+AVERAGED_SHARE = 0.2  # of the steps so far, over which the weights that are kept are averaged
 RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
 RAY_ROOM = 1.5  # times the rays of a step that graphs are recorded for, so that more fit later
 LEAST_USED = 0.25  # of that room; with fewer rays new graphs are recorded
@@ -49,13 +48,13 @@ RECORDING_SEED = 1 << 28  # the runs before a recording see rays of their own
 RECORDING_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
 
 
-def learning_rate(step: int, step_count: int, highest: float) -> float:
-    """Adam's learning rate at a step: cosine decay to FINAL_RATE · highest.
+def learning_rate(step: int, step_count: int, highest: float, final_rate: float) -> float:
+    """Adam's learning rate at a step: cosine decay to final_rate · highest.
 
     `LossWatch.rate_share` multiplies it: a warm-up, and half after each return.
     """
     fall = 0.5 * (1.0 + cos(pi * step / step_count))
-    return highest * (FINAL_RATE + (1.0 - FINAL_RATE) * fall)
+    return highest * (final_rate + (1.0 - final_rate) * fall)
 
 
 class Optimization:
@@ -70,6 +69,7 @@ class Optimization:
     Args:
         has_alpha: Whether the images have alpha, and so a background of the step's choice.
         step_count: Steps of the whole stage.
+        final_rate: Learning rate at its end, as a share of the highest; 1: it does not fall.
     """
 
     def __init__(
@@ -79,20 +79,19 @@ class Optimization:
         options: TrainOptions,
         has_alpha: bool,
         step_count: int,
+        final_rate: float = 1.0,
     ):
         self.field, self.bank, self.options = field, bank, options
-        self.has_alpha, self.step_count = has_alpha, step_count
+        self.has_alpha, self.step_count, self.final_rate = has_alpha, step_count, final_rate
         self.workers = field.workers
         self.distortion = 0.0 if "distortion" in options.leave_out else options.distortion
         decay = 0.0 if "table-decay" in options.leave_out else options.table_decay
         self.table_decay = needed_decay(decay, bank.object_pixel_count, field.table.numel())
-        self.samples_per_step = options.samples_per_step
-        self.number = 0
+        self.samples_per_step, self.number = options.samples_per_step, 0
         # Draws and jitter follow from the step's number and the seed.
         self._first_seed = (options.seed * SEED_STRIDE) % 2**30
         device = field.torch_device
-        self._white = torch.zeros(1, device=device)
-        self.error = torch.zeros((), device=device)
+        self._white, self.error = (torch.zeros(shape, device=device) for shape in (1, ()))
         several = self.workers.count > 1
         self._exchange = make_exchange(field, self.error) if several else None
         groups = rate_groups(field, self._exchange.parameters if several else field.parameters())
@@ -103,6 +102,7 @@ class Optimization:
         self.optimizer = Adam(groups, BETAS, EPSILON)
         self._make_whole = self._exchange.make_whole if several else lambda: None
         self._watch = LossWatch(field, self._make_whole)
+        self._limits = make_limits(field, bank)
         self._average = None  # of what this worker updates, exponentially weighted
         self._batches, self._recorded, self._has_recorded = [], None, False
         self.set_ray_count(RAYS_AT_START)
@@ -140,8 +140,8 @@ class Optimization:
                 self._adapt_ray_count(self._examine(progress, task, note))
                 after_pause()
                 self.workers.stop_if_interrupted()
-            rate = learning_rate(self.number, self.step_count, self.options.learning_rate)
-            rate *= self._watch.rate_share(self.number)
+            highest = self.options.learning_rate * self._watch.rate_share(self.number)
+            rate = learning_rate(self.number, self.step_count, highest, self.final_rate)
             white = not self.has_alpha or self.number >= (1.0 - WHITE_SHARE) * self.step_count
             try:
                 self.step(rate, white)
@@ -214,19 +214,21 @@ class Optimization:
             wp.to_torch(batch.mask).copy_(wp.to_torch(self.field.mask))
 
     def _march(self, batch):
-        self.bank.draw(batch.seed, batch.drawn)
+        self.bank.draw(batch.seed, batch.drawn, limits=self._limits and self._limits.of_pixels)
         self.field.march(batch)
 
     def _backpropagate(self, batch):
         """Gradients and error, of this worker's rays."""
-        loss, error = training_loss(self.field, batch, self._white, self.distortion)
+        loss, error = training_loss(self.field, batch, self._white, self.distortion, self._limits)
         parameters = self.field.parameters()
         gradients = torch.autograd.grad(loss * LOSS_SCALE, parameters)
         if self.table_decay:
             add_table_decay(gradients[0], self.field, self.table_decay * LOSS_SCALE)
         self.error.copy_(error.detach())
         if self._exchange:
-            self._exchange.collect(gradients, batch.fits.sum())
+            self._exchange.collect(gradients, batch.pixels_tried())
+            if self._limits:
+                self._limits.keep()
             return
         for parameter, gradient in zip(parameters, gradients, strict=True):
             parameter.grad = gradient
@@ -236,6 +238,8 @@ class Optimization:
         self.optimizer.zero_grad()  # before more memory is taken
         self._backpropagate(batch)
         self.optimizer.step()
+        if self._limits:
+            self._limits.keep()
 
     def _parts(self):
         """The parts of learning from a batch: name -> (function, whether a graph holds it)."""
@@ -275,6 +279,8 @@ class Optimization:
         if returned:
             self._average = None
             self.optimizer.forget()
+            if self._limits:
+                self._limits.forget()
             if self.workers.is_first:
                 progress.say(returned)
         return sample_count
@@ -344,6 +350,7 @@ class Optimization:
             },
             "stage": self.field.state(),
             "average": self._whole_average(),
+            "limits": self._limits and wp.to_torch(self._limits.of_pixels),
         }
 
     @staticmethod
@@ -357,8 +364,7 @@ class Optimization:
     def load_state(self, state: dict):
         """Go on from `state`, whose field has the mesh and the options of this one."""
         self.field.load_state(state["stage"])
-        step = state["step"]
-        moments = step["optimizer"]
+        step, moments = state["step"], state["step"]["optimizer"]
         if self._exchange and moments:
             moments = {**moments, 0: self._map_moments(moments[0], self._exchange.part)}
         self.optimizer.load(moments)
@@ -366,24 +372,13 @@ class Optimization:
         self._watch.load(*step.get("returns", (0, 0)), self.number)
         self.samples_per_step = step["samples_per_step"]
         self.set_ray_count(step["ray_count"])
+        if self._limits:
+            self._limits.load(state.get("limits"))
         if state["average"] is not None:
             device = self.field.torch_device
             self._average = [weights.to(device) for weights in state["average"]]
             if self._exchange:
                 self._average[0] = self._exchange.part(self._average[0])
-
-
-def rate_groups(field: TrainingField, parameters) -> list:
-    """Parameters side by side with one learning rate: its share of the highest, and they.
-
-    Adam moves every weight equally far.  In wide layers that moves the sums further: an object of
-    one color drove layers of 256 to colors of 0 and 1 within 26 steps.  So their rate falls with
-    their width.
-    """
-    color = {id(weights) for weights in field.networks.color.parameters()}
-    share = min(1.0, FULL_RATE_WIDTH / max(field.options.color_hidden, default=1))
-    groups = groupby(parameters, key=lambda weights: id(weights) in color)
-    return [(share if is_color else 1.0, list(some)) for is_color, some in groups]
 
 
 def next_ray_count(ray_count, sample_count, room):

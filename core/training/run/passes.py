@@ -19,6 +19,7 @@ from ...render import (
     find_entries,
     march_ray,
 )
+from ..data import NO_LIMIT
 
 MAX_RAY_SAMPLES = wp.constant(2048)  # beyond, a ray is cut off; √3/Δ and one a tet are far fewer
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
@@ -43,6 +44,7 @@ def march_pass_kernel(
     step: float,  # Δ
     seed: wp.array(dtype=int),  # [1]
     purpose: int,  # COUNT or WRITE
+    limits: wp.array(dtype=int),  # [R] COUNT: samples at most; NO_LIMIT is none
     ends: wp.array(dtype=int),  # [R] WRITE: inclusive scan of counts
     samples: Samples,  # [N] WRITE: out
     counts: wp.array(dtype=int),  # [R] COUNT: out; WRITE: in
@@ -51,6 +53,8 @@ def march_pass_kernel(
     i = wp.tid()
     first = int(0)
     limit = int(MAX_RAY_SAMPLES)
+    if limits[i] < NO_LIMIT:
+        limit = limits[i]
     if purpose == WRITE:
         first = ends[i] - counts[i]
         limit = counts[i]

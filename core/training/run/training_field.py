@@ -68,6 +68,7 @@ class Rendered(NamedTuple):
     distortion: torch.Tensor  # [R]
     excess: torch.Tensor  # [R], see loss.py
     weights: torch.Tensor  # [N]
+    visible: torch.Tensor  # [R] int: samples up to which light comes, see compositing.py
 
 
 class TrainingField:
@@ -147,9 +148,9 @@ class TrainingField:
         samples = batch.samples
         sigma, values = self.evaluate(batch, self.encode(samples.tet, samples.bary))
         along = samples.length, samples.t, batch.counts, batch.ends
-        sums, opacity, distortion, weights = Composite.apply(sigma, values, *along)
+        sums, opacity, distortion, *others = Composite.apply(sigma, values, *along)
         color, excess = self.color(batch, sums, opacity)
-        return Rendered(color, opacity, distortion, excess, weights)
+        return Rendered(color, opacity, distortion, excess, *others)
 
     def evaluate(self, batch: Batch, features):
         """sigma [N], and what a ray sums of the samples: colors [N, 3], or h [N, 16]."""

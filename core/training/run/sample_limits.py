@@ -1,0 +1,140 @@
+"""How many samples of a training ray are worth their time: those before it is opaque.
+
+Most samples lie behind something opaque, and the rays of most pixels pass the object by.  Neither
+has a gradient that is worth its time.  So each pixel remembers how many samples its ray needed when
+it was last drawn, and its next ray ends a few samples later: early ray termination (Levoy 1990), by
+what the visit before has found.  A transparent pixel whose ray met no matter is mostly passed over.
+A ray that needs 255 samples or more has no limit.
+
+Matter moves while a field learns.  A ray that has used its limit up and is not opaque has no part
+in its step, because it would be taught that nothing is behind.  Its pixel then has no limit.
+
+Shapes: R rays, P pixels.
+"""
+
+import torch
+import warp as wp
+
+from ..data import EMPTY, NO_LIMIT, RayBank
+from .batch import Batch
+from .training_field import TrainingField
+
+OPAQUE_TRANSMITTANCE = wp.constant(5.0e-3)  # that a ray lets through at most that is opaque
+SPARE_SHARE, SPARE = wp.constant(0.25), wp.constant(4.0)  # samples beside the visible ones
+NOTHING = wp.constant(-1)  # was learned about the pixel of a ray
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def judge_kernel(
+    limits: wp.array(dtype=int),  # [R] that the rays had
+    rgba: wp.array(dtype=wp.vec4),  # [R]
+    counts: wp.array(dtype=int),  # [R]
+    opacity: wp.array(dtype=float),  # [R]
+    visible: wp.array(dtype=int),  # [R]
+    skips_empty: bool,
+    fits: wp.array(dtype=float),  # [R] in, out: 0 for rays that used their limit up too early
+    learned: wp.array(dtype=int),  # [R] out: limits, or NOTHING
+):
+    i = wp.tid()
+    learned[i] = NOTHING
+    if fits[i] > 0.0:
+        limit = int(NO_LIMIT)
+        if counts[i] == 0:
+            # A pixel that shows something has an error, so it is not passed over.
+            if skips_empty and rgba[i][3] == 0.0:
+                limit = int(EMPTY)
+        elif 1.0 - opacity[i] <= OPAQUE_TRANSMITTANCE:
+            needed = (1.0 + SPARE_SHARE) * float(visible[i]) + SPARE
+            limit = int(wp.min(needed, float(NO_LIMIT)))
+        elif limits[i] < NO_LIMIT and counts[i] >= limits[i]:
+            fits[i] = 0.0
+        learned[i] = limit
+
+
+@wp.kernel
+def keep_kernel(
+    pixels: wp.array(dtype=int),  # [R]
+    learned: wp.array(dtype=int),  # [R]
+    of_pixels: wp.array(dtype=wp.uint8),  # [P] out
+):
+    i = wp.tid()
+    if learned[i] != NOTHING:
+        of_pixels[pixels[i]] = wp.uint8(learned[i])
+
+
+class SampleLimits:
+    """How many samples the rays of a bank's pixels may have, learned while they are drawn.
+
+    Attributes:
+        of_pixels: A number of samples, or EMPTY or NO_LIMIT of data/raybank.py.  [P] uint8
+
+    Args:
+        skips_empty: Whether transparent pixels whose rays meet no matter are drawn less often.
+    """
+
+    def __init__(self, pixel_count: int, skips_empty: bool, device):
+        self.of_pixels = wp.full(pixel_count, int(NO_LIMIT), dtype=wp.uint8, device=device)
+        self._skips_empty = skips_empty
+        self._judged = None  # the last batch, and what it taught
+
+    def forget(self):
+        """Begin anew: the field has other weights."""
+        self.of_pixels.fill_(int(NO_LIMIT))
+
+    def load(self, of_pixels):
+        """Take the limits of an interrupted run; None: that run had none.
+
+        Raises:
+            ValueError: They are not those of so many pixels.
+        """
+        if of_pixels is None:
+            return
+        mine = wp.to_torch(self.of_pixels)
+        if of_pixels.shape != mine.shape or of_pixels.dtype != mine.dtype:
+            raise ValueError(f"limits of shape {tuple(of_pixels.shape)} for {len(mine)} pixels")
+        mine.copy_(of_pixels)
+
+    def judge(self, batch: Batch, opacity, visible):
+        """Leave rays of a rendered batch out that used their limits up too early.
+
+        Args:
+            opacity, visible: See training_field.Rendered.  torch [R]
+        """
+        learned = torch.empty_like(visible)
+        drawn = batch.drawn
+        wp.launch(
+            judge_kernel,
+            dim=batch.ray_count,
+            inputs=[
+                *(drawn.limits, drawn.rgba, batch.counts),
+                wp.from_torch(opacity.detach()),
+                wp.from_torch(visible),
+                self._skips_empty,
+            ],
+            outputs=[wp.from_torch(batch.fits), wp.from_torch(learned)],
+            device=batch.device,
+        )
+        self._judged = batch, learned
+
+    def keep(self):
+        """Take what the batch taught, at the end of its step: an interrupted one is repeated."""
+        batch, learned = self._judged
+        wp.launch(
+            keep_kernel,
+            dim=batch.ray_count,
+            inputs=[batch.drawn.pixels, wp.from_torch(learned)],
+            outputs=[self.of_pixels],
+            device=batch.device,
+        )
+
+
+def make_limits(field: TrainingField, bank: RayBank) -> SampleLimits | None:
+    """The limits of a stage; None for several workers on the CPU, who draw the rays of one.
+
+    Surroundings learn from rays that meet no matter, so these are not drawn less often there.
+    """
+    if field.workers.count > 1 and not field.device.is_cuda:
+        return None
+    return SampleLimits(bank.pixel_count, not field.surroundings, field.device)
