@@ -52,6 +52,24 @@ def test_it_updates_as_torch_does(rng, device):
             torch.testing.assert_close(value, expected[number][name], rtol=1e-6, atol=1e-9)
 
 
+def test_it_goes_on_from_a_loss_with_another_scale(rng, device):
+    """As if its gradients had always been 128 times larger."""
+    ours = parameters(rng, device)
+    theirs = [p.detach().clone().requires_grad_() for p in ours]
+    one, other = (Adam(groups_of(some), BETAS, EPSILON) for some in (ours, theirs))
+    for number in range(6):
+        give_gradients(rng, ours, theirs)
+        if number == 3:
+            other.load(copy.deepcopy(other.numbered_state()), 128.0)
+        if number >= 3:
+            for parameter in theirs:
+                parameter.grad *= 128.0
+        one.step()
+        other.step()
+    for mine, its in zip(ours, theirs, strict=True):
+        torch.testing.assert_close(mine, its, rtol=1e-6, atol=1e-7)
+
+
 def test_a_rate_on_the_device_counts_as_it_is_at_the_step(rng, device):
     ours = parameters(rng, device)
     rate = torch.zeros((), device=device)

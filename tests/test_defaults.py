@@ -27,9 +27,9 @@ def run(*arguments):
 def test_defaults_are_what_the_rule_gives(device):
     """With each device's own times, and the worst error of all reports."""
     timed = [REPORTS / f"{name}-{device}" / "report.json" for name in ("helmet", "chair", "foxrig")]
-    meshes = REPORTS / "earlier_meshes.json"
+    images, meshes = REPORTS / "earlier_images.json", REPORTS / "earlier_meshes.json"
     judged = sorted(REPORTS.glob("*/report.json"))
-    ended = run(*timed, "--errors", *judged, "--meshes", meshes)
+    ended = run(*timed, "--errors", *judged, "--images", images, "--meshes", meshes)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert ended.stdout.count("<- the rule") == 2
 

@@ -20,7 +20,7 @@ def stage(device):
     options = FieldOptions(2, 2**8, march_step=0.05, deferred=True, color_hidden=(64, 64))
     field = TrainingField(a15_grid(0.25), options, device)
     with on_warp_stream(device):
-        stage = Optimization(field, bank, preset("tiny"), dataset.has_alpha, 1000)
+        stage = Optimization(field, bank, preset("tiny"), dataset.has_alpha, 1000, 1.0)
         stage.set_ray_count(64)
         yield stage
 
@@ -65,6 +65,22 @@ def test_without_their_cost_colors_of_1_stay(stage, monkeypatch):
     """So the test before this one can fail."""
     monkeypatch.setattr(loss, "EXCESS_WEIGHT", 0.0)
     assert after_steps(stage, 20.0) > 0.4
+
+
+@pytest.mark.parametrize("device", ["cpu"])
+def test_means_are_over_all_pixels_that_were_tried(stage):
+    """Three for each ray: a third of the error, of the loss and of its gradient."""
+    rendered(stage)
+    found = []
+    for tries in 1.0, 3.0:
+        stage.batch.tries.fill_(tries)
+        value, error = loss.training_loss(
+            stage.field, stage.batch, torch.zeros(1), stage.distortion
+        )
+        (gradient,) = torch.autograd.grad(value, [stage.field.table])
+        found.append(torch.stack([value.detach(), error.detach(), gradient.abs().max()]))
+    assert float(found[0].min()) > 0.0
+    torch.testing.assert_close(found[1], found[0] / 3.0)
 
 
 @pytest.mark.parametrize("device", ["cpu"])  # float16 would be too coarse for differences

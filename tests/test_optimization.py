@@ -24,6 +24,7 @@ from deformrf.core.training.run import (
     optimization,
 )
 from deformrf.core.training.run.loss import needed_decay
+from deformrf.core.training.run.rates import learning_rate
 
 OPTIONS = preset("tiny", samples_per_step=2**15, coarse_steps=50, fine_steps=50)
 
@@ -45,7 +46,7 @@ def go(run):
 def test_the_distortion_loss_can_be_left_out(run):
     without = replace(OPTIONS, leave_out=("distortion",))
     assert run.distortion == OPTIONS.distortion > 0.0
-    assert Optimization(run.field, run.bank, without, run.has_alpha, 1).distortion == 0.0
+    assert Optimization(run.field, run.bank, without, run.has_alpha, 1, 1.0).distortion == 0.0
 
 
 def test_features_decay_more_at_finer_levels_and_no_other_weight(run):
@@ -78,32 +79,18 @@ def test_features_decay_where_they_outnumber_what_photographs_show(run):
     assert needed_decay(1.0, features, features) == 0.0
     assert run.table_decay == needed_decay(OPTIONS.table_decay, 256, features) > 0.0
     without = replace(OPTIONS, leave_out=("table-decay",))
-    assert Optimization(run.field, run.bank, without, run.has_alpha, 1).table_decay == 0.0
+    assert Optimization(run.field, run.bank, without, run.has_alpha, 1, 1.0).table_decay == 0.0
 
 
 def test_the_learning_rate_warms_up_and_falls_along_a_cosine(run):
     rates = [
-        optimization.learning_rate(step, 10_000, 1.0, 0.2) * run._watch.rate_share(step)
+        learning_rate(step, 10_000, 1.0, 0.2) * run._watch.rate_share(step)
         for step in range(10_001)
     ]
     assert rates[0] == pytest.approx(0.01)
     assert max(rates) == pytest.approx(1.0, abs=1e-3)
     assert rates[5000] == pytest.approx(0.6, abs=1e-3)
     assert rates[-1] == pytest.approx(0.2)
-
-
-@pytest.mark.parametrize("hidden, share", [((64, 64), 1.0), ((32,), 1.0), ((256, 256, 64), 0.25)])
-def test_the_rate_of_colors_falls_with_their_widest_layer(run, hidden, share):
-    """Other rates stay, and so does the order, which a checkpoint counts parameters by."""
-    options = FieldOptions(2, 2**8, march_step=0.05, color_hidden=hidden, deferred=True)
-    field = TrainingField(a15_grid(0.25), options, "cpu")
-    stage = Optimization(field, run.bank, OPTIONS, run.has_alpha, 50)
-    stage.step(0.1, False)
-    groups = stage.optimizer.param_groups
-    ids = [[id(weights) for weights in group["params"]] for group in groups]
-    assert [*ids[0], *ids[1]] == [id(weights) for weights in field.parameters()]
-    assert ids[1] == [id(weights) for weights in field.networks.color.parameters()]
-    assert [group["lr"] for group in groups] == pytest.approx([0.1, 0.1 * share])
 
 
 def test_the_ray_count_fills_the_room_and_then_stays():
@@ -206,6 +193,14 @@ def test_after_a_return_the_average_has_only_what_came_since(run, monkeypatch):
     assert means == pytest.approx([1.0, 1.5, 2.0])
 
 
+@pytest.mark.parametrize("scale", [0.0, -1024.0, float("nan"), float("inf"), "1024", 1e30])
+def test_no_loss_has_such_a_scale(run, scale):
+    state = run.state()
+    assert state["step"]["loss_scale"] == optimization.LOSS_SCALE
+    with pytest.raises(ValueError, match="a loss scaled by"):
+        run.load_state({**state, "step": {**state["step"], "loss_scale": scale}})
+
+
 def test_a_weight_that_no_ray_meets_is_watched_too(run, monkeypatch):
     monkeypatch.setattr(monitoring, "SNAPSHOT_INTERVAL", 16)
     monkeypatch.setattr(monitoring, "MOST_RETURNS", 0)
@@ -255,7 +250,7 @@ def test_a_run_goes_on_from_its_good_weights_more_slowly(run, monkeypatch, capsy
     said = "The loss became nan at step 48 of 50; going on with the weights of step 32"
     assert said in " ".join(capsys.readouterr().out.split())
     highest = run.options.learning_rate
-    wanted = [optimization.learning_rate(n, 50, highest, 0.3) for n in range(50)]
+    wanted = [learning_rate(n, 50, highest, 0.3) for n in range(50)]
     np.testing.assert_allclose(rates[:48], wanted[:48])
     np.testing.assert_allclose(rates[48:], 0.5 * np.array(wanted[48:]))
     moments = [s for s in run.optimizer.state.values() if s["exp_avg"].abs().sum() > 0.0]

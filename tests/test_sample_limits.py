@@ -1,5 +1,7 @@
 """Limits of samples: what a pixel remembers of its ray, and that no gradient misses the rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -13,7 +15,6 @@ from deformrf.core.training.run import (
     Optimization,
     TrainingField,
     TrainingProgress,
-    Workers,
     on_warp_stream,
 )
 from deformrf.core.training.run.batch import Batch
@@ -23,7 +24,6 @@ from deformrf.core.training.run.sample_limits import (
     SPARE,
     SPARE_SHARE,
     SampleLimits,
-    make_limits,
 )
 
 NONE = int(NO_LIMIT)
@@ -69,7 +69,7 @@ def test_what_a_pixel_remembers_of_its_ray(device, skips_empty):
     )
     assert batch.fits.tolist() == fits_then
     assert (learned.of_pixels.numpy() == 77).all(), "before the step is done"
-    learned.keep()
+    learned.keep(batch)
     expected = [NONE if x == EMPTY and not skips_empty else x for x in expected]
     assert learned.of_pixels.numpy()[pixels].tolist() == expected
     assert learned.of_pixels.numpy()[-1] == 77  # nobody drew it
@@ -89,14 +89,21 @@ def test_an_interrupted_run_keeps_its_limits():
             learned.load(others)
 
 
+def make_stage(device, alpha, size=1.0):
+    """A stage on photographs of gray; its mesh has that part of the unit cube's width."""
+    dataset = gray_photographs(alpha=alpha)
+    bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), device)
+    mesh = a15_grid(0.25)
+    mesh = replace(mesh, rest_vertices=0.5 + size * (mesh.rest_vertices - 0.5))
+    field = TrainingField(mesh, FieldOptions(2, 2**8, march_step=0.02), device)
+    return Optimization(field, bank, preset("tiny"), dataset.has_alpha, 1000, 1.0)
+
+
 @pytest.fixture
 def stage(device):
-    """A stage on photographs of gray."""
-    dataset = gray_photographs(alpha=255)
-    bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), device)
-    field = TrainingField(a15_grid(0.25), FieldOptions(2, 2**8, march_step=0.02), device)
+    """A stage on photographs of opaque gray."""
     with on_warp_stream(device):
-        yield Optimization(field, bank, preset("tiny"), dataset.has_alpha, 1000)
+        yield make_stage(device, alpha=255)
 
 
 def gradients(stage, limits):
@@ -108,7 +115,7 @@ def gradients(stage, limits):
     white = torch.ones(1, device=stage.field.torch_device)
     loss, _ = training_loss(stage.field, batch, white, stage.distortion, limits)
     found = torch.autograd.grad(loss, stage.field.parameters())
-    limits.keep()
+    limits.keep(batch)
     return float(loss.detach()), found, int(batch.counts.numpy().sum()), float(batch.fits.mean())
 
 
@@ -128,12 +135,27 @@ def test_what_lies_behind_something_opaque_is_no_loss(stage):
         assert float((a - b).norm()) < 0.1 * float(a.norm())
 
 
-def test_several_workers_on_the_cpu_draw_the_rays_of_one(stage):
-    limits = make_limits(stage.field, stage.bank)
-    assert len(limits.of_pixels) == stage.bank.pixel_count
-    stage.field.workers = Workers(0, 2)
-    several = make_limits(stage.field, stage.bank)
-    assert (several is None) == (not stage.field.device.is_cuda)
+def test_steps_learn_limits_and_use_them(device):
+    """Of opaque photographs beside the mesh, of which most rays see nothing: on CUDA recorded."""
+    with on_warp_stream(device):
+        stage = make_stage(device, alpha=0, size=0.1)
+        for _ in range(60):
+            stage.step(0.0, white=True)
+        limits = stage._limits.of_pixels.numpy()
+        assert (limits == EMPTY).any() and (limits == NONE).any()
+        assert stage.batch.tries.max() > 1.0
+        assert float(stage.error) >= 0.0
+
+        stage = make_stage(device, alpha=255)
+        with torch.no_grad():
+            stage.field.table.normal_()
+            stage.field.networks.density[-1].bias[0] += 4.0
+        for _ in range(20):
+            stage.step(0.0, white=True)
+        drawn = stage.batch.drawn.limits.numpy()
+        assert (drawn < NONE).mean() > 0.2
+        limited = drawn < NONE
+        assert (stage.batch.counts.numpy()[limited] <= drawn[limited]).all()
 
 
 def test_after_a_return_rays_have_no_limits(stage, monkeypatch):

@@ -33,7 +33,7 @@ def make_run(dataset, device, seed=0):
     field = TrainingField(a15_grid(0.2), options, device, seed)
     bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), device)
     options = TrainOptions(samples_per_step=2**14, seed=seed)
-    run = Optimization(field, bank, options, dataset.has_alpha, 1000)
+    run = Optimization(field, bank, options, dataset.has_alpha, 1000, 1.0)
     run.set_ray_count(200)
     return run
 
@@ -73,7 +73,10 @@ def test_each_step_draws_other_rays_and_backgrounds(gray_disc, device):
 
 @pytest.mark.gpu
 def test_marching_ahead_draws_what_each_step_would_draw(gray_disc):
-    """Whether batches are marched during the steps before, or just now: the same rays."""
+    """Whether batches are marched during the steps before, or just now: the same rays.
+
+    No pixel has a limit there, because nothing is opaque.
+    """
     with on_warp_stream("cuda:0"):
         runs = [make_run(gray_disc, "cuda:0") for _ in range(2)]
         for _ in range(8):

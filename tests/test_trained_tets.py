@@ -10,7 +10,7 @@ from deformrf.core.field import (
     subtet_middles,
     unpack_mask,
 )
-from deformrf.core.geometry import a15_grid, tet_neighbours
+from deformrf.core.geometry import a15_grid, extract, face_components, tet_neighbours
 from deformrf.core.training import DatasetError, trained_tets
 from deformrf.core.training.data import Plane
 from deformrf.core.training.run import TrainingField
@@ -109,3 +109,48 @@ def test_without_matter_nothing_is_taken_away(scene):
     densities = np.full(column.shape, 50.0)
     box, ground = np.array([[0.0] * 3, [1.0] * 3]), Plane(np.array([0.0, 0.0, 1.0]), 5.0)
     assert trained_tets.object_alone(field, densities, box, ground) is field
+
+
+BODY, WIRE, OTHER = 1, 2, 3  # parts of `spurred`
+
+
+def spurred(wire_matter, length=0.6, both_ends=False):
+    """A field of a block with a wire of tets in which so many sub-tets are occupied; its parts."""
+    whole = a15_grid(0.05)
+    x, y, z = whole.rest_vertices[whole.tets].mean(axis=1).T
+    thin = (abs(y - 0.5) < 0.09) & (abs(z - 0.5) < 0.09)
+    part = np.where((x < 0.25) & (abs(y - 0.5) < 0.3) & (abs(z - 0.5) < 0.3), BODY, 0)
+    part[(part == 0) & thin & (x < 0.25 + length)] = WIRE
+    if both_ends:
+        part[x > 0.75] = OTHER
+    labels = face_components(tet_neighbours(whole.tets), part > 0)
+    part[labels != np.bincount(labels[labels >= 0]).argmax()] = 0
+    mesh, _ = extract(whole, part > 0)
+    part = part[part > 0]
+    matter = np.ones((mesh.tet_count, 64), bool)
+    matter[part == WIRE] = np.arange(64) < wire_matter
+    field = random_field(mesh, tet_neighbours(mesh.tets), FieldOptions(2, 2**10))
+    field.occupancy[:] = pack_mask(matter)
+    assert len(set(face_components(field.neighbours))) == 1
+    return field, part
+
+
+@pytest.mark.parametrize("wire_matter", [0, 1, trained_tets.CORNER])
+def test_a_chain_of_fog_goes(wire_matter):
+    """All of it but what is next to the block; the block stays as it is."""
+    field, part = spurred(wire_matter)
+    fewer = trained_tets.without_spurs(field)
+    gone = field.mesh.tet_count - fewer.mesh.tet_count
+    assert trained_tets.SPUR < 0.7 * (part == WIRE).sum() < gone < (part == WIRE).sum()
+    assert (unpack_mask(fewer.occupancy).sum(axis=1) == 64).sum() == (part == BODY).sum()
+    assert len(set(face_components(fewer.neighbours))) == 1
+
+
+def test_a_wire_a_bridge_and_a_stub_stay():
+    """Matter in more than a corner of its tets; what joins two parts; few tets."""
+    for field, _ in (
+        spurred(trained_tets.CORNER + 1),
+        spurred(1, both_ends=True),
+        spurred(1, length=0.1),
+    ):
+        assert trained_tets.without_spurs(field) is field

@@ -33,7 +33,7 @@ from .run import (
     looks,
     random_surroundings,
 )
-from .stages import COARSE_FINAL_RATE, coarse_options
+from .stages import FINAL_RATES, coarse_options
 from .train_options import preset
 
 WIDER = 1.5  # than the box that the cameras look at: the table's plane is seen, and what's on it
@@ -198,7 +198,7 @@ def coarse_points(dataset, world_to_model, seed, device, workers, progress):
     coarse = replace(coarse_options(options), view_dependence=False)
     mesh = a15_grid(options.spacing)
     field = TrainingField(mesh, coarse, device, seed, around, workers=workers)
-    optimization = Optimization(field, bank, options, False, STEPS, COARSE_FINAL_RATE)
+    optimization = Optimization(field, bank, options, False, STEPS, FINAL_RATES[1])
     optimization.run(progress, "finding the object")
     field.update_occupancy()
     inverse = np.linalg.inv(world_to_model)

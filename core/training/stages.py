@@ -10,7 +10,7 @@ COARSE_STEP_FACTOR = 2.0  # Δ of stage 1 over Δ of stage 2
 # Learning rates at a stage's end, as shares of the highest.  At a higher one in stage 1 densities
 # still come and go, and some that no ray has met become matter far from the object.  Stage 2 ends
 # with averaged weights, which need rates that keep the steps apart.
-COARSE_FINAL_RATE, FINE_FINAL_RATE = 0.1, 0.6
+FINAL_RATES = {1: 0.1, 2: 0.6}
 # Hidden layers of the color network where each sample has a color, and in stage 1.  Wider ones find
 # colors before there are densities, and stage 1 ends with nothing if it is short.
 SMALL_COLOR = 64, 64

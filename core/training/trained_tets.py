@@ -19,6 +19,9 @@ from .run import TrainingField
 SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters
 SMALLEST_PART = 0.01  # of the object's matter
 FOG = 0.1  # optical depth across a sub-tet; a tet without more is fog
+# A spur is a part of at least SPUR tets.  None is next to a tet with matter in more sub-tets than
+# in a CORNER.
+SPUR, CORNER = 16, 2
 # Edges of a sub-tet: what is lower over the ground is the ground's; what is lower than LOW is the
 # object's only if something thick is ABOVE it, up to ASIDE beside it.
 CLEARANCE, LOW, ABOVE, ASIDE = 0.6, 2.2, 4.4, 1.5
@@ -118,6 +121,26 @@ def object_alone(field: TetField, densities, box, ground: Plane | None) -> TetFi
     keep = solid(keep, neighbours, closed_by(mesh, ground)) & ~is_ground
     matter &= occupied[:, None]
     return reduced(replace(field, occupancy=pack_mask(matter)), keep)
+
+
+def without_spurs(field: TetField) -> TetField:
+    """The field without long thin parts in which there is hardly anything.
+
+    Stage 1 finds some fog far from an object.  Where it is joined to the object, `kept_mesh` has a
+    chain of tets there.  It shows nothing, but it is a pendulum: it swings for seconds, and bends
+    far under its weight.  A chain that joins two parts of the object stays.
+    """
+    mesh, neighbours = field.mesh, field.neighbours
+    counts = unpack_mask(field.occupancy).sum(axis=1)
+    near = np.zeros(mesh.vertex_count, bool)
+    near[mesh.tets[counts > CORNER]] = True
+    labels = face_components(neighbours, ~near[mesh.tets].any(axis=1))
+    keep = np.ones(mesh.tet_count, bool)
+    for label in np.flatnonzero(np.bincount(labels[labels >= 0]) >= SPUR):
+        rest = keep & (labels != label)
+        if face_components(neighbours, rest).max() <= face_components(neighbours, keep).max():
+            keep = rest
+    return field if keep.all() else reduced(field, keep)
 
 
 def carried(places, thick, ground: Plane, edge):

@@ -54,7 +54,7 @@ from .run import (
     save_checkpoint,
 )
 from .train_options import TrainOptions
-from .trained_tets import boxed, kept_mesh, object_alone
+from .trained_tets import boxed, kept_mesh, object_alone, without_spurs
 
 UNSEEN_WEIGHT = 1e-3  # a sub-tet in which no sample weighs as much is hidden
 COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
@@ -275,9 +275,8 @@ class _Run:
         )
         if field.device.is_cuda:
             torch.cuda.reset_peak_memory_stats()
-        inputs = self.bank, self.options, self.dataset.has_alpha
-        final_rate = stages.COARSE_FINAL_RATE if stage == 1 else stages.FINE_FINAL_RATE
-        optimization = Optimization(field, *inputs, step_count, final_rate)
+        inputs = self.bank, self.options, self.dataset.has_alpha, step_count
+        optimization = Optimization(field, *inputs, stages.FINAL_RATES[stage])
         if self.resumed and self.resumed.stage == stage:
             try:
                 optimization.load_state(self.resumed.fit)
@@ -380,8 +379,7 @@ class _Run:
 
     def _result(self, interrupted, diverged, out_of_memory) -> Trained:
         field, report = self.field, self.report
-        report["seconds"] = self._seconds()
-        report["interrupted"] = interrupted
+        report |= {"seconds": self._seconds(), "interrupted": interrupted}
         if diverged:
             report["diverged"] = diverged
         report["occupied_share"] = field.occupied_share()
@@ -397,4 +395,6 @@ class _Run:
         if self.found:  # without what it stands on
             ground = None if self.dataset.has_alpha else self._ground()
             alone = object_alone(whole, field.densities().cpu().numpy(), self.found.box, ground)
+        elif self.stage == 2 and "coarse-stage" not in self.options.leave_out:
+            alone = without_spurs(whole)
         return Trained(alone, report, interrupted, diverged, out_of_memory, self.resumable, whole)

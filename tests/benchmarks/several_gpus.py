@@ -56,14 +56,18 @@ def fine_run(views, options, device, workers, progress):
     bank = RayBank(views, world_to_model, device)
     mesh = trainer.boxed(trainer.a15_grid(options.spacing), box, options.spacing)
     field = TrainingField(mesh, stages.coarse_options(options), device, workers=workers)
-    coarse = Optimization(field, bank, options, views.has_alpha, options.coarse_steps)
+    coarse = Optimization(
+        field, bank, options, views.has_alpha, options.coarse_steps, stages.FINAL_RATES[1]
+    )
     coarse.run(progress, "stage 1")
     field.update_occupancy()
     most = trainer.COARSE_LOOK * options.samples_per_step
     field.hide_unseen(partial(looks, bank, field.device, most), trainer.COARSE_UNSEEN_WEIGHT)
     mesh = trainer.kept_mesh(field)
     field = TrainingField(mesh, stages.field_options(options), device, workers=workers)
-    fine = Optimization(field, bank, options, views.has_alpha, SETTLING_STEPS)
+    fine = Optimization(
+        field, bank, options, views.has_alpha, SETTLING_STEPS, stages.FINAL_RATES[2]
+    )
     fine.run(progress, "stage 2")
     return fine
 

@@ -31,7 +31,7 @@ def two_features(field, sample_tet, sample_bary):
     return features * used.repeat(field.layout.level_count)
 
 
-# Options, or what a module of core.training has ("stages.FINE_FINAL_RATE").
+# Options, or what a module of core.training has ("stages.FINAL_RATES").
 CHOICES = {
     "default": {},
     "2 features an entry": {"run.training_field.TrainingField.encode": two_features},
@@ -54,13 +54,13 @@ CHOICES = {
     "distortion 1e-3": {"distortion": 1e-3},
     "rate 2e-2": {"learning_rate": 2e-2},
     "rate 5e-3": {"learning_rate": 5e-3},
-    "final rate 0.01": {"stages.FINE_FINAL_RATE": 0.01},
-    "final rate 0.03": {"stages.FINE_FINAL_RATE": 0.03},
-    "final rate 0.1": {"stages.FINE_FINAL_RATE": 0.1},
-    "final rate 0.6": {"stages.FINE_FINAL_RATE": 0.6},
+    "final rate 0.01": {"stages.FINAL_RATES": {1: 0.1, 2: 0.01}},
+    "final rate 0.03": {"stages.FINAL_RATES": {1: 0.1, 2: 0.03}},
+    "final rate 0.1": {"stages.FINAL_RATES": {1: 0.1, 2: 0.1}},
+    "final rate 0.3": {"stages.FINAL_RATES": {1: 0.1, 2: 0.3}},
     "last weights": {"run.optimization.AVERAGED_SHARE": 0.0},
     "average 0.02": {"run.optimization.AVERAGED_SHARE": 0.02},
-    "average 0.2": {"run.optimization.AVERAGED_SHARE": 0.2},
+    "average 0.1": {"run.optimization.AVERAGED_SHARE": 0.1},
     "white for a fifth": {"run.optimization.WHITE_SHARE": 0.2},
     "always white": {"run.optimization.WHITE_SHARE": 1.0},
     "beta2 0.999": {"run.optimization.BETAS": (0.9, 0.999)},

@@ -56,7 +56,7 @@ def parts_of(run, times):
         times.setdefault(name, []).append(1e3 * (now - start))
         start = now
 
-    bank.draw(batch.seed, batch.drawn)
+    bank.draw(batch.seed, batch.drawn, limits=run._limits.of_pixels)
     rgba = batch.rgba
     done("draw")
     field.march(batch)
@@ -67,10 +67,11 @@ def parts_of(run, times):
     done("encode")
     sigma, values = field.evaluate(batch, features)
     done("networks")
-    sums, opacity, distortion, *_ = Composite.apply(
+    sums, opacity, distortion, _, visible = Composite.apply(
         sigma, values, samples.length, samples.t, batch.counts, batch.ends
     )
     done("composite")
+    run._limits.judge(batch, opacity, visible)
     color, excess = field.color(batch, sums, opacity)
     loss = ((color - rgba[:, :3]) ** 2).mean() + run.distortion * distortion.mean()
     loss = loss + EXCESS_WEIGHT * excess.mean()
@@ -99,6 +100,7 @@ def parts_of(run, times):
     for parameter, gradient in zip(weights, g_weights, strict=True):
         parameter.grad = gradient
     run.optimizer.step()
+    run._limits.keep(batch)
     done("adam")
 
 
@@ -116,7 +118,7 @@ def main():
     with on_warp_stream(arguments.device):
         training = trained_field(field, arguments.device)
         bank = RayBank(views, field.world_to_model, arguments.device)
-        run = Optimization(training, bank, options, views.has_alpha, arguments.steps)
+        run = Optimization(training, bank, options, views.has_alpha, arguments.steps, 1.0)
         ray_count = 1 << 10
         for _ in range(8):
             run.set_ray_count(ray_count)

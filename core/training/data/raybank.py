@@ -18,10 +18,11 @@ from .datasets import Dataset, check_pixel_count
 
 DRAW = wp.constant(1 << 30)  # so that a ray's pixel and its jitter have different random numbers
 # What a bank's limits have for a pixel: a number of samples, or one of these.
-EMPTY = wp.constant(0)  # its ray met no matter when it was last drawn
+EMPTY = wp.constant(0)  # transparent, and its ray met nothing occupied when it was last drawn
 NO_LIMIT = wp.constant(255)
+# Pixels are drawn by rejection sampling.
 MOST_TRIES = wp.constant(10)  # pixels that are drawn for a ray, until one is taken
-EMPTY_CHANCE = wp.constant(0.1)  # that an empty one is taken
+EMPTY_ACCEPTANCE = wp.constant(0.1)  # probability that an empty one is taken
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,8 +48,8 @@ class Drawn:
         views: The view of each ray.  [R] int
         pixels: The pixel of each ray.  [R] int
         limits: How many samples its ray may have; NO_LIMIT: any number.  [R] int
-        tries: Number of pixels that were drawn for this ray, itself included: its weight in the
-            number of pixels that a mean is over.  [R]
+        tries: Number of pixels that were drawn until this one was taken, itself included; means
+            divide by their sum.  [R]
         first: Number of ray 0; a ray's random numbers depend on its number.
     """
 
@@ -112,7 +113,7 @@ def draw_kernel(
         limit = NO_LIMIT
         if limits_of.shape[0] > 0:
             limit = int(limits_of[pixel])
-            if limit == EMPTY and wp.randf(random) < EMPTY_CHANCE:
+            if limit == EMPTY and wp.randf(random) < EMPTY_ACCEPTANCE:
                 limit = NO_LIMIT
     pixels[i] = pixel
     limits[i] = wp.where(limit == EMPTY, NO_LIMIT, limit)
@@ -223,7 +224,7 @@ class RayBank:
         return len(self.bank.pixels)
 
     def draw(self, seed, drawn: Drawn, chosen=None, limits=None):
-        """Fill with random rays; the same seed (int [1] on the device) draws the same.
+        """Fill with random rays; the same seed (int [1] on the device) and limits draw the same.
 
         Args:
             chosen: Pixels to take instead, numbered view by view, row by row.  [R] int

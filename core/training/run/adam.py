@@ -5,14 +5,9 @@ The first Optimizer of a process imports torch's compiler, which nothing here us
 """
 
 from collections import defaultdict
-from itertools import groupby
 
 import torch
 from torch.optim.adam import adam
-
-from .training_field import TrainingField
-
-FULL_RATE_WIDTH = 64  # of hidden layers that learn as fast as the rest
 
 
 class Adam:
@@ -83,8 +78,11 @@ class Adam:
         numbered = enumerate(self._parameters())
         return {number: self.state[p] for number, p in numbered if self.state.get(p)}
 
-    def load(self, numbered: dict):
+    def load(self, numbered: dict, scale: float = 1.0):
         """Go on from a `numbered_state`.
+
+        Args:
+            scale: The scale of the gradients to come, over that of the gradients so far.
 
         Raises:
             IndexError, KeyError, TypeError, ValueError, AttributeError, RuntimeError: It isn't one
@@ -99,19 +97,6 @@ class Adam:
                     raise ValueError(f"{name} of parameter {number} has shape {state[name].shape}")
             self.state[parameter] = {
                 "step": state["step"].to(parameter.device, torch.float32).reshape(()),
-                "exp_avg": state["exp_avg"].to(parameter),
-                "exp_avg_sq": state["exp_avg_sq"].to(parameter),
+                "exp_avg": scale * state["exp_avg"].to(parameter),
+                "exp_avg_sq": scale**2 * state["exp_avg_sq"].to(parameter),
             }
-
-
-def rate_groups(field: TrainingField, parameters) -> list:
-    """Parameters side by side with one learning rate: its share of the highest, and they.
-
-    Adam moves every weight equally far.  In wide layers that moves the sums further: an object of
-    one color drove layers of 256 to colors of 0 and 1 within 26 steps.  So their rate falls with
-    their width.
-    """
-    color = {id(weights) for weights in field.networks.color.parameters()}
-    share = min(1.0, FULL_RATE_WIDTH / max(field.options.color_hidden, default=1))
-    groups = groupby(parameters, key=lambda weights: id(weights) in color)
-    return [(share if is_color else 1.0, list(some)) for is_color, some in groups]

@@ -80,6 +80,8 @@ class Batch:
         fits: 1 where a ray is in use and its samples fit, else 0.  A step may leave out more, see
             sample_limits.py.  torch [R]
         tries: See Drawn.  torch [R]
+        learned: What the step finds out about the limits of the rays' pixels, see
+            sample_limits.py.  [R] int
         sample_count: Number of samples.  wp int [1]
         mask: The occupancy that its rays are marched through; None is the field's at that time.
     """
@@ -121,6 +123,7 @@ class Batch:
         self.ends = wp.zeros(ray_count, dtype=int, device=device)
         self._fits = wp.zeros(ray_count, dtype=float, device=device)
         self.fits = wp.to_torch(self._fits)
+        self.learned = wp.zeros(ray_count, dtype=int, device=device)
         self.sample_count = wp.zeros(1, dtype=int, device=device)
         self.mask = None
         self._harmonics, self.basis = harmonics, None
@@ -191,7 +194,7 @@ class Batch:
         return basis
 
     def pixels_tried(self):
-        """How many pixels were drawn for the rays that fit.  torch []"""
+        """How many pixels were drawn for the rays that have a part in the step.  torch []"""
         return (self.fits * self.tries).sum()
 
     def _march(self, inputs, purpose, samples):

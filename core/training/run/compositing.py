@@ -16,7 +16,7 @@ import warp as wp
 
 from ...field import GEOMETRY_FEATURES
 
-LEAST_TRANSMITTANCE = wp.constant(1.0e-3)  # transmittance; a sample behind it is not visible
+LEAST_TRANSMITTANCE = wp.constant(1.0e-3)  # in front of a visible sample
 
 geometry_vector = wp.types.vector(length=GEOMETRY_FEATURES, dtype=wp.float32)
 
@@ -109,7 +109,7 @@ def composite_kernel(
     opacity: wp.array(dtype=float),  # [R] out
     weighted_t: wp.array(dtype=float),  # [R] out: Σ w t
     distortion: wp.array(dtype=float),  # [R] out
-    visible: wp.array(dtype=int),  # [R] out: samples that more than LEAST_TRANSMITTANCE reaches
+    visible: wp.array(dtype=int),  # [R] out: samples behind more than LEAST_TRANSMITTANCE
 ):
     """`composite_reference`, with weights and numbers of visible samples."""
     ray = wp.tid() // lanes
@@ -121,7 +121,7 @@ def composite_kernel(
     total_t = float(0.0)
     c = values.dtype()  # sums of this lane's pieces
     loss = float(0.0)
-    lit = float(0.0)  # samples of this lane that light reaches
+    visible_count = float(0.0)  # of this lane's samples
     while first < end:
         n = first + lane
         remaining = float(1.0)
@@ -136,7 +136,7 @@ def composite_kernel(
         if n < end:
             w = before * (1.0 - remaining)
             weights[n] = w
-            lit += wp.where(before > LEAST_TRANSMITTANCE, 1.0, 0.0)
+            visible_count += wp.where(before > LEAST_TRANSMITTANCE, 1.0, 0.0)
             c += w * values[n]
         w_before = sum_before(total_w, w)
         t_before = sum_before(total_t, w * at)
@@ -148,9 +148,9 @@ def composite_kernel(
         first += lanes
     c = total(c)
     loss = total(loss)
-    lit = total(lit)
+    visible_count = total(visible_count)
     if lane == 0:
-        visible[ray] = int(lit)
+        visible[ray] = int(visible_count)
         sums[ray] = c
         opacity[ray] = total_w
         weighted_t[ray] = total_t

@@ -3,7 +3,7 @@
 The table holds nearly all weights, so each worker updates one part of it:
 
     reduce-scatter   the sum of all workers' table gradients, to each worker its own part
-    all-reduce       the sums of all other gradients and errors, and the number of rays
+    all-reduce       the sums of all other gradients and errors, and the number of pixels
     all-gather       the parts of the table after their update
 
 Every worker makes the same update of all other weights.
@@ -73,8 +73,9 @@ class Exchange:
         """Take this worker's gradients and error; CUDA graphs can hold it.
 
         Args:
-            gradients: Gradients of the field's parameters; means over the worker's rays that fit.
-            weight: Number of pixels that were tried for those rays.  torch []
+            gradients: Gradients of the field's parameters; means over the pixels that the worker
+                tried, see Drawn.tries.
+            weight: Number of those pixels.  torch []
         """
         table, *others = gradients
         shared, error, shared_weight = self._split(self._mine)
@@ -113,10 +114,10 @@ class Exchange:
             self.workers.part_of(self.field.half_rows).copy_(self._part)
 
     def _spread(self):
-        """Make the means over all workers' rays the error and the gradients of what all update.
+        """Make the means over all workers' pixels the error and the gradients of what all update.
 
         Returns:
-            The number of those rays, at least 1.  torch [1]
+            The number of those pixels, at least 1.  torch [1]
         """
         weight = self._split(self._sums)[2].clamp_(min=1.0)
         self._sums[:-1] /= weight

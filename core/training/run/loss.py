@@ -47,7 +47,8 @@ def training_loss(
     Args:
         white: 1 for a white background, 0 for each ray's random one.  torch [1]
         distortion_weight: Weight of the distortion loss (Mip-NeRF 360, Eq. 15).
-        limits: Learn from the batch how many samples its rays need; they may leave out rays.
+        limits: Learn from the batch how many samples its rays need.  They set its `fits` to 0 for
+            the rays that they leave out, and what they learn has to be kept: see `keep` there.
     """
     color, opacity, distortion, excess, _, visible = field.composite(batch)
     if limits is not None:

@@ -11,7 +11,6 @@ and the loss examined (monitoring.py).  Where memory is too small, the room is h
 
 from collections.abc import Callable
 from contextlib import contextmanager
-from math import cos, pi
 
 import numpy as np
 import torch
@@ -20,19 +19,20 @@ import warp as wp
 from ..data import RayBank
 from ..train_options import TrainOptions
 from . import recorded_steps
-from .adam import Adam, rate_groups
+from .adam import Adam
 from .batch import Batch
 from .loss import add_table_decay, needed_decay, training_loss
 from .memory import ALLOCATION_ERRORS, give_memory_back, halved, memory_name
 from .monitoring import Diverged, LossWatch, TrainingProgress
 from .peer_exchange import make_exchange
+from .rates import learning_rate, rate_groups
 from .recorded_steps import RecordedSteps
-from .sample_limits import make_limits
+from .sample_limits import SampleLimits
 from .training_field import TrainingField
 
 BETAS, EPSILON = (0.9, 0.99), 1e-15  # of Adam; the paper has 0.999
 # Adam cancels it.  Less, and float16 loses the gradients that hold the color network's sums.
-LOSS_SCALE = 2.0**17
+LOSS_SCALE, LARGEST_SCALE = 2.0**17, 2.0**30
 WHITE_SHARE = 0.5  # of the steps, at the end, on a white background
 PAUSE_INTERVAL = 16  # steps from one look at loss, occupancy and ray count to the next
 OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
@@ -48,15 +48,6 @@ RECORDING_SEED = 1 << 28  # the runs before a recording see rays of their own
 RECORDING_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
 
 
-def learning_rate(step: int, step_count: int, highest: float, final_rate: float) -> float:
-    """Adam's learning rate at a step: cosine decay to final_rate · highest.
-
-    `LossWatch.rate_share` multiplies it: a warm-up, and half after each return.
-    """
-    fall = 0.5 * (1.0 + cos(pi * step / step_count))
-    return highest * (final_rate + (1.0 - final_rate) * fall)
-
-
 class Optimization:
     """The steps of one stage; `run` does those that are left.
 
@@ -69,7 +60,7 @@ class Optimization:
     Args:
         has_alpha: Whether the images have alpha, and so a background of the step's choice.
         step_count: Steps of the whole stage.
-        final_rate: Learning rate at its end, as a share of the highest; 1: it does not fall.
+        final_rate: Learning rate at its end, as a share of the highest.
     """
 
     def __init__(
@@ -79,7 +70,7 @@ class Optimization:
         options: TrainOptions,
         has_alpha: bool,
         step_count: int,
-        final_rate: float = 1.0,
+        final_rate: float,
     ):
         self.field, self.bank, self.options = field, bank, options
         self.has_alpha, self.step_count, self.final_rate = has_alpha, step_count, final_rate
@@ -87,11 +78,13 @@ class Optimization:
         self.distortion = 0.0 if "distortion" in options.leave_out else options.distortion
         decay = 0.0 if "table-decay" in options.leave_out else options.table_decay
         self.table_decay = needed_decay(decay, bank.object_pixel_count, field.table.numel())
-        self.samples_per_step, self.number = options.samples_per_step, 0
+        self.samples_per_step = options.samples_per_step
+        self.number = 0
         # Draws and jitter follow from the step's number and the seed.
         self._first_seed = (options.seed * SEED_STRIDE) % 2**30
         device = field.torch_device
-        self._white, self.error = (torch.zeros(shape, device=device) for shape in (1, ()))
+        self._white = torch.zeros(1, device=device)
+        self.error = torch.zeros((), device=device)
         several = self.workers.count > 1
         self._exchange = make_exchange(field, self.error) if several else None
         groups = rate_groups(field, self._exchange.parameters if several else field.parameters())
@@ -102,7 +95,9 @@ class Optimization:
         self.optimizer = Adam(groups, BETAS, EPSILON)
         self._make_whole = self._exchange.make_whole if several else lambda: None
         self._watch = LossWatch(field, self._make_whole)
-        self._limits = make_limits(field, bank)
+        # Surroundings learn from rays that meet no matter.
+        skips_empty = not field.surroundings
+        self._limits = SampleLimits(bank.pixel_count, skips_empty, field.device)
         self._average = None  # of what this worker updates, exponentially weighted
         self._batches, self._recorded, self._has_recorded = [], None, False
         self.set_ray_count(RAYS_AT_START)
@@ -214,7 +209,8 @@ class Optimization:
             wp.to_torch(batch.mask).copy_(wp.to_torch(self.field.mask))
 
     def _march(self, batch):
-        self.bank.draw(batch.seed, batch.drawn, limits=self._limits and self._limits.of_pixels)
+        # On CUDA a step may change limits while batches ahead read them: both values are valid.
+        self.bank.draw(batch.seed, batch.drawn, limits=self._limits.of_pixels)
         self.field.march(batch)
 
     def _backpropagate(self, batch):
@@ -227,8 +223,7 @@ class Optimization:
         self.error.copy_(error.detach())
         if self._exchange:
             self._exchange.collect(gradients, batch.pixels_tried())
-            if self._limits:
-                self._limits.keep()
+            self._limits.keep(batch)
             return
         for parameter, gradient in zip(parameters, gradients, strict=True):
             parameter.grad = gradient
@@ -238,8 +233,7 @@ class Optimization:
         self.optimizer.zero_grad()  # before more memory is taken
         self._backpropagate(batch)
         self.optimizer.step()
-        if self._limits:
-            self._limits.keep()
+        self._limits.keep(batch)
 
     def _parts(self):
         """The parts of learning from a batch: name -> (function, whether a graph holds it)."""
@@ -279,8 +273,8 @@ class Optimization:
         if returned:
             self._average = None
             self.optimizer.forget()
-            if self._limits:
-                self._limits.forget()
+            self._limits.forget()
+            self.set_ray_count(RAYS_AT_START)  # without limits rays have more samples
             if self.workers.is_first:
                 progress.say(returned)
         return sample_count
@@ -343,6 +337,7 @@ class Optimization:
         return {
             "step": {
                 "optimizer": state,
+                "loss_scale": LOSS_SCALE,
                 "number": self.number,
                 "ray_count": self.ray_count,
                 "samples_per_step": self.samples_per_step,
@@ -350,7 +345,7 @@ class Optimization:
             },
             "stage": self.field.state(),
             "average": self._whole_average(),
-            "limits": self._limits and wp.to_torch(self._limits.of_pixels),
+            "limits": wp.to_torch(self._limits.of_pixels),  # on several GPUs the first one's
         }
 
     @staticmethod
@@ -364,21 +359,32 @@ class Optimization:
     def load_state(self, state: dict):
         """Go on from `state`, whose field has the mesh and the options of this one."""
         self.field.load_state(state["stage"])
-        step, moments = state["step"], state["step"]["optimizer"]
+        step = state["step"]
+        moments = step["optimizer"]
         if self._exchange and moments:
             moments = {**moments, 0: self._map_moments(moments[0], self._exchange.part)}
-        self.optimizer.load(moments)
+        self.optimizer.load(moments, LOSS_SCALE / checked_scale(step.get("loss_scale", 1024.0)))
         self.number = step["number"]
         self._watch.load(*step.get("returns", (0, 0)), self.number)
         self.samples_per_step = step["samples_per_step"]
         self.set_ray_count(step["ray_count"])
-        if self._limits:
-            self._limits.load(state.get("limits"))
+        self._limits.load(state.get("limits"))
         if state["average"] is not None:
             device = self.field.torch_device
             self._average = [weights.to(device) for weights in state["average"]]
             if self._exchange:
                 self._average[0] = self._exchange.part(self._average[0])
+
+
+def checked_scale(scale) -> float:
+    """The scale of the loss that a checkpoint's moments are of; checkpoints before had 1024.
+
+    Raises:
+        ValueError: No run has such a one.
+    """
+    if not (isinstance(scale, float) and 1.0 <= scale <= LARGEST_SCALE):
+        raise ValueError(f"a loss scaled by {scale}")
+    return scale
 
 
 def next_ray_count(ray_count, sample_count, room):

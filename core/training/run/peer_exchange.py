@@ -34,10 +34,10 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel
 def add_up_kernel(
     theirs: wp.array(dtype=wp.uint64),  # [workers] addresses of float32 [n]
-    sums: wp.array(dtype=float),  # [n] out: means over all rays, last the number of rays
+    sums: wp.array(dtype=float),  # [n] out: means over all pixels tried, last their number
     step: wp.array(dtype=float),  # [1] in, out: counts the updates
 ):
-    """Add up what is not the table's: gradients, error, and number of rays, which divides them."""
+    """Add up what is not the table's: gradients, error, and number of pixels, which divides."""
     i = wp.tid()
     n = sums.shape[0]
     total, weight = float(0.0), float(0.0)
@@ -56,7 +56,7 @@ def add_up_kernel(
 @wp.kernel
 def update_table_kernel(
     gradients: wp.array(dtype=wp.uint64),  # [workers] addresses of bfloat16 [rows, 4]
-    weight: wp.array(dtype=float),  # [1] number of rays, which divides their sum
+    weight: wp.array(dtype=float),  # [1] number of pixels, which divides their sum
     first: int,  # this worker's first row
     rate: wp.array(dtype=float),  # [1]
     step: wp.array(dtype=float),  # [1] number of this update, from 1

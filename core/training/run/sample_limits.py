@@ -12,12 +12,10 @@ in its step, because it would be taught that nothing is behind.  Its pixel then 
 Shapes: R rays, P pixels.
 """
 
-import torch
 import warp as wp
 
-from ..data import EMPTY, NO_LIMIT, RayBank
+from ..data import EMPTY, NO_LIMIT
 from .batch import Batch
-from .training_field import TrainingField
 
 OPAQUE_TRANSMITTANCE = wp.constant(5.0e-3)  # that a ray lets through at most that is opaque
 SPARE_SHARE, SPARE = wp.constant(0.25), wp.constant(4.0)  # samples beside the visible ones
@@ -77,7 +75,6 @@ class SampleLimits:
     def __init__(self, pixel_count: int, skips_empty: bool, device):
         self.of_pixels = wp.full(pixel_count, int(NO_LIMIT), dtype=wp.uint8, device=device)
         self._skips_empty = skips_empty
-        self._judged = None  # the last batch, and what it taught
 
     def forget(self):
         """Begin anew: the field has other weights."""
@@ -97,12 +94,13 @@ class SampleLimits:
         mine.copy_(of_pixels)
 
     def judge(self, batch: Batch, opacity, visible):
-        """Leave rays of a rendered batch out that used their limits up too early.
+        """Leave rays of a rendered batch out that used their limits up too early: their `fits`.
+
+        What it teaches waits in `batch.learned` until `keep`.
 
         Args:
             opacity, visible: See training_field.Rendered.  torch [R]
         """
-        learned = torch.empty_like(visible)
         drawn = batch.drawn
         wp.launch(
             judge_kernel,
@@ -113,28 +111,19 @@ class SampleLimits:
                 wp.from_torch(visible),
                 self._skips_empty,
             ],
-            outputs=[wp.from_torch(batch.fits), wp.from_torch(learned)],
+            outputs=[wp.from_torch(batch.fits), batch.learned],
             device=batch.device,
         )
-        self._judged = batch, learned
 
-    def keep(self):
-        """Take what the batch taught, at the end of its step: an interrupted one is repeated."""
-        batch, learned = self._judged
+    def keep(self, batch: Batch):
+        """Take what a judged batch taught, at the end of its step.
+
+        A step that is interrupted is repeated.
+        """
         wp.launch(
             keep_kernel,
             dim=batch.ray_count,
-            inputs=[batch.drawn.pixels, wp.from_torch(learned)],
+            inputs=[batch.drawn.pixels, batch.learned],
             outputs=[self.of_pixels],
             device=batch.device,
         )
-
-
-def make_limits(field: TrainingField, bank: RayBank) -> SampleLimits | None:
-    """The limits of a stage; None for several workers on the CPU, who draw the rays of one.
-
-    Surroundings learn from rays that meet no matter, so these are not drawn less often there.
-    """
-    if field.workers.count > 1 and not field.device.is_cuda:
-        return None
-    return SampleLimits(bank.pixel_count, not field.surroundings, field.device)

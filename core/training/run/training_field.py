@@ -68,7 +68,7 @@ class Rendered(NamedTuple):
     distortion: torch.Tensor  # [R]
     excess: torch.Tensor  # [R], see loss.py
     weights: torch.Tensor  # [N]
-    visible: torch.Tensor  # [R] int: samples up to which light comes, see compositing.py
+    visible: torch.Tensor  # [R] int: number of visible samples, see compositing.py
 
 
 class TrainingField:
