@@ -25,7 +25,7 @@ def run(*arguments):
 
 @pytest.mark.parametrize("device", ["h100", "cpu"])
 def test_defaults_are_what_the_rule_gives(device):
-    """With each device's own times, and the worst error of all reports."""
+    """With each device's own times, and the worst errors of images and of meshes."""
     timed = [REPORTS / f"{name}-{device}" / "report.json" for name in ("helmet", "chair", "foxrig")]
     images, meshes = REPORTS / "earlier_images.json", REPORTS / "earlier_meshes.json"
     judged = sorted(REPORTS.glob("*/report.json"))

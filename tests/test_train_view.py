@@ -10,7 +10,7 @@ import torch
 
 from deformrf.core.commands import INTERRUPTED, train
 from deformrf.core.field import modelfile
-from deformrf.core.training import preset, trainer
+from deformrf.core.training import preset, trained_tets, trainer
 from deformrf.core.training.run import optimization
 from deformrf.viewer.camera import picking
 from deformrf.viewer.training import live as lives
@@ -31,7 +31,8 @@ FEW = preset(
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    """Short first steps, snapshots at every pause."""
+    """Short first steps, snapshots at every pause; the fog of short runs stays in the mesh."""
+    monkeypatch.setattr(trained_tets, "SPUR", 10**9)
     monkeypatch.setattr(optimization, "RAYS_AT_START", optimization.FEWEST_RAYS)
     monkeypatch.setattr(lives, "SECONDS", 0.0)
     monkeypatch.setattr(lives, "AGE_SHARE", 0.0)

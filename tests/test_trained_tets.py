@@ -146,6 +146,20 @@ def test_a_chain_of_fog_goes(wire_matter):
     assert len(set(face_components(fewer.neighbours))) == 1
 
 
+@pytest.mark.parametrize("shell_matter", [64, 0])
+def test_what_an_object_encloses_stays(shell_matter):
+    """A ball with matter in its shell, as no image sees the rest; without any, nothing goes."""
+    whole = a15_grid(0.05)
+    radius = np.linalg.norm(whole.rest_vertices[whole.tets].mean(axis=1) - 0.5, axis=1)
+    mesh, _ = extract(whole, radius < 0.4)
+    radius = radius[radius < 0.4]
+    field = random_field(mesh, tet_neighbours(mesh.tets), FieldOptions(2, 2**10))
+    is_shell = (radius > 0.3)[:, None] & (np.arange(64) < shell_matter)
+    field.occupancy[:] = pack_mask(is_shell)
+    assert (radius < 0.2).sum() > 5 * trained_tets.SPUR
+    assert trained_tets.without_spurs(field) is field
+
+
 def test_a_wire_a_bridge_and_a_stub_stay():
     """Matter in more than a corner of its tets; what joins two parts; few tets."""
     for field, _ in (

@@ -19,8 +19,8 @@ from .run import TrainingField
 SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters
 SMALLEST_PART = 0.01  # of the object's matter
 FOG = 0.1  # optical depth across a sub-tet; a tet without more is fog
-# A spur is a part of at least SPUR tets.  None is next to a tet with matter in more sub-tets than
-# in a CORNER.
+# SPUR: the fewest tets of a spur.  CORNER: the most occupied sub-tets of a tet that matter only
+# touches; what goes through a tet takes four.
 SPUR, CORNER = 16, 2
 # Edges of a sub-tet: what is lower over the ground is the ground's; what is lower than LOW is the
 # object's only if something thick is ABOVE it, up to ASIDE beside it.
@@ -128,15 +128,20 @@ def without_spurs(field: TetField) -> TetField:
 
     Stage 1 finds some fog far from an object.  Where it is joined to the object, `kept_mesh` has a
     chain of tets there.  It shows nothing, but it is a pendulum: it swings for seconds, and bends
-    far under its weight.  A chain that joins two parts of the object stays.
+    far under its weight.  A chain that joins two parts of the object stays, and so does what the
+    object encloses, where nothing is occupied either.
     """
     mesh, neighbours = field.mesh, field.neighbours
     counts = unpack_mask(field.occupancy).sum(axis=1)
     near = np.zeros(mesh.vertex_count, bool)
     near[mesh.tets[counts > CORNER]] = True
+    if not near.any():
+        return field
     labels = face_components(neighbours, ~near[mesh.tets].any(axis=1))
+    is_outside = (neighbours < 0).any(axis=1)
+    reach_out = np.unique(labels[is_outside & (labels >= 0)])
     keep = np.ones(mesh.tet_count, bool)
-    for label in np.flatnonzero(np.bincount(labels[labels >= 0]) >= SPUR):
+    for label in reach_out[np.bincount(labels[labels >= 0])[reach_out] >= SPUR]:
         rest = keep & (labels != label)
         if face_components(neighbours, rest).max() <= face_components(neighbours, keep).max():
             keep = rest

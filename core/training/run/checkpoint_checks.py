@@ -16,6 +16,7 @@ from ...field import check_geometry
 from ...geometry import TetMesh, tet_neighbours
 from ..train_options import DEEPEST, WIDEST, TrainOptions
 
+LARGEST_SCALE = 2.0**30  # of a loss
 BOUNDS = {  # of numbers, both included
     "spacing": (0.002, 0.5),
     "coarse_steps": (0, 10**8),
@@ -109,3 +110,14 @@ def checked_mesh(tensors, options: TrainOptions) -> TetMesh:
         raise ValueError("its mesh is damaged")
     check_geometry(mesh, tet_neighbours(mesh.tets), options.march_step)
     return mesh
+
+
+def checked_scale(scale) -> float:
+    """The scale of the loss that a checkpoint's moments are of.
+
+    Raises:
+        ValueError: No run has such a one.
+    """
+    if not (isinstance(scale, float) and 1.0 <= scale <= LARGEST_SCALE):
+        raise ValueError(f"a loss scaled by {scale}")
+    return scale

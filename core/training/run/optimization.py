@@ -21,6 +21,7 @@ from ..train_options import TrainOptions
 from . import recorded_steps
 from .adam import Adam
 from .batch import Batch
+from .checkpoint_checks import checked_scale
 from .loss import add_table_decay, needed_decay, training_loss
 from .memory import ALLOCATION_ERRORS, give_memory_back, halved, memory_name
 from .monitoring import Diverged, LossWatch, TrainingProgress
@@ -32,7 +33,8 @@ from .training_field import TrainingField
 
 BETAS, EPSILON = (0.9, 0.99), 1e-15  # of Adam; the paper has 0.999
 # Adam cancels it.  Less, and float16 loses the gradients that hold the color network's sums.
-LOSS_SCALE, LARGEST_SCALE = 2.0**17, 2.0**30
+LOSS_SCALE = 2.0**17
+FIRST_LOSS_SCALE = 2.0**10  # of checkpoints that tell none, and have no limits
 WHITE_SHARE = 0.5  # of the steps, at the end, on a white background
 PAUSE_INTERVAL = 16  # steps from one look at loss, occupancy and ray count to the next
 OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
@@ -345,7 +347,7 @@ class Optimization:
             },
             "stage": self.field.state(),
             "average": self._whole_average(),
-            "limits": wp.to_torch(self._limits.of_pixels),  # on several GPUs the first one's
+            "limits": wp.to_torch(self._limits.of_pixels),  # of several workers the first one's
         }
 
     @staticmethod
@@ -363,28 +365,19 @@ class Optimization:
         moments = step["optimizer"]
         if self._exchange and moments:
             moments = {**moments, 0: self._map_moments(moments[0], self._exchange.part)}
-        self.optimizer.load(moments, LOSS_SCALE / checked_scale(step.get("loss_scale", 1024.0)))
+        limits = state.get("limits")
+        scale = step.get("loss_scale", FIRST_LOSS_SCALE if limits is None else LOSS_SCALE)
+        self.optimizer.load(moments, LOSS_SCALE / checked_scale(scale))
         self.number = step["number"]
         self._watch.load(*step.get("returns", (0, 0)), self.number)
         self.samples_per_step = step["samples_per_step"]
         self.set_ray_count(step["ray_count"])
-        self._limits.load(state.get("limits"))
+        self._limits.load(limits)
         if state["average"] is not None:
             device = self.field.torch_device
             self._average = [weights.to(device) for weights in state["average"]]
             if self._exchange:
                 self._average[0] = self._exchange.part(self._average[0])
-
-
-def checked_scale(scale) -> float:
-    """The scale of the loss that a checkpoint's moments are of; checkpoints before had 1024.
-
-    Raises:
-        ValueError: No run has such a one.
-    """
-    if not (isinstance(scale, float) and 1.0 <= scale <= LARGEST_SCALE):
-        raise ValueError(f"a loss scaled by {scale}")
-    return scale
 
 
 def next_ray_count(ray_count, sample_count, room):
