@@ -85,8 +85,8 @@ def test_samples_behind_something_opaque_are_not_visible(device):
     ends = np.cumsum(counts)
     depths = np.cumsum(sigma * length) - sigma * length
     before = depths - np.repeat(depths[np.minimum(ends - counts, len(depths) - 1)], counts)
-    lit = np.exp(-before) > float(LEAST_TRANSMITTANCE)
-    expected = np.array([part.sum() for part in np.split(lit, ends[:-1])])
+    is_visible = np.exp(-before) > float(LEAST_TRANSMITTANCE)
+    expected = np.array([part.sum() for part in np.split(is_visible, ends[:-1])])
     found = visible.cpu().numpy()
     assert (found < counts).any() and (found == counts).any()
     assert np.abs(found - expected).max() <= 1  # where rounding decides

@@ -136,7 +136,7 @@ def test_what_lies_behind_something_opaque_is_no_loss(stage):
 
 
 def test_steps_learn_limits_and_use_them(device):
-    """Of opaque photographs beside the mesh, of which most rays see nothing: on CUDA recorded."""
+    """Photographs of nothing, with a mesh that few rays meet; then opaque ones.  CUDA records."""
     with on_warp_stream(device):
         stage = make_stage(device, alpha=0, size=0.1)
         for _ in range(60):
@@ -144,7 +144,6 @@ def test_steps_learn_limits_and_use_them(device):
         limits = stage._limits.of_pixels.numpy()
         assert (limits == EMPTY).any() and (limits == NONE).any()
         assert stage.batch.tries.max() > 1.0
-        assert float(stage.error) >= 0.0
 
         stage = make_stage(device, alpha=255)
         with torch.no_grad():
