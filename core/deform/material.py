@@ -22,7 +22,7 @@ class Material:
     """An elastic solid.  Model space is one meter wide.
 
     The default is stiff enough that a thin neck straightens again within a few seconds,
-    and soft enough that 25 substeps hold its stiffness on a grid of edge 0.045.  Springs and
+    and soft enough that 24 substeps hold its stiffness on a grid of edge 0.045.  Springs and
     volume constraints can't represent a Poisson's ratio below 1/4; 1/4 is held instead, with a
     warning.
 
@@ -97,6 +97,6 @@ PRESETS = {
     "clay": Material(
         young_modulus=1e6, poisson_ratio=0.40, density=1500.0, damping=8.0, yield_strain=0.03
     ),
-    # As stiff as the substeps allow: 25 of them hold some 5 MPa of the bundled model.
+    # As stiff as the substeps allow: 24 of them hold some 5 MPa of the bundled model.
     "stiff": Material(young_modulus=1e9, poisson_ratio=0.35, density=600.0, damping=4.0),
 }

@@ -39,7 +39,7 @@ class XpbdOptions:
         ValueError: A value is out of range.
     """
 
-    substep_count: int = 25  # per 1/60 s; the highest stiffness grows with its square
+    substep_count: int = 24  # per 1/60 s; the highest stiffness grows with its square
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # g [m/s²]
     ground: float | None = None  # height of a ground that nothing falls through [m]
     friction: float = 0.5  # Coulomb's coefficient on the ground, on colliders and in contacts

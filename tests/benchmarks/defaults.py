@@ -5,9 +5,10 @@ python tests/benchmarks/defaults.py docs/report/*-h100/report.json \
     --meshes docs/report/earlier_meshes.json
 
 Times are those of the first reports, one of each model, all on one device, over the default's in
-the same turn.  Errors are a matter of the setting and not of the device: the worst of the reports
-behind --errors counts, by default that of the first ones.  --images and --meshes have errors of
-further models, of which no report is kept: each model has its own, and a user's is none of ours.
+the same turn.  Errors are a matter of the setting and not of the device.  Of images the worst of
+the reports behind --errors counts, by default that of the first ones; of substeps the worst of the
+first ones.  --images and --meshes have errors of further models, of which no report is kept.  Each
+model has its own errors, and a user's is none of ours.
 Ends with 1 if the program's defaults are not what the rule gives.
 """
 
@@ -97,7 +98,7 @@ def read(paths):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("reports", nargs="+", type=Path, help="report.json of each model")
-    parser.add_argument("--errors", nargs="+", type=Path, help="those whose errors count")
+    parser.add_argument("--errors", nargs="+", type=Path, help="those whose images count")
     parser.add_argument("--meshes", type=Path, help="dynamics of further meshes")
     parser.add_argument("--images", type=Path, help="images of further models")
     arguments = parser.parse_args()
@@ -108,7 +109,10 @@ def main():
         json.loads(path.read_text()) if path else []
         for path in (arguments.images, arguments.meshes)
     )
-    chosen = rendering_choice(reports, [*judged, *images]), substeps_choice([*judged, *meshes])
+    chosen = (
+        rendering_choice(reports, [*judged, *images]),
+        substeps_choice([*reports, *meshes]),
+    )
     sys.exit(chosen != ("default", XpbdOptions().substep_count))
 
 
