@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from random_use import Session, bodies
 
 from deformrf.core.deform import Material, Sphere, XpbdOptions, XpbdSolver
-from deformrf.core.deform.recovery import STUCK_INTERVAL
+from deformrf.core.deform.recovery import STUCK_INTERVAL, STUCK_SPEED, SWINGS
 from deformrf.core.geometry import a15_grid
+from deformrf.core.lab.stability.measure import Solid, run_case
+from deformrf.core.lab.stability.stress import CASES
 
 DT = 1.0 / 60.0
 MESH = a15_grid(0.25)
@@ -19,25 +22,55 @@ def make_solver(material=None, pinned=NOBODY, **options):
     return XpbdSolver(REST, MESH.tets, material or Material(), pinned, XpbdOptions(**options))
 
 
-def hold_still(solver, shape, seconds):
+def hold_still(solver, shape, seconds, speed=0.0, touching=False):
     """Let time pass in which the body stays in a shape, as in a minimum of its energy.
+
+    Args:
+        speed: Of every vertex when the solver looks [m/s].
+        touching: Whether boxes of parts overlap, so that contacts are looked for.
 
     Returns:
         The seconds after which a rescue ran, or None.
     """
     solver.set_state(shape)
     for frame in range(round(seconds / DT)):
+        solver._touching = touching
         solver.step(DT)
         if solver.rescue.running:
             return frame * DT
         solver.vertices.assign(shape.astype(np.float32))
-        solver.velocities.zero_()
+        solver.velocities.fill_(wp.vec3(speed, 0.0, 0.0))
     return None
 
 
-def test_a_part_that_does_not_return_is_rescued():
-    after = hold_still(make_solver(), BENT, 20.0)
-    assert 2 * STUCK_INTERVAL <= after <= 2 * STUCK_INTERVAL + 3.0
+@pytest.mark.parametrize("damping", [1.0, 3.0, 10.0])
+def test_a_part_that_does_not_return_is_rescued(damping):
+    after = hold_still(make_solver(Material(damping=damping)), BENT, 20.0)
+    interval = max(STUCK_INTERVAL, SWINGS / damping)
+    assert 2 * interval <= after <= 2 * interval + 3.0
+
+
+@pytest.mark.parametrize(
+    "found, speed, rescued",
+    [(False, 0.0, True), (True, 0.5, False), (True, 2.0, True)],
+    ids=["boxes overlap", "lies against something", "turns for ever"],
+)
+def test_what_contacts_hold_is_not_stuck(monkeypatch, found, speed, rescued):
+    """Only contacts hold, not overlapping boxes; and what they hold is slow."""
+    solver = make_solver()
+    monkeypatch.setattr(solver._contact, "found", lambda: found)
+    speed *= STUCK_SPEED * solver.object_size
+    after = hold_still(solver, BENT, 16.0, speed, touching=True)
+    assert (after is not None) == rescued
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_columns_that_were_folded_for_ever_come_back(seed, rigid):
+    """They were a quarter to a half of their size away, and their boxes overlapped."""
+    columns, case = list(bodies())[2], next(c for c in CASES if c.name == "broken tets")
+    result = run_case(columns, Solid("columns", Material(), rigid), case, "cpu", seed)
+    assert result.passed, result
 
 
 @pytest.mark.parametrize(

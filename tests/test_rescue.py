@@ -217,3 +217,12 @@ def test_a_part_that_pins_hold_in_a_tangle_collides_with_nothing_until_the_user_
         rescue.advance(0.5, "weight")
         rescue.report(np.array([5, 1]))
     assert not rescue.without_contact(parts).any()
+
+
+@pytest.mark.parametrize("tangles", [0, 1])
+def test_what_is_stuck_without_a_tangle_takes_no_softening(tangles):
+    rescue = Rescue()
+    while not rescue.running:
+        rescue.advance(0.5)
+        rescue.report(np.array([tangles]), stuck=np.array([1]))
+    assert (rescue.parts is None) == (rescue.ratio is not None) == bool(tangles)

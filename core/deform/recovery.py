@@ -3,7 +3,10 @@
 Besides tangles (tangles.py), parts count that are stuck: nothing holds them, damping takes their
 motion away, and yet they stay in another shape than their rest shape.  A part that hangs on a
 small hinge can fold over it into a minimum of the energy in which no tet is inverted.  It is
-stuck if within STUCK_INTERVAL the distance to its rest shape has not shrunk.
+stuck if from one look to the next the distance to its rest shape has not shrunk.
+
+What contacts hold is not stuck: it lies still.  A very stiff part that is folded can turn for
+ever, as each substep's projections push it on.  It is stuck, whatever it touches.
 
 Shapes: V vertices, P parts (connected components).
 """
@@ -15,10 +18,12 @@ from .rescue import Rescue, distortion, ways_back
 from .rest_shape import RestShape
 
 PINS_OFF = 0.01  # object sizes by which pins may have moved relative to each other
-STUCK_INTERVAL = 5.0  # s between looks
 STUCK_OFF = 0.02  # object sizes by which a part that is stuck is away from its rest shape
-STUCK_SHRINKS = 0.995  # of that distance is left at most if the part returns, however slowly
-LEAST_DAMPING = 1.0  # 1/s; with less, a motion may go on for that long
+STUCK_SHRINKS = 0.001  # per second, of that distance, if the part returns, however slowly
+STUCK_SPEED = 0.5  # object sizes per second; what contacts hold is slower
+LEAST_DAMPING = 1.0  # 1/s; with less, a motion may go on from look to look
+SWINGS = 6.0  # 1/damping between looks, in which a swing falls to e⁻³
+STUCK_INTERVAL = 2.0  # s between looks, at least
 
 
 class Recovery:
@@ -29,13 +34,15 @@ class Recovery:
         softened: The r of all constraints in this frame; None for the material's.
 
     Args:
+        contact: The body's Contact.
         part_of: [V]
         size: The longest side of the body [m].
     """
 
-    def __init__(self, state, holds: Holds, rest_shape: RestShape, part_of, size):
+    def __init__(self, state, holds: Holds, rest_shape: RestShape, contact, part_of, size):
         self.rescue, self.softened = Rescue(), None
         self._state, self._holds, self._rest_shape = state, holds, rest_shape
+        self._contact, self._touching, self._interval = contact, False, STUCK_INTERVAL
         self._part_of, self._size = part_of, size
         self._path = None  # where targets start and end, each [V, 3]
         self.touch()
@@ -48,16 +55,19 @@ class Recovery:
         self._look_again()
         self._stop()
 
-    def begin(self, dt, load: str | None, damping, touching) -> bool:
+    def begin(self, dt, load: str | None, damping, touching, lies) -> bool:
         """Begin a frame of dt [s] in which nothing is grabbed; True to count tangles after it.
 
         Args:
             load: What holds the body besides its pins, see Rescue.load.
             damping: Of the material [1/s].
-            touching: Whether parts may touch each other, which may hold them where they are.
+            touching: Whether parts may touch each other.
+            lies: Whether the body may lie on a ground.
         """
         self._load = load if self._pins_are_as_at_rest() else "pins"
-        self._comes_back = self.returns_to_rest and damping >= LEAST_DAMPING and not touching
+        self._comes_back = self.returns_to_rest and damping >= LEAST_DAMPING and not lies
+        self._touching = touching
+        self._interval = max(STUCK_INTERVAL, SWINGS / max(damping, LEAST_DAMPING))
         if self.rescue.running or not self._comes_back:
             self._look_again()
         self._since_look += dt
@@ -75,15 +85,16 @@ class Recovery:
         if self.rescue.given_up or not self._comes_back:
             return True
         if self._is_far is None:
-            self._is_far = bool((self._distances() > STUCK_OFF * self._size).any())
+            far = (self._distances() > STUCK_OFF * self._size).any()
+            self._is_far = bool(far) and not self._touches()
         return not self._is_far
 
     def report(self, counts):
         """Take inverted tets, wrapped edges and lost tets of each part.  [3, P]"""
         tangles = counts[:2].sum(axis=0)
-        if self._since_look >= STUCK_INTERVAL and not tangles.any():
+        if self._since_look >= self._interval - 1e-6 and not tangles.any():
             self._look()
-        self.rescue.report(tangles + self._stuck, counts[2] > 0)
+        self.rescue.report(tangles, counts[2] > 0, self._stuck)
 
     def follow(self):
         """Do what the rescue wants in this frame; the vertices that it concerns, or None.  [V]"""
@@ -135,8 +146,21 @@ class Recovery:
     def _look(self):
         """Compare the parts' distances to their rest shape with those of the look before."""
         away = self._distances()
-        before, self._away, self._since_look = self._away, away, 0.0
-        self._is_far = None
+        before, self._away = self._away, away
         if before is not None:
-            far = away > STUCK_OFF * self._size
-            self._stuck = (far & (away > STUCK_SHRINKS * before)).astype(int)
+            least = 1.0 - STUCK_SHRINKS * self._since_look
+            stuck = (away > STUCK_OFF * self._size) & (away > least * before)
+            if stuck.any() and self._touches():
+                stuck &= self._speeds() > STUCK_SPEED * self._size
+            self._stuck = stuck.astype(int)
+        self._since_look, self._is_far = 0.0, None
+
+    def _touches(self):
+        """Whether there are contacts; on a GPU this waits for it."""
+        return self._touching and self._contact.found()
+
+    def _speeds(self):
+        """The largest speed of a vertex of each part.  [P]"""
+        speeds = np.zeros(self._part_of.max() + 1)
+        np.maximum.at(speeds, self._part_of, np.linalg.norm(self._state.velocities.numpy(), axis=1))
+        return speeds

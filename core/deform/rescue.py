@@ -7,6 +7,7 @@ is grabbed:
 
 1.  For SOFTENING it runs with every constraint at r = a/w̄ = RATIO and with volumes on,
     whatever the material.  That frees most tangles and keeps the object's motion.
+    What is stuck without a tangle (recovery.py) takes no such try: it is in a minimum.
 2.  Parts that are still tangled after it bypass the constraints: their vertices move
     straight to their goals within DURATION, and are released there at rest.
 
@@ -58,20 +59,21 @@ class Rescue:
         """The user did something: forget all counts and tries."""
         self.counts = self.parts = self.ratio = self.load = self._lost = None
         self._held_for = 0  # counts in a row in which pins held a tangle, up to LOOSE  [P]
-        self._is_news = self._was_sound = False
+        self._is_news = self._was_sound = self._softens = False
         self._tangled_for = self._sound_for = 0.0
         self._since_count = COUNT_INTERVAL
         self._tries = 0
         self._time = self.progress = 0.0
 
-    def report(self, counts, lost=False):
-        """Take the number of tangles of each part, and whether it has lost vertices.  [P]"""
-        self.counts, self._lost = counts, np.broadcast_to(lost, counts.shape)
+    def report(self, counts, lost=False, stuck=0):
+        """Take the tangles of each part, and whether it has lost vertices and is stuck.  [P]"""
+        self._softens = bool(np.any(counts))
+        self.counts, self._lost = counts + stuck, np.broadcast_to(lost, counts.shape)
         self._is_news = True
-        held = (counts > self._curable) & (self.load == "pins")
+        held = (self.counts > self._curable) & (self.load == "pins")
         self._held_for = np.where(held, self._held_for + 1, np.minimum(self._held_for, LOOSE))
         self._held_for[~held & (self._held_for < LOOSE)] = 0
-        if counts.any():
+        if self.counts.any():
             self._sound_for = 0.0
         else:
             self._tangled_for, self._was_sound = 0.0, True
@@ -154,7 +156,7 @@ class Rescue:
     def _begin(self):
         self._tries += 1
         self._time = self.progress = 0.0
-        if self._tries == 1:
+        if self._tries == 1 and self._softens:
             self.ratio = RATIO
         else:
             self.parts = self._curable > 0

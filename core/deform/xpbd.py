@@ -97,9 +97,6 @@ class XpbdSolver:
         self._rest_shape = RestShape(self.rest_vertices, *self._lists, self.vertices)
         self._holds = Holds(pinned, arrays.state)
         self._free_parts = FreeParts(arrays.state, self._part_of)
-        body = self._rest_shape, self._part_of, self.object_size
-        self._recovery = Recovery(arrays.state, self._holds, *body)
-        self.rescue = self._recovery.rescue
         self._guard = InversionGuard(self.volumes, self._part_of)
         self._colliders = ColliderRows(arrays.colliders)
         self._colliders.put(self.options.colliders)
@@ -107,6 +104,9 @@ class XpbdSolver:
         on_cuda = arrays, self.rest_vertices, self.device
         self._frame = CudaFrame(*on_cuda) if on_gpu else CpuFrame(arrays, halves)
         self._contact = Contact(self.rest_vertices, self.volumes.vertices, self._state, self._frame)
+        body = self._holds, self._rest_shape, self._contact, self._part_of, self.object_size
+        self._recovery = Recovery(arrays.state, *body)
+        self.rescue = self._recovery.rescue
         self.set_material(material)
         self.reset()
 
@@ -300,8 +300,8 @@ class XpbdSolver:
             self._stale = True
         count_due = False
         if self.options.rescue and len(self._holds.handles) == 0:
-            touching = self._touching or self.options.ground is not None
-            held = self.options.load, self.material.damping, touching
+            lies = self.options.ground is not None
+            held = self.options.load, self.material.damping, self._touching, lies
             count_due = self._recovery.begin(dt, *held)
         concerned = self._recovery.follow()
         if concerned is not None:

@@ -86,6 +86,10 @@ class Contact:
         self._listing(self._list)
         return np.unique(self._parts[self._overlapped > 0])
 
+    def found(self) -> bool:
+        """Whether the last search listed contacts; waits for the device."""
+        return self._touching and bool(self.arrays.counts.numpy()[0] > 0)
+
     def moved(self, motion: float):
         """Take the farthest move of a vertex in a frame that ended [m]."""
         self._motion = motion
