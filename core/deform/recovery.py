@@ -3,7 +3,7 @@
 Besides tangles (tangles.py), parts count that are stuck: nothing holds them, damping takes their
 motion away, and yet they stay in another shape than their rest shape.  A part that hangs on a
 small hinge can fold over it into a minimum of the energy in which no tet is inverted.  It is
-stuck if from one look to the next the distance to its rest shape has not shrunk.
+stuck if from one look to the next the distance to its rest shape hardly shrinks.
 
 What contacts hold is not stuck: it lies still.  A very stiff part that is folded can turn for
 ever, as each substep's projections push it on.  It is stuck, whatever it touches.
@@ -19,7 +19,7 @@ from .rest_shape import RestShape
 
 PINS_OFF = 0.01  # object sizes by which pins may have moved relative to each other
 STUCK_OFF = 0.02  # object sizes by which a part that is stuck is away from its rest shape
-STUCK_SHRINKS = 0.001  # per second, of that distance, if the part returns, however slowly
+STUCK_SHRINKS = 0.005  # of that distance per second at least, if the part returns by itself
 STUCK_SPEED = 0.5  # object sizes per second; what contacts hold is slower
 LEAST_DAMPING = 1.0  # 1/s; with less, a motion may go on from look to look
 SWINGS = 6.0  # 1/damping between looks, in which a swing falls to e⁻³
@@ -70,6 +70,8 @@ class Recovery:
         self._interval = max(STUCK_INTERVAL, SWINGS / max(damping, LEAST_DAMPING))
         if self.rescue.running or not self._comes_back:
             self._look_again()
+            if self.rescue.running:
+                self._since_look = self._interval  # look as soon as the try is over
         self._since_look += dt
         return self.rescue.advance(dt, self._load)
 
