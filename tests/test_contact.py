@@ -141,6 +141,21 @@ def test_a_body_that_is_hit_wakes_up(device):
     assert gap > -0.05
 
 
+def test_it_is_known_whether_anything_touches(device):
+    """Boxes that overlap are no contact, and contacts end when bodies part."""
+    rest, tets, _ = two_balls(0.095, 0.7)
+    solver = make_solver(rest, tets, rest[:, 2] < rest[:, 2].min() + 0.1, device)
+    top = np.flatnonzero(rest[:, 2] > rest[:, 2].max() - 0.1)
+    found = []
+    solver.grab(top)
+    for height in (0.0, -0.25, 1.0):
+        for _ in range(60):
+            solver.move(rest[top] + [0.0, 0.0, height])
+            solver.step(DT)
+        found.append(solver._contact.found())
+    assert found == [False, True, False]
+
+
 def test_a_stack_of_boxes_stays():
     boxes = []
     for i in range(4):

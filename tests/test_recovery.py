@@ -6,7 +6,12 @@ import warp as wp
 from random_use import Session, bodies
 
 from deformrf.core.deform import Material, Sphere, XpbdOptions, XpbdSolver
-from deformrf.core.deform.recovery import STUCK_INTERVAL, STUCK_SPEED, SWINGS
+from deformrf.core.deform.recovery import (
+    STUCK_INTERVAL,
+    STUCK_SHRINKS,
+    STUCK_SPEED,
+    SWINGS,
+)
 from deformrf.core.geometry import a15_grid
 from deformrf.core.lab.stability.measure import Solid, run_case
 from deformrf.core.lab.stability.stress import CASES
@@ -22,23 +27,23 @@ def make_solver(material=None, pinned=NOBODY, **options):
     return XpbdSolver(REST, MESH.tets, material or Material(), pinned, XpbdOptions(**options))
 
 
-def hold_still(solver, shape, seconds, speed=0.0, touching=False):
+def hold_still(solver, shape, seconds, speed=0.0, shrinks=0.0):
     """Let time pass in which the body stays in a shape, as in a minimum of its energy.
 
     Args:
         speed: Of every vertex when the solver looks [m/s].
-        touching: Whether boxes of parts overlap, so that contacts are looked for.
+        shrinks: The rate at which the body returns to its rest shape [1/s].
 
     Returns:
         The seconds after which a rescue ran, or None.
     """
     solver.set_state(shape)
     for frame in range(round(seconds / DT)):
-        solver._touching = touching
         solver.step(DT)
         if solver.rescue.running:
             return frame * DT
-        solver.vertices.assign(shape.astype(np.float32))
+        now = REST + np.exp(-shrinks * frame * DT) * (shape - REST)
+        solver.vertices.assign(now.astype(np.float32))
         solver.velocities.fill_(wp.vec3(speed, 0.0, 0.0))
     return None
 
@@ -50,17 +55,28 @@ def test_a_part_that_does_not_return_is_rescued(damping):
     assert 2 * interval <= after <= 2 * interval + 3.0
 
 
+@pytest.mark.parametrize("shrinks, rescued", [(2.0, False), (0.5, True)])
+def test_a_part_that_returns_is_left_alone(shrinks, rescued):
+    after = hold_still(make_solver(), BENT, 10.0, shrinks=shrinks * STUCK_SHRINKS)
+    assert (after is not None) == rescued
+
+
 @pytest.mark.parametrize(
-    "found, speed, rescued",
-    [(False, 0.0, True), (True, 0.5, False), (True, 2.0, True)],
-    ids=["boxes overlap", "lies against something", "turns for ever"],
+    "found, drag, speed, rescued",
+    [
+        (False, 1.0, 0.0, True),
+        (True, 1.0, 0.5, False),
+        (True, 1.0, 2.0, True),
+        (False, 0.0, 2.0, False),
+        (False, 0.0, 0.5, True),
+    ],
+    ids=["alone", "lies against something", "turns for ever", "may fly", "is slow"],
 )
-def test_what_contacts_hold_is_not_stuck(monkeypatch, found, speed, rescued):
-    """Only contacts hold, not overlapping boxes; and what they hold is slow."""
-    solver = make_solver()
+def test_what_contacts_or_its_flight_hold_is_not_stuck(monkeypatch, found, drag, speed, rescued):
+    """Contacts hold what is slow; what is fast in no air flies, and its spin stretches it."""
+    solver = make_solver(air_drag=drag)
     monkeypatch.setattr(solver._contact, "found", lambda: found)
-    speed *= STUCK_SPEED * solver.object_size
-    after = hold_still(solver, BENT, 16.0, speed, touching=True)
+    after = hold_still(solver, BENT, 10.0, speed=speed * STUCK_SPEED * solver.object_size)
     assert (after is not None) == rescued
 
 
@@ -94,16 +110,20 @@ def test_at_rest_nothing_is_stuck():
     assert hold_still(make_solver(), REST, 16.0) is None
 
 
-def test_a_still_body_in_another_shape_stays_awake():
-    """Else it would sleep there for ever."""
+@pytest.mark.parametrize("found", [False, True])
+def test_a_still_body_in_another_shape_stays_awake(monkeypatch, found):
+    """Else it would sleep there for ever; but what contacts hold may sleep."""
     solver = make_solver()
+    monkeypatch.setattr(solver._contact, "found", lambda: found)
     solver.set_state(BENT)
     for _ in range(120):
         solver.step(DT)
-        assert not solver.settled
+        if solver.settled:
+            break
         solver.vertices.assign(BENT.astype(np.float32))
         solver._feedback._motion.zero_()
         solver.velocities.zero_()
+    assert solver.settled == found
     solver.set_state(REST)
     for _ in range(120):
         solver.step(DT)

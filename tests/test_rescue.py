@@ -219,10 +219,24 @@ def test_a_part_that_pins_hold_in_a_tangle_collides_with_nothing_until_the_user_
     assert not rescue.without_contact(parts).any()
 
 
-@pytest.mark.parametrize("tangles", [0, 1])
-def test_what_is_stuck_without_a_tangle_takes_no_softening(tangles):
-    rescue = Rescue()
-    while not rescue.running:
+def first_try(rescue, tangles, stuck):
+    """Report until a try begins: "softening" or "straight"."""
+    for _ in range(20):
         rescue.advance(0.5)
-        rescue.report(np.array([tangles]), stuck=np.array([1]))
-    assert (rescue.parts is None) == (rescue.ratio is not None) == bool(tangles)
+        rescue.report(np.array([tangles]), stuck=np.array([stuck]))
+        if rescue.running:
+            return "straight" if rescue.ratio is None else "softening"
+    raise AssertionError("no try began")
+
+
+def test_what_is_stuck_without_a_tangle_takes_no_softening():
+    assert first_try(Rescue(), 0, 1) == "straight"
+    assert first_try(Rescue(), 1, 1) == "softening"
+
+
+def test_a_try_for_a_stuck_part_leaves_a_tangle_its_softening():
+    rescue = Rescue()
+    assert first_try(rescue, 0, 1) == "straight"
+    while rescue.running:
+        rescue.advance(0.5)
+    assert first_try(rescue, 1, 0) == "softening"

@@ -1,12 +1,14 @@
 """Recovery of a body: what the rescue is told about it, and what it does to the vertices.
 
-Besides tangles (tangles.py), parts count that are stuck: nothing holds them, damping takes their
-motion away, and yet they stay in another shape than their rest shape.  A part that hangs on a
-small hinge can fold over it into a minimum of the energy in which no tet is inverted.  It is
-stuck if from one look to the next the distance to its rest shape hardly shrinks.
+Besides tangles (tangles.py), parts count that are stuck: nothing holds them, and yet they stay in
+another shape than their rest shape.  A part that hangs on a small hinge can fold over it into a
+minimum of the energy in which no tet is inverted.  It is stuck if from one look to the next the
+distance to its rest shape hardly shrinks.
 
-What contacts hold is not stuck: it lies still.  A very stiff part that is folded can turn for
-ever, as each substep's projections push it on.  It is stuck, whatever it touches.
+Contacts can hold a part in another shape, but what they hold is slow.  A very stiff part that is
+folded can turn for ever: each substep's projections push it on, against damping and the drag of
+the air.  So what is fast is stuck although it touches something.  Without the air's drag a part
+may fly and turn for ever, and its spin stretches it.  Then what is fast is never stuck.
 
 Shapes: V vertices, P parts (connected components).
 """
@@ -20,7 +22,7 @@ from .rest_shape import RestShape
 PINS_OFF = 0.01  # object sizes by which pins may have moved relative to each other
 STUCK_OFF = 0.02  # object sizes by which a part that is stuck is away from its rest shape
 STUCK_SHRINKS = 0.005  # of that distance per second at least, if the part returns by itself
-STUCK_SPEED = 0.5  # object sizes per second; what contacts hold is slower
+STUCK_SPEED = 0.5  # object sizes per second, beyond which a part is fast
 LEAST_DAMPING = 1.0  # 1/s; with less, a motion may go on from look to look
 SWINGS = 6.0  # 1/damping between looks, in which a swing falls to e⁻³
 STUCK_INTERVAL = 2.0  # s between looks, at least
@@ -42,7 +44,7 @@ class Recovery:
     def __init__(self, state, holds: Holds, rest_shape: RestShape, contact, part_of, size):
         self.rescue, self.softened = Rescue(), None
         self._state, self._holds, self._rest_shape = state, holds, rest_shape
-        self._contact, self._touching, self._interval = contact, False, STUCK_INTERVAL
+        self._contact, self._drag, self._interval = contact, 0.0, STUCK_INTERVAL
         self._part_of, self._size = part_of, size
         self._path = None  # where targets start and end, each [V, 3]
         self.touch()
@@ -55,18 +57,18 @@ class Recovery:
         self._look_again()
         self._stop()
 
-    def begin(self, dt, load: str | None, damping, touching, lies) -> bool:
+    def begin(self, dt, load: str | None, damping, drag, lies) -> bool:
         """Begin a frame of dt [s] in which nothing is grabbed; True to count tangles after it.
 
         Args:
             load: What holds the body besides its pins, see Rescue.load.
             damping: Of the material [1/s].
-            touching: Whether parts may touch each other.
+            drag: Of the air [1/s].
             lies: Whether the body may lie on a ground.
         """
         self._load = load if self._pins_are_as_at_rest() else "pins"
         self._comes_back = self.returns_to_rest and damping >= LEAST_DAMPING and not lies
-        self._touching = touching
+        self._drag = drag
         self._interval = max(STUCK_INTERVAL, SWINGS / max(damping, LEAST_DAMPING))
         if self.rescue.running or not self._comes_back:
             self._look_again()
@@ -88,13 +90,14 @@ class Recovery:
             return True
         if self._is_far is None:
             far = (self._distances() > STUCK_OFF * self._size).any()
-            self._is_far = bool(far) and not self._touches()
+            self._is_far = bool(far) and not self._contact.found()
         return not self._is_far
 
     def report(self, counts):
         """Take inverted tets, wrapped edges and lost tets of each part.  [3, P]"""
         tangles = counts[:2].sum(axis=0)
-        if self._since_look >= self._interval - 1e-6 and not tangles.any():
+        due = self._since_look >= self._interval - 1e-6 and not self.rescue.running
+        if due and not tangles.any():
             self._look()
         self.rescue.report(tangles, counts[2] > 0, self._stuck)
 
@@ -152,14 +155,14 @@ class Recovery:
         if before is not None:
             least = 1.0 - STUCK_SHRINKS * self._since_look
             stuck = (away > STUCK_OFF * self._size) & (away > least * before)
-            if stuck.any() and self._touches():
-                stuck &= self._speeds() > STUCK_SPEED * self._size
+            if stuck.any():
+                fast = self._speeds() > STUCK_SPEED * self._size
+                if not self._drag > 0.0:
+                    stuck &= ~fast
+                if self._contact.found():
+                    stuck &= fast
             self._stuck = stuck.astype(int)
         self._since_look, self._is_far = 0.0, None
-
-    def _touches(self):
-        """Whether there are contacts; on a GPU this waits for it."""
-        return self._touching and self._contact.found()
 
     def _speeds(self):
         """The largest speed of a vertex of each part.  [P]"""

@@ -34,7 +34,7 @@ SOFTENING = 1.5
 RATIO = 1.0
 DURATION = 0.5
 COUNT_INTERVAL = 0.5
-TRIES = 4  # the first of them by softening
+TRIES = 4  # the first one for tangles by softening
 FORGET = 10.0
 LOOSE = 2  # counts in a row in which pins hold a tangle: then a part collides with nothing
 HELD = 1e6
@@ -59,7 +59,7 @@ class Rescue:
         """The user did something: forget all counts and tries."""
         self.counts = self.parts = self.ratio = self.load = self._lost = None
         self._held_for = 0  # counts in a row in which pins held a tangle, up to LOOSE  [P]
-        self._is_news = self._was_sound = self._softens = False
+        self._is_news = self._was_sound = self._softens = self._softened = False
         self._tangled_for = self._sound_for = 0.0
         self._since_count = COUNT_INTERVAL
         self._tries = 0
@@ -126,7 +126,7 @@ class Rescue:
         self.load = load
         self._sound_for += dt
         if self._sound_for >= FORGET:
-            self._tries = 0
+            self._tries, self._softened = 0, False
         softened = self.ratio is not None and self._time >= SOFTENING - 1e-6
         returned = self.parts is not None and self.progress == 1.0
         if softened or returned:
@@ -156,8 +156,8 @@ class Rescue:
     def _begin(self):
         self._tries += 1
         self._time = self.progress = 0.0
-        if self._tries == 1 and self._softens:
-            self.ratio = RATIO
+        if self._softens and not self._softened:
+            self.ratio, self._softened = RATIO, True
         else:
             self.parts = self._curable > 0
 

@@ -85,7 +85,6 @@ class XpbdSolver:
         self._part_of = components(count, self.tets)  # [V]
         self._active = np.zeros(self._part_of.max() + 1, bool)  # by part
         self._dt = TIME_STEP
-        self._touching = False  # whether parts may have touched in the last frame
         self._stiffness = None  # factors of Young's modulus  [V]
 
         common = count, self.device, on_gpu and runs_in_block(count), halves
@@ -301,12 +300,12 @@ class XpbdSolver:
         count_due = False
         if self.options.rescue and len(self._holds.handles) == 0:
             lies = self.options.ground is not None
-            held = self.options.load, self.material.damping, self._touching, lies
+            held = self.options.load, self.material.damping, self.options.air_drag, lies
             count_due = self._recovery.begin(dt, *held)
         concerned = self._recovery.follow()
         if concerned is not None:
             self._activate(concerned)
-        self._touching = self.options.contact and self._find_contacts()
+        touching = self.options.contact and self._find_contacts()
         if self._stale:
             self._prepare()
         self._frame.run(
@@ -316,7 +315,7 @@ class XpbdSolver:
             self.options.ground is not None,
             self._free_parts.damp(),
             self._colliders.begin(),
-            self._touching,
+            touching,
         )
         if self.options.contact:
             self._contact.watch(dt)

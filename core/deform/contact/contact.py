@@ -49,7 +49,7 @@ class Contact:
         self.arrays = None
         self._dt = None  # of the frame that is watched
         self._moods_of = None  # the parts that are awake and those that are out, as on the device
-        self._watched = self._arriving = self._touching = False
+        self._watched = self._arriving = self._touching = self._listed = False
         # How far the nearest boxes were apart, how far vertices may have gone since, and went in
         # the last frame that is known [m].
         self._clearance = self._travel = self._motion = 0.0
@@ -60,7 +60,10 @@ class Contact:
     def quiet(self, dt: float) -> bool:
         """Whether nothing can touch in the next dt seconds, as far as is known already."""
         known = self._watched and not self._arriving and dt == self._dt
-        return known and not self._near(1)
+        if known and not self._near(1):
+            self._listed = False
+            return True
+        return False
 
     def find(self, dt: float, awake, out):
         """List the contacts of the next dt seconds.
@@ -80,6 +83,7 @@ class Contact:
             self.watch(dt)
         if self._arriving:
             self._read()
+        self._listed = self._touching
         if not self._touching:
             return NOTHING
         self._entered = True
@@ -87,8 +91,8 @@ class Contact:
         return np.unique(self._parts[self._overlapped > 0])
 
     def found(self) -> bool:
-        """Whether the last search listed contacts; waits for the device."""
-        return self._touching and bool(self.arrays.counts.numpy()[0] > 0)
+        """Whether the last frame had contacts; waits for the device."""
+        return self._listed and bool(self.arrays.counts.numpy()[0] > 0)
 
     def moved(self, motion: float):
         """Take the farthest move of a vertex in a frame that ended [m]."""
@@ -138,7 +142,7 @@ class Contact:
 
     def look_again(self):
         """Something has changed: what `watch` has seen is void."""
-        self._watched = False
+        self._watched = self._listed = False
 
     def forget(self):
         """Vertices were moved by hand: also forget the faces by which samples leave bodies."""
