@@ -154,7 +154,7 @@ def test_bodies_that_touch_have_the_same_bits_with_halves(monkeypatch):
         for step in range(25):
             solver.move(mesh.rest_vertices[upper] - [0.0, 0.0, 0.01 * (step + 1)])
             solver.step(DT)
-            touched += solver._touching
+            touched += solver._contact.found()
         assert touched > 5
         results.append(solver.vertices.numpy().copy())
     for result in results[1:]:
