@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from deformrf.core.geometry import TetMesh
 from deformrf.core.render import Pose, empty_rays, empty_samples
 from deformrf.core.render.rays import Entries, march_kernel
 from deformrf.core.render.rays.pose import Geometry, tet_frames_reference
@@ -65,8 +66,7 @@ def test_frames_kernel_matches_the_reference(make_ball_field, device):
     speeds, fades = rest_speeds(geometry, directions, device)
     expected_speeds = np.linalg.norm(np.einsum("tij,tj->ti", expected[1], directions), axis=1)
     np.testing.assert_allclose(speeds, expected_speeds, rtol=1e-4)
-    # wp.svd3 stops after a fixed number of sweeps: 2e-4 rad at worst in 40,000 tets.
-    np.testing.assert_allclose(geometry.rotations.numpy(), expected[2], atol=1e-3)
+    np.testing.assert_allclose(geometry.rotations.numpy(), expected[2], atol=1e-5)
     np.testing.assert_allclose(fades, expected[3], atol=1e-4)
 
 
@@ -88,6 +88,45 @@ def test_a_mirrored_pose_keeps_its_reflection(make_ball_field, device):
     pose.set_vertices(field.mesh.rest_vertices @ mirror)
     expected = np.broadcast_to(mirror, (field.mesh.tet_count, 3, 3))
     np.testing.assert_allclose(pose.geometry.rotations.numpy(), expected, atol=1e-4)
+
+
+def lone_tets(count, rng):
+    """A mesh of `count` tets that share nothing, each of its own shape and size."""
+    corners = rng.normal(size=(count, 4, 3))
+    edges = corners[:, 1:] - corners[:, :1]
+    thick = np.linalg.svd(edges, compute_uv=False)[:, 2] > 0.2
+    corners[np.linalg.det(edges) < 0] *= [1, 1, -1]
+    rest = corners[thick].reshape(-1, 3)
+    addresses = np.zeros((len(rest), 3), np.int32)  # poses do without
+    return TetMesh(rest, addresses, np.arange(len(rest), dtype=np.int32).reshape(-1, 4))
+
+
+@pytest.mark.parametrize("longest", [1.0, 117.0, 1e3, 1e6])
+def test_polar_factors_of_random_deformations(device, longest):
+    """Of any stretches, mirrored or not: DESIGN asks for 0.1 degrees wherever s > 0."""
+    rng = np.random.default_rng()
+    mesh = lone_tets(6000, rng)
+    count = mesh.tet_count
+    stretches = longest * 10.0 ** -rng.uniform(0.0, 3.2, (count, 3))
+    stretches[: count // 2, 0] = longest  # one long, two short; two long, one short
+    stretches[: count // 4, 1] = longest
+    stretches[::5] = longest * np.array([1.0, 1.0 / 117, 0.58 / 117])
+    left, right = (np.linalg.qr(rng.normal(size=(count, 3, 3)))[0] for _ in range(2))
+    deformations = left * stretches[:, None] @ right  # half of them mirror
+    vertices = np.einsum("tij,tkj->tki", deformations, mesh.rest_vertices[mesh.tets])
+    vertices = vertices.reshape(-1, 3).astype(np.float32)
+    pose = Pose(mesh, np.full((count, 4), -1), device)
+    pose.set_vertices(vertices)
+    _, _, expected, fades = tet_frames_reference(
+        mesh.rest_vertices, vertices.astype(float), mesh.tets
+    )
+    rotations = pose.geometry.rotations.numpy().astype(float)
+    np.testing.assert_allclose(pose.geometry.shapes.numpy()[1::2, 2], fades, atol=1e-4)
+    np.testing.assert_allclose(rotations @ rotations.swapaxes(1, 2), [np.eye(3)] * count, atol=1e-5)
+    turned = (rotations - expected)[fades > 0]  # chord: 2 √2 sin(angle / 2)
+    degrees = np.degrees(2 * np.arcsin(np.linalg.norm(turned, axis=(1, 2)) / np.sqrt(8)))
+    assert len(degrees) > count // 2
+    assert degrees.max() < 0.02  # of a float32 inverse at rest
 
 
 def test_flat_tets_fade_out(make_ball_field, device):

@@ -25,7 +25,10 @@ QUERY_GAP = wp.constant(4.0e-6)
 FLAT = wp.constant(1.0e-5)
 TETS_PER_THREAD = 1000  # of a CPU, at least: 0.3 ms
 FITTED_TREE = "sah"  # the host builds it once; rays find their way faster than in a GPU's own
-LONG = wp.constant(1.0e3)  # a stretch; svd3 computes with fourth powers, which have to fit
+FADED = wp.constant(1.0e-3)  # σ_min/σ_max where a tet has faded out
+# Newton's iteration for the polar factor: 6 steps take any stretches with σ_min/σ_max >= FADED
+# to 1e-10, by tests/test_pose.py.
+POLAR_STEPS = 6
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
@@ -97,11 +100,26 @@ def smoothstep(low: float, high: float, x: float):
 
 
 @wp.func
-def stretch_ratio(f: wp.mat33d, largest: float):
-    """σ_min/σ_max of F, whose largest stretch is known.
+def largest_stretch_squared(norm: wp.float64, areas: wp.float64, volume: wp.float64):
+    """σ1² of F, the largest root of x³ - norm x² + areas x - volume², by the cosine of a third of
+    an angle (Smith, "Eigenvalues of a symmetric 3×3 matrix", CACM 1961)."""
+    third = norm / wp.float64(3.0)
+    spread = third * third - areas / wp.float64(3.0)  # p² of Smith
+    if spread <= wp.float64(1.0e-30) * third * third:
+        return third
+    p = wp.sqrt(spread)
+    q = third * third * third - wp.float64(0.5) * third * areas
+    q += wp.float64(0.5) * volume * volume
+    cosine = wp.clamp(q / (spread * p), wp.float64(-1.0), wp.float64(1.0))
+    return third + wp.float64(2.0) * p * wp.cos(wp.acos(cosine) / wp.float64(3.0))
 
-    The others are lost in a float32 decomposition if the tet is flat or long.  With σ1 known,
-    det F and the areas of F's columns give (σ2 σ3)² and σ2² + σ3².
+
+@wp.func
+def stretch_ratio(f: wp.mat33d):
+    """σ_min/σ_max of F.
+
+    The largest is found first; det F and the areas of F's columns then give (σ2 σ3)² and
+    σ2² + σ3², so the small ones are not lost beside it.
     """
     a = wp.vec3d(f[0, 0], f[1, 0], f[2, 0])
     b = wp.vec3d(f[0, 1], f[1, 1], f[2, 1])
@@ -111,7 +129,7 @@ def stretch_ratio(f: wp.mat33d, largest: float):
         wp.length_sq(wp.cross(a, b)) + wp.length_sq(wp.cross(b, c)) + wp.length_sq(wp.cross(c, a))
     )
     volume = wp.determinant(f)
-    first = wp.float64(largest) * wp.float64(largest)
+    first = largest_stretch_squared(norm, areas, volume)
     first = wp.clamp(first, norm / wp.float64(3.0), norm)
     product = volume * volume / first
     total = (areas - product) / first
@@ -119,6 +137,24 @@ def stretch_ratio(f: wp.mat33d, largest: float):
     second = wp.float64(0.5) * (total + root)
     ratio = wp.sqrt(product / second / first)
     return wp.where(second > wp.float64(0.0), wp.min(float(ratio), 1.0), 0.0)
+
+
+@wp.func
+def polar_factor(f: wp.mat33d):
+    """The orthogonal factor Q of F = Q S, S positive; it reflects where det F < 0.
+
+    X ← ½ (γ X + X⁻ᵀ/γ), γ² = |X⁻¹|/|X| (Higham, "Computing the polar decomposition", 1986).
+    """
+    x = f
+    for _ in range(POLAR_STEPS):
+        r0 = wp.vec3d(x[0, 0], x[0, 1], x[0, 2])
+        r1 = wp.vec3d(x[1, 0], x[1, 1], x[1, 2])
+        r2 = wp.vec3d(x[2, 0], x[2, 1], x[2, 2])
+        cofactors = wp.matrix_from_rows(wp.cross(r1, r2), wp.cross(r2, r0), wp.cross(r0, r1))
+        inverse = cofactors / wp.dot(r0, wp.cross(r1, r2))  # X⁻ᵀ
+        gamma = wp.sqrt(wp.sqrt(wp.ddot(inverse, inverse) / wp.ddot(x, x)))
+        x = wp.float64(0.5) * (gamma * x + inverse / gamma)
+    return x
 
 
 @wp.kernel
@@ -135,24 +171,8 @@ def tet_frames_kernel(
     i = wp.tid()
     tet = tets[i]
     x0 = vertices[tet[0]]
-    edges = wp.matrix_from_cols(vertices[tet[1]] - x0, vertices[tet[2]] - x0, vertices[tet[3]] - x0)
-    f = edges * rest_edges_inverse[i]
-    scale = float(1.0)
-    longest = wp.max(wp.abs(f[0]))
-    longest = wp.max(longest, wp.max(wp.abs(f[1])))
-    longest = wp.max(longest, wp.max(wp.abs(f[2])))
-    if longest > LONG:
-        scale = longest
-        f /= scale
-    u = wp.mat33()
-    v = wp.mat33()
-    stretches = wp.vec3()
-    wp.svd3(f, u, stretches, v)
-    # svd3 returns rotations and puts a reflection into the sign of a stretch.
-    flips = wp.vec3(wp.sign(stretches[0]), wp.sign(stretches[1]), wp.sign(stretches[2]))
-    rotations[i] = u * wp.diag(flips) * wp.transpose(v)
-    # Volume and inverse are float64: in float32 the coordinates of a thin tet would be off by its
-    # thickness.
+    # All of it is float64: in float32 the coordinates of a thin tet would be off by its thickness,
+    # and the polar factor of a long one by degrees.
     x0d = wp.vec3d(x0)
     current = wp.matrix_from_cols(
         wp.vec3d(vertices[tet[1]]) - x0d,
@@ -160,9 +180,13 @@ def tet_frames_kernel(
         wp.vec3d(vertices[tet[3]]) - x0d,
     )
     volume = wp.determinant(current)
-    largest = scale * wp.max(wp.abs(stretches))
-    ratio = stretch_ratio(current * wp.mat33d(rest_edges_inverse[i]), largest)
-    fade = smoothstep(1.0e-3, 1.0e-2, ratio)
+    f = current * wp.mat33d(rest_edges_inverse[i])
+    ratio = stretch_ratio(f)
+    fade = smoothstep(FADED, 1.0e-2, ratio)
+    if fade > 0.0:
+        rotations[i] = wp.mat33(polar_factor(f))
+    else:  # it has no density, and a direction that is finite
+        rotations[i] = wp.identity(n=3, dtype=float)
     m = wp.mat33d()
     if ratio > FLAT:  # rays cross a faded tet, though it has no density
         m = wp.inverse(current)
