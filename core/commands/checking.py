@@ -52,7 +52,7 @@ def check(data: Path, output: Path, outside: bool = False) -> int:
 def images_of(data: Path, split: str, outside: bool):
     """The images of a split; none without such a split."""
     try:
-        return training.list_images(data, split, outside)[0]
+        return training.list_images(data, split, outside).images
     except training.NoSplitError:
         if split == "train":
             raise

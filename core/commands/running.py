@@ -177,9 +177,16 @@ def load_whole(package: str):
         raise KeyboardInterrupt
 
 
-def load_views(*arguments, **options):
-    """`training.load_dataset`; says how many images were skipped."""
+def load_views(*arguments, already=(), **options):
+    """`training.load_dataset`; says what is unexpected of its files, and how many were skipped.
+
+    Args:
+        already: Sentences that the user knows, of another split of the same data set.
+    """
     dataset = training.load_dataset(*arguments, **options)
+    for sentence in dataset.said if is_first() else ():
+        if sentence not in already:
+            print(printable(sentence), file=sys.stderr)
     if dataset.missing and is_first():
         total = len(dataset.missing) + dataset.view_count
         print(

@@ -11,12 +11,13 @@ import numpy as np
 
 from ...capture import load_pycolmap, upright
 from ...render import Lens
+from .foreign_paths import find_files
 from .posed_images import (
     DatasetError,
+    Listing,
     PosedImage,
     check_shape,
     checked_lens,
-    existing,
     from_opencv,
     is_of_split,
     rigid_pose,
@@ -39,21 +40,22 @@ def sparse_folder(folder) -> Path | None:
     return None
 
 
-def read(folder, split):
-    """The images of a split, those missing, no box; ModuleNotFoundError without pycolmap."""
+def read(folder, split) -> Listing:
+    """The images of a split; ModuleNotFoundError without pycolmap."""
     sparse, reconstruction, registered, poses = reconstruction_of(folder)
     cameras = [camera_of(reconstruction, image, sparse) for image in registered]
     turn = turn_upright(poses)
+    files = find_files(folder, [f"images/{image.name}" for image in registered], sparse)
     found, missing = [], []
     for index, (image, pose, camera) in enumerate(zip(registered, poses, cameras, strict=True)):
         if not is_of_split(index, len(registered), split):
             continue
-        if path := existing(folder / "images", image.name):
+        if path := files.paths[index]:
             lens, size = lens_reader(camera, image.name, sparse), (camera.width, camera.height)
             found.append(PosedImage(path, turn @ pose, lens, size))
         else:
             missing.append(f"images/{image.name}")
-    return found, missing, None
+    return Listing(found, missing, None, (files.said,) if files.said else ())
 
 
 def read_points(folder):

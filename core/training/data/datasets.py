@@ -23,10 +23,11 @@ from ...images import ImageError, open_image, orientation, rgba
 from ...memory import free_bytes
 from ...render import Lens
 from . import colmap, nsvf, transforms
-from .masks import mask_paths, read_mask
+from .foreign_paths import tried
+from .masks import mask_paths, named_masks, read_mask
 from .posed_images import (
-    IMAGE_ENDINGS,
     DatasetError,
+    Listing,
     NoImagesError,
     NoSplitError,
     PosedImage,
@@ -51,6 +52,7 @@ class Dataset:
         missing: Images that the files name but that are not there.
         bounds: Lowest and highest corner of the object's box, if the files have one.  [2, 3]
         masked: Whether alpha comes from masks of whole photographs.
+        said: Sentences about what the user may not expect of the files.
         points: Places on surfaces that were found along with the cameras, if the files have such,
             and if it is for training.  [n, 3]
     """
@@ -64,6 +66,7 @@ class Dataset:
     bounds: np.ndarray | None = None
     points: np.ndarray | None = None
     masked: bool = False
+    said: tuple[str, ...] = ()
 
     def __post_init__(self):
         assert len(self.lenses) == len(self.names) == len(self.poses)
@@ -112,7 +115,7 @@ def load_dataset(
         for_training: Refuse more pixels than a RayBank takes.
         outside: Read images that lie outside the folder, too.
         masks: Folder of the images' masks (masks.py), which become their alpha; each image needs
-            one if it is for training.
+            one if it is for training.  None: those that the files name, if they do.
 
     Raises:
         NoSplitError: The files list no such images.
@@ -122,14 +125,13 @@ def load_dataset(
     for name, value in (("image size", image_size), ("number of views", view_count)):
         if value is not None and value < 1:
             raise DatasetError(f"The {name} is {value}: it has to be at least 1")
-    images, missing, bounds = list_images(Path(folder), split, outside)
+    images, missing, bounds, said = list_images(Path(folder), split, outside)
     points = sparse_points(Path(folder), split) if for_training else None
     if not images and not missing:
         raise NoSplitError(f"the data set names no {split} images")
     if not images:
         raise NoImagesError(
-            f"none of the {len(missing)} {split} images is there: "
-            f"{missing[0]} (tried as it is, and with {', '.join(IMAGE_ENDINGS)})"
+            f"none of the {len(missing)} {split} images is there: {tried(missing[0])}"
         )
     if view_count is not None and view_count < len(images):
         chosen = np.linspace(0, len(images) - 1, view_count).round().astype(int)
@@ -143,12 +145,16 @@ def load_dataset(
         image.lens(*size).resized(*small)
         for image, size, small in zip(images, sizes, shrunk, strict=True)
     ]
-    mask_files = [None] * len(images)
     if masks is not None:
         mask_files = mask_paths(masks, images, needed=for_training)
+    else:
+        mask_files, told = named_masks(images, needed=for_training)
+        said = (*said, told) if told else said
+    masked = masks is not None or any(mask_files)
     pixels = read_images(images, lenses, threads, mask_files)
-    if masks is not None and not pixels[:, 3].any():
-        raise DatasetError(f"the masks in {masks} are black everywhere: white is the object")
+    if masked and not pixels[:, 3].any():
+        where = f"in {masks}" if masks is not None else "that mask_path names"
+        raise DatasetError(f"the masks {where} are black everywhere: white is the object")
     poses = np.stack([image.camera_to_world for image in images])
     names = tuple(image.path.stem for image in images)
     return Dataset(
@@ -160,27 +166,29 @@ def load_dataset(
         tuple(missing),
         bounds,
         points,
-        masked=masks is not None,
+        masked=masked,
+        said=said,
     )
 
 
-def list_images(folder, split, outside=False):
-    """What the layout's reader finds; see posed_images.py.
+def list_images(folder, split, outside=False) -> Listing:
+    """What the layout's reader finds.
 
     Raises:
-        DatasetError: The files are not as they have to be; or one of the images lies outside the
-            folder, and `outside` is False.
+        DatasetError: The files are not as they have to be; or one of the images or of their masks
+            lies outside the folder, and `outside` is False.
     """
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder: give the one that holds the data set")
-    images, missing, bounds = read_layout(folder, split)
-    for image in () if outside else images:
-        if not image.path.resolve().is_relative_to(folder.resolve()):
-            raise DatasetError(
-                f"{image.path} lies outside the data set's folder: copy it there, or allow this "
-                f"with --outside-images if you trust the data set"
-            )
-    return images, missing, bounds
+    listing, inner = read_layout(folder, split), folder.resolve()
+    for image in () if outside else listing.images:
+        for path in filter(None, (image.path, image.mask)):
+            if not path.resolve().is_relative_to(inner):
+                raise DatasetError(
+                    f"{path} lies outside the data set's folder: copy it there, or allow this "
+                    f"with --outside-images if you trust the data set"
+                )
+    return listing
 
 
 def has_cameras(folder: Path) -> bool:

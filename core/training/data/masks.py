@@ -2,7 +2,8 @@
 
 A photograph's mask lies in the masks' folder, or in the same subfolder of it, under the
 photograph's name with another ending, with `_mask` or `-mask` behind its stem, or with one more
-ending (as 0001.jpg.png).  It is white where the object is, or opaque if it has alpha.
+ending (as 0001.jpg.png); or the data set's files name it (mask_path in transforms.json).  It is
+white where the object is, or opaque if it has alpha; other programs leave out what is black.
 """
 
 from pathlib import Path
@@ -12,6 +13,8 @@ from PIL import Image
 
 from ...images import ImageError, open_image, rgba
 from .posed_images import IMAGE_ENDINGS, DatasetError, PosedImage, existing, have_one_shape
+
+MOST_CLASSES = 8  # a mask of such values has numbers of classes, and 0 is the background
 
 
 def mask_paths(folder, images: list[PosedImage], needed=True) -> list[Path | None]:
@@ -33,6 +36,26 @@ def mask_paths(folder, images: list[PosedImage], needed=True) -> list[Path | Non
             f"the like): add them, or leave these photographs out"
         )
     return found
+
+
+def named_masks(images: list[PosedImage], needed=True):
+    """The masks that the data set's files name: one per image or None, and a sentence or none.
+
+    DatasetError if some images have one, and others don't although they need one.
+    """
+    count, there = len(images), sum(image.mask is not None for image in images)
+    if not there:
+        said = "none of the masks that mask_path names is there: the photographs are used whole"
+        return [None] * count, said if any(image.mask_name for image in images) else ""
+    if there < count and needed:
+        lacking = next(image for image in images if image.mask is None)
+        raise DatasetError(
+            f"{count - there} of {count} photographs have no mask, though mask_path names those of "
+            f"others, first {lacking.path.name}, mask {lacking.mask_name[-80:] or 'none'}: add "
+            f"them, give --masks, or take mask_path out of all frames"
+        )
+    said = "the masks are used that mask_path names: white is the object, black is left out"
+    return [image.mask for image in images], said
 
 
 def mask_path(folder: Path, image: Path) -> Path | None:
@@ -66,4 +89,6 @@ def read_mask(path: Path, width, height, upright=False):
         )
     alpha = pixels.getchannel("A")
     mask = alpha if alpha.getextrema()[0] < 255 else pixels.convert("L")
+    if mask.getextrema()[1] <= MOST_CLASSES:
+        mask = mask.point(lambda value: 255 * (value > 0))
     return np.asarray(mask.resize((width, height), Image.Resampling.BOX))

@@ -17,6 +17,7 @@ from ...render import Lens
 from .posed_images import (
     IMAGE_ENDINGS,
     DatasetError,
+    Listing,
     NoSplitError,
     PosedImage,
     checked_lens,
@@ -32,11 +33,11 @@ def is_here(folder) -> bool:
     return (folder / "rgb").is_dir() and (folder / "pose").is_dir()
 
 
-def read(folder, split):
-    """The images of a split, those missing, and the object's box."""
+def read(folder, split) -> Listing:
+    """The images of a split, and the object's box."""
     images = [p for p in (folder / "rgb").iterdir() if p.suffix.lower() in IMAGE_ENDINGS]
     by_stem = {path.stem: path for path in sorted(images)}
-    prefix = "0_" if split == "train" else "1_"
+    prefix = {"train": "0_", None: ""}.get(split, "1_")
     if split == "test" and any(stem.startswith("2_") for stem in by_stem):
         prefix = "2_"
     poses = sorted((folder / "pose").glob(f"{prefix}*.txt"))
@@ -56,7 +57,7 @@ def read(folder, split):
         if len(values) < 6:
             raise DatasetError(f"{folder / 'bbox.txt'} has to begin with the six numbers of a box")
         bounds = values[:6].reshape(2, 3)
-    return found, missing, bounds
+    return Listing(found, missing, bounds)
 
 
 def numbers(path, shape=None):

@@ -1,19 +1,20 @@
 """Paths, poses and lenses of a data set, known before any image is read.
 
-Each layout's `read(folder, split)` (transforms.py, nsvf.py, colmap.py) returns the images of the
-split that exist, the names of those that do not, and the lowest and highest corner of the object's
-box [2, 3], None without one.
+Each layout's `read(folder, split)` (transforms.py, nsvf.py, colmap.py, phones.py) returns a
+Listing; for the split None, all images.
 """
 
+import codecs
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ...render import Lens, has_rays
 
-IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg")
+IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".heic", ".heif")
 TEXT_MEGABYTES = 64  # of a file that lists views: about a hundred thousand of them
 FARTHEST = 1e12  # that a camera may be, so that no product overflows
 SHAPE_TOLERANCE = 0.02  # between the stated width : height and the image's
@@ -34,32 +35,54 @@ class NoImagesError(DatasetError):
 
 @dataclass(frozen=True)
 class PosedImage:
-    """An image that exists, its camera's pose and lens."""
+    """An image, its camera's pose and lens."""
 
-    path: Path
+    path: Path | None  # None: it doesn't exist
     camera_to_world: np.ndarray  # [4, 4] OpenGL's axes: the camera looks along -z, y is up
     lens: Callable[[int, int], Lens]  # given width and height of the image
     stated_size: tuple[float, float] | None = None  # width and height by the data set's files
     upright: bool = False  # the files say that the camera is that of the image turned by EXIF
+    mask: Path | None = None  # that the files name for it; None: it isn't there either
+    mask_name: str = ""  # as the files name it
 
 
-def is_of_split(index: int, count: int, split: str) -> bool:
+class Listing(NamedTuple):
+    """What the files of a data set say of a split.
+
+    Attributes:
+        images: Those that exist.
+        missing: The names of the others.
+        bounds: Lowest and highest corner of the object's box; None without one.  [2, 3]
+        said: Sentences about what the user may not expect of these files.
+    """
+
+    images: list[PosedImage]
+    missing: list[str]
+    bounds: np.ndarray | None = None
+    said: tuple[str, ...] = ()
+
+
+def is_of_split(index: int, count: int, split: str | None) -> bool:
     """Whether image `index` of `count` belongs to a split, where the files define no split.
 
     Every eighth image is a test image, but not a single one.
     """
+    if split is None:
+        return True
     is_test = count > 1 and index % EVERY_TEST_VIEW == 0
     return is_test == (split != "train")
 
 
 def text_of(path: Path) -> str:
-    """A text file of a data set; DatasetError if it is too long, or not UTF-8."""
+    """A text file of a data set; DatasetError if it is too long, or not in Unicode."""
     try:
         if (megabytes := path.stat().st_size / 1e6) > TEXT_MEGABYTES:
             raise DatasetError(
                 f"{path} has {megabytes:.0f} MB, and at most {TEXT_MEGABYTES} MB are read"
             )
-        return path.read_text(encoding="utf-8")
+        data = path.read_bytes()
+        is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        return data.decode("utf-16" if is_wide else "utf-8-sig")
     except OSError as error:
         raise DatasetError(f"{path} can't be read: {error.strerror or error}") from None
     except UnicodeDecodeError:

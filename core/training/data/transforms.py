@@ -3,28 +3,30 @@
 NeRF-synthetic has transforms_<split>.json with `camera_angle_x`, the horizontal field of view in
 radians.  The other two may have one transforms.json for all, with fl_x, fl_y, cx, cy, w, h
 in pixels and OpenCV's distortion k1, k2, k3, k4, p1, p2, for all frames or for each.  Each of
-`frames` has a `file_path` (relative, its ending may be left out) and a `transform_matrix`;
-`upright: true`, which core/capture writes, says that they are those of the image as its EXIF
-orientation turns it.
+`frames` has a `file_path` (see foreign_paths.py) and a `transform_matrix`, and perhaps the
+`mask_path` of a mask (masks.py); `upright: true`, which core/capture writes, says that they are
+those of the image as its EXIF orientation turns it.
 
 Without a split of its own, every eighth image of a transforms.json is a test image;
 nerfstudio's lists train_filenames, val_filenames and test_filenames take precedence.
 """
 
 import json
+import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ...render import Lens
+from .foreign_paths import find_files, key_of
 from .posed_images import (
-    IMAGE_ENDINGS,
     DatasetError,
+    Listing,
     NoSplitError,
     PosedImage,
     check_shape,
     checked_lens,
-    existing,
     is_of_split,
     rigid_pose,
     text_of,
@@ -34,16 +36,51 @@ PERSPECTIVE = {None, "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OP
 
 
 def transforms_path(folder, split) -> Path | None:
-    """The file of a split, or the common file if no split has a file of its own."""
+    """The file of a split, or the common file if no split has a file of its own.
+
+    Without a split, the common file, else that of the training images.
+    """
+    if split is None:
+        names = "transforms.json", "transforms_train.json", "transforms_test.json"
+        return next((folder / name for name in names if (folder / name).is_file()), None)
     own, common = folder / f"transforms_{split}.json", folder / "transforms.json"
     if own.is_file():
         return own
     return common if common.is_file() and not (folder / "transforms_train.json").is_file() else None
 
 
-def read(folder, split):
-    """The images of a split, those missing, no box."""
+def read(folder, split) -> Listing:
+    """The images of a split."""
     path = transforms_path(folder, split)
+    scene, frames = scene_of(path)
+    files = find_files(folder, [frame["file_path"] for frame in frames], path)
+    chosen, said = list(range(len(frames))), [files.said, told_of_times(frames, path)]
+    if path.name == "transforms.json":
+        chosen, unknown = chosen_frames(scene, frames, files.paths, split, path)
+        said.append(unknown)
+    masks = masks_of(frames, path)
+    said.append(masks.said)
+    found, missing = [], []
+    for i in chosen:
+        if files.paths[i]:
+            found.append(posed(scene, frames[i], files.paths[i], masks.paths[i], path))
+        else:
+            missing.append(frames[i]["file_path"])
+    return Listing(found, missing, None, tuple(filter(None, said)))
+
+
+def cameras(path: Path) -> list[PosedImage]:
+    """All frames of a file in their order, whether their images exist or not."""
+    scene, frames = scene_of(path)
+    files = find_files(path.parent, [frame["file_path"] for frame in frames], path)
+    return [
+        posed(scene, frame, file, None, path)
+        for frame, file in zip(frames, files.paths, strict=True)
+    ]
+
+
+def scene_of(path):
+    """What a file says, and its frames, each of which has a file_path."""
     try:
         # As floats, too large integers are infinite, and no number is read digit by digit.
         scene = json.loads(text_of(path), parse_int=float)
@@ -59,24 +96,40 @@ def read(folder, split):
         name = frame.get("file_path") if isinstance(frame, dict) else None
         if not isinstance(name, str) or not name:
             raise DatasetError(f"a frame of {path} has no file_path")
-    if path.name == "transforms.json":
-        frames = frames_of(scene, frames, split, path)
-    found, missing = [], []
-    for frame in frames:
-        name = frame["file_path"]
-        if image := image_path(folder, name):
-            pose = rigid_pose(frame.get("transform_matrix"), f"the transform_matrix of {name}")
-            values = {**scene, **frame}
-            lens, size = lens_reader(values, path), (values.get("w"), values.get("h"))
-            stated = size if all(map(is_number, size)) else None
-            found.append(PosedImage(image, pose, lens, stated, frame.get("upright") is True))
-        else:
-            missing.append(name)
-    return found, missing, None
+    return scene, frames
 
 
-def frames_of(scene, frames, split, path):
-    """The frames of a split, in the order of the file, whose path is for messages."""
+def posed(scene, frame, image, mask, path) -> PosedImage:
+    """A frame's image, or None, with its camera."""
+    name = frame["file_path"]
+    pose = rigid_pose(frame.get("transform_matrix"), f"the transform_matrix of {name}")
+    values = {**scene, **frame}
+    size = values.get("w"), values.get("h")
+    stated = size if all(map(is_number, size)) else None
+    upright = frame.get("upright") is True
+    lens = lens_reader(values, path)
+    return PosedImage(image, pose, lens, stated, upright, mask, frame.get("mask_path") or "")
+
+
+def masks_of(frames, path):
+    """The masks that frames name, as find_files has them; a frame without one has None."""
+    names = [frame.get("mask_path") or "" for frame in frames]
+    for name in names:
+        if not isinstance(name, str):
+            raise DatasetError(f"{path} has mask_path = {shown(name)}: it has to be a name")
+    named = [i for i, name in enumerate(names) if name]
+    found = find_files(path.parent, [names[i] for i in named], path)
+    paths = dict(zip(named, found.paths, strict=True))
+    return replace(found, paths=[paths.get(i) for i in range(len(frames))])
+
+
+def chosen_frames(scene, frames, files, split, path):
+    """The places of a split's frames in the file, in its order, and a sentence or none.
+
+    Args:
+        files: The frames' images, or None.
+        path: The file's.
+    """
     lists = {name: scene.get(f"{name}_filenames") for name in ("train", "val", "test")}
     for name, names in lists.items():
         is_list = isinstance(names, list) and all(isinstance(entry, str) for entry in names)
@@ -84,18 +137,46 @@ def frames_of(scene, frames, split, path):
             raise DatasetError(
                 f"{path} has {name}_filenames = {shown(names)}: it has to be a list of names"
             )
-    if any(lists.values()):
-        chosen = set(lists.get(split) or ())
-        if split == "test" and not chosen:
-            chosen = set(lists["val"] or ())
-        return [frame for frame in frames if frame["file_path"] in chosen]
+    if any(lists.values()) and split is not None:
+        key = "val" if split == "test" and not lists["test"] else split
+        return listed_frames(lists.get(key) or [], f"{key}_filenames", frames, files, path)
     order = sorted(range(len(frames)), key=lambda i: frames[i]["file_path"])
-    chosen = {i for place, i in enumerate(order) if is_of_split(place, len(order), split)}
-    return [frame for i, frame in enumerate(frames) if i in chosen]
+    chosen = [i for place, i in enumerate(order) if is_of_split(place, len(order), split)]
+    return sorted(chosen), ""
 
 
-def image_path(folder, name) -> Path | None:
-    return next(filter(None, (existing(folder, name + e) for e in ("", *IMAGE_ENDINGS))), None)
+def listed_frames(names, key, frames, files, path):
+    """The same for a list of names: they are compared as paths, and by the files they mean."""
+    meant = find_files(path.parent, names, path, once=False).paths
+    entries = {key_of(name) for name in names} | {*map(real, filter(None, meant))}
+    own = [
+        {key_of(frame["file_path"])} | ({real(file)} if file else set())
+        for frame, file in zip(frames, files, strict=True)
+    ]
+    known = set().union(*own)
+    unknown = [
+        name
+        for name, file in zip(names, meant, strict=True)
+        if key_of(name) not in known and not (file and real(file) in known)
+    ]
+    said = f"{len(unknown)} of {len(names)} {key} in {path.name} name no frame"
+    chosen = [i for i, its in enumerate(own) if its & entries]
+    return chosen, f"{said}, first {unknown[0][:80]}" if unknown else ""
+
+
+def real(path):
+    return os.path.realpath(path)
+
+
+def told_of_times(frames, path) -> str:
+    """A sentence if frames show different times, which one still object can't."""
+    times = {time for frame in frames if is_number(time := frame.get("time"))}
+    if len(times) < 2:
+        return ""
+    return (
+        f"the frames of {path.name} show {len(times)} different times, and one still object is "
+        f"trained of all of them: if it moves, keep the frames of one time"
+    )
 
 
 def shown(value) -> str:
