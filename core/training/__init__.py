@@ -18,6 +18,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "white_composite",
             "world_to_unit_cube",
             # for the viewer
+            "list_cameras",
             "list_images",
             "read_image",
             "shrunk_size",

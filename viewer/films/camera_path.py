@@ -7,18 +7,22 @@ it looks at, or the camera's matrix in OpenGL's axes, both in model space:
     {"t": 2.0, "transform_matrix": [[...], [...], [...], [0, 0, 0, 1]], "fov": 35}
 
 `fov` is the vertical field of view [degrees].  The camera goes through all keys on a smooth curve
-(keys.orbit_at).  docs/camera-path.md has it all, with the files of other programs that are read.
+(keys.orbit_at).  The cameras of a data set are those that training takes, with their lenses
+(sight.py).  docs/camera-path.md has it all, with the files of other programs that are read.
 """
 
 import json
+import logging
 import math
 from pathlib import Path
 
 import numpy as np
 
 from ...core.render import in_space, look_at
+from ...core.streams import printable
 from ..camera import CLOSEST, FARTHEST, Orbit, facing
 from ..timeline import TICKS_PER_SECOND, CameraKey
+from .sight import fit, sight_of
 
 LARGEST_FILE = 64 * 2**20  # bytes
 MOST_KEYS = 10_000
@@ -26,33 +30,38 @@ LONGEST = 3600.0  # s
 FARTHEST_POINT = 1e4
 APART = 1.0  # s between two keys that have no time
 FIELDS_OF_VIEW = 0.1, 170.0  # degrees
+INTRINSICS = "fl_x", "camera_angle_x"  # without which training takes no data set
 NOT_RIGID = 1e-3  # by how much the axes of a matrix may miss being perpendicular
+log = logging.getLogger(__name__)
 
 
 class CameraPathError(ValueError):
     """A file is no camera path; the message is one sentence."""
 
 
-def load_camera_path(path: Path, world_to_model, center) -> tuple[CameraKey, ...]:
+def load_camera_path(path: Path, world_to_model, center, size=None) -> tuple[CameraKey, ...]:
     """Read and check a camera path; ticks are counted from its first key on.
 
     Args:
+        path: A file, or the folder of a data set.
         world_to_model: From the space of the training data, in which files of other programs
             have their cameras.  [4, 4]
         center: Of the object: what a camera without a target is taken to turn about.  [3]
+        size: Width and height of the film; without it, that of each photograph.
 
     Raises:
         CameraPathError: The file is none.
         OSError: It can't be read.
     """
-    path = Path(path)
-    if path.stat().st_size > LARGEST_FILE:
-        raise CameraPathError(f"{path} is larger than {LARGEST_FILE >> 20} MiB")
-    try:
-        read = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
-    except (ValueError, RecursionError) as error:
-        raise CameraPathError(f"{path} is no camera path: it is not JSON") from error
-    keys, ours, shared = _entries(path, read)
+    path, read = Path(path), {"frames": []}
+    if not path.is_dir():
+        read = _read(path)
+    if path.is_dir() or _is_data_set(read):
+        orbits = _photographed(path, world_to_model, center, size)
+        keys, shared = read["frames"] or [{}] * len(orbits), {"apart": APART}
+    else:
+        keys, ours, shared = _entries(path, read)
+        orbits = None
     if not isinstance(keys, list) or not 2 <= len(keys) <= MOST_KEYS:
         raise CameraPathError(f"{path}: a camera path has 2 to {MOST_KEYS:,} keys")
     found, seconds = [], -shared["apart"]
@@ -63,10 +72,57 @@ def load_camera_path(path: Path, world_to_model, center) -> tuple[CameraKey, ...
         before, seconds = seconds, _number(place, key, "t", seconds + shared["apart"], LONGEST)
         if seconds <= before and found:
             raise CameraPathError(f"{place} is at {seconds:g} s, not after the one before")
-        matrix = np.eye(4) if ours else world_to_model
-        found.append((seconds, _orbit(place, shared | key, matrix, center)))
+        if orbits is None:
+            matrix = np.eye(4) if ours else world_to_model
+            orbit = _orbit(place, shared | key, matrix, center)
+        else:
+            orbit = orbits[number - 1]
+        found.append((seconds, orbit))
     start = found[0][0]
     return tuple(CameraKey((t - start) * TICKS_PER_SECOND, o, "linear") for t, o in found)
+
+
+def _read(path):
+    """What a JSON file says."""
+    if path.stat().st_size > LARGEST_FILE:
+        raise CameraPathError(f"{path} is larger than {LARGEST_FILE >> 20} MiB")
+    try:
+        return json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise CameraPathError(f"{path} is no camera path: it is not JSON") from error
+
+
+def _is_data_set(read) -> bool:
+    """Whether a file has the cameras of a data set, with their intrinsics."""
+    frames = read.get("frames") if isinstance(read, dict) and "keys" not in read else None
+    if not isinstance(frames, list):
+        return False
+    own = (frame for frame in frames if isinstance(frame, dict))
+    return any(values.get(name) is not None for values in (read, *own) for name in INTRINSICS)
+
+
+def _photographed(path, world_to_model, center, size):
+    """The orbits of a data set's cameras, with their lenses."""
+    from ...core.training import DatasetError, list_cameras
+
+    try:
+        cameras, said = list_cameras(path)
+    except DatasetError as error:
+        raise CameraPathError(str(error)) from None
+    sights = []
+    for number, camera in enumerate(cameras, start=1):
+        pose = in_space(camera.camera_to_world, world_to_model)
+        away = abs(pose[:3, 3]).max()
+        if away > FARTHEST_POINT:
+            raise CameraPathError(
+                f"{path}, camera {number} is {away:.3g} model sizes away: is this the data set of "
+                f"this model?"
+            )
+        sights.append(sight_of(_looking(pose, center), camera.lens))
+    sights, told = fit(sights, size)
+    for sentence in filter(None, (*said, told)):
+        log.warning(printable(sentence))
+    return sights
 
 
 def _entries(path, read):
@@ -92,8 +148,6 @@ def _view_of(path, read):
     if "fl_y" in read and "h" in read:
         height = _number(path, read, "h", 1.0, 1e6, 1.0)
         return {"fov": math.degrees(2 * math.atan(0.5 * height / _positive(path, read, "fl_y")))}
-    if "camera_angle_x" in read:  # of a square image
-        return {"fov": math.degrees(_number(path, read, "camera_angle_x", 1.0, math.pi, 0.0))}
     return {}
 
 
@@ -114,10 +168,14 @@ def _orbit(place, key, matrix, center) -> Orbit:
     else:
         pose = _pose(place, key.get("transform_matrix", key.get("camera_to_world")))
         pose = in_space(pose, matrix)
+    return _looking(pose, center if target is None else target, math.radians(fov))
+
+
+def _looking(pose, target, field_of_view=1.0) -> Orbit:
+    """The orbit of a pose whose target is on its axis, as deep as another one."""
     forward, position = -pose[:3, 2], pose[:3, 3]
-    distance = (np.asarray(center if target is None else target) - position) @ forward
-    distance = float(np.clip(distance, CLOSEST, FARTHEST))
-    seen = Orbit(position + distance * forward, distance, field_of_view=math.radians(fov))
+    distance = float(np.clip((np.asarray(target) - position) @ forward, CLOSEST, FARTHEST))
+    seen = Orbit(position + distance * forward, distance, field_of_view=field_of_view)
     return facing(seen, pose[:3, :3])
 
 

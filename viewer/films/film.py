@@ -12,10 +12,11 @@ from dataclasses import fields, replace
 import numpy as np
 
 from ...core.render import Camera
-from ..camera import Orbit, camera_of, changed
+from ..camera import Orbit, changed
 from ..history import begin_anew
 from ..sessions import Player, Session, SessionError
 from ..timeline import TICKS_PER_SECOND, CameraKey, orbit_at
+from .sight import seen_by, without_lens
 
 ROUNDING = 1e-6  # ticks
 CLOSE = 20  # ticks between two views of one move
@@ -170,12 +171,12 @@ class Film:
 
     def camera(self, tick: float, width: int, height: int) -> Camera:
         """The same as the camera of an image."""
-        return camera_of(self.orbit(tick), width, height)
+        return seen_by(self.orbit(tick), width, height)
 
     def show(self, frame: int) -> None:
         """Set the scene for a frame."""
         self._play_to(math.floor(self.tick(frame) + ROUNDING))
-        self.scene.orbit = self.orbit(self.tick(frame))
+        self.scene.orbit = without_lens(self.orbit(self.tick(frame)))
 
     def moments(self, frame: int, size, count: int = 1, shutter: float = 0.0) -> list:
         """Say what the images see whose mean a frame is; `show` has set the scene for it.

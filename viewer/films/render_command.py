@@ -66,7 +66,8 @@ class RenderArguments:
     softness: Annotated[float, tyro.conf.arg(metavar="PART")] = 0.0
     """How much of the object physics moves while --clip plays, 0 to 1; 0: bones move all of it."""
     camera: File = None
-    """A camera path, a JSON file with keys of positions and targets, or of matrices."""
+    """A camera path, a JSON file with keys of positions and targets, or of matrices; or a data set,
+    its folder or its transforms.json, whose cameras are the path."""
     pose: File = None
     """Show the object in this pose: of vertices in .npy or .npz, or of a session's last tick."""
     material: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None
@@ -240,7 +241,8 @@ def _film_of(scene, chosen, session):
 
     path = ()
     if chosen.camera is not None:
-        path = load_camera_path(chosen.camera, scene.field.world_to_model, scene.center)
+        seen_from = scene.field.world_to_model, scene.center, frame_size(chosen.size)
+        path = load_camera_path(chosen.camera, *seen_from)
     if chosen.pose is not None:
         strike(scene, chosen.pose)
     begin, most = 0, chosen.frames

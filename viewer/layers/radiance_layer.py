@@ -316,7 +316,7 @@ class RadianceLayer:
             squares=(width / CHECKER_SIZE, height / CHECKER_SIZE),
             checkerboard=self._scene.settings.checkerboard,
             transparent=self.transparent,
-            extent=(width / camera.focal, height / camera.focal),
+            extent=(width / camera.lens.focal[0], height / camera.lens.focal[1]),
             axis=(x / width, y / height),
             parallel=camera.parallel,
             camera_to_world=camera.camera_to_world,

@@ -123,7 +123,7 @@ def orbit_at(keys, tick: float) -> Orbit:
 
 def _numbers(keys):
     """What can be interpolated: of each such attribute, the values of all keys."""
-    names = [f.name for f in fields(Orbit)]
+    names = [f.name for f in fields(keys[0].orbit)]
     values = {name: [getattr(key.orbit, name) for key in keys] for name in names}
     kinds = int, float, np.floating, np.ndarray
     return {

@@ -70,17 +70,33 @@ def read(folder, split) -> Listing:
 
 
 def cameras(path: Path) -> list[PosedImage]:
-    """All frames of a file in their order, whether their images exist or not."""
-    scene, frames = scene_of(path)
-    files = find_files(path.parent, [frame["file_path"] for frame in frames], path)
-    return [
-        posed(scene, frame, file, None, path)
-        for frame, file in zip(frames, files.paths, strict=True)
-    ]
+    """All frames of a file in their order, whether their images exist or not.
+
+    Of such without an image, the stated size may be that of a picture with the angles of view.
+    """
+    scene, frames = scene_of(path, nameless=True)
+    frames = [{"file_path": f"frame {i + 1}", **frame} for i, frame in enumerate(frames)]
+    files = find_files(path.parent, [frame["file_path"] for frame in frames], path, once=False)
+    found = []
+    for frame, file in zip(frames, files.paths, strict=True):
+        image = posed(scene, frame, file, None, path)
+        if file is None and image.stated_size is None:
+            image = replace(image, stated_size=size_by_angles({**scene, **frame}))
+        found.append(image)
+    return found
 
 
-def scene_of(path):
-    """What a file says, and its frames, each of which has a file_path."""
+def size_by_angles(values):
+    """Width and height of a picture with both angles of view of a frame; None without them."""
+    angles = values.get("camera_angle_x"), values.get("camera_angle_y")
+    is_known = all(is_number(angle) and 0.0 < angle < np.pi for angle in angles)
+    if not is_known or values.get("fl_x") is not None:
+        return None
+    return tuple(1000.0 * np.tan(0.5 * angle) for angle in angles)
+
+
+def scene_of(path, nameless=False):
+    """What a file says, and its frames, each of which has a file_path unless they may lack it."""
     try:
         # As floats, too large integers are infinite, and no number is read digit by digit.
         scene = json.loads(text_of(path), parse_int=float)
@@ -94,7 +110,8 @@ def scene_of(path):
         raise kind(f"{path} lists no frames: there is nothing to load")
     for frame in frames:
         name = frame.get("file_path") if isinstance(frame, dict) else None
-        if not isinstance(name, str) or not name:
+        lacks = nameless and isinstance(frame, dict) and "file_path" not in frame
+        if not lacks and (not isinstance(name, str) or not name):
             raise DatasetError(f"a frame of {path} has no file_path")
     return scene, frames
 
