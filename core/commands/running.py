@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
+from functools import cache
 from types import SimpleNamespace
 
 from .. import training
@@ -177,16 +178,11 @@ def load_whole(package: str):
         raise KeyboardInterrupt
 
 
-def load_views(*arguments, already=(), **options):
-    """`training.load_dataset`; says what is unexpected of its files, and how many were skipped.
-
-    Args:
-        already: Sentences that the user knows, of another split of the same data set.
-    """
+def load_views(*arguments, **options):
+    """`training.load_dataset`; says how many images were skipped, and what it has to say itself."""
     dataset = training.load_dataset(*arguments, **options)
-    for sentence in dataset.said if is_first() else ():
-        if sentence not in already:
-            print(printable(sentence), file=sys.stderr)
+    for line in dataset.said if is_first() else ():
+        say_once(line)
     if dataset.missing and is_first():
         total = len(dataset.missing) + dataset.view_count
         print(
@@ -195,6 +191,12 @@ def load_views(*arguments, already=(), **options):
             file=sys.stderr,
         )
     return dataset
+
+
+@cache
+def say_once(line: str):
+    """Print a line on stderr; two splits of a data set have the same to say."""
+    print(printable(line), file=sys.stderr)
 
 
 def is_first() -> bool:

@@ -182,7 +182,7 @@ def prepare_training(
         check_resumed_views(resumed.report, train_views)
     # It raises an error here if there is no box, or a bad one.
     training.world_to_unit_cube(train_views, options.aabb, options.scene_radius)
-    test_views = load_test_views(arguments, train_views.said)
+    test_views = load_test_views(arguments)
     load_whole("torch")
     device = device_name(arguments.device, for_training=True)
     existed = output.exists()
@@ -237,12 +237,8 @@ def prepare_training(
     return job
 
 
-def load_test_views(arguments: TrainArguments, already=()):
-    """The views that score the model; None without a split for them, or without its images.
-
-    Args:
-        already: Sentences that the user knows.
-    """
+def load_test_views(arguments: TrainArguments):
+    """The views that score the model; None without a split for them, or without its images."""
     try:
         views = load_views(
             arguments.data,
@@ -250,7 +246,6 @@ def load_test_views(arguments: TrainArguments, already=()):
             arguments.image_size,
             outside=arguments.outside_images,
             masks=arguments.masks,
-            already=already,
         )
     except training.NoSplitError:
         return None

@@ -5,6 +5,7 @@
 | Blender, instant-ngp, nerfstudio | transforms_<split>.json, or transforms.json | transforms.py |
 | NSVF (Tanks and Temples) | rgb/ and pose/ | nsvf.py |
 | COLMAP | sparse/0/cameras.bin | colmap.py |
+| Polycam, Record3D | keyframes/cameras/, metadata.json and rgb/ | phones.py |
 
 Shapes: N views of H_i rows and W_i columns, P pixels in all.
 """
@@ -22,7 +23,7 @@ from ...device import thread_count
 from ...images import ImageError, open_image, orientation, rgba
 from ...memory import free_bytes
 from ...render import Lens
-from . import colmap, nsvf, transforms
+from . import colmap, nsvf, phones, transforms
 from .foreign_paths import tried
 from .masks import mask_paths, named_masks, read_mask
 from .posed_images import (
@@ -179,7 +180,10 @@ def list_images(folder, split, outside=False) -> Listing:
             lies outside the folder, and `outside` is False.
     """
     if not folder.is_dir():
-        raise DatasetError(f"{folder} is not a folder: give the one that holds the data set")
+        told = phones.archive_of(folder) if folder.is_file() else ""
+        raise DatasetError(
+            told or f"{folder} is not a folder: give the one that holds the data set"
+        )
     listing, inner = read_layout(folder, split), folder.resolve()
     for image in () if outside else listing.images:
         for path in filter(None, (image.path, image.mask)):
@@ -194,7 +198,10 @@ def list_images(folder, split, outside=False) -> Listing:
 def has_cameras(folder: Path) -> bool:
     """Whether a folder's files are in one of the layouts, for any split."""
     return bool(
-        any(folder.glob("transforms*.json")) or nsvf.is_here(folder) or colmap.sparse_folder(folder)
+        any(folder.glob("transforms*.json"))
+        or nsvf.is_here(folder)
+        or colmap.sparse_folder(folder)
+        or phones.is_here(folder)
     )
 
 
@@ -206,10 +213,13 @@ def read_layout(folder, split):
         return nsvf.read(folder, split)
     if colmap.sparse_folder(folder):
         return colmap.read(folder, split)
+    if phones.is_here(folder):
+        return phones.read(folder, split)
     others = ", ".join(sorted(p.name for p in folder.glob("transforms*.json"))) or "none"
     raise NoSplitError(
         f"{folder} holds no transforms_{split}.json (transforms files there: {others}), and "
-        f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP) nor photographs"
+        f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP) nor a scan (Polycam, Record3D) nor "
+        f"photographs"
     )
 
 
