@@ -137,6 +137,7 @@ def main(arguments: list[str] | None = None) -> int:
 def check(arguments: ViewArguments) -> None:
     """Raise a ValueError for what can be known to be wrong before any work."""
     run = arguments.run
+    refuse_data(arguments.model)
     if run.headless:
         refuse_photographs(arguments.model)
     size_of(arguments)
@@ -170,6 +171,29 @@ def refuse_photographs(model: Path) -> None:
         raise ValueError(
             f"{model} holds photographs, not a model; this trains one of them: "
             f"deformrf-train {what} -o model.npz"
+        )
+
+
+def refuse_data(model: Path) -> None:
+    """Raise a ValueError with the command that makes a model of a data set, if this is one.
+
+    Photographs whose cameras were found here are asked about, like those without cameras.
+    """
+    kind, is_file = model.suffix.lower(), model.is_file()
+    if kind == ".r3d" and is_file:
+        raise ValueError(
+            f"{model} is a recording of Record3D, not a model: unzip it (it is a zip), and give "
+            f"that folder to deformrf-train"
+        )
+    folder = model.parent if kind == ".json" and is_file else model
+    if not folder.is_dir():
+        return
+    from ..core.training import has_cameras
+
+    if has_cameras(folder) and (is_file or not capture.is_capture(folder)):
+        raise ValueError(
+            f"{model} is a data set, photographs with their cameras, not a model; this trains one "
+            f"of it: deformrf-train {shlex.quote(str(folder))} -o model.npz"
         )
 
 

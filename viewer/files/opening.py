@@ -53,7 +53,10 @@ def open_asked(app) -> None:
             on = app.loaded_on or (str(app.scene.solver.device), "auto")
             app.load(fields.load(path), path.stem, *on)
         else:
-            raise ValueError(f"{path} is neither a model ({MODEL}) nor a session ({SESSION})")
+            raise ValueError(
+                f"{path} is neither a model ({MODEL}) nor a session ({SESSION}); deformrf-train "
+                f"makes a model of a data set's folder"
+            )
     except (OSError, ValueError, MemoryError) as error:
         sentence = plain_message(error) or "the memory is too small"
         log.warning("can't open %s: %s", path, sentence)
@@ -73,7 +76,7 @@ def needs_training(path: Path) -> bool:
     """Whether these are photographs, or a video, whose cameras no file has."""
     if capture.is_video(path):
         return True
-    return path.is_dir() and capture.photo_folder(path) is not None and not has_cameras(path)
+    return path.is_dir() and not has_cameras(path) and capture.photo_folder(path) is not None
 
 
 def open_photographs(app, folder: Path, outside=False) -> None:

@@ -31,7 +31,7 @@ from ...core.device import Choice, device_name
 from ...core.paths import DEFAULT_MODEL, program_version
 from ...core.render import Mode
 from ...core.streams import keep_going
-from ..command import Flag, frame_size, told_if_slow
+from ..command import Flag, frame_size, refuse_data, told_if_slow
 
 PROGRAM = "deformrf-render"
 SIZE, FPS, MOST_SAMPLES = "1280x720", 30, 256
@@ -206,6 +206,7 @@ def prepare(chosen: RenderArguments) -> Callable[[], int]:
         print(f"deformrf {program_version()}")
         return lambda: 0
     size = check(chosen)
+    refuse_data(chosen.model)
     from ..sessions import load_session
     from ..window import open_window
 
