@@ -47,7 +47,7 @@ class Found:
     said: str
 
 
-def find_files(folder: Path, names: list[str], source: Path | str, once=True) -> Found:
+def find_files(folder: Path, names: list[str], source: Path, once=True) -> Found:
     """The files of names, by the rule above.
 
     Args:
@@ -136,6 +136,7 @@ class _Entry:
     path: Path
     dirs: tuple[str, ...]
     ending: str
+    linked: bool  # by a folder that is a link
 
 
 @dataclass
@@ -162,10 +163,10 @@ class _Nearby:
                     continue
                 stem, ending = _divided(name)
                 if ending:
-                    self._add(_Entry(Path(entry.path), dirs, ending), stem)
+                    self._add(_Entry(Path(entry.path), dirs, ending, not inner), stem)
 
     def _add(self, entry, stem):
-        for k in range(len(entry.dirs) + 1):
+        for k in range(int(entry.linked), len(entry.dirs) + 1):  # a link has to be named
             alike = self.tails.setdefault("/".join((*entry.dirs[len(entry.dirs) - k :], stem)), [])
             if k == len(entry.dirs):
                 alike.insert(0, entry)
@@ -195,7 +196,7 @@ class _Nearby:
         ):
             alike = list(filter(fits, alike)) or alike
         if len({os.path.realpath(one.path) for one in alike}) > 1:
-            first, second = (_within(self.folder, one.path) for one in alike[:2])
+            first, second, *_ = sorted(_within(self.folder, one.path) for one in alike)
             raise DatasetError(
                 f"{source} names {shown(name)}, which may be {first} or {second} in {self.folder}: "
                 f"name one of them there"
@@ -242,7 +243,7 @@ def _said(folder, replaced, count, source):
     places = sorted({_within(folder, one.parent) for _, one in replaced})
     where = ", ".join(places[:3]) + (", ..." if len(places) > 3 else "")
     return (
-        f"{len(replaced)} of {count} paths in {Path(source).name} are not those of files here: "
+        f"{len(replaced)} of {count} paths in {_within(folder, source)} are not those of files here: "
         f"they are read from {where}, as {_within(folder, path)} for {shown(name)}"
     )
 
