@@ -1,13 +1,16 @@
 """Masks of photographs: where they lie, what they say, and that they become alpha."""
 
+import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
+from posed_data import PHONE, put, transforms
 
 from deformrf.core.training import DatasetError, load_dataset
-from deformrf.core.training.data.masks import mask_path, read_mask
+from deformrf.core.training.data.masks import mask_path, mask_paths, read_mask
 
 
 @pytest.fixture
@@ -105,3 +108,132 @@ def test_a_mask_is_turned_as_its_photograph(tmp_path):
     Image.fromarray(half_mask()).save(tmp_path / "m.png", exif=exif)
     turned = read_mask(tmp_path / "m.png", 12, 16, upright=True)
     assert turned.shape == (16, 12) and (turned[:8] == 255).all() and (turned[8:] == 0).all()
+
+
+# -- masks that the data set's files name ---------------------------------------------------------
+
+
+@pytest.fixture
+def named(tmp_path):
+    """A transforms.json whose frames name masks, half white, and the masks."""
+    for i in range(9):
+        (tmp_path / "masks").mkdir(exist_ok=True)
+        half = Image.fromarray(np.pad(half_mask(), ((0, 28), (0, 14)), mode="edge"))
+        half.save(tmp_path / f"masks/{i}.png")
+    return transforms(tmp_path, per_frame=lambda i: {"mask_path": f"masks/{i}.png"}, **PHONE)
+
+
+def rewrite(folder, change):
+    """Apply a function to each frame of a transforms.json."""
+    scene = json.loads((folder / "transforms.json").read_text())
+    for i, frame in enumerate(scene["frames"]):
+        change(i, frame)
+    (folder / "transforms.json").write_text(json.dumps(scene))
+
+
+SAID = "the masks are used that mask_path names: white is the object, black is left out"
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_masks_that_the_files_name_become_alpha(named, split):
+    data = load_dataset(named, split, for_training=split == "train")
+    assert data.masked and data.said == (SAID,)
+    for view in range(data.view_count):
+        alpha = data.image(view)[..., 3]
+        assert (alpha[:, :8] == 255).all() and not alpha[:, 8:].any()
+
+
+@pytest.mark.parametrize(
+    "name", ["/home/x/toy/masks/{}.PNG", "masks\\{}.png", ".\\masks\\{}", "C:\\x\\masks\\{}.jpeg"]
+)
+def test_their_paths_follow_the_rule_of_images(named, name):
+    rewrite(named, lambda i, frame: frame.update(mask_path=name.format(i)))
+    data = load_dataset(named, "train", for_training=True)
+    assert data.masked and data.image(0)[0, :, 3].tolist() == 8 * [255] + 22 * [0]
+    assert "9 of 9 paths in transforms.json are not those of files here" in data.said[0]
+
+
+def test_a_folder_of_masks_stands_over_those_that_the_files_name(named):
+    (named / "other").mkdir()
+    for i in range(9):
+        Image.new("L", (30, 40), 255).save(named / f"other/{i:04d}.png")
+    data = load_dataset(named, "train", for_training=True, masks=named / "other")
+    assert (data.pixels[:, 3] == 255).all() and data.masked and SAID not in data.said
+
+
+def test_masks_of_which_none_is_there_are_told_of(named):
+    for path in (named / "masks").iterdir():
+        path.unlink()
+    data = load_dataset(named, "train", for_training=True)
+    assert not data.masked and not data.has_alpha
+    assert "none of the masks that mask_path names is there" in data.said[0]
+
+
+@pytest.mark.parametrize("way", ["missing", "unnamed"])
+def test_masks_of_some_photographs_alone_are_refused(named, way):
+    if way == "missing":
+        (named / "masks/3.png").unlink()
+    else:
+        rewrite(named, lambda i, frame: frame.pop("mask_path") if i == 3 else None)
+    mask = "masks/3.png" if way == "missing" else "none"
+    with pytest.raises(DatasetError, match=f"1 of 7 .* first 0003.png, mask {mask}: add") as caught:
+        load_dataset(named, "train", for_training=True)
+    assert "\n" not in str(caught.value)
+    assert load_dataset(named, "train").image(2)[..., 3].all()  # where it isn't for training
+
+
+@pytest.mark.parametrize("size", [(60, 80), (15, 20)])
+def test_a_mask_of_another_size_is_resized(named, size):
+    for path in (named / "masks").iterdir():
+        half = Image.fromarray(half_mask()).resize((30, 40), Image.Resampling.NEAREST)
+        half.resize(size, Image.Resampling.NEAREST).save(path)
+    alpha = load_dataset(named, "train", for_training=True).image(0)[..., 3]
+    assert (alpha[:, :14] == 255).all() and not alpha[:, 17:].any()
+
+
+def test_a_mask_of_another_shape_or_of_black_alone_is_refused(named):
+    Image.new("L", (40, 30), 255).save(named / "masks/1.png")
+    with pytest.raises(DatasetError, match=r"the mask .*1\.png has 40x30 pixels"):
+        load_dataset(named, "train", for_training=True)
+    for path in (named / "masks").iterdir():
+        Image.new("L", (30, 40), 0).save(path)
+    with pytest.raises(DatasetError, match="the masks that mask_path names are black everywhere"):
+        load_dataset(named, "train", for_training=True)
+
+
+@pytest.mark.parametrize("value", [5, True, ["a"], {"a": 1}])
+def test_a_mask_path_that_is_no_name_is_refused(named, value):
+    rewrite(named, lambda i, frame: frame.update(mask_path=value))
+    with pytest.raises(DatasetError, match=r"mask_path = .*: it has to be a name"):
+        load_dataset(named, "train")
+
+
+def test_a_mask_outside_the_folder_is_refused_unless_asked_for(named, tmp_path_factory):
+    other = tmp_path_factory.mktemp("other") / "m.png"
+    Image.new("L", (30, 40), 255).save(other)
+    rewrite(named, lambda i, frame: frame.update(mask_path=str(other)))
+    with pytest.raises(DatasetError, match=r"m\.png lies outside the data set's folder"):
+        load_dataset(named, "train")
+    assert load_dataset(named, "train", outside=True).masked
+
+
+@pytest.mark.parametrize("mode", ["L", "P"])
+def test_numbers_of_classes_are_white(tmp_path, mode):
+    """Masks with 0 and 1 are nearly black; 0 is the background."""
+    classes = Image.fromarray(half_mask() // 255)
+    if mode == "P":
+        classes.putpalette([0, 0, 0, 1, 1, 1])
+    classes.save(tmp_path / "m.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 16, 12), half_mask())
+
+
+def test_two_photographs_of_one_name_need_folders_of_masks(tmp_path):
+    images = [put(tmp_path / f"images/{place}/1.jpg") for place in ("a", "b")]
+    put(tmp_path / "masks/1.png")
+    posed = [SimpleNamespace(path=path) for path in images]
+    with pytest.raises(DatasetError, match=r"1\.jpg and .*1\.jpg have one mask, .*1\.png: put"):
+        mask_paths(tmp_path / "masks", posed)
+    for place in "ab":
+        put(tmp_path / f"masks/{place}/1.png")
+    found = mask_paths(tmp_path / "masks", posed)
+    assert [path.parent.name for path in found] == ["a", "b"]

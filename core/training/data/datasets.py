@@ -216,8 +216,9 @@ def read_layout(folder, split):
     if phones.is_here(folder):
         return phones.read(folder, split)
     others = ", ".join(sorted(p.name for p in folder.glob("transforms*.json"))) or "none"
+    own = "transforms.json" if split is None else f"transforms_{split}.json"
     raise NoSplitError(
-        f"{folder} holds no transforms_{split}.json (transforms files there: {others}), and "
+        f"{folder} holds no {own} (transforms files there: {others}), and "
         f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP) nor a scan (Polycam, Record3D) nor "
         f"photographs"
     )

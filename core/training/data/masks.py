@@ -21,13 +21,22 @@ def mask_paths(folder, images: list[PosedImage], needed=True) -> list[Path | Non
     """The mask of each image; None without one, if they aren't `needed`.
 
     Raises:
-        DatasetError: There is no such folder, or an image has no mask although it needs one.
+        DatasetError: There is no such folder, an image has no mask although it needs one, or two
+            images of one name in different folders have one mask.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise DatasetError(f"--masks {folder} is not a folder: give the one that holds the masks")
     found = [mask_path(folder, image.path) for image in images]
     lacking = [image.path for image, mask in zip(images, found, strict=True) if not mask]
+    owners = {}
+    for image, mask in zip(images, found, strict=True):
+        other = owners.setdefault(mask, image.path)
+        if mask and other != image.path:
+            raise DatasetError(
+                f"{other} and {image.path} have one mask, {mask}: put masks into folders that are "
+                f"called as the photographs' are"
+            )
     if lacking and needed:
         first = lacking[0]
         raise DatasetError(
