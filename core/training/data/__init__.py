@@ -8,8 +8,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "cameras": ["list_cameras"],
         "datasets": [
             "Dataset",
-            "has_cameras",
-            "list_images",
             "load_dataset",
             "read_image",
             "shrunk_size",
@@ -17,6 +15,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "track",
             "white_composite",
         ],
+        "layouts": ["has_cameras", "list_images"],
         "posed_images": ["DatasetError", "NoImagesError", "NoSplitError"],
         "raybank": ["EMPTY", "NO_LIMIT", "Drawn", "RayBank"],
         "found_object": ["FoundObject", "Plane", "find_object", "ground_of"],

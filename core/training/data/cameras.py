@@ -5,7 +5,8 @@ from pathlib import Path
 
 from ...render import Camera
 from . import transforms
-from .datasets import list_images, size_of
+from .datasets import size_of
+from .layouts import list_images
 from .posed_images import DatasetError
 
 SQUARE = 1000  # pixels of a side

@@ -1,11 +1,4 @@
-"""Posed images on disk: which layout a folder has, and its images in memory.
-
-| layout | recognised by | read by |
-|---|---|---|
-| Blender, instant-ngp, nerfstudio | transforms_<split>.json, or transforms.json | transforms.py |
-| NSVF (Tanks and Temples) | rgb/ and pose/ | nsvf.py |
-| COLMAP | sparse/0/cameras.bin | colmap.py |
-| Polycam, Record3D | keyframes/cameras/, metadata.json and rgb/ | phones.py |
+"""Posed images on disk, in memory: the views of a split, whatever layout its folder has.
 
 Shapes: N views of H_i rows and W_i columns, P pixels in all.
 """
@@ -18,17 +11,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ...capture import load_points
 from ...device import thread_count
 from ...images import ImageError, open_image, orientation, rgba
 from ...memory import free_bytes
 from ...render import Lens
-from . import colmap, nsvf, phones, transforms
 from .foreign_paths import tried
+from .layouts import list_images, sparse_points
 from .masks import mask_paths, named_masks, read_mask
 from .posed_images import (
     DatasetError,
-    Listing,
     NoImagesError,
     NoSplitError,
     PosedImage,
@@ -170,75 +161,6 @@ def load_dataset(
         masked=masked,
         said=said,
     )
-
-
-def list_images(folder, split, outside=False) -> Listing:
-    """What the layout's reader finds.
-
-    Raises:
-        DatasetError: The files are not as they have to be; or one of the images or of their masks
-            lies outside the folder, and `outside` is False.
-    """
-    if not folder.is_dir():
-        told = phones.archive_of(folder) if folder.is_file() else ""
-        raise DatasetError(
-            told or f"{folder} is not a folder: give the one that holds the data set"
-        )
-    listing, inner = read_layout(folder, split), folder.resolve()
-    for image in () if outside else listing.images:
-        for path in filter(None, (image.path, image.mask)):
-            if not path.resolve().is_relative_to(inner):
-                raise DatasetError(
-                    f"{path} lies outside the data set's folder: copy it there, or allow this "
-                    f"with --outside-images if you trust the data set"
-                )
-    return listing
-
-
-def has_cameras(folder: Path) -> bool:
-    """Whether a folder's files are in one of the layouts, for any split."""
-    return bool(
-        any(folder.glob("transforms*.json"))
-        or nsvf.is_here(folder)
-        or colmap.sparse_folder(folder)
-        or phones.is_here(folder)
-    )
-
-
-def read_layout(folder, split):
-    """What the reader of the folder's layout finds, wherever it lies."""
-    if transforms.transforms_path(folder, split):
-        return transforms.read(folder, split)
-    if nsvf.is_here(folder):
-        return nsvf.read(folder, split)
-    if colmap.sparse_folder(folder):
-        return colmap.read(folder, split)
-    if phones.is_here(folder):
-        return phones.read(folder, split)
-    others = ", ".join(sorted(p.name for p in folder.glob("transforms*.json"))) or "none"
-    own = "transforms.json" if split is None else f"transforms_{split}.json"
-    raise NoSplitError(
-        f"{folder} holds no {own} (transforms files there: {others}), and "
-        f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP) nor a scan (Polycam, Record3D) nor "
-        f"photographs"
-    )
-
-
-def sparse_points(folder, split):
-    """Points that were found along with the cameras; None without any.  [n, 3]
-
-    Raises:
-        DatasetError: Their file is damaged.
-    """
-    if transforms.transforms_path(folder, split):
-        try:
-            sparse = load_points(folder)
-        except ValueError as error:
-            raise DatasetError(str(error)) from None
-        return None if sparse is None else sparse.points
-    if nsvf.is_here(folder) or not colmap.sparse_folder(folder):
-        return None
-    return colmap.read_points(folder)
 
 
 def white_composite(images):
