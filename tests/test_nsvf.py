@@ -57,6 +57,18 @@ def test_only_a_split_without_poses_is_no_test_split(tmp_path):
         load_dataset(write(tmp_path / "none", "000")[0], "test")
 
 
+def test_an_image_may_have_any_ending_in_any_case(tmp_path):
+    folder, poses = write(tmp_path)
+    for i, ending in enumerate((".PNG", ".png", ".Tif")):
+        path = folder / f"rgb/0_{i:05d}.png"
+        Image.open(path).convert("RGB").save(path.with_suffix(".bmp"))
+        path.unlink()
+        path.with_suffix(".bmp").rename(path.with_suffix(ending))
+    data = load_dataset(folder, "train")
+    assert data.view_count == 3 and data.said == ()
+    np.testing.assert_allclose(data.poses, poses[:3], atol=1e-9)
+
+
 def test_the_synthetic_scenes_intrinsics(tmp_path):
     folder, _ = write(tmp_path, intrinsics="20.0 8.0 6.0 0.\n0. 0. 0.\n1.\n12 16\n")
     assert load_dataset(folder, "train").lenses[0].focal == (20.0, 20.0)

@@ -112,6 +112,22 @@ def test_a_bad_file_shows_a_dialog_and_keeps_the_scene(app, other, tmp_path, dam
     assert app.dialog is None
 
 
+def test_a_data_set_of_two_folders_shows_its_photographs(app, tmp_path, write_dataset):
+    """Its train/ and test/ are no two captures."""
+    from PIL import Image
+
+    from deformrf.core.render import look_at
+
+    poses = [look_at([2.0, y, 1.0], [0.5, 0.5, 0.5]) for y in (0.0, 1.0)]
+    for split in ("train", "test"):
+        images = [Image.new("RGB", (32, 24), (9, 99, 9))] * 2
+        write_dataset(tmp_path / "data", images, split, poses=poses)
+    drop(app, tmp_path / "data")
+    assert app.dialog is None and len(app.photographs) == 2
+    drop(app, tmp_path / "data/transforms_train.json")
+    assert isinstance(app.dialog, Problem) and "deformrf-train" in app.dialog.sentence
+
+
 def test_a_session_that_is_opened_is_played(app, tmp_path):
     scene = app.scene
     scene.set_ground(True)

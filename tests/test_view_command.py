@@ -60,6 +60,34 @@ def test_photographs_are_answered_with_the_command_that_trains(capfd, tmp_path):
     assert f"deformrf-train {tmp_path / 'b.mp4'}" in refused(capfd, tmp_path / "b.mp4", *without)
 
 
+@pytest.mark.parametrize("layout", ["blender", "transforms.json", "colmap", "polycam", "record3d"])
+def test_a_data_set_is_answered_with_the_command_that_trains(
+    capfd, tmp_path, layout, write_dataset
+):
+    import posed_data
+
+    folder = tmp_path / "my toy"
+    if layout == "blender":
+        for split in ("train", "test"):  # two folders of photographs
+            write_dataset(folder, [Image.new("RGB", (8, 8))] * 2, split)
+    elif layout == "transforms.json":
+        posed_data.transforms(folder, **posed_data.PHONE)
+    else:
+        getattr(posed_data, layout)(folder)
+    given = [folder, *sorted(folder.glob("transforms*.json"))]
+    for path in given:
+        said = refused(capfd, path)
+        assert "is a data set, photographs with their cameras, not a model" in said
+        assert f"deformrf-train '{folder}' -o model.npz" in said
+
+
+def test_a_recording_of_record3d_is_to_be_unzipped(capfd, tmp_path):
+    (tmp_path / "scan.r3d").write_bytes(b"PK")
+    assert "unzip it (it is a zip), and give that folder to deformrf-train" in refused(
+        capfd, tmp_path / "scan.r3d"
+    )
+
+
 def test_a_model_of_another_version_is_refused(capfd, tmp_path, ball_file):
     with np.load(ball_file) as archive:
         arrays = dict(archive)

@@ -58,7 +58,7 @@ class TrainArguments:
 
     data: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
     """Folder of photographs, or a video; or a folder with transforms_train.json, transforms.json,
-    rgb/ and pose/, or sparse/0/."""
+    rgb/ and pose/, or sparse/0/; or a scan of Polycam or Record3D."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="MODEL")]
     """Model file to write, an .npz."""
     preset: Literal["default", "fast", "small", "tiny"] = "default"
@@ -105,7 +105,7 @@ class TrainArguments:
     follow it. By default one model unit, about the width of the box, is 1 m."""
     masks: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER", help_behavior_hint="")] = None
     """Folder of the images' masks, white where the object is: of the same names, or with _mask
-    behind them."""
+    behind them; without it, those that transforms.json names, if it does."""
     check: Annotated[bool, tyro.conf.arg(help_behavior_hint=""), tyro.conf.FlagCreatePairsOff] = (
         False
     )

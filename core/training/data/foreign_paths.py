@@ -22,7 +22,7 @@ from pathlib import Path
 from unicodedata import normalize
 from urllib.parse import unquote
 
-from .posed_images import IMAGE_ENDINGS, DatasetError, existing
+from .posed_images import IMAGE_ENDINGS, DatasetError
 
 MOST_ENTRIES = 300_000  # files and folders that are looked at
 MOST_ALIKE = 8  # files with one tail that are kept: two are one too many
@@ -40,7 +40,8 @@ class Found:
 
     Attributes:
         paths: One per name; None where there is none.
-        said: A sentence about names that were not taken as they are; empty without any.
+        said: A sentence about names that were not taken as they are, perhaps with an ending
+            added; empty without any.
     """
 
     paths: list[Path | None]
@@ -63,7 +64,8 @@ def find_files(folder: Path, names: list[str], source: Path, once=True) -> Found
         path = _as_it_is(folder, name)
         if path is None:
             nearby = nearby or _Nearby(folder)
-            if path := nearby.like(name, source):
+            path = nearby.like(name, source)
+            if path and path.with_suffix("") != folder / name:
                 replaced.append((name, path))
         paths.append(path)
     if once and replaced:
@@ -93,7 +95,8 @@ def shown(name: str) -> str:
 
 
 def _as_it_is(folder, name):
-    return next(filter(None, (existing(folder, name + e) for e in ("", *IMAGE_ENDINGS))), None)
+    path = os.path.join(folder, name)
+    return next((Path(path + e) for e in ("", *IMAGE_ENDINGS) if os.path.isfile(path + e)), None)
 
 
 def _composed(text):
@@ -195,7 +198,7 @@ class _Nearby:
             lambda one: FAMILIES.get(one.ending, one.ending) == family,
         ):
             alike = list(filter(fits, alike)) or alike
-        if len({os.path.realpath(one.path) for one in alike}) > 1:
+        if len(alike) > 1 and len({os.path.realpath(one.path) for one in alike}) > 1:
             first, second, *_ = sorted(_within(self.folder, one.path) for one in alike)
             raise DatasetError(
                 f"{source} names {shown(name)}, which may be {first} or {second} in {self.folder}: "
@@ -227,7 +230,8 @@ def _check_once(folder, names, paths, replaced, source):
     for name, path in zip(names, paths, strict=True):
         if path is None:
             continue
-        other = owners.setdefault(os.path.realpath(path), name)
+        file = path.stat()
+        other = owners.setdefault((file.st_dev, file.st_ino), name)
         if {name, other} & replaced and key_of(name) != key_of(other):
             raise DatasetError(
                 f"{source} names {shown(other)} and {shown(name)}, and for both only "

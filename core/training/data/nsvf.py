@@ -14,8 +14,8 @@ intrinsics that no camera has.
 import numpy as np
 
 from ...render import Lens
+from .foreign_paths import find_files
 from .posed_images import (
-    IMAGE_ENDINGS,
     DatasetError,
     Listing,
     NoSplitError,
@@ -35,20 +35,19 @@ def is_here(folder) -> bool:
 
 def read(folder, split) -> Listing:
     """The images of a split, and the object's box."""
-    images = [p for p in (folder / "rgb").iterdir() if p.suffix.lower() in IMAGE_ENDINGS]
-    by_stem = {path.stem: path for path in sorted(images)}
     prefix = {"train": "0_", None: ""}.get(split, "1_")
-    if split == "test" and any(stem.startswith("2_") for stem in by_stem):
+    if split == "test" and any((folder / "rgb").glob("2_*")):
         prefix = "2_"
     poses = sorted((folder / "pose").glob(f"{prefix}*.txt"))
     if not poses:
         raise NoSplitError(f"{folder / 'pose'} has no poses {prefix}*.txt, the {split} split")
     lens = lens_reader(folder / "intrinsics.txt")
+    files = find_files(folder, [f"rgb/{path.stem}" for path in poses], folder / "pose")
     found, missing = [], []
-    for path in poses:
-        if path.stem in by_stem:
+    for path, image in zip(poses, files.paths, strict=True):
+        if image:
             pose = from_opencv(rigid_pose(numbers(path, (4, 4)), f"{path}"))
-            found.append(PosedImage(by_stem[path.stem], pose, lens))
+            found.append(PosedImage(image, pose, lens))
         else:
             missing.append(f"rgb/{path.stem}")
     bounds = None
@@ -57,7 +56,7 @@ def read(folder, split) -> Listing:
         if len(values) < 6:
             raise DatasetError(f"{folder / 'bbox.txt'} has to begin with the six numbers of a box")
         bounds = values[:6].reshape(2, 3)
-    return Listing(found, missing, bounds)
+    return Listing(found, missing, bounds, (files.said,) if files.said else ())
 
 
 def numbers(path, shape=None):
