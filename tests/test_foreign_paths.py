@@ -167,6 +167,15 @@ def test_ten_thousand_names_look_at_a_folder_once(tmp_path, monkeypatch):
     assert len(looked) == 2
 
 
+def test_in_a_folder_that_is_too_large_nothing_is_guessed(tmp_path, monkeypatch):
+    monkeypatch.setattr(foreign_paths, "MOST_ENTRIES", 5)
+    for i in range(4):
+        put(tmp_path / f"images/{i}.png")
+    assert found(tmp_path, "/x/images/1.png") == ["images/1.png"]
+    put(tmp_path / "images/4.png")
+    assert found(tmp_path, "/x/images/1.png", "images/2") == [None, "images/2.png"]
+
+
 def test_any_name_is_a_file_within_the_folder_or_none(tmp_path):
     """Names of random parts: all files are found by their names, and nothing else ever is."""
     rng = np.random.default_rng()

@@ -24,7 +24,7 @@ from urllib.parse import unquote
 
 from .posed_images import IMAGE_ENDINGS, DatasetError
 
-MOST_ENTRIES = 300_000  # files and folders that are looked at
+MOST_ENTRIES = 300_000  # files and folders that are looked at; among more, no tails are sought
 MOST_ALIKE = 8  # files with one tail that are kept: two are one too many
 DEEPEST = 16  # folders of a tail
 LONGEST_NAME = 80  # characters of a name in a message
@@ -157,6 +157,7 @@ class _Nearby:
             for entry in _entries(place):
                 count += 1
                 if count > MOST_ENTRIES:
+                    self.tails.clear()  # what was not looked at may fit as well
                     return
                 name = _folded(entry.name)
                 if _is_folder(entry):
