@@ -43,7 +43,8 @@ class Photographs:
         Raises:
             DatasetError: The folder is no data set, or has no photograph.
         """
-        self._images = list_images(Path(folder), "train", outside).images
+        listing = list_images(Path(folder), "train", outside)
+        self._images, self.said = listing.images, listing.said
         if not self._images:
             raise DatasetError(f"{folder} has none of its photographs")
         self._world_to_model = world_to_model

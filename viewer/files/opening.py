@@ -11,6 +11,7 @@ from ...core import capture
 from ...core import field as fields
 from ...core.arguments import plain_message
 from ...core.paths import working_folder
+from ...core.streams import printable
 from ...core.training import has_cameras
 from .. import logs
 from ..sessions import load_session
@@ -91,6 +92,8 @@ def open_photographs(app, folder: Path, outside=False) -> None:
     from ..camera import Photographs
 
     app.photographs = Photographs(folder, app.scene.field.world_to_model, outside)
+    for sentence in app.photographs.said:
+        log.warning(printable(sentence))
     app.scene.settings.show_box = True
     app.recorder.say(f"{len(app.photographs)} photographs: [ and ] jump to their cameras")
 

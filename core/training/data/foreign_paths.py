@@ -61,7 +61,7 @@ def find_files(folder: Path, names: list[str], source: Path, once=True) -> Found
     """
     paths, nearby, replaced = [], None, []
     for name in names:
-        path = _as_it_is(folder, name)
+        path = as_it_is(folder, name)
         if path is None:
             nearby = nearby or _Nearby(folder)
             path = nearby.like(name, source)
@@ -94,7 +94,8 @@ def shown(name: str) -> str:
     return name if len(name) <= LONGEST_NAME else f"...{name[-LONGEST_NAME:]}"
 
 
-def _as_it_is(folder, name):
+def as_it_is(folder, name) -> Path | None:
+    """The file of a name, or of the name with an image's ending; None without one."""
     path = os.path.join(folder, name)
     return next((Path(path + e) for e in ("", *IMAGE_ENDINGS) if os.path.isfile(path + e)), None)
 

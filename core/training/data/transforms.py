@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from ...render import Lens
-from .foreign_paths import find_files, key_of
+from .foreign_paths import as_it_is, find_files, key_of
 from .posed_images import (
     DatasetError,
     Listing,
@@ -72,17 +72,25 @@ def read(folder, split) -> Listing:
 def cameras(path: Path) -> list[PosedImage]:
     """All frames of a file in their order, whether their images exist or not.
 
-    Of such without an image, the stated size may be that of a picture with the angles of view.
+    An image is sought only where no size is stated, nor follows from both angles of view.
     """
     scene, frames = scene_of(path, nameless=True)
-    frames = [{"file_path": f"frame {i + 1}", **frame} for i, frame in enumerate(frames)]
-    files = find_files(path.parent, [frame["file_path"] for frame in frames], path, once=False)
-    found = []
-    for frame, file in zip(frames, files.paths, strict=True):
-        image = posed(scene, frame, file, None, path)
+    folder, found = path.parent, []
+    for number, frame in enumerate(frames, start=1):
+        name = frame.get("file_path")
+        file = as_it_is(folder, name) if name else None
+        image = posed(scene, {"file_path": f"frame {number}"} | frame, file, None, path)
         if file is None and image.stated_size is None:
             image = replace(image, stated_size=size_by_angles({**scene, **frame}))
         found.append(image)
+    unsized = [
+        i
+        for i, image in enumerate(found)
+        if not image.path and not image.stated_size and "file_path" in frames[i]
+    ]
+    files = find_files(folder, [frames[i]["file_path"] for i in unsized], path, once=False)
+    for i, file in zip(unsized, files.paths, strict=True):
+        found[i] = replace(found[i], path=file)
     return found
 
 
@@ -187,7 +195,7 @@ def real(path):
 
 def told_of_times(frames, path) -> str:
     """A sentence if frames show different times, which one still object can't."""
-    times = {time for frame in frames if is_number(time := frame.get("time"))}
+    times = {time for frame in frames if is_number(time := frame.get("time")) and time == time}
     if len(times) < 2:
         return ""
     return (
