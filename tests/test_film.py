@@ -277,20 +277,16 @@ def test_a_film_along_a_data_set_shows_its_lens(ball, ball_file, tmp_path, windo
 
     from deformrf.core.render import Camera, Lens, Renderer, look_at
 
-    numbers = {"fl_x": 70.0, "fl_y": 60.0, "cx": 30.0, "cy": 24.0, "w": 64, "h": 48}
-    numbers |= {"k1": 0.1, "k2": -0.1, "p1": 0.01, "p2": -0.01}
+    numbers = {"fl_x": 70.0, "fl_y": 60.0, "cx": 30.0, "cy": 24.0, "w": 64, "h": 48, "k1": 0.1}
     poses = [look_at(at, [0.5, 0.5, 0.4]) for at in ([2.0, 0.0, 1.0], [0.0, 2.0, 1.0])]
     frames = [{"file_path": "gone", "transform_matrix": pose.tolist()} for pose in poses]
     path = write_frames(tmp_path / "data", frames, **numbers) / "transforms.json"
     arguments = "--camera", path, "--fps", "1", "--size", "64x48", "--hide-handles"
-    done = rendered(ball_file, *arguments, "-o", tmp_path / "film")
-    assert done.returncode == 0, done.stderr
+    assert rendered(ball_file, *arguments, "-o", tmp_path / "film").returncode == 0
     first, second = sorted((tmp_path / "film").iterdir())
-    lens = Lens(64, 48, (70.0, 60.0), (30.0, 24.0), (0.1, -0.1, 0.0, 0.0), (0.01, -0.01))
-    renderer, matrix = Renderer(ball, "cpu"), ball.world_to_model
-    assert (matrix == np.eye(4)).all()
+    lens = Lens(64, 48, (70.0, 60.0), (30.0, 24.0), (0.1, 0.0, 0.0, 0.0))
     for picture, pose in ((first, poses[0]), (second, poses[1])):
-        wanted = renderer.render(Camera(pose, lens)).color_array()[..., :3].astype(int)
+        wanted = Renderer(ball, "cpu").render(Camera(pose, lens)).color_array()[..., :3].astype(int)
         assert abs(np.asarray(Image.open(picture)).astype(int) - wanted).max() <= 2
 
 
