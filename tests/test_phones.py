@@ -106,6 +106,35 @@ def test_what_is_no_json_is_refused(tmp_path, content):
         load_dataset(folder, "train")
 
 
+NASTY = None, True, -1, 0, 1e-320, 1e308, 10**400, float("nan"), "", "a\0", [], {}, [[1e300] * 4]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("make", [polycam, record3d])
+def test_whatever_a_scan_holds_it_is_read_or_refused(tmp_path, make):
+    """Up to three of its numbers are replaced by nasty values."""
+    rng, folder, counts = np.random.default_rng(), make(tmp_path, count=3), {True: 0, False: 0}
+    file = "keyframes/cameras/1001.json" if make is polycam else "metadata.json"
+    text = (folder / file).read_text()
+    for _ in range(150):
+        values = json.loads(text)
+        for _ in range(rng.integers(1, 4)):
+            holder = values
+            while isinstance(holder, dict | list) and len(holder):
+                keys = list(holder) if isinstance(holder, dict) else range(len(holder))
+                key, place = keys[rng.integers(len(keys))], holder
+                holder = holder[key]
+            place[key] = NASTY[rng.integers(len(NASTY))]
+        (folder / file).write_text(json.dumps(values))
+        try:
+            load_dataset(folder, "train")
+            counts[True] += 1
+        except DatasetError as error:
+            counts[False] += 1
+            assert "\n" not in str(error)
+    assert min(counts.values()) > 2, counts
+
+
 @pytest.mark.parametrize("name", ["scan.r3d", "scan-poly.zip"])
 def test_an_archive_is_to_be_unzipped(tmp_path, name):
     (tmp_path / name).write_bytes(b"PK")

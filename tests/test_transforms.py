@@ -197,6 +197,8 @@ def test_whatever_a_scene_holds_it_is_read_or_refused(tmp_path):
     rng = np.random.default_rng()
     scene = json.loads((write(tmp_path, count=4) / "transforms.json").read_text())
     scene |= {"train_filenames": ["images/0001.png"], "camera_model": "OPENCV", "is_fisheye": 0}
+    for frame in scene["frames"]:
+        frame |= {"mask_path": frame["file_path"], "time": 0.5}
     counts = {True: 0, False: 0}
     for _ in range(400):
         changed = json.loads(json.dumps(scene))

@@ -15,6 +15,7 @@ The world is turned so that +z is up.  Every eighth image, in their order, is a 
 """
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -133,8 +134,8 @@ def pose_of(values, name):
     """The matrix of a quaternion (x, y, z, w) and a position.  [3, 4]"""
     try:
         x, y, z, w, *position = np.array(values, float)
-        length = np.sqrt(x * x + y * y + z * z + w * w)
-        good = len(position) == 3 and SHORTEST_QUATERNION < length < np.inf
+        length = math.hypot(x, y, z, w)
+        good = len(position) == 3 and SHORTEST_QUATERNION < length < math.inf
     except (TypeError, ValueError, OverflowError):
         good = False
     if not good:
