@@ -124,7 +124,7 @@ def test_whatever_a_scan_holds_it_is_read_or_refused(tmp_path, make):
                 keys = list(holder) if isinstance(holder, dict) else range(len(holder))
                 key, place = keys[rng.integers(len(keys))], holder
                 holder = holder[key]
-            place[key] = NASTY[rng.integers(len(NASTY))]
+            place[key] = json.loads(json.dumps(NASTY[rng.integers(len(NASTY))]))
         (folder / file).write_text(json.dumps(values))
         try:
             load_dataset(folder, "train")
