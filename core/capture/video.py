@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image
 
 from ..images import MOST_PIXELS
+from .hdr import check_color, is_hdr, standard
 from .photos import CaptureError
 from .sharpness import sharpness_of
 
@@ -114,6 +115,7 @@ def watched(path: Path, advance):
     """Look at all frames: the sharpness of each, and the way until it.  [n] each"""
     sharpness, steps, before = [], [], None
     for frame in frames_of(path, advance):
+        check_color(path, frame)
         scale = min(1.0, SIDE / max(frame.width, frame.height))
         size = [max(2, round(scale * side)) for side in (frame.width, frame.height)]
         gray = frame.reformat(*size, "gray").to_ndarray()
@@ -148,13 +150,21 @@ def write_frames(path: Path, chosen, folder: Path, image_size: int, advance):
     for number, frame in enumerate(frames_of(path, advance)):
         if number not in wanted:
             continue
+        if is_hdr(frame):
+            pixels = standard(frame, shrunk((frame.width, frame.height), image_size))
+        else:
+            pixels = frame.to_ndarray(format="rgb24")
         # FFmpeg's angle is that of a counterclockwise turn, as NumPy's.
-        pixels = np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90))
+        pixels = np.rot90(pixels, round(frame.rotation / 90))
         image = Image.fromarray(np.ascontiguousarray(pixels))
         if max(image.size) > image_size:
-            scale = image_size / max(image.size)
-            size = [max(1, round(scale * side)) for side in image.size]
-            image = image.resize(size, Image.Resampling.BOX)
+            image = image.resize(shrunk(image.size, image_size), Image.Resampling.BOX)
         image.save(folder / f"{number:06d}.jpg", quality=95, subsampling=0)
         if number == chosen[-1]:
             return
+
+
+def shrunk(size, longest: int) -> list[int]:
+    """Width and height of which the longer is at most `longest`."""
+    scale = min(1.0, longest / max(size))
+    return [max(1, round(scale * side)) for side in size]
