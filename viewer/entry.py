@@ -10,6 +10,7 @@ import signal
 import sys
 from importlib import import_module
 
+from ..core.children import forget_current_folder
 from ..core.memory import no_garbage_collected
 from ..core.streams import keep_going
 
@@ -60,6 +61,8 @@ def begin(program: str) -> int:
     A fault of the program leaves a report that a user can attach.  With --verbose, any command
     shows on stderr what its modules note.
     """
+
+    forget_current_folder()
 
     def end(*_):
         # No exception: an import that one passes through may turn it into another, or go on.

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..children import start
 from .features import LEAST_MATCHES
 from .library import POLL_SECONDS, SEED, interruptible, load_pycolmap
 from .points import SparsePoints
@@ -146,7 +147,7 @@ def global_mapping(work: Work, begin) -> list:
 def run_alone(command: list[str]):
     """Run a process without input and output; an interrupt ends it, too."""
     nothing = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    with subprocess.Popen(command, **nothing) as process:
+    with start(command, **nothing) as process:
         try:
             while process.poll() is None:
                 try:

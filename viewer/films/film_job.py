@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core import field as fields
+from ...core.children import start
 from ...core.paths import free_name, working_folder
 
 SIZES = "as the window", "1280x720", "1920x1080", "3840x2160"
@@ -125,14 +126,12 @@ class FilmJob:
     def _run(self, command):
         if self._cancelled:
             return
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        process = self._process = subprocess.Popen(
+        process = self._process = start(
             command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env=environment,
             cwd=working_folder(),
             start_new_session=os.name == "posix",  # Ctrl-C is for the viewer, which ends it
         )

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...core import capture
+from ...core.children import start
 from ...core.commands import TrainArguments, prepare_training, train_command
 from ...core.paths import free_name, working_folder
 from ..files import readable
@@ -134,15 +135,13 @@ class TrainJob:
         self.ended = True
 
     def _run(self):
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        process = self._process = subprocess.Popen(
+        process = self._process = start(
             [sys.executable, "-c", CODE, *self.offer.arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
-            env=environment,
             cwd=working_folder(),
             start_new_session=os.name == "posix",  # Ctrl-C is for the viewer, which ends it
         )

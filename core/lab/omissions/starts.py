@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 
+from ...children import start
 from ..stopwatch import in_turns
 from .measure import NONE, START, Omission, not_measured, omission
 
@@ -131,8 +132,14 @@ def kernel_row(device, turns: int) -> Omission:
 def _run(program, *arguments):
     """Run a program in a fresh interpreter; return its output, parsed as JSON."""
     command = [sys.executable, "-c", program, *arguments]
-    run = subprocess.run(command, capture_output=True, text=True)
-    if run.returncode:
-        words = run.stderr.strip() or f"it ended with {run.returncode} and without a word"
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with start(command, text=True, **pipes) as process:
+        try:
+            printed, errors = process.communicate()
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode:
+        words = errors.strip() or f"it ended with {process.returncode} and without a word"
         raise RuntimeError(f"a start failed: {words}")
-    return json.loads(run.stdout.splitlines()[-1])
+    return json.loads(printed.splitlines()[-1])

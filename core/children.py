@@ -1,0 +1,76 @@
+"""Processes of Python that this one starts, all by `start`: they run nothing of the current folder.
+
+`python -c` and `python -m` put the current folder first among the folders that modules come from,
+as does a PYTHONPATH with an empty entry or a dot.  Whoever works in a folder from elsewhere would
+run its numpy.py.  So a child gets -P, and a PYTHONPATH of the folders that this process imports
+from, without the current one; it has this process's package, wherever that is.
+"""
+
+import os
+import sys
+
+PACKAGE = __package__.rpartition(".")[0]
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))  # of the package
+SAME_PACKAGE = f"""
+import sys, types
+sys.modules[{PACKAGE!r}] = types.ModuleType({PACKAGE!r})
+sys.modules[{PACKAGE!r}].__path__ = [{ROOT!r}]
+"""
+
+
+def start(command: list[str], **options):
+    """A running Python, as a subprocess.Popen.
+
+    Args:
+        command: [sys.executable, "-c", code, *arguments].
+        options: Of subprocess.Popen.
+
+    Raises:
+        OSError: The process can't be started.
+    """
+    import subprocess  # a start of the viewer does without it
+
+    python, flag, code, *arguments = command
+    assert (python, flag) == (sys.executable, "-c"), command
+    folders = [f for f in sys.path if os.path.isabs(f) and os.pathsep not in f]
+    path = os.pathsep.join(f for f in folders if f not in _current(sys.path))
+    command = [python, "-P", flag, SAME_PACKAGE + code, *arguments]
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, **options)
+
+
+def forget_current_folder() -> None:
+    """Import nothing from the current folder from now on, other than this package."""
+    found = _current(sys.path)
+    if found:
+        sys.modules[PACKAGE].__path__ = [ROOT]  # it may lie there
+        sys.path[:] = [folder for folder in sys.path if folder not in found]
+
+
+def _current(folders) -> set[str]:
+    """Those of sys.path's folders that are the current one, and that nobody chose.
+
+    A user chose what PYTHONPATH names by its whole path: packages may be installed there.  What
+    Python itself is installed in comes after its standard library.
+    """
+    library = os.path.dirname(os.__file__)
+    before = folders[: folders.index(library)] if library in folders else folders
+    chosen = {os.path.realpath(f) for f in _named() if os.path.isabs(f)}
+    here = {_START, _working_folder()} - chosen
+    return {folder for folder in before if os.path.realpath(folder) in here}
+
+
+def _named() -> list[str]:
+    """The folders of the user's PYTHONPATH, as they stand there."""
+    if sys.flags.ignore_environment:
+        return []
+    return os.environ.get("PYTHONPATH", "").split(os.pathsep)
+
+
+def _working_folder() -> str | None:
+    try:
+        return os.path.realpath(os.getcwd())
+    except OSError:  # it was deleted
+        return None
+
+
+_START = _working_folder()  # `python -m` has its path in sys.path, also when it is left
