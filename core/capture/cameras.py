@@ -7,6 +7,7 @@ DISTANCE away from it.
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from .phases import Phases
 from .photos import CaptureError, Photo, find_photos, photo_folder
 from .placing import focus, upright
 from .points import SparsePoints, save_points
+from .standing import checked
 from .video import take_frames
 from .work import open_work
 
@@ -68,16 +70,22 @@ class Capture:
 
 
 def find_cameras(
-    folder: Path, work_folder: Path, image_size: int | None = None, is_sequence: bool = False
+    folder: Path,
+    work_folder: Path,
+    image_size: int | None = None,
+    is_sequence: bool = False,
+    on_work: Callable[[Path, bool], None] = lambda folder, again: None,
 ) -> Capture:
     """Find the cameras of all photographs in a folder, and write what was found beside them.
 
     Ctrl-C leaves the work folder, from which the next call with the same photographs goes on.
 
     Args:
-        work_folder: For unfinished work; removed at the end.
+        work_folder: For unfinished work, removed at the end; <work_folder>-2 and so on if something
+            else is there.
         image_size: Longer side that photographs are shrunk to; None for IMAGE_SIZE.
         is_sequence: They are frames of a video, in order.
+        on_work: Called with the folder of the work, and whether work goes on there.
 
     Raises:
         CaptureError: The photographs don't fit together, are too few, or can't be read.
@@ -93,12 +101,15 @@ def find_cameras(
         raise CaptureError(f"{path} is there already, and is not overwritten: remove or rename it")
     photos, unreadable = find_photos(photos_at)
     check_count(folder, photos, unreadable)
-    work, _ = open_work(work_folder, photos, image_size or IMAGE_SIZE)
+    work, again = open_work(work_folder, photos, image_size or IMAGE_SIZE)
+    on_work(work.folder, again)
     with Phases() as phases:
         unreadable += find_features(work, phases.phase)
         match_photos(work, is_sequence, phases.phase)
         mapped = map_photos(work, phases.phase)
     check_mapped(folder, work, mapped)
+    mapped = checked(folder, len(photos), mapped)
+    check_mapped(folder, work, mapped)  # without cameras that aren't known
     mapped = placed(mapped)
     taken = set(mapped.numbers.tolist())
     capture = Capture(

@@ -4,7 +4,6 @@ Photographs are decoded by core/images.py, and handed to pycolmap as upright PNG
 work size, a few at a time; pycolmap itself never opens a file of the user's.
 """
 
-import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from itertools import combinations
 from pathlib import Path
@@ -17,7 +16,7 @@ from ..images import ImageError
 from .library import SEED, interruptible, load_pycolmap
 from .photos import read_photo, work_size
 from .sharpness import exposure_of, gray_of, sharpness_of
-from .work import Look, Work, name_of, number_of
+from .work import PAIRS, Look, Work, name_of, number_of
 
 MOST_FEATURES = 4096  # of a photograph; the strongest
 FOCAL_FACTOR = 1.2  # focal length over the longer side, where EXIF doesn't say
@@ -54,7 +53,7 @@ def find_features(work: Work, begin) -> list[str]:
     with begin("Finding features", len(work.photos), len(done)) as advance:
         for first in range(0, len(todo), at_once):
             numbers = todo[first : first + at_once]
-            with tempfile.TemporaryDirectory(dir=work.folder) as folder:
+            with work.temporary_folder() as folder:
                 images = written_images(work, numbers, Path(folder), unreadable)
                 missing = [n for n in images if n not in extracted]
                 for camera in {cameras[n] for n in missing}:
@@ -142,7 +141,7 @@ def match_photos(work: Work, is_sequence: bool, begin):
     verification.ransac.max_num_trials = 2000
     verification.ransac.random_seed = SEED
     at_once = PAIRS_AT_ONCE * thread_count()
-    listed = work.folder / "pairs.txt"
+    listed = work.folder / PAIRS
     with begin("Matching photographs", len(pairs), len(pairs) - len(todo)) as advance:
         for first in range(0, len(todo), at_once):
             chunk = todo[first : first + at_once]

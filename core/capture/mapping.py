@@ -7,7 +7,6 @@ find several groups of photographs that nothing connects; the largest is taken.
 
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from .points import SparsePoints
 from .work import Work, number_of
 
 SMALLEST_GROUP = 4  # photographs of a group that is found at all
+NEAREST = 0.1  # of the points that a photograph shows
 ENOUGH = 0.9  # of the photographs that matches connect: with fewer, there is a second try
 GLOBAL_MAPPING = """
 import sys
@@ -41,6 +41,8 @@ class Mapped:
         poses: Camera to world, OpenGL's axes.  [n, 4, 4] float64
         lenses: fx, fy, cx, cy, k1, and the width and height that they are for.  [n, 7] float64
         points: In the same world.
+        seen: How many of them each photograph shows.  [n] int
+        nearest: From each camera to the nearest tenth of these; 0 if there are none.  [n] float64
         pixel_error: Mean distance of a point's image from its feature [pixels of the work size].
         groups: Photographs of all groups, the largest first, by number.
     """
@@ -49,6 +51,8 @@ class Mapped:
     poses: np.ndarray
     lenses: np.ndarray
     points: SparsePoints
+    seen: np.ndarray
+    nearest: np.ndarray
     pixel_error: float
     groups: tuple[tuple[int, ...], ...]
 
@@ -109,7 +113,7 @@ def incremental(work: Work, begin, distorts=True) -> list:
         registered[0] += 1
 
     with begin("Finding cameras", len(work.photos)) as advance:
-        with tempfile.TemporaryDirectory(dir=work.folder) as folder:
+        with work.temporary_folder() as folder:
             found = interruptible(
                 pycolmap.incremental_mapping,
                 str(work.database_path),
@@ -132,7 +136,7 @@ def global_mapping(work: Work, begin) -> list:
     """
     pycolmap = load_pycolmap()
     with begin("Finding more cameras", len(work.photos)) as advance:
-        with tempfile.TemporaryDirectory(dir=work.folder) as folder:
+        with work.temporary_folder() as folder:
             arguments = [str(work.database_path), folder, str(SMALLEST_GROUP), str(SEED)]
             run_alone([sys.executable, "-c", GLOBAL_MAPPING, *arguments])
             groups = sorted(path for path in Path(folder).iterdir() if path.is_dir())
@@ -192,30 +196,42 @@ def mapped_of(work: Work, found: list) -> Mapped:
         camera = best.cameras[image.camera_id]
         focal, x, y, k1 = camera.params
         lenses.append((focal, focal, x, y, k1, camera.width, camera.height))
-    points = points_of(work, best)
+    rows = {key: row for row, key in enumerate(best.points3D)}
+    observed = [observations(image, rows) for image in images]
+    points = points_of(work, best, groups[0], observed)
+    poses = np.array(poses)
+    away = [points.points[seen] - p[:3, 3] for p, (_, seen) in zip(poses, observed, strict=True)]
+    near = [np.quantile(np.linalg.norm(a, axis=1), NEAREST) if len(a) else 0.0 for a in away]
     return Mapped(
         np.array(groups[0]),
-        np.array(poses),
+        poses,
         np.array(lenses),
         points,
+        np.array([len(a) for a in away]),
+        np.array(near),
         float(best.compute_mean_reprojection_error()),
         tuple(groups),
     )
 
 
-def points_of(work: Work, group) -> SparsePoints:
-    """The points of a reconstruction, each in the mean color of its features."""
-    keys = list(group.points3D)
-    row = {key: index for index, key in enumerate(keys)}
-    sums, counts = np.zeros((len(keys), 3)), np.zeros(len(keys), int)
-    for image in (group.images[key] for key in group.reg_image_ids()):
-        colors = work.look(number_of(image.name)).colors
-        seen = [(i, row[p.point3D_id]) for i, p in enumerate(image.points2D) if p.has_point3D()]
-        if seen:
-            features, rows = np.array(seen).T
-            np.add.at(sums, rows, colors[features])
-            np.add.at(counts, rows, 1)
-    points = [group.points3D[key] for key in keys]
+def observations(image, rows: dict):
+    """Features of a photograph that show points, and the rows of these.  [m] int both"""
+    seen = [(i, rows[p.point3D_id]) for i, p in enumerate(image.points2D) if p.has_point3D()]
+    return np.array(seen, int).reshape(-1, 2).T
+
+
+def points_of(work: Work, group, numbers, observed) -> SparsePoints:
+    """The points of a reconstruction, each in the mean color of its features.
+
+    Args:
+        numbers: Of its photographs.
+        observed: What `observations` says of each.
+    """
+    points = list(group.points3D.values())
+    sums, counts = np.zeros((len(points), 3)), np.zeros(len(points), int)
+    for number, (features, rows) in zip(numbers, observed, strict=True):
+        np.add.at(sums, rows, work.look(number).colors[features])
+        np.add.at(counts, rows, 1)
     return SparsePoints(
         np.array([p.xyz for p in points], np.float32).reshape(-1, 3),
         np.round(sums / np.maximum(counts, 1)[:, None]).astype(np.uint8),

@@ -1,22 +1,34 @@
 """The work folder: what is known so far of photographs whose cameras are being found.
 
 It holds pycolmap's database, for each photograph an .npz (`Look`), and work.json, which says for
-which photographs all this is.  A run that is interrupted leaves it; one that ends removes it.
+which photographs all this is.  A run that is interrupted leaves it; one that ends removes it, but
+nothing that has another name, or is no file of its own.
 """
 
 import json
-import shutil
-from dataclasses import dataclass
+import os
+import re
+import stat
+import tempfile
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..paths import whole_file
 from .library import load_pycolmap
-from .photos import CaptureError, Photo
+from .photos import Photo
 
-LISTING, DATABASE = "work.json", "features.db"
+LISTING, DATABASE, PAIRS = "work.json", "features.db", "pairs.txt"
+TEMPORARY = ".temporary-"
 VERSION = 1
+LARGEST = 2**24  # bytes of a listing that is read: of a hundred thousand photographs
+LOOK = r"\d{6,}\.npz"
+PARTIAL = r"\.(work|\d{6,})-[0-9a-f]{8}\.part\.(json|npz)"  # what paths.whole_file is writing
+OURS = re.compile(rf"work\.json|pairs\.txt|features\.db(-journal|-wal|-shm)?|{LOOK}|{PARTIAL}")
+TEMPORARY_FOLDER = re.compile(re.escape(TEMPORARY) + r"[a-z0-9_]{8}")
+IN_IT = re.compile(r"\d{6,}\.png|(cameras|images|points3D|rigs|frames)\.(bin|txt)|project\.ini")
 
 
 @dataclass(frozen=True)
@@ -70,8 +82,22 @@ class Work:
         with whole_file(self.look_path(number)) as partial:
             np.savez(partial, **vars(look))
 
-    def remove(self):
-        shutil.rmtree(self.folder, ignore_errors=True)
+    def temporary_folder(self):
+        """A folder in it for what pycolmap reads and writes; a context manager."""
+        return tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=self.folder)
+
+    def remove(self) -> bool:
+        """Remove what is known here, and the folder if nothing else is in it; False if there is."""
+        with suppress(OSError):
+            # The listing goes last, or nobody would know again whose the others are.
+            for path in sorted(self.folder.iterdir(), key=lambda path: path.name == LISTING):
+                if OURS.fullmatch(path.name) and is_file(path):
+                    path.unlink()
+                elif TEMPORARY_FOLDER.fullmatch(path.name) and is_folder(path):
+                    with suppress(OSError):  # what is in it is not all known
+                        remove_temporary(path)
+            self.folder.rmdir()
+        return not self.folder.exists()
 
 
 def name_of(number: int) -> str:
@@ -83,35 +109,74 @@ def number_of(name: str) -> int:
     return int(Path(name).stem)
 
 
-def open_work(folder: Path, photos, image_size: int) -> tuple[Work, bool]:
-    """The work folder for photographs, and whether it holds work on exactly these.
-
-    Work on other photographs is removed.
+def remove_temporary(folder: Path):
+    """Remove a temporary folder of a run that was killed.
 
     Raises:
-        CaptureError: Something else is in the folder.
+        OSError: Something else is in it.
+    """
+    for path in folder.iterdir():
+        if path.name.isdecimal() and is_folder(path):  # a group that pycolmap wrote
+            remove_temporary(path)
+        elif IN_IT.fullmatch(path.name) and is_file(path):
+            path.unlink()
+    folder.rmdir()
+
+
+def is_file(path: Path) -> bool:
+    """Whether it is a file, and no link to one."""
+    return stat.S_ISREG(path.lstat().st_mode)
+
+
+def is_folder(path: Path) -> bool:
+    return stat.S_ISDIR(path.lstat().st_mode)
+
+
+def open_work(folder: Path, photos, image_size: int) -> tuple[Work, bool]:
+    """A work folder for photographs, and whether it holds work on exactly these.
+
+    It is `folder`, or <folder>-2 and so on where something else is there.  Work on other
+    photographs is removed.
+
+    Raises:
+        OSError: The folder can't be made.
     """
     work = Work(Path(folder), tuple(photos), image_size)
-    wanted = listing(work)
-    if work.folder.exists():
-        known = None
-        if (path := work.folder / LISTING).is_file():
-            try:
-                known = json.loads(path.read_text(encoding="utf-8"))
-            except ValueError:
-                known = {}
-        elif not work.folder.is_dir() or any(work.folder.iterdir()):
-            raise CaptureError(
-                f"{work.folder} is needed for unfinished work, but something else is there: "
-                f"rename it, or the model"
-            )
-        if known == wanted:
-            return work, True
-        shutil.rmtree(work.folder)
+    wanted, there, number = listing(work), [], 1
+    while os.path.lexists(work.folder):
+        there.append((work, held(work.folder)))
+        number += 1
+        work = replace(work, folder=Path(f"{folder}-{number}"))
+    for known, found in there:
+        if found == wanted:
+            return known, True
+    for known, found in there:
+        if found is not None and known.remove():
+            work = known
+            break
     work.folder.mkdir(parents=True)
     with whole_file(work.folder / LISTING) as partial:
         partial.write_text(json.dumps(wanted), encoding="utf-8")
     return work, False
+
+
+def held(folder: Path) -> dict | None:
+    """What a work folder's listing says; {} of an empty folder, None of anything else."""
+    try:
+        if not is_folder(folder):
+            return None
+        files = list(folder.iterdir())
+        if not files:
+            return {}
+        path = folder / LISTING
+        ours = [file for file in files if OURS.fullmatch(file.name)]
+        if path not in ours or not all(map(is_file, ours)) or path.stat().st_size > LARGEST:
+            return None
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    is_ours = isinstance(found, dict) and type(found.get("version")) is int
+    return found if is_ours and found["version"] == VERSION else None
 
 
 def listing(work: Work) -> dict:

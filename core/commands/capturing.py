@@ -61,19 +61,27 @@ def prepared(data: Path, output: Path, image_size: int | None) -> Prepared:
 def found_by(data: Path, work: Path, image_size: int | None, is_sequence: bool):
     """Find the cameras, and say what was found; after Ctrl-C, how to go on."""
     side = image_size or capture.IMAGE_SIZE
-    known = "going on with the work in" if work.exists() else "unfinished work is kept in"
-    print(
-        f"No file in {printable(data)} has the photographs' cameras: they are found first, at "
-        f"{side} pixels (--image-size); {known} {printable(work)}.",
-        flush=True,
-    )
-    try:
-        found = capture.find_cameras(data, work, image_size, is_sequence)
-    except KeyboardInterrupt:
+    place = None
+
+    def on_work(folder, again):
+        nonlocal place
+        place = folder
+        known = "going on with the work in" if again else "unfinished work is kept in"
+        other = "" if folder == work else f" ({printable(work)} holds something else, and is left)"
         print(
-            f"What was found so far is in {printable(work)}: the same command goes on there.",
-            file=sys.stderr,
+            f"No file in {printable(data)} has the photographs' cameras: they are found first, at "
+            f"{side} pixels (--image-size); {known} {printable(folder)}{other}.",
+            flush=True,
         )
+
+    try:
+        found = capture.find_cameras(data, work, image_size, is_sequence, on_work)
+    except KeyboardInterrupt:
+        if place is not None:
+            print(
+                f"What was found so far is in {printable(place)}: the same command goes on there.",
+                file=sys.stderr,
+            )
         raise
     for line in capture.summary(found).splitlines():
         print(printable(line), flush=True)

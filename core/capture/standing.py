@@ -1,0 +1,85 @@
+"""Whether cameras can stand where mapping put them.
+
+Mapping keeps a camera that lost its points while errors were thrown out, and from few photographs
+it makes cameras that hang together by a few points each.  Both have small errors in pixels.  Three
+things tell:
+
+* points seen: mapping places a photograph by POINTS matches at least; if the median photograph
+  has fewer left, most were placed by matches that turned out to be wrong;
+* centers far from all others, or with hardly any point: these cameras are not known;
+* places: cameras nearer to each other than NEAR of their distance from what they see show the
+  same.  Fewer places than LEAST_PLACES are no way around anything; photographs of a turntable whose
+  surroundings were followed are like that.
+
+All of it is free of scale.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .mapping import Mapped
+from .photos import CaptureError
+
+POINTS = 30  # pycolmap's abs_pose_min_num_inliers
+FAR = 20.0  # times the upper quartile of the centers' distances from their median
+NEAR = 0.01
+LEAST_PLACES = 8
+WANTED = 40  # photographs
+MORE = f"take {WANTED} all around the object, each a small step from the last"
+
+
+def checked(folder, total: int, mapped: Mapped) -> Mapped:
+    """The cameras that can stand where they are.
+
+    Args:
+        total: Photographs, with cameras or without.
+
+    Raises:
+        CaptureError: Most can't be right, or they stand in too few places.
+    """
+    found = f"the cameras of {len(mapped.numbers)} of {total} photographs in {folder}"
+    advice = MORE if total >= WANTED else f"too few photographs: {MORE}"
+    seen = np.median(mapped.seen)
+    if seen < POINTS:
+        cloth = ", on a patterned cloth or a newspaper" if total >= WANTED else ""
+        raise CaptureError(
+            f"{found} can't be trusted, since the median one sees {seen:.0f} points and {POINTS} "
+            f"are needed: {advice}{cloth}"
+        )
+    centers = mapped.poses[:, :3, 3]
+    mapped = chosen(mapped, ~astray(centers, mapped.seen))
+    places = place_count(mapped.poses[:, :3, 3], NEAR * np.median(mapped.nearest))
+    if places < LEAST_PLACES:
+        raise CaptureError(
+            f"{found} stand in {places} {'places' if places > 1 else 'place'}, and {LEAST_PLACES} "
+            f"are needed: {advice}, and walk around it rather than turn it, since what stands "
+            f"still behind it is followed as well"
+        )
+    return mapped
+
+
+def astray(centers, seen):
+    """Which cameras are not known: they see hardly anything, or lie far from all others.  [n] bool
+
+    Args:
+        centers: [n, 3]
+        seen: How many points each camera sees.  [n]
+    """
+    away = np.linalg.norm(centers - np.median(centers, axis=0), axis=1)
+    return (2 * seen < POINTS) | (away > FAR * np.quantile(away, 0.75))
+
+
+def place_count(centers, near: float) -> int:
+    """How many of the centers are farther than `near` from each other.  [n, 3]"""
+    count, left = 0, np.asarray(centers)
+    while len(left):
+        left = left[np.linalg.norm(left - left[0], axis=1) > near]
+        count += 1
+    return count
+
+
+def chosen(mapped: Mapped, which) -> Mapped:
+    """Some of the cameras.  [n] bool"""
+    names = ("numbers", "poses", "lenses", "seen", "nearest")
+    return replace(mapped, **{name: getattr(mapped, name)[which] for name in names})

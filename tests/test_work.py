@@ -1,0 +1,177 @@
+"""The folder for unfinished work: what is not ours in it, or in its place, is never touched."""
+
+import json
+import os
+
+import pytest
+from PIL import Image
+
+from deformrf.core.capture import cameras, find_photos
+from deformrf.core.capture.work import LARGEST, open_work
+from deformrf.core.commands import capturing
+
+
+@pytest.fixture
+def photos(tmp_path):
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for number in range(3):
+        Image.new("RGB", (32, 24), (40 * number, 90, 60)).save(folder / f"{number}.jpg")
+    return find_photos(folder)[0]
+
+
+@pytest.fixture
+def place(tmp_path):
+    return tmp_path / "toy.capture"
+
+
+def everything(folder):
+    """Paths below a folder, with what files hold and links lead to."""
+    return {p.relative_to(folder).as_posix(): contents(p) for p in sorted(folder.rglob("*"))}
+
+
+def contents(path):
+    if path.is_symlink():
+        return os.readlink(path)
+    return path.read_bytes() if path.is_file() else "folder"
+
+
+def make_ours(place, photos):
+    """Work on other photographs, of which a run was killed while it mapped."""
+    work, _ = open_work(place, photos[:2], 100)
+    for name in ("features.db", "features.db-journal", "pairs.txt", "000000.npz", "1000000.npz"):
+        (place / name).write_bytes(b"ours")
+    (place / ".000001-0123abcd.part.npz").write_bytes(b"half")
+    group = place / ".temporary-abc_1234" / "0"
+    group.mkdir(parents=True)
+    (group / "images.bin").write_bytes(b"ours")
+    (group.parent / "000001.png").write_bytes(b"ours")
+    return work
+
+
+def strangers(place, listing):
+    place.mkdir()
+    if listing is not None:
+        (place / "work.json").write_text(listing)
+    (place / "thesis.txt").write_text("years of work")
+
+
+@pytest.mark.parametrize(
+    "listing",
+    [
+        None,
+        "",
+        '{"hours": 12}',
+        '{"version": 2, "photos": []}',
+        '{"version": true}',
+        '{"version": 1',
+        "[" * 100_000,
+        "[]",
+        "\x00" * 100,
+        " " * LARGEST + '{"version": 1}',
+    ],
+    ids=["none", "empty", "other", "newer", "true", "cut", "deep", "list", "binary", "huge"],
+)
+def test_what_is_not_ours_is_left(place, photos, listing):
+    strangers(place, listing)
+    (place / "features.db").write_text("a name that we use, too")
+    before = everything(place)
+    work, again = open_work(place, photos, 1600)
+    assert (work.folder, again) == (place.with_name("toy.capture-2"), False)
+    assert everything(place) == before
+    assert open_work(place, photos, 1600) == (work, True), "the next run goes on there"
+    assert work.remove() and not work.folder.exists() and everything(place) == before
+
+
+def test_work_on_other_photographs_is_removed_file_by_file(place, photos):
+    make_ours(place, photos)
+    work, again = open_work(place, photos, 1600)
+    assert (work.folder, again) == (place, False)
+    assert [path.name for path in place.iterdir()] == ["work.json"]
+
+
+def test_what_lies_among_ours_is_kept(place, photos):
+    make_ours(place, photos)
+    (place / "thesis.txt").write_text("years of work")
+    (place / ".temporary-abc_1234" / "0" / "notes.md").write_text("mine")
+    (place / ".temporary-notes").mkdir()
+    work, _ = open_work(place, photos, 1600)
+    assert work.folder == place.with_name("toy.capture-2")
+    assert everything(place) == {
+        "thesis.txt": b"years of work",
+        ".temporary-abc_1234": "folder",
+        ".temporary-abc_1234/0": "folder",
+        ".temporary-abc_1234/0/notes.md": b"mine",
+        ".temporary-notes": "folder",
+    }
+
+
+def test_work_that_ends_leaves_what_was_put_beside_it(place, photos):
+    work, _ = open_work(place, photos, 1600)
+    (place / "thesis.txt").write_text("years of work")
+    assert open_work(place, photos, 1600) == (work, True), "that is no hindrance"
+    assert not work.remove()
+    assert everything(place) == {"thesis.txt": b"years of work"}
+
+
+def test_a_name_of_ours_that_is_a_link_or_a_folder_makes_it_another_s(place, photos, tmp_path):
+    (tmp_path / "mine.db").write_text("precious")
+    for name, make in (
+        ("features.db", lambda path: path.symlink_to(tmp_path / "mine.db")),
+        ("000000.npz", lambda path: path.mkdir()),
+    ):
+        work, _ = open_work(place, photos, 1600)
+        make(place / name)
+        before = everything(tmp_path)
+        other, again = open_work(place, photos, 1600)
+        assert other.folder == place.with_name("toy.capture-2") and not again
+        assert other.remove() and everything(tmp_path) == before
+        (place / name).rmdir() if (place / name).is_dir() else (place / name).unlink()
+        assert work.remove()
+
+
+def test_a_link_a_file_and_a_pipe_in_its_place_are_left(place, photos, tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    make_ours(tmp_path / "elsewhere" / "toy.capture", photos)
+    before = everything(tmp_path / "elsewhere")
+    place.symlink_to(tmp_path / "elsewhere" / "toy.capture")
+    place.with_name("toy.capture-2").write_text("a file")
+    place.with_name("toy.capture-3").symlink_to("nowhere")
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(place.with_name("toy.capture-4"))
+    else:
+        place.with_name("toy.capture-4").write_text("")
+    work, _ = open_work(place, photos, 1600)
+    assert work.folder == place.with_name("toy.capture-5")
+    assert everything(tmp_path / "elsewhere") == before and place.is_symlink()
+
+
+def test_an_empty_folder_is_used(place, photos):
+    place.mkdir()
+    assert open_work(place, photos, 1600)[0].folder == place
+
+
+def test_a_listing_that_is_a_pipe_is_not_waited_for(place, photos):
+    place.mkdir()
+    os.mkfifo(place / "work.json")
+    assert open_work(place, photos, 1600)[0].folder == place.with_name("toy.capture-2")
+
+
+def test_the_command_says_where_the_work_is(place, photos, capsys, monkeypatch):
+    strangers(place, json.dumps({"hours": 12}))
+    monkeypatch.setattr(cameras, "find_features", interrupted)
+    monkeypatch.setattr(cameras, "LEAST_PHOTOS", 3)
+    with pytest.raises(KeyboardInterrupt):
+        capturing.found_by(photos[0].path.parent, place, None, False)
+    said = capsys.readouterr()
+    other = f"{place}-2"
+    assert f"unfinished work is kept in {other} ({place} holds something else" in said.out
+    assert f"What was found so far is in {other}: the same command goes on there" in said.err
+    with pytest.raises(KeyboardInterrupt):
+        capturing.found_by(photos[0].path.parent, place, None, False)
+    assert f"going on with the work in {other}" in capsys.readouterr().out
+    assert everything(place)["thesis.txt"] == b"years of work"
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
