@@ -1,11 +1,14 @@
 """What is printed: standard output and error that never decide over work.
 
 A terminal may be closed, a pipe have no reader, a disk be full.  What can't be printed then is
-lost, and the work goes on.
+lost, and the work goes on.  Streams that were closed before the start lead nowhere, and no file
+that is opened later gets their numbers: libraries write their warnings to number 2, whatever it is.
 """
 
 import os
 import sys
+
+LAST_STANDARD = 2  # descriptor: of standard error
 
 
 class Stream:
@@ -45,12 +48,21 @@ class Stream:
 
 def keep_going() -> None:
     """From now on no print and no progress bar raises an error, wherever it is written to."""
-    for name in ("stdout", "stderr"):
+    _occupy_numbers()
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         stream = getattr(sys, name)
         if stream is None:  # it was closed before the start
-            stream = open(os.devnull, "w", encoding="utf-8")
-        if not isinstance(stream, Stream):
+            stream = open(os.devnull, mode, encoding="utf-8")
+            setattr(sys, name, stream)
+        if name != "stdin" and not isinstance(stream, Stream):
             setattr(sys, name, Stream(stream))
+
+
+def _occupy_numbers():
+    """Open the system's empty file under those of the descriptors 0 to 2 that are closed."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= LAST_STANDARD:  # the lowest that is free
+        os.set_inheritable(number, True)  # for programs that are started
+    os.close(number)
 
 
 def printable(words) -> str:

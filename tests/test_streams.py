@@ -1,10 +1,14 @@
 """What is printed never decides over work."""
 
+import os
 import subprocess
 import sys
+from itertools import combinations
 
 import pytest
+from PIL import Image
 
+from deformrf.core.field import load
 from deformrf.core.streams import Stream, printable
 
 WORK = """
@@ -31,6 +35,49 @@ def test_broken_streams_end_no_work(tmp_path, broken):
     line = f'set -o pipefail; "$0" -c "$1" "$2" {broken}'
     code = subprocess.run(["bash", "-c", line, sys.executable, WORK, done]).returncode
     assert (code, done.read_text()) == (0, "done")
+
+
+NUMBERS = """
+import os, sys
+from deformrf.core.streams import keep_going
+keep_going()
+with open(sys.argv[1], "w") as file:
+    assert file.fileno() > 2, file.fileno()
+    os.write(1, b"a warning")  # as libraries do, whatever is open there
+    os.write(2, b"a warning")
+    os.close(os.dup(2))
+    print(sys.stdin.read(), sys.stdin.fileno(), sys.stdout.fileno(), sys.stderr.fileno())
+    sub = "import os; [os.fstat(number) for number in range(3)]"
+    import subprocess
+    file.write("done" if not subprocess.call([sys.executable, "-c", sub]) else "a child has less")
+"""
+CLOSED = [" ".join(c) for n in range(4) for c in combinations(("<&-", ">&-", "2>&-"), n)]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such shell")
+@pytest.mark.parametrize("closed", CLOSED)
+def test_no_file_gets_the_number_of_a_stream_that_was_closed(tmp_path, closed):
+    done = tmp_path / "done"
+    command = ["bash", "-c", f'"$0" -c "$1" "$2" {closed}', sys.executable, NUMBERS, done]
+    code = subprocess.run(command, stdin=subprocess.DEVNULL).returncode
+    assert (code, done.read_text()) == (0, "done")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such shell")
+@pytest.mark.parametrize("closed", CLOSED[-2:])
+def test_training_needs_no_stream(tmp_path, write_dataset, closed):
+    """It has Warp print nowhere meanwhile, which takes number 2."""
+    image = Image.new("RGBA", (24, 24), (200, 40, 30, 255))
+    for split in ("train", "test"):
+        write_dataset(tmp_path / "data", [image] * 3, split)
+    program = "from deformrf.viewer.entry import train; import sys; sys.exit(train())"
+    flags = "--preset tiny --steps 2 --spacing 0.2 --leave-out coarse-stage --scene-radius 1.3"
+    line = f'"$0" -c "$1" "$2" -o "$3" {flags} --device cpu {closed}'
+    model = tmp_path / "m.npz"
+    command = ["bash", "-c", line, sys.executable, program, tmp_path / "data", model]
+    state = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state")}
+    assert subprocess.run(command, env=state).returncode == 0
+    assert load(model).meta["history"] and not [*tmp_path.rglob("crash-*")]
 
 
 def test_the_first_failure_is_known():
