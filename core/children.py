@@ -32,10 +32,11 @@ def start(command: list[str], **options):
 
     python, flag, code, *arguments = command
     assert (python, flag) == (sys.executable, "-c"), command
-    folders = [f for f in sys.path if os.path.isabs(f) and os.pathsep not in f]
-    path = os.pathsep.join(f for f in folders if f not in _current(sys.path))
+    current = _current(sys.path)
+    folders = [f for f in sys.path if os.path.isabs(f) and f not in current and os.pathsep not in f]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
     command = [python, "-P", flag, SAME_PACKAGE + code, *arguments]
-    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, **options)
+    return subprocess.Popen(command, env=environment, **options)
 
 
 def forget_current_folder() -> None:
