@@ -32,8 +32,7 @@ def start(command: list[str], **options):
 
     python, flag, code, *arguments = command
     assert (python, flag) == (sys.executable, "-c"), command
-    current = _current(sys.path)
-    folders = [f for f in sys.path if os.path.isabs(f) and f not in current and os.pathsep not in f]
+    folders = [f for f in _without_current(sys.path) if os.path.isabs(f) and os.pathsep not in f]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
     command = [python, "-P", flag, SAME_PACKAGE + code, *arguments]
     return subprocess.Popen(command, env=environment, **options)
@@ -41,23 +40,23 @@ def start(command: list[str], **options):
 
 def forget_current_folder() -> None:
     """Import nothing from the current folder from now on, other than this package."""
-    found = _current(sys.path)
-    if found:
+    folders = _without_current(sys.path)
+    if len(folders) < len(sys.path):
         sys.modules[PACKAGE].__path__ = [ROOT]  # it may lie there
-        sys.path[:] = [folder for folder in sys.path if folder not in found]
+        sys.path[:] = folders
 
 
-def _current(folders) -> set[str]:
-    """Those of sys.path's folders that are the current one, and that nobody chose.
+def _without_current(folders: list[str]) -> list[str]:
+    """The folders of sys.path without the current one, unless somebody chose it.
 
     A user chose what PYTHONPATH names by its whole path: packages may be installed there.  What
-    Python itself is installed in comes after its standard library.
+    Python itself and its packages are installed in comes from its standard library on.
     """
     library = os.path.dirname(os.__file__)
-    before = folders[: folders.index(library)] if library in folders else folders
+    begin = folders.index(library) if library in folders else len(folders)
     chosen = {os.path.realpath(f) for f in _named() if os.path.isabs(f)}
     here = {_START, _working_folder()} - chosen
-    return {folder for folder in before if os.path.realpath(folder) in here}
+    return [f for f in folders[:begin] if os.path.realpath(f) not in here] + folders[begin:]
 
 
 def _named() -> list[str]:

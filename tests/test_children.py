@@ -201,6 +201,16 @@ def test_a_package_that_lies_in_the_current_folder_is_the_child_s_as_well(tmp_pa
     assert last == f"{there / 'viewer' / '__init__.py'} False"
 
 
+def test_in_the_folder_where_python_s_packages_are_all_is_found(tmp_path):
+    import numpy
+
+    packages = Path(numpy.__file__).parents[1]
+    done = run(packages, "-m", "deformrf.viewer", "--help")
+    assert done.returncode == 0, done.stderr
+    done = run(packages, "-c", WHERE)
+    assert done.stdout.split()[0] == str(ROOT / "core" / "streams.py"), done.stdout
+
+
 def test_a_folder_whose_name_has_a_separator_is_no_two_folders(tmp_path, script):
     """Its second half would be a folder below the current one."""
     odd = tmp_path / f"a{os.pathsep}b"
