@@ -151,6 +151,17 @@ def test_other_videos_are_what_they_were(tmp_path, trc):
     assert (folder / "000000.jpg").read_bytes() == file.getvalue()
 
 
+@pytest.mark.parametrize("space", [8, 10, 14])
+def test_colors_that_ffmpeg_can_not_convert_end_in_a_sentence(tmp_path, space):
+    """Not in HDR; where FFmpeg can, there are frames."""
+    frame = frame_of(np.full((ROWS, COLUMNS, 3), 0.5), 1, space=space)
+    write(tmp_path / "a.mkv", frame, "ffv1", count=2)
+    try:
+        assert len(list(frames_of_video(tmp_path / "a.mkv").glob("*.jpg"))) == 2
+    except CaptureError as error:
+        assert str(error).startswith(f"{tmp_path / 'a.mkv'} has frames that can't be converted")
+
+
 @pytest.mark.parametrize(("space", "primaries"), [(14, 9), (10, 9), (9, 22)])
 def test_colors_that_nobody_can_convert_are_refused(tmp_path, space, primaries):
     frame = frame_of(np.full((ROWS, COLUMNS, 3), 0.5), hdr.PQ, space=space, primaries=primaries)

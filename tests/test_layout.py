@@ -36,6 +36,7 @@ MAY_IMPORT = {
     "core.capture": [
         "core.paths",
         "core.children",
+        "core.archive",
         "core.images",
         "core.memory",
         "core.streams",

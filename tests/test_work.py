@@ -2,12 +2,15 @@
 
 import json
 import os
+import sqlite3
+from contextlib import closing
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from deformrf.core.capture import cameras, find_photos
-from deformrf.core.capture.work import LARGEST, open_work
+from deformrf.core.capture.work import LARGEST, Look, open_work
 from deformrf.core.commands import capturing
 
 
@@ -144,6 +147,23 @@ def test_a_link_a_file_and_a_pipe_in_its_place_are_left(place, photos, tmp_path)
     work, _ = open_work(place, photos, 1600)
     assert work.folder == place.with_name("toy.capture-5")
     assert everything(tmp_path / "elsewhere") == before and place.is_symlink()
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[: len(b) // 2], lambda b: b"text" * 500])
+def test_damaged_work_is_done_again(place, photos, damage):
+    work, _ = open_work(place, photos, 1600)
+    with closing(sqlite3.connect(work.database_path)) as database:
+        database.execute("CREATE TABLE features (x)")
+        database.executemany("INSERT INTO features VALUES (?)", [("x" * 99,)] * 999)
+        database.commit()
+    assert open_work(place, photos, 1600) == (work, True)
+    work.keep_look(0, Look(np.zeros((3, 3), np.uint8), 0.5, 0.25))
+    assert work.has_look(0) and work.look(0).exposure == 0.25 and not work.has_look(1)
+    work.look_path(0).write_bytes(damage(work.look_path(0).read_bytes()))
+    assert not work.has_look(0)
+    work.database_path.write_bytes(damage(work.database_path.read_bytes()))
+    assert open_work(place, photos, 1600) == (work, False)
+    assert [path.name for path in place.iterdir()] == ["work.json"]
 
 
 def test_an_empty_folder_is_used(place, photos):

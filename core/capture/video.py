@@ -64,11 +64,17 @@ def take_frames(path: Path, image_size: int, begin, count: int = FRAMES) -> Path
     with tempfile.TemporaryDirectory(prefix=f".{path.stem[:40]}-", dir=path.parent) as beside:
         unfinished = Path(beside) / "frames"
         unfinished.mkdir()
-        with begin("Looking for frames", 1) as advance:
-            sharpness, way = watched(path, advance)
-            chosen = chosen_frames(sharpness, way, count)
-        with begin("Taking frames", 1) as advance:
-            write_frames(path, chosen, unfinished, image_size, advance)
+        try:
+            with begin("Looking for frames", 1) as advance:
+                sharpness, way = watched(path, advance)
+                chosen = chosen_frames(sharpness, way, count)
+            with begin("Taking frames", 1) as advance:
+                write_frames(path, chosen, unfinished, image_size, advance)
+        except av.error.FFmpegError as error:
+            raise CaptureError(
+                f"{path} has frames that can't be converted to pictures: "
+                f"{error.strerror or 'unknown'}"
+            ) from None
         (unfinished / SOURCE).write_text(json.dumps(source), encoding="utf-8")
         os.rename(unfinished, folder)
     return folder

@@ -10,12 +10,13 @@ import os
 import re
 import stat
 import tempfile
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from ..archive import one_sentence, open_archive
 from ..paths import whole_file
 from .library import load_pycolmap
 from .photos import Photo
@@ -72,15 +73,35 @@ class Work:
         return self.folder / f"{name_of(number)}.npz"
 
     def has_look(self, number: int) -> bool:
-        return self.look_path(number).is_file()
+        """Whether there is a look that can be read."""
+        try:
+            return bool(self.look(number))
+        except ValueError:
+            return False
 
     def look(self, number: int) -> Look:
-        with np.load(self.look_path(number), allow_pickle=False) as file:
-            return Look(file["colors"], float(file["sharpness"]), float(file["exposure"]))
+        """Raises a ValueError if the file is missing or damaged."""
+        path = self.look_path(number)
+        with one_sentence(path), open_archive(path, "look") as file:
+            colors, numbers = np.asarray(file["colors"]), ("sharpness", "exposure")
+            assert colors.dtype == np.uint8 and colors.shape == (len(colors), 3), colors.shape
+            return Look(colors, *(float(np.asarray(file[name])) for name in numbers))
 
     def keep_look(self, number: int, look: Look):
         with whole_file(self.look_path(number)) as partial:
             np.savez(partial, **vars(look))
+
+    def is_whole(self) -> bool:
+        """Whether the database is not damaged; there may be none yet."""
+        import sqlite3  # late: a viewer asks no database
+
+        if not self.database_path.exists():
+            return True
+        try:
+            with closing(sqlite3.connect(self.database_path)) as database:
+                return database.execute("PRAGMA quick_check").fetchall() == [("ok",)]
+        except sqlite3.Error:
+            return False
 
     def temporary_folder(self):
         """A folder in it for what pycolmap reads and writes; a context manager."""
@@ -136,7 +157,7 @@ def open_work(folder: Path, photos, image_size: int) -> tuple[Work, bool]:
     """A work folder for photographs, and whether it holds work on exactly these.
 
     It is `folder`, or <folder>-2 and so on where something else is there.  Work on other
-    photographs is removed.
+    photographs is removed, and damaged work.
 
     Raises:
         OSError: The folder can't be made.
@@ -148,7 +169,7 @@ def open_work(folder: Path, photos, image_size: int) -> tuple[Work, bool]:
         number += 1
         work = replace(work, folder=Path(f"{folder}-{number}"))
     for known, found in there:
-        if found == wanted:
+        if found == wanted and known.is_whole():
             return known, True
     for known, found in there:
         if found is not None and known.remove():
