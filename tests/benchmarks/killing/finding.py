@@ -1,0 +1,132 @@
+"""deformrf-train DATA --check: the cameras of photographs are found, and work is kept meanwhile."""
+
+import json
+import re
+import shutil
+import signal
+
+import numpy as np
+from captures import circle, write_capture
+
+from deformrf.core import capture
+from deformrf.core.capture import work
+from deformrf.core.capture.library import load_pycolmap
+
+from .kinds import Fault, Kind, Signals
+from .process import Job, command
+
+PHOTOS = 10
+PAIRS = PHOTOS * (PHOTOS - 1) // 2
+SAME = 0.01  # of the cameras' distance from the object, to those of a run that was not cut off
+TOLD = "worked at: "  # before what a run does, in JSON
+
+
+def find(*arguments):
+    """deformrf-train, which says which photographs and pairs it works at."""
+    from deformrf.core.capture import features
+
+    original = features.interruptible
+
+    def told(call, *values, **named):
+        done = {"extract_features": values[2]} if call.__name__ == "extract_features" else {}
+        if call.__name__ == "match_image_pairs":
+            with open(named["pairing_options"].match_list_path) as listed:
+                done = {"match_image_pairs": listed.read().splitlines()}
+        print(TOLD + json.dumps(done), flush=True)
+        return original(call, *values, **named)
+
+    features.interruptible = told
+    command("deformrf-train", *arguments)
+
+
+class Finding(Kind):
+    """The search is cut off, and then gone on with: what was kept is not worked at again."""
+
+    def prepare(self):
+        write_capture(self.inputs / "photos", circle(PHOTOS), np.random.default_rng(7))
+
+    def put(self, number):
+        self.photos = self.out / "photos"
+        shutil.copytree(self.inputs / "photos", self.photos)
+        self.kept = self.out / "model.capture"
+        self.others = self.inputs.joinpath("photos").iterdir()
+        self.others = {path.name for path in self.others} | {"transforms.json", "points.npz"}
+
+    def job(self):
+        arguments = self.photos, "-o", self.out / "model.npz", "--check", "--image-size", 240
+        return Job(arguments, find)
+
+    def learn(self):
+        self.expected = self.cameras()
+
+    def cameras(self) -> dict:
+        """Center of each photograph's camera; a Fault or another exception if one is missing."""
+        scene = json.loads((self.photos / "transforms.json").read_text())
+        capture.load_points(self.photos)
+        found = {f["file_path"]: np.array(f["transform_matrix"])[:3, 3] for f in scene["frames"]}
+        if len(found) != PHOTOS:
+            raise Fault(f"{len(found)} of {PHOTOS} photographs have cameras")
+        return found
+
+    def look(self, ended):
+        self.check_strays(ended, "photos", "model.capture", "model-check.png")
+        self.check_strays(ended, *self.others, folder=self.photos)
+        if (self.photos / "transforms.json").exists():
+            self.check_cameras()
+            result = "new"
+        elif not ended.code:
+            raise Fault(f"it says that it is done, but there are no cameras: {ended.said}")
+        else:
+            result = "absent"
+        kept = self.known()
+        if ended.number != signal.SIGKILL and self.kept.exists() and result == "absent":
+            if "goes on there" not in ended.said:
+                raise Fault(f"work is kept, but it does not say so: {ended.said}")
+        if ended.code:
+            self.go_on(kept, result)
+        if self.kept.exists():
+            raise Fault(f"model.capture is left with {[p.name for p in self.kept.iterdir()]}")
+        return f"{result}, resumed" if kept[0] and result == "absent" else result
+
+    def known(self):
+        """What the work folder holds: photographs that have all that is needed, and pairs."""
+        if not (self.kept / work.DATABASE).exists():
+            return set(), set()
+        copy = self.folder / "copy"
+        shutil.rmtree(copy, ignore_errors=True)
+        shutil.copytree(self.kept, copy)
+        with load_pycolmap().Database.open(str(copy / work.DATABASE)) as database:
+            images = {image.image_id: image.name for image in database.read_all_images()}
+            done = {name for key, name in images.items() if database.exists_descriptors(key)}
+            pairs, _ = database.read_two_view_geometry_num_inliers()
+            pairs = (load_pycolmap().pair_id_to_image_pair(pair) for pair in pairs)
+            return done, {frozenset((images[a], images[b])) for a, b in pairs}
+
+    def go_on(self, kept, result):
+        """Run the command again, to its end."""
+        ended = self.run(None, name="said again")
+        if ended.code:
+            raise Fault(f"it can't go on: exit code {ended.code}, {ended.said}")
+        self.check_strays(ended, "photos", "model.capture", "model-check.png")
+        self.check_strays(ended, *self.others, folder=self.photos)
+        self.check_cameras()
+        if result == "new":
+            return
+        again = re.findall(TOLD + "(.*)", ended.said)
+        again = [json.loads(line) for line in again]
+        features = {name for line in again for name in line.get("extract_features", ())}
+        pairs = {frozenset(p.split()) for line in again for p in line.get("match_image_pairs", ())}
+        if features & kept[0] or pairs & kept[1]:
+            raise Fault(f"worked at again: {features & kept[0]}, {len(pairs & kept[1])} pairs")
+        if len(features | kept[0]) != PHOTOS or len(pairs | kept[1]) != PAIRS:
+            raise Fault(f"{len(features | kept[0])} photographs, {len(pairs | kept[1])} pairs")
+
+    def check_cameras(self):
+        found = self.cameras()
+        off = max(np.linalg.norm(found[name] - self.expected[name]) for name in self.expected)
+        if off > SAME * 4.0:
+            raise Fault(f"a camera is {off:.3f} from where a run that was not cut off has it")
+
+
+class FindingSignals(Signals, Finding):
+    pass

@@ -1,0 +1,85 @@
+"""Sessions of a viewer in its window: saved by hand, and kept by the autosave meanwhile."""
+
+import os
+import signal
+
+from fuzz_models import small_models
+
+from deformrf.core.field import load
+from deformrf.viewer.sessions import left_behind, load_session
+
+from .kinds import Fault, Kind, Signals
+from .process import Job, command
+
+FRAMES, EVERY = 60, 8  # a session is saved in every so many frames
+COUNT = "kept"  # a file beside the sessions: how many edits the autosave had at least
+
+
+def view(folder, *arguments):
+    """deformrf-view, with a hand that edits in each frame, and an autosave that is due in each."""
+    os.environ["XDG_STATE_HOME"] = str(folder)
+    from deformrf.viewer import command as viewer
+    from deformrf.viewer.sessions import autosave
+
+    autosave.SECONDS, autosave.SHARE = 0.0, 1e9
+    original, note = viewer._open, os.open(folder.parent / COUNT, os.O_WRONLY | os.O_CREAT, 0o644)
+
+    def opened(*inputs):
+        app = original(*inputs)
+        frame = app.frame
+
+        def edited(*inputs, **options):
+            number = app.frame_count
+            app.scene.body.set_material(damping=1.0 + number % 7)
+            frame(*inputs, **options)
+            if app.autosave is not None and app.autosave.path.exists():
+                os.pwrite(note, b"%8d" % len(app.scene.journal.events), 0)
+            if number % EVERY == 0:
+                path = folder / "session.jsonl"
+                app.recorder.save_session(app.scene, app.session_start, path)
+
+        app.frame = edited
+        return app
+
+    viewer._open = opened
+    command("deformrf-view", *arguments)
+
+
+class Sessions(Kind):
+    """What was saved is whole, and what was kept a moment ago is offered at the next start."""
+
+    def prepare(self):
+        self.model = next(small_models(self.inputs))
+        self.field = load(self.model)
+
+    def put(self, number):
+        (self.folder / COUNT).unlink(missing_ok=True)
+
+    def job(self):
+        return Job((self.out, self.model, "--device", "cpu", "--frames", FRAMES), view)
+
+    def look(self, ended):
+        self.check_strays(ended, "session.jsonl", "deformrf")
+        kept = self.out / "deformrf" / "sessions"
+        found = left_behind(kept, self.field.mesh) if kept.exists() else None
+        count = self.folder / COUNT
+        count = int(count.read_bytes() or b"0") if count.exists() else 0
+        saved = self.out / "session.jsonl"
+        if saved.exists():
+            load_session(saved, self.field)
+        if not ended.code:
+            if found is not None:
+                raise Fault("the viewer ended in order, and its session is still offered")
+            return "ended in order"
+        if found is None:
+            if count:
+                raise Fault(f"{count} edits are kept nowhere: {ended.said}")
+            return "nothing done yet"
+        events = load_session(found, self.field, whole=ended.number != signal.SIGKILL).events
+        if len(events) < count:
+            raise Fault(f"{len(events)} of {count} edits are kept")
+        return "kept, saved" if saved.exists() else "kept"
+
+
+class SessionSignals(Signals, Sessions):
+    pass
