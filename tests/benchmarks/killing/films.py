@@ -29,8 +29,8 @@ class Film(OneFile):
     def learn(self):
         self.frames = self.count()
 
-    def count(self) -> int:
-        with av.open(str(self.path)) as film:
+    def count(self, path=None) -> int:
+        with av.open(str(path or self.path)) as film:
             return sum(1 for _ in film.decode(video=0))
 
     def is_whole(self):
@@ -74,9 +74,20 @@ class Live(Film):
             raise Fault("a film without frames")
 
 
-class FilmSignals(Signals, Film):
+class CutShort(Signals):
+    """What is there of a film may be kept, under a name that says so."""
+
+    def check_strays(self, ended, *known):
+        short = [path.name for path in self.out.glob("* (cut short)*")]
+        for name in short:
+            if not self.count(self.out / name):
+                raise Fault(f"{name} has no frames")
+        super().check_strays(ended, *known, *short)
+
+
+class FilmSignals(CutShort, Film):
     pass
 
 
-class RecordingSignals(Signals, Recording):
+class RecordingSignals(CutShort, Recording):
     pass

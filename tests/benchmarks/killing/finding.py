@@ -4,9 +4,10 @@ import json
 import re
 import shutil
 import signal
+from itertools import combinations
 
 import numpy as np
-from captures import circle, write_capture
+from captures import circle, similarity_errors, write_capture
 
 from deformrf.core import capture
 from deformrf.core.capture import work
@@ -15,9 +16,9 @@ from deformrf.core.capture.library import load_pycolmap
 from .kinds import Fault, Kind, Signals
 from .process import Job, command
 
-PHOTOS = 10
+PHOTOS = 16
 PAIRS = PHOTOS * (PHOTOS - 1) // 2
-SAME = 0.01  # of the cameras' distance from the object, to those of a run that was not cut off
+OFF = 0.02  # of the cameras' spread: so far from where they were may the median one be found
 TOLD = "worked at: "  # before what a run does, in JSON
 
 
@@ -57,16 +58,19 @@ class Finding(Kind):
         return Job(arguments, find)
 
     def learn(self):
-        self.expected = self.cameras()
+        self.check_cameras()
 
-    def cameras(self) -> dict:
-        """Center of each photograph's camera; a Fault or another exception if one is missing."""
+    def check_cameras(self):
+        """A Fault or another exception unless the cameras are where the photographs' were."""
         scene = json.loads((self.photos / "transforms.json").read_text())
         capture.load_points(self.photos)
-        found = {f["file_path"]: np.array(f["transform_matrix"])[:3, 3] for f in scene["frames"]}
+        found = {int(f["file_path"][:3]): f["transform_matrix"] for f in scene["frames"]}
         if len(found) != PHOTOS:
             raise Fault(f"{len(found)} of {PHOTOS} photographs have cameras")
-        return found
+        found = np.array([found[number] for number in range(PHOTOS)])
+        off = np.median(similarity_errors(found, circle(PHOTOS))[0])
+        if off > OFF:
+            raise Fault(f"the median camera is {off:.3f} of their spread off")
 
     def look(self, ended):
         self.check_strays(ended, "photos", "model.capture", "model-check.png")
@@ -98,8 +102,7 @@ class Finding(Kind):
         with load_pycolmap().Database.open(str(copy / work.DATABASE)) as database:
             images = {image.image_id: image.name for image in database.read_all_images()}
             done = {name for key, name in images.items() if database.exists_descriptors(key)}
-            pairs, _ = database.read_two_view_geometry_num_inliers()
-            pairs = (load_pycolmap().pair_id_to_image_pair(pair) for pair in pairs)
+            pairs = [p for p in combinations(images, 2) if database.exists_two_view_geometry(*p)]
             return done, {frozenset((images[a], images[b])) for a, b in pairs}
 
     def go_on(self, kept, result):
@@ -120,12 +123,6 @@ class Finding(Kind):
             raise Fault(f"worked at again: {features & kept[0]}, {len(pairs & kept[1])} pairs")
         if len(features | kept[0]) != PHOTOS or len(pairs | kept[1]) != PAIRS:
             raise Fault(f"{len(features | kept[0])} photographs, {len(pairs | kept[1])} pairs")
-
-    def check_cameras(self):
-        found = self.cameras()
-        off = max(np.linalg.norm(found[name] - self.expected[name]) for name in self.expected)
-        if off > SAME * 4.0:
-            raise Fault(f"a camera is {off:.3f} from where a run that was not cut off has it")
 
 
 class FindingSignals(Signals, Finding):

@@ -11,7 +11,7 @@ from deformrf.viewer.sessions import left_behind, load_session
 from .kinds import Fault, Kind, Signals
 from .process import Job, command
 
-FRAMES, EVERY = 60, 8  # a session is saved in every so many frames
+FRAMES, EVERY = 30, 8  # a session is saved in every so many frames
 COUNT = "kept"  # a file beside the sessions: how many edits the autosave had at least
 
 

@@ -13,7 +13,7 @@ from deformrf.core.training.run import load_checkpoint
 from .kinds import Fault, OneFile, Signals
 from .process import Job, command
 
-STEPS = 32
+STEPS = 16
 
 
 def train(*arguments):
