@@ -47,6 +47,21 @@ OPTIONS = preset("tiny", coarse_steps=40, fine_steps=40, samples_per_step=2**11,
 INTERRUPTED_AFTER = 20  # steps
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_no_worker_of_several_stops_alone(number):
+    """The others would wait for it; a signal that is ignored, as with nohup, stays so."""
+    workers = Workers(0, 2)
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        with workers.stopping_together():
+            signal.raise_signal(number)
+        signal.signal(number, signal.SIG_IGN)
+        with workers.stopping_together():
+            assert signal.getsignal(number) == signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
+
+
 def make_run(dataset, device, workers, around=False):
     options = FieldOptions(level_count=3, table_size=2**10, march_step=0.02)
     surroundings = None

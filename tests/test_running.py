@@ -80,6 +80,24 @@ def test_what_runs_in_the_background_keeps_its_signal():
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of one's own")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_waits_while_a_package_is_imported(number, tmp_path, monkeypatch):
+    """What was imported halfway could not be imported again."""
+    name = f"package_{int(number)}"
+    (tmp_path / f"{name}.py").write_text(
+        f"import signal\nsignal.raise_signal({int(number)})\nIS_WHOLE = True\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            running.load_whole(name)
+        assert signal.getsignal(number) == signal.default_int_handler
+    finally:
+        signal.signal(number, before)
+    assert sys.modules.pop(name).IS_WHOLE
+
+
 def test_an_interrupt_that_is_owed_at_the_end_is_that_of_the_work():
     def job():
         Last(signal.SIGINT)

@@ -25,6 +25,8 @@ from ..streams import keep_going, printable
 
 FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
 AGAIN_SECONDS = 0.05  # until an interrupt that was lost comes again
+# Ctrl-C; SIGTERM comes from batch systems, SIGHUP from a terminal that was closed.
+STOPPING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
 
 # In the errors of Warp and torch.
@@ -58,11 +60,9 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     error of the job is a fault of the program and keeps its traceback.
     """
     keep_going()
-    # SIGTERM comes from batch systems, SIGHUP from a terminal that was closed.
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
+    for number in STOPPING:
         # nohup has SIGHUP ignored, a shell SIGINT in what runs in the background.
-        if number is not None and signal.getsignal(number) != signal.SIG_IGN:
+        if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
     job = None
     try:
@@ -148,9 +148,8 @@ def interrupts_kept():
 
 def _interrupt():
     """Interrupt the main thread as the first of the signals does that Python handles."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if number is None or not callable(signal.getsignal(number)):
+    for number in STOPPING:
+        if not callable(signal.getsignal(number)):
             continue
         if hasattr(signal, "pthread_kill"):  # wakes a thread that waits
             signal.pthread_kill(threading.main_thread().ident, number)
@@ -166,7 +165,7 @@ def load_whole(package: str):
     `except` that names a class of ours, fails with an error that nobody understands.
     """
     asked, before = [], {}
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in STOPPING:
         if signal.getsignal(number) == signal.default_int_handler:
             before[number] = signal.signal(number, lambda *_: asked.append(True))
     try:

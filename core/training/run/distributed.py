@@ -101,13 +101,17 @@ class Workers:
     def stopping_together(self):
         """Context in which Ctrl-C waits for `stop_if_interrupted`, if there are several workers.
 
-        A worker that stopped alone would leave the others waiting for it.
+        So do SIGTERM and SIGHUP, which comes to all of a terminal's processes.  A worker that
+        stopped alone would leave the others waiting for it.
         """
         if self.count == 1:
             yield
             return
         self._interrupted = self._all_stop = False
-        before = {s: signal.signal(s, self._note) for s in (signal.SIGINT, signal.SIGTERM)}
+        numbers = [getattr(signal, name, signal.SIGINT) for name in ("SIGINT", "SIGTERM", "SIGHUP")]
+        before = {n: signal.getsignal(n) for n in numbers if signal.getsignal(n) != signal.SIG_IGN}
+        for number in before:
+            signal.signal(number, self._note)
         try:
             yield
         finally:

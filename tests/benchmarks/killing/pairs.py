@@ -96,15 +96,31 @@ class TwoFilms(Two, films.Film):
 
 
 class TwoPictures(TwoFilms):
-    """Films as folders of pictures."""
+    """Films as folders of pictures, which are all of one film."""
 
     name = "pictures"
 
     def put(self, number):
         self.before = None
 
-    def count(self):
-        return len(list(self.path.glob("*.png")))
+    def learn(self):
+        self.films = []
+        for number, job in enumerate(self.jobs()):
+            if number:
+                self.lay(0)
+                self.run(None, job=job)
+            self.films.append(self.pictures())
+
+    def pictures(self):
+        return {path.name: path.read_bytes() for path in self.path.iterdir()}
+
+    def of(self):
+        self.check_strays(self.measured, self.name, "pictures.part")
+        found = self.pictures()
+        if found not in self.films:
+            of = [sum(found.get(n) == one[n] for n in one) for one in self.films]
+            raise Fault(f"{len(found)} pictures, {of[0]} of the one film and {of[1]} of the other")
+        return self.films.index(found)
 
 
 class TwoTrainings(Two, trainings.Training):
