@@ -9,7 +9,8 @@ from . import films, finding, models, trainings
 from .kinds import Fault
 from .process import Run
 
-REFUSED = 2  # exit code
+REFUSED = 1, 2  # exit codes: late, as what is there now can't be replaced, or at once
+MOST_LINES = 4  # of which the last one says why
 
 
 class Two:
@@ -53,7 +54,8 @@ class Two:
 
     def judged(self, ended):
         for one in ended:
-            refused = one.code == REFUSED and len(one.said.strip().splitlines()) <= 3
+            lines = one.said.strip().splitlines()
+            refused = one.code in REFUSED and 0 < len(lines) <= MOST_LINES
             if (one.code and not refused) or "Traceback" in one.said:
                 raise Fault(f"exit codes {[e.code for e in ended]}: {one.said[-1500:]}")
         if all(one.code for one in ended):
@@ -147,7 +149,9 @@ class TwoTrainings(Two, trainings.Training):
                 raise Fault("the second run's checkpoint was replaced by the first one's")
             return "the second one's checkpoint is kept"
         if killed:
-            ended[1].code = REFUSED
+            if ended[0].code or self.of() != 0:
+                raise Fault(f"the first one's result is not there: {ended[0].said}")
+            return "first, the other one killed before it wrote"
         return super().judged(ended)
 
     def of(self):
