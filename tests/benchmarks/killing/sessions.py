@@ -67,11 +67,9 @@ class Sessions(Kind):
         saved = self.out / "session.jsonl"
         if saved.exists():
             load_session(saved, self.field)
-        if not ended.code:
-            if found is not None:
-                raise Fault("the viewer ended in order, and its session is still offered")
-            return "ended in order"
         if found is None:
+            if not ended.code:
+                return "ended in order"
             if count:
                 raise Fault(f"{count} edits are kept nowhere: {ended.said}")
             return "nothing done yet"
