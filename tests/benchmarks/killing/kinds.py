@@ -67,7 +67,7 @@ class Kind:
         """Do so many trials; yields what each gave."""
         for number, moment in enumerate(moments(self.measured, count, self.rng)):
             self.lay(number)
-            ended = self.run(moment, self.sends[number % len(self.sends)])
+            ended = self.run(moment, self.sends[(number + number // 3) % len(self.sends)])
             share = 2.0 if ended.sent_at is None else ended.sent_at / self.measured.seconds
             try:
                 self.check_end(ended)

@@ -10,6 +10,7 @@ import itertools
 import multiprocessing
 import os
 import select
+import signal
 import sys
 import time
 from dataclasses import dataclass, field
@@ -30,6 +31,11 @@ PRELOADED = [
 ]
 PATIENCE = 120.0  # s that a run may take, and that the answer to a signal may take
 EVENTS = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}
+AS_IN_A_TERMINAL = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
 FIRST = "begun"  # the first event of a run
 
 
@@ -171,6 +177,8 @@ def _work(job, sending, said, watched, own):
             if isinstance(path, str) and path.startswith(watched):
                 tell(f"{event} {os.path.basename(path)}")
 
+    for number, handler in AS_IN_A_TERMINAL.items():  # this program may run in the background
+        signal.signal(number, handler)
     tell(FIRST)
     sys.addaudithook(hook)
     (job.call or command)(*job.arguments)

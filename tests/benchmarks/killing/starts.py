@@ -11,7 +11,9 @@ from .trainings import write_data
 
 FIRST_SECONDS = 3.0
 PROGRAM = """
-import sys; print('started', flush=True)
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # also in the background
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 from deformrf.viewer.entry import begin
 program, *sys.argv[1:] = sys.argv[1:]
 print('ready', flush=True)
@@ -26,7 +28,7 @@ class Starts:
 
     def __init__(self, context, folder, rng):
         self.rng, self.told = rng, []
-        model, out, data = next(small_models(folder)), folder / "out", folder / "data"
+        (model, rigged), out, data = small_models(folder), folder / "out", folder / "data"
         write_data(data)
         self.commands = {
             "deformrf-view": [model, "--headless", "--frames", 900, "--record", f"{out}.mp4"],
@@ -35,7 +37,7 @@ class Starts:
             "deformrf-eval": [model, data, "--device", "cpu"],
             "deformrf-report": [model, "--device", "cpu", "-o", out],
             "deformrf-edit": [model, "-o", f"{out}.npz"],
-            "deformrf-rig": ["info", model],
+            "deformrf-rig": ["info", rigged],
         }
 
     def trials(self, count):
