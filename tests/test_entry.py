@@ -1,6 +1,7 @@
 """Ctrl-C at a command's start: one line, exit code 130."""
 
 import os
+import signal
 import subprocess
 import sys
 import tomllib
@@ -115,3 +116,22 @@ def test_garbage_is_collected_after_the_start_and_not_at_the_end():
     )
     run = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
     assert run.stdout.split("\n")[1:] == ["True True", ""]
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_after_the_commands_end_shows_no_traceback(name, tmp_path):
+    """It comes while Python itself ends."""
+    program = f"""
+import contextlib, signal, sys
+from deformrf.viewer.entry import begin
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.argv = ["deformrf-edit", "missing.npz", "-o", "smaller.npz"]
+with contextlib.suppress(SystemExit):
+    begin("deformrf-edit")
+signal.raise_signal(signal.{name})
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.returncode == -getattr(signal, name) and "Traceback" not in done.stderr
+    assert "missing.npz" in done.stderr

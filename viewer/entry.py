@@ -99,3 +99,11 @@ def begin(program: str) -> int:
                 file=sys.stderr,
             )
         raise
+    except KeyboardInterrupt:  # between the command's end and its exit code
+        return INTERRUPTED
+    finally:
+        # What is left is Python's own end: a signal ends that, without a traceback.
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, signal.SIGINT)
+            if signal.getsignal(number) == signal.default_int_handler:
+                signal.signal(number, signal.SIG_DFL)
