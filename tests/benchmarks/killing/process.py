@@ -27,7 +27,6 @@ PRELOADED = [
     "deformrf.viewer.films.rendercommand",
     "deformrf.viewer.training.traincommand",
     "deformrf.viewer.sessions",
-    "killing.kinds",
 ]
 PATIENCE = 120.0  # s that a run may take, and that the answer to a signal may take
 EVENTS = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}
@@ -101,6 +100,7 @@ class Run:
             number: That signal.
         """
         self._said, self._moment, self._number = said, moment, number
+        said.unlink(missing_ok=True)
         self._pipe, sending = context.Pipe(duplex=False)
         self._rest = b""
         self.ended = Ended()
