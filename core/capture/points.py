@@ -7,10 +7,10 @@ the attributes of `SparsePoints`.
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
+from ..archive import open_archive
 from ..paths import whole_file
 
 POINTS_FILE = "points.npz"
@@ -20,7 +20,7 @@ SHAPES = {  # of each array: what follows n, and its type
     "track_length": ((), np.int32),
     "errors": ((), np.float32),
 }
-MOST_POINTS = 50_000_000  # that are read: 1.4 GB
+MOST_POINTS = 10_000_000  # that are read: 290 MB
 
 
 @dataclass(frozen=True)
@@ -68,28 +68,30 @@ def load_points(folder: Path) -> SparsePoints | None:
     if not path.is_file():
         return None
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return SparsePoints(**{name: _array(archive, name) for name in SHAPES})
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile, AssertionError) as error:
-        reason = " ".join(str(error).split())[:100]
+        with open_archive(path, "file of points") as arrays:
+            return SparsePoints(**{name: _array(arrays, name) for name in SHAPES})
+    except Exception as error:  # a file can hold anything: what was not foreseen is damage too
+        reason = " ".join(str(error).split()).replace(str(path), POINTS_FILE)[:100]
         raise ValueError(
-            f"{path} does not hold the sparse points of photographs ({reason}): remove it, then "
-            f"remove transforms.json beside it to have them found again"
+            f"{path} does not hold the sparse points of photographs ({reason}): remove it to go on "
+            f"without points, or transforms.json beside it as well to have both found again"
         ) from None
 
 
-def _array(archive, name):
+def _array(arrays, name):
     """One array, whose declared size is checked before it is read."""
     shape, kind = SHAPES[name]
-    with archive.zip.open(f"{name}.npy") as file:
-        version = np.lib.format.read_magic(file)
-        reader = np.lib.format.read_array_header_1_0
-        declared, _, dtype = (
-            reader(file) if version == (1, 0) else np.lib.format.read_array_header_2_0(file)
+    if name not in arrays:
+        raise ValueError(f"it has no array '{name}'")
+    stored = arrays[name]
+    if stored.ndim != 1 + len(shape) or stored.shape[1:] != shape or stored.dtype != kind:
+        raise ValueError(f"'{name}' has the shape {list(stored.shape)} and the type {stored.dtype}")
+    if not len(stored) == len(arrays["points"]) <= MOST_POINTS:
+        raise ValueError(
+            f"'{name}' has {len(stored)} entries for {len(arrays['points'])} points, and at most "
+            f"{MOST_POINTS} points are read"
         )
-    if len(declared) != 1 + len(shape) or declared[0] > MOST_POINTS or dtype != kind:
-        raise ValueError(f"{name} has the shape {declared} and the type {dtype}")
-    values = archive[name]
+    values = np.asarray(stored)
     if not np.isfinite(values).all():
-        raise ValueError(f"{name} holds numbers that are not finite")
+        raise ValueError(f"'{name}' holds numbers that are not finite")
     return values

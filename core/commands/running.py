@@ -39,7 +39,7 @@ PACKAGES = {
     "scipy": ("measures models", WHOLE),
     "matplotlib": ("draws the report's figures", WHOLE),
     "markdown_it": ("writes the report's page", WHOLE),
-    "pycolmap": ("finds the cameras of photographs and reads COLMAP's", "'deformrf[colmap]'"),
+    "pycolmap": ("finds the cameras of photographs", "'deformrf[colmap]'"),
     "pygltflib": ("reads glTF files", WHOLE),
     "lpips": ("computes LPIPS", "'deformrf[lpips]'"),
     "meshio": ("writes .vtu files", "'deformrf[exchange]'"),

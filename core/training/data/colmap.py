@@ -1,17 +1,23 @@
-"""COLMAP's sparse reconstructions, read with the package pycolmap.
+"""COLMAP's sparse reconstructions, whose files colmap_files.py reads.
 
-A folder holds `images/` and `sparse/0/` (or `sparse/`, or `colmap/sparse/0/`).  Every eighth
-image, in the order of the names, is a test image.  A reconstruction has no vertical axis of its
-own: the reader turns the world so that the mean up direction of the cameras is +z.
+A folder holds `images/` and one or several models in `sparse/` or `colmap/sparse/`: there, or in
+folders of their own (`sparse/0/`, `sparse/1/`, ...).  Of several models the one with the most
+images that exist is read.  Every eighth image, in the order of the names, is a test image.  A
+reconstruction has no vertical axis of its own: the reader turns the world so that the mean up
+direction of the cameras is +z.
 """
 
+import os
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ...capture import load_pycolmap, upright
+from ...capture import upright
 from ...render import Lens
-from .foreign_paths import find_files
+from .colmap_files import Camera, Registered, read_cameras, read_images
+from .colmap_files import read_points as points_of
+from .foreign_paths import Found, find_files
 from .posed_images import (
     DatasetError,
     Listing,
@@ -20,7 +26,6 @@ from .posed_images import (
     checked_lens,
     from_opencv,
     is_of_split,
-    rigid_pose,
 )
 
 # Where each model has fx, fy, cx, cy, k1, k2, p1, p2 among its parameters; None is zero.
@@ -31,92 +36,163 @@ PARAMETERS = {
     "RADIAL": (0, 0, 1, 2, 3, 4, None, None),
     "OPENCV": (0, 1, 2, 3, 4, 5, 6, 7),
 }
+PLACES = ("sparse", "colmap/sparse")
+MOST_MODELS = 1000  # COLMAP itself makes at most 50
 
 
-def sparse_folder(folder) -> Path | None:
-    for name in ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse"):
-        if any((folder / name / f"cameras.{ending}").is_file() for ending in ("bin", "txt")):
-            return folder / name
-    return None
+@dataclass(frozen=True)
+class Reconstruction:
+    """A model whose files have been read.
+
+    Attributes:
+        folder: Of the model.
+        ending: Of its files, ".bin" or ".txt".
+        cameras: By number.
+        images: In the order of their names.
+        files: Of the images; None where one doesn't exist.
+    """
+
+    folder: Path
+    ending: str
+    cameras: dict[int, Camera]
+    images: list[Registered]
+    files: Found
+
+    @property
+    def present(self) -> int:
+        return sum(path is not None for path in self.files.paths)
+
+    @property
+    def poses(self):
+        """Camera to world, OpenGL's axes.  [N, 4, 4]"""
+        return np.array([from_opencv(np.linalg.inv(i.world_to_camera)) for i in self.images])
+
+
+def sparse_folders(folder: Path) -> list[Path]:
+    """The folders of models: numbered ones first, then others by name, then what holds them."""
+    found = []
+    for place in PLACES:
+        inner = (folder / place).glob("*")
+        ordered = sorted(inner, key=lambda p: (not p.name.isdecimal(), len(p.name), p.name))
+        kinds = ("cameras", "images")
+        found += [p for p in (*ordered, folder / place) if any(endings_of(p, k) for k in kinds)]
+    return found[:MOST_MODELS]
+
+
+def endings_of(folder: Path, *names) -> list[str]:
+    """The endings, COLMAP's binary one first, under which a model has all of these files."""
+    endings = (".bin", ".txt")
+    return [e for e in endings if all(os.path.isfile(folder / f"{n}{e}") for n in names)]
+
+
+def is_here(folder: Path) -> bool:
+    return bool(sparse_folders(folder))
 
 
 def read(folder, split) -> Listing:
-    """The images of a split; ModuleNotFoundError without pycolmap."""
-    sparse, reconstruction, registered, poses = reconstruction_of(folder)
-    cameras = [camera_of(reconstruction, image, sparse) for image in registered]
+    """The images of a split, and those missing."""
+    chosen, said = largest(folder)
+    cameras = [camera_of(chosen, image) for image in chosen.images]
+    poses = chosen.poses
     turn = turn_upright(poses)
-    files = find_files(folder, [f"images/{image.name}" for image in registered], sparse)
     found, missing = [], []
-    for index, (image, pose, camera) in enumerate(zip(registered, poses, cameras, strict=True)):
-        if not is_of_split(index, len(registered), split):
+    rows = zip(chosen.images, cameras, poses, chosen.files.paths, strict=True)
+    for index, (image, camera, pose, path) in enumerate(rows):
+        if not is_of_split(index, len(chosen.images), split):
             continue
-        if path := files.paths[index]:
-            lens, size = lens_reader(camera, image.name, sparse), (camera.width, camera.height)
-            found.append(PosedImage(path, turn @ pose, lens, size))
+        if path:
+            lens = lens_reader(camera, image.name, chosen.folder)
+            found.append(PosedImage(path, turn @ pose, lens, (camera.width, camera.height)))
         else:
             missing.append(f"images/{image.name}")
-    return Listing(found, missing, None, (files.said,) if files.said else ())
+    return Listing(found, missing, None, said)
 
 
 def read_points(folder):
-    """The reconstruction's points, in the world that `read` turns.  [n, 3]"""
-    _, reconstruction, _, poses = reconstruction_of(folder)
-    points = np.array([point.xyz for point in reconstruction.points3D.values()]).reshape(-1, 3)
-    return points @ turn_upright(poses)[:3, :3].T
-
-
-def reconstruction_of(folder):
-    """The folder of a reconstruction, itself, its images in the order of their names, their poses.
-
-    DatasetError if it can't be read; ModuleNotFoundError without pycolmap.
-    """
-    pycolmap = load_pycolmap()
-    sparse = sparse_folder(folder)
+    """The reconstruction's points, in the world that `read` turns; None without any.  [n, 3]"""
+    chosen, _ = largest(folder)
+    path = chosen.folder / f"points3D{chosen.ending}"
+    if not path.is_file():
+        return None
     try:
-        reconstruction = pycolmap.Reconstruction(str(sparse))
-        registered = sorted(reconstruction.images.values(), key=lambda image: image.name)
-    except Exception as error:  # pycolmap's C++ ends in errors of many kinds, over several lines
-        reason = " ".join(str(error).split())[:200]
-        raise DatasetError(f"{sparse} can't be read by pycolmap: {reason}") from None
-    if not registered:
-        raise DatasetError(f"{sparse} holds no registered images")
-    return sparse, reconstruction, registered, [pose_of(image) for image in registered]
+        points = points_of(path)
+    except DatasetError as error:
+        raise DatasetError(f"{error}: copy it anew, or remove it to train without points") from None
+    return points @ turn_upright(chosen.poses)[:3, :3].T if len(points) else None
 
 
-def pose_of(image):
-    """Camera to world, OpenGL's axes.  [4, 4]"""
-    rigid = image.cam_from_world
-    matrix = (rigid() if callable(rigid) else rigid).matrix()  # a method since pycolmap 3.12
-    world_to_camera = rigid_pose(matrix, f"the pose of {image.name}")
-    return from_opencv(np.linalg.inv(world_to_camera))
+def largest(folder) -> tuple[Reconstruction, tuple[str, ...]]:
+    """The model with the most images that exist; a sentence about all, if there are several.
+
+    Raises:
+        DatasetError: None of them can be read; it says why the first can't.
+    """
+    models, unreadable, told = [], [], []
+    for sparse in sparse_folders(folder):
+        name = sparse.relative_to(folder)
+        try:
+            model = reconstruction_of(sparse, folder)
+        except DatasetError as error:
+            unreadable.append(error)
+            told.append(f"{name} can't be read ({error})")
+            continue
+        models.append(model)
+        told.append(f"{name} has {model.present} of its {len(model.images)} photographs")
+    if not models:
+        raise unreadable[0]
+    # The first of equals.
+    chosen = max(models, key=lambda model: (model.present, len(model.images)))
+    said = [chosen.files.said] if chosen.files.said else []
+    if len(told) > 1:
+        used = f"of {len(told)} COLMAP models {chosen.folder.relative_to(folder)} is used"
+        said.append(f"{used}: {listed(told)}")
+    return chosen, tuple(said)
 
 
-def camera_of(reconstruction, image, sparse):
-    """The camera that took an image; DatasetError without one."""
-    if image.camera_id not in reconstruction.cameras:
+def listed(sentences, most=10) -> str:
+    more = len(sentences) - most
+    return ", ".join(sentences[:most]) + (f", and {more} more" if more > 0 else "")
+
+
+def reconstruction_of(sparse: Path, folder: Path) -> Reconstruction:
+    """The model in a folder of a data set's; DatasetError if it can't be read."""
+    endings = endings_of(sparse, "cameras", "images")
+    if not endings:
         raise DatasetError(
-            f"{sparse} has no camera {image.camera_id}, which is that of {image.name}"
+            f"{sparse} has to hold cameras.bin and images.bin, or cameras.txt and images.txt: one "
+            f"of the two is missing"
         )
-    return reconstruction.cameras[image.camera_id]
+    cameras = read_cameras(sparse / f"cameras{endings[0]}")
+    registered = read_images(sparse / f"images{endings[0]}")
+    files = find_files(folder, [f"images/{image.name}" for image in registered], sparse)
+    return Reconstruction(sparse, endings[0], cameras, registered, files)
+
+
+def camera_of(model: Reconstruction, image: Registered) -> Camera:
+    """The camera that took an image; DatasetError without one."""
+    if image.camera not in model.cameras:
+        raise DatasetError(
+            f"{model.folder} has no camera {image.camera}, which is that of {image.name[:200]}"
+        )
+    return model.cameras[image.camera]
 
 
 def turn_upright(poses):
     """The rotation of the world that takes the cameras' mean up direction to +z.  [4, 4]"""
     turn = np.eye(4)
-    turn[:3, :3] = upright(np.mean([pose[:3, 1] for pose in poses], axis=0))
+    turn[:3, :3] = upright(np.mean(poses[:, :3, 1], axis=0))
     return turn
 
 
-def lens_reader(camera, name, sparse):
+def lens_reader(camera: Camera, name, sparse):
     """The function that makes an image's lens from its width and height."""
-    model = getattr(camera.model, "name", str(camera.model))
-    if model not in PARAMETERS:
+    if camera.model not in PARAMETERS:
         raise DatasetError(
-            f"{name} was taken with COLMAP's camera model {model}, which is not read: use one of "
-            f"{', '.join(PARAMETERS)}, or undistort the images"
+            f"{name} was taken with COLMAP's camera model {camera.model[:40]}, which is not read: "
+            f"use one of {', '.join(PARAMETERS)}, or undistort the images"
         )
     fx, fy, cx, cy, k1, k2, p1, p2 = (
-        0.0 if place is None else float(camera.params[place]) for place in PARAMETERS[model]
+        0.0 if place is None else camera.parameters[place] for place in PARAMETERS[camera.model]
     )
     size = camera.width, camera.height
     whole = Lens(*size, (fx, fy), (cx, cy), (k1, k2, 0.0, 0.0), (p1, p2))

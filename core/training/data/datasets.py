@@ -23,8 +23,8 @@ from .posed_images import (
     NoImagesError,
     NoSplitError,
     PosedImage,
-    have_one_shape,
 )
+from .turning import is_turned
 
 DECODED_BYTES = 12  # a pixel on disk takes while it is decoded: Pillow's two images, an array
 PIXELS_MAX = 2**31 - 1  # that a RayBank takes: Warp's arrays and kernels count in int32
@@ -129,6 +129,7 @@ def load_dataset(
         chosen = np.linspace(0, len(images) - 1, view_count).round().astype(int)
         images = [images[i] for i in chosen]
     sizes = [size_of(image) for image in images]
+    said += images[0].turning.said()
     shrunk = [shrunk_size(size, image_size) for size in sizes]
     if for_training:
         check_pixel_count(shrunk)
@@ -178,33 +179,10 @@ def size_of(image: PosedImage):
     """
     try:
         with open_image(image.path) as file:
-            swapped = orientation(file) >= 5 and is_turned(image, file)
+            swapped = is_turned(image, file) and orientation(file) >= 5
             return file.size[::-1] if swapped else file.size
     except ImageError as error:
         raise DatasetError(str(error)) from None
-
-
-def is_turned(image: PosedImage, file) -> bool:
-    """Whether the camera is that of the image as its EXIF orientation turns it.
-
-    COLMAP and instant-ngp find cameras for the pixels as they are stored, whatever the
-    orientation says; others turn the images first.  The data set says so, or the size that it
-    states tells.
-    """
-    number = orientation(file)
-    if number == 1:
-        return False
-    if image.upright:
-        return True
-    if image.stated_size is None:
-        raise ImageError(
-            f"{image.path} has EXIF orientation {number}, and the data set's files state no size "
-            f"that tells whether its camera is that of the turned image: store it upright, or "
-            f"remove the orientation"
-        )
-    stored, turned = file.size, file.size[::-1]
-    fits = have_one_shape(turned, image.stated_size)
-    return number >= 5 and fits and not have_one_shape(stored, image.stated_size)
 
 
 def shrunk_size(size, image_size):

@@ -8,11 +8,14 @@
 | Polycam, Record3D | keyframes/cameras/, metadata.json and rgb/ | phones.py |
 """
 
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from ...capture import load_points
 from . import colmap, nsvf, phones, transforms
-from .posed_images import DatasetError, Listing, NoSplitError
+from .posed_images import DatasetError, Listing, NoSplitError, PosedImage
+from .turning import Turning
 
 
 def list_images(folder, split, outside=False) -> Listing:
@@ -35,7 +38,18 @@ def list_images(folder, split, outside=False) -> Listing:
                     f"{path} lies outside the data set's folder: copy it there, or allow this "
                     f"with --outside-images if you trust the data set"
                 )
-    return listing
+    turning = Turning(lambda: images_of_all_splits(folder, outside))
+    return listing._replace(images=[replace(image, turning=turning) for image in listing.images])
+
+
+def images_of_all_splits(folder, outside) -> list[PosedImage]:
+    """The images of a data set as far as its files can be read, without what it may not read."""
+    images = []
+    for split in ("train", "val", "test"):
+        with suppress(DatasetError):
+            images += read_layout(folder, split).images
+    inner = folder.resolve()
+    return [i for i in images if outside or i.path.resolve().is_relative_to(inner)]
 
 
 def has_cameras(folder: Path) -> bool:
@@ -43,7 +57,7 @@ def has_cameras(folder: Path) -> bool:
     return bool(
         any(folder.glob("transforms*.json"))
         or nsvf.is_here(folder)
-        or colmap.sparse_folder(folder)
+        or colmap.is_here(folder)
         or phones.is_here(folder)
     )
 
@@ -54,7 +68,7 @@ def read_layout(folder, split):
         return transforms.read(folder, split)
     if nsvf.is_here(folder):
         return nsvf.read(folder, split)
-    if colmap.sparse_folder(folder):
+    if colmap.is_here(folder):
         return colmap.read(folder, split)
     if phones.is_here(folder):
         return phones.read(folder, split)
@@ -79,6 +93,6 @@ def sparse_points(folder, split):
         except ValueError as error:
             raise DatasetError(str(error)) from None
         return None if sparse is None else sparse.points
-    if nsvf.is_here(folder) or not colmap.sparse_folder(folder):
+    if nsvf.is_here(folder) or not colmap.is_here(folder):
         return None
     return colmap.read_points(folder)

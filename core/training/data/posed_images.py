@@ -8,11 +8,14 @@ import codecs
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ...render import Lens, has_rays
+
+if TYPE_CHECKING:
+    from .turning import Turning
 
 IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".heic", ".heif")
 TEXT_MEGABYTES = 64  # of a file that lists views: about a hundred thousand of them
@@ -42,6 +45,7 @@ class PosedImage:
     lens: Callable[[int, int], Lens]  # given width and height of the image
     stated_size: tuple[float, float] | None = None  # width and height by the data set's files
     upright: bool = False  # the files say that the camera is that of the image turned by EXIF
+    turning: "Turning | None" = None  # what tells it where they don't
     mask: Path | None = None  # that the files name for it; None: it isn't there either
     mask_name: str = ""  # as the files name it
 

@@ -133,7 +133,8 @@ def posed(scene, frame, image, mask, path) -> PosedImage:
     stated = size if all(map(is_number, size)) else None
     upright = frame.get("upright") is True
     lens = lens_reader(values, path)
-    return PosedImage(image, pose, lens, stated, upright, mask, frame.get("mask_path") or "")
+    mask_name = frame.get("mask_path") or ""
+    return PosedImage(image, pose, lens, stated, upright, mask=mask, mask_name=mask_name)
 
 
 def masks_of(frames, path):

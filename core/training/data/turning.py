@@ -1,0 +1,108 @@
+"""Whether cameras are those of photographs as they are stored, or as their EXIF turns them.
+
+COLMAP and instant-ngp find cameras for the pixels as they are stored, whatever EXIF's orientation
+says; others turn the images first.  A photograph that the orientation turns by a quarter (5 to 8)
+tells: the files state the size of the stored image, or that of the turned one.  That holds for all
+photographs of the data set, also for those whose size is the same either way.
+"""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import NamedTuple
+
+from ...images import ImageError, open_image, orientation
+from .posed_images import PosedImage, have_one_shape
+
+
+class Votes(NamedTuple):
+    """Paths of photographs whose stated sizes tell."""
+
+    stored: list
+    turned: list
+
+
+class Turning:
+    """What the photographs of one data set tell together; they are looked at when first needed.
+
+    Attributes:
+        guessed: Path and orientation of photographs that none tells about: they are taken as they
+            are stored.
+    """
+
+    def __init__(self, images: Callable):
+        """
+        Args:
+            images: Called without arguments, returns the PosedImages of all splits.
+        """
+        self._images = images
+        self.guessed = {}
+
+    @cached_property
+    def votes(self) -> Votes:
+        votes = Votes([], [])
+        for path, stated in {image.path: image.stated_size for image in self._images()}.items():
+            if stated is None:
+                continue
+            try:
+                with open_image(path) as file:
+                    number, stored = orientation(file), file.size
+            except ImageError:  # whoever needs this photograph says so
+                continue
+            as_stored = have_one_shape(stored, stated)
+            as_turned = have_one_shape(stored[::-1], stated)
+            if number >= 5 and as_stored != as_turned:
+                (votes.turned if as_turned else votes.stored).append(path)
+        return votes
+
+    def applies(self, image, number: int) -> bool:
+        """Whether a photograph's camera is that of the image as EXIF turns it.
+
+        Args:
+            number: Its orientation, 2 to 8.
+
+        Raises:
+            ImageError: Photographs contradict each other, or nothing tells.
+        """
+        stored, turned = self.votes
+        if stored and turned:
+            raise ImageError(
+                f"the data set's files state the size of {turned[0]} as its EXIF orientation turns "
+                f"it, but that of {stored[0]} as it is stored ({len(turned)} and {len(stored)} "
+                f"photographs): store all upright, or remove their orientations"
+            )
+        if stored or turned:
+            return bool(turned)
+        if image.stated_size is None:
+            raise ImageError(
+                f"{image.path} has EXIF orientation {number}, and the data set's files state no "
+                f"size that tells whether its camera is that of the turned image: store it "
+                f"upright, or remove the orientation"
+            )
+        self.guessed[image.path] = number
+        return False
+
+    def said(self) -> tuple[str, ...]:
+        """A sentence about what was guessed."""
+        if not self.guessed:
+            return ()
+        path, number = next(iter(self.guessed.items()))
+        return (
+            f"{len(self.guessed)} photographs have an EXIF orientation, first {path} ({number}), "
+            f"and no photograph's size tells whether cameras are those of the turned images: "
+            f"they are read as they are stored, as COLMAP reads them",
+        )
+
+
+def is_turned(image: PosedImage, file) -> bool:
+    """Whether the camera is that of the image as its EXIF orientation turns it.
+
+    The data set says so, or the sizes that it states tell.
+
+    Raises:
+        ImageError: Nothing tells, or sizes contradict each other.
+    """
+    number = orientation(file)
+    if number == 1 or image.upright:
+        return number > 1
+    turning = image.turning or Turning(lambda: [image])
+    return turning.applies(image, number)
