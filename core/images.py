@@ -36,6 +36,7 @@ TURNS = {  # by orientation
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
+BACK = {6: 8, 8: 6}  # orientations that undo a quarter turn; the others undo themselves
 
 # Pillow warns of what open_image refuses in a sentence, and of harmless faults in metadata.
 warnings.filterwarnings("ignore", module=r"PIL\.")
@@ -94,12 +95,17 @@ def formats_of(path) -> tuple[str, ...]:
 
 
 def orientation(image) -> int:
-    """EXIF's number of how the camera was held, 1 to 8."""
-    if image.format == "TIFF":
-        return 1  # Pillow turns these itself
+    """EXIF's number of how the camera was held, 1 to 8; of an image that isn't decoded yet."""
     # PNG's own getexif decodes the whole image to find a tag behind the pixels.
-    value = Image.Image.getexif(image).get(ORIENTATION, 1)
+    tags = image.tag_v2 if image.format == "TIFF" else Image.Image.getexif(image)
+    value = tags.get(ORIENTATION, 1)
     return value if isinstance(value, int) and 1 <= value <= 8 else 1
+
+
+def stored_size(image) -> tuple[int, int]:
+    """Width and height before an orientation turns it; of an image that isn't decoded yet."""
+    turned = image.format == "TIFF" and orientation(image) >= 5  # Pillow turns TIFFs itself
+    return image.size[::-1] if turned else image.size
 
 
 def _check_whole(image) -> None:
@@ -137,13 +143,14 @@ def _tiff_parts(image):
 
     There are none if its planes are apart, or its parts are not the usual ones.
     """
-    tags, width, rows = image.tag_v2, image.width, image.tag_v2.get(278, image.height)
+    tags, (width, bottom) = image.tag_v2, stored_size(image)
+    rows = tags.get(278, bottom)
     offsets, counts, across = tags.get(273, ()), tags.get(279, ()), 1
     if tiled := 324 in tags:
+        across = -(-width // tags[322])
         width, rows, offsets, counts = tags[322], tags[323], tags[324], tags[325]
-        across = -(-image.width // width)
-    rows = rows if tiled else min(rows, image.height)
-    parts, size = -(-image.height // rows) * across, Path(image.filename).stat().st_size
+    rows = rows if tiled else min(rows, bottom)
+    parts, size = -(-bottom // rows) * across, Path(image.filename).stat().st_size
     if tags.get(284, 1) != 1 or not len(offsets) == len(counts) == parts or sum(counts) > size:
         return
     if width * rows > max(LARGE, image.width * image.height):
@@ -158,7 +165,7 @@ def _tiff_parts(image):
                 directory.tagtype[tag] = tags.tagtype[tag]
                 directory[tag] = tags[tag]
         directory[256], directory[278], directory[279] = width, rows, lengths
-        directory[257] = height if tiled else min(height, image.height - first * rows)
+        directory[257] = height if tiled else min(height, bottom - first * rows)
         directory.tagtype[273] = TiffTags.LONG  # offsets, which Pillow counts from the end
         directory[273] = tuple(accumulate(lengths[:-1], initial=0))
         part = io.BytesIO()
@@ -176,8 +183,10 @@ def rgba(image, upright=False):
     """Decode an image that `open_image` yields; in Pillow's mode RGBA.
 
     Args:
-        upright: Turn it as its EXIF orientation says.
+        upright: Turn it as its EXIF orientation says; else it is as it is stored.
     """
+    is_turned = image.format == "TIFF"  # by Pillow itself
+    number = orientation(image) if upright or is_turned else 1
     if image.width * image.height > LARGE:
         _check_whole(image)
     if image.mode.startswith("I;16") or (image.mode == "I" and image.format == "PNG"):
@@ -193,6 +202,6 @@ def rgba(image, upright=False):
             f"{image.filename} has pixels of a kind that is not read (Pillow calls it "
             f"{image.mode}): store 8 or 16 bits a color"
         )
-    if upright and (number := orientation(image)) > 1:
-        decoded = decoded.transpose(TURNS[number])
+    if number > 1 and upright != is_turned:
+        decoded = decoded.transpose(TURNS[number if upright else BACK.get(number, number)])
     return decoded.convert("RGBA")

@@ -109,7 +109,7 @@ def test_other_pixels_become_rgba(tmp_path, mode):
 
 
 @pytest.mark.parametrize("number", range(1, 9))
-@pytest.mark.parametrize("ending", ["png", "webp"])
+@pytest.mark.parametrize("ending", ["png", "webp", "tif"])
 def test_an_image_is_turned_as_its_camera_was(tmp_path, number, ending):
     image = Image.effect_noise((5, 3), 90.0).convert("RGB")
     exif = Image.Exif()

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..images import ImageError, open_image, orientation, rgba
+from ..images import ImageError, open_image, orientation, rgba, stored_size
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif", ".tif", ".tiff", ".bmp")
 MASK = "_mask"  # how the stem of a photograph's mask ends
@@ -97,7 +97,7 @@ def photo_of(path: Path) -> Photo:
     """Read a file's header; ImageError if it is no image."""
     with open_image(path) as image:
         number = orientation(image)
-        size = image.size[::-1] if number >= 5 else image.size
+        size = stored_size(image)[::-1] if number >= 5 else image.size
         make, model, focal_length, focal_35mm = camera_by_exif(image)
     focal = None
     if focal_35mm is not None and SHORTEST_35MM <= focal_35mm <= LONGEST_35MM:

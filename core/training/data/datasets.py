@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from ...device import thread_count
-from ...images import ImageError, open_image, orientation, rgba
+from ...images import ImageError, open_image, orientation, rgba, stored_size
 from ...memory import free_bytes
 from ...render import Lens
 from .foreign_paths import tried
@@ -180,7 +180,7 @@ def size_of(image: PosedImage):
     try:
         with open_image(image.path) as file:
             swapped = is_turned(image, file) and orientation(file) >= 5
-            return file.size[::-1] if swapped else file.size
+            return stored_size(file)[::-1] if swapped else stored_size(file)
     except ImageError as error:
         raise DatasetError(str(error)) from None
 

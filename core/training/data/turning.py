@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import NamedTuple
 
-from ...images import ImageError, open_image, orientation
+from ...images import ImageError, open_image, orientation, stored_size
 from .posed_images import PosedImage, have_one_shape
 
 
@@ -45,7 +45,7 @@ class Turning:
                 continue
             try:
                 with open_image(path) as file:
-                    number, stored = orientation(file), file.size
+                    number, stored = orientation(file), stored_size(file)
             except ImageError:  # whoever needs this photograph says so
                 continue
             as_stored = have_one_shape(stored, stated)
@@ -87,9 +87,9 @@ class Turning:
             return ()
         path, number = next(iter(self.guessed.items()))
         return (
-            f"{len(self.guessed)} photographs have an EXIF orientation, first {path} ({number}), "
-            f"and no photograph's size tells whether cameras are those of the turned images: "
-            f"they are read as they are stored, as COLMAP reads them",
+            f"EXIF orientations are not applied (of {len(self.guessed)} photographs, first {path}, "
+            f"{number}), as COLMAP does not apply them: no photograph's size tells whether the "
+            f"cameras are those of turned images",
         )
 
 
