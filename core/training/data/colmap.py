@@ -101,7 +101,7 @@ def read(folder, split) -> Listing:
         if not is_of_split(index, len(chosen.images), split):
             continue
         if path:
-            lens = lens_reader(camera, image.name, chosen.folder)
+            lens = lens_reader(camera, image.name[:200], chosen.folder)
             found.append(PosedImage(path, turn @ pose, lens, (camera.width, camera.height)))
         else:
             missing.append(f"images/{image.name}")
