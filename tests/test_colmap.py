@@ -7,7 +7,7 @@ import pytest
 from colmap_files import circle, some_sparse, write_binary, write_capture, write_images, write_text
 
 from deformrf.core.capture import upright
-from deformrf.core.commands import running
+from deformrf.core.commands import running, train
 from deformrf.core.training import DatasetError, has_cameras, load_dataset
 
 CAMERAS = {
@@ -118,6 +118,22 @@ def test_unusable_reconstructions_are_refused_in_one_sentence(tmp_path, file, ol
     with pytest.raises(DatasetError, match=sentence) as caught:
         load_dataset(tmp_path, "train")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
+@pytest.mark.parametrize("damage", ["counts too many", "cut off"])
+def test_training_refuses_files_that_hold_less_than_they_count(
+    call, tmp_path, refused, name, damage
+):
+    write_capture(tmp_path / "data")
+    path = tmp_path / f"data/sparse/0/{name}.bin"
+    whole = path.read_bytes()
+    counted = (2**40).to_bytes(8, "little") + whole[8:]
+    path.write_bytes(counted if damage == "counts too many" else whole[: len(whole) * 2 // 3])
+    output = tmp_path / "m.npz"
+    sentence = refused(call(train.main, tmp_path / "data", "-o", output, "--device", "cpu"))
+    assert str(path) in sentence and "is cut off" in sentence
+    assert not output.exists()
 
 
 # -- several models ------------------------------------------------------------------------------

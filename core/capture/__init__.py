@@ -14,7 +14,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "is_capture",
             "summary",
         ],
-        "library": ["load_pycolmap"],
         "video": ["frames_folder", "is_video"],
         "page": ["THUMBNAIL", "Shown", "judge", "page_of"],
         "photos": ["CaptureError", "find_photos", "photo_folder", "read_photo"],
