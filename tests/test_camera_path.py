@@ -140,8 +140,6 @@ def film_of(path, world_to_model, size):
 def test_a_film_along_a_data_set_has_the_rays_that_training_takes(tmp_path, layout, shared_data):
     """At the photographs' sizes; a similarity with a turn takes the world to the model."""
     make = LAYOUTS[layout]
-    if layout == "colmap":
-        pytest.importorskip("pycolmap")
     folder = shared_data(make) if isinstance(make, str) else make(tmp_path / "data")
     file = next((p for p in sorted(folder.glob("transforms*.json"))), None)
     split = "test" if file and file.name == "transforms_test.json" else "train"

@@ -215,3 +215,10 @@ def test_commands_say_it_once_of_both_splits(tmp_path, capsys):
     for split in ("train", "test"):
         assert running.load_views(tmp_path, split).said
     assert capsys.readouterr().err.count("sparse/1 is used: sparse/0 has 2 of its 2") == 1
+
+
+def test_the_check_of_photographs_says_it_too(call, tmp_path):
+    write_models(tmp_path / "data", {"sparse/0": 2, "sparse/1": 6})
+    result = call(train.main, tmp_path / "data", "-o", tmp_path / "m.npz", "--check")
+    assert result.code == 0, result.err
+    assert result.err.count("sparse/1 is used: sparse/0 has 2 of its 2") == 1

@@ -238,7 +238,6 @@ def test_frames_of_several_times_are_told_of(tmp_path):
 
 
 def test_colmaps_names_follow_the_same_rule(tmp_path):
-    pytest.importorskip("pycolmap")
     folder = colmap(tmp_path)
     for path in (folder / "images").iterdir():
         path.rename(path.with_suffix(".PNG"))

@@ -8,7 +8,7 @@ from PIL import Image
 from .. import capture, training
 from ..paths import whole_file
 from ..streams import printable
-from .running import is_first
+from .running import is_first, say_once
 
 SIDE = 480  # longer side that photographs are looked at [pixels]
 
@@ -50,9 +50,12 @@ def check(data: Path, output: Path, outside: bool = False) -> int:
 
 
 def images_of(data: Path, split: str, outside: bool):
-    """The images of a split; none without such a split."""
+    """The images of a split; none without such a split.  What the files leave open is said."""
     try:
-        return training.list_images(data, split, outside).images
+        listing = training.list_images(data, split, outside)
+        for line in listing.said:
+            say_once(line)
+        return listing.images
     except training.NoSplitError:
         if split == "train":
             raise

@@ -4,7 +4,7 @@
 |---|---|---|
 | Blender, instant-ngp, nerfstudio | transforms_<split>.json, or transforms.json | transforms.py |
 | NSVF (Tanks and Temples) | rgb/ and pose/ | nsvf.py |
-| COLMAP | sparse/0/cameras.bin | colmap.py |
+| COLMAP | cameras or images in sparse/0/ and the like | colmap.py |
 | Polycam, Record3D | keyframes/cameras/, metadata.json and rgb/ | phones.py |
 """
 
