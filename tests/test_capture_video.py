@@ -20,9 +20,10 @@ def picture(rng, width=400, height=120):
     return Image.fromarray(coarse).resize((width, height), Image.Resampling.NEAREST)
 
 
-def write_video(path, frames, turn=0):
+def write_video(path, frames, turn=0, title=""):
     """`turn`: degrees that a player turns them by, counterclockwise."""
     with av.open(str(path), "w") as container:
+        container.metadata["title"] = title
         stream = container.add_stream("libx264", rate=30)
         if turn:
             stream.set_display_rotation(turn)
@@ -82,6 +83,23 @@ def test_what_is_no_video_ends_in_one_sentence(tmp_path):
     (tmp_path / "c-frames").mkdir()
     with pytest.raises(CaptureError, match="something else is there"):
         frames_of_video(tmp_path / "c.mp4")
+
+
+def test_a_codec_that_nobody_knows_ends_in_one_sentence(tmp_path):
+    write_video(tmp_path / "a.mp4", [Image.new("RGB", (64, 48))] * 3)
+    content = (tmp_path / "a.mp4").read_bytes()
+    assert content.count(b"avc1") >= 1
+    (tmp_path / "a.mp4").write_bytes(content.replace(b"avc1", b"qqq1"))
+    with pytest.raises(CaptureError, match="in a format that FFmpeg doesn't know"):
+        frames_of_video(tmp_path / "a.mp4")
+
+
+def test_what_a_video_says_of_itself_may_be_no_unicode(tmp_path):
+    write_video(tmp_path / "a.mkv", [Image.new("RGB", (64, 48))] * 3, title="AAAABBBB")
+    content = (tmp_path / "a.mkv").read_bytes()
+    assert b"AAAABBBB" in content
+    (tmp_path / "a.mkv").write_bytes(content.replace(b"AAAABBBB", b"AA\xff\xfeBBBB"[:8]))
+    assert len(list(frames_of_video(tmp_path / "a.mkv").glob("*.jpg"))) >= 1
 
 
 def test_training_starts_with_a_video(call, trainer, tmp_path):

@@ -1,6 +1,7 @@
 """Names of files as other machines write them: which file each means, and which it never does."""
 
 import json
+import os
 import unicodedata
 from pathlib import Path
 
@@ -118,6 +119,14 @@ def test_folders_that_link_in_circles_end(tmp_path):
     put(tmp_path / "a/images/1.png")
     (tmp_path / "a/images/up").symlink_to(tmp_path)
     assert found(tmp_path, "/x/a/images/1.png", "/x/up/1.png") == ["a/images/1.png", None]
+
+
+def test_pipes_and_links_to_themselves_are_no_images(tmp_path):
+    """A pipe would be waited for, and the way of such a link has no end."""
+    (tmp_path / "images").mkdir()
+    os.mkfifo(tmp_path / "images/1.png")
+    (tmp_path / "images/2.png").symlink_to("2.png")
+    assert found(tmp_path, "images/1.png", "/x/images/1.png", "/x/images/2.jpg") == [None] * 3
 
 
 def test_a_real_data_set_of_another_machine_is_read_and_told_once(tmp_path, capsys):

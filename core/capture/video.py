@@ -97,10 +97,13 @@ def frames_of(path: Path, advance):
     options = {"format_whitelist": FORMATS, "protocol_whitelist": "file"}
     number = -1
     try:
-        with av.open(str(path), options=options) as container:
+        # What the file says of itself may be in any encoding.
+        with av.open(str(path), options=options, metadata_errors="replace") as container:
             if not container.streams.video:
                 raise CaptureError(f"{path} holds no video")
             stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise CaptureError(f"{path} holds a video in a format that FFmpeg doesn't know")
             if stream.width * stream.height > MOST_PIXELS:
                 raise CaptureError(f"{path} has {stream.width}x{stream.height} pixels: too many")
             stream.thread_type = "AUTO"

@@ -167,7 +167,7 @@ class _Nearby:
                         waiting.append((entry.path, (*dirs, name), not entry.is_symlink()))
                     continue
                 stem, ending = _divided(name)
-                if ending:
+                if ending and _is_file(entry):
                     self._add(_Entry(Path(entry.path), dirs, ending, not inner), stem)
 
     def _add(self, entry, stem):
@@ -217,6 +217,13 @@ def _entries(place):
     except OSError:  # it may not be read
         return []
     return sorted(found, key=lambda entry: entry.name)
+
+
+def _is_file(entry):
+    try:
+        return entry.is_file()  # neither a pipe, which would never answer, nor a link to itself
+    except OSError:
+        return False
 
 
 def _is_folder(entry):

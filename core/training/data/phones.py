@@ -155,7 +155,7 @@ def pose_of(values, name):
 def images_in(folder):
     """The images of a folder in the order of their names, but hidden ones."""
     files = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_ENDINGS)
-    return sorted(path for path in files if not path.name.startswith("."))
+    return sorted(path for path in files if path.is_file() and not path.name.startswith("."))
 
 
 def object_of(path) -> dict:
