@@ -3,9 +3,13 @@
     harmonic   of given weights on the surface: Δw = 0 inside, so w has no maximum there
     nearest    those of the nearest surface point
     rigid      1 for the nearest bone
-    automatic  from the bones alone: −Δw_b + h (w_b − p_b) = 0 with p_b = 1 where b is the nearest
-               bone and h = HEAT / d², d the distance to it: heat that flows from the bones (the
-               idea of Baran and Popović 2007, here in the volume)
+    automatic  from the bones alone: −Δw_b + h (w_b − p_b) = 0 with h = HEAT / d², d = min d_b the
+               distance to the nearest bone, and p_b = d_b^−SHARPNESS / Σ_c d_c^−SHARPNESS: heat
+               that flows from the bones (the idea of Baran and Popović 2007, here in the volume)
+
+So w_b is about 1 on bone b and ½ where it meets the next one.  p_b has no jump there, unlike 1 for
+the nearest bone alone: heat may be strong, and tets do not tear.  Nothing here has a length: an
+object of another size, or a finer mesh, has the same weights.
 
 Distances to bones are measured through the mesh, so that a bone of one leg has no weight in the
 other leg, however near.  All weights are ≥ 0 and sum to 1; those below LEAST become 0.
@@ -21,7 +25,10 @@ from .skeleton import Skeleton
 
 LEAST = 1e-3
 NEGLIGIBLE = 1e-4  # offsets, as a share of a surface's size
-HEAT = 0.1  # less is smoother, and lets bones reach farther
+HEAT = 10.0  # less is smoother, and weaker where the mesh is coarse
+SHARPNESS = 6.0  # of what bones share: more is nearer to one bone each
+TINY = 1e-30  # a distance of 0 is taken for this
+DETOUR = 1.25  # along edges a straight way is up to so much longer
 SEEDS = 24  # points of a bone from which distances are measured
 BLOCK = 2**22  # numbers of a table of distances
 
@@ -36,9 +43,9 @@ def automatic_weights(mesh: TetMesh, skeleton: Skeleton, moving=None) -> np.ndar
     distances = bone_distances(mesh, operator, skeleton)
     if moving is not None:
         distances[:, ~moving] = np.inf
-    nearest = distances.min(axis=1)
-    sources = distances <= nearest[:, None] * (1.0 + 1e-9)
-    sources = sources / sources.sum(axis=1, keepdims=True)
+    nearest = np.maximum(distances.min(axis=1), TINY)
+    sources = (nearest[:, None] / np.maximum(distances, TINY)) ** SHARPNESS
+    sources /= sources.sum(axis=1, keepdims=True)
     closest = 0.5 * np.cbrt(operator.volumes)  # a vertex on a bone is not pulled infinitely
     pull = HEAT * operator.volumes / np.maximum(nearest, closest) ** 2
     return cleaned(solved(operator, pull, pull[:, None] * sources))
@@ -175,10 +182,11 @@ def nearest_on_triangles(places, corners):
 
 
 def bone_distances(mesh: TetMesh, operator: Laplacian, skeleton: Skeleton) -> np.ndarray:
-    """The distance of each vertex to each bone, along edges of the mesh.  [V, B]
+    """The distance of each vertex to each bone, through the mesh.  [V, B]
 
-    It starts at the vertices near points of the bone: those within the length of their edges,
-    or the nearest one of each part of the mesh.
+    It is measured along edges, from the vertices near points of the bone: those within the length
+    of their edges, or the nearest one of each part of the mesh.  Where that is hardly longer than
+    the straight distance, nothing lies between, and the straight one counts.
     """
     x = mesh.rest_vertices
     shares = np.linspace(0.0, 1.0, SEEDS)[:, None]
@@ -186,12 +194,14 @@ def bone_distances(mesh: TetMesh, operator: Laplacian, skeleton: Skeleton) -> np
     lengths = np.linalg.norm(x[operator.ends] - np.repeat(x, _counts(operator), axis=0), axis=1)
     reach = np.maximum.reduceat(lengths, operator.starts)
     found = np.full((mesh.vertex_count, skeleton.bone_count), np.inf)
+    direct = np.empty_like(found)
     for bone in range(skeleton.bone_count):
         straight = _to_segment(x, skeleton.heads[bone], skeleton.tails[bone])
+        direct[:, bone] = straight
         seeds = skeleton.heads[bone] + shares * (skeleton.tails[bone] - skeleton.heads[bone])
         close = np.zeros(mesh.vertex_count, bool)
         close[_nearest(seeds, x)[0]] = True
-        close |= straight < reach
+        close |= straight <= (1.0 + 1e-9) * reach
         for label in range(labels.max() + 1):
             members = np.flatnonzero(labels == label)
             if not close[members].any():
@@ -201,7 +211,7 @@ def bone_distances(mesh: TetMesh, operator: Laplacian, skeleton: Skeleton) -> np
         through = found[operator.ends] + lengths[:, None]
         shorter = np.minimum(found, np.minimum.reduceat(through, operator.starts, axis=0))
         if (shorter >= found - 1e-12).all():
-            return found
+            return np.where(found <= DETOUR * direct, direct, found)
         found = shorter
 
 
