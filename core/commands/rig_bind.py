@@ -12,7 +12,6 @@ from .. import rig as rigs
 from ..arguments import writable_file
 from ..geometry import components
 from ..streams import printable
-from .running import require
 
 Weights = Literal["harmonic", "nearest", "rigid", "automatic"]
 Transform = Annotated[
@@ -83,7 +82,6 @@ def bound(field, arguments: BindArguments) -> rigs.Rig:
             raise ValueError(f"{path} has weights of its own: leave out --weights and --transform")
         return rigs.load_rig(path, mesh.vertex_count)
     if path.suffix in (".glb", ".gltf"):
-        require("pygltflib")
         source = rigs.read_gltf(path)
     elif path.suffix == ".json":
         source = rigs.read_matrices(path)

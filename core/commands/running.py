@@ -40,7 +40,6 @@ PACKAGES = {
     "matplotlib": ("draws the report's figures", WHOLE),
     "markdown_it": ("writes the report's page", WHOLE),
     "pycolmap": ("finds the cameras of photographs", "'deformrf[colmap]'"),
-    "pygltflib": ("reads glTF files", WHOLE),
     "lpips": ("computes LPIPS", "'deformrf[lpips]'"),
     "meshio": ("writes .vtu files", "'deformrf[exchange]'"),
     "pxr": ("writes USD files", "'deformrf[exchange]' (its name there is usd-core)"),

@@ -22,11 +22,15 @@ import numpy as np
 from . import rotations
 from .clips import PATHS, Channel, Clip
 from .gltf_file import Gltf, check
+from .gltf_nodes import placed, printable_name, read_nodes, scale_of, scales_of
 from .gltf_skin import bind_matrices, chosen_skin, surface
-from .skeleton import LONGEST_NAME, MOST_BONES, Skeleton, parents_first
+from .rig import MOST_CLIPS
+from .rigfile import MOST_KEYS
+from .skeleton import MOST_BONES, Skeleton, parents_first
 
 Y_UP_TO_Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-EVEN = 1e-3  # how much scales of a matrix may differ, relative
+MOST_CHANNELS = 2**16  # of all clips
+MOST_WEIGHTS = 2**25  # points times bones
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,7 @@ class GltfRig:
     points: np.ndarray  # [S, 3] at rest
     triangles: np.ndarray  # [N, 3] int32, ids of points
     point_weights: np.ndarray  # [S, B] float32
+    notes: tuple[str, ...] = ()  # sentences on what the file holds that is left out
 
 
 def read_gltf(path) -> GltfRig:
@@ -48,7 +53,8 @@ def read_gltf(path) -> GltfRig:
     """
     path = Path(path)
     try:
-        return _read(Gltf(path))
+        with np.errstate(over="ignore", invalid="ignore"):  # NaN and infinite numbers are refused
+            return _read(Gltf(path))
     except MemoryError as error:
         raise ValueError(f"{path} needs more memory than is free") from error
     except ModuleNotFoundError:
@@ -82,24 +88,6 @@ def aligned(rig: GltfRig, matrix) -> GltfRig:
     return replace(rig, skeleton=moved, clips=clips, points=points)
 
 
-def scale_of(matrix, whose: str) -> float:
-    """The scale of a similarity; ValueError if a matrix is none."""
-    matrix = np.asarray(matrix, float)
-    check(
-        matrix.shape == (4, 4) and np.isfinite(matrix).all() and (matrix[3] == [0, 0, 0, 1]).all(),
-        f"{whose} is no finite 4×4 matrix with the last row 0 0 0 1",
-    )
-    volume = np.linalg.det(matrix[:3, :3])
-    check(volume > 0.0, f"{whose} mirrors, or flattens (its determinant is {volume:.3g})")
-    scale = float(np.cbrt(volume))
-    error = np.abs(matrix[:3, :3].T @ matrix[:3, :3] / scale**2 - np.eye(3)).max()
-    check(
-        error < EVEN,
-        f"{whose} scales unevenly or shears; apply the scale of object and bones first",
-    )
-    return scale
-
-
 class _Map:
     """A bone's local values in the file -> here: matrix · values, lengths after it / divisor."""
 
@@ -128,92 +116,71 @@ class _Map:
         return replace(channel, bone=bone, values=keys)
 
 
-@dataclass
-class _Nodes:
-    """The nodes of a file: N of them, each under one parent."""
-
-    parents: list[int]
-    names: list[str]
-    values: dict[str, np.ndarray]  # by path: translations [N, 3], rotations [N, 4], scales [N, 3]
-
-    def local(self, node: int):
-        matrix = np.eye(4)
-        turn = rotations.matrix_of(self.values["rotation"][node])
-        matrix[:3, :3] = turn * self.values["scale"][node]
-        matrix[:3, 3] = self.values["translation"][node]
-        return matrix
-
-    def above(self, node: int, end: int):
-        """The product of the nodes above a node, up to the ancestor `end`, without both."""
-        matrix, node = np.eye(4), self.parents[node]
-        while node not in (-1, end):
-            matrix, node = self.local(node) @ matrix, self.parents[node]
-        return matrix
-
-    def ancestors(self, node: int):
-        while (node := self.parents[node]) >= 0:
-            yield node
-
-
 def _read(gltf: Gltf) -> GltfRig:
-    nodes = _nodes(gltf)
-    skin, meshes = chosen_skin(gltf)
-    points, triangles, joints, weights = surface(gltf, meshes)
-    check(
-        0 < len(skin.joints) <= MOST_BONES,
-        f"its skin has {len(skin.joints)} joints, not 1 to {MOST_BONES}",
-    )
-    for joint in skin.joints:
-        gltf.at(gltf.parts.nodes, joint, "node", "joints")
-    check(len(set(skin.joints)) == len(skin.joints), "its skin names a joint twice")
-    check(
-        joints.max(initial=0) < len(skin.joints),
-        f"points are bound to joint {joints.max(initial=0)}, but the skin has {len(skin.joints)}",
-    )
-    animated = {c.target.node for a in gltf.parts.animations for c in a.channels}
-    above = {n for joint in skin.joints for n in nodes.ancestors(joint)}
-    bones = list(skin.joints) + sorted((animated & above) - set(skin.joints))
-    check(len(bones) <= MOST_BONES, f"its skeleton has {len(bones)} bones, over {MOST_BONES}")
-    parents = [next((bones.index(n) for n in nodes.ancestors(b) if n in bones), -1) for b in bones]
-    order = parents_first([nodes.names[b] for b in bones], parents)
-    binds = bind_matrices(gltf, skin)
-    globals_ = [nodes.above(b, -1) @ nodes.local(b) for b in bones]
-    to_scene = globals_[0] @ np.linalg.inv(binds[0])
+    nodes = read_nodes(gltf)
+    skin, meshes, notes = chosen_skin(gltf)
+    bones = _bones(gltf, nodes, skin)
+    there, binds = placed(gltf, nodes, bones), bind_matrices(gltf, skin)
+    order = parents_first([nodes.names[b] for b in bones], there.parents)
+    to_scene = there.frames[0] @ np.linalg.inv(binds[0])
     scale_of(to_scene, "the way from the mesh to its bones")
     to_scene = Y_UP_TO_Z_UP @ to_scene
-    rest = [to_scene @ bind for bind in binds]
-    rest += [Y_UP_TO_Z_UP @ matrix for matrix in globals_[len(binds) :]]
-    scales = [
-        scale_of(m, f"the rest frame of bone {nodes.names[b]!r}")
-        for m, b in zip(rest, bones, strict=True)
-    ]
-    frames = np.array(rest)
-    frames[:, :3, :3] /= np.array(scales)[:, None, None]
-    frames[:, :3, :3] = _orthogonal(frames[:, :3, :3])
+    rest = np.concatenate([to_scene @ binds, Y_UP_TO_Z_UP @ there.frames[len(binds) :]])
+    scales = scales_of(rest, lambda i: f"the rest frame of bone {nodes.names[bones[i]]!r}")
+    rest[:, :3, :3] = _orthogonal(rest[:, :3, :3] / scales[:, None, None])
+    place = np.argsort(order)
+    points, triangles, weights = _skinned_surface(gltf, meshes, len(skin.joints), place)
     points = points @ to_scene[:3, :3].T + to_scene[:3, 3]
-    dense = np.zeros((len(points), len(bones)))
-    np.add.at(dense, (np.arange(len(points))[:, None], joints), weights)
-    dense = (dense / dense.sum(axis=1, keepdims=True)).astype(np.float32)[:, order]
-    place = {old: new for new, old in enumerate(order)}
-    new_parents = np.array([place.get(parents[old], -1) for old in order], np.int32)
-    frames = frames[order]
+    parents = np.array([there.parents[old] for old in order], np.int32)
+    parents = np.where(parents >= 0, place[parents], -1).astype(np.int32)
+    frames = rest[order]
     skeleton = Skeleton(
         _unique([nodes.names[bones[old]] for old in order]),
-        new_parents,
+        parents,
         frames,
-        tails_from(frames[:, :3, 3], new_parents, points, dense),
+        tails_from(frames[:, :3, 3], parents, points, weights),
     )
     maps = []
     for old in order:
-        parent = parents[old]
-        between = nodes.above(bones[old], bones[parent] if parent >= 0 else -1)
+        parent, between = there.parents[old], there.between[old]
         if parent < 0:
-            between = Y_UP_TO_Z_UP @ between
-        maps.append(_Map(between, scales[parent] if parent >= 0 else 1.0, scales[old]))
-    bone_nodes = [bones[old] for old in order]
-    return GltfRig(
-        skeleton, _clips(gltf, nodes, bone_nodes, maps, skeleton), points, triangles, dense
+            maps.append(_Map(Y_UP_TO_Z_UP @ between, 1.0, scales[old]))
+        else:
+            maps.append(_Map(between, scales[parent], scales[old]))
+    clips = _Clips(gltf, skeleton, [bones[old] for old in order], maps, there.values).read()
+    return GltfRig(skeleton, clips, points, triangles, weights, tuple(notes))
+
+
+def _bones(gltf: Gltf, nodes, skin) -> list[int]:
+    """The nodes that are bones: the joints of a skin, and what clips move above them."""
+    joints = skin.joints
+    check(
+        0 < len(joints) <= MOST_BONES,
+        f"its skin has {len(joints)} joints, not 1 to {MOST_BONES}",
     )
+    for joint in joints:
+        gltf.at(gltf.parts.nodes, joint, "node", "joints")
+    check(len(set(joints)) == len(joints), "its skin names a joint twice")
+    animated = {c.target.node for a in gltf.parts.animations for c in a.channels}
+    above = nodes.with_ancestors(joints).difference(joints)
+    bones = list(joints) + sorted(above & animated)
+    check(len(bones) <= MOST_BONES, f"its skeleton has {len(bones)} bones, over {MOST_BONES}")
+    return bones
+
+
+def _skinned_surface(gltf: Gltf, meshes, joint_count: int, place):
+    """Points [S, 3], triangles [N, 3], and dense weights [S, B]; joint j is bone place[j]."""
+    points, triangles, joints, weights = surface(gltf, meshes)
+    last = joints.max(initial=0)
+    check(last < joint_count, f"points are bound to joint {last}, but the skin has {joint_count}")
+    check(
+        len(points) * len(place) <= MOST_WEIGHTS,
+        f"its skin has {len(points)} points and {len(place)} bones; simplify it",
+    )
+    weights = weights / weights.sum(axis=1, keepdims=True)
+    dense = np.zeros((len(points), len(place)), np.float32)
+    np.add.at(dense, (np.arange(len(points))[:, None], place[joints]), weights)
+    return points, triangles, dense
 
 
 def tails_from(heads, parents, points, weights) -> np.ndarray:
@@ -225,7 +192,8 @@ def tails_from(heads, parents, points, weights) -> np.ndarray:
     count = len(heads)
     tails = np.array(heads, float)
     total = weights.sum(axis=0, dtype=float)
-    middles = weights.astype(float).T @ points / np.maximum(total, 1e-12)[:, None]
+    middles = np.einsum("sb,sx->bx", weights, points, dtype=float)
+    middles /= np.maximum(total, 1e-12)[:, None]
     size = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 1.0
     for bone in range(count):
         ends = heads[parents == bone]
@@ -241,91 +209,84 @@ def tails_from(heads, parents, points, weights) -> np.ndarray:
     return tails
 
 
-def _nodes(gltf: Gltf) -> _Nodes:
-    parts = gltf.parts.nodes
-    check(0 < len(parts) <= 2**16, f"it has {len(parts)} nodes, not 1 to {2**16}")
-    parents = [-1] * len(parts)
-    for number, node in enumerate(parts):
-        for child in node.children or ():
-            gltf.at(parts, child, "node", f"children of node {number}")
-            check(parents[child] < 0, f"node {child} has two parents")
-            parents[child] = number
-    names = [_printable(node.name, f"bone {i}") for i, node in enumerate(parts)]
-    parents_first(names, parents)  # a cycle ends here
-    values = {path: np.zeros((len(parts), 4 if path == "rotation" else 3)) for path in PATHS}
-    for number, node in enumerate(parts):
-        if node.matrix is not None:
-            matrix = np.array(node.matrix, float).reshape(4, 4).T
-            scale = scale_of(matrix, f"the matrix of node {number}")
-            turn = rotations.quaternion_of(matrix[:3, :3] / scale)
-            trs = matrix[:3, 3], turn, np.full(3, scale)
-        else:
-            trs = (
-                node.translation or (0, 0, 0),
-                node.rotation or (0, 0, 0, 1),
-                node.scale or (1,) * 3,
-            )
-        for path, value in zip(PATHS, trs, strict=True):
-            values[path][number] = np.array(value, float)
-    good = all((np.abs(v) <= 1e6).all() for v in values.values())  # NaN fails, too
-    check(good, "the transform of a node holds NaN, or numbers beyond 1e6")
-    values["rotation"] = rotations.unit(values["rotation"])
-    return _Nodes(parents, names, values)
+class _Clips:
+    """Reads a file's animations, and counts what they come to before it is made."""
 
+    def __init__(self, gltf: Gltf, skeleton: Skeleton, bone_nodes, maps, values):
+        """Bone b is the node bone_nodes[b], whose values by path and node are given."""
+        self._gltf, self._maps = gltf, maps
+        self._bone_of = {node: bone for bone, node in enumerate(bone_nodes)}
+        self._still = self._unmoved(skeleton.rest_pose, bone_nodes, values)
+        self._channels = self._keys = 0
 
-def _clips(gltf: Gltf, nodes: _Nodes, bone_nodes, maps, skeleton: Skeleton) -> tuple[Clip, ...]:
-    bone_of = {node: bone for bone, node in enumerate(bone_nodes)}
-    rest = skeleton.rest_pose
-    clips = []
-    for number, animation in enumerate(gltf.parts.animations):
-        name = _printable(animation.name, f"clip {number}")
-        channels = []
-        for entry in animation.channels:
-            path = entry.target.path
-            if path not in PATHS or entry.target.node not in bone_of:
-                continue  # shape keys, cameras, other objects
-            what = f"keys of clip {name!r}"
-            sampler = gltf.at(animation.samplers, entry.sampler, "sampler", what)
-            times = gltf.numbers(sampler.input, "SCALAR", f"times of clip {name!r}")
-            kind = "VEC4" if path == "rotation" else "VEC3"
-            keys = gltf.numbers(sampler.output, kind, what)
-            interpolation = sampler.interpolation or "LINEAR"
-            if interpolation == "CUBICSPLINE":
-                check(len(keys) % 3 == 0, f"the {what} lack tangents")
-                keys = keys.reshape(-1, 3, keys.shape[1])
-            bone = bone_of[entry.target.node]
-            channel = Channel(bone, path, interpolation, times.astype(float), keys.astype(float))
-            channels.append(maps[bone].channel(channel, bone))
-        # A node that isn't animated keeps its own transform, which may differ from the bind pose.
-        moving = {(c.bone, c.path) for c in channels}
+    def read(self) -> tuple[Clip, ...]:
+        animations = self._gltf.parts.animations
+        check(len(animations) <= MOST_CLIPS, f"it has {len(animations)} clips, over {MOST_CLIPS}")
+        names = [printable_name(a.name, f"clip {i}") for i, a in enumerate(animations)]
+        clips = []
+        for name, animation in zip(_unique(names), animations, strict=True):
+            channels = [self._channel(animation, entry, name) for entry in animation.channels]
+            channels = [channel for channel in channels if channel is not None]
+            moving = {(c.bone, c.path) for c in channels}
+            rest = [c for c in self._still if (c.bone, c.path) not in moving]
+            self._count(len(rest), sum(c.values.size for c in rest))
+            last = max((float(c.times[-1]) for c in channels), default=0.0)
+            clips.append(Clip(name, last, (*channels, *rest)))
+        return tuple(clips)
+
+    def _unmoved(self, rest, bone_nodes, values) -> list[Channel]:
+        """A key for each node whose own transform differs from the bind pose.
+
+        It counts where a clip does not move the node.
+        """
+        found = []
         for bone, node in enumerate(bone_nodes):
             for path in PATHS:
-                value = maps[bone].values(path, nodes.values[path][node])
+                value = np.array(self._maps[bone].values(path, values[path][node]), float)
                 still = getattr(rest, f"{path}s")[bone]
                 if path == "rotation" and value @ still < 0.0:
                     value = -value
-                if (bone, path) not in moving and np.abs(value - still).max() > 1e-5:
-                    key = np.array(value, float)[None]
-                    channels.append(Channel(bone, path, "STEP", np.zeros(1), key))
-        last = max((float(c.times[-1]) for c in channels), default=0.0)
-        clips.append(Clip(name, last, tuple(channels)))
-    names = _unique([clip.name for clip in clips])
-    return tuple(replace(clip, name=name) for clip, name in zip(clips, names, strict=True))
+                if np.abs(value - still).max() > 1e-5:
+                    found.append(Channel(bone, path, "STEP", np.zeros(1), value[None]))
+        return found
 
+    def _channel(self, animation, entry, name: str) -> Channel | None:
+        """A channel of a clip; None if it moves no bone: shape keys, cameras, other objects."""
+        path, bone = entry.target.path, self._bone_of.get(entry.target.node)
+        if path not in PATHS or bone is None:
+            return None
+        what = f"keys of clip {name!r}"
+        sampler = self._gltf.at(animation.samplers, entry.sampler, "sampler", what)
+        times = self._gltf.numbers(sampler.input, "SCALAR", f"times of clip {name!r}")
+        kind = "VEC4" if path == "rotation" else "VEC3"
+        keys = self._gltf.numbers(sampler.output, kind, what)
+        self._count(1, keys.size)
+        interpolation = sampler.interpolation or "LINEAR"
+        if interpolation == "CUBICSPLINE":
+            check(len(keys) % 3 == 0, f"the {what} lack tangents")
+            keys = keys.reshape(-1, 3, keys.shape[1])
+        times, keys = times.astype(float, copy=False), keys.astype(float, copy=False)
+        channel = Channel(bone, path, interpolation, times, keys)
+        return self._maps[bone].channel(channel, bone)
 
-def _printable(name, otherwise: str) -> str:
-    words = "".join(c if c.isprintable() else "?" for c in str(name or ""))[: LONGEST_NAME - 5]
-    return words or otherwise
+    def _count(self, channels: int, keys: int):
+        self._channels, self._keys = self._channels + channels, self._keys + keys
+        check(
+            self._channels <= MOST_CHANNELS and self._keys <= MOST_KEYS,
+            f"its clips have more than {MOST_CHANNELS} channels, or {MOST_KEYS} numbers in their "
+            "keys; export fewer clips or keys",
+        )
 
 
 def _unique(names) -> tuple[str, ...]:
     """Names, those that come again with a number."""
-    found = []
-    for name in names:
-        number, plain = 1, name
+    found, numbers = {}, {}  # names in their order; the last number of each that came again
+    for plain in names:
+        name = plain
         while name in found:
-            name, number = f"{plain}.{number:03}", number + 1
-        found.append(name)
+            numbers[plain] = numbers.get(plain, 0) + 1
+            name = f"{plain}.{numbers[plain]:03}"
+        found[name] = None
     return tuple(found)
 
 

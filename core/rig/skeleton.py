@@ -142,14 +142,14 @@ def parents_first(names: Sequence[str], parents: Sequence[int]) -> list[int]:
     """
     order, placed = [], set()
     for first in range(len(names)):
-        chain, bone = [], first
+        chain, bone = {}, first  # in order
         while bone >= 0 and bone not in placed:
             if bone in chain:
                 raise ValueError(f"bone {names[bone]!r} is its own ancestor")
-            chain.append(bone)
-            bone = parents[bone]
+            chain[bone] = None
+            child, bone = bone, parents[bone]
             if bone >= len(names):
-                raise ValueError(f"the parent of bone {names[chain[-1]]!r} does not exist")
+                raise ValueError(f"the parent of bone {names[child]!r} does not exist")
         order += reversed(chain)
         placed.update(chain)
     return order
