@@ -29,7 +29,7 @@ from .rigfile import MOST_KEYS
 from .skeleton import MOST_BONES, Skeleton, parents_first
 
 Y_UP_TO_Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-MOST_CHANNELS = 2**16  # of all clips
+MOST_CHANNELS = 2**15  # of all clips
 MOST_WEIGHTS = 2**25  # points times bones
 
 

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..memory import no_garbage_collected
+
 LARGEST_FILE = 2**29  # bytes
 LARGEST_TEXT = 2**26  # bytes of JSON, embedded data included
 MOST_VALUES = 2**20  # of the JSON, with the marks between them
@@ -34,7 +36,7 @@ class Part:
     """An object of the JSON: its members are attributes, and None where it has none."""
 
     def __init__(self, members: dict):
-        self.__dict__.update(members)
+        self.__dict__ = members
 
     def __getattr__(self, name):
         return None
@@ -240,7 +242,8 @@ def _parts(text: bytes) -> Part:
     marks = sum(map(text.count, (b"{", b"[", b",", b":")))
     check(marks <= MOST_VALUES, f"its JSON has more than {MOST_VALUES} values; export less")
     try:
-        root = json.loads(text.decode("utf-8-sig"), object_hook=Part)
+        with no_garbage_collected():  # which would go through all parts again and again
+            root = json.loads(text.decode("utf-8-sig"), object_hook=Part)
     except (ValueError, RecursionError) as error:
         line = " ".join(str(error).split())[:100]
         raise ValueError(f"its JSON can't be read ({line})") from None

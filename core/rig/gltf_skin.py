@@ -9,6 +9,7 @@ from .gltf_file import Gltf, Part, check
 
 MOST_POINTS = 2**18
 MOST_TRIANGLES = 2**20
+MOST_PRIMITIVES = 2**12
 SUM_ERROR = 0.02  # of a point's weights from 1, in files
 TRIANGLES = 4  # glTF's number of that primitive
 
@@ -70,6 +71,8 @@ def _shape_notes(gltf: Gltf, skin: int, meshes: dict) -> list[str]:
 def surface(gltf: Gltf, meshes):
     """Points [S, 3], triangles [N, 3], and joints and weights of each point [S, W]."""
     primitives = [primitive for mesh in meshes for primitive in solid(mesh)]
+    count = len(primitives)
+    check(count <= MOST_PRIMITIVES, f"its skin has {count} meshes or materials; join them")
     corners = sum(gltf.count(p.indices, "triangles") for p in primitives if p.indices is not None)
     check(corners <= 3 * MOST_TRIANGLES, f"its skin has {corners // 3} triangles; simplify it")
     parts = [_primitive(gltf, primitive) for primitive in primitives]
