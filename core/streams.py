@@ -6,9 +6,12 @@ that is opened later gets their numbers: libraries write their warnings to numbe
 """
 
 import os
+import reprlib
 import sys
 
 LAST_STANDARD = 2  # descriptor: of standard error
+SHORT = reprlib.Repr()
+SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
 
 
 class Stream:
@@ -72,3 +75,15 @@ def printable(words) -> str:
     """
     text = str(words).encode("utf-8", "backslashreplace").decode()
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def shown(value) -> str:
+    """A value of a file as a sentence quotes it: at most 100 characters, and as little work.
+
+    A list that holds another one twice, which does the same, and so on, is long only when all of
+    it is printed.
+    """
+    try:
+        return SHORT.repr(value)[:100]
+    except ValueError:  # a number that has more digits than Python prints
+        return f"one {type(value).__name__} that is too long to print"

@@ -170,6 +170,56 @@ def test_a_small_file_takes_little_memory(tmp_path):
         load_checkpoint(path)
 
 
+def doubled(kind):
+    """A list that holds one twice, which holds one twice, and so on: 2^60 in all."""
+    value = kind()
+    for _ in range(60):
+        value = kind((value, value))
+    return value
+
+
+@pytest.mark.parametrize("kind", [list, tuple])
+@pytest.mark.parametrize(
+    "place",
+    [("report",), ("fit",), ("world_to_model",), ("mesh",), ("format",), ("stage",), ("new",)]
+    + [("options", name) for name in ("seed", "aabb", "leave_out", "surroundings", "new")]
+    + [("report", "seconds"), ("fit", "parameters")],
+)
+def test_lists_that_double_are_neither_walked_nor_printed(tmp_path, place, kind):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    content = torch.load(path, weights_only=True)
+    inside = content
+    for key in place[:-1]:
+        inside = inside[key]
+    inside[place[-1]] = doubled(kind)
+    torch.save(content, path)
+    with pytest.raises(CheckpointError, match="its lists and texts are longer than it holds"):
+        load_checkpoint(path)
+
+
+def test_texts_that_stand_in_many_places_count_in_each(tmp_path):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    content = torch.load(path, weights_only=True)
+    content["options"]["seed"] = ["x" * 10_000] * 1000
+    torch.save(content, path)
+    with pytest.raises(CheckpointError, match="its lists and texts are longer than it holds"):
+        load_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    "matrix", [[], [1, 2, 3, 4], [[1.0] * 4] * 3, [[float("nan")] * 4] * 4, [["x"] * 4] * 4, 5]
+)
+def test_a_transform_that_is_none_is_one_sentence(tmp_path, matrix):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    content = torch.load(path, weights_only=True)
+    torch.save(content | {"world_to_model": matrix}, path)
+    with pytest.raises(CheckpointError, match="no checkpoint of this version"):
+        load_checkpoint(path)
+
+
 @pytest.mark.parametrize(
     "name, value",
     [

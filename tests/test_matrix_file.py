@@ -83,3 +83,17 @@ def test_what_is_no_json_is_said_so(tmp_path):
         read_matrices(tmp_path / "rig.json")
     with pytest.raises(ValueError, match=r"none\.json"):
         read_matrices(tmp_path / "none.json")
+
+
+def test_more_values_than_a_rig_has_are_refused_before_they_take_memory(tmp_path):
+    path = tmp_path / "rig.json"
+    path.write_text('{"bones": [' + "[]," * 2**22 + "[]]}")
+    with pytest.raises(ValueError, match="more than 4194304 values"):
+        read_matrices(path)
+
+
+def test_long_names_are_not_printed_in_full(tmp_path):
+    (tmp_path / "rig.json").write_text(json.dumps(changed("bones", 0, "parent", value="c" * 10**6)))
+    with pytest.raises(ValueError, match="is missing") as caught:
+        read_matrices(tmp_path / "rig.json")
+    assert len(str(caught.value)) < 300 + len(str(tmp_path))

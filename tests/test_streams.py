@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from deformrf.core.field import load
-from deformrf.core.streams import Stream, printable
+from deformrf.core.streams import Stream, printable, shown
 
 WORK = """
 import sys
@@ -92,3 +92,25 @@ def test_the_first_failure_is_known():
 
 def test_escape_codes_and_line_ends_are_shown_as_codes():
     assert printable("r\x1b[31m_0\n\udcff é.png") == r"r\x1b[31m_0\n\udcff é.png"
+
+
+@pytest.mark.parametrize(
+    "value, words",
+    [
+        ("a bone", "'a bone'"),
+        (5, "5"),
+        ([1, "x"], "[1, 'x']"),
+        ({"a": None}, "{'a': None}"),
+    ],
+)
+def test_a_value_of_a_file_is_quoted(value, words):
+    assert shown(value) == words
+    assert shown(10**5000) == "one int that is too long to print"
+
+
+def test_a_quoted_value_is_short_whatever_it_holds():
+    doubled = ()
+    for _ in range(60):
+        doubled = (doubled, [doubled])
+    for value in (doubled, "x" * 10**6, ["y" * 10**6] * 10**6, dict.fromkeys(range(999), "z" * 99)):
+        assert 10 < len(shown(value)) <= 100

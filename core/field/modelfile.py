@@ -15,7 +15,7 @@ import numpy as np
 from ..archive import unpacked_limit
 from ..geometry import tet_neighbours
 from ..paths import program_version, whole_file
-from ..streams import printable
+from ..streams import printable, shown
 from .archive import ModelFileError, check, open_arrays
 from .bounds import (
     SMALLEST_MARCH_STEP,
@@ -273,7 +273,7 @@ def read_options(values: dict) -> FieldOptions:
     for option in fields(options):
         if option.type in (int, bool):
             value = getattr(options, option.name)
-            check(type(value) is option.type, f"its option '{option.name}' is {value!r}")
+            check(type(value) is option.type, f"its option '{option.name}' is {shown(value)}")
     check(1 <= options.level_count <= 10, f"it has {options.level_count} levels, not 1 to 10")
     check(
         options.table_size <= MOST_ENTRIES,

@@ -16,7 +16,7 @@ from ..memory import no_garbage_collected
 
 LARGEST_FILE = 2**29  # bytes
 LARGEST_TEXT = 2**26  # bytes of JSON, embedded data included
-MOST_VALUES = 2**20  # of the JSON, with the marks between them
+MOST_VALUES = 2**20  # of the JSON, as `json_values` counts them
 MOST_NUMBERS = 2**23  # of all tables together
 JSON, BINARY = 0x4E4F534A, 0x004E4942  # kinds of a .glb's chunks
 LISTS = ("accessors", "animations", "buffers", "bufferViews", "meshes", "nodes", "skins")
@@ -239,8 +239,8 @@ class _InFile:
 
 def _parts(text: bytes) -> Part:
     """The root of the JSON."""
-    marks = sum(map(text.count, (b"{", b"[", b",", b":")))
-    check(marks <= MOST_VALUES, f"its JSON has more than {MOST_VALUES} values; export less")
+    good = json_values(text) <= MOST_VALUES
+    check(good, f"its JSON has more than {MOST_VALUES} values; export less")
     try:
         with no_garbage_collected():  # which would go through all parts again and again
             root = json.loads(text.decode("utf-8-sig"), object_hook=Part)
@@ -255,6 +255,11 @@ def _parts(text: bytes) -> Part:
         check(good, f"its {name} are no list")
         setattr(root, name, parts)
     return root
+
+
+def json_values(text: bytes) -> int:
+    """How many values JSON has at most, by its marks: before they take memory."""
+    return 1 + sum(map(text.count, (b"{", b"[", b",", b":")))
 
 
 def is_count(value) -> bool:

@@ -12,12 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
+from ..streams import shown
 from .clips import Clip, clip_of_matrices
 from .gltf import GltfRig
+from .gltf_file import json_values
 from .rig import MOST_CLIPS
 from .skeleton import FARTHEST, MOST_BONES, make_skeleton, parents_first
 
 LARGEST_FILE = 2**27  # bytes
+MOST_VALUES = 2**22  # of the JSON
 
 
 def read_matrices(path) -> GltfRig:
@@ -30,7 +33,10 @@ def read_matrices(path) -> GltfRig:
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise ValueError(f"it has more than {LARGEST_FILE // 2**20} MiB")
-        return _read(json.loads(path.read_bytes()))
+        text = path.read_bytes()
+        if json_values(text) > MOST_VALUES:
+            raise ValueError(f"it has more than {MOST_VALUES} values; export fewer clips or frames")
+        return _read(json.loads(text))
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from error
     except (KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
@@ -48,7 +54,8 @@ def _read(values) -> GltfRig:
     number = {name: i for i, name in enumerate(names)}
     for bone in bones:
         if bone["parent"] is not None and bone["parent"] not in number:
-            raise ValueError(f"the parent of bone {bone['name']!r}, {bone['parent']!r}, is missing")
+            name, parent = shown(bone["name"]), shown(bone["parent"])
+            raise ValueError(f"the parent of bone {name}, {parent}, is missing")
     parents = [-1 if b["parent"] is None else number[b["parent"]] for b in bones]
     order = parents_first(names, parents)
     place = {old: new for new, old in enumerate(order)}
@@ -85,10 +92,10 @@ def _clip(name, values, skeleton) -> Clip:
         given = sample["skinning_matrices"]
         missing = [bone for bone in skeleton.names if bone not in given]
         if missing:
-            raise ValueError(f"clip {name!r} has no matrix of bone {missing[0]!r}")
+            raise ValueError(f"clip {shown(name)} has no matrix of bone {shown(missing[0])}")
         matrices.append([given[bone] for bone in skeleton.names])
         times.append(sample["time"])
     if not times:
-        raise ValueError(f"clip {name!r} has no samples")
+        raise ValueError(f"clip {shown(name)} has no samples")
     clip = clip_of_matrices(name, skeleton, np.array(times, float), np.array(matrices, float))
     return Clip(name, max(float(values["duration"]), clip.duration), clip.channels)

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..archive import one_sentence, open_archive
 from ..paths import whole_file
+from ..streams import shown
 from .clips import INTERPOLATIONS, PATHS, Channel, Clip, VertexClip
 from .rig import MOST_CLIPS, Rig
 from .skeleton import MOST_BONES, Skeleton
@@ -198,7 +199,7 @@ def _meta(arrays) -> dict:
     version = meta.get("format_version")
     check(
         version == FORMAT_VERSION,
-        f"its rig has format version {version!r:.20}, this program reads {FORMAT_VERSION}",
+        f"its rig has format version {shown(version)}, this program reads {FORMAT_VERSION}",
     )
     bones, clips = meta.get("bones"), meta.get("clips")
     check(

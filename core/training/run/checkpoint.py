@@ -17,7 +17,13 @@ import torch
 from ...geometry import TetMesh
 from ...paths import whole_file
 from ..train_options import TrainOptions
-from .checkpoint_checks import check_archive, check_tensors, checked_mesh, checked_options
+from .checkpoint_checks import (
+    check_archive,
+    check_content,
+    checked_matrix,
+    checked_mesh,
+    checked_options,
+)
 
 FORMAT = "deformrf-checkpoint-1"
 GONE = {"density_layers": 1, "density_activation": "relu"}  # of older checkpoints
@@ -91,7 +97,7 @@ def load_checkpoint(path) -> Checkpoint:
     try:
         check_archive(path)
         content = torch.load(path, map_location="cpu", weights_only=True)
-        check_tensors(content, path.stat().st_size)
+        check_content(content, path.stat().st_size)
     except UNREADABLE as error:
         raise CheckpointError(
             f"{path} can't be read as a checkpoint: {_first_line(error)}"
@@ -118,7 +124,7 @@ def load_checkpoint(path) -> Checkpoint:
             content["stage"],
             checked_mesh(content["mesh"], options),
             content["fit"],
-            np.array(content["world_to_model"]),
+            checked_matrix(content["world_to_model"]),
             content["report"],
         )
     except CheckpointError:
@@ -128,4 +134,4 @@ def load_checkpoint(path) -> Checkpoint:
 
 
 def _first_line(error) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+    return str(error)[:300].splitlines()[0] if str(error) else type(error).__name__

@@ -14,9 +14,11 @@ import torch
 
 from ...field import check_geometry
 from ...geometry import TetMesh, tet_neighbours
+from ...streams import shown
 from ..train_options import DEEPEST, WIDEST, TrainOptions
 
 LARGEST_SCALE = 2.0**30  # of a loss
+MOST_VALUES = 2**20  # that are no arrays; one that stands in many places counts in each
 BOUNDS = {  # of numbers, both included
     "spacing": (0.002, 0.5),
     "coarse_steps": (0, 10**8),
@@ -51,28 +53,40 @@ def check_archive(path: Path) -> None:
             raise zipfile.BadZipFile("it is compressed, or declares more than it holds")
         damaged = archive.testzip()
         if damaged is not None:
-            raise zipfile.BadZipFile(f"{damaged!r} is damaged")
+            raise zipfile.BadZipFile(f"{shown(damaged)} is damaged")
 
 
-def check_tensors(content, most: int) -> None:
-    """Whether all tensors together have at most so many bytes, also when they are copied.
+def check_content(content, most: int) -> None:
+    """Whether what was read is as small as its file, also when it is copied or printed.
 
-    A tensor with steps of 0 bytes shows one number as often as it likes.
+    A tensor with steps of 0 bytes shows one number as often as it likes; a list can hold another
+    one twice, which does the same, and so on.
+
+    Args:
+        most: Bytes of all tensors, and characters of all texts.
+
+    Raises:
+        ValueError: It is not.
     """
-    seen, ahead, total = set(), [content], 0
+    seen, ahead, size, length, count = set(), [content], 0, 0, 0
     while ahead:
         value = ahead.pop()
-        if id(value) in seen:
-            continue
-        seen.add(id(value))
+        count += 1
         if isinstance(value, torch.Tensor):
-            total += value.numel() * value.element_size()
-            if value.layout != torch.strided or value.device.type != "cpu" or total > most:
+            if id(value) not in seen:
+                size += value.numel() * value.element_size()
+            seen.add(id(value))
+            if value.layout != torch.strided or value.device.type != "cpu" or size > most:
                 raise ValueError("its arrays declare more than it holds")
         elif isinstance(value, dict):
             ahead += value.values()
-        elif isinstance(value, list | tuple):
+            ahead += value.keys()
+        elif isinstance(value, list | tuple | set | frozenset):
             ahead += value
+        elif isinstance(value, str | bytes):
+            length += len(value)
+        if count + len(ahead) > MOST_VALUES or length > most:
+            raise ValueError("its lists and texts are longer than it holds")
 
 
 def checked_options(values: dict) -> TrainOptions:
@@ -84,9 +98,9 @@ def checked_options(values: dict) -> TrainOptions:
             low, high = BOUNDS[field.name]
             kinds = (int,) if field.type is int else (int, float)
             if type(value) not in kinds or not low <= value <= high:
-                raise ValueError(f"its option {field.name} is {value!r}")
+                raise ValueError(f"its option {field.name} is {shown(value)}")
         elif field.type in (bool, str) and type(value) is not field.type:
-            raise ValueError(f"its option {field.name} is {value!r}")
+            raise ValueError(f"its option {field.name} is {shown(value)}")
     numbers = [*(options.aabb or ()), options.scene_radius or 1.0]
     if options.aabb is not None and len(options.aabb) != 6:
         raise ValueError("its box has no six numbers")
@@ -119,5 +133,16 @@ def checked_scale(scale) -> float:
         ValueError: No run has such a one.
     """
     if not (isinstance(scale, float) and 1.0 <= scale <= LARGEST_SCALE):
-        raise ValueError(f"a loss scaled by {scale}")
+        raise ValueError(f"a loss scaled by {shown(scale)}")
     return scale
+
+
+def checked_matrix(values) -> np.ndarray:
+    """From the world to the model; a ValueError or TypeError if it is none.  [4, 4]"""
+    rows = isinstance(values, list) and len(values) == 4
+    if not (rows and all(isinstance(row, list) and len(row) == 4 for row in values)):
+        raise ValueError("its transform is no 4 times 4 numbers")
+    matrix = np.array(values, float)
+    if not np.isfinite(matrix).all():
+        raise ValueError("its transform is not finite")
+    return matrix
