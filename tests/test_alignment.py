@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.rig import align, outer_points, rotations
+from deformrf.core.rig import align, outer_points, rotations, shared_space
 
 
 def body(rng, count):
@@ -43,3 +43,27 @@ def test_surface_points_of_a_solid():
 def test_what_has_no_size_is_said_so():
     with pytest.raises(ValueError, match="has no size"):
         align(np.zeros((5, 3)), np.zeros((0, 3)))
+
+
+def sphere(rng, radius=1.0, count=8000):
+    directions = rng.normal(size=(count, 3))
+    return radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def test_bodies_share_what_lies_in_both():
+    rng = np.random.default_rng()
+    outer, same, inner = sphere(rng), sphere(rng), sphere(rng, 0.8)
+    assert shared_space(outer, same) > 0.95
+    assert shared_space(inner, outer) == pytest.approx(0.8**3, abs=0.06)
+    d = 1.0  # two unit spheres so far apart share a lens of this part of their union
+    lens = (2.0 - d) ** 2 * (d * d + 4.0 * d) / (16.0 * d)
+    moved = shared_space(outer + np.array([d, 0.0, 0.0]), same)
+    assert moved == pytest.approx(lens / (2.0 - lens), abs=0.05)
+    assert shared_space(outer + 9.0, same) == 0.0
+
+
+def test_points_inside_a_body_and_a_gap_in_its_surface_change_nothing():
+    rng = np.random.default_rng()
+    outer, full = sphere(rng), sphere(rng, 1.0, 20000) * rng.uniform(size=(20000, 1)) ** (1 / 3)
+    slit = outer[np.abs(outer[:, 2]) > 0.02]
+    assert shared_space(slit, full) > 0.9

@@ -1,15 +1,17 @@
 """deformrf-rig: what a rig holds, and what is refused."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from gltf_files import make_bar
+from gltf_files import ellipsoid, make_bar, make_skin
 from PIL import Image
 
 from deformrf.core import field as fields
 from deformrf.core.commands import rig as command
+from deformrf.core.paths import DEFAULT_MODEL
 from deformrf.core.rig import Clip, Rig, arrays_of, clip_of_poses, make_skeleton, rig_from, turned
 
 
@@ -93,6 +95,58 @@ def test_what_can_not_be_bound_is_said_so(call, model, tmp_path, refused, name, 
     result = call(command.main, "bind", model, tmp_path / name, "-o", output, *flags)
     assert sentence in refused(result)
     assert not output.exists()
+
+
+@pytest.fixture
+def body(make_ball_field, tmp_path):
+    """A model of an opaque body: taller than it is wide."""
+    fields.save(make_ball_field(0, 0.06, 1.0), tmp_path / "body.npz")
+    return tmp_path / "body.npz"
+
+
+def test_the_rig_of_this_object_is_laid_on_it(call, body, tmp_path):
+    make_skin(*ellipsoid([3.0, 3.0, 3.75])).save(tmp_path / "own.glb")
+    result = call(command.main, "bind", body, tmp_path / "own.glb", "-o", tmp_path / "out.npz")
+    assert result.code == 0 and "2 bones, no clips" in result.out
+    share = int(re.search(r"share (\d+)% of the space", result.out)[1])
+    assert share >= 80 and "That is little" not in result.out
+
+
+@pytest.mark.parametrize("sizes", [[0.3, 0.3, 3.0], [3.0, 0.5, 3.0], [4.0, 0.5, 0.5]])
+def test_the_rig_of_another_object_is_refused(call, body, tmp_path, refused, sizes):
+    make_skin(*ellipsoid(sizes)).save(tmp_path / "other.glb")
+    result = call(command.main, "bind", body, tmp_path / "other.glb", "-o", tmp_path / "out.npz")
+    assert "other.glb is the rig of another object" in refused(result)
+    assert not (tmp_path / "out.npz").exists()
+
+
+def test_a_rig_that_is_placed_by_hand_is_told_of(call, body, tmp_path):
+    make_skin(*ellipsoid([0.1, 0.1, 0.37])).save(tmp_path / "thin.glb")
+    matrix = np.eye(4)
+    matrix[:3, 3] = 0.5
+    placed = ["--transform", *matrix.ravel()]
+    output = "-o", tmp_path / "out.npz"
+    result = call(command.main, "bind", body, tmp_path / "thin.glb", *output, *placed)
+    assert result.code == 0 and "That is little" in result.out
+
+
+def test_a_fox_is_no_helmet(call, tmp_path, shared_data, refused):
+    fox = shared_data("rigs") / "Fox.glb"
+    result = call(command.main, "bind", DEFAULT_MODEL, fox, "-o", tmp_path / "out.npz")
+    assert "Fox.glb is the rig of another object" in refused(result)
+
+
+def test_what_a_rig_file_has_more_is_told(call, body, tmp_path):
+    file = make_skin(*ellipsoid([3.0, 3.0, 3.75]))
+    file.parts["nodes"] += [{"mesh": 1, "skin": 1}]
+    few = {"POSITION": file.add(np.ones((3, 3), "<f4"), "VEC3")}
+    file.parts["meshes"] += [{"primitives": [{"attributes": few}]}]
+    file.parts["skins"] += [{"joints": [0]}]
+    file.parts["meshes"][0]["weights"] = [0.5]
+    file.save(tmp_path / "more.glb")
+    result = call(command.main, "bind", body, tmp_path / "more.glb", "-o", tmp_path / "out.npz")
+    assert result.code == 0 and "more.glb: It has 2 skins: Skin, with the most points" in result.out
+    assert "more.glb: It has morph targets with weights up to 0.5 at rest" in result.out
 
 
 @pytest.fixture

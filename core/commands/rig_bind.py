@@ -17,7 +17,9 @@ Weights = Literal["harmonic", "nearest", "rigid", "automatic"]
 Transform = Annotated[
     tuple[(float,) * 16] | None, tyro.conf.arg(metavar="M11 .. M44", help_behavior_hint="")
 ]
-POOR_FIT = 0.03  # of the object's size: a rig that lies farther off is said to be so
+# Of the space that a rig's surface and the object fill, what both fill.  The same shape has some
+# .7 to .9, and less than a half is not mostly the same.
+LEAST_SHARED, WELL_SHARED = 0.5, 0.7
 
 
 @dataclass(frozen=True)
@@ -91,29 +93,48 @@ def bound(field, arguments: BindArguments) -> rigs.Rig:
     kind = arguments.weights or ("harmonic" if surface else "automatic")
     if kind in ("harmonic", "nearest") and not surface:
         raise ValueError(f"{path} has no skinned mesh: take --weights automatic, or rigid")
-    source = rigs.aligned(source, placed(field, source, arguments))
+    matrix, shared = placed(field, source, arguments)
+    source = rigs.aligned(source, matrix)
     weights, offsets = weights_of(mesh, source, kind)
+    for note in source.notes:
+        print(printable(f"{path}: {note}"))
+    if shared is not None:
+        print(f"The rig and the model share {shared:.0%} of the space that they fill.")
+    if shared is not None and shared < WELL_SHARED:
+        print(
+            "That is little (the same shape has 70 % and more): if the object is in another pose "
+            "than the rig at rest, pose one like the other, or give --transform."
+        )
     return rigs.Rig(source.skeleton, weights, source.clips, offsets)
 
 
 def placed(field, source: rigs.GltfRig, arguments: BindArguments):
-    """The matrix from the rig's space to model space.  [4, 4]"""
-    if arguments.transform is not None:
-        matrix = np.reshape(arguments.transform, (4, 4))
-        rigs.scale_of(matrix, "--transform")
-        return field.world_to_model @ matrix
+    """The matrix from the rig's space to model space [4, 4], and how much space they share.
+
+    The latter is None for a rig without a surface.
+
+    Raises:
+        ValueError: The rig's surface has another shape than the object, or --transform is none.
+    """
+    given, matrix = arguments.transform, field.world_to_model
+    if given is not None:
+        rigs.scale_of(np.reshape(given, (4, 4)), "--transform")
+        matrix = matrix @ np.reshape(given, (4, 4))
     if len(source.points) == 0:
-        return field.world_to_model
+        return matrix, None
     edge = 0.02 * float(np.linalg.norm(np.ptp(source.points, axis=0)))
     surface = source.points, source.triangles, source.point_weights[:, :1]
-    matrix, distance = rigs.align(rigs.surface_samples(*surface, edge)[0], matter_of(field))
-    print(f"Laid the rig on the model: they lie {distance:.2%} of its size apart on average.")
-    if distance > POOR_FIT:
-        print(
-            "That is much: if the object is in another pose than the rig at rest, pose one like "
-            "the other, or give --transform."
+    samples, matter = rigs.surface_samples(*surface, edge)[0], matter_of(field)
+    if given is None:
+        matrix = rigs.align(samples, matter)[0]
+    shared = rigs.shared_space(samples @ matrix[:3, :3].T + matrix[:3, 3], matter)
+    if shared < LEAST_SHARED and given is None:
+        raise ValueError(
+            f"{arguments.rig} is the rig of another object, or of this one in another pose: laid "
+            f"on the model, both share {shared:.0%} of the space that they fill, and it has to be "
+            f"{LEAST_SHARED:.0%}; pose one like the other, or say where it lies with --transform"
         )
-    return matrix
+    return matrix, shared
 
 
 def weights_of(mesh, source: rigs.GltfRig, kind: Weights):

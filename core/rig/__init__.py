@@ -44,7 +44,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "physics": ["posed_with_physics"],
         "quality": ["TetQuality", "clip_quality", "clip_vertices", "frame_times"],
         "fitting": ["fitted_weights", "surface_samples"],
-        "alignment": ["align", "outer_points"],
+        "alignment": ["align", "outer_points", "shared_space"],
         "matrix_file": ["read_matrices"],
         "gltf": ["GltfRig", "aligned", "read_gltf"],
         "gltf_nodes": ["scale_of"],

@@ -18,6 +18,7 @@ COARSE, FINE = 300, 1500  # samples of each surface
 TURNED, FALLEN = 1.1, 1.5  # by how much a distance counts more if the rig is turned, or not upright
 ROUNDS, FINE_ROUNDS = 12, 40
 MOST_GUESSES = 8
+CELLS = 30
 NEAR = 0.9  # share of the pairs that count: the farthest are of what only one of both has
 
 
@@ -67,6 +68,52 @@ def outer_points(places, spacing: float):
             neighbor[:, axis] += step
             outer |= ~full[tuple(neighbor.T)]
     return places[outer]
+
+
+def shared_space(points, matter) -> float:
+    """How much of the space that two bodies fill is filled by both: intersection over union.
+
+    A body is what points of its surface enclose on a grid of CELLS cells along the second one's
+    diagonal; gaps of two cells in the surface let nothing in.
+
+    Args:
+        points: Samples of the first body's surface [S, 3].
+        matter: Points of the second one's [N, 3].
+    """
+    cell = float(np.linalg.norm(np.ptp(matter, axis=0))) / CELLS
+    low, high = matter.min(axis=0), matter.max(axis=0)
+    near = ((points >= low - (high - low)) & (points <= high + (high - low))).all(axis=1)
+    if not near.any():
+        return 0.0
+    share = near.mean()  # what is farther off than the other one's size shares nothing
+    points = points[near]
+    low = np.minimum(low, points.min(axis=0)) - 3.5 * cell
+    shape = tuple(((np.maximum(high, points.max(axis=0)) - low) / cell + 4.5).astype(int))
+    first, second = (_enclosed(((p - low) / cell).astype(int), shape) for p in (points, matter))
+    return float(share * (first & second).sum() / (first | second).sum())
+
+
+def _enclosed(cells, shape):
+    """Cells that can't be reached from a grid's first corner past the given ones.  bool [shape]"""
+    full = np.zeros(shape, bool)
+    full[tuple(cells.T)] = True
+    wall, outside = _grown(full), np.zeros(shape, bool)
+    outside[0, 0, 0] = True
+    while True:
+        reached = _grown(outside) & ~wall
+        if (reached == outside).all():
+            return ~_grown(outside) | full
+        outside = reached
+
+
+def _grown(cells):
+    """Cells, and their six neighbors."""
+    found = cells.copy()
+    for axis in range(3):
+        a, b = np.moveaxis(found, axis, 0), np.moveaxis(cells, axis, 0)
+        a[1:] |= b[:-1]
+        a[:-1] |= b[1:]
+    return found
 
 
 def _guesses(points, matter):

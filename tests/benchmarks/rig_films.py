@@ -47,7 +47,7 @@ def bent_helmet(duration: float):
 def frames(model, clip, size, folder):
     """A clip's frames as the command deformrf-render makes them."""
     command = "from deformrf.viewer.films.render_command import main; raise SystemExit(main())"
-    options = ["--fps", str(FPS), "--samples", str(SAMPLES), "--hide-handles", "-o", str(folder)]
+    options = ["--fps", str(FPS), "--samples", str(SAMPLES), "-o", str(folder)]
     arguments = [str(model), "--clip", clip, "--size", size, *options]
     subprocess.run([sys.executable, "-c", command, *arguments], check=True)
     return [Image.open(file).convert("RGB") for file in sorted(folder.glob("*.png"))]

@@ -121,3 +121,46 @@ def make_bar(rng):
         }
     ]
     return file, points, weights, inverse
+
+
+def make_skin(points, triangles):
+    """A surface [S, 3], z up, that two bones move: one below its middle, one above."""
+    file = GlbFile()
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = 0.5 * (low + high)
+    turned = np.stack([points[:, 0], points[:, 2], -points[:, 1]], axis=1)  # y up
+    upper = (points[:, 2] > middle[2]).astype("<u2")
+    joints = np.stack([upper, *[0 * upper] * 3], axis=1)
+    weights = np.tile(np.array([1, 0, 0, 0], "<f4"), (len(points), 1))
+    heads = [[middle[0], low[2], -middle[1]], [middle[0], middle[2], -middle[1]]]
+    inverse = np.tile(np.eye(4), (2, 1, 1))
+    inverse[:, :3, 3] = -np.array(heads)
+    attributes = {
+        "POSITION": file.add(turned.astype("<f4"), "VEC3"),
+        "JOINTS_0": file.add(joints, "VEC4"),
+        "WEIGHTS_0": file.add(weights, "VEC4"),
+    }
+    indices = file.add(triangles.astype("<u2").ravel(), "SCALAR")
+    binds = file.add(np.swapaxes(inverse, 1, 2).reshape(2, 16).astype("<f4"), "MAT4")
+    file.parts |= {
+        "nodes": [
+            {"name": "lower", "translation": heads[0], "children": [1]},
+            {"name": "upper", "translation": [0, heads[1][1] - heads[0][1], 0]},
+            {"mesh": 0, "skin": 0},
+        ],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": indices}]}],
+        "skins": [{"joints": [0, 1], "inverseBindMatrices": binds, "name": "Skin"}],
+    }
+    return file
+
+
+def ellipsoid(sizes):
+    """Points and triangles of an ellipsoid about the origin with these half axes."""
+    rows = np.linspace(0.02, np.pi - 0.02, 24)
+    columns = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    a, b = np.meshgrid(rows, columns, indexing="ij")
+    points = np.stack([np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)], axis=-1)
+    ids = np.arange(points[..., 0].size).reshape(a.shape)
+    corner = ids[:-1], np.roll(ids, -1, 1)[:-1], ids[1:], np.roll(ids, -1, 1)[1:]
+    triangles = np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in (corner[:3], corner[1:])])
+    return points.reshape(-1, 3) * sizes, triangles

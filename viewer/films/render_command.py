@@ -97,6 +97,8 @@ class RenderArguments:
     """h264 for .mp4, vp9 for .webm by default."""
     hide_handles: Flag = False
     """Leave out the red and gray spheres, and bones."""
+    show_handles: Flag = False
+    """Draw the spheres of control points and pins with --clip, too."""
     mode: Annotated[Mode | None, tyro.conf.arg(help_behavior_hint="")] = None
     """Show this instead of what the session shows."""
     device: Choice = "auto"
@@ -168,6 +170,10 @@ def _check_clip(chosen):
         raise ValueError(f"--softness is {chosen.softness:g}; it is a part of the object: 0 to 1")
     if chosen.softness and chosen.clip is None:
         raise ValueError("--softness is about how a clip moves the object: it needs --clip")
+    if chosen.show_handles and (chosen.clip is None or chosen.hide_handles):
+        raise ValueError(
+            "--show-handles is for films of a --clip, which have none without it: leave it out"
+        )
     if chosen.clip is not None and (chosen.session is not None or chosen.pose is not None):
         raise ValueError("--clip moves the object: leave --session and --pose out")
 
@@ -274,9 +280,8 @@ def _film(app, film, chosen, most):
     from ..sessions import SessionError
     from .film_maker import FilmMaker, FilmOptions
 
-    options = FilmOptions(
-        chosen.samples, chosen.shutter, chosen.transparent, not chosen.hide_handles, chosen.mode
-    )
+    handles = chosen.show_handles or not (chosen.hide_handles or chosen.clip)
+    options = FilmOptions(chosen.samples, chosen.shutter, chosen.transparent, handles, chosen.mode)
     try:
         count = min(film.count, most or film.count)
         maker = FilmMaker(app, film, options)
