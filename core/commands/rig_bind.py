@@ -18,8 +18,8 @@ Transform = Annotated[
     tuple[(float,) * 16] | None, tyro.conf.arg(metavar="M11 .. M44", help_behavior_hint="")
 ]
 # Of the space that a rig's surface and the object fill, what both fill.  The same shape has some
-# .7 to .9, and less than a half is not mostly the same.
-LEAST_SHARED, WELL_SHARED = 0.5, 0.7
+# .7 to .9 (a coarse mesh around it has less), and less than a half is not mostly the same.
+LEAST_SHARED, WELL_SHARED = 0.5, 0.6
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def bound(field, arguments: BindArguments) -> rigs.Rig:
         print(f"The rig and the model share {shared:.0%} of the space that they fill.")
     if shared is not None and shared < WELL_SHARED:
         print(
-            "That is little (the same shape has 70 % and more): if the object is in another pose "
+            "That is little (the same shape has some 70 % or more): if the object is in another pose "
             "than the rig at rest, pose one like the other, or give --transform."
         )
     return rigs.Rig(source.skeleton, weights, source.clips, offsets)
