@@ -102,8 +102,8 @@ def bound(field, arguments: BindArguments) -> rigs.Rig:
         print(f"The rig and the model share {shared:.0%} of the space that they fill.")
     if shared is not None and shared < WELL_SHARED:
         print(
-            "That is little (the same shape has some 70 % or more): if the object is in another pose "
-            "than the rig at rest, pose one like the other, or give --transform."
+            "That is little (the same shape has some 70 % or more): if the object is in another "
+            "pose than the rig at rest, pose one like the other, or give --transform."
         )
     return rigs.Rig(source.skeleton, weights, source.clips, offsets)
 
