@@ -52,7 +52,14 @@ MAY_IMPORT = {
         "core.native",
         "core.geometry",
     ],
-    "core.rig": ["core.paths", "core.memory", "core.archive", "core.feed", "core.geometry"],
+    "core.rig": [
+        "core.paths",
+        "core.memory",
+        "core.archive",
+        "core.streams",
+        "core.feed",
+        "core.geometry",
+    ],
     "core.render": [
         "core.device",
         "core.threads",
@@ -72,6 +79,7 @@ MAY_IMPORT = {
     "core.training": [
         "core.capture",
         "core.paths",
+        "core.streams",
         "core.images",
         "core.memory",
         "core.device",
