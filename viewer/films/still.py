@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.reading import check_file
 from ..sessions import FARTHEST_POINT, Player, load_session
 
 NAME = "vertices"  # of the array in an .npz file
@@ -32,6 +33,7 @@ def strike(scene, path: Path) -> None:
         OSError: It can't be read.
     """
     path = Path(path)
+    check_file(path)
     if path.suffix == ".jsonl":
         session = load_session(path, scene.field)
         Player(scene, session).play_to(session.ticks)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.device import thread_count
-from ...core.paths import reserved, sync, whole_file
+from ...core.paths import reserved, sync, target_of, whole_file
 
 QUEUE_LENGTH, QUEUE_BYTES = 8, 256 * 2**20  # images that wait, and about their size
 PNG_LEVEL = 4  # of zlib: twice as fast as the usual 6, a few percent larger
@@ -105,13 +105,14 @@ class VideoWriter:
         import av
 
         self.path = Path(path)
+        self._target = target_of(self.path)
         chosen = encoder(self.path, codec, transparent)
         # Or it prints its version.  It is read when the encoder opens.
         os.environ.setdefault("SVT_LOG", "1")
         try:
-            self.part = reserved(self.path)
+            self.part = reserved(self._target)
         except OSError:  # the encoder finds the same, and says so with the first image
-            self.part = self.path.with_name(f".{self.path.stem}.part{self.path.suffix}")
+            self.part = self._target.with_name(f".{self.path.stem}.part{self.path.suffix}")
         self.width, self.height = self._size = max(size[0] & ~1, 2), max(size[1] & ~1, 2)
         self.fps = fps
         self.frame_count = 0  # in the file, or queued for it
@@ -186,7 +187,7 @@ class VideoWriter:
             raise self._failure() from self._error
         try:
             sync(self.part)
-            os.replace(self.part, self.path)
+            os.replace(self.part, self._target)
         except OSError as error:  # its folder was deleted, say
             self.part.unlink(missing_ok=True)
             raise RuntimeError(f"can't write {self.path}: {error.strerror}") from error
