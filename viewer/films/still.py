@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.reading import check_file
-from ..sessions import FARTHEST_POINT, Player, load_session
+from ..sessions import FARTHEST_POINT, Player, load_session, play_patiently
 
 NAME = "vertices"  # of the array in an .npz file
 KINDS = "<f4", "<f8"
@@ -36,7 +36,7 @@ def strike(scene, path: Path) -> None:
     check_file(path)
     if path.suffix == ".jsonl":
         session = load_session(path, scene.field)
-        Player(scene, session).play_to(session.ticks)
+        play_patiently(Player(scene, session), session.ticks)
         scene.handles.release()
         scene.end_push()
     else:
