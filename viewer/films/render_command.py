@@ -309,8 +309,7 @@ def _film(app, film, chosen, most):
         if not app.recorder.failed:  # or why is the last line
             print(maker.report(video.encoding_seconds), file=sys.stderr)
     except SessionError as error:
-        complain(PROGRAM, str(error))
-        return FAILED
+        return complain(PROGRAM, str(error))
     finally:
         app.close()
     return FAILED if app.recorder.failed else 0

@@ -176,12 +176,15 @@ class VideoWriter:
         """Finish the file and give it its name.
 
         Raises:
-            RuntimeError: The encoder failed; there is no file.
+            RuntimeError: The encoder failed, or got no image; there is no file.
         """
         if self._pending:
             self._queue_pending(until=max(self._now(), self._pending[1] + 1), wait=True)
         self._queue.put(None)
         self._thread.join()
+        if not self.frame_count:  # an older file is better than an empty one
+            self.part.unlink(missing_ok=True)
+            raise RuntimeError(f"{self.path} was not written: it would have no frame")
         if self._error:
             self.part.unlink(missing_ok=True)
             raise self._failure() from self._error
