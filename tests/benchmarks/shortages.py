@@ -62,19 +62,26 @@ COMMANDS = {  # {out}: the folder that they write to
 }
 READ_ONLY = "mount -t tmpfs -o ro,size=4k none {place}"
 FULL = "mount -t tmpfs -o size=16k none {place}"
+# Else each command compiles for a minute; test_kernel_cache.py is about that.
+KERNELS = {"WARP_CACHE_PATH": str(Path.home() / ".cache" / "warp")}
 SHORTAGES = {  # mounts of a shell, environment, limits
     "nothing": ((), {}, {}),
     "files": ((), {}, {resource.RLIMIT_NOFILE: 32}),
     "fewer files": ((), {}, {resource.RLIMIT_NOFILE: 14}),
     "memory": ((), {}, {resource.RLIMIT_DATA: 3 << 30}),
     "large files": ((), {}, {resource.RLIMIT_FSIZE: 300}),
-    "home": ((), {"HOME": "/proc/none"}, {}),
+    "home": ((), {"HOME": "/proc/none"} | KERNELS, {}),
     "temporary": (
         (READ_ONLY.format(place="/tmp"), READ_ONLY.format(place="/var/tmp")),
         {"TMPDIR": "/proc/none"},
         {},
     ),
     "home and temporary": (
+        (READ_ONLY.format(place="/tmp"), READ_ONLY.format(place="/var/tmp")),
+        {"TMPDIR": "/proc/none", "HOME": "/proc/none"} | KERNELS,
+        {},
+    ),
+    "a place for kernels": (
         (READ_ONLY.format(place="/tmp"), READ_ONLY.format(place="/var/tmp")),
         {"TMPDIR": "/proc/none", "HOME": "/proc/none"},
         {},
