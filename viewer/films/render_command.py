@@ -161,7 +161,7 @@ def check(chosen: RenderArguments) -> tuple[int, int]:
     if chosen.frames is not None:
         at_least(1, "--frames", chosen.frames)
     _check_times(chosen)
-    for path in (chosen.session, chosen.camera, chosen.pose):
+    for path in (chosen.session, chosen.pose):
         if path is not None:
             check_file(path)
     _check_output(chosen)
