@@ -4,7 +4,7 @@ import errno
 import os
 import secrets
 import stat
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent  # the checkout, or site-packages/deformrf
@@ -129,13 +129,16 @@ def reserved(target: Path) -> Path:
         partial = target.with_name(name)
         try:
             os.close(os.open(partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
+            take_permissions(partial, target)
+            return partial
         except FileExistsError:
             continue
-        except OSError as error:
-            error.filename = str(target)
+        except BaseException as error:  # an interrupt, too, leaves nothing
+            with suppress(OSError):
+                partial.unlink(missing_ok=True)
+            if isinstance(error, OSError):
+                error.filename = str(target)
             raise
-        take_permissions(partial, target)
-        return partial
     raise FileExistsError(errno.EEXIST, "no name is free beside it", str(target))
 
 

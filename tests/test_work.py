@@ -166,6 +166,26 @@ def test_damaged_work_is_done_again(place, photos, damage):
     assert [path.name for path in place.iterdir()] == ["work.json"]
 
 
+def test_a_folder_that_a_run_was_killed_in_at_its_beginning_is_used(place, photos):
+    place.mkdir()
+    (place / ".work-0123abcd.part.json").write_text("{")
+    assert open_work(place, photos, 1600)[0].folder == place
+    assert [path.name for path in place.iterdir()] == ["work.json"]
+
+
+def test_work_whose_cameras_were_found_is_removed_by_the_next_run(place, photos, tmp_path):
+    """A kill between the cameras and the end of their work leaves it."""
+    open_work(place, photos, 1600)
+    (tmp_path / "others").mkdir()
+    for folder in ("others", "photos"):
+        (tmp_path / folder / "transforms.json").write_text('{"frames": []}')
+        capturing.prepared(tmp_path / folder, place.with_suffix(".npz"), 64)
+        assert place.exists() == (folder == "others"), "work on other photographs stays"
+    strangers(place, '{"version": 1, "photos": [7]}')
+    capturing.prepared(tmp_path / "photos", place.with_suffix(".npz"), 64)
+    assert (place / "thesis.txt").exists()
+
+
 def test_an_empty_folder_is_used(place, photos):
     place.mkdir()
     assert open_work(place, photos, 1600)[0].folder == place

@@ -19,6 +19,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "photos": ["CaptureError", "find_photos", "photo_folder", "read_photo"],
         "sharpness": ["exposure_of", "gray_of", "sharpness_of", "sharpness_weights"],
         "placing": ["focus", "upright"],
+        "work": ["remove_left"],
         "points": ["POINTS_FILE", "SparsePoints", "load_points", "save_points"],
     },
 )

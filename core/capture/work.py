@@ -181,13 +181,25 @@ def open_work(folder: Path, photos, image_size: int) -> tuple[Work, bool]:
     return work, False
 
 
+def remove_left(folder: Path, data: Path) -> None:
+    """Remove work on photographs of `data`, whose cameras are known: a run was killed so late."""
+    inner, known = data.resolve(), held(folder)
+    if known:
+        with suppress(LookupError, TypeError, ValueError):  # the listing may be damaged
+            if all(Path(name).is_relative_to(inner) for name, *_ in known["photos"]):
+                Work(folder, (), 0).remove()
+
+
 def held(folder: Path) -> dict | None:
-    """What a work folder's listing says; {} of an empty folder, None of anything else."""
+    """What a work folder's listing says; None of anything else.
+
+    {} if there is nothing yet: an empty folder, or one that a run was killed in at its beginning.
+    """
     try:
         if not is_folder(folder):
             return None
         files = list(folder.iterdir())
-        if not files:
+        if all(re.fullmatch(PARTIAL, file.name) and is_file(file) for file in files):
             return {}
         path = folder / LISTING
         ours = [file for file in files if OURS.fullmatch(file.name)]

@@ -46,9 +46,12 @@ def prepared(data: Path, output: Path, image_size: int | None) -> Prepared:
         ValueError: The photographs don't fit together, or the like; a sentence for the user.
     """
     is_new, is_video = needs_cameras(data), capture.is_video(data)
+    work = output.with_suffix(".capture")
     if is_new and is_first():
         photos = capture.frames_of_video(data, image_size) if is_video else data
-        found_by(photos, output.with_suffix(".capture"), image_size, is_video)
+        found_by(photos, work, image_size, is_video)
+    elif is_first():
+        capture.remove_left(work, capture.frames_folder(data) if is_video else data)
     while is_new and needs_cameras(data):  # torchrun ends this process if the first one fails
         time.sleep(WAIT_SECONDS)
     if is_video:
