@@ -45,6 +45,7 @@ def play(app, session: Session, said: str = "") -> bool:
     except _Stopped:
         app.recorder.say("the session was stopped: all is as it was before")
         return False
+    scene.journal.mark_saved()
     app.session_start = start
     app.takes.forget()
     scene.handles.release()
@@ -91,7 +92,7 @@ def _play(app, player):
                 shown = time.perf_counter()
             else:
                 app.window.dispatch_events()
-            if stopped or app.window.has_exit:
+            if stopped or app.closing or app.window.has_exit:
                 raise _Stopped
         player.play_to(ticks)
 
@@ -103,7 +104,9 @@ def recover(app) -> None:
         session = load_session(path, app.scene.field, whole=False)
         if not play(app, session):
             app.left_behind = path
-        elif app.autosave.path.exists():  # it has all of it
+            return
+        app.scene.journal.mark_saved(False)  # no file of the user's has it
+        if app.autosave.path.exists():  # it has all of it
             path.unlink(missing_ok=True)
     except (OSError, ValueError) as error:  # a SessionError is one
         app.recorder.say(str(error))
