@@ -101,7 +101,7 @@ def test_after_a_failure_the_whole_file_is_written_a_minute_later(
     scene.set_ground(True)
     pass_time(saved, a.SECONDS)
 
-    def fail(scene, path, written):
+    def fail(scene, path, written, tell):
         with open(path, "a") as file:
             file.write('[3, "set_gr')
         raise OSError(28, "No space left on device")

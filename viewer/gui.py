@@ -131,6 +131,11 @@ class Gui:
         """Whether a dialog or a list is open: shortcuts mean nothing to the view then."""
         return self.asks() or self._list_is_open()
 
+    @property
+    def _typing(self):
+        """Whether text is typed; into a dialog that has been taken away, no longer."""
+        return self._io.want_text_input and not (self._dialog and not self.asks())
+
     def _list_is_open(self):
         """Whether a menu or the list of a combo is open, over a dialog or without one."""
         return len(imgui.get_current_context().open_popup_stack) > bool(self._dialog)
@@ -196,7 +201,7 @@ class Gui:
         if action == "quit" or (action == "cancel" and self.asks()):
             return None  # the App takes a dialog away, and asks before it ends
         # want_capture_keyboard would block the shortcuts whenever a panel has the focus.
-        return self.has_keyboard or self._io.want_text_input or None
+        return self.has_keyboard or self._typing or None
 
     def on_key_release(self, symbol, modifiers):
         self._add_key(symbol, modifiers, False)
@@ -204,7 +209,7 @@ class Gui:
     def on_text(self, text):
         for character in filter(str.isprintable, text):
             self._io.add_input_character(ord(character))
-        return self.has_keyboard or self._io.want_text_input or None
+        return self.has_keyboard or self._typing or None
 
     def _add_button(self, button, down):
         if button in BUTTONS:

@@ -38,7 +38,8 @@ def _choice(dialog, width):
     """Draw the folder's entries; returns whether the dialog is done."""
     imgui.text(dialog.title)
     imgui.set_next_item_width(width)
-    flags = imgui.InputTextFlags_.enter_returns_true.value
+    flags = imgui.InputTextFlags_  # what is typed after an error takes the place of the path
+    flags = flags.enter_returns_true.value | flags.auto_select_all.value
     if not imgui.is_any_item_active():  # keys are for the path, after an error, too
         imgui.set_keyboard_focus_here()
     entered, dialog.text = imgui.input_text("##path", dialog.text, flags)

@@ -38,7 +38,9 @@ def film_window(app):
     checkbox("vertices in the film", choices.handles, partial(setattr, choices, "handles"))
     if takes.problem and not imgui.is_any_item_active():
         imgui.set_keyboard_focus_here()  # for another name
-    changed, name = imgui.input_text("name", choices.name)
+    changed, name = imgui.input_text(
+        "name", choices.name, imgui.InputTextFlags_.auto_select_all.value
+    )
     if changed:
         choices.name = name
     imgui.text_disabled(readable(choices.path) if choices.name else "a film needs a name")

@@ -78,8 +78,11 @@ def number_setting(label, settings, name, bounds, text, flags=0, tooltip="") -> 
 
 
 def was_entered() -> bool:
-    """Whether Enter was pressed for the window that is being built."""
-    focused = imgui.is_window_focused(imgui.FocusedFlags_.root_and_child_windows.value)
+    """Whether Enter was pressed for the window that is being built, not for a list over it."""
+    flags = imgui.FocusedFlags_
+    focused = imgui.is_window_focused(
+        flags.root_and_child_windows.value | flags.no_popup_hierarchy.value
+    )
     keys = imgui.Key.enter, imgui.Key.keypad_enter
     return focused and any(imgui.is_key_pressed(one, False) for one in keys)
 
