@@ -36,7 +36,7 @@ def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
     if changed and math.isfinite(value):
         low, high = bounds
         value = min(max(value, low), high)
-        change(round(value) if whole else value)
+        change(round(value) if whole else float(value))
 
 
 def color(label, value, change) -> None:
