@@ -348,16 +348,31 @@ def started(*arguments, **options):
     )
 
 
+def started_pictures(model, folder):
+    """A film of pictures in the folder, of which some are there."""
+    running = started(model, "--turntable", "600", "--size", "64x48", "-o", folder / "film")
+    deadline = time.monotonic() + 60
+    while len(list(folder.glob("film.part/*.png"))) < 3 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return running
+
+
+@pytest.mark.gl
+def test_a_film_whose_process_is_killed_has_no_final_name(ball_file, tmp_path):
+    running = started_pictures(ball_file, tmp_path)
+    running.kill()
+    running.communicate()
+    assert [path.name for path in tmp_path.iterdir()] == ["film.part"]
+
+
 @pytest.mark.gl
 def test_ctrl_c_ends_the_film_where_it_is(ball_file, tmp_path):
-    folder = tmp_path / "film"  # its files show how far it is
-    running = started(ball_file, "--turntable", "600", "--size", "64x48", "-o", folder)
-    deadline = time.monotonic() + 60
-    while len(list(folder.glob("*.png"))) < 3 and time.monotonic() < deadline:
-        time.sleep(0.05)
+    running = started_pictures(ball_file, tmp_path)
     running.send_signal(signal.SIGTERM)  # as Ctrl-C, which a shell may have blocked
     out, err = running.communicate(timeout=60)
+    folder = tmp_path / "film (cut short)"  # its name says so
     assert running.returncode == 130 and "interrupted" in err and f"wrote {folder}" in out
+    assert list(tmp_path.iterdir()) == [folder]
     pictures = sorted(folder.iterdir())
     assert len(pictures) >= 3
     for picture in pictures:
@@ -374,8 +389,9 @@ def test_a_video_that_was_interrupted_can_be_played(ball_file, tmp_path):
     time.sleep(1.0)
     running.send_signal(signal.SIGTERM)  # as Ctrl-C, which a shell may have blocked
     running.communicate(timeout=60)
-    assert running.returncode == 130 and len(frames_of(path)) >= 1
-    assert [p.name for p in tmp_path.iterdir()] == ["film.mp4"]
+    short = tmp_path / "film (cut short).mp4"
+    assert running.returncode == 130 and len(frames_of(short)) >= 1
+    assert list(tmp_path.iterdir()) == [short]
 
 
 @pytest.mark.gl
