@@ -118,6 +118,26 @@ class LiveViewer:
         self.tool("mousemove", round(x), round(y))
         time.sleep(0.15)
 
+    def click(self, x, y):
+        self.move(x, y)
+        self.tool("click", 1)
+        time.sleep(0.2)
+
+    def ask_to_close(self):
+        """What a window manager sends when the window's cross is clicked: WM_DELETE_WINDOW."""
+        from pyglet.libs.x11 import xlib
+
+        window = int(self.tool("search", "--name", "deformrf: ").split()[-1])
+        connection = xlib.XOpenDisplay(self._env["DISPLAY"].encode())
+        event = xlib.XEvent()
+        event.xclient.type = xlib.ClientMessage
+        event.xclient.window = window
+        event.xclient.message_type = xlib.XInternAtom(connection, b"WM_PROTOCOLS", False)
+        event.xclient.format = 32
+        event.xclient.data.l[0] = xlib.XInternAtom(connection, b"WM_DELETE_WINDOW", False)
+        xlib.XSendEvent(connection, window, False, 0, event)
+        xlib.XCloseDisplay(connection)
+
     def drag(self, start, way, steps=8, button=1, release=True, press=True):
         """Press, move in steps, release."""
         if press:

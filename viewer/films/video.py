@@ -27,6 +27,7 @@ from ...core.device import thread_count
 from ...core.paths import free_name, reserved, sync, whole_file
 
 QUEUE_LENGTH, QUEUE_BYTES = 8, 256 * 2**20  # images that wait, and about their size
+NO_FRAME = "there is no film: it was cut short before its first frame"
 PNG_LEVEL = 4  # of zlib: twice as fast as the usual 6, a few percent larger
 BT_709 = 1  # the number of range "tv", primaries, transfer and matrix alike (H.264, annex E)
 
@@ -177,7 +178,8 @@ class VideoWriter:
         """Finish the file and give it its name, or that of one that was to be longer.
 
         Raises:
-            RuntimeError: The encoder failed; there is no file.
+            RuntimeError: The encoder failed, or it is cut short before its first frame; there is no
+                file.
         """
         if self._pending:
             self._queue_pending(until=max(self._now(), self._pending[1] + 1), wait=True)
@@ -186,6 +188,9 @@ class VideoWriter:
         if self._error:
             self.part.unlink(missing_ok=True)
             raise self._failure() from self._error
+        if cut_short and not self.frame_count:
+            self.part.unlink(missing_ok=True)
+            raise RuntimeError(NO_FRAME)
         if cut_short:
             self.path = cut_short_name(self.path)
         try:
@@ -286,6 +291,9 @@ class PictureSeries:
             self._wait(0)
         finally:
             self._pool.shutdown(cancel_futures=True)
+        if cut_short and not self.frame_count:
+            self.part.rmdir()
+            raise RuntimeError(NO_FRAME)
         if cut_short:
             self.path = cut_short_name(self.path)
         try:

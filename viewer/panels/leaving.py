@@ -2,7 +2,6 @@
 
 from imgui_bundle import imgui
 
-from ...core.paths import working_folder
 from .. import questions
 from ..files import readable
 from ..questions import FILM, TRAINING
@@ -47,10 +46,7 @@ def _training(app):
 
 def _work(app):
     imgui.text("Save what you did?")
-    where = readable(working_folder())
-    imgui.text_wrapped(
-        f"No file has it yet. Save writes a session, which can be opened, to {where}."
-    )
+    imgui.text_wrapped("No file has it yet. Save writes a session into the current folder.")
     if app.leaving.problem:
         imgui.text_wrapped(readable(app.leaving.problem))
     imgui.text_disabled("Enter: save; Esc: stay")
