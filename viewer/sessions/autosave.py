@@ -67,7 +67,9 @@ class Autosave:
             OSError: It can't be written.
         """
         count, tell = len(self._scene.journal.events), self._told.append
-        if 0 < self._written <= count and not self.failed and self.path.exists():
+        grows = 0 < self._written <= count and not self.failed and self.path.exists()
+        self.failed = True  # until it is whole: an interrupt may come
+        if grows:
             append_events(self._scene, self.path, self._written, tell)
         else:
             self.path.parent.mkdir(parents=True, exist_ok=True)
