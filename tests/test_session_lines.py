@@ -7,9 +7,8 @@ import pytest
 
 from deformrf.viewer.history import Event
 from deformrf.viewer.scene import Scene
+from deformrf.viewer.sessions import Player, load_session, save_session, start_of
 from deformrf.viewer.sessions import autosave as a
-from deformrf.viewer.sessions import load_session, save_session, start_of
-from deformrf.viewer.sessions.session import Player
 
 
 @pytest.fixture

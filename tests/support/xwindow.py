@@ -46,8 +46,9 @@ class LiveViewer:
     def __init__(self, display, model, folder, *arguments):
         name, self._screen = display
         self.model = model
-        # Sessions that are kept go into a folder of this one alone: nothing is offered.
-        self._env = {**os.environ, "DISPLAY": name, "XDG_STATE_HOME": str(folder / "state")}
+        # Kept sessions and preferences go into a folder of this one alone: nothing is offered.
+        own = {"XDG_STATE_HOME": str(folder / "state"), "XDG_CONFIG_HOME": str(folder / "config")}
+        self._env = {**os.environ, "DISPLAY": name, **own}
         self._env.pop("WAYLAND_DISPLAY", None)
         self._log = folder / "events.txt"
         command = [sys.executable, "-m", "deformrf.viewer", str(model), "--log-events"]
