@@ -70,7 +70,8 @@ soak: venv
 	|| { echo "To repeat this run: $$again"; exit 1; }; \
 	$(BIN)/python tests/benchmarks/fuzz_models.py --seconds 120 --seed $$seed && \
 	$(BIN)/python tests/benchmarks/fuzz_inputs.py --seconds 120 --seed $$seed && \
-	$(BIN)/python tests/benchmarks/kills.py --count 10 --seed $$seed
+	$(BIN)/python tests/benchmarks/kills.py --count 10 --seed $$seed && \
+	$(BIN)/python tests/benchmarks/shortages.py
 
 random-use: venv
 	$(BIN)/python tests/benchmarks/random_use.py

@@ -18,6 +18,7 @@ from contextlib import ExitStack, contextmanager
 import numpy as np
 
 from .memory import free_bytes
+from .reading import open_file
 
 MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
 FREE_BYTES = 2**24
@@ -131,14 +132,17 @@ def open_archive(path, kind: str):
     Raises:
         ArchiveError: The file is missing, or is no zip.
     """
-    _check(path.is_file(), f"there is no {kind} at {path}")
+    _check(path.exists(), f"there is no {kind} at {path}")
     with ExitStack() as stack:
         try:
-            stream = stack.enter_context(open(path, "rb"))
+            stream = stack.enter_context(open_file(path))
             zip_file = stack.enter_context(zipfile.ZipFile(_BoundedFile(stream)))
             arrays = Archive(zip_file, path.stat().st_size)
         except ArchiveError:
             raise
+        except OSError as error:
+            reason = error.strerror or error
+            raise ArchiveError(f"{path} can't be read as a {kind}: {reason}") from error
         except Exception as error:  # zipfile has many ways to fail
             raise ArchiveError(f"{path} is not a {kind}, or is damaged ({error})") from error
         yield arrays

@@ -9,6 +9,9 @@ from typing import Annotated, Optional
 
 import tyro
 
+from .claims import claim
+from .paths import WriteError, reserved, target_of
+
 SMALLEST_SIZE, LARGEST_SIZE = 1e-4, 1e4  # m, of an object's longest side
 Count = Annotated[Optional[int], tyro.conf.arg(metavar="N", help_behavior_hint="")]
 AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
@@ -20,7 +23,8 @@ File = Annotated[Optional[Path], tyro.conf.arg(metavar="PATH", help_behavior_hin
 
 def plain_message(error: Exception) -> str:
     """An error's text, without the operating system's error number."""
-    if isinstance(error, OSError) and error.strerror and error.filename:
+    named = isinstance(error, OSError) and not isinstance(error, WriteError)
+    if named and error.strerror and error.filename:
         return f"{error.filename}: {error.strerror}"
     return str(error)
 
@@ -61,14 +65,22 @@ def with_size(field, meters: float | None):
 
 
 def writable_file(path: Path, ending: str) -> Path:
-    """The path, if a file can be written there: better known now than after an hour."""
+    """The path, if a file can be written there: better known now than after an hour.
+
+    Raises:
+        ValueError: Its ending is another one, or another process writes there.
+        OSError: It can't be written; something else than a file is there.
+    """
     if path.suffix != ending:
         raise ValueError(f"the file to write, {path}, has to end in {ending}")
-    if path.is_dir():
-        raise ValueError(f"{path} is a folder, but a file is to be written there")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    existed = path.exists()
-    path.open("ab").close()
-    if not existed:
-        path.unlink(missing_ok=True)  # several processes of one run may look at once
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        target = target_of(path)
+        reserved(target).unlink(missing_ok=True)
+        if target.exists():  # its owner may have protected it
+            target.open("ab").close()
+    except OSError as error:
+        named = error.filename if path.parent.is_dir() else path.parent
+        raise WriteError(error.errno, error.strerror or str(error), str(named or path)) from error
+    claim(path)
     return path

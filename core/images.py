@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, TiffImagePlugin, TiffTags
 
+from .reading import check_file
+
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 HEIF_ENDINGS = (".heic", ".heif")
 MOST_PIXELS = 100 * 2**20  # 400 MiB when decoded; the largest common cameras have 102 million
@@ -57,6 +59,7 @@ def open_image(path):
     """
     formats = formats_of(path)
     try:
+        check_file(path)
         with Image.open(path, formats=formats) as image:
             width, height = image.size
             if width * height > MOST_PIXELS:

@@ -21,7 +21,7 @@ from pathlib import Path
 import platformdirs
 
 from . import shipped_kernels
-from .paths import whole_file
+from .paths import WriteError, whole_file
 from .streams import printable
 
 SUMS = "deformrf-sums.json"  # in a module's folder: checksums by file name
@@ -164,6 +164,17 @@ def remove_temporary() -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def _temporary_folder(old: Path) -> Path:
+    try:
+        return Path(tempfile.mkdtemp(prefix="deformrf-kernels-"))
+    except OSError as error:
+        sentence = (
+            "nothing else can have compiled kernels either: name a folder in WARP_CACHE_PATH, or "
+            "in TMPDIR"
+        )
+        raise WriteError(error.errno, sentence, str(old)) from error
+
+
 def _move(old: Path, why: str) -> Path:
     """Give Warp a folder of our own, kept if possible, else until the end of this process."""
     import warp as wp
@@ -173,7 +184,7 @@ def _move(old: Path, why: str) -> Path:
             return _folder()  # another thread was first
         kept = platformdirs.user_state_path("deformrf") / "kernels" / wp.config.version
         if kept == old or problem(kept):
-            kept = Path(tempfile.mkdtemp(prefix="deformrf-kernels-"))
+            kept = _temporary_folder(old)
             _temporary.append(kept)
             atexit.register(remove_temporary)
         log.warning("kernels can't be kept in %s (%s): %s has them", printable(old), why, kept)

@@ -3,6 +3,7 @@
 import errno
 import os
 import secrets
+import stat
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -41,12 +42,23 @@ def free_name(stem: Path, ending: str) -> Path:
     return path
 
 
+class WriteError(OSError):
+    """A file can't be written; its text is a sentence for the user."""
+
+    def __str__(self):
+        return f"can't write {self.filename}: {self.strerror}"
+
+
 @contextmanager
 def whole_file(path: Path):
     """Yield a path to write to beside `path`; rename the file if the block ends without error.
 
     So a full disk, an interrupt or a power failure leaves an older file as it was.  The path is
-    a free name, which ends as `path` does, so nobody else's file is overwritten.
+    a free name, which ends as `path` does, so nobody else's file is overwritten.  The new file
+    has the older one's permissions; a link stays, and the file behind it is replaced.
+
+    Raises:
+        WriteError: Any OSError of the block, or of what comes before and after it.
     """
     with whole_files([path]) as (partial,):
         yield partial
@@ -60,44 +72,79 @@ def whole_files(paths, replaced=()):
     """
     paths, partials = [Path(path) for path in paths], []
     try:
-        for path in paths:
-            partials.append(reserved(path))
+        targets = [target_of(path) for path in paths]
+        for target in targets:
+            partials.append(reserved(target))
         yield partials
-        for path, partial in zip(paths, partials, strict=True):
+        for target, partial in zip(targets, partials, strict=True):
             sync(partial)
-            if path.is_dir():
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+            target_of(target)  # what stands there now
+            take_permissions(partial, target)
         for path in replaced:
             path.unlink(missing_ok=True)
-        for path, partial in zip(paths, partials, strict=True):
-            os.replace(partial, path)
-        for folder in {path.parent for path in paths}:
+        for target, partial in zip(targets, partials, strict=True):
+            os.replace(partial, target)
+        for folder in {target.parent for target in targets}:
             sync(folder)
     except OSError as error:
+        named = paths[0] if error.filename is None else Path(os.fsdecode(error.filename))
         for path, partial in zip(paths, partials, strict=False):
-            if error.filename in (str(partial), partial):  # a name that no user knows
-                error.filename, error.filename2 = str(path), None
-        raise
+            named = path if named == partial else named  # a name that no user knows
+        raise WriteError(error.errno, error.strerror or str(error), str(named)) from error
     finally:
         for partial in partials:
             partial.unlink(missing_ok=True)
 
 
-def reserved(path: Path) -> Path:
-    """A new empty file beside `path`, to be renamed to it: .<stem>-<random>.part<ending>."""
+def target_of(path: Path) -> Path:
+    """The file that is written if one writes to a path: itself, or what its links lead to.
+
+    Raises:
+        OSError: Links lead in a circle, or there is something else than a file.
+    """
+    path = Path(path)
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    if target.is_symlink():
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
+    if target.exists() and not target.is_file():
+        raise OSError(errno.EINVAL, f"it is {kind_of(target)}, not a file", str(path))
+    return target
+
+
+def kind_of(path: Path) -> str:
+    """What is at a path, in words."""
+    words = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+    return words.get(stat.S_IFMT(os.stat(path).st_mode), "a device")
+
+
+def reserved(target: Path) -> Path:
+    """A new empty file beside `target`, to be renamed to it: .<stem>-<random>.part<ending>.
+
+    Nobody can read it who can't read a file that is at `target` already.
+    """
+    mode = 0o600 if target.exists() else 0o666
     for _ in range(100):
         # A long name would become too long with what is added.
-        name = f".{path.stem[:40]}-{secrets.token_hex(4)}.part{path.suffix}"
-        partial = path.with_name(name)
+        name = f".{target.stem[:40]}-{secrets.token_hex(4)}.part{target.suffix}"
+        partial = target.with_name(name)
         try:
-            os.close(os.open(partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-            return partial
+            os.close(os.open(partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
         except FileExistsError:
             continue
         except OSError as error:
-            error.filename = str(path)
+            error.filename = str(target)
             raise
-    raise FileExistsError(errno.EEXIST, "no name is free beside it", str(path))
+        take_permissions(partial, target)
+        return partial
+    raise FileExistsError(errno.EEXIST, "no name is free beside it", str(target))
+
+
+def take_permissions(partial: Path, target: Path) -> None:
+    """Give a file the permissions of the one that it will replace, if there is one."""
+    try:
+        os.chmod(partial, stat.S_IMODE(os.stat(target).st_mode))
+    except OSError:  # there is none, or the file system knows no permissions
+        pass
 
 
 def sync(path: Path) -> None:

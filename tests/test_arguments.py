@@ -3,6 +3,7 @@
 import pytest
 
 from deformrf.core import arguments
+from deformrf.core.paths import WriteError
 
 
 def test_the_error_names_a_number_that_is_too_small():
@@ -24,5 +25,12 @@ def test_another_ending_and_a_folder_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"has to end in \.png"):
         arguments.writable_file(tmp_path / "a.jpg", ".png")
     (tmp_path / "a.png").mkdir()
-    with pytest.raises(ValueError, match="is a folder"):
+    with pytest.raises(WriteError, match=r"can't write .*a\.png: it is a folder, not a file"):
         arguments.writable_file(tmp_path / "a.png", ".png")
+
+
+def test_a_link_to_a_file_that_is_not_there_stays(tmp_path):
+    link = tmp_path / "a.png"
+    link.symlink_to("b.png")
+    assert arguments.writable_file(link, ".png") == link
+    assert link.is_symlink() and not (tmp_path / "b.png").exists()

@@ -328,5 +328,5 @@ def test_a_session_of_another_model_is_refused(recorded, tmp_path):
     from deformrf.core.paths import DEFAULT_MODEL
 
     done = rendered(DEFAULT_MODEL, "--session", recorded[1], "-o", tmp_path / "a.mp4")
-    assert done.returncode == 2 and "another mesh" in done.stderr
+    assert done.returncode == 2 and "a session of another model" in done.stderr
     assert not (tmp_path / "a.mp4").exists()

@@ -159,7 +159,10 @@ def test_a_session_that_cant_be_played_keeps_what_was_done(app, tmp_path):
 
     scene.body.paint = fail
     drop(app, path)
-    assert isinstance(app.dialog, Problem) and "damaged" in app.dialog.sentence
+    assert (
+        isinstance(app.dialog, Problem)
+        and "line 2: paint at tick 3 can't be played: it is so" in app.dialog.sentence
+    )
     assert scene.journal.events[: len(events)] == events and scene.on_ground
     assert app.session_start is start
     np.testing.assert_allclose(scene.solver.vertices.numpy(), state, atol=1e-6)

@@ -1,8 +1,11 @@
 """Sessions that are played in the window: they can be stopped, and delete nothing."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
+from deformrf.viewer.history import Event
 from deformrf.viewer.sessions import Session, load_session, save_session
 from deformrf.viewer.sessions import autosave as a
 
@@ -54,7 +57,8 @@ def test_a_session_of_a_day_can_be_stopped(app, monkeypatch, how):
     monkeypatch.setattr(panels, "playing_window", draw)
     scene = app.scene
     events, orbit, pose = list(scene.journal.events), scene.orbit, scene.positions.copy()
-    day = Session({"start": {}, "ticks": 24 * 3600 * 60}, [])
+    turning = Event(0, "turntable", {"ticks": 60, "orbit": asdict(orbit)})
+    day = Session({"start": {}, "ticks": 24 * 3600 * 60}, [turning])
     assert not app.play(day) and app.closing == (how == "close")
     assert scene.journal.events == events and scene.orbit == orbit and scene.on_ground
     np.testing.assert_allclose(scene.positions, pose, atol=1e-6)
@@ -62,6 +66,40 @@ def test_a_session_of_a_day_can_be_stopped(app, monkeypatch, how):
     app.run(app.frame_count + 1)
     assert (app.leaving is not None) == (how == "close") and not app.window.has_exit
     assert scene.undo()
+
+
+@pytest.mark.parametrize("answer", ["enter", "escape"])
+def test_what_takes_hours_is_asked_about(app, monkeypatch, answer):
+    from pyglet.window import key
+
+    from deformrf.viewer import panels
+    from deformrf.viewer.sessions import player
+
+    monkeypatch.setattr(player, "SURE_SECONDS", 0.0)
+    monkeypatch.setattr(player, "LONG", 0.0)
+    monkeypatch.setattr(player, "BATCH_SECONDS", 0.0)
+    asked, draw = [], panels.playing_window
+
+    def ask(tick, patience):
+        draw(tick, patience)
+        asked.append((tick, patience.asks(tick)))
+        if len(asked) == 3:
+            app.window.dispatch_event("on_key_press", getattr(key, answer.upper()), 0)
+
+    monkeypatch.setattr(panels, "playing_window", ask)
+    turning = Event(0, "turntable", {"ticks": 60, "orbit": asdict(app.scene.orbit)})
+    before = app.scene.journal.tick
+    played = app.play(Session({"start": {}, "ticks": 50}, [turning]))
+    assert played == (answer == "enter")
+    assert asked[:3] == [(asked[0][0], True)] * 3  # nothing is played meanwhile
+    assert app.scene.journal.tick == (50 if played else before)
+
+
+def test_a_day_in_which_nothing_moves_is_played_at_once(app):
+    events = [(5, "set_ground", {"height": 0.0}), (24 * 3600 * 60 - 3, "hold", {"held": False})]
+    day = Session({"start": {}, "ticks": 24 * 3600 * 60}, [Event(*one) for one in events])
+    assert app.play(day) and app.scene.journal.tick == day.ticks
+    assert app.scene.journal.events[:2] == day.events
 
 
 def test_what_was_done_before_is_kept_and_offered_later(app, ball, bent):

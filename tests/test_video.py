@@ -215,7 +215,7 @@ def test_what_is_cut_short_says_so_in_its_name_and_is_nothing_without_a_frame(
     for _ in range(count):
         video.push(np.zeros((48, 64, 3), np.uint8))
     if not count:
-        with pytest.raises(RuntimeError, match="before its first frame"):
+        with pytest.raises(RuntimeError, match="no frame"):
             video.close(cut_short=True)
         assert set(tmp_path.iterdir()) <= set(before)
         return
@@ -224,3 +224,27 @@ def test_what_is_cut_short_says_so_in_its_name_and_is_nothing_without_a_frame(
     assert written == tmp_path / expected and written.exists()
     assert path.read_text() == "an older film" if path.suffix else path.is_dir()
     assert not [one for one in tmp_path.iterdir() if ".part" in one.name]
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.webm", "a.webp"])
+def test_a_video_without_a_frame_takes_nobody_s_place(tmp_path, name):
+    """An interrupt may come before the first one."""
+    path = tmp_path / name
+    path.write_text("an older film")
+    writer = v.VideoWriter(path, (64, 48), 30)
+    with pytest.raises(RuntimeError, match="was not written: it would have no frame"):
+        writer.close()
+    assert path.read_text() == "an older film" and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_film_is_written_behind_a_link(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    link, target = tmp_path / "a.mp4", tmp_path / "elsewhere" / "b.mp4"
+    link.symlink_to(target)
+    target.write_text("an older film")
+    target.chmod(0o600)
+    writer = v.VideoWriter(link, (64, 48), 30)
+    writer.push(np.zeros((48, 64, 3), np.uint8))
+    assert writer.close() == link and link.is_symlink()
+    assert target.stat().st_mode & 0o777 == 0o600 and target.stat().st_size > 100
+    assert list(target.parent.iterdir()) == [target]

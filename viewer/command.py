@@ -243,15 +243,19 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
     if offered is not None:
         chosen = replace(chosen, model=DEFAULT_MODEL)
     field = with_size(fields.load(chosen.model), chosen.object_size)
-    from .sessions import load_session
+    opened = None
+    if chosen.session is not None:
+        from .sessions import open_session
 
-    session = None if chosen.session is None else load_session(chosen.session, field)
+        opened = open_session(chosen.session, field, chosen.model)
+        field, chosen = opened.field, replace(chosen, model=opened.source)
     device = device_name(chosen.device)
     kept, problem = _remembered(chosen)
     app = _open(chosen, kept) if offered is None else _open_to_ask(chosen, kept, offered)
     try:
         with told_if_slow(app):
             app.load(field, chosen.model.stem, device, chosen.inner.interop or kept.interop)
+        app.scene.source = chosen.model
         if offered is None:
             kept.opened(chosen.model)
         else:
@@ -259,8 +263,8 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
         if problem:
             log.warning(problem)
             app.dialog = Problem("The preferences are damaged", problem)
-        if session is not None:
-            app.play(session)
+        if opened is not None:
+            app.play(opened.session, opened.said)
         drag = None if drag is None else resolved(drag, app.scene)
         photographs = chosen.photographs
         if photographs.data is not None:

@@ -9,11 +9,12 @@ import time
 from pyglet.window import key
 
 from . import panels
+from .files import show_model
 from .history import begin_anew, unless_it_fails
-from .sessions import Player, Session, load_session, start_of
+from .sessions import Patience, Player, Session, open_session, play_patiently, start_of
 
-BATCH_SECONDS = 0.05  # of playing, between two looks for events
 SILENT_SECONDS = 0.2  # between two pictures of how far it is
+ANSWER_SECONDS = 0.05  # between two pictures of the question
 
 
 class _Stopped(Exception):
@@ -66,43 +67,43 @@ def play(app, session: Session, said: str = "") -> bool:
 
 
 def _play(app, player):
-    """Play all of a session, in batches; raises _Stopped."""
-    ticks, shown = player.session.ticks, time.perf_counter()
-    stopped = []
+    """Play all of a session; raises _Stopped."""
+    ticks = player.session.ticks
+    if app.gui is None:
+        play_patiently(player, ticks)
+        return
+    patience, stopped, shown = Patience("playing", ticks), [], time.perf_counter()
 
     def on_key_press(symbol, modifiers):
         if symbol == key.ESCAPE:
             stopped.append(symbol)
+        elif symbol in (key.ENTER, key.NUM_ENTER) and asking:
+            patience.agreed = True
         return True
 
     with app.only_shown(on_key_press=on_key_press):
-        done = size = 0
-        while done < ticks:
-            begin = time.perf_counter()
-            size = min(size, ticks - done)
-            done += size
-            player.play_to(done)
-            now = time.perf_counter()
-            share = BATCH_SECONDS / max(now - begin, 1e-6)
-            size = max(int(size * min(share, 2.0)), 1)
-            if app.gui is None:
-                continue
-            if now - shown > SILENT_SECONDS:
-                app.show_alone(panels.playing_window, done, ticks)  # which handles events
+        for done in player.batches(ticks):
+            asking = patience.asks(done)
+            if asking or time.perf_counter() - shown > SILENT_SECONDS:
+                app.show_alone(panels.playing_window, done, patience)  # which handles events
                 shown = time.perf_counter()
             else:
                 app.window.dispatch_events()
+            while asking and not (patience.agreed or stopped or app.closing or app.window.has_exit):
+                time.sleep(ANSWER_SECONDS)
+                app.show_alone(panels.playing_window, done, patience)
             if stopped or app.closing or app.window.has_exit:
                 raise _Stopped
-        player.play_to(ticks)
 
 
 def recover(app) -> None:
     """Go on with the session that was left behind."""
     path, app.left_behind = app.left_behind, None
     try:
-        session = load_session(path, app.scene.field, whole=False)
-        if not play(app, session):
+        opened = open_session(path, app.scene.field, app.scene.source, whole=False)
+        show_model(app, opened.field, opened.source)
+        app.left_behind = None
+        if not play(app, opened.session, opened.said):
             app.left_behind = path
             return
         app.scene.journal.mark_saved(False)  # no file of the user's has it

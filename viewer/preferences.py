@@ -13,6 +13,7 @@ import numpy as np
 from platformdirs import user_config_path
 
 from ..core.paths import whole_file
+from ..core.reading import open_file
 from .settings import PANEL_WIDTHS, SIDES, Settings
 
 KEY, VERSION = "deformrf preferences", 1
@@ -109,7 +110,7 @@ def load(path: Path) -> tuple[Preferences, str]:
         has another name then.
     """
     try:
-        with open(path, "rb") as opened:
+        with open_file(path) as opened:
             content = opened.read(LARGEST_FILE + 1)
     except FileNotFoundError:
         return Preferences(path=path), ""

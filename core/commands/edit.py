@@ -10,6 +10,7 @@ import tyro
 
 from .. import field as fields
 from ..arguments import writable_file
+from ..device import start_warp
 from .running import asked_for_version, run
 
 PROGRAM = "deformrf-edit"
@@ -42,7 +43,12 @@ def main():
     if asked_for_version():
         sys.exit(0)
     arguments = tyro.cli(EditArguments, prog=PROGRAM)
-    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
+
+    def start():
+        start_warp()
+        return prepare(arguments)
+
+    sys.exit(run(PROGRAM, start))
 
 
 def prepare(arguments: EditArguments):

@@ -6,6 +6,7 @@ it has written the results so far.
 """
 
 import _thread
+import errno
 import importlib
 import importlib.util
 import os
@@ -20,7 +21,8 @@ from types import SimpleNamespace
 
 from .. import training
 from ..arguments import plain_message
-from ..paths import program_version
+from ..claims import release
+from ..paths import WriteError, program_version
 from ..streams import keep_going, printable
 
 FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
@@ -29,6 +31,22 @@ AGAIN_SECONDS = 0.05  # until an interrupt that was lost comes again
 STOPPING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
 
+# What any part of a job may meet, through no fault of the program.
+SHORTAGES = tuple(
+    getattr(errno, name)
+    for name in (
+        "ENOSPC",
+        "EDQUOT",
+        "EROFS",
+        "EACCES",
+        "EPERM",
+        "EIO",
+        "EMFILE",
+        "ENFILE",
+        "ENOMEM",
+    )
+    if hasattr(errno, name)
+)
 # In the errors of Warp and torch.
 OUT_OF_MEMORY = ("Failed to allocate", "out of memory", "DefaultCPUAllocator")
 WHOLE = "deformrf (in a checkout: make venv)"
@@ -54,9 +72,10 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     """Prepare a job, do it, return the exit code.
 
     A user can mend a ValueError or an OSError of the preparation (errors in data sets and models
-    are ValueErrors), a lack of memory or a missing package at any time, and a DatasetError of the
-    job (training found nothing in the images).  `run` prints these as one sentence.  Any other
-    error of the job is a fault of the program and keeps its traceback.
+    are ValueErrors), a lack of memory, disk or open files or a missing package at any time, and of
+    the job a DatasetError (training found nothing in the images) and a file that can't be written.
+    `run` prints these as one sentence.  Any other error of the job is a fault of the program and
+    keeps its traceback.
     """
     keep_going()
     for number in STOPPING:
@@ -75,7 +94,8 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
         purpose, target = PACKAGES[name]
         sentence = f"{name}, which {purpose}, is not installed: pip install {target}"
     except (ValueError, OSError, MemoryError) as error:
-        if job and not isinstance(error, (training.DatasetError, MemoryError)):
+        mended = isinstance(error, (training.DatasetError, MemoryError, WriteError))
+        if job and not mended and getattr(error, "errno", None) not in SHORTAGES:
             raise
         sentence = plain_message(error) or "the memory is too small"  # Python's own is empty
     except RuntimeError as error:
@@ -86,6 +106,8 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
         if is_first():
             print(f"{program}: interrupted", file=sys.stderr)
         return INTERRUPTED
+    finally:
+        release()
     if is_first() or _outlives_first():
         complain(program, sentence)
     return INPUT_ERROR

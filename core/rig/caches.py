@@ -22,6 +22,7 @@ import numpy as np
 from ..archive import one_sentence, open_archive
 from ..memory import free_bytes
 from ..paths import whole_file
+from ..reading import open_file
 from .clips import VertexClip
 
 ENDINGS = ".pc2", ".mdd", ".npz"
@@ -78,7 +79,7 @@ def write_cache(clip: VertexClip, path, frames_per_second=FRAMES_PER_SECOND) -> 
 
 
 def _read_pc2(path, vertex_count, frames_per_second):
-    with open(path, "rb") as stream:
+    with open_file(path) as stream:
         magic, version, count, _, step, samples = _header(stream, PC2_HEADER, "PC2")
         if magic != PC2_MAGIC:
             raise ValueError("it is no PC2 file: it does not begin with POINTCACHE2")
@@ -92,7 +93,7 @@ def _read_pc2(path, vertex_count, frames_per_second):
 
 
 def _read_mdd(path, vertex_count, _):
-    with open(path, "rb") as stream:
+    with open_file(path) as stream:
         samples, count = _header(stream, MDD_HEADER, "MDD")
         _check_counts(samples, count, vertex_count)
         header_size = MDD_HEADER.size + 4 * samples

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..reading import read_bytes
 from ..streams import shown
 from .clips import Clip, clip_of_matrices
 from .gltf import GltfRig
@@ -31,9 +32,7 @@ def read_matrices(path) -> GltfRig:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ValueError(f"it has more than {LARGEST_FILE // 2**20} MiB")
-        text = path.read_bytes()
+        text = read_bytes(path, LARGEST_FILE)
         if json_values(text) > MOST_VALUES:
             raise ValueError(f"it has more than {MOST_VALUES} values; export fewer clips or frames")
         return _read(json.loads(text))

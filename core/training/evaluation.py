@@ -19,6 +19,7 @@ from PIL import Image
 from ..device import thread_count
 from ..field import TetField, occupied_share, parts_of_file
 from ..paths import whole_file
+from ..reading import read_text
 from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space, spread
 from .data import Dataset, learns_surroundings, track, white_composite
 from .metrics import check_size, psnr, ssim
@@ -159,7 +160,7 @@ def check_replaceable(report_path: Path, *picture_paths: Path):
 
 def is_report(path: Path) -> bool:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError):
         return False
     return isinstance(content, dict) and content.keys() >= REPORT_KEYS

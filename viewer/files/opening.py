@@ -14,7 +14,7 @@ from ...core.paths import working_folder
 from ...core.streams import printable
 from ...core.training import has_cameras
 from .. import logs
-from ..sessions import load_session
+from ..sessions import open_session
 from .dialogs import FileDialog, Problem
 
 MODEL, SESSION = ".npz", ".jsonl"
@@ -47,12 +47,13 @@ def open_asked(app) -> None:
             open_photographs(app, path)
             return
         if path.suffix.lower() == SESSION:
-            session = load_session(path, app.scene.field)
-            if not app.play(session, f"played {path.name}: go on, or undo it"):
+            opened = open_session(path, app.scene.field, app.scene.source)
+            show_model(app, opened.field, opened.source)
+            said = f"played {path.name}: go on, or undo it"
+            if not app.play(opened.session, "; ".join(filter(None, [said, opened.said]))):
                 return
         elif path.suffix.lower() == MODEL:
-            on = app.loaded_on or (str(app.scene.solver.device), "auto")
-            app.load(fields.load(path), path.stem, *on)
+            show_model(app, fields.load(path), path)
         else:
             raise ValueError(
                 f"{path} is neither a model ({MODEL}) nor a session ({SESSION}); deformrf-train "
@@ -71,6 +72,15 @@ def open_asked(app) -> None:
         problem = app.preferences.save()
         if problem:
             app.recorder.say(problem)
+
+
+def show_model(app, field, source: Path | None) -> None:
+    """Show another model, of that file; nothing changes if it is the one that is shown."""
+    if field is app.scene.field:
+        return
+    on = app.loaded_on or (str(app.scene.solver.device), "auto")
+    app.load(field, app.scene.name if source is None else source.stem, *on)
+    app.scene.source = source
 
 
 def needs_training(path: Path) -> bool:

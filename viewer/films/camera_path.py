@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.reading import read_text
 from ...core.render import in_space, look_at
 from ...core.streams import printable
 from ..camera import CLOSEST, FARTHEST, Orbit, facing
@@ -84,10 +85,8 @@ def load_camera_path(path: Path, world_to_model, center, size=None) -> tuple[Cam
 
 def _read(path):
     """What a JSON file says."""
-    if path.stat().st_size > LARGEST_FILE:
-        raise CameraPathError(f"{path} is larger than {LARGEST_FILE >> 20} MiB")
     try:
-        return json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=_refuse)
+        return json.loads(read_text(path, LARGEST_FILE), parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
         raise CameraPathError(f"{path} is no camera path: it is not JSON") from error
 

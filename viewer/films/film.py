@@ -14,7 +14,7 @@ import numpy as np
 from ...core.render import Camera
 from ..camera import Orbit, changed
 from ..history import begin_anew
-from ..sessions import Player, Session, SessionError
+from ..sessions import Patience, Player, Session, SessionError, play_patiently
 from ..timeline import TICKS_PER_SECOND, CameraKey, orbit_at
 from .sight import seen_by, without_lens
 
@@ -90,16 +90,17 @@ def with_timeline(scene, session: Session) -> tuple[Session, int]:
     Raises:
         SessionError: The session has no timeline, or can't be played.
     """
-    Player(scene, session).play_to(session.ticks)
+    play_patiently(Player(scene, session), session.ticks)
     timeline, begin = scene.timeline, scene.journal.tick
     if not timeline.end:
         raise SessionError("--timeline has nothing to show: the session's timeline has no keys")
     timeline.set_loop(False)
     timeline.scrub(0)
     timeline.play()
-    end = begin + timeline.end
+    end, patience = begin + timeline.end, Patience("playing the timeline", timeline.end)
     while scene.journal.tick < end:
         scene.tick()
+        patience.heed(scene.journal.tick - begin)
     scene.note_view()
     events = list(scene.journal.events)
     begin_anew(scene)
@@ -201,7 +202,7 @@ class Film:
             return
         journal = self.scene.journal
         oldest = tick - math.ceil(TICKS_PER_SECOND / self.fps) - 1
-        self._player.play_to(max(oldest, journal.tick))
+        play_patiently(self._player, max(oldest, journal.tick))
         for now in range(journal.tick, tick + 1):
             self._player.play_to(now)
             self._poses[now] = self.scene.positions

@@ -7,8 +7,7 @@ is: the file can be played, and has "(cut short)" in its name.
 import logging
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Literal
 
 import tyro
@@ -25,12 +24,13 @@ from ...core.arguments import (
     with_size,
     writable_file,
 )
+from ...core.claims import claim
 from ...core.commands import FAILED, complain, run
 from ...core.deform import PRESETS, Material
 from ...core.device import Choice, device_name
 from ...core.paths import DEFAULT_MODEL, program_version
 from ...core.render import Mode
-from ...core.streams import keep_going
+from ...core.streams import keep_going, printable
 from ..command import Flag, frame_size, refuse_data, told_if_slow
 
 PROGRAM = "deformrf-render"
@@ -204,6 +204,8 @@ def _check_output(chosen):
         raise ValueError(f"--codec is about a video, but {path} is a folder of pictures")
     elif path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise ValueError(f"{path} has to be a new or an empty folder")
+    else:
+        claim(path / "00000.png")
 
 
 def prepare(chosen: RenderArguments) -> Callable[[], int]:
@@ -213,11 +215,17 @@ def prepare(chosen: RenderArguments) -> Callable[[], int]:
         return lambda: 0
     size = check(chosen)
     refuse_data(chosen.model)
-    from ..sessions import load_session
+    from ..sessions import open_session
     from ..window import open_window
 
     field = with_size(fields.load(chosen.model), chosen.object_size)
-    session = None if chosen.session is None else load_session(Path(chosen.session), field)
+    session, posed = None, chosen.pose is not None and chosen.pose.suffix == ".jsonl"
+    if chosen.session is not None or posed:
+        opened = open_session(chosen.pose if posed else chosen.session, field, chosen.model)
+        field, session = opened.field, None if posed else opened.session
+        chosen = replace(chosen, model=opened.source)
+        if opened.said:
+            print(printable(opened.said), file=sys.stderr)
     device = device_name(chosen.device)
     window, context = open_window(size, headless=True)
     from ..app import App  # imports pyglet's window, which is possible from now on
@@ -274,10 +282,7 @@ def _film_of(scene, chosen, session):
 
 def _film(app, film, chosen, most):
     """Render all frames; returns the exit code."""
-    from rich.console import Console
-    from rich.progress import track
-
-    from ..sessions import SessionError
+    from ..sessions import Patience, SessionError
     from .film_maker import FilmMaker, FilmOptions
 
     handles = chosen.show_handles or not (chosen.hide_handles or chosen.clip)
@@ -289,19 +294,18 @@ def _film(app, film, chosen, most):
         transparent = chosen.transparent
         app.recorder.start(chosen.output, False, chosen.codec, transparent)
         video = app.recorder.video
-        console = Console(stderr=True)
-        hidden = not console.is_terminal
-        for frame in track(range(count), "rendering", console=console, disable=hidden):
+        patience = Patience("rendering", count)
+        for frame in range(count):
             if not maker.make(frame):
                 break
             app.log("frame", frame=frame, count=count)
+            patience.heed(frame + 1)
         maker.finish()
         app.recorder.stop()
         if not app.recorder.failed:  # or why is the last line
             print(maker.report(video.encoding_seconds), file=sys.stderr)
     except SessionError as error:
-        complain(PROGRAM, str(error))
-        return FAILED
+        return complain(PROGRAM, str(error))
     finally:
         app.recorder.stop(cut_short=True)  # unless it was stopped above
         app.close()

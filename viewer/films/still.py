@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..sessions import FARTHEST_POINT, Player, load_session
+from ...core.reading import check_file
+from ..sessions import FARTHEST_POINT, Player, load_session, play_patiently
 
 NAME = "vertices"  # of the array in an .npz file
 KINDS = "<f4", "<f8"
@@ -32,9 +33,10 @@ def strike(scene, path: Path) -> None:
         OSError: It can't be read.
     """
     path = Path(path)
+    check_file(path)
     if path.suffix == ".jsonl":
         session = load_session(path, scene.field)
-        Player(scene, session).play_to(session.ticks)
+        play_patiently(Player(scene, session), session.ticks)
         scene.handles.release()
         scene.end_push()
     else:

@@ -24,10 +24,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.device import thread_count
-from ...core.paths import free_name, reserved, sync, whole_file
+from ...core.paths import free_name, reserved, sync, target_of, whole_file
 
 QUEUE_LENGTH, QUEUE_BYTES = 8, 256 * 2**20  # images that wait, and about their size
-NO_FRAME = "there is no film: it was cut short before its first frame"
 PNG_LEVEL = 4  # of zlib: twice as fast as the usual 6, a few percent larger
 BT_709 = 1  # the number of range "tv", primaries, transfer and matrix alike (H.264, annex E)
 
@@ -108,13 +107,14 @@ class VideoWriter:
         import av
 
         self.path = Path(path)
+        self._target = target_of(self.path)
         chosen = encoder(self.path, codec, transparent)
         # Or it prints its version.  It is read when the encoder opens.
         os.environ.setdefault("SVT_LOG", "1")
         try:
-            self.part = reserved(self.path)
+            self.part = reserved(self._target)
         except OSError:  # the encoder finds the same, and says so with the first image
-            self.part = self.path.with_name(f".{self.path.stem}.part{self.path.suffix}")
+            self.part = self._target.with_name(f".{self.path.stem}.part{self.path.suffix}")
         self.width, self.height = self._size = max(size[0] & ~1, 2), max(size[1] & ~1, 2)
         self.fps = fps
         self.frame_count = 0  # in the file, or queued for it
@@ -178,24 +178,24 @@ class VideoWriter:
         """Finish the file and give it its name, or that of one that was to be longer.
 
         Raises:
-            RuntimeError: The encoder failed, or it is cut short before its first frame; there is no
-                file.
+            RuntimeError: The encoder failed, or got no image; there is no file.
         """
         if self._pending:
             self._queue_pending(until=max(self._now(), self._pending[1] + 1), wait=True)
         self._queue.put(None)
         self._thread.join()
+        if not self.frame_count:  # an older file is better than an empty one
+            self.part.unlink(missing_ok=True)
+            raise RuntimeError(f"{self.path} was not written: it would have no frame")
         if self._error:
             self.part.unlink(missing_ok=True)
             raise self._failure() from self._error
-        if cut_short and not self.frame_count:
-            self.part.unlink(missing_ok=True)
-            raise RuntimeError(NO_FRAME)
+        target = self._target
         if cut_short:
-            self.path = cut_short_name(self.path)
+            self.path = target = cut_short_name(self.path)
         try:
             sync(self.part)
-            os.replace(self.part, self.path)
+            os.replace(self.part, target)
         except OSError as error:  # its folder was deleted, say
             self.part.unlink(missing_ok=True)
             raise RuntimeError(f"can't write {self.path}: {error.strerror}") from error
@@ -291,9 +291,9 @@ class PictureSeries:
             self._wait(0)
         finally:
             self._pool.shutdown(cancel_futures=True)
-        if cut_short and not self.frame_count:
+        if not self.frame_count:
             self.part.rmdir()
-            raise RuntimeError(NO_FRAME)
+            raise RuntimeError(f"{self.path} was not written: it would have no frame")
         if cut_short:
             self.path = cut_short_name(self.path)
         try:

@@ -28,10 +28,13 @@ _toggle_box.is_on = lambda app: app.scene.settings.show_box
 
 
 def _save_model(app):
-    factors, rig = app.scene.body.factors, app.scene.rigging.rig
-    factors = None if factors is None else factors.copy()
-    arrays = None if rig is None else arrays_of(rig)
-    app.recorder.save_model(app.scene.cuts.smaller(factors, arrays))
+    scene = app.scene
+    factors = None if scene.body.factors is None else scene.body.factors.copy()
+    arrays = scene.field.rig_arrays
+    if scene.rigging.changed:  # else a session fits the copy as well: the arrays are the same
+        rig = scene.rigging.rig
+        arrays = None if rig is None else arrays_of(rig)
+    app.recorder.save_model(scene.cuts.smaller(factors, arrays))
 
 
 DELETE_ACTIONS = {

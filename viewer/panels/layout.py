@@ -210,11 +210,14 @@ def help_overlay(app):
     imgui.pop_font()
 
 
-def playing_window(tick: int, ticks: int) -> None:
-    """How far a session has been played."""
+def playing_window(tick: int, patience) -> None:
+    """How far a session has been played, and whether to go on if that takes long."""
+    ticks = max(patience.total, 1)
     _floating("loading", (0.5, 0.5), imgui.WindowFlags_.no_inputs.value)
     imgui.text(f"playing the session, {tick // 60} of {ticks // 60} s")
-    imgui.progress_bar(tick / max(ticks, 1), (BAR_WIDTH, 0.0), f"{tick / max(ticks, 1):.0%}")
+    imgui.progress_bar(tick / ticks, (BAR_WIDTH, 0.0), patience.line(tick))
+    asks = patience.asks(tick)
+    imgui.text("This takes long. Enter: go on; Esc: stop" if asks else "Esc: stop")
     imgui.end()
 
 

@@ -110,6 +110,8 @@ class Posing:
         """Give bones [K] these rotations relative to their parents, unit quaternions.  [K, 4]"""
         for bone in bones:
             self._rigging.check(bone)
+        if len(bones) != len(rotations):
+            raise ValueError(f"{len(bones)} bones have {len(rotations)} rotations")
         if self.drives:
             turned = self.current.rotations.copy()
             turned[np.asarray(bones, int)] = np.reshape(rotations, (-1, 4))
@@ -120,6 +122,8 @@ class Posing:
         """Bring these bones [K] to rest, relative to their parents."""
         for bone in bones:
             self._rigging.check(bone)
+        if self._rigging.skeleton is None:
+            raise ValueError("there are no bones")
         rest, now, arrays = self._rigging.skeleton.rest_pose, self.current, {}
         for name in ("translations", "rotations", "scales"):
             arrays[name] = getattr(now, name).copy()

@@ -65,6 +65,12 @@ class Rigging:
         return 0 if self.skeleton is None else self.skeleton.bone_count
 
     @property
+    def changed(self) -> bool:
+        """Whether it is another one than the model's."""
+        first = self._scene.first_state["rigging"]
+        return any(getattr(self, name) is not first[name] for name in STATE if name != "loose")
+
+    @property
     def joints(self) -> list[Joint]:
         """All joints, where they are now."""
         ends = self._scene.posing.ends

@@ -44,7 +44,7 @@ class Scene:
             ValueError: The model's rig is none.
         """
         self.field = field
-        self.name = name
+        self.name, self.source = name, None  # the model's file, if it has one: a Path
         self.settings = Settings()
         if device == "cpu":
             self.settings.target_fps = CPU_TARGET_FPS

@@ -7,13 +7,14 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "session": [
             "KEY",
-            "Player",
             "Session",
             "SessionError",
             "load_session",
             "save_session",
             "start_of",
         ],
+        "belonging": ["Opened", "open_session"],
+        "player": ["Patience", "Player", "play_patiently", "spoken"],
         "session_values": ["FARTHEST_POINT"],
         "autosave": ["Autosave", "autosave_folder", "left_behind"],
     },

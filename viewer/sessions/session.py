@@ -18,6 +18,7 @@ import hashlib
 import json
 import logging
 import math
+import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -25,15 +26,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.paths import program_version, whole_file
-from ..camera import changed
+from ...core.paths import DEFAULT_MODEL, program_version, whole_file
+from ...core.reading import open_file
 from ..history import EDITS, Event
-from ..scene import (
-    ControlPoints,
-    Scene,  # its methods and those of its objects are the edits
-)
+from ..scene import Scene  # its methods and those of its objects are the edits
 from .session_lines import event_lines, kept_start, line_of, tell_left_out
-from .session_values import OPTIONS, ORBIT, bad_arguments, is_number
+from .session_values import bad_arguments, is_number
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +39,7 @@ KEY, VERSION = "deformrf session", 1
 LARGEST_FILE = 512 * 2**20  # bytes
 LONGEST = 24 * 3600 * 60  # ticks: a day
 MOST_EVENTS = 2_000_000
+LONGEST_LINE = 32 * 2**20  # bytes; an edit that deletes all of a million tets has as many
 
 
 class SessionError(ValueError):
@@ -53,6 +52,7 @@ class Session:
 
     header: dict
     events: list[Event]
+    path: Path | None = None  # of its file, for sentences; its second line is the first event
 
     @property
     def ticks(self) -> int:
@@ -113,6 +113,7 @@ def save_session(scene, start: dict, path: Path, tell: Callable = log.warning) -
         KEY: VERSION,
         "program": program_version(),
         "model": scene.name,
+        "file": name_of_model(scene.source, path),
         "vertices": mesh.vertex_count,
         "tets": mesh.tet_count,
         "rest": mesh_hash(mesh),
@@ -125,6 +126,17 @@ def save_session(scene, start: dict, path: Path, tell: Callable = log.warning) -
         file.write(text)
     tell_left_out(left_out, tell)
     return Path(path)
+
+
+def name_of_model(source: Path | None, session: Path) -> str | None:
+    """A model's file as a session names it; None for the bundled one, and without a file."""
+    if source is None or Path(source) == DEFAULT_MODEL:
+        return None
+    try:
+        name = os.path.relpath(Path(source).resolve(), Path(session).resolve().parent)
+    except ValueError:  # it is on another drive
+        return Path(source).name
+    return Path(name).as_posix()
 
 
 def append_events(scene, path: Path, written: int, tell: Callable = log.warning) -> None:
@@ -163,30 +175,48 @@ def load_session(path: Path, field, whole: bool = True) -> Session:
         OSError: It can't be read.
     """
     path = Path(path)
-    if path.stat().st_size > LARGEST_FILE:
-        raise SessionError(f"{path} is larger than {LARGEST_FILE >> 20} MiB")
-    try:
-        with open(path, encoding="utf-8") as file:
-            header = _parsed(path, 1, file.readline())
-            _check_header(path, header, field.mesh)
-            events = []
-            for number, line in enumerate(file, start=2):
-                if not whole and not line.endswith("\n"):
-                    break
-                if number > MOST_EVENTS:
-                    raise SessionError(f"{path} has more than {MOST_EVENTS:,} events")
-                parsed = _parsed(path, number, line)
-                events.append(_event(path, number, parsed, field.mesh.vertex_count))
-    except UnicodeDecodeError as error:
-        raise SessionError(f"{path} is not a session: it is not text") from error
+    with open_file(path, LARGEST_FILE) as file:
+        header = _header(path, file)
+        _check_header(path, header, field.mesh)
+        events = []
+        for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), b""), start=2):
+            if not whole and not line.endswith(b"\n"):
+                break
+            if number > MOST_EVENTS:
+                raise SessionError(f"{path} has more than {MOST_EVENTS:,} events")
+            parsed = _parsed(path, number, line)
+            events.append(_event(path, number, parsed, field.mesh.vertex_count))
     if any(a.tick > b.tick for a, b in pairwise(events)):
         raise SessionError(f"{path}: its events are not in order")
-    return Session(header, events)
+    return Session(header, events, path)
+
+
+def read_header(path: Path) -> dict:
+    """A session's first line, of which nothing but its version is checked.
+
+    Raises:
+        SessionError: The file is no session.
+        OSError: It can't be read.
+    """
+    with open_file(path, LARGEST_FILE) as file:
+        return _header(path, file)
+
+
+def _header(path, file):
+    header = _parsed(path, 1, file.readline(LONGEST_LINE))
+    if not isinstance(header, dict) or KEY not in header:
+        raise SessionError(f"{path} is not a session: its first line doesn't say so")
+    if header[KEY] != VERSION:
+        version = f"{header[KEY]!r:.40}"
+        raise SessionError(f"{path} has version {version}; this program reads {VERSION}")
+    return header
 
 
 def _parsed(path, number, line):
     try:
-        return json.loads(line, parse_constant=_refuse)
+        return json.loads(line.decode(), parse_constant=_refuse)
+    except UnicodeDecodeError as error:
+        raise SessionError(f"{path} is not a session: it is not text") from error
     except (ValueError, RecursionError) as error:
         raise SessionError(f"{path}, line {number} is not JSON") from error
 
@@ -196,10 +226,6 @@ def _refuse(name):
 
 
 def _check_header(path, header, mesh):
-    if not isinstance(header, dict) or KEY not in header:
-        raise SessionError(f"{path} is not a session: its first line doesn't say so")
-    if header[KEY] != VERSION:
-        raise SessionError(f"{path} has version {header[KEY]!r}; this program reads {VERSION}")
     if header.get("rest") != mesh_hash(mesh):
         name = header.get("model")
         raise SessionError(
@@ -241,77 +267,6 @@ def _check(path, number, name, arguments, vertex_count):
         raise SessionError(f"{path}, line {number}: {name} can't have {key} = {value!r}"[:300])
 
 
-# -- playing -----------------------------------------------------------------------------------
-
-
-class Player:
-    """Plays a session on a scene at rest, tick by tick."""
-
-    def __init__(self, scene: Scene, session: Session):
-        self.scene, self.session = scene, session
-        self._made = 0  # events
-        start = start_of(scene) | session.header["start"]
-        if start["stiffness"] != start_of(scene)["stiffness"]:
-            raise SessionError("the session is of a copy of this model with other stiffnesses")
-        if start["rig"] != start_of(scene)["rig"]:
-            raise SessionError("the session is of a copy of this model with another rig")
-        if start != start_of(scene):
-            del start["stiffness"], start["rig"]
-            scene.floor = start.pop("floor")
-            scene.handles.points = ControlPoints.of_rows(start.pop("points"))
-            scene.pins = np.isin(np.arange(len(scene.pins)), start.pop("pins"))
-            scene.solver.set_pinned(scene.pins)
-            scene.body.set_scale(start.pop("meters_per_unit"))
-            scene.body.set_options(**{name: start.pop(name) for name in OPTIONS})
-            scene.body.set_material(**_infinite(start))
-            scene.solver.reset()  # it sleeps, as it did when the session began
-            scene.journal.clear()
-
-    def play_to(self, tick: int) -> None:
-        """Let time pass until so many ticks have passed; edits of that tick are made, too."""
-        journal, events = self.scene.journal, self.session.events
-        while True:
-            while self._made < len(events) and events[self._made].tick <= journal.tick:
-                self._make(events[self._made])
-                self._made += 1
-            if journal.tick >= tick:
-                break
-            self.scene.tick()
-        self.scene.look(0.0)
-
-    def _make(self, event):
-        scene = self.scene
-        if event.name == "view":
-            self._show(event.arguments)
-            return
-        made = EDITS[event.name]
-        arguments = event.arguments
-        if event.name == "set_material":
-            arguments = _infinite(arguments)
-        try:
-            owner = getattr(scene, made.owner) if made.owner else scene
-            getattr(owner, made.method)(**arguments)
-        except ValueError as error:
-            place = f"at tick {event.tick}, {event.name} can't be played"
-            raise SessionError(f"the session is damaged: {place} ({error})") from error
-        if scene.handles.grabbed is not None:
-            scene.handles.grabbed.target = scene.handles.grabbed.reached
-        if scene.ball is not None:
-            scene.ball.target = scene.ball.reached
-
-    def _show(self, view):
-        scene = self.scene
-        scene.orbit = changed(scene.orbit, {name: view[name] for name in ORBIT if name in view})
-        for name in set(view) - set(ORBIT):
-            value = tuple(view[name]) if name == "background" else view[name]
-            setattr(scene.settings, name, value)
-        scene.note_view()
-
-
 def _finite(value):
     """JSON has no infinity; what can be infinite is then None."""
     return None if isinstance(value, float) and math.isinf(value) else value
-
-
-def _infinite(material):
-    return {name: math.inf if value is None else value for name, value in material.items()}

@@ -16,6 +16,7 @@ import torch
 
 from ...geometry import TetMesh
 from ...paths import whole_file
+from ...reading import open_file
 from ..train_options import TrainOptions
 from .checkpoint_checks import (
     check_archive,
@@ -72,12 +73,13 @@ def save_checkpoint(checkpoint: Checkpoint, path):
         with whole_file(path) as partial:
             torch.save(content, partial)
     except (OSError, RuntimeError) as error:  # torch has RuntimeErrors of its own for a full disk
-        raise OSError(f"{path} can't be written ({_first_line(error)})") from error
+        reason = getattr(error, "strerror", None) or _first_line(error)
+        raise OSError(f"{path} can't be written ({reason})") from error
 
 
 def is_checkpoint(path) -> bool:
     """Whether a file is a checkpoint of some version, whole or not, or empty."""
-    with open(path, "rb") as stream:
+    with open_file(path) as stream:
         start = stream.read(2**20)  # torch writes what is no array first
     return not start or (start[:2] == b"PK" and FORMAT.rpartition("-")[0].encode() in start)
 
