@@ -287,10 +287,7 @@ def ball_file(ball, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def give_up_window():
-    """End a test whose window can't be opened, for a reason: it is skipped.
-
-    With DEFORMRF_REQUIRE_WINDOW=1 it fails: whoever sets this relies on those tests.
-    """
+    """End a test whose window can't be opened: skip it, or fail with DEFORMRF_REQUIRE_WINDOW=1."""
 
     def give_up(reason):
         if os.environ.get("DEFORMRF_REQUIRE_WINDOW") == "1":
@@ -301,10 +298,11 @@ def give_up_window():
 
 
 @pytest.fixture
-def window(give_up_window):
-    """A window without a display, and its OpenGL context: (window, context)."""
+def window(give_up_window, monkeypatch, tmp_path_factory):
+    """A window without a display, and its OpenGL context: (window, context).  Nothing is kept."""
     from deformrf.viewer.window import WindowError, open_window
 
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
     try:
         window, context = open_window((320, 240), headless=True)
     except WindowError as error:

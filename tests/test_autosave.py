@@ -102,7 +102,7 @@ def test_after_a_failure_the_whole_file_is_written_a_minute_later(
     scene.set_ground(True)
     pass_time(saved, a.SECONDS)
 
-    def fail(scene, path, written):
+    def fail(scene, path, written, tell):
         with open(path, "a") as file:
             file.write('[3, "set_gr')
         raise OSError(28, "No space left on device")
@@ -117,6 +117,25 @@ def test_after_a_failure_the_whole_file_is_written_a_minute_later(
     scene.set_ground(True)
     pass_time(saved, a.RETRY)
     assert not saved[0].failed and len(load_session(saved[0].path, ball).events) == 3
+
+
+def test_an_interrupt_while_the_file_grows_doubles_nothing(saved, scene, ball, monkeypatch):
+    """SIGTERM comes when it comes: what is kept then has each edit once."""
+    scene.set_ground(True)
+    pass_time(saved, a.SECONDS)
+    append = a.append_events
+
+    def interrupted(*arguments):
+        append(*arguments)
+        raise KeyboardInterrupt
+
+    scene.set_ground(False)
+    with monkeypatch.context() as signal, pytest.raises(KeyboardInterrupt):
+        signal.setattr(a, "append_events", interrupted)
+        pass_time(saved, 3600)
+    (sentence,) = saved[0].keep()
+    assert "is kept" in sentence
+    assert [e.name for e in load_session(saved[0].path, ball).events] == 2 * ["set_ground"]
 
 
 def test_what_another_run_left_is_found_and_what_runs_is_not(saved, scene, ball, tmp_path):

@@ -1,5 +1,6 @@
 """Deleted parts: undone to the bit, played again, left out of pictures and files."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -156,8 +157,9 @@ def test_a_session_plays_again_to_the_bit(scene, ball, tmp_path):
     ],
 )
 def test_a_session_with_bad_masks_is_refused(scene, ball, tmp_path, tets, masks, words):
-    scene.journal.note("delete", tets=tets, masks=masks)
     path = save_session(scene, start_of(scene), tmp_path / "bad.jsonl")
+    with path.open("a") as file:
+        file.write(json.dumps([0, "delete", {"tets": tets, "masks": masks}]) + "\n")
     with pytest.raises(SessionError, match=words):
         session = load_session(path, ball)
         Player(Scene(ball, "ball", "cpu"), session).play_to(session.ticks)

@@ -2,10 +2,8 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
 
 import av
 import numpy as np
@@ -332,69 +330,3 @@ def test_a_session_of_another_model_is_refused(recorded, tmp_path):
     done = rendered(DEFAULT_MODEL, "--session", recorded[1], "-o", tmp_path / "a.mp4")
     assert done.returncode == 2 and "a session of another model" in done.stderr
     assert not (tmp_path / "a.mp4").exists()
-
-
-def started(*arguments, **options):
-    """deformrf-render as a process that runs."""
-    clean = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    code = "import sys; from deformrf.viewer.films.render_command import main; sys.exit(main())"
-    return subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, arguments), "--device", "cpu"],
-        env=clean,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **options,
-    )
-
-
-@pytest.mark.gl
-def test_ctrl_c_ends_the_film_where_it_is(ball_file, tmp_path):
-    folder = tmp_path / "film"  # its files show how far it is
-    running = started(ball_file, "--turntable", "600", "--size", "64x48", "-o", folder)
-    deadline = time.monotonic() + 60
-    while len(list(folder.glob("*.png"))) < 3 and time.monotonic() < deadline:
-        time.sleep(0.05)
-    running.send_signal(signal.SIGTERM)  # as Ctrl-C, which a shell may have blocked
-    out, err = running.communicate(timeout=60)
-    assert running.returncode == 130 and "interrupted" in err and f"wrote {folder}" in out
-    pictures = sorted(folder.iterdir())
-    assert len(pictures) >= 3
-    for picture in pictures:
-        assert np.asarray(Image.open(picture)).shape[:2] == (48, 64)  # whole, every one
-
-
-@pytest.mark.gl
-def test_a_video_that_was_interrupted_can_be_played(ball_file, tmp_path):
-    path = tmp_path / "film.mp4"
-    running = started(ball_file, "--turntable", "600", "--size", "64x48", "-o", path)
-    deadline = time.monotonic() + 60
-    while not list(tmp_path.glob(".film-*.part.mp4")) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    time.sleep(1.0)
-    running.send_signal(signal.SIGTERM)  # as Ctrl-C, which a shell may have blocked
-    running.communicate(timeout=60)
-    assert running.returncode == 130 and len(frames_of(path)) >= 1
-    assert [p.name for p in tmp_path.iterdir()] == ["film.mp4"]
-
-
-@pytest.mark.gl
-@pytest.mark.skipif(os.name != "posix", reason="limits of processes")
-@pytest.mark.parametrize("name", ["film.mp4", "film"])
-def test_a_disk_that_is_full_leaves_no_broken_file(ball_file, tmp_path, name):
-    import resource
-
-    def limit():
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))  # bytes
-
-    path = tmp_path / name
-    arguments = "--turntable", "2", "--size", "256x256", "-o", path
-    done = started(ball_file, *arguments, preexec_fn=limit)
-    _, err = done.communicate(timeout=60)
-    assert done.returncode == 1
-    (line,) = [line for line in err.splitlines() if "can't write" in line]
-    assert str(path) in line and "Traceback" not in err
-    assert line == err.splitlines()[-1]  # which the viewer shows
-    left = [p for p in tmp_path.rglob("*") if p.is_file()]
-    assert left == []

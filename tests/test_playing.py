@@ -59,10 +59,13 @@ def test_a_session_of_a_day_can_be_stopped(app, monkeypatch, how):
     events, orbit, pose = list(scene.journal.events), scene.orbit, scene.positions.copy()
     turning = Event(0, "turntable", {"ticks": 60, "orbit": asdict(orbit)})
     day = Session({"start": {}, "ticks": 24 * 3600 * 60}, [turning])
-    assert not app.play(day) and app.window.has_exit == (how == "close")
+    assert not app.play(day) and app.closing == (how == "close")
     assert scene.journal.events == events and scene.orbit == orbit and scene.on_ground
     np.testing.assert_allclose(scene.positions, pose, atol=1e-6)
-    assert "stopped" in app.recorder.message and scene.undo()
+    assert "stopped" in app.recorder.message
+    app.run(app.frame_count + 1)
+    assert (app.leaving is not None) == (how == "close") and not app.window.has_exit
+    assert scene.undo()
 
 
 @pytest.mark.parametrize("answer", ["enter", "escape"])
@@ -134,13 +137,15 @@ def test_windows_in_the_middle_come_one_after_another(app, bent, monkeypatch):
 
     from deformrf.viewer.files import Problem
 
-    drawn, begin = [], imgui.begin
+    drawn = []
 
-    def noted(name, *arguments, **named):
-        drawn.append(name)
-        return begin(name, *arguments, **named)
+    def noted(begin):
+        return lambda name, *arguments, **named: (
+            drawn.append(name) or begin(name, *arguments, **named)
+        )
 
-    monkeypatch.setattr(imgui, "begin", noted)
+    for name in ("begin", "begin_popup_modal"):
+        monkeypatch.setattr(imgui, name, noted(getattr(imgui, name)))
     app.left_behind, app.dialog = bent, Problem("a", "b")
     app.takes.ask()
     app.scene.settings.show_help = True

@@ -198,6 +198,34 @@ def test_a_frame_of_another_size_is_centered():
     assert v.fitted(image, 2, 4)[:, :, 0].tolist() == [[0, 0], [1, 2], [1, 2], [0, 0]]
 
 
+@pytest.mark.parametrize("name", ["a.mp4", "a"])
+@pytest.mark.parametrize("count", [0, 2])
+def test_what_is_cut_short_says_so_in_its_name_and_is_nothing_without_a_frame(
+    tmp_path, name, count
+):
+    path = tmp_path / name
+    if path.suffix:
+        path.write_text("an older film")
+        (tmp_path / "a (cut short).mp4").write_text("another one")
+        video = v.VideoWriter(path, (64, 48), 10)
+    else:
+        path.mkdir()
+        video = v.PictureSeries(path, 10)
+    before = sorted(tmp_path.iterdir())
+    for _ in range(count):
+        video.push(np.zeros((48, 64, 3), np.uint8))
+    if not count:
+        with pytest.raises(RuntimeError, match="no frame"):
+            video.close(cut_short=True)
+        assert set(tmp_path.iterdir()) <= set(before)
+        return
+    written = video.close(cut_short=True)
+    expected = "a (cut short)-2.mp4" if path.suffix else "a (cut short)"
+    assert written == tmp_path / expected and written.exists()
+    assert path.read_text() == "an older film" if path.suffix else path.is_dir()
+    assert not [one for one in tmp_path.iterdir() if ".part" in one.name]
+
+
 @pytest.mark.parametrize("name", ["a.mp4", "a.webm", "a.webp"])
 def test_a_video_without_a_frame_takes_nobody_s_place(tmp_path, name):
     """An interrupt may come before the first one."""

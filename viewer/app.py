@@ -7,30 +7,23 @@ display the same frames go into files.
 
 import logging
 import time
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
 import pyglet
 from pyglet.window import key
 
-from . import logs, panels, playing, preferences
+from . import logs, panels, playing, preferences, questions, showing
 from .camera import Covered, clip_range
 from .events import state_of
 from .files import Problem, open_asked
 from .films import Recorder, Takes, without_background
-from .input import ACTIONS, Controls, Fly, action_of, placed_photograph
+from .input import ACTIONS, action_of, placed_photograph
 from .layers import (
-    BoneLayer,
     Canvas,
-    HandleLayer,
-    MeshLayer,
     PhotoLayer,
-    RadianceLayer,
-    choose_path,
 )
-from .loading import Progress, prepare
-from .sessions import Autosave, Session, autosave_folder, left_behind, start_of
+from .sessions import Autosave, Session, autosave_folder
 from .timeline import Strip
 from .times import FrameTimes
 from .training import follow_job, offer_of
@@ -66,6 +59,8 @@ class App:
         self.preferences = kept or preferences.Preferences()
         self.train_job = None  # that a dialog began: train_job.py
         self.asked = self.dialog = None  # the path to open next, and what is asked: opening.py
+        self.leaving = None  # what is asked before the end: questions.py
+        self.closing = False  # the window was closed while nothing could be asked
         self.strip = Strip()  # of the timeline
         self.log_file = self.loaded_on = None  # that dialogs name; the last device and interop
         self._failed = False  # in the last turn of the loop
@@ -77,41 +72,13 @@ class App:
             from .gui import Gui
 
             self.gui = Gui(window)
+            self.gui.asks = lambda: bool(questions.question(self))
 
     # -- start ---------------------------------------------------------------------------
 
     def load(self, field, name: str, device: str, interop: str = "auto") -> None:
-        """Show a model, in the place of an older one if all goes well.
-
-        This takes a while, above all where kernels have to be compiled.
-
-        Raises:
-            ValueError: interop is "buffer", and CUDA and OpenGL share no buffers.
-        """
-        path = choose_path(self.ctx, device, interop)
-        self.progress = Progress(device)
-        arguments = field, name, device, self.progress
-        if self.gui is None:
-            scene, renderer = prepare(*arguments)
-        else:
-            with ThreadPoolExecutor(1) as pool, self.only_shown():
-                preparing = pool.submit(prepare, *arguments)
-                while not preparing.done():
-                    self.show_alone(panels.loading_window, f"preparing {name}", self.progress)
-                    time.sleep(0.05)
-                scene, renderer = preparing.result()
-        self.usual_fps = scene.settings.target_fps
-        if self.scene is None:
-            preferences.apply(self.preferences, scene.settings)
-        else:
-            scene.settings = self.scene.settings
-        self.show(scene, renderer, path)
-        self.loaded_on, self.live = (device, interop), None
-        if self.gui is not None:
-            for sentence in [] if self.autosave is None else self.autosave.leave():
-                self.recorder.say(sentence)
-            self.left_behind = left_behind(autosave_folder(), field.mesh)
-            self.begin_autosave()
+        """Show a model, as showing.load does."""
+        showing.load(self, field, name, device, interop)
 
     def offer_training(self, data: Path) -> None:
         """Ask whether a model of these photographs shall be trained."""
@@ -122,48 +89,25 @@ class App:
         self.autosave = Autosave(self.scene, self.session_start, autosave_folder())
 
     def show(self, scene, renderer, path: str) -> None:
-        """Show a scene from now on, in the place of the one before.
-
-        Args:
-            renderer: Of the scene's field.
-            path: How frames reach OpenGL, as upload.choose_path says.
-        """
-        noted = dict.fromkeys(self.window.event_types, self._note_event)
-        panels_first = [] if self.gui is None else [self.gui]
-        radiance = RadianceLayer(self.ctx, scene, renderer, path, self.times)
-        handle_layer = HandleLayer(self.ctx, scene)
-        bone_layer = BoneLayer(self.ctx, scene)
-        if self.scene is not None:
-            self.fly.end()
-            self.controls.cancel()
-            self.window.remove_handlers(**noted)
-            self.window.remove_handlers(*panels_first)
-            self.window.remove_handlers(self.controls)
-            self.radiance.release()
-            self.mesh_layer.release()
-            self.handle_layer.release()
-            self.bone_layer.release()
-        self.radiance, self.handle_layer, self.bone_layer = radiance, handle_layer, bone_layer
-        self.mesh_layer = MeshLayer(self.ctx, scene, radiance.draw_depth)
-        say = self.recorder.say
-        self.controls = Controls(scene, self.radiance.depth_image, self.log, say)
-        self.photographs = None  # of the scene's data set, if its folder was given
-        self.fly = Fly(self.window, self.controls, self.radiance.depth_image)
-        self.scene, self.session_start = scene, start_of(scene)
-        self.takes.forget()
-        # The handlers that are pushed last are asked first.
-        self.window.push_handlers(self.controls)
-        self.window.push_handlers(*panels_first)
-        self.window.push_handlers(**noted)
+        """Show a scene from now on, as showing.show does."""
+        showing.show(self, scene, renderer, path)
 
     @contextmanager
     def only_shown(self, **handlers):
         """In the block, keys, mouse and dropped files do nothing: the scene is not ready.
 
+        Who closes the window is asked, or it is closed, with the next frame.
+
         Args:
             handlers: What is done nevertheless, by the events' names.
         """
-        swallowed = dict.fromkeys(INPUT_EVENTS, lambda *arguments: True) | handlers
+
+        def on_close():
+            self.closing = True
+            return True
+
+        swallowed = dict.fromkeys(INPUT_EVENTS, lambda *arguments: True)
+        swallowed |= {"on_close": on_close, **handlers}
         self.window.push_handlers(**swallowed)
         try:
             yield
@@ -195,20 +139,23 @@ class App:
     def on_key_press(self, symbol, modifiers):
         ctrl, shift = bool(modifiers & key.MOD_CTRL), bool(modifiers & key.MOD_SHIFT)
         action = action_of(key.symbol_string(symbol), ctrl, shift)
-        entered = symbol in (key.ENTER, key.NUM_ENTER)
-        if entered and self.takes.asking:
-            return True  # it is for that window, or for nobody
+        if action == "cancel" and questions.dismiss(self):
+            return True
         if action == "quit" or (self.scene is not None and action is not None):
             self.log("key", action=action)
             ACTIONS[action](self)
         return True  # pyglet's own handler would close the window on Esc
+
+    def on_close(self):
+        self.quit()
+        return True  # pyglet's own handler would end the loop
 
     def on_resize(self, width, height):
         self.log("resize", size=[width, height], framebuffer=self.size)
         return True  # pyglet's own handler would set a viewport
 
     def on_file_drop(self, x, y, paths):
-        if self.scene is not None and paths:
+        if self.scene is not None and self.leaving is None and paths:
             self.asked = Path(paths[0])
 
     def _note_event(self, *arguments):
@@ -241,6 +188,9 @@ class App:
     def _turn(self, now, elapsed, may_rest):
         """Handle events, and draw a frame if there is something to see."""
         self.window.dispatch_events()
+        if self.closing:
+            self.closing = False
+            self.quit()
         if self.window.has_exit or (may_rest and self._quiet(now) and not self._rest()):
             return
         self.frame(elapsed)
@@ -274,8 +224,10 @@ class App:
 
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
-        if self.asked is not None:
+        if self.asked is not None and self.leaving is None:
             open_asked(self)
+        if questions.question(self):
+            self.fly.end()  # which has the keys
         scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
         controls.ratio = size[0] / max(self.window.width, 1)
@@ -303,6 +255,7 @@ class App:
                 self.window.flip()
         self.takes.update()
         follow_job(self)
+        questions.follow(self)
         problem = "" if self.autosave is None else self.autosave.update()
         if problem:
             self.recorder.say(problem)
@@ -362,10 +315,28 @@ class App:
         width, height = self.window.get_framebuffer_size()
         return max(width, 1), max(height, 1)
 
+    def save_session(self) -> str:
+        """Write the session into the current folder; returns a sentence if that fails."""
+        problem = self.recorder.save_session(self.scene, self.session_start)
+        if not problem:
+            self.saved()
+        return problem
+
+    def saved(self) -> None:
+        """A file has the session now; but for the end of a gesture, if one goes on."""
+        if self.controls.mode in ("", "orbit", "pan"):
+            self.scene.journal.mark_saved()
+            if self.autosave is not None:
+                self.autosave.end()
+
+    def quit(self) -> None:
+        """End, if nothing would be lost; else ask."""
+        questions.quit_or_ask(self)
+
     def end(self) -> None:
-        """The user is done: no session has to be kept for another start."""
-        if self.autosave is not None:
-            self.autosave.end()
+        """The loop has ended: only unsaved work is kept for another start."""
+        for sentence in [] if self.autosave is None else self.autosave.leave():
+            self.recorder.say(sentence)
 
     def close(self) -> None:
         """Finish a video, and give everything back; after an error too."""

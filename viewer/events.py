@@ -6,6 +6,7 @@ import logging
 import numpy as np
 
 from .camera import project
+from .questions import question
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +49,7 @@ def state_of(app) -> dict:
         "clip": scene.posing.clip if scene.posing.playing else None,
         "tool": scene.settings.tool,
         "dialog": None if app.dialog is None else app.dialog.title,
+        "question": question(app),
         "max_displacement": moved.max(),
         "max_pin_displacement": moved[scene.solver.pinned].max(initial=0.0),
         "moving": scene.moving,

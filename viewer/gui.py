@@ -4,10 +4,15 @@ Clicks and wheel turns over a panel belong to it and do not reach the view.  ImG
 every click, because a click beside the panel ends a text entry there.  ImGui's own flag
 (`want_capture_mouse`) is as old as the last frame, which may have been slow, so presses are
 tested against the rectangles of the panels instead.
+
+While a dialog or a list is open, keys and clicks are theirs alone.  What was held before can
+still be let go: releases reach the view.
 """
 
 import logging
 import time
+from collections.abc import Callable
+from contextlib import contextmanager
 from pathlib import Path
 
 import imgui_bundle
@@ -15,6 +20,7 @@ import numpy as np
 from imgui_bundle import imgui
 from pyglet.window import key, mouse
 
+from .input import action_of
 from .window import WindowError
 
 log = logging.getLogger(__name__)
@@ -75,15 +81,11 @@ def apply_style() -> None:
         colors.slider_grab: (*ACCENT, 0.9),
         colors.slider_grab_active: (*(0.8 * c for c in ACCENT), 1.0),
         colors.check_mark: (*ACCENT, 1.0),
+        colors.modal_window_dim_bg: (0.0, 0.0, 0.0, 0.12),  # over what a dialog keeps from input
         colors.plot_lines: (*ACCENT, 1.0),
         colors.plot_histogram: (*ACCENT, 0.75),  # progress bars
     }.items():
         style.set_color_(name, color)
-
-
-def _list_is_open():
-    """Whether a menu or the list of a combo is open."""
-    return imgui.is_popup_open("", imgui.PopupFlags_.any_popup.value)
 
 
 class Gui:
@@ -110,17 +112,33 @@ class Gui:
         self._captured = set()  # buttons that were pressed on a panel
         self.panel_open = True  # not folded up to its title
         self.log_file = None  # that a failed panel names
+        self.asks: Callable[[], bool] = lambda: False  # whether there is a dialog, drawn or not
+        self._dialog = ""  # the one that is drawn
         self._failed = set()  # messages that were logged
 
     # -- events: True means that the view does not get them -------------------------------
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether a panel is at that position of the window, or a popup is open."""
+        """Whether a panel is at that position of the window, or anything is open."""
         top = self.window.height - 1 - y
         inside = any(
             left <= x <= right and low <= top <= high for left, low, right, high in self._rectangles
         )
-        return inside or _list_is_open()
+        return inside or self.has_keyboard
+
+    @property
+    def has_keyboard(self) -> bool:
+        """Whether a dialog or a list is open: shortcuts mean nothing to the view then."""
+        return self.asks() or self._list_is_open()
+
+    @property
+    def _typing(self):
+        """Whether text is typed; into a dialog that has been taken away, no longer."""
+        return self._io.want_text_input and not (self._dialog and not self.asks())
+
+    def _list_is_open(self):
+        """Whether a menu or the list of a combo is open, over a dialog or without one."""
+        return len(imgui.get_current_context().open_popup_stack) > bool(self._dialog)
 
     def _move(self, x, y):
         self._io.add_mouse_pos_event(x, self.window.height - 1 - y)
@@ -174,12 +192,16 @@ class Gui:
         self._io.add_focus_event(False)
 
     def on_key_press(self, symbol, modifiers):
-        if symbol == key.ESCAPE and _list_is_open():
-            imgui.internal.close_popup_to_level(0, False)
+        if symbol == key.ESCAPE and self._list_is_open():
+            imgui.internal.close_popup_to_level(bool(self._dialog), False)
             return True
         self._add_key(symbol, modifiers, True)
+        ctrl, shift = bool(modifiers & key.MOD_CTRL), bool(modifiers & key.MOD_SHIFT)
+        action = action_of(key.symbol_string(symbol), ctrl, shift)
+        if action == "quit" or (action == "cancel" and self.asks()):
+            return None  # the App takes a dialog away, and asks before it ends
         # want_capture_keyboard would block the shortcuts whenever a panel has the focus.
-        return self._io.want_text_input or None
+        return self.has_keyboard or self._typing or None
 
     def on_key_release(self, symbol, modifiers):
         self._add_key(symbol, modifiers, False)
@@ -187,7 +209,7 @@ class Gui:
     def on_text(self, text):
         for character in filter(str.isprintable, text):
             self._io.add_input_character(ord(character))
-        return self._io.want_text_input or None
+        return self.has_keyboard or self._typing or None
 
     def _add_button(self, button, down):
         if button in BUTTONS:
@@ -221,6 +243,26 @@ class Gui:
         """Note where the panel that is being built lies: the mouse there is not the view's."""
         at, size = imgui.get_window_pos(), imgui.get_window_size()
         self._building.append((at.x, at.y, at.x + size.x, at.y + size.y))
+
+    @contextmanager
+    def dialog(self, name: str, flags: int):
+        """Build a window in front of all others, which get no input meanwhile.
+
+        An empty name is for frames without a dialog.  Gives whether there is one to be filled.
+        """
+        if self._dialog and self._dialog != name and imgui.is_popup_open(self._dialog):
+            imgui.internal.close_popup_to_level(0, True)
+        self._dialog = name
+        if not name:
+            yield False
+            return
+        if not imgui.is_popup_open(name):
+            imgui.open_popup(name)  # lists that are open are closed
+        shown = imgui.begin_popup_modal(name, None, flags)[0]
+        yield shown
+        if shown:
+            self.claim()
+            imgui.end_popup()
 
     def guarded(self, panel, *arguments) -> None:
         """Draw a panel; one that fails says so and is tried again in the next frame."""

@@ -46,6 +46,7 @@ def play(app, session: Session, said: str = "") -> bool:
     except _Stopped:
         app.recorder.say("the session was stopped: all is as it was before")
         return False
+    scene.journal.mark_saved()
     app.session_start = start
     app.takes.forget()
     scene.handles.release()
@@ -88,10 +89,10 @@ def _play(app, player):
                 shown = time.perf_counter()
             else:
                 app.window.dispatch_events()
-            while asking and not (patience.agreed or stopped or app.window.has_exit):
+            while asking and not (patience.agreed or stopped or app.closing or app.window.has_exit):
                 time.sleep(ANSWER_SECONDS)
                 app.show_alone(panels.playing_window, done, patience)
-            if stopped or app.window.has_exit:
+            if stopped or app.closing or app.window.has_exit:
                 raise _Stopped
 
 
@@ -104,7 +105,9 @@ def recover(app) -> None:
         app.left_behind = None
         if not play(app, opened.session, opened.said):
             app.left_behind = path
-        elif app.autosave.path.exists():  # it has all of it
+            return
+        app.scene.journal.mark_saved(False)  # no file of the user's has it
+        if app.autosave.path.exists():  # it has all of it
             path.unlink(missing_ok=True)
     except (OSError, ValueError) as error:  # a SessionError is one
         app.recorder.say(str(error))

@@ -46,8 +46,9 @@ class LiveViewer:
     def __init__(self, display, model, folder, *arguments):
         name, self._screen = display
         self.model = model
-        # Sessions that are kept go into a folder of this one alone: nothing is offered.
-        self._env = {**os.environ, "DISPLAY": name, "XDG_STATE_HOME": str(folder / "state")}
+        # Kept sessions and preferences go into a folder of this one alone: nothing is offered.
+        own = {"XDG_STATE_HOME": str(folder / "state"), "XDG_CONFIG_HOME": str(folder / "config")}
+        self._env = {**os.environ, "DISPLAY": name, **own}
         self._env.pop("WAYLAND_DISPLAY", None)
         self._log = folder / "events.txt"
         command = [sys.executable, "-m", "deformrf.viewer", str(model), "--log-events"]
@@ -117,6 +118,26 @@ class LiveViewer:
     def move(self, x, y):
         self.tool("mousemove", round(x), round(y))
         time.sleep(0.15)
+
+    def click(self, x, y):
+        self.move(x, y)
+        self.tool("click", 1)
+        time.sleep(0.2)
+
+    def ask_to_close(self):
+        """What a window manager sends when the window's cross is clicked: WM_DELETE_WINDOW."""
+        from pyglet.libs.x11 import xlib
+
+        window = int(self.tool("search", "--name", "deformrf: ").split()[-1])
+        connection = xlib.XOpenDisplay(self._env["DISPLAY"].encode())
+        event = xlib.XEvent()
+        event.xclient.type = xlib.ClientMessage
+        event.xclient.window = window
+        event.xclient.message_type = xlib.XInternAtom(connection, b"WM_PROTOCOLS", False)
+        event.xclient.format = 32
+        event.xclient.data.l[0] = xlib.XInternAtom(connection, b"WM_DELETE_WINDOW", False)
+        xlib.XSendEvent(connection, window, False, 0, event)
+        xlib.XCloseDisplay(connection)
 
     def drag(self, start, way, steps=8, button=1, release=True, press=True):
         """Press, move in steps, release."""

@@ -11,7 +11,7 @@ from ...core.field import save
 from ...core.paths import free_name, working_folder
 from ...core.streams import printable
 from ..files import readable, save_surface
-from ..sessions import SessionError, save_session
+from ..sessions import save_session
 from .video import PictureSeries, VideoWriter, save_png
 
 MESSAGE_SECONDS = 6.0
@@ -73,12 +73,12 @@ class Recorder:
         except (OSError, RuntimeError, ValueError) as error:  # the folder is gone, or read-only
             self._fail(f"can't record: {plain_message(error)}")
 
-    def stop(self) -> None:
-        """Finish the video, if one is being recorded."""
+    def stop(self, cut_short: bool = False) -> None:
+        """Finish the video, if one is being recorded; its name says if it was to be longer."""
         video, self.video = self.video, None
         if video is not None:
             try:
-                self.finished(video.close())
+                self.finished(video.close(cut_short))
             except RuntimeError as error:
                 self._fail(error)
 
@@ -126,16 +126,26 @@ class Recorder:
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 
-    def save_session(self, scene, start: dict, path: Path | None = None) -> None:
-        """Write what was done to a scene, by default into the current folder."""
-        path = path or stamped("session", ".jsonl")
+    def save_session(self, scene, start: dict, path: Path | None = None) -> str:
+        """Write what was done to a scene, by default into the current folder.
+
+        Returns:
+            A sentence if that fails, else an empty string.
+        """
+        path, told = path or stamped("session", ".jsonl"), []
         scene.note_view()  # where the last frame has left it
         try:
-            self.finished(save_session(scene, start, path))
+            save_session(scene, start, path, told.append)
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
-        except SessionError as error:
+        except ValueError as error:  # a SessionError, as it is too long
             self._fail(str(error))
+        else:
+            self.finished(path)
+            for sentence in told:
+                self.say(f"wrote {path}, but {sentence}")
+            return ""
+        return self.message
 
     def say(self, message: str) -> None:
         """Show a message for a while, and print it."""

@@ -1,7 +1,7 @@
 """The command deformrf-render: a film of a session, without a window and without haste.
 
 The same program as deformrf-view draws the frames, each in full.  Ctrl-C ends the film where it
-is: the file can be played.
+is: the file can be played, and has "(cut short)" in its name.
 """
 
 import logging
@@ -307,5 +307,6 @@ def _film(app, film, chosen, most):
     except SessionError as error:
         return complain(PROGRAM, str(error))
     finally:
+        app.recorder.stop(cut_short=True)  # unless it was stopped above
         app.close()
     return FAILED if app.recorder.failed else 0

@@ -34,6 +34,8 @@ class Takes:
         self.take: Take | None = None  # the last one
         self.job: FilmJob | None = None  # the film that is being rendered
         self.asking = False  # for the choices, in a window
+        self.problem = ""  # why there is no film of these choices
+        self.failed = False  # the last film
         self._app = app
         self._began: tuple | None = None  # the journal and its tick
 
@@ -74,41 +76,45 @@ class Takes:
 
     def _ask(self):
         self.choices.name = stamped("film", "").name
-        self.asking = True
+        self.asking, self.problem = True, ""
 
     def start_film(self) -> None:
         """Make the film; the session is kept beside it, for another one."""
+        self.problem = self._start()
+        if self.problem:
+            self._app.recorder.say(self.problem)
+
+    def _start(self) -> str:
+        """Begin the film; returns a sentence if that can't be."""
         app, choices, take = self._app, self.choices, self.take
         path = choices.path
         if self.job is not None:
-            app.recorder.say("one film is being rendered: wait for it, or cancel it")
-            return
+            return "one film is being rendered: wait for it, or cancel it"
         if path.exists():
-            app.recorder.say(f"{path} is there already: choose another name")
-            return
+            return f"{path} is there already: choose another name"
         session = choices.session
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            save_session(app.scene, app.session_start, session)
-        except (OSError, ValueError) as error:  # a SessionError: it is too long
-            app.recorder.say(f"can't write {session}: {getattr(error, 'strerror', None) or error}")
-            return
-        except SessionError as error:
-            app.recorder.say(str(error))
-            return
+            save_session(app.scene, app.session_start, session, app.recorder.say)
+        except SessionError as error:  # it is too long
+            return str(error)
+        except (OSError, ValueError) as error:
+            return f"can't write {session}: {getattr(error, 'strerror', None) or error}"
+        app.saved()
         device = "cuda" if app.scene.solver.device.is_cuda else "cpu"
         arguments = [*choices.arguments(app.size), "--device", device]
         arguments += ["--from", str(take.first), "--to", str(take.last)]
         self.job = FilmJob(app.scene.field, app.scene.name, session, arguments)
         app.log("film", path=path)
         self.asking = False
+        return ""
 
     def update(self) -> None:
         """Called in every frame: say so when a film is ready."""
         job = self.job
         if job is None or not job.ended:
             return
-        self.job = None
+        self.job, self.failed = None, job.written is None
         if job.written is not None:
             self._app.recorder.finished(Path(job.written))
         else:

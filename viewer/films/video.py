@@ -2,9 +2,11 @@
 
 A thread converts and encodes behind a short queue, so that the next image can be made
 meanwhile.  A file is written as .<name>-<random>.part.mp4 and renamed when it is complete, since
-no player reads an MP4 that was never closed.  Without a clock each image is one frame of the
-video; with a clock images are repeated or dropped, so that a second of the video shows a second
-of the clock.
+no player reads an MP4 that was never closed.  Pictures go into a folder <name>.part until all are
+there.  What is finished though more was to come has "(cut short)" in its name.
+
+Without a clock each image is one frame of the video; with a clock images are repeated or dropped,
+so that a second of the video shows a second of the clock.
 
 A transparent image has four channels, and its color is what it adds to the one behind it
 (premultiplied by the opacity).  Files have the color itself (straight alpha).
@@ -22,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.device import thread_count
-from ...core.paths import reserved, sync, target_of, whole_file
+from ...core.paths import free_name, reserved, sync, target_of, whole_file
 
 QUEUE_LENGTH, QUEUE_BYTES = 8, 256 * 2**20  # images that wait, and about their size
 PNG_LEVEL = 4  # of zlib: twice as fast as the usual 6, a few percent larger
@@ -172,8 +174,8 @@ class VideoWriter:
             number = self._pending[1]
         self._pending = image, number
 
-    def close(self) -> Path:
-        """Finish the file and give it its name.
+    def close(self, cut_short: bool = False) -> Path:
+        """Finish the file and give it its name, or that of one that was to be longer.
 
         Raises:
             RuntimeError: The encoder failed, or got no image; there is no file.
@@ -188,9 +190,12 @@ class VideoWriter:
         if self._error:
             self.part.unlink(missing_ok=True)
             raise self._failure() from self._error
+        target = self._target
+        if cut_short:
+            self.path = target = cut_short_name(self.path)
         try:
             sync(self.part)
-            os.replace(self.part, self._target)
+            os.replace(self.part, target)
         except OSError as error:  # its folder was deleted, say
             self.part.unlink(missing_ok=True)
             raise RuntimeError(f"can't write {self.path}: {error.strerror}") from error
@@ -249,13 +254,14 @@ class PictureSeries:
     repeated_count = dropped_count = 0
 
     def __init__(self, path: Path, fps: int, transparent: bool = False):
-        """Take a folder, which may not be there yet."""
+        """Take a folder that is empty or not there yet."""
         self.path, self.fps, self.frame_count = Path(path), fps, 0
+        self.part = free_name(self.path, ".part")
         self.encoding_seconds = 0.0  # of all threads together
         self._transparent = transparent
         self._pool = ThreadPoolExecutor(thread_count())  # zlib runs beside the interpreter
         self._waiting = deque()  # futures
-        self.path.mkdir(parents=True, exist_ok=True)
+        self.part.mkdir(parents=True)
 
     @property
     def seconds(self) -> float:
@@ -270,21 +276,33 @@ class PictureSeries:
         Raises:
             RuntimeError: One of the last ones can't be written.
         """
-        path = self.path / f"{self.frame_count:05d}.png"
+        path = self.part / f"{self.frame_count:05d}.png"
         self._waiting.append(self._pool.submit(self._save, path, image))
         self.frame_count += 1
         self._wait(waiting(*image.shape[:2]))
 
-    def close(self) -> Path:
-        """Wait until all are written.
+    def close(self, cut_short: bool = False) -> Path:
+        """Wait until all are written, and give the folder its name, as VideoWriter does.
 
         Raises:
-            RuntimeError: One can't be.
+            RuntimeError: One can't be written, or the folder can't have its name.
         """
         try:
             self._wait(0)
         finally:
             self._pool.shutdown(cancel_futures=True)
+        if not self.frame_count:
+            self.part.rmdir()
+            raise RuntimeError(f"{self.path} was not written: it would have no frame")
+        if cut_short:
+            self.path = cut_short_name(self.path)
+        try:
+            if self.path.is_dir():
+                self.path.rmdir()  # it was there, and empty
+            self.part.rename(self.path)
+        except OSError as error:
+            where = f"the pictures are in {self.part}"
+            raise RuntimeError(f"can't write {self.path}: {error.strerror}; {where}") from error
         return self.path
 
     def _wait(self, count):
@@ -299,6 +317,11 @@ class PictureSeries:
         except OSError as error:
             raise RuntimeError(f"can't write {path}: {error.strerror or error}") from error
         return time.perf_counter() - start
+
+
+def cut_short_name(path: Path) -> Path:
+    """A free name for what was to become `path`, and is not all of it."""
+    return free_name(path.with_name(f"{path.stem} (cut short)"), path.suffix)
 
 
 def waiting(width: int, height: int) -> int:

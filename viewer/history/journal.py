@@ -7,13 +7,13 @@ notes the tick, the name and the arguments.  The same edits at the same ticks gi
 vertices, on one device to the bit (session.py stores and plays them).
 
 Before an edit that changes more than a view, the journal keeps the scene's state, so that it
-can be undone.
+can be undone.  `unsaved` says whether steps were made, or undone, since `mark_saved`.
 """
 
 import inspect
 import math
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from typing import NamedTuple
 
@@ -27,6 +27,7 @@ WORDS = {
     "substep_count": "substeps",
 }
 FEWEST_STEPS, MOST_BYTES = 100, 256 * 2**20  # so many steps are kept, and more up to that size
+MAY_BE_INFINITE = ("yield_strain",)  # the only values of an edit that are no finite numbers
 MERGED_TICKS = 30  # a slider's changes that follow each other so soon are one step
 
 EDITS = {}  # name: Edit
@@ -58,6 +59,7 @@ class Step:
     before: object  # the scene's state
     merges: bool = False  # with an edit of the same label that follows soon
     after: object = None  # the state that redo returns to, once it is undone
+    in_vain: bool = False  # it came to nothing
 
 
 def edit(name: str, undo: str = "", merges: bool = False, begins: bool = False):
@@ -69,6 +71,8 @@ def edit(name: str, undo: str = "", merges: bool = False, begins: bool = False):
         begins: Whether the step's changes come later, as in a drag.  Otherwise one that changes
             nothing is no step.
         merges: Whether it joins the step before if that is the same and was made just now.
+
+    An argument that is not finite, or has a number that isn't, is a ValueError of the method.
     """
 
     def decorate(method):
@@ -90,6 +94,9 @@ def edit(name: str, undo: str = "", merges: bool = False, begins: bool = False):
             values = {key: bound.arguments[key] for key in names}
             values |= next((bound.arguments[p.name] for p in own if p.kind is p.VAR_KEYWORD), {})
             values = {key: _plain(value) for key, value in values.items()}
+            for key, value in values.items():
+                if not (_is_finite(value) or (key in MAY_BE_INFINITE and value == math.inf)):
+                    raise ValueError(f"{name} can't have {key} = {value!r}"[:200])
             changed = ", ".join(WORDS.get(one, one) for one in values)
             changed = changed if len(values) <= 2 else "material"
             label = undo.format(**({"names": changed} | values))
@@ -112,6 +119,15 @@ def _plain(value):
     return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
 
 
+def _is_finite(value):
+    """Whether all numbers in a value as JSON has it are finite."""
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, dict):
+        return all(map(_is_finite, value.values()))
+    return not isinstance(value, list) or all(map(_is_finite, value))
+
+
 class Journal:
     """The edits of one scene, and what can be undone."""
 
@@ -126,6 +142,8 @@ class Journal:
         self.cursor = 0  # steps before it can be undone, the others done again
         self._state_of, self._restore, self._is_nothing = state_of, restore, is_nothing
         self._view = {}  # that was noted last
+        self._oldest: Step | None = None  # the last one that was forgotten, before all steps
+        self._saved: object = None  # the step whose result is saved; None: the state before all
 
     @contextmanager
     def editing(self, name, arguments, label, merges, begins):
@@ -137,7 +155,7 @@ class Journal:
             del self.steps[self.cursor :]
             self.steps.append(Step(label, self.tick, before, merges))
             while len(self.steps) > FEWEST_STEPS and self._size() > MOST_BYTES:
-                del self.steps[0]
+                self._oldest = replace(self.steps.pop(0), before=None)
             self.cursor = len(self.steps)
         self.events.append(Event(self.tick, name, arguments))
 
@@ -156,6 +174,7 @@ class Journal:
         self.steps.clear()
         self.cursor = self.tick = 0
         self._view = {}
+        self._oldest = self._saved = None
 
     def note(self, name: str, **arguments) -> None:
         """Record what is no edit: a view, for the film."""
@@ -176,6 +195,24 @@ class Journal:
         """Something else has changed these values of the view: they are recorded next time."""
         self._view = {name: one for name, one in self._view.items() if name not in names}
 
+    # -- what is saved -------------------------------------------------------------------
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether steps were made, or undone, since `mark_saved` or the beginning."""
+        return self._last_step() is not self._saved
+
+    def mark_saved(self, saved: bool = True) -> None:
+        """All that was done is in a file from now on; or, if not `saved`, in none."""
+        self._saved = self._last_step() if saved else object()
+        if self.cursor:
+            self.steps[self.cursor - 1].merges = False  # what follows is unsaved
+
+    def _last_step(self):
+        """The step that led to the present state, but for those that came to nothing."""
+        made = (step for step in reversed(self.steps[: self.cursor]) if not step.in_vain)
+        return next(made, self._oldest)
+
     # -- undo ----------------------------------------------------------------------------
 
     def forget_step(self, label: str) -> None:
@@ -185,7 +222,10 @@ class Journal:
         began, to the bit.
         """
         labels = [step.label for step in self.steps]
-        if self.cursor != len(labels) or label not in labels or len(labels) == 1:
+        if self.cursor != len(labels) or label not in labels:
+            return
+        if len(labels) == 1:
+            self.steps[0].in_vain = True
             return
         at = len(labels) - 1 - labels[::-1].index(label)
         gone, *during = self.steps[at:]

@@ -248,8 +248,6 @@ def _redo(app):
 
 def _cancel(app):
     app.scene.settings.show_help = False
-    app.dialog = None
-    app.takes.asking = False
     if not app.controls.mode and app.scene.settings.tool in OF_BONES:
         app.scene.settings.tool = "grab"
     app.controls.cancel()
@@ -310,10 +308,6 @@ def _widen_panel(by):
     return widen
 
 
-def _quit(app):
-    app.window.has_exit = True
-
-
 ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which menus check
     **VIEW_ACTIONS,
     **DELETE_ACTIONS,
@@ -342,7 +336,7 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "clear_paint": lambda app: app.scene.body.clear_paint(),
     "undo": _undo,
     "redo": _redo,
-    "save_session": lambda app: app.recorder.save_session(app.scene, app.session_start),
+    "save_session": lambda app: app.save_session(),
     "rest_here": _rest_here,
     "undo_rest_here": lambda app: app.scene.body.undo_rest_here(),
     "next_mode": _next_mode,
@@ -359,7 +353,7 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "save_film": lambda app: app.takes.ask(),
     "record_screen": lambda app: app.recorder.start_or_stop(),
     "cancel": _cancel,
-    "quit": _quit,
+    "quit": lambda app: app.quit(),
     "open": ask_for_file,
     "toggle_transparent": _toggle("transparent_screenshots"),
     "export_ply": _export(".ply"),

@@ -175,7 +175,7 @@ def _substeps(scene):
         scene.body.set_options(substep_count=count)
 
     count = scene.solver.options.substep_count
-    slider("substeps", count, SUBSTEP_COUNTS, "%d", change, tooltip=SUBSTEPS)
+    slider("substeps", count, SUBSTEP_COUNTS, "%.0f", change, tooltip=SUBSTEPS)
     ratio, modulus = scene.body.stiffness
     imgui.text_disabled(f"r = {ratio:.2g}, holds {si(modulus)}Pa")
     imgui.set_item_tooltip(HOLDS_TOOLTIP)

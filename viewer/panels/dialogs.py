@@ -7,6 +7,7 @@ from imgui_bundle import imgui
 from ..files import FileDialog, Problem, readable
 from ..training import TrainOffer
 from .offering import offer_panel
+from .widgets import was_entered
 
 WIDTH, LIST_HEIGHT = 520.0, 280.0
 
@@ -19,8 +20,7 @@ def dialog_window(app) -> None:
     else:
         draw = {FileDialog: _choice, Problem: _problem}[type(app.dialog)]
         done = draw(app.dialog, width)
-    # While a path is typed, Esc comes here alone.
-    if done or imgui.is_key_pressed(imgui.Key.escape, False):
+    if done:
         app.dialog = None
 
 
@@ -31,15 +31,16 @@ def _problem(problem, width):
     if problem.log_file is not None:
         imgui.text_disabled(readable(f"more in {problem.log_file}"))
     imgui.pop_text_wrap_pos()
-    return imgui.button("Close")
+    return imgui.button("Close") or was_entered()
 
 
 def _choice(dialog, width):
     """Draw the folder's entries; returns whether the dialog is done."""
     imgui.text(dialog.title)
     imgui.set_next_item_width(width)
-    flags = imgui.InputTextFlags_.enter_returns_true.value
-    if imgui.is_window_appearing():
+    flags = imgui.InputTextFlags_  # what is typed after an error takes the place of the path
+    flags = flags.enter_returns_true.value | flags.auto_select_all.value
+    if not imgui.is_any_item_active():  # keys are for the path, after an error, too
         imgui.set_keyboard_focus_here()
     entered, dialog.text = imgui.input_text("##path", dialog.text, flags)
     done = bool(entered) and dialog.choose(dialog.typed())

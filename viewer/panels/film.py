@@ -6,7 +6,7 @@ from imgui_bundle import imgui
 
 from ..files import readable
 from ..films import FORMATS, RATES, SAMPLE_COUNTS, SIZES
-from .widgets import checkbox, combo
+from .widgets import checkbox, combo, was_entered
 
 FILM_WIDTH = 300.0
 BLUR_TOOLTIP = """spreads the samples over half a frame's time;
@@ -36,25 +36,26 @@ def film_window(app):
     checkbox("transparent", choices.transparent, partial(setattr, choices, "transparent"))
     imgui.end_disabled()
     checkbox("vertices in the film", choices.handles, partial(setattr, choices, "handles"))
-    changed, name = imgui.input_text("name", choices.name)
+    if takes.problem and not imgui.is_any_item_active():
+        imgui.set_keyboard_focus_here()  # for another name
+    changed, name = imgui.input_text(
+        "name", choices.name, imgui.InputTextFlags_.auto_select_all.value
+    )
     if changed:
         choices.name = name
     imgui.text_disabled(readable(choices.path) if choices.name else "a film needs a name")
+    if takes.problem:
+        imgui.push_text_wrap_pos(FILM_WIDTH)
+        imgui.text_wrapped(readable(takes.problem))
+        imgui.pop_text_wrap_pos()
     imgui.begin_disabled(not choices.name)
-    if (imgui.button("Render") or _entered()) and choices.name:
+    if (imgui.button("Render") or was_entered()) and choices.name:
         takes.start_film()
     imgui.end_disabled()
     imgui.same_line()
     if imgui.button("Not now"):
         takes.asking = False
     imgui.pop_item_width()
-
-
-def _entered():
-    """Whether Enter was pressed for this window."""
-    focused = imgui.is_window_focused(imgui.FocusedFlags_.root_and_child_windows.value)
-    keys = imgui.Key.enter, imgui.Key.keypad_enter
-    return focused and any(imgui.is_key_pressed(one, False) for one in keys)
 
 
 def progress_window(app):

@@ -11,12 +11,14 @@ from ..camera import Covered
 from ..files import readable
 from ..input import INPUTS
 from ..loading import STAGES
+from ..questions import question
 from .boxes import box_overlay, brush_overlay
 from .camera import camera_panel
 from .deform import deform_panel
 from .dialogs import dialog_window
 from .film import film_window, progress_window
 from .history import history_panel
+from .leaving import leaving_window
 from .menu import menu_bar
 from .offering import job_window
 from .recovery import recovery_window
@@ -57,6 +59,14 @@ SECTIONS = (
 )
 
 
+QUESTIONS = {
+    "leaving": leaving_window,
+    "recovery": recovery_window,
+    "dialog": dialog_window,
+    "film": film_window,
+}
+
+
 def draw_panels(app) -> None:
     """Everything that lies over the view."""
     for overlay in (box_overlay, gesture_overlay, brush_overlay):
@@ -66,10 +76,9 @@ def draw_panels(app) -> None:
         _main_panel(app, top=menu_bar(app))
     if app.scene.settings.show_timeline:
         _strip(app)
-    asked = _asked(app)
-    if asked is not None:
-        _floating(asked[0], (0.5, 0.5))
-        app.gui.guarded(asked[1], app)
+    if app.scene.settings.show_help and not question(app):
+        _floating("help", (0.5, 0.5))
+        app.gui.guarded(help_overlay, app)
         app.gui.claim()
         imgui.end()
     if app.takes.job is not None:
@@ -98,19 +107,17 @@ def draw_panels(app) -> None:
         _floating("message", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value, above)
         imgui.text(app.recorder.message)
         imgui.end()
+    _question(app)
 
 
-def _asked(app):
-    """Name and panel of the window in the middle: one after another, as they would be one over
-    the other; None if there is none.
-    """
-    if app.left_behind is not None:
-        return "recovery", recovery_window
-    if app.dialog is not None:
-        return "dialog", dialog_window
-    if app.takes.asking:
-        return "film", film_window
-    return ("help", help_overlay) if app.scene.settings.show_help else None
+def _question(app):
+    """The window in the middle that asks something: one after another."""
+    name, size = question(app), imgui.get_io().display_size
+    if name:
+        imgui.set_next_window_pos((0.5 * size.x, 0.5 * size.y), pivot=(0.5, 0.5))
+    with app.gui.dialog(name, FLOATING) as shown:
+        if shown:
+            app.gui.guarded(QUESTIONS[name], app)
 
 
 def covered(app) -> Covered:

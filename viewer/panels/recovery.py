@@ -5,6 +5,7 @@ import time
 from imgui_bundle import imgui
 
 from ..files import readable
+from .widgets import was_entered
 
 
 def recovery_window(app):
@@ -13,7 +14,7 @@ def recovery_window(app):
     minutes = (time.time() - path.stat().st_mtime) / 60.0 if path.exists() else 0.0
     imgui.text("A session of this model was left behind.")
     imgui.text_disabled(readable(f"{minutes:.0f} minutes ago; kept in {path}"))
-    if imgui.button("Go on with it"):
+    if imgui.button("Go on with it") or was_entered():
         app.asked = path  # before the next frame: the window shows how far it is
     imgui.same_line()
     if imgui.button("Delete it"):

@@ -11,7 +11,7 @@ from ..input import label_of
 from ..layers import SAMPLE_COUNT
 from ..memory import memory_line
 from ..settings import MESH_RANGES, SURFACES
-from .widgets import LOGARITHMIC, button, combo, number_setting, setting
+from .widgets import LOGARITHMIC, button, color, combo, number_setting, setting
 
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
 TARGETS = 2.0, 120.0  # frames a second
@@ -62,11 +62,7 @@ def _mode(scene):
 
 
 def _background(settings):
-    changed, color = imgui.color_edit3(
-        "background", list(settings.background), imgui.ColorEditFlags_.no_inputs.value
-    )
-    if changed:
-        settings.background = tuple(color)[:3]
+    color("background", settings.background, partial(setattr, settings, "background"))
     imgui.same_line()
     setting("checkerboard", settings, "checkerboard")
     setting("vertices", settings, "show_handles")
@@ -102,9 +98,8 @@ def _resolution(app):
     tooltip = "while things move; at rest the image is refined to full resolution"
     combo("resolution", names[settings.fixed_resolution], RESOLUTIONS, choose, tooltip)
     if settings.fixed_resolution is None:
-        flags = LOGARITHMIC | imgui.SliderFlags_.always_clamp.value
-        tooltip = "the resolution while things move follows it"
-        number_setting("target", settings, "target_fps", TARGETS, "%.0f frames/s", flags, tooltip)
+        tooltip, text = "the resolution while things move follows it", "%.0f frames/s"
+        number_setting("target", settings, "target_fps", TARGETS, text, LOGARITHMIC, tooltip)
     setting("average shifted images at rest", settings, "accumulate", SHIFTED_TOOLTIP)
     for line in shown_lines(app.radiance, app.times):
         imgui.text_disabled(line)

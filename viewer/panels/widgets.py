@@ -1,5 +1,9 @@
-"""Buttons, sliders and boxes that change something when the user does."""
+"""Buttons, sliders and boxes that change something when the user does.
 
+All numbers that a user can type come through here.
+"""
+
+import math
 from functools import partial
 
 from imgui_bundle import imgui
@@ -19,16 +23,30 @@ def button(label, app, action, tooltip="") -> None:
 def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
     """A slider over an int or a float; calls `change` with a new value.
 
+    What is typed may be any number: beyond the bounds it is the bound, and one that is not
+    finite changes nothing.
+
     Args:
         bounds: Lowest and highest value.
-        text: ImGui's format of the value.
+        text: ImGui's format of the value, one of floats.
     """
-    draw = imgui.slider_int if isinstance(value, int) else imgui.slider_float
-    changed, value = draw(label, value, *bounds, text, flags)
+    whole = isinstance(value, int)  # ImGui's slider of integers takes 1e999 for 1
+    changed, value = imgui.slider_float(label, float(value), *bounds, text, flags)
     _tooltip(tooltip)
-    if changed:
+    if changed and math.isfinite(value):
         low, high = bounds
-        change(min(max(value, low), high))  # a value that is typed may be any
+        value = min(max(value, low), high)
+        change(round(value) if whole else float(value))
+
+
+def color(label, value, change) -> None:
+    """A box to choose a color in; calls `change` with a new one, three numbers of 0 to 1."""
+    changed, (red, green, blue, *_) = imgui.color_edit3(
+        label, list(value), imgui.ColorEditFlags_.no_inputs.value
+    )
+    chosen = red, green, blue
+    if changed and all(map(math.isfinite, chosen)):
+        change(tuple(min(max(part, 0.0), 1.0) for part in chosen))
 
 
 def combo(label, value, values, change, tooltip="") -> None:
@@ -57,6 +75,16 @@ def number_setting(label, settings, name, bounds, text, flags=0, tooltip="") -> 
     """A slider for one of the Settings."""
     change = partial(setattr, settings, name)
     slider(label, getattr(settings, name), bounds, text, change, flags, tooltip)
+
+
+def was_entered() -> bool:
+    """Whether Enter was pressed for the window that is being built, not for a list over it."""
+    flags = imgui.FocusedFlags_
+    focused = imgui.is_window_focused(
+        flags.root_and_child_windows.value | flags.no_popup_hierarchy.value
+    )
+    keys = imgui.Key.enter, imgui.Key.keypad_enter
+    return focused and any(imgui.is_key_pressed(one, False) for one in keys)
 
 
 def _tooltip(text):

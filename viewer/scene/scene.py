@@ -267,7 +267,8 @@ class Scene:
 
     def push_to(self, center) -> None:
         """Send the ball's center to a point [3], which it reaches in the next frame."""
-        self.ball.target = np.asarray(center, float)
+        if np.isfinite(center).all():
+            self.ball.target = np.asarray(center, float)
 
     @edit("move_ball")
     def _move_ball(self, to):

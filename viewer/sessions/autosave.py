@@ -1,7 +1,8 @@
 """The session as it goes, kept in the user's folder: after a crash it can be played again.
 
 The file is written some seconds after the first edit, grows by what is done later, and is
-removed when the viewer ends in order.  One that stays belongs to a run that did not.
+removed when the user has saved the session or discards it.  One that stays belongs to a run that
+ended in another way.
 """
 
 import json
@@ -32,6 +33,7 @@ class Autosave:
         self.path = kept_in / f"{scene.name}-{os.getpid()}-{time.time_ns()}.jsonl"
         self.failed = False  # as on a full disk: the file is not whole
         self.kept = False  # for another start, though the viewer ends in order
+        self._told: list[str] = []  # sentences about what the file can't have
         self._scene, self._start, self._clock = scene, start, clock
         self._saved = len(scene.journal.events)  # so many need no saving
         self._written = 0  # events that the file has
@@ -41,7 +43,7 @@ class Autosave:
         """Called in every frame: write the file if it is time and something was done.
 
         Returns:
-            What went wrong, said again every minute; else an empty string.
+            What went wrong, said again every minute, or what the file lacks; else an empty string.
         """
         now = self._clock()
         if now < self._next:
@@ -56,7 +58,7 @@ class Autosave:
             self._next = now + RETRY
             return self._failure(error)
         self._next += (self._clock() - now) / SHARE
-        return ""
+        return "; ".join(self._lacks())
 
     def save(self) -> None:
         """Write the file now.
@@ -64,36 +66,45 @@ class Autosave:
         Raises:
             OSError: It can't be written.
         """
-        count = len(self._scene.journal.events)
-        if 0 < self._written <= count and not self.failed and self.path.exists():
-            append_events(self._scene, self.path, self._written)
+        count, tell = len(self._scene.journal.events), self._told.append
+        grows = 0 < self._written <= count and not self.failed and self.path.exists()
+        self.failed = True  # until it is whole: an interrupt may come
+        if grows:
+            append_events(self._scene, self.path, self._written, tell)
         else:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            save_session(self._scene, self._start, self.path)
+            save_session(self._scene, self._start, self.path, tell)
         self._saved = self._written = count
         self.failed = False
 
     def write(self) -> list[str]:
-        """Write the file now; returns a sentence if that fails."""
+        """Write the file now; returns a sentence if that fails, or if the file lacks something."""
         try:
             self.save()
         except (OSError, ValueError) as error:
             return [self._failure(error)]
-        return []
+        return self._lacks()
+
+    def _lacks(self):
+        told, self._told = self._told, []
+        return told
 
     def keep(self) -> list[str]:
-        """Before another session takes the place of this one: keep it, if anything was done.
+        """Before another session takes the place of this one: keep it, if it has unsaved work.
 
         Returns:
             Sentences for the user.
         """
-        self.kept = bool(self._scene.journal.steps)
+        self.kept = self._scene.journal.unsaved
         if not self.kept:
             return []
-        return self.write() or ["what you did before is kept, and offered at another start"]
+        sentences = self.write()
+        if not self.failed:
+            sentences.append("what you did before is kept, and offered at another start")
+        return sentences
 
     def leave(self) -> list[str]:
-        """Another session has taken the place of this one: keep it, or remove its file."""
+        """The viewer ends, or shows another session: keep this one, or remove its file."""
         sentences = self.keep()
         if not self.kept:
             self.end()
@@ -110,7 +121,11 @@ class Autosave:
         return any(event.name != "view" for event in events[saved:])
 
     def end(self) -> None:
-        """The viewer ends in order: the file is not needed."""
+        """All that was done is in another file, or is not wanted: remove this one.
+
+        What is done from now on is kept anew.
+        """
+        self._saved, self._written = len(self._scene.journal.events), 0
         try:
             self.path.unlink(missing_ok=True)
         except OSError:

@@ -16,8 +16,10 @@ Nothing in a file is trusted: names, kinds and ranges are checked before anythin
 
 import hashlib
 import json
+import logging
 import math
 import os
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -28,7 +30,10 @@ from ...core.paths import DEFAULT_MODEL, program_version, whole_file
 from ...core.reading import open_file
 from ..history import EDITS, Event
 from ..scene import Scene  # its methods and those of its objects are the edits
-from .session_values import ANY_NAMES, MATERIAL, OPTIONS, START, VIEW, is_good, is_number
+from .session_lines import event_lines, kept_start, line_of, tell_left_out
+from .session_values import bad_arguments, is_number
+
+log = logging.getLogger(__name__)
 
 KEY, VERSION = "deformrf session", 1
 LARGEST_FILE = 512 * 2**20  # bytes
@@ -93,8 +98,10 @@ def start_of(scene: Scene) -> dict:
     }
 
 
-def save_session(scene, start: dict, path: Path) -> Path:
+def save_session(scene, start: dict, path: Path, tell: Callable = log.warning) -> Path:
     """Write what was done to a scene since it had this `start`.
+
+    What no reader would take is left out: `tell` gets a sentence then.
 
     Raises:
         SessionError: It is longer than those that can be read.
@@ -112,10 +119,12 @@ def save_session(scene, start: dict, path: Path) -> Path:
         "rest": mesh_hash(mesh),
         "device": str(scene.solver.device),
         "ticks": scene.journal.tick,
-        "start": start,
+        "start": kept_start(start, mesh.vertex_count, left_out := []),
     }
+    text = line_of(header) + event_lines(scene.journal.events, mesh.vertex_count, left_out)
     with whole_file(Path(path)) as partial, open(partial, "w", encoding="utf-8") as file:
-        file.write(_lines([header, *scene.journal.events]))
+        file.write(text)
+    tell_left_out(left_out, tell)
     return Path(path)
 
 
@@ -130,16 +139,19 @@ def name_of_model(source: Path | None, session: Path) -> str | None:
     return Path(name).as_posix()
 
 
-def append_events(scene, path: Path, written: int) -> None:
-    """Add the events behind the first `written` ones to a session's file.
+def append_events(scene, path: Path, written: int, tell: Callable = log.warning) -> None:
+    """Add the events behind the first `written` ones to a session's file, as `save_session` does.
 
     Raises:
         SessionError: The session is longer than those that can be read.
         OSError: The file can't be written.
     """
     _check_length(scene.journal)
+    events = scene.journal.events[written:]
+    text = event_lines(events, scene.field.mesh.vertex_count, left_out := [])
     with open(path, "a", encoding="utf-8") as file:
-        file.write(_lines(scene.journal.events[written:]))
+        file.write(text)
+    tell_left_out(left_out, tell)
 
 
 def _check_length(journal):
@@ -149,13 +161,6 @@ def _check_length(journal):
             f"the session is too long for a file: {count:,} events in {journal.tick:,} ticks, and "
             f"{most:,} in {LONGEST:,} are the most; open the model again to begin another one"
         )
-
-
-def _lines(entries) -> str:
-    return "".join(
-        json.dumps(_finite_all(entry), separators=(", ", ": "), allow_nan=False) + "\n"
-        for entry in entries
-    )
 
 
 def load_session(path: Path, field, whole: bool = True) -> Session:
@@ -257,26 +262,11 @@ def _event(path, number, line, vertex_count) -> Event:
 
 def _check(path, number, name, arguments, vertex_count):
     """Raise a SessionError if an edit has an argument that it can't have."""
-    if name == "start":
-        known = (*MATERIAL, *OPTIONS, *START)
-    elif name == "view":
-        known = VIEW
-    else:
-        known = ANY_NAMES.get(name, EDITS[name].parameters)
-    for key, value in arguments.items():
-        good = key in known and is_good(name, key, value, vertex_count)
-        if not good:
-            raise SessionError(f"{path}, line {number}: {name} can't have {key} = {value!r}"[:300])
+    for key in bad_arguments(name, arguments, vertex_count):
+        value = arguments[key]
+        raise SessionError(f"{path}, line {number}: {name} can't have {key} = {value!r}"[:300])
 
 
 def _finite(value):
     """JSON has no infinity; what can be infinite is then None."""
     return None if isinstance(value, float) and math.isinf(value) else value
-
-
-def _finite_all(value):
-    if isinstance(value, dict):
-        return {key: _finite_all(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite_all(one) for one in value]
-    return _finite(value)

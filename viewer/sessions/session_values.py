@@ -12,6 +12,7 @@ from ...core.deform import Material
 from ...core.render import MODES
 from ...core.rig import METHODS, MOST_BONES
 from ..camera import CLOSEST, FARTHEST, Orbit
+from ..history import EDITS
 from ..rigging import ENDS, LOOSE, SPEEDS
 from ..scene import LONGEST_NAME, MOST_ADDED, MOST_POINTS
 from ..settings import MESH_RANGES, SHOWN, SURFACES
@@ -189,6 +190,21 @@ START = "meters_per_unit", "pins", "points", "floor", "stiffness", "rig"  # besi
 ORBIT = tuple(f.name for f in fields(Orbit))
 ANY_NAMES = {"set_material": MATERIAL, "set_options": tuple(OPTIONS)}
 VIEW = (*ORBIT, *SHOWN)
+
+
+def bad_arguments(name: str, arguments: dict, vertex_count: int) -> list[str]:
+    """Which arguments an edit, a view or a session's start can't have, or not with their values."""
+    if name == "start":
+        known = (*MATERIAL, *OPTIONS, *START)
+    elif name == "view":
+        known = VIEW
+    else:
+        known = ANY_NAMES.get(name, EDITS[name].parameters)
+    return [
+        key
+        for key, value in arguments.items()
+        if not (key in known and is_good(name, key, value, vertex_count))
+    ]
 
 
 def is_good(name, key, value, vertex_count):

@@ -80,6 +80,10 @@ def show(live, job: Callable[[], int], window, context) -> int:
         try:
             LiveWindow(app, live).run()
             app.end()
+        except BaseException:
+            if app.autosave is not None:
+                app.autosave.keep()
+            raise
         finally:
             live.watched = False
             _close(app, live)

@@ -1,0 +1,253 @@
+"""Dialogs and lists keep keyboard and mouse to themselves."""
+
+import pytest
+
+from deformrf.viewer.camera import picking
+from deformrf.viewer.files import FileDialog, Problem
+from deformrf.viewer.input import ACTIONS, INPUTS
+
+pytestmark = pytest.mark.gl
+
+
+@pytest.fixture
+def app(window, ball, monkeypatch, tmp_path):
+    """An App with panels in a window without a display, in an empty folder."""
+    from deformrf.viewer.app import App
+    from deformrf.viewer.events import EventLog
+
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    made = App(*window, EventLog(False))
+    made.load(ball, "ball", "cpu")
+    made.scene.settings.fixed_resolution = 0.25
+    frames(made)
+    yield made
+    made.close()
+
+
+def frames(app, count=2):
+    app.run(app.frame_count + count)
+
+
+def send(app, name, *arguments):
+    app.window.dispatch_event(name, *arguments)
+    app.window.dispatch_events()
+
+
+def press(app, symbol, modifiers=0):
+    """Press a key and let it go, with frames between."""
+    for name in ("on_key_press", "on_key_release"):
+        send(app, name, symbol, modifiers)
+        frames(app)
+
+
+def quit_by(app, how):
+    from pyglet.window import key
+
+    if how == "key":
+        send(app, "on_key_press", key.Q, key.MOD_CTRL)
+    elif how == "menu":
+        ACTIONS["quit"](app)
+    else:
+        send(app, "on_close")
+
+
+@pytest.fixture
+def places(monkeypatch):
+    """Where buttons were drawn last, in ImGui's coordinates."""
+    from imgui_bundle import imgui
+
+    found, draw = {}, imgui.button
+
+    def noted(label, *arguments):
+        result = draw(label, *arguments)
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        found[label] = round(0.5 * (low.x + high.x)), round(0.5 * (low.y + high.y))
+        return result
+
+    monkeypatch.setattr(imgui, "button", noted)
+    return found
+
+
+def click(app, place):
+    from pyglet.window import mouse
+
+    at = place[0], app.window.height - 1 - place[1]
+    send(app, "on_mouse_motion", *at, 0, 0)
+    for name in ("on_mouse_press", "on_mouse_release"):
+        frames(app)
+        if app.window.has_exit:
+            return
+        send(app, name, *at, mouse.LEFT, 0)
+    frames(app)
+
+
+def ask(app, what, tmp_path):
+    if what == "leaving":
+        app.scene.set_ground(True)
+        quit_by(app, "close")
+    elif what == "recovery":
+        app.left_behind = tmp_path / "left.jsonl"
+    elif what == "problem":
+        app.dialog = Problem("Something", "is wrong")
+    elif what == "file":
+        app.dialog = FileDialog("Open", tmp_path, (".npz",), None)
+    elif what == "film":
+        app.takes.ask()
+
+
+WHAT = pytest.mark.parametrize("what", ["leaving", "recovery", "problem", "file", "film", "list"])
+
+
+@pytest.fixture
+def asked(app, what, tmp_path, monkeypatch):
+    """The App with a dialog or a list that is open, before any frame or after some."""
+    if what == "list":
+        from imgui_bundle import imgui
+
+        places, draw = {}, imgui.combo
+
+        def noted(label, *arguments):
+            result = draw(label, *arguments)
+            low = imgui.get_item_rect_min()
+            places[label] = round(low.x + 8), round(low.y + 8)
+            return result
+
+        monkeypatch.setattr(imgui, "combo", noted)
+        frames(app)
+        click(app, places["material"])
+        assert app.gui.has_keyboard
+    else:
+        ask(app, what, tmp_path)
+    return app
+
+
+@WHAT
+@pytest.mark.parametrize("drawn", [False, True])
+def test_no_shortcut_reaches_the_scene_behind(asked, what, drawn, monkeypatch):
+    from pyglet.window import key
+
+    called = []
+    for name in ACTIONS:
+        if name not in ("quit", "cancel"):
+            monkeypatch.setitem(ACTIONS, name, lambda app, name=name: called.append(name))
+    if drawn:
+        frames(asked)
+    for entry in INPUTS:
+        if entry.key and entry.action not in ("quit", "cancel", "play"):  # Enter is the dialog's
+            *held, name = entry.key.split("+")
+            modifiers = key.MOD_CTRL * ("CTRL" in held) | key.MOD_SHIFT * ("SHIFT" in held)
+            for event in ("on_key_press", "on_key_release"):
+                send(asked, event, getattr(key, name), modifiers)
+            send(asked, "on_text", "r")
+    assert called == []
+    frames(asked)
+    assert asked.gui.has_keyboard and not asked.gui._failed
+    send(asked, "on_key_press", key.ESCAPE, 0)
+    frames(asked, 3)
+    assert not asked.gui.has_keyboard
+    send(asked, "on_key_press", key.R, 0)
+    assert called == ["reset"]
+
+
+@WHAT
+def test_no_click_reaches_the_scene_or_the_panels_behind(asked, what, places):
+    from pyglet.window import mouse
+
+    scene = asked.scene
+    frames(asked)
+    orbit, tick = scene.orbit, len(scene.journal.steps)
+    at = asked.window.width - 20, 20  # beside all windows
+    for button in (mouse.LEFT, mouse.RIGHT):
+        send(asked, "on_mouse_press", *at, button, 0)
+        send(asked, "on_mouse_drag", at[0] - 50, at[1] + 50, -50, 50, button, 0)
+        send(asked, "on_mouse_release", at[0] - 50, at[1] + 50, button, 0)
+        if what == "list":  # which the click closes
+            assert scene.orbit is orbit and not asked.controls.mode
+            return
+    send(asked, "on_mouse_scroll", *at, 0, 3)
+    click(asked, places["Pause"])
+    assert scene.orbit is orbit and not asked.controls.mode and len(scene.journal.steps) == tick
+    assert not scene.paused and asked.gui.has_keyboard
+
+
+def test_what_was_held_is_let_go_though_a_dialog_came(app):
+    from pyglet.window import key, mouse
+
+    app.scene.settings.show_panel = False
+    frames(app)
+    ids = app.scene.handles.control_ids
+    vertex = int(ids[app.controls.shown(ids)][0])
+    (at,), _ = picking.project(app.controls.camera, app.scene.handles.at([vertex]))
+    x, y = round(at[0]), round(app.window.height - 1 - at[1])
+    send(app, "on_mouse_press", x, y, mouse.LEFT, 0)
+    send(app, "on_mouse_drag", x + 9, y, 9, 0, mouse.LEFT, 0)
+    assert app.scene.handles.grabbed is not None
+    send(app, "on_key_press", key.O, key.MOD_CTRL)
+    frames(app)
+    assert app.dialog is not None
+    send(app, "on_mouse_release", x + 9, y, mouse.LEFT, 0)
+    assert app.scene.handles.grabbed is None and not app.controls.mode
+
+
+def test_a_dialog_ends_the_flight(app):
+    """Which would have the keys, and the mouse."""
+    from pyglet.window import key
+
+    send(app, "on_key_press", key.G, 0)
+    send(app, "on_key_press", key.W, 0)
+    assert app.fly.on
+    app.scene.set_ground(True)
+    send(app, "on_close")
+    frames(app)
+    assert app.leaving is not None and not app.fly.on
+    orbit = app.scene.orbit
+    frames(app, 3)
+    assert app.scene.orbit is orbit
+
+
+def test_a_path_is_typed_again_after_an_error(app, ball_file):
+    """The field has the keys all the time; what was typed is selected, to be replaced."""
+    from pyglet.window import key
+
+    folder = ball_file.parent
+    app.dialog = FileDialog("Open", folder, (".npz",), lambda path: setattr(app, "asked", path))
+    frames(app, 3)
+    for name in ("absent rp.npz", "~nobody-of-that-name/x", str(folder / "absent")):
+        send(app, "on_text", name)
+        frames(app)
+        press(app, key.RETURN)
+        assert app.dialog is not None and app.dialog.problem
+        frames(app)
+        assert app.gui._io.want_text_input
+    assert not app.scene.journal.steps and not app.scene.paused
+    before = app.scene
+    send(app, "on_text", ball_file.name)
+    frames(app)
+    press(app, key.RETURN)
+    frames(app)
+    assert app.dialog is None and app.scene is not before and app.scene.name == "ball"
+
+
+def test_keys_are_shortcuts_again_as_soon_as_the_dialog_is_gone(app, tmp_path):
+    from pyglet.window import key
+
+    app.dialog = FileDialog("Open", tmp_path, (".npz",), None)
+    frames(app, 3)
+    send(app, "on_key_press", key.ESCAPE, 0)
+    send(app, "on_key_press", key.SPACE, 0)  # before any frame
+    assert app.dialog is None and app.scene.paused
+
+
+def test_a_film_whose_name_is_taken_says_so_in_its_dialog(app, tmp_path):
+    from pyglet.window import key
+
+    app.takes.ask()
+    app.takes.choices.name = "film"
+    app.takes.choices.path.touch()
+    frames(app)
+    press(app, key.RETURN)
+    assert app.takes.asking and "is there already" in app.takes.problem
+    frames(app)
+    assert app.gui._io.want_text_input  # another name

@@ -1,0 +1,296 @@
+"""What is asked before the end, and what is lost, stopped or kept then."""
+
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from deformrf.viewer.films.film_job import FilmChoices
+from deformrf.viewer.input import ACTIONS
+from deformrf.viewer.sessions import autosave_folder, left_behind, load_session, save_session
+
+pytestmark = pytest.mark.gl
+
+
+@pytest.fixture
+def app(window, ball, monkeypatch, tmp_path):
+    """An App with panels in a window without a display, in an empty folder."""
+    from deformrf.viewer.app import App
+    from deformrf.viewer.events import EventLog
+
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    made = App(*window, EventLog(False))
+    made.load(ball, "ball", "cpu")
+    made.scene.settings.fixed_resolution = 0.25
+    frames(made)
+    yield made
+    made.close()
+
+
+def frames(app, count=2):
+    app.run(app.frame_count + count)
+
+
+def send(app, name, *arguments):
+    app.window.dispatch_event(name, *arguments)
+    app.window.dispatch_events()
+
+
+def press(app, symbol, modifiers=0):
+    """Press a key and let it go, with frames between."""
+    for name in ("on_key_press", "on_key_release"):
+        send(app, name, symbol, modifiers)
+        frames(app)
+
+
+def quit_by(app, how):
+    from pyglet.window import key
+
+    if how == "key":
+        send(app, "on_key_press", key.Q, key.MOD_CTRL)
+    elif how == "menu":
+        ACTIONS["quit"](app)
+    else:
+        send(app, "on_close")
+
+
+@pytest.fixture
+def places(monkeypatch):
+    """Where buttons were drawn last, in ImGui's coordinates."""
+    from imgui_bundle import imgui
+
+    found, draw = {}, imgui.button
+
+    def noted(label, *arguments):
+        result = draw(label, *arguments)
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        found[label] = round(0.5 * (low.x + high.x)), round(0.5 * (low.y + high.y))
+        return result
+
+    monkeypatch.setattr(imgui, "button", noted)
+    return found
+
+
+def click(app, place):
+    from pyglet.window import mouse
+
+    at = place[0], app.window.height - 1 - place[1]
+    send(app, "on_mouse_motion", *at, 0, 0)
+    for name in ("on_mouse_press", "on_mouse_release"):
+        frames(app)
+        if app.window.has_exit:
+            return
+        send(app, name, *at, mouse.LEFT, 0)
+    frames(app)
+
+
+@pytest.fixture
+def worked(app):
+    """The App after an edit that the autosave has."""
+    app.scene.set_ground(True)
+    app.autosave.save()
+    return app
+
+
+HOW = pytest.mark.parametrize("how", ["key", "menu", "close"])
+
+
+@HOW
+def test_without_work_nothing_is_asked(app, how):
+    app.scene.set_ground(True)
+    assert app.scene.undo()  # back to where it began
+    quit_by(app, how)
+    assert app.window.has_exit and app.leaving is None
+
+
+@HOW
+def test_work_is_asked_about_and_asking_again_answers_nothing(worked, how):
+    from pyglet.window import key
+
+    for again in ("key", "menu", "close", how):
+        quit_by(worked, again)
+        frames(worked)
+        assert worked.leaving.about == "work" and not worked.window.has_exit
+    press(worked, key.ESCAPE)
+    assert worked.leaving is None and not worked.window.has_exit
+    assert worked.scene.on_ground and worked.autosave.path.exists()
+    assert not worked.gui._failed
+
+
+def test_enter_saves_and_ends(worked, ball, tmp_path):
+    from pyglet.window import key
+
+    quit_by(worked, "key")
+    frames(worked)
+    kept = worked.autosave.path
+    send(worked, "on_key_press", key.RETURN, 0)
+    worked.run()
+    worked.end()
+    (path,) = (tmp_path / "here").iterdir()
+    assert "set_ground" in [event.name for event in load_session(path, ball).events]
+    assert not kept.exists() and left_behind(autosave_folder(), ball.mesh) is None
+
+
+@pytest.mark.parametrize("label", ["Discard", "Stay"])
+def test_only_discard_removes_what_is_kept(worked, places, label, tmp_path):
+    kept = worked.autosave.path
+    quit_by(worked, "close")
+    frames(worked)
+    click(worked, places[label])
+    assert worked.window.has_exit == (label == "Discard")
+    worked.end()
+    assert kept.exists() == (label == "Stay") and not list((tmp_path / "here").iterdir())
+
+
+def test_work_that_cant_be_saved_keeps_the_window_open_and_says_why(
+    worked, monkeypatch, tmp_path, capfd
+):
+    from pyglet.window import key
+
+    (tmp_path / "here").rmdir()
+    monkeypatch.setenv("HOME", str(tmp_path / "absent"))  # where files go instead
+    quit_by(worked, "key")
+    frames(worked)
+    press(worked, key.RETURN)
+    assert not worked.window.has_exit and "No such file" in worked.leaving.problem
+    assert str(tmp_path / "absent") in worked.leaving.problem
+    assert worked.autosave.path.exists() and not worked.gui._failed
+    monkeypatch.setenv("HOME", str(tmp_path))
+    send(worked, "on_key_press", key.RETURN, 0)
+    worked.run()
+    assert len(list(tmp_path.glob("session-*.jsonl"))) == 1
+
+
+def test_what_is_saved_is_not_asked_about_until_more_is_done(worked):
+    scene = worked.scene
+    scene.body.set_material(damping=4.0)
+    worked.save_session()
+    assert not scene.journal.unsaved and not worked.autosave.path.exists()
+    scene.body.set_material(damping=5.0)  # soon after: it would be the same step
+    assert scene.journal.unsaved
+    scene.undo()
+    assert not scene.journal.unsaved
+    scene.undo()
+    assert scene.journal.unsaved
+    scene.redo()
+    assert not scene.journal.unsaved
+    scene.undo()
+    scene.set_ground(False)
+    scene.undo()
+    assert scene.journal.unsaved  # what was saved can't be reached any more
+
+
+def test_a_drag_that_is_saved_in_its_middle_is_not_saved(app):
+    scene, vertex = app.scene, int(app.scene.handles.control_ids[0])
+    app.controls._press = app.controls.pointer = np.zeros(2)
+    app.controls._grab(vertex)
+    app.save_session()
+    assert scene.journal.unsaved
+    app.controls.cancel()
+    assert not scene.journal.unsaved  # it came to nothing
+
+
+def test_steps_that_are_forgotten_are_unsaved(app, monkeypatch):
+    from deformrf.viewer.history import journal
+
+    monkeypatch.setattr(journal, "FEWEST_STEPS", 2)
+    monkeypatch.setattr(journal, "MOST_BYTES", 0)
+    for on in (True, False, True, False):
+        app.scene.set_ground(on)
+    while app.scene.undo():
+        pass
+    assert app.scene.journal.unsaved
+
+
+def test_a_session_that_is_opened_is_saved_and_one_that_was_left_behind_is_not(
+    worked, ball, tmp_path
+):
+    path = save_session(worked.scene, worked.session_start, tmp_path / "s.jsonl")
+    worked.asked = path
+    frames(worked)
+    assert worked.scene.on_ground and not worked.scene.journal.unsaved
+    worked.left_behind = save_session(
+        worked.scene, worked.session_start, autosave_folder() / "ball-999999999-1.jsonl"
+    )
+    worked.recover()
+    assert worked.scene.on_ground and worked.scene.journal.unsaved
+    quit_by(worked, "key")
+    assert worked.leaving.about == "work"
+
+
+def test_the_end_of_a_loop_that_asked_nobody_keeps_work(worked, ball):
+    """As with --frames."""
+    worked.end()
+    assert left_behind(autosave_folder(), ball.mesh) == worked.autosave.path
+
+
+def test_training_that_would_stop_is_asked_about(app, places):
+    offer = SimpleNamespace(output=Path("model.npz"))
+    running = {"ended": False, "progress": None, "share": 0.0, "line": "", "stopping": False}
+    app.train_job = SimpleNamespace(offer=offer, began=0.0, close=lambda: None, **running)
+    quit_by(app, "key")
+    frames(app)
+    assert app.leaving.about == "training" and not app.window.has_exit
+    click(app, places["Stop it and quit"])
+    assert app.window.has_exit
+
+
+# -- a film ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def filming(app):
+    """The App while a process renders a film of it."""
+    app.scene.advance(0.2)
+    app.takes.ask()
+    app.takes.choices = FilmChoices("film", "as the window", 15, 1, handles=False)
+    app.takes.start_film()
+    frames(app)
+    assert app.takes.job is not None
+    return app
+
+
+def test_a_film_is_waited_for(filming, tmp_path):
+    from pyglet.window import key
+
+    quit_by(filming, "key")
+    frames(filming)
+    assert filming.leaving.about == "film"
+    press(filming, key.ESCAPE)
+    assert filming.leaving is None and filming.takes.job is not None
+    quit_by(filming, "close")
+    frames(filming)
+    press(filming, key.RETURN)
+    assert filming.leaving.waits and not filming.window.has_exit
+    filming.run()
+    assert (tmp_path / "here" / "film.mp4").exists()
+
+
+def test_a_film_is_stopped(filming, places, tmp_path):
+    quit_by(filming, "key")
+    frames(filming)
+    click(filming, places["Stop it and quit"])
+    assert filming.window.has_exit and filming.takes.job is not None
+    filming.takes.close()
+    assert not (tmp_path / "here" / "film.mp4").exists()
+
+
+def test_a_film_that_fails_while_it_is_waited_for_keeps_the_window(app, monkeypatch):
+    from pyglet.window import key
+
+    monkeypatch.setattr(FilmChoices, "arguments", lambda *_: ["--size", "9x9", "-o", "film.mp4"])
+    app.takes.ask()
+    app.takes.start_film()
+    quit_by(app, "key")
+    frames(app)
+    press(app, key.RETURN)
+    deadline = time.monotonic() + 60
+    while app.takes.job is not None and time.monotonic() < deadline:
+        frames(app)
+    frames(app)
+    assert app.leaving is None and not app.window.has_exit
+    assert "--size is 9x9" in app.recorder.message

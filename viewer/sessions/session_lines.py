@@ -1,0 +1,61 @@
+"""The lines of a session file, of what a reader would take.
+
+What is in memory and can't be written never keeps the rest from being written: values that no
+session can have are left out, and told of.
+"""
+
+import json
+import math
+from collections.abc import Callable
+
+from ..history import EDITS, MAY_BE_INFINITE
+from .session_values import bad_arguments
+
+SHOWN, LONGEST_VALUE = 3, 60  # of what is left out: so many, and so many characters of each
+
+
+def line_of(entry) -> str:
+    """A header or an event as a line of JSON."""
+    return json.dumps(entry, separators=(", ", ": "), allow_nan=False) + "\n"
+
+
+def event_lines(events, vertex_count: int, left_out: list[str]) -> str:
+    """The lines of a journal's events; what they can't have is added to `left_out`."""
+    return "".join(
+        line_of([event.tick, event.name, kept])
+        for event in events
+        if (kept := _kept(event.name, event.arguments, vertex_count, left_out)) is not None
+    )
+
+
+def kept_start(start: dict, vertex_count: int, left_out: list[str]) -> dict:
+    """What a session begins with, as far as it can be written; the rest is the model's own."""
+    return _kept("start", start, vertex_count, left_out) or {}
+
+
+def tell_left_out(left_out: list[str], tell: Callable) -> None:
+    """Say what was left out, if anything was."""
+    if left_out:
+        more = len(left_out) - SHOWN
+        shown = ", ".join(left_out[:SHOWN]) + f" and {more} more" * (more > 0)
+        tell(f"no session can have {shown}: left out, all the rest is kept")
+
+
+def _kept(name, arguments, vertex_count, left_out):
+    """The arguments that a reader takes; None if without the others there is no such edit."""
+    optional = name in ("start", "view")
+    if not optional and name not in EDITS:
+        left_out.append(f"{name!r}"[:LONGEST_VALUE])
+        return None
+    arguments = {key: _finite(key, value) for key, value in arguments.items()}
+    bad = bad_arguments(name, arguments, vertex_count)
+    if not bad:
+        return arguments
+    left_out += [f"{name} {key} = {arguments[key]!r}"[:LONGEST_VALUE] for key in bad]
+    kept = {key: value for key, value in arguments.items() if key not in bad}
+    return kept if kept and (optional or EDITS[name].any_names) else None
+
+
+def _finite(key, value):
+    """JSON has no infinity; what may be infinite is then None."""
+    return None if key in MAY_BE_INFINITE and value == math.inf else value
