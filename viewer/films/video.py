@@ -184,8 +184,8 @@ class VideoWriter:
             self._queue_pending(until=max(self._now(), self._pending[1] + 1), wait=True)
         self._queue.put(None)
         self._thread.join()
-        if not self.frame_count:  # an older file is better than an empty one
-            self.part.unlink(missing_ok=True)
+        if not self.frame_count and self.part.exists():  # an older file is better than an empty one
+            self.part.unlink()
             raise RuntimeError(f"{self.path} was not written: it would have no frame")
         if self._error:
             self.part.unlink(missing_ok=True)
