@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.viewer.scene import Scene
+from deformrf.viewer.sessions import save_session, start_of
+
 
 def frames_of(path):
     with av.open(str(path)) as container:
@@ -97,3 +100,17 @@ def test_a_disk_that_is_full_leaves_no_broken_file(ball_file, tmp_path, name):
     assert line == err.splitlines()[-1]  # which the viewer shows
     left = [p for p in tmp_path.rglob("*") if p.is_file()]
     assert left == []
+
+
+@pytest.mark.gl
+def test_a_film_that_ends_before_its_first_frame_says_one_sentence(ball, ball_file, tmp_path):
+    """Why: the viewer shows the last line."""
+    scene = Scene(ball, "ball", "cpu")
+    path = save_session(scene, start_of(scene), tmp_path / "s.jsonl")
+    with path.open("a") as file:
+        file.write('[0, "rest_bones", {"bones": [0]}]\n')
+    done = started(ball_file, "--session", path, "--size", "64x48", "-o", tmp_path / "a.mp4")
+    _, err = done.communicate(timeout=60)
+    assert done.returncode > 0
+    (line,) = [line for line in err.splitlines() if not line.startswith("Warp")]
+    assert "no bone 0" in line and list(tmp_path.iterdir()) == [path]
