@@ -1,7 +1,7 @@
 """Programs that write a film: deformrf-render of a turn and a session, and deformrf-view."""
 
 import av
-from fuzz_models import small_models
+from fuzzing.models import small_models
 
 from deformrf.core.field import load
 from deformrf.viewer.scene import Scene

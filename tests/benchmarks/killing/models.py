@@ -1,7 +1,7 @@
 """Programs that write a model: saving, deformrf-edit, deformrf-rig import and bind."""
 
 import numpy as np
-from fuzz_models import small_models
+from fuzzing.models import small_models
 
 from deformrf.core import rig as rigs
 from deformrf.core.field import load, save

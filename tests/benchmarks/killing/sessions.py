@@ -3,7 +3,7 @@
 import os
 import signal
 
-from fuzz_models import small_models
+from fuzzing.models import small_models
 
 from deformrf.core.field import load
 from deformrf.viewer.sessions import left_behind, load_session

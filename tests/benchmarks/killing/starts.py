@@ -4,7 +4,7 @@ import subprocess
 import sys
 import time
 
-from fuzz_models import small_models
+from fuzzing.models import small_models
 
 from .kinds import CAUGHT, Signals
 from .trainings import write_data

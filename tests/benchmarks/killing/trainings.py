@@ -4,7 +4,7 @@ import json
 import re
 
 import numpy as np
-from fuzz_models import small_models
+from fuzzing.models import small_models
 from PIL import Image
 
 from deformrf.core.field import load
