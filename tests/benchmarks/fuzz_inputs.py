@@ -38,6 +38,9 @@ KINDS = {  # name: (module of fuzzing, class)
     "preferences": ("user_files", "Preferences"),
     "camera_paths": ("user_files", "CameraPaths"),
     "works": ("user_files", "Works"),
+    "same_colmap": ("same", "SameColmap"),
+    "same_paths": ("same", "SamePaths"),
+    "same_cameras": ("same", "SameCameras"),
 }
 
 
@@ -58,12 +61,14 @@ def again(folder: Path) -> int:
 
 def table(summaries):
     """Lines of the figures of each kind."""
-    yield f"{'kind':14s}{'mutants':>9s}{'accepted':>9s}{'refused':>9s}{'faults':>8s}  slowest  largest"
+    heads = "mutants", "accepted", "refused", "faults"
+    yield f"{'kind':14s}" + "".join(f"{head:>9s}" for head in heads) + "  slowest   largest"
     for one in summaries:
         counts = one.mutants, one.accepted, one.refused, one.faults.total()
         yield (
-            f"{one.kind:14s}{counts[0]:9d}{counts[1]:9d}{counts[2]:9d}{counts[3]:8d}"
-            f"{one.slowest[0]:7.2f} s{one.largest[0]:6.0f} MB"
+            f"{one.kind:14s}"
+            + "".join(f"{count:9d}" for count in counts)
+            + f"{one.slowest[0]:7.2f} s{one.largest[0]:7.0f} MB"
         )
 
 

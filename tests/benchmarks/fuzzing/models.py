@@ -1,6 +1,5 @@
 """Model files: their bytes, `meta`, arrays; what is loaded is drawn in 8x8 pixels, and posed."""
 
-import io
 import json
 from dataclasses import replace
 

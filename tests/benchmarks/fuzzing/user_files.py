@@ -110,7 +110,7 @@ class Works:
             data = (work / "000000.npz").read_bytes()
             (work / "000000.npz").write_bytes(with_bytes(rng, data))
         if rng.random() < 0.7:
-            name = ["thesis.txt", "000009.npz", "features.db-old", "a/b.txt"][rng.integers(4)]
+            name = ["thesis.txt", "features.db-old", "a/b.txt"][rng.integers(3)]
             (work / name).parent.mkdir(exist_ok=True)
             (work / name).write_text("years of work")
         return f"work.json {kind}"
