@@ -32,7 +32,7 @@ endif
 help:
 	@echo "make demo   open the bundled model (set-up included: what viewing needs)"
 	@echo "make test   run the tests (set-up included; PYTEST_ARGS='-k camera' for some of them)"
-	@echo "make soak   run the tests with new random inputs, read damaged files, kill commands (ten minutes more)"
+	@echo "make soak   run the tests with new random inputs, read damaged files, kill commands (twenty minutes more)"
 	@echo "make random-use   a million frames of random use of the solver (some ten minutes)"
 	@echo "make lint   check style and formatting"
 	@echo "make kernels   compile the CUDA kernels that are shipped compiled, after a change of them"
@@ -68,8 +68,8 @@ soak: venv
 	echo "Random inputs of seed $$seed; to repeat this run: $$again"; \
 	DEFORMRF_TEST_SEED=$$seed $(MAKE) --no-print-directory test PYTEST_ARGS='$(PYTEST_ARGS)' \
 	|| { echo "To repeat this run: $$again"; exit 1; }; \
-	$(BIN)/python tests/benchmarks/fuzz_models.py --seconds 120 --seed $$seed && \
-	$(BIN)/python tests/benchmarks/fuzz_inputs.py --seconds 120 --seed $$seed && \
+	$(BIN)/python tests/benchmarks/fuzz_inputs.py --put-back && \
+	$(BIN)/python tests/benchmarks/fuzz_inputs.py --seconds 600 --seed $$seed && \
 	$(BIN)/python tests/benchmarks/kills.py --count 10 --seed $$seed && \
 	$(BIN)/python tests/benchmarks/shortages.py
 

@@ -200,15 +200,16 @@ class Worker:
             return f"more than {LONGEST:.0f} s"
         return "blocked" if time.monotonic() - self.now["clock"] > BLOCKED else ""
 
-    def end(self) -> int:
-        """Kill it; returns the signal that ended it before, or 0."""
+    def end(self) -> str:
+        """Kill it, unless it has ended; says how it ended."""
         try:
             os.kill(self.pid, signal.SIGKILL)
         except ProcessLookupError:
             pass
         _, how = os.waitpid(self.pid, 0)
         os.close(self.pipe)
-        return os.WTERMSIG(how) if os.WIFSIGNALED(how) else 0
+        signaled = os.WIFSIGNALED(how)
+        return f"signal {os.WTERMSIG(how)}" if signaled else f"exit {os.WEXITSTATUS(how)}"
 
     def place(self) -> str:
         """Where in the program it is, by its own word."""
@@ -273,10 +274,10 @@ def run(make_kind, name, seed, folder: Path, seconds, most=None, until_fault=Fal
             limit = "" if messages is None else worker.beyond()
             if messages is None or limit:
                 place = worker.place() if limit else worker.frames()
-                number_of_signal, log = worker.end(), worker.log.read_text(errors="replace")[-3000:]
+                ended, log = worker.end(), worker.log.read_text(errors="replace")[-3000:]
                 if worker.now is None:
                     raise RuntimeError(f"the worker of {name} ended: {limit} {log}")
-                said = limit or f"signal {number_of_signal}"
+                said = limit or ended
                 _count(summary, _killed(worker, said, place, log), worker, folder, seed)
                 number = worker.now["begin"] + 1
                 shutil.rmtree(worker.folder, ignore_errors=True)
