@@ -103,7 +103,7 @@ def test_a_mutant_is_made_of_its_seed_kind_and_number(fuzzing, tmp_path):
 
 def test_damage_knows_where_counts_and_parts_are(fuzzing):
     damage, colmap = fuzzing("damage"), fuzzing("colmap")
-    whole, rng = colmap.binary_points(), np.random.default_rng()
+    whole, rng = colmap.binary_files()["points3D.bin"], np.random.default_rng()
     lengths, counts = set(), set()
     for _ in range(300):
         data, what = damage.with_structure(rng, whole, b"other")

@@ -28,7 +28,7 @@ import deformrf.core
 
 ROOT = Path(deformrf.core.__file__).resolve().parents[1]
 LONGEST = 5.0  # s of processor time that a mutant may take
-BLOCKED = 40.0  # s on the clock, for what waits and computes nothing
+BLOCKED = 20.0  # s on the clock in which nothing was computed
 MOST_MEMORY = 500  # MB beyond what the worker had before
 MOST_ADDRESSES = 6000  # MB: what even the watcher would see too late
 LONGEST_SENTENCE = 600  # characters, without the folder's name
@@ -198,7 +198,11 @@ class Worker:
             return f"more than {MOST_MEMORY} MB"
         if self.seconds > LONGEST:
             return f"more than {LONGEST:.0f} s"
-        return "blocked" if time.monotonic() - self.now["clock"] > BLOCKED else ""
+        now, (before, since) = time.monotonic(), self.now.setdefault("computed", (0.0, 0.0))
+        if self.seconds > before + 1.0 / TICKS or not since:
+            self.now["computed"] = self.seconds, now
+            return ""
+        return "blocked" if now - since > BLOCKED else ""
 
     def end(self) -> str:
         """Kill it, unless it has ended; says how it ended."""
@@ -266,7 +270,7 @@ def run(make_kind, name, seed, folder: Path, seconds, most=None, until_fault=Fal
                 if "failed" in message:
                     raise RuntimeError(message["failed"])
                 if "begin" in message:
-                    worker.now = message | {"clock": time.monotonic()}
+                    worker.now = message
                 else:
                     _count(summary, message, worker, folder, seed)
                     number, worker.now = message["end"] + 1, None
