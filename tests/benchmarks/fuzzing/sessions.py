@@ -9,103 +9,22 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from random_edits import random_events
 
 from deformrf.core.field import load
 from deformrf.core.paths import DEFAULT_MODEL
-from deformrf.core.render import MODES
-from deformrf.core.rig import METHODS
 from deformrf.viewer.films.film import Film, with_timeline
-from deformrf.viewer.history import EDITS
-from deformrf.viewer.rigging import ENDS
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Player, SessionError, load_session, save_session, start_of
 from deformrf.viewer.sessions.autosave import left_behind
-from deformrf.viewer.sessions.session_values import ANY_NAMES, ORBIT, VIEW, is_good
-from deformrf.viewer.settings import SURFACES
-from deformrf.viewer.timeline import EASINGS, MOTIONS, TRACKS
 
 from .damage import with_text, with_values
 from .models import small_models
 
 MOST_TICKS = 120  # of sessions that are made here
 MOST_EDITS = 25
-TRIES = 30  # for a value that an edit can have
 REPLAYS = 12  # of a session without the edits that the model can't take
-CHOICES = {  # of an argument's name: values among which some are allowed
-    "mode": list(MODES),
-    "mesh_surface": list(SURFACES),
-    "track": list(TRACKS),
-    "easing": list(EASINGS),
-    "motion": list(MOTIONS),
-    "end": list(ENDS),
-    "clip": ["turn", "stay", "new", "c" * 100],
-    "method": list(METHODS),
-    "name": ["a", "b", "front", "ä" * 60],
-    "text": ["", "a", "b", "é"],
-    "parent": [-1, 0, 1, 5],
-    "bone": [-1, 0, 1, 2, 199],
-    "height": [None, 0.0, -1.0, 1000.0],
-    "yield_strain": [None, 1e-6, 0.1, 1e6],
-    "orbit": [None, "orbit"],
-    "view": ["orbit"],
-    "up": [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]],
-    "weights": [[1.0, 0.0, 0.0, 0.0], [0.25] * 4, [0.5, 0.5, 0.0, 0.0]],
-    "rotation": [[0.0, 0.0, 0.0], [0.0, 3.14, 0.0], [1000.0, 0.0, 0.0]],
-}
-
-
-def some_value(rng, name, key, vertices, bones=2):
-    """A value that an edit's argument may have, or that the checks of sessions refuse."""
-    if key in CHOICES:
-        found = CHOICES[key][rng.integers(len(CHOICES[key]))]
-        return {k: some_value(rng, name, k, vertices) for k in ORBIT} if found == "orbit" else found
-    count = int(rng.choice([0, 1, 2, 3, 10]))
-    if key in ("others", "ids", "pins"):
-        return rng.integers(0, vertices + (0 if key == "pins" else 20), count).tolist()
-    if key == "tets":
-        return rng.integers(0, 70, count).tolist()
-    if key == "masks":
-        return ["ffffffffffffffff" if rng.random() < 0.5 else "0" * 16] * count
-    if key == "corners":
-        return rng.integers(0, vertices, 4).tolist()
-    if key == "bones":
-        return rng.integers(0, bones + 1, count).tolist()
-    if key == "rotations":
-        turns = rng.normal(size=(count, 4))
-        return (turns / np.linalg.norm(turns, axis=1, keepdims=True)).tolist()
-    if key == "vertex":
-        return int(rng.integers(0, vertices + 20))
-    if key in ("point", "to", "head", "tail", "towards_eye", "target", "background"):
-        return (rng.normal(size=3) * 10.0 ** rng.integers(-3, 4)).tolist()
-    kind = int(rng.integers(7))
-    if kind == 0:
-        return bool(rng.random() < 0.5)
-    if kind == 1:
-        return int(rng.choice([0, 1, 2, 3, 10, 100, 1000, 36000]))
-    if kind == 2:
-        return float(rng.choice([0.0, 1e-6, 1e-3, 0.1, 0.4999, 1.0, 1e3, 1e6, 1e12]))
-    return float(rng.normal() * 10.0 ** rng.integers(-3, 5))
-
-
-def some_edit(rng, vertices):
-    """[name, arguments] of an edit that the checks of sessions allow."""
-    name = [*EDITS, "view"][rng.integers(len(EDITS) + 1)]
-    names = VIEW if name == "view" else ANY_NAMES.get(name, EDITS[name].parameters)
-    if name == "view" or EDITS[name].any_names:
-        names = rng.choice(names, int(rng.integers(len(names) + 1)), replace=False).tolist()
-    arguments = {}
-    for key in names:
-        for _ in range(TRIES):
-            value = some_value(rng, name, key, vertices)
-            try:
-                if is_good(name, key, value, vertices):
-                    arguments[key] = value
-                    break
-            except (KeyError, TypeError):
-                pass
-        else:
-            return some_edit(rng, vertices)
-    return [name, arguments]
+LONG = 5_184_000, 1_000_000, 100_000  # ticks: a day
 
 
 class Sessions:
@@ -128,10 +47,12 @@ class Sessions:
         name = list(self.fields)[min(int(rng.integers(6)), 5) % len(self.fields)]
         lines, kind = self.lines[name], int(rng.integers(10))
         if kind <= 5:
-            lines = [dict(lines[0]), *self._edits(rng, self.fields[name].mesh.vertex_count)]
-            lines[0]["ticks"] = int(rng.choice([0, lines[-1][0], MOST_TICKS]))
+            mesh, count = self.fields[name].mesh, int(rng.integers(1, MOST_EDITS))
+            events = random_events(rng, mesh.vertex_count, mesh.tet_count, count, MOST_TICKS)
+            lines = [dict(lines[0]), *events]
+            lines[0]["ticks"] = int(rng.choice([0, events[-1][0], MOST_TICKS]))
             if kind == 0:
-                lines[0]["ticks"] = int(rng.choice([5_184_000, 1_000_000, 30_000]))
+                lines[0]["ticks"] = int(rng.choice(LONG))
             if rng.random() < 0.3:
                 lines[0]["start"] = with_values(rng, lines[0]["start"] or {"pins": []})
             what = "allowed edits: " + ", ".join(line[1] for line in lines[1:])
@@ -143,12 +64,6 @@ class Sessions:
             return what
         self._write(folder, name, lines)
         return what
-
-    def _edits(self, rng, vertices):
-        tick = 0
-        for _ in range(int(rng.integers(1, MOST_EDITS))):
-            tick = min(tick + int(rng.choice([0, 0, 1, 5, 20])), MOST_TICKS)
-            yield [tick, *some_edit(rng, vertices)]
 
     def _write(self, folder, name, lines):
         text = "\n".join(map(json.dumps, lines)) + "\n"
