@@ -18,7 +18,7 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
-from fuzzing import watch
+from fuzzing import old_faults, watch
 
 KINDS = {  # name: (module of fuzzing, class)
     "transforms": ("datasets", "Transforms"),
@@ -59,6 +59,18 @@ def again(folder: Path) -> int:
     return found[0] == "fault"
 
 
+def put_back(folder: Path, seed: int, seconds: float, names) -> int:
+    """Look for each fault that the program once had; the exit code."""
+    chosen = [one for one in old_faults.FAULTS if not names or one.name in names]
+    makers, lost = {one.kind: maker(one.kind) for one in chosen}, 0
+    for one in chosen:
+        found, mutants, took = old_faults.find(one, makers[one.kind], seed, folder, seconds)
+        lost += not found
+        words = f"{mutants} mutants, {took:.1f} s: {found}" if found else f"NOT FOUND ({took})"
+        print(f"{one.name:24s} {one.kind:14s} {words}", flush=True)
+    return bool(lost)
+
+
 def table(summaries):
     """Lines of the figures of each kind."""
     heads = "mutants", "accepted", "refused", "faults"
@@ -82,13 +94,18 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kind", action="append", choices=KINDS, help="again for several")
     parser.add_argument("--again", type=Path, metavar="FOLDER", help="a mutant that was kept")
+    parser.add_argument(
+        "--put-back", nargs="*", metavar="NAME", help="find faults that the program once had"
+    )
     parser.add_argument("--out", type=Path, help="figures and faults as JSON")
     arguments = parser.parse_args()
     if arguments.again:
         sys.exit(again(arguments.again.resolve()))
     folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
-    chosen = arguments.kind or list(KINDS)
     print(f"seed {arguments.seed}, mutants with faults in {folder}", flush=True)
+    if arguments.put_back is not None:
+        sys.exit(put_back(folder, arguments.seed, arguments.seconds, arguments.put_back))
+    chosen = arguments.kind or list(KINDS)
     summaries = []
     for name in chosen:
         make, seconds = maker(name), arguments.seconds / len(chosen)
@@ -97,6 +114,8 @@ def main():
         for fault, count in summary.faults.most_common():
             place, what, _ = summary.kept[fault][0]
             print(f"{name}: {count} times {fault}; {place}: {what}", flush=True)
+        for fault, count in summary.told.most_common():
+            print(f"{name}: {count} refusals of {fault}", flush=True)
         if arguments.out:
             about = {"seed": arguments.seed, "kinds": [as_json(one) for one in summaries]}
             arguments.out.write_text(json.dumps(about, indent=1), encoding="utf-8")

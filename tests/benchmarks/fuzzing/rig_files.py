@@ -90,7 +90,7 @@ def _many_channels(rng, parts, blob):
     """Channels of all bones that share one long table of keys, in one animation or in several."""
     if rng.random() < 0.5:
         blob, _ = _many_bones(rng, parts, blob)
-    keys, count = int(rng.choice([100, 10_000, 100_000])), int(rng.choice([6, 200, 1000]))
+    keys, count = int(rng.choice([100, 10_000, 100_000])), int(rng.choice([6, 500, 1000]))
     times = np.arange(keys, dtype="f4") / 24.0
     turns = np.tile(np.float32([0, 0, 0, 1]), (keys, 1))
     first, blob = _accessor(parts, blob, times, "SCALAR", min=[0.0], max=[float(times[-1])])
@@ -203,6 +203,7 @@ def _morphs(rng, parts, blob):
 
 
 MULTIPLIED = [_many_channels, _chain, _many_bones, _many_parts, _sparse, _huge, _morphs]
+MULTIPLIED += [_many_channels, _chain]  # twice as often
 
 
 class Rigs:

@@ -27,8 +27,9 @@ import numpy as np
 import deformrf.core
 
 ROOT = Path(deformrf.core.__file__).resolve().parents[1]
+OWN = type(None), ValueError, OSError  # what may be behind a refusal: its words are ours
 LONGEST = 5.0  # s of processor time that a mutant may take
-BLOCKED = 20.0  # s on the clock in which nothing was computed
+BLOCKED = 10.0  # s on the clock in which nothing was computed
 MOST_MEMORY = 500  # MB beyond what the worker had before
 MOST_ADDRESSES = 6000  # MB: what even the watcher would see too late
 LONGEST_SENTENCE = 600  # characters, without the folder's name
@@ -48,6 +49,7 @@ class Summary:
 
     Attributes:
         faults: How many mutants had each fault, by what is the same of them.
+        told: Refusals behind which there was another error than one of the program's own.
         kept: For each fault, mutants that were kept: (folder, what was done to it, details).
         slowest, largest: The largest value, and which mutant it was.
     """
@@ -56,6 +58,7 @@ class Summary:
     accepted: int = 0
     refused: int = 0
     faults: Counter = field(default_factory=Counter)
+    told: Counter = field(default_factory=Counter)
     kept: dict = field(default_factory=dict)
     slowest: tuple = (0.0, "")
     largest: tuple = (0.0, "")
@@ -98,7 +101,9 @@ def outcome(kind, folder: Path) -> tuple[str, str, str]:
             reason = reason if plain.strip() else "empty"
             fault = f"{reason} sentence: {type(error).__name__} {where(error)}"
             return "fault", fault, sentence[:3000]
-        return "refused", "", sentence
+        cause = error.__cause__
+        behind = "" if isinstance(cause, OWN) else f"{type(cause).__name__} {where(cause)}"
+        return "refused", behind, sentence
     except BaseException as error:
         return "fault", f"{type(error).__name__} {where(error)}", traceback.format_exc()[-3000:]
 
@@ -251,12 +256,13 @@ def _child(make_kind, name, seed, first, folder, reading, writing):
         os._exit(0)
 
 
-def run(make_kind, name, seed, folder: Path, seconds, most=None, until_fault=False, first=0):
+def run(make_kind, name, seed, folder: Path, seconds, most=None, until=None, first=0):
     """Read mutants of a kind for so many seconds, or until there are `most`; returns a Summary.
 
     Args:
         make_kind: Makes the kind in a folder of its own; called in the worker.
         folder: Where mutants with faults are kept.
+        until: A function of the Summary: whether it is enough.
     """
     summary, start, number, worker = Summary(name), time.monotonic(), first, None
     turn = 0
@@ -287,7 +293,7 @@ def run(make_kind, name, seed, folder: Path, seconds, most=None, until_fault=Fal
                 shutil.rmtree(worker.folder, ignore_errors=True)
                 worker = None
             done = time.monotonic() - start > seconds or (most and summary.mutants >= most)
-            if done or (until_fault and summary.faults):
+            if done or (until and until(summary)):
                 break
     finally:
         if worker is not None:
@@ -316,6 +322,8 @@ def _count(summary, message, worker, folder, seed):
     summary.largest = max(summary.largest, (message["grown"], f"{number}: {what}"))
     if message["result"] != "fault":
         setattr(summary, message["result"], getattr(summary, message["result"]) + 1)
+        if message["fault"]:
+            summary.told[message["fault"]] += 1
         return
     fault = message["fault"]
     summary.faults[fault] += 1

@@ -1,0 +1,239 @@
+"""Faults that the program once had, put back one by one: the fuzzers have to find each.
+
+What is put back is the old behavior, simplified: a check that is gone, a limit that is none, the
+function as it was.  Each runs in a process of its own, until its fault is found.
+"""
+
+import importlib
+import json
+import math
+import os
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from . import watch
+
+ENDLESS = 2**62
+
+
+@dataclass(frozen=True)
+class OldFault:
+    """One fault.
+
+    Attributes:
+        kind: Of mutants that find it.
+        put_back: Changes the program in this process.
+        signs: Words of which the watcher's name of the fault has one.
+    """
+
+    name: str
+    kind: str
+    put_back: Callable
+    signs: tuple[str, ...]
+
+
+def module(name):
+    return importlib.import_module(f"deformrf.{name}")
+
+
+def exchange(old, new):
+    """Put a function in the place of another one, in all modules that have it."""
+    places = [
+        (one, name)
+        for one in list(sys.modules.values())
+        if getattr(one, "__name__", "").startswith("deformrf.")
+        for name, value in vars(one).items()
+        if value is old
+    ]
+    assert places, f"{old} is nowhere"
+    for place, name in places:
+        setattr(place, name, new)
+
+
+def points_by_numpy():
+    """points.npz as NumPy reads it: what it declares is taken, and some errors come through."""
+    points = module("core.capture.points")
+
+    def load_points(folder):
+        path = Path(folder) / points.POINTS_FILE
+        if not path.is_file():
+            return None
+        try:
+            with np.load(path) as archive:
+                return points.SparsePoints(**{name: archive[name] for name in points.SHAPES})
+        except (OSError, ValueError, KeyError, EOFError, AssertionError):
+            raise ValueError(f"{path} holds no sparse points") from None
+
+    exchange(points.load_points, load_points)
+
+
+def points_by_pycolmap():
+    """points3D.bin as pycolmap reads it: as many points as it counts."""
+    import pycolmap
+
+    files = module("core.training.data.colmap_files")
+
+    def read_points(path):
+        try:
+            found = pycolmap.Reconstruction(str(path.parent)).points3D.values()
+        except Exception as error:
+            raise files.DatasetError("pycolmap can't read it") from error
+        return np.array([point.xyz for point in found]).reshape(-1, 3)
+
+    exchange(files.read_points, read_points)
+
+
+def names_end_at_spaces():
+    """COLMAP's text, whose names were cut at the first space."""
+    files = module("core.training.data.colmap_files")
+    old = files.fields_of
+
+    def fields_of(number, line, count, form):
+        fields, rest = old(number, line, count, form)
+        return fields, rest.split()[0] if form == files.IMAGE_FIELDS else rest
+
+    exchange(old, fields_of)
+
+
+def paths_as_they_are():
+    """Paths of another machine, which nobody looked for."""
+    paths = module("core.training.data.foreign_paths")
+    paths._Nearby.like = lambda self, name, source: None
+
+
+def lens_of_the_root():
+    """A film along a data set's cameras, with what the file's root says of their lens."""
+    module("viewer.films.camera_path")._is_data_set = lambda read: False
+
+
+def rest_without_bones():
+    """The edit "rest_bones" of a model without bones, and errors that come through."""
+    posing, player = module("viewer.rigging.posing"), module("viewer.sessions.player")
+
+    def rest_bones(self, bones):
+        return self._rigging.skeleton.rest_pose
+
+    @contextmanager
+    def told(self):
+        try:
+            yield
+        except ValueError as error:
+            raise player.SessionError(f"it can't be played: {error:.200}") from error
+
+    posing.Posing.rest_bones, player.Player._told = rest_bones, told
+
+
+def a_day_at_once():
+    """A session of a day, played without a pause."""
+    player = module("viewer.sessions.player").Player
+    old = player.play_to
+    player.play_to = lambda self, tick, seconds=math.inf: old(self, tick)
+
+
+def keys_without_end():
+    """A glTF file's channels that share keys, which each took its own copy of."""
+    for name in ("gltf", "gltf_file"):
+        one = module(f"core.rig.{name}")
+        for limit in ("MOST_CHANNELS", "MOST_KEYS", "MOST_NUMBERS", "MOST_VALUES"):
+            if hasattr(one, limit):
+                setattr(one, limit, ENDLESS)
+
+
+def chains_walked_for_each_bone():
+    """A glTF file's nodes, of which each bone walked through all above it."""
+    nodes = module("core.rig.gltf_nodes")
+    old = nodes.placed
+
+    def placed(gltf, tree, bones):
+        for bone in bones:
+            matrix, node = np.eye(4), bone
+            while node >= 0:
+                matrix, node = np.eye(4) @ matrix, tree.parents[node]
+        return old(gltf, tree, bones)
+
+    exchange(old, placed)
+
+
+def values_printed_whole():
+    """A checkpoint's options, printed however long they are."""
+    checks = module("core.training.run.checkpoint_checks")
+    exchange(checks.check_content, lambda content, most: None)
+    checks.shown = repr
+
+
+def work_removed_whole():
+    """The folder of work on photographs, removed with all that is in it."""
+    work = module("core.capture.work")
+    work.Work.remove = lambda self: not shutil.rmtree(self.folder)
+    old = work.held
+    exchange(old, lambda folder: old(folder) if folder.exists() and old(folder) else {})
+
+
+def video_without_codec():
+    """A video's width, asked for before it is known that there is a decoder."""
+    video = module("core.capture.video")
+    old = video.frames_of
+
+    def frames_of(path, advance):
+        with video.av.open(str(path), metadata_errors="replace") as container:
+            sizes = [stream.width for stream in container.streams.video]
+        assert all(side > 0 for side in sizes)
+        yield from old(path, advance)
+
+    exchange(old, frames_of)
+
+
+FAULTS = [
+    OldFault("points.npz of NumPy", "points", points_by_numpy, ("points", "500 MB")),
+    OldFault("counts of points3D.bin", "colmap", points_by_pycolmap, ("5 s", "500 MB")),
+    OldFault("names with spaces", "same_colmap", names_end_at_spaces, ("Images", "set of")),
+    OldFault("foreign paths", "same_paths", paths_as_they_are, ("Images", "set of", "Dataset")),
+    OldFault("the film's lens", "same_cameras", lens_of_the_root, ("rays", "CameraPath")),
+    OldFault("rest_bones", "sessions", rest_without_bones, ("rest_bones",)),
+    OldFault("a session of a day", "sessions", a_day_at_once, ("5 s",)),
+    OldFault("shared keys", "gltf", keys_without_end, ("5 s", "500 MB")),
+    OldFault("chains of nodes", "gltf", chains_walked_for_each_bone, ("5 s",)),
+    OldFault("lists that double", "checkpoints", values_printed_whole, ("5 s", "500 MB")),
+    OldFault("a user's folder", "works", work_removed_whole, ("file is gone",)),
+    OldFault("an unknown codec", "videos", video_without_codec, ("AttributeError",)),
+]
+
+
+def find(fault: OldFault, make_kind, seed, folder: Path, seconds):
+    """Put a fault back in a forked process, and look for it.
+
+    Returns:
+        Its name by the watcher, empty if it was not found; mutants, and seconds that it took.
+    """
+    reading, writing = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            said = _look_for(fault, make_kind, seed, folder, seconds)
+        except BaseException as error:
+            said = ["", 0, repr(error)]
+        os.write(writing, json.dumps(said).encode())
+        os._exit(0)
+    os.close(writing)
+    with open(reading, "rb") as file:
+        said = json.loads(file.read())
+    os.waitpid(pid, 0)
+    return said
+
+
+def _look_for(fault, make_kind, seed, folder, seconds):
+    fault.put_back()
+    start = time.monotonic()
+
+    def found(summary):
+        return [one for one in summary.faults if any(sign in one for sign in fault.signs)]
+
+    summary = watch.run(make_kind, fault.kind, seed, folder, seconds, until=found)
+    return [(found(summary) or [""])[0], summary.mutants, time.monotonic() - start]
