@@ -6,7 +6,6 @@ function as it was.  Each runs in a process of its own, until its fault is found
 
 import importlib
 import json
-import math
 import os
 import shutil
 import sys
@@ -31,12 +30,14 @@ class OldFault:
         kind: Of mutants that find it.
         put_back: Changes the program in this process.
         signs: Words of which the watcher's name of the fault has one.
+        first: With seed 0, a mutant not long before one that finds it.
     """
 
     name: str
     kind: str
     put_back: Callable
     signs: tuple[str, ...]
+    first: int = 0
 
 
 def module(name):
@@ -125,16 +126,26 @@ def rest_without_bones():
         try:
             yield
         except ValueError as error:
-            raise player.SessionError(f"it can't be played: {error:.200}") from error
+            raise player.SessionError(f"it can't be played: {error}") from error
 
     posing.Posing.rest_bones, player.Player._told = rest_bones, told
 
 
 def a_day_at_once():
-    """A session of a day, played without a pause."""
-    player = module("viewer.sessions.player").Player
-    old = player.play_to
-    player.play_to = lambda self, tick, seconds=math.inf: old(self, tick)
+    """A session of a day, played tick by tick without a pause."""
+
+    def play_to(self, tick, seconds=None):
+        journal, events = self.scene.journal, self.session.events
+        with self._told():
+            while journal.tick < tick or self._made < len(events):
+                if self._made < len(events) and events[self._made].tick <= journal.tick:
+                    self._made += 1
+                    self._make(events[self._made - 1])
+                else:
+                    self.scene.tick()
+        return True
+
+    module("viewer.sessions.player").Player.play_to = play_to
 
 
 def keys_without_end():
@@ -193,7 +204,9 @@ def video_without_codec():
 FAULTS = [
     OldFault("points.npz of NumPy", "points", points_by_numpy, ("points", "500 MB")),
     OldFault("counts of points3D.bin", "colmap", points_by_pycolmap, ("5 s", "500 MB")),
-    OldFault("names with spaces", "same_colmap", names_end_at_spaces, ("Images", "set of")),
+    OldFault(
+        "names with spaces", "same_colmap", names_end_at_spaces, ("Images", "set of", "Dataset")
+    ),
     OldFault("foreign paths", "same_paths", paths_as_they_are, ("Images", "set of", "Dataset")),
     OldFault("the film's lens", "same_cameras", lens_of_the_root, ("rays", "CameraPath")),
     OldFault("rest_bones", "sessions", rest_without_bones, ("rest_bones",)),
@@ -210,7 +223,7 @@ def find(fault: OldFault, make_kind, seed, folder: Path, seconds):
     """Put a fault back in a forked process, and look for it.
 
     Returns:
-        Its name by the watcher, empty if it was not found; mutants, and seconds that it took.
+        Its name by the watcher, empty if it was not found; the last mutant's number, and seconds.
     """
     reading, writing = os.pipe()
     pid = os.fork()
@@ -218,7 +231,7 @@ def find(fault: OldFault, make_kind, seed, folder: Path, seconds):
         try:
             said = _look_for(fault, make_kind, seed, folder, seconds)
         except BaseException as error:
-            said = ["", 0, repr(error)]
+            said = ["", 0, str(error)]
         os.write(writing, json.dumps(said).encode())
         os._exit(0)
     os.close(writing)
@@ -235,5 +248,7 @@ def _look_for(fault, make_kind, seed, folder, seconds):
     def found(summary):
         return [one for one in summary.faults if any(sign in one for sign in fault.signs)]
 
-    summary = watch.run(make_kind, fault.kind, seed, folder, seconds, until=found)
-    return [(found(summary) or [""])[0], summary.mutants, time.monotonic() - start]
+    first = fault.first if seed == 0 else 0
+    summary = watch.run(make_kind, fault.kind, seed, folder, seconds, until=found, first=first)
+    last = first + summary.mutants - 1
+    return [(found(summary) or [""])[0], last, round(time.monotonic() - start, 1)]
