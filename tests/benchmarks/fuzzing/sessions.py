@@ -15,6 +15,7 @@ from random_edits import random_events
 from deformrf.core.field import load
 from deformrf.core.paths import DEFAULT_MODEL
 from deformrf.viewer.films.film import Film, with_timeline
+from deformrf.viewer.history import begin_anew, unless_it_fails
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Player, SessionError, load_session, save_session, start_of
 from deformrf.viewer.sessions.autosave import left_behind
@@ -80,36 +81,36 @@ class Sessions:
         assert np.isfinite(scene.positions).all(), "positions are not finite"
         start = start_of(Scene(field, "small", "cpu")) | session.header["start"]
         saved = save_session(scene, start, folder / "saved.jsonl")
-        assert load_session(saved, field).ticks == scene.journal.tick
-
-
-def play(player, ticks):
-    """Play until a tick, in batches as the window does, which a user could end: here PATIENCE."""
-    if not hasattr(player, "batches"):
-        player.play_to(ticks)
-        return
-    start = time.process_time()
-    for _ in player.batches(ticks):
-        if time.process_time() - start > PATIENCE:
-            break
+        assert load_session(saved, field).ticks == scene.journal.tick, "another length"
 
 
 def played(field, session):
     """A scene in which a session was played; an edit that is refused is left out of the next try.
 
+    As in the window, it is played in batches, and a refusal leaves the scene as it was.  A user
+    could end what takes long: here that is after PATIENCE.
+
     Raises:
         SessionError: Its start is refused, or too many edits are.
     """
+    scene, begin = Scene(field, "small", "cpu"), time.process_time()
     for tries in range(REPLAYS):
-        scene = Scene(field, "small", "cpu")
-        player = Player(scene, session)
+        made = 0
         try:
-            play(player, session.ticks)
+            with unless_it_fails(scene):
+                begin_anew(scene)
+                player = Player(scene, session)
+                try:
+                    for _ in player.batches(session.ticks):
+                        if time.process_time() - begin > PATIENCE:
+                            break
+                finally:
+                    made = player._made
             return scene
         except SessionError:
-            if tries == REPLAYS - 1:
+            if not made or tries == REPLAYS - 1 or time.process_time() - begin > PATIENCE:
                 raise
-            events = session.events[: player._made] + session.events[player._made + 1 :]
+            events = session.events[: made - 1] + session.events[made:]
             session = replace(session, events=events)
 
 
@@ -144,8 +145,8 @@ class Takes(Sessions):
         for frame in range(min(film.count, 4)):
             film.show(frame)
             for camera, vertices in film.moments(frame, (8, 8), 2, 0.5):
-                assert np.isfinite(camera.pose).all() if hasattr(camera, "pose") else True
-                assert vertices is None or np.isfinite(vertices).all()
+                assert np.isfinite(camera.camera_to_world).all(), "a camera is not finite"
+                assert vertices is None or np.isfinite(vertices).all(), "not finite"
         assert math.isfinite(film.tick(0))
 
 
