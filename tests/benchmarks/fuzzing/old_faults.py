@@ -209,7 +209,7 @@ FAULTS = [
     ),
     OldFault("foreign paths", "same_paths", paths_as_they_are, ("Images", "set of", "Dataset")),
     OldFault("the film's lens", "same_cameras", lens_of_the_root, ("rays", "CameraPath")),
-    OldFault("rest_bones", "sessions", rest_without_bones, ("rest_bones",)),
+    OldFault("rest_bones", "sessions", rest_without_bones, ("AttributeError",)),
     OldFault("a session of a day", "sessions", a_day_at_once, ("5 s",)),
     OldFault("shared keys", "gltf", keys_without_end, ("5 s", "500 MB")),
     OldFault("chains of nodes", "gltf", chains_walked_for_each_bone, ("5 s",)),
