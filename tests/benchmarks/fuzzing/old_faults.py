@@ -20,6 +20,7 @@ import numpy as np
 from . import watch
 
 ENDLESS = 2**62
+LONGEST = 2.0  # s that a mutant may take here: what is put back takes much longer
 
 
 @dataclass(frozen=True)
@@ -202,18 +203,18 @@ def video_without_codec():
 
 
 FAULTS = [
-    OldFault("points.npz of NumPy", "points", points_by_numpy, ("points", "500 MB")),
-    OldFault("counts of points3D.bin", "colmap", points_by_pycolmap, ("5 s", "500 MB")),
+    OldFault("points.npz of NumPy", "points", points_by_numpy, ("points", "more than")),
+    OldFault("counts of points3D.bin", "colmap", points_by_pycolmap, ("more than",)),
     OldFault(
         "names with spaces", "same_colmap", names_end_at_spaces, ("Images", "set of", "Dataset")
     ),
     OldFault("foreign paths", "same_paths", paths_as_they_are, ("Images", "set of", "Dataset")),
     OldFault("the film's lens", "same_cameras", lens_of_the_root, ("rays", "CameraPath")),
     OldFault("rest_bones", "sessions", rest_without_bones, ("AttributeError",)),
-    OldFault("a session of a day", "sessions", a_day_at_once, ("5 s",)),
-    OldFault("shared keys", "gltf", keys_without_end, ("5 s", "500 MB")),
-    OldFault("chains of nodes", "gltf", chains_walked_for_each_bone, ("5 s",)),
-    OldFault("lists that double", "checkpoints", values_printed_whole, ("5 s", "500 MB")),
+    OldFault("a session of a day", "sessions", a_day_at_once, ("more than",)),
+    OldFault("shared keys", "gltf", keys_without_end, ("more than",)),
+    OldFault("chains of nodes", "gltf", chains_walked_for_each_bone, ("more than",)),
+    OldFault("lists that double", "checkpoints", values_printed_whole, ("more than",)),
     OldFault("a user's folder", "works", work_removed_whole, ("file is gone",)),
     OldFault("an unknown codec", "videos", video_without_codec, ("AttributeError",)),
 ]
@@ -243,6 +244,7 @@ def find(fault: OldFault, make_kind, seed, folder: Path, seconds):
 
 def _look_for(fault, make_kind, seed, folder, seconds):
     fault.put_back()
+    watch.LONGEST = LONGEST
     start = time.monotonic()
 
     def found(summary):

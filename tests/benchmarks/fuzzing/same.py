@@ -11,8 +11,8 @@ import numpy as np
 
 from deformrf.core.render import Camera, camera_rays, in_space
 from deformrf.core.training import load_dataset
-from deformrf.viewer.camera import camera_of
 from deformrf.viewer.films.camera_path import load_camera_path
+from deformrf.viewer.films.sight import seen_by
 
 from .colmap import binary_files, text_files
 from .datasets import FOCAL, HEIGHT, VIEWS, WIDTH, image_bytes, poses
@@ -212,7 +212,8 @@ class SameCameras(Tree):
             {"camera_angle_x": 2 * np.arctan(0.5 * WIDTH / x)},
             {"fl_x": x},
             {"w": 10 * WIDTH, "h": 10 * HEIGHT, "fl_x": 10 * x},
-        ][kind := int(rng.integers(6))]
+            size | {"fl_x": x, "fl_y": 1.1 * x, "cx": 7.0, "cy": 6.5, "k1": 0.02, "p1": 1e-3},
+        ][kind := int(rng.integers(7))]
         frames, shift = copy.deepcopy(self.frames), [0.0, 0.0, 0.0]
         if rng.random() < 0.3:
             shift = [448000.0, 5411000.0, 312.0]
@@ -233,6 +234,6 @@ class SameCameras(Tree):
         assert len(keys) == views.view_count, "another number of cameras"
         for key, pose, lens in zip(keys, views.poses, views.lenses, strict=True):
             wanted = camera_rays(Camera(in_space(pose, to_model), lens))
-            found = camera_rays(camera_of(key.orbit, lens.width, lens.height))
+            found = camera_rays(seen_by(key.orbit, lens.width, lens.height))
             apart = max(np.abs(a - b).max() for a, b in zip(wanted, found, strict=True))
             assert apart < 1e-3, "other rays than training's"

@@ -35,6 +35,7 @@ class Sessions:
     """One JSON value a line; those of random edits are valid."""
 
     errors = (SessionError,)
+    tells_all = True  # errors of any kind, as sentences
 
     def __init__(self, folder):
         paths = [*small_models(folder), *([DEFAULT_MODEL] if DEFAULT_MODEL.is_file() else [])]

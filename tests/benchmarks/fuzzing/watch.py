@@ -49,7 +49,7 @@ class Summary:
 
     Attributes:
         faults: How many mutants had each fault, by what is the same of them.
-        told: Refusals behind which there was another error than one of the program's own.
+        told: Refusals behind which there was any error: of kinds that tell all as a sentence.
         kept: For each fault, mutants that were kept: (folder, what was done to it, details).
         slowest, largest: The largest value, and which mutant it was.
     """
@@ -101,8 +101,9 @@ def outcome(kind, folder: Path) -> tuple[str, str, str]:
             reason = reason if plain.strip() else "empty"
             fault = f"{reason} sentence: {type(error).__name__} {where(error)}"
             return "fault", fault, sentence[:3000]
-        cause = error.__cause__
-        behind = "" if isinstance(cause, OWN) else f"{type(cause).__name__} {where(cause)}"
+        cause, behind = error.__cause__, ""
+        if getattr(kind, "tells_all", False) and not isinstance(cause, OWN):
+            behind = f"{type(cause).__name__} {where(cause)}"
         return "refused", behind, sentence
     except BaseException as error:
         return "fault", f"{type(error).__name__} {where(error)}", traceback.format_exc()[-3000:]
