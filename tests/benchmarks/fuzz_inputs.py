@@ -64,10 +64,9 @@ def put_back(folder: Path, seed: int, seconds: float, names) -> int:
     chosen = [one for one in old_faults.FAULTS if not names or one.name in names]
     makers, lost = {one.kind: maker(one.kind) for one in chosen}, 0
     for one in chosen:
-        found, number, took = old_faults.find(one, makers[one.kind], seed, folder, seconds)
+        found, words = old_faults.find(one, makers[one.kind], seed, folder, seconds)
         lost += not found
-        words = f"by mutant {number}" if found else f"NOT FOUND until mutant {number}"
-        print(f"{one.name:24s} {one.kind:14s} {words}, {took} s: {found}", flush=True)
+        print(f"{one.name:24s} {one.kind:14s} {words}: {found}", flush=True)
     return bool(lost)
 
 

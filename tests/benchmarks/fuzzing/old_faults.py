@@ -20,7 +20,7 @@ import numpy as np
 from . import watch
 
 ENDLESS = 2**62
-LONGEST = 2.0  # s that a mutant may take here: what is put back takes much longer
+LONGEST = 3.0  # s that a mutant may take here: what is put back takes much longer
 
 
 @dataclass(frozen=True)
@@ -210,29 +210,42 @@ FAULTS = [
     ),
     OldFault("foreign paths", "same_paths", paths_as_they_are, ("Images", "set of", "Dataset")),
     OldFault("the film's lens", "same_cameras", lens_of_the_root, ("rays", "CameraPath")),
-    OldFault("rest_bones", "sessions", rest_without_bones, ("AttributeError",)),
+    OldFault("rest_bones", "sessions", rest_without_bones, ("AttributeError",), 21),
     OldFault("a session of a day", "sessions", a_day_at_once, ("more than",)),
-    OldFault("shared keys", "gltf", keys_without_end, ("more than",)),
-    OldFault("chains of nodes", "gltf", chains_walked_for_each_bone, ("more than",)),
-    OldFault("lists that double", "checkpoints", values_printed_whole, ("more than",)),
+    OldFault("shared keys", "gltf", keys_without_end, ("more than",), 5),
+    OldFault("chains of nodes", "gltf", chains_walked_for_each_bone, ("more than",), 17),
+    OldFault("lists that double", "checkpoints", values_printed_whole, ("more than",), 12),
     OldFault("a user's folder", "works", work_removed_whole, ("file is gone",)),
     OldFault("an unknown codec", "videos", video_without_codec, ("AttributeError",)),
 ]
 
 
-def find(fault: OldFault, make_kind, seed, folder: Path, seconds):
-    """Put a fault back in a forked process, and look for it.
+def find(fault: OldFault, make_kind, seed, folder: Path, seconds) -> tuple[str, str]:
+    """Put a fault back, and look for it; then read the same mutants without it.
 
     Returns:
-        Its name by the watcher, empty if it was not found; the last mutant's number, and seconds.
+        Its name by the watcher, empty if it was not found or is there without it; and what was
+        tried, in words.
     """
+    first = fault.first if seed == 0 else 0
+    found, count, took, problem = _apart(fault, make_kind, seed, folder, seconds, first)
+    if not found:
+        return "", f"NOT FOUND in {count} mutants, {took:.1f} s {problem}"
+    said, _, _, problem = _apart(fault, make_kind, seed, folder, ENDLESS, first, count)
+    if said or problem:
+        return "", f"ALSO WITHOUT IT: {said} {problem}"
+    return found, f"{count} mutants until {first + count - 1}, {took:.1f} s"
+
+
+def _apart(fault, *arguments):
+    """`_look_for` in a process of its own, since it changes the program."""
     reading, writing = os.pipe()
     pid = os.fork()
     if pid == 0:
         try:
-            said = _look_for(fault, make_kind, seed, folder, seconds)
+            said = _look_for(fault, *arguments)
         except BaseException as error:
-            said = ["", 0, str(error)]
+            said = ["", 0, 0.0, str(error)]
         os.write(writing, json.dumps(said).encode())
         os._exit(0)
     os.close(writing)
@@ -242,15 +255,18 @@ def find(fault: OldFault, make_kind, seed, folder: Path, seconds):
     return said
 
 
-def _look_for(fault, make_kind, seed, folder, seconds):
-    fault.put_back()
+def _look_for(fault, make_kind, seed, folder, seconds, first, most=None):
+    """Put it back unless there are `most` mutants; its name, how many mutants, seconds, and ""."""
+    if most is None:
+        fault.put_back()
     watch.LONGEST = LONGEST
     start = time.monotonic()
 
-    def found(summary):
+    def signs(summary):
         return [one for one in summary.faults if any(sign in one for sign in fault.signs)]
 
-    first = fault.first if seed == 0 else 0
-    summary = watch.run(make_kind, fault.kind, seed, folder, seconds, until=found, first=first)
-    last = first + summary.mutants - 1
-    return [(found(summary) or [""])[0], last, round(time.monotonic() - start, 1)]
+    summary = watch.run(
+        make_kind, fault.kind, seed, folder, seconds, most, until=signs, first=first
+    )
+    found = (signs(summary) or [""])[0]
+    return [found, summary.mutants, time.monotonic() - start, ""]
