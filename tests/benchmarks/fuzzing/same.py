@@ -67,7 +67,8 @@ class SameColmap(Tree):
 
     def mutate(self, rng, folder):
         files, pictures, what = dict(self.text), dict(self.pictures), []
-        for change in rng.permutation(CHANGES)[: rng.integers(1, 4)].tolist():
+        changes = rng.permutation(CHANGES)[: rng.integers(1, 4)].tolist()
+        for change in sorted(changes, key=lambda change: change == "byte order mark"):
             what.append(change)
             _change(rng, change, files, pictures, self.binary)
         self.write(folder, pictures | files)
