@@ -201,6 +201,16 @@ def test_a_mask_of_another_shape_or_of_black_alone_is_refused(named):
         load_dataset(named, "train", for_training=True)
 
 
+def test_a_mask_that_is_not_there_is_quoted_in_one_line(named):
+    rewrite(
+        named,
+        lambda i, frame: frame.update(mask_path="a\n\x1b[31m" if i == 3 else f"masks/{i}.png"),
+    )
+    with pytest.raises(DatasetError, match=r"1 of .* photographs have no mask") as caught:
+        load_dataset(named, "train", for_training=True)
+    assert str(caught.value).isprintable()
+
+
 @pytest.mark.parametrize("value", [5, True, ["a"], {"a": 1}])
 def test_a_mask_path_that_is_no_name_is_refused(named, value):
     rewrite(named, lambda i, frame: frame.update(mask_path=value))

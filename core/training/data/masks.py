@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from ...images import ImageError, open_image, rgba
+from ...streams import printable
 from .posed_images import IMAGE_ENDINGS, DatasetError, PosedImage, existing, have_one_shape
 
 MOST_CLASSES = 8  # a mask of such values has numbers of classes, and 0 is the background
@@ -58,10 +59,11 @@ def named_masks(images: list[PosedImage], needed=True):
         return [None] * count, said if any(image.mask_name for image in images) else ""
     if there < count and needed:
         lacking = next(image for image in images if image.mask is None)
+        name = printable(lacking.mask_name[-80:]) or "none"
         raise DatasetError(
             f"{count - there} of {count} photographs have no mask, though mask_path names those of "
-            f"others, first {lacking.path.name}, mask {lacking.mask_name[-80:] or 'none'}: add "
-            f"them, give --masks, or take mask_path out of all frames"
+            f"others, first {lacking.path.name}, mask {name}: add them, give --masks, or take "
+            f"mask_path out of all frames"
         )
     said = "the masks are used that mask_path names: white is the object, black is left out"
     return [image.mask for image in images], said
