@@ -25,7 +25,7 @@ import os, sys, time, json
 from pathlib import Path
 from fuzzing import watch
 
-watch.LONGEST, watch.BLOCKED, watch.MOST_MEMORY = 0.5, 3.0, 100
+watch.LONGEST, watch.BLOCKED, watch.MOST_MEMORY = 0.5, 2.0, 100
 ACTS = {
     "good": lambda: None,
     "refused": lambda: sentence("it has 3 of 4 bytes: copy it again"),

@@ -26,7 +26,7 @@ from PIL import Image
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from ball_photos import photographs
-from fuzz_models import small_models
+from fuzzing.models import small_models
 
 from deformrf.core import field as fields
 from deformrf.core import rig as rigs

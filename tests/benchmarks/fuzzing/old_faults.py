@@ -20,7 +20,7 @@ import numpy as np
 from . import watch
 
 ENDLESS = 2**62
-LONGEST = 3.0  # s that a mutant may take here: what is put back takes much longer
+LONGEST = 2.0  # s that a mutant may take here: what is put back takes much longer
 
 
 @dataclass(frozen=True)

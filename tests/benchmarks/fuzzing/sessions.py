@@ -25,7 +25,7 @@ from .models import small_models
 
 MOST_TICKS = 120  # of sessions that are made here
 MOST_EDITS = 25
-PATIENCE = 2.0  # s of processor time for a session that lasts longer
+PATIENCE = 1.0  # s of processor time for a session that lasts longer
 REPLAYS = 12  # of a session without the edits that the model can't take
 FILMED = 1000  # ticks, at most
 LONG = 5_184_000, 3_000_000, 100_000  # ticks: a day, and less
