@@ -19,12 +19,14 @@ import numpy as np
 
 from .memory import free_bytes
 from .reading import open_file
+from .streams import printable
 
 MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
 FREE_BYTES = 2**24
 EXPANSION = 16  # times its size that a file may unpack to; models unpack to about twice theirs
 LONGEST_READ = 2**20  # also of the zip's list of its entries, which zipfile reads at once
 LONGEST_HEADER = 2**12  # ours have 118 bytes
+LONGEST_REASON = 300  # characters
 HEADER_KEYS = {"descr", "fortran_order", "shape"}
 
 
@@ -186,7 +188,13 @@ def one_sentence(path):
     except MemoryError as error:
         raise ValueError(f"{path} needs more memory than is free") from error
     except ValueError as error:
-        line = str(error)
+        line = _bounded(error, len(str(path)))
         raise ValueError(line if str(path) in line else f"{path}: {line}") from error
     except Exception as error:  # a file can hold anything: what was not foreseen is damage too
-        raise ValueError(f"{path} is damaged: {error}") from error
+        raise ValueError(f"{path} is damaged: {_bounded(error)}") from error
+
+
+def _bounded(error, more=0) -> str:
+    """An error's words in one line: they may quote what a file holds, such as an entry's name."""
+    most = LONGEST_REASON + more
+    return printable(str(error)[:most])[:most]

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deformrf.core.archive import one_sentence, open_archive
 from deformrf.core.field import FieldOptions, ModelFileError, load, random_field, save
 from deformrf.core.geometry import TetMesh, tet_neighbours
 from deformrf.core.render import Renderer, from_field_of_view, look_at
@@ -226,3 +227,16 @@ def test_weights_that_overflow_are_refused(path, name):
     np.savez(path, **arrays)
     with pytest.raises(ModelFileError, match="reaches 3e"):
         load(path)
+
+
+def test_an_entry_with_an_endless_name_is_quoted_in_bounds(path):
+    """The length of its name is damaged: all of the file's bytes behind it are its name."""
+    content = path.read_bytes()
+    path.write_bytes(content[:26] + b"\xff\xff" + content[28:])
+    with (
+        pytest.raises(ValueError) as caught,
+        one_sentence(path),
+        open_archive(path, "rig") as found,
+    ):
+        list(found.values())
+    assert str(caught.value).isprintable() and len(str(caught.value)) < len(str(path)) + 400

@@ -33,7 +33,7 @@ MAY_IMPORT = {
     "core.feed": [],
     "core.recorded": [],
     "core.images": ["core.reading"],
-    "core.archive": ["core.memory", "core.reading"],
+    "core.archive": ["core.memory", "core.reading", "core.streams"],
     "core.geometry": [],
     "core.capture": [
         "core.paths",
