@@ -188,6 +188,14 @@ def test_weights_that_do_not_sum_to_one_are_said_so(tmp_path):
         read_gltf(tmp_path / "bad.glb")
 
 
+def test_what_a_sentence_quotes_is_in_one_line(bar, tmp_path):
+    bar[0].parts["skins"][0]["inverseBindMatrices"] = "a\n\x1b[31mb"
+    bar[0].save(tmp_path / "bad.glb")
+    with pytest.raises(ValueError, match="bind matrices are in accessor") as caught:
+        read_gltf(tmp_path / "bad.glb")
+    assert str(caught.value).isprintable()
+
+
 def test_damaged_files_end_in_one_sentence(bar, tmp_path):
     path = tmp_path / "bar.glb"
     bar[0].save(path)
