@@ -22,7 +22,8 @@ from deformrf.core.training.run.checkpoint import (
 
 def some(**options):
     fit = {"number": 7, "parameters": [torch.arange(3.0)]}
-    return Checkpoint(preset("tiny", **options), 2, a15_grid(0.25), fit, np.eye(4), {"seconds": 1})
+    report = {"seconds": 1, "view_count": 3, "image_size": [16, 12]}
+    return Checkpoint(preset("tiny", **options), 2, a15_grid(0.25), fit, np.eye(4), report)
 
 
 def test_what_is_saved_is_loaded(tmp_path):
@@ -126,6 +127,28 @@ def test_a_flipped_bit_of_any_array_is_found(tmp_path):
         path.write_bytes(damaged)
         with pytest.raises(CheckpointError, match=r"a\.checkpoint can't be read"):
             load_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"view_count": None},
+        {"view_count": "3"},
+        {"image_size": 16.0},
+        {"image_size": [16]},
+        {"seconds": float("nan")},
+        {"history": "all"},
+        {"object_box": [[0.0] * 3] * 2},
+        {"object_box": [0.0, 1.0], "object_stands": True, "object_slack": 0.1},
+    ],
+)
+def test_a_report_that_no_run_goes_on_from_is_one_sentence(tmp_path, changes):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    content = torch.load(path, weights_only=True)
+    torch.save(content | {"report": content["report"] | changes}, path)
+    with pytest.raises(CheckpointError, match="no checkpoint of this version"):
+        load_checkpoint(path)
 
 
 @pytest.mark.parametrize(

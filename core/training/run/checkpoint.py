@@ -24,6 +24,7 @@ from .checkpoint_checks import (
     checked_matrix,
     checked_mesh,
     checked_options,
+    checked_report,
 )
 
 FORMAT = "deformrf-checkpoint-1"
@@ -118,7 +119,7 @@ def load_checkpoint(path) -> Checkpoint:
             options["leave_out"] = (*options["leave_out"], "ray-color")
         if options["aabb"] is not None:
             options["aabb"] = tuple(options["aabb"])
-        if content["stage"] not in (1, 2) or not isinstance(content["report"], dict):
+        if content["stage"] not in (1, 2):
             raise KeyError
         options = checked_options(ADDED | options)
         return Checkpoint(
@@ -127,7 +128,7 @@ def load_checkpoint(path) -> Checkpoint:
             checked_mesh(content["mesh"], options),
             content["fit"],
             checked_matrix(content["world_to_model"]),
-            content["report"],
+            checked_report(content["report"]),
         )
     except CheckpointError:
         raise

@@ -146,3 +146,19 @@ def checked_matrix(values) -> np.ndarray:
     if not np.isfinite(matrix).all():
         raise ValueError("its transform is not finite")
     return matrix
+
+
+def checked_report(report) -> dict:
+    """The figures of a run; a ValueError, TypeError or KeyError if it can't go on from them."""
+    if not isinstance(report, dict) or not isinstance(report.get("history", []), list):
+        raise ValueError("its report is none")
+    whole = [report["view_count"], *report["image_size"]]
+    if len(whole) != 3 or not all(type(number) is int for number in whole):
+        raise ValueError("its report counts no images")
+    box = np.array(report.get("object_box", np.zeros((2, 3))), float)
+    numbers = [report["seconds"], report.get("object_slack", 0.0), *box.flat]
+    if box.shape != (2, 3) or not np.isfinite(np.array(numbers, float)).all():
+        raise ValueError("the box in its report is none")
+    if "object_box" in report and not {"object_stands", "object_slack"} <= set(report):
+        raise KeyError("object_stands")
+    return report
