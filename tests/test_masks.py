@@ -131,7 +131,7 @@ def rewrite(folder, change):
     (folder / "transforms.json").write_text(json.dumps(scene))
 
 
-SAID = "the masks are used that mask_path names: white is the object, black is left out"
+SAID = "the masks that mask_path names are used: white is the object, black is left out"
 
 
 @pytest.mark.parametrize("split", ["train", "test"])

@@ -1,9 +1,11 @@
 """Scans of Polycam and Record3D: their cameras are those that the programs write."""
 
 import json
+import os
 
 import numpy as np
 import pytest
+from PIL import Image
 from posed_data import circle, polycam, put, record3d
 
 from deformrf.core.commands.capturing import needs_cameras
@@ -80,10 +82,10 @@ def test_damaged_cameras_of_polycam_are_refused_in_one_sentence(tmp_path, values
     "values, sentence",
     [
         ({"poses": None}, "has no list of poses"),
-        ({"poses": [[0, 0, 0, 0, 1, 2, 3]]}, "pose 0 of .* is no quaternion"),
+        ({"poses": [[0, 0, 0, 0, 1, 2, 3]]}, "pose 0 of .* has no rotation: .* length 0"),
         ({"poses": [[0, 0, 0, 1]]}, "pose 0 of .* is no quaternion"),
         ({"poses": [{"a": 1}]}, "pose 0 of .* is no quaternion"),
-        ({"poses": [[0, 0, 0, 10**400, 1, 2, 3]]}, "pose 0 of .* is no quaternion"),
+        ({"poses": [[0, 0, 0, 10**400, 1, 2, 3]]}, "pose 0 of .* has no rotation: .* inf"),
         ({"K": None}, "has no fx, fy, cx, cy of image 0"),
         ({"K": [1, 2]}, "K that is no list of 9"),
         ({"K": ["a"] * 9}, "lacks numbers of the camera of 0.jpg"),
@@ -96,6 +98,15 @@ def test_damaged_metadata_of_record3d_are_refused_in_one_sentence(tmp_path, valu
     with pytest.raises(DatasetError, match=sentence) as caught:
         load_dataset(folder, "train")
     assert "\n" not in str(caught.value)
+
+
+def test_a_pipe_is_no_camera(tmp_path):
+    """Nobody writes to it: reading would never end."""
+    folder = polycam(tmp_path)
+    os.mkfifo(folder / "keyframes/cameras/pipe.json")
+    Image.new("RGB", (30, 40)).save(folder / "keyframes/images/pipe.jpg")
+    with pytest.raises(DatasetError, match="pipe.json can.t be read: it is a pipe"):
+        load_dataset(folder, "train")
 
 
 @pytest.mark.parametrize("content", ["", "{", "[1]", "[" * 100_000, "\ud800"])

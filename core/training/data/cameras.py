@@ -6,6 +6,7 @@ from pathlib import Path
 from ...render import Camera
 from . import transforms
 from .datasets import size_of
+from .foreign_paths import tail_of
 from .layouts import list_images
 from .posed_images import DatasetError
 
@@ -37,7 +38,7 @@ def list_cameras(path: Path):
         if listing.missing:
             said.append(
                 f"{len(listing.missing)} of the cameras of {path.name} are left out, since their "
-                f"images are missing, first {listing.missing[0][-80:]}"
+                f"images are missing, first {tail_of(listing.missing[0])}"
             )
         if not images:
             raise DatasetError(f"{path} has none of the images of its cameras")

@@ -12,7 +12,6 @@ two lines, and the second one, with its features, may be empty.  What newer vers
 them (rigs, frames) isn't needed: images have their own poses all the same.
 """
 
-import math
 import struct
 from array import array
 from collections.abc import Iterator
@@ -22,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .posed_images import FARTHEST, DatasetError, rigid_pose
+from .posed_images import FARTHEST, DatasetError, rigid_pose, rotation_of
 
 MODELS = (  # of cameras, in the order of COLMAP's numbers; and how many parameters they have
     ("SIMPLE_PINHOLE", 3),
@@ -108,8 +107,7 @@ def read_images(path: Path) -> list[Registered]:
     with readable(path):
         rows = binary_images(path) if path.suffix == ".bin" else text_images(path)
         for number, rigid, camera, name in rows:
-            text = name.decode() if is_utf8(name) else None
-            check(text, f"has the name {name[:60]!r}, which is not UTF-8")
+            text = decoded(name)
             check(number not in numbers, f"has two images with the number {number}")
             check(text not in images, f"has two images with the name {text[:200]}")
             numbers.add(number)
@@ -150,26 +148,17 @@ def readable(path):
         raise DatasetError(f"{path} {error}") from None
 
 
-def is_utf8(data: bytes) -> bool:
+def decoded(name: bytes) -> str:
     try:
-        return bool(data.decode())
+        return name.decode()
     except UnicodeDecodeError:
-        return False
+        raise ValueError(f"has the name {name[:60]!r}, which is not UTF-8") from None
 
 
 def matrix_of(rigid, name):
-    """World to camera of a quaternion and a translation, seven numbers.  [4, 4]"""
-    length = math.hypot(*rigid[:4])
-    check(1e-9 < length < math.inf, f"is damaged: {name} has no rotation")
-    w, x, y, z = (value / length for value in rigid[:4])
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    matrix[:3, 3] = rigid[4:]
-    return rigid_pose(matrix, name)
+    """World to camera of a quaternion w x y z and a translation, seven numbers.  [4, 4]"""
+    w, x, y, z, *translation = rigid
+    return rigid_pose(np.column_stack([rotation_of((x, y, z, w), name), translation]), name)
 
 
 # -- binary ------------------------------------------------------------------------------------
@@ -338,9 +327,10 @@ def names_image(line) -> bool:
 
 def is_number(field) -> bool:
     try:
-        return float(field) is not None
+        float(field)
     except ValueError:
         return False
+    return True
 
 
 def text_points(path):

@@ -22,6 +22,7 @@ from pathlib import Path
 from unicodedata import normalize
 from urllib.parse import unquote
 
+from ...streams import printable
 from .posed_images import IMAGE_ENDINGS, DatasetError
 
 MOST_ENTRIES = 300_000  # files and folders that are looked at; among more, no tails are sought
@@ -78,7 +79,7 @@ def tried(name: str) -> str:
     dirs, last = _parts(name)
     tails = ["/".join((*dirs[len(dirs) - k :], last)) for k in range(min(len(dirs), 2), -1, -1)]
     return (
-        f"{shown(name)} (tried as it is, and {', '.join(map(shown, tails))} in the folder and "
+        f"{tail_of(name)} (tried as it is, and {', '.join(map(tail_of, tails))} in the folder and "
         f"those within, in any case, with {', '.join(IMAGE_ENDINGS)})"
     )
 
@@ -89,9 +90,9 @@ def key_of(name: str) -> str:
     return "/".join((*dirs, last))
 
 
-def shown(name: str) -> str:
-    """A name for a message; of a long one the end."""
-    return name if len(name) <= LONGEST_NAME else f"...{name[-LONGEST_NAME:]}"
+def tail_of(name: str) -> str:
+    """A name for a message, in one line; of a long one the end."""
+    return printable(name if len(name) <= LONGEST_NAME else f"...{name[-LONGEST_NAME:]}")
 
 
 def as_it_is(folder, name) -> Path | None:
@@ -161,13 +162,13 @@ class _Nearby:
                     self.tails.clear()  # what was not looked at may fit as well
                     return
                 name = _folded(entry.name)
-                if _is_folder(entry):
+                if _holds(entry.is_dir):
                     self.folders.add(name)
                     if inner and len(dirs) < DEEPEST:  # a link's folders are not looked into
                         waiting.append((entry.path, (*dirs, name), not entry.is_symlink()))
                     continue
                 stem, ending = _divided(name)
-                if ending and _is_file(entry):
+                if ending and _holds(entry.is_file):  # not a pipe, which would never answer
                     self._add(_Entry(Path(entry.path), dirs, ending, not inner), stem)
 
     def _add(self, entry, stem):
@@ -203,8 +204,8 @@ class _Nearby:
         if len(alike) > 1 and len({os.path.realpath(one.path) for one in alike}) > 1:
             first, second, *_ = sorted(_within(self.folder, one.path) for one in alike)
             raise DatasetError(
-                f"{source} names {shown(name)}, which may be {first} or {second} in {self.folder}: "
-                f"name one of them there"
+                f"{source} names {tail_of(name)}, which may be {first} or {second} in "
+                f"{self.folder}: name one of them there"
             )
         return alike[0].path
 
@@ -219,16 +220,10 @@ def _entries(place):
     return sorted(found, key=lambda entry: entry.name)
 
 
-def _is_file(entry):
+def _holds(question) -> bool:
+    """Whether an entry of a folder says so; a link to itself says nothing."""
     try:
-        return entry.is_file()  # neither a pipe, which would never answer, nor a link to itself
-    except OSError:
-        return False
-
-
-def _is_folder(entry):
-    try:
-        return entry.is_dir()
+        return question()
     except OSError:
         return False
 
@@ -243,7 +238,7 @@ def _check_once(folder, names, paths, replaced, source):
         other = owners.setdefault((file.st_dev, file.st_ino), name)
         if {name, other} & replaced and key_of(name) != key_of(other):
             raise DatasetError(
-                f"{source} names {shown(other)} and {shown(name)}, and for both only "
+                f"{source} names {tail_of(other)} and {tail_of(name)}, and for both only "
                 f"{_within(folder, path)} is in {folder}: keep the folders apart, as they were"
             )
 
@@ -257,10 +252,10 @@ def _said(folder, replaced, count, source):
     where = ", ".join(places[:3]) + (", ..." if len(places) > 3 else "")
     return (
         f"{len(replaced)} of {count} paths in {_within(folder, source)} are not those of files "
-        f"here: they are read from {where}, as {_within(folder, path)} for {shown(name)}"
+        f"here: they are read from {where}, as {_within(folder, path)} for {tail_of(name)}"
     )
 
 
 def _within(folder, path) -> str:
     """A path in a folder, for a message; the folder itself is a dot."""
-    return shown(os.path.relpath(path, folder))
+    return tail_of(os.path.relpath(path, folder))

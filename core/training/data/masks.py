@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from ...images import ImageError, open_image, rgba
-from ...streams import printable
+from .foreign_paths import tail_of
 from .posed_images import IMAGE_ENDINGS, DatasetError, PosedImage, existing, have_one_shape
 
 MOST_CLASSES = 8  # a mask of such values has numbers of classes, and 0 is the background
@@ -59,13 +59,13 @@ def named_masks(images: list[PosedImage], needed=True):
         return [None] * count, said if any(image.mask_name for image in images) else ""
     if there < count and needed:
         lacking = next(image for image in images if image.mask is None)
-        name = printable(lacking.mask_name[-80:]) or "none"
+        name = tail_of(lacking.mask_name) or "none"
         raise DatasetError(
             f"{count - there} of {count} photographs have no mask, though mask_path names those of "
             f"others, first {lacking.path.name}, mask {name}: add them, give --masks, or take "
             f"mask_path out of all frames"
         )
-    said = "the masks are used that mask_path names: white is the object, black is left out"
+    said = "the masks that mask_path names are used: white is the object, black is left out"
     return [image.mask for image in images], said
 
 

@@ -14,8 +14,6 @@ Both find cameras while they scan (ARKit's, which look along -z; the world's y i
 The world is turned so that +z is up.  Every eighth image, in their order, is a test image.
 """
 
-import json
-import math
 from pathlib import Path
 
 import numpy as np
@@ -29,14 +27,14 @@ from .posed_images import (
     check_shape,
     checked_lens,
     is_of_split,
+    json_of,
     rigid_pose,
-    text_of,
+    rotation_of,
 )
 
 Z_UP = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # from y up
 POLYCAM = ("corrected_images", "corrected_cameras"), ("images", "cameras")
 RECORD3D = ("rgb", "metadata.json"), ("rgbd", "metadata")
-SHORTEST_QUATERNION = 1e-6
 
 
 def is_here(folder) -> bool:
@@ -132,21 +130,10 @@ def shared_intrinsics(matrix, path):
 
 def pose_of(values, name):
     """The matrix of a quaternion (x, y, z, w) and a position.  [3, 4]"""
-    try:
-        x, y, z, w, *position = np.array(values, float)
-        length = math.hypot(x, y, z, w)
-        good = len(position) == 3 and SHORTEST_QUATERNION < length < math.inf
-    except (TypeError, ValueError, OverflowError):
-        good = False
-    if not good:
+    is_list = isinstance(values, list) and len(values) == 7
+    if not is_list or not all(isinstance(value, float) for value in values):
         raise DatasetError(f"{name} is no quaternion and position, 7 numbers")
-    x, y, z, w = np.array([x, y, z, w]) / length
-    rotation = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.column_stack([rotation, position])
+    return np.column_stack([rotation_of(values[:4], name), values[4:]])
 
 
 # -- both --------------------------------------------------------------------------------------
@@ -159,13 +146,7 @@ def images_in(folder):
 
 
 def object_of(path) -> dict:
-    """The JSON object of a file; large integers are infinite floats."""
-    try:
-        values = json.loads(text_of(path), parse_int=float)
-    except DatasetError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{path} is not JSON: {error}") from None
+    values = json_of(path)
     if not isinstance(values, dict):
         raise DatasetError(f"{path} is no object in braces")
     return values

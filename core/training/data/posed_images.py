@@ -5,6 +5,8 @@ Listing; for the split None, all images.
 """
 
 import codecs
+import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +14,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ...reading import read_bytes
 from ...render import Lens, has_rays
 
 if TYPE_CHECKING:
     from .turning import Turning
 
 IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".heic", ".heif")
-TEXT_MEGABYTES = 64  # of a file that lists views: about a hundred thousand of them
+SHORTEST_QUATERNION = 1e-9
 FARTHEST = 1e12  # that a camera may be, so that no product overflows
 SHAPE_TOLERANCE = 0.02  # between the stated width : height and the image's
 EVERY_TEST_VIEW = 8  # for data without a split, as in LLFF and mip-NeRF 360
@@ -78,19 +81,28 @@ def is_of_split(index: int, count: int, split: str | None) -> bool:
 
 
 def text_of(path: Path) -> str:
-    """A text file of a data set; DatasetError if it is too long, or not in Unicode."""
+    """A text file of a data set; DatasetError if it is no file, too long, or not in Unicode."""
     try:
-        if (megabytes := path.stat().st_size / 1e6) > TEXT_MEGABYTES:
-            raise DatasetError(
-                f"{path} has {megabytes:.0f} MB, and at most {TEXT_MEGABYTES} MB are read"
-            )
-        data = path.read_bytes()
+        data = read_bytes(path)
         is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         return data.decode("utf-16" if is_wide else "utf-8-sig")
     except OSError as error:
         raise DatasetError(f"{path} can't be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise DatasetError(f"{path} is not a text file (UTF-8)") from None
+
+
+def json_of(path: Path):
+    """The value of a JSON file; all its numbers are floats, too large ones infinite.
+
+    Raises:
+        DatasetError: As of `text_of`; or it is not JSON.
+    """
+    text = text_of(path)
+    try:
+        return json.loads(text, parse_int=float)  # which reads no number digit by digit
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{path} is not JSON: {error}") from None
 
 
 def existing(folder: Path, name: str) -> Path | None:
@@ -139,6 +151,25 @@ def rigid_pose(values, name):
     if np.abs(axes.T @ axes - np.eye(3)).max() > 1e-2 or np.linalg.det(axes) < 0.0:
         raise DatasetError(f"{name} is no camera pose: its axes are skew or mirrored")
     return matrix
+
+
+def rotation_of(quaternion, name):
+    """The rotation of a quaternion (x, y, z, w) of any length.  [3, 3]
+
+    Raises:
+        DatasetError: Its length is about zero, or not finite.
+    """
+    length = math.hypot(*quaternion)
+    if not SHORTEST_QUATERNION < length < math.inf:
+        raise DatasetError(f"{name} has no rotation: its quaternion has the length {length:g}")
+    x, y, z, w = (value / length for value in quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def from_opencv(camera_to_world):

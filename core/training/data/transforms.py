@@ -11,7 +11,6 @@ Without a split of its own, every eighth image of a transforms.json is a test im
 nerfstudio's lists train_filenames, val_filenames and test_filenames take precedence.
 """
 
-import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from ...render import Lens
-from .foreign_paths import as_it_is, find_files, key_of
+from ...streams import shown
+from .foreign_paths import as_it_is, find_files, key_of, tail_of
 from .posed_images import (
     DatasetError,
     Listing,
@@ -28,8 +28,8 @@ from .posed_images import (
     check_shape,
     checked_lens,
     is_of_split,
+    json_of,
     rigid_pose,
-    text_of,
 )
 
 PERSPECTIVE = {None, "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"}
@@ -105,13 +105,7 @@ def size_by_angles(values):
 
 def scene_of(path, nameless=False):
     """What a file says, and its frames, each of which has a file_path unless they may lack it."""
-    try:
-        # As floats, too large integers are infinite, and no number is read digit by digit.
-        scene = json.loads(text_of(path), parse_int=float)
-    except DatasetError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{path} is not JSON: {error}") from None
+    scene = json_of(path)
     frames = scene.get("frames") if isinstance(scene, dict) else None
     if not isinstance(frames, list) or not frames:
         kind = NoSplitError if frames == [] else DatasetError
@@ -187,7 +181,7 @@ def listed_frames(names, key, frames, files, path):
     ]
     said = f"{len(unknown)} of {len(names)} {key} in {path.name} name no frame"
     chosen = [i for i, its in enumerate(own) if its & entries]
-    return chosen, f"{said}, first {unknown[0][:80]}" if unknown else ""
+    return chosen, f"{said}, first {tail_of(unknown[0])}" if unknown else ""
 
 
 def real(path):
@@ -203,12 +197,6 @@ def told_of_times(frames, path) -> str:
         f"the frames of {path.name} show {len(times)} different times, and one still object is "
         f"trained of all of them: if it moves, keep the frames of one time"
     )
-
-
-def shown(value) -> str:
-    """A value of a JSON file, for a message."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:60]}..."
 
 
 def is_number(value) -> bool:
