@@ -39,6 +39,7 @@ MAY_IMPORT = {
         "core.paths",
         "core.children",
         "core.archive",
+        "core.reading",
         "core.images",
         "core.memory",
         "core.streams",

@@ -105,7 +105,7 @@ def test_a_pipe_is_no_camera(tmp_path):
     folder = polycam(tmp_path)
     os.mkfifo(folder / "keyframes/cameras/pipe.json")
     Image.new("RGB", (30, 40)).save(folder / "keyframes/images/pipe.jpg")
-    with pytest.raises(DatasetError, match="pipe.json can.t be read: it is a pipe"):
+    with pytest.raises(DatasetError, match=r"pipe\.json can.t be read: it is a pipe"):
         load_dataset(folder, "train")
 
 

@@ -14,6 +14,7 @@ from platformdirs import user_config_path
 
 from ..core.paths import whole_file
 from ..core.reading import open_file
+from ..core.streams import shown
 from .settings import PANEL_WIDTHS, SIDES, Settings
 
 KEY, VERSION = "deformrf preferences", 1
@@ -143,7 +144,7 @@ def _checked(content):
         return {}, f"don't say that they are of version {VERSION}"
     good = {name: values[name] for name in GOOD if name in values and GOOD[name](values[name])}
     bad = [name for name in GOOD if name in values and name not in good]
-    return good, f"can't have {bad[0]} = {values[bad[0]]!r}"[:200] if bad else ""
+    return good, f"can't have {bad[0]} = {shown(values[bad[0]])}" if bad else ""
 
 
 def apply(preferences: Preferences, settings: Settings) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..paths import whole_file
+from ..reading import open_file, read_text
 from .agreement import Agreement, agreement
 from .features import find_features, match_photos
 from .library import load_pycolmap
@@ -29,7 +30,7 @@ from .work import open_work
 
 TRANSFORMS_FILE = "transforms.json"
 MADE_BY = "deformrf-train"  # under the key made_by of transforms.json
-HEAD = 1000  # characters of the file, in which that stands
+HEAD = 1000  # bytes of the file, in which that stands
 IMAGE_SIZE = 1600  # longer side that photographs are worked at [pixels]
 DISTANCE = 4.0  # about that of NeRF-synthetic's cameras, which is 4.03
 LEAST_PHOTOS = 8  # with which something can be learned at all
@@ -246,9 +247,9 @@ def is_capture(folder: Path) -> bool:
     """Whether a folder's transforms.json was written here."""
     path = Path(folder) / TRANSFORMS_FILE
     try:
-        with path.open(encoding="utf-8") as file:
-            return f'"made_by": "{MADE_BY}"' in file.read(HEAD)
-    except (OSError, UnicodeDecodeError):
+        with open_file(path) as file:
+            return f'"made_by": "{MADE_BY}"'.encode() in file.read(HEAD)
+    except OSError:
         return False
 
 
@@ -257,7 +258,7 @@ def doubts_about(folder: Path) -> list[str]:
     if not is_capture(folder):
         return []
     try:
-        scene = json.loads((Path(folder) / TRANSFORMS_FILE).read_text(encoding="utf-8"))
+        scene = json.loads(read_text(Path(folder) / TRANSFORMS_FILE))
         return Agreement(**scene["agreement"]).sentences()
     except (OSError, ValueError, KeyError, TypeError, RecursionError):  # older, or edited
         return []

@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image
 
 from ..images import MOST_PIXELS
+from ..reading import read_text
 from .hdr import check_color, is_hdr, standard
 from .photos import CaptureError
 from .sharpness import sharpness_of
@@ -83,8 +84,8 @@ def take_frames(path: Path, image_size: int, begin, count: int = FRAMES) -> Path
 def source_of(folder: Path):
     """What the folder of frames says it is of; None if it says nothing."""
     try:
-        return json.loads((folder / SOURCE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return json.loads(read_text(folder / SOURCE))
+    except (OSError, ValueError, RecursionError):
         return None
 
 

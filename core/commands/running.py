@@ -199,9 +199,9 @@ def load_whole(package: str):
 
 
 def load_views(*arguments, **options):
-    """`training.load_dataset`; says how many images were skipped, and what it has to say itself."""
+    """`training.load_dataset`; prints its sentences, and how many images were skipped."""
     dataset = training.load_dataset(*arguments, **options)
-    for line in dataset.said if is_first() else ():
+    for line in dataset.said:
         say_once(line)
     if dataset.missing and is_first():
         total = len(dataset.missing) + dataset.view_count
@@ -215,8 +215,9 @@ def load_views(*arguments, **options):
 
 @cache
 def say_once(line: str):
-    """Print a line on stderr; two splits of a data set have the same to say."""
-    print(printable(line), file=sys.stderr)
+    """Print a line on stderr, in the first process; two splits of a data set say the same."""
+    if is_first():
+        print(printable(line), file=sys.stderr)
 
 
 def is_first() -> bool:

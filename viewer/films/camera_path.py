@@ -20,7 +20,7 @@ import numpy as np
 
 from ...core.reading import read_text
 from ...core.render import in_space, look_at
-from ...core.streams import printable
+from ...core.streams import printable, shown
 from ..camera import CLOSEST, FARTHEST, Orbit, facing
 from ..timeline import TICKS_PER_SECOND, CameraKey
 from .sight import fit, sight_of
@@ -199,7 +199,7 @@ def _number(place, key, name, default, high, low=0.0):
     value = key.get(name, default)
     known = isinstance(value, int | float) and not isinstance(value, bool)
     if not (known and low <= value <= high):
-        said = f"{place} has {name} = {value!r}"[:200]
+        said = f"{place} has {name} = {shown(value)}"
         raise CameraPathError(f"{said}; {low:g} to {high:g} are possible")
     return float(value)
 
@@ -212,7 +212,7 @@ def _point(place, key, name):
     value = key[name]
     good = isinstance(value, list) and len(value) == 3
     if not (good and all(_is_coordinate(x) for x in value)):
-        raise CameraPathError(f"{place} has {name} = {value!r}"[:200] + "; it has to be [x, y, z]")
+        raise CameraPathError(f"{place} has {name} = {shown(value)}; it has to be [x, y, z]")
     return np.array(value, float)
 
 

@@ -19,6 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.streams import shown
+
 # What the panel calls an attribute, where that differs; several at once are a preset.
 WORDS = {
     "young_modulus": "stiffness",
@@ -96,7 +98,7 @@ def edit(name: str, undo: str = "", merges: bool = False, begins: bool = False):
             values = {key: _plain(value) for key, value in values.items()}
             for key, value in values.items():
                 if not (_is_finite(value) or (key in MAY_BE_INFINITE and value == math.inf)):
-                    raise ValueError(f"{name} can't have {key} = {value!r}"[:200])
+                    raise ValueError(f"{name} can't have {key} = {shown(value)}")
             changed = ", ".join(WORDS.get(one, one) for one in values)
             changed = changed if len(values) <= 2 else "material"
             label = undo.format(**({"names": changed} | values))

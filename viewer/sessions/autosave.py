@@ -5,14 +5,13 @@ removed when the user has saved the session or discards it.  One that stays belo
 ended in another way.
 """
 
-import json
 import os
 import time
 from pathlib import Path
 
 from platformdirs import user_state_path
 
-from .session import append_events, mesh_hash, save_session
+from .session import SessionError, append_events, mesh_hash, read_header, save_session
 
 SECONDS = 5.0  # between two looks for edits
 SHARE = 0.02  # of the time that writing may take
@@ -137,11 +136,9 @@ def left_behind(kept_in: Path, mesh) -> Path | None:
     rest, found = mesh_hash(mesh), []
     for path in kept_in.glob("*.jsonl"):
         try:
-            with open(path, encoding="utf-8") as file:
-                header = json.loads(file.readline(2**24))
-            if isinstance(header, dict) and header.get("rest") == rest and not _runs(path):
+            if read_header(path).get("rest") == rest and not _runs(path):
                 found.append((path.stat().st_mtime, path))
-        except (OSError, ValueError, RecursionError):
+        except (OSError, SessionError):
             pass  # what can't be read is not offered
     return max(found)[1] if found else None
 

@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from ...core import field as fields
 from ...core.paths import DEFAULT_MODEL
 from ...core.reading import check_file
+from ...core.streams import shown
 from .session import (
     Session,
     SessionError,
@@ -120,13 +121,15 @@ def named_file(header) -> str | None:
 def _missing(path, header, field, source):
     """Which model a session wants, in a sentence."""
     name, rest = named_file(header), header.get("rest")
-    wanted = f"the model {str(header.get('model'))[:100]!r}"
+    wanted = f"the model {shown(header.get('model'))}"
     if name is not None:
         wanted = f"{name}, which is not there any more, or has another mesh or rig by now"
-    shown = "the model at hand" if source is None else Path(source).name
-    why = f"has {field.mesh.tet_count} tets, not {str(header.get('tets'))[:20]}"
+    at_hand = "the model at hand" if source is None else Path(source).name
+    why = f"has {field.mesh.tet_count} tets, not {shown(header.get('tets'))}"
     if rest == mesh_hash(field.mesh):
         why = "has the same mesh, but another rig or other stiffnesses"
     elif header.get("tets") == field.mesh.tet_count:
         why = "has another mesh"
-    return f"{path} is a session of another model than {shown}, which {why}; it began with {wanted}"
+    return (
+        f"{path} is a session of another model than {at_hand}, which {why}; it began with {wanted}"
+    )

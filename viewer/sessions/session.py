@@ -28,6 +28,7 @@ import numpy as np
 
 from ...core.paths import DEFAULT_MODEL, program_version, whole_file
 from ...core.reading import open_file
+from ...core.streams import printable, shown
 from ..history import EDITS, Event
 from ..scene import Scene  # its methods and those of its objects are the edits
 from .session_lines import event_lines, kept_start, line_of, tell_left_out
@@ -207,7 +208,7 @@ def _header(path, file):
     if not isinstance(header, dict) or KEY not in header:
         raise SessionError(f"{path} is not a session: its first line doesn't say so")
     if header[KEY] != VERSION:
-        version = f"{header[KEY]!r:.40}"
+        version = shown(header[KEY])
         raise SessionError(f"{path} has version {version}; this program reads {VERSION}")
     return header
 
@@ -227,10 +228,10 @@ def _refuse(name):
 
 def _check_header(path, header, mesh):
     if header.get("rest") != mesh_hash(mesh):
-        name = header.get("model")
+        name, tets = shown(header.get("model")), shown(header.get("tets"))
         raise SessionError(
-            f"{path} is a session of another mesh ({name!r}, {header.get('tets')!r} tets), not of "
-            f"this one of {mesh.tet_count} tets"
+            f"{path} is a session of another mesh ({name}, {tets} tets), not of this one of "
+            f"{mesh.tet_count} tets"
         )
     start, ticks = header.get("start"), header.get("ticks")
     if not isinstance(start, dict) or not is_number(ticks, 0, LONGEST, int):
@@ -247,9 +248,9 @@ def _event(path, number, line, vertex_count) -> Event:
         raise SessionError(f"{place} is not [tick, name, arguments]")
     tick, name, arguments = line
     if not is_number(tick, 0, LONGEST, int):
-        raise SessionError(f"{place} has the tick {tick!r}")
+        raise SessionError(f"{place} has the tick {shown(tick)}")
     if not isinstance(name, str) or (name != "view" and name not in EDITS):
-        raise SessionError(f"{place} has the unknown edit {name!r}")
+        raise SessionError(f"{place} has the unknown edit {shown(name)}")
     if not isinstance(arguments, dict):
         raise SessionError(f"{place}: the arguments of {name} are not in braces")
     if name != "view" and not EDITS[name].any_names:
@@ -263,8 +264,8 @@ def _event(path, number, line, vertex_count) -> Event:
 def _check(path, number, name, arguments, vertex_count):
     """Raise a SessionError if an edit has an argument that it can't have."""
     for key in bad_arguments(name, arguments, vertex_count):
-        value = arguments[key]
-        raise SessionError(f"{path}, line {number}: {name} can't have {key} = {value!r}"[:300])
+        where, value = f"{path}, line {number}", shown(arguments[key])
+        raise SessionError(f"{where}: {name} can't have {printable(key)[:60]} = {value}")
 
 
 def _finite(value):

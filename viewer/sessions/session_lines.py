@@ -8,10 +8,11 @@ import json
 import math
 from collections.abc import Callable
 
+from ...core.streams import shown
 from ..history import EDITS, MAY_BE_INFINITE
 from .session_values import bad_arguments
 
-SHOWN, LONGEST_VALUE = 3, 60  # of what is left out: so many, and so many characters of each
+MOST_TOLD = 3  # of what is left out, by name
 
 
 def line_of(entry) -> str:
@@ -36,22 +37,22 @@ def kept_start(start: dict, vertex_count: int, left_out: list[str]) -> dict:
 def tell_left_out(left_out: list[str], tell: Callable) -> None:
     """Say what was left out, if anything was."""
     if left_out:
-        more = len(left_out) - SHOWN
-        shown = ", ".join(left_out[:SHOWN]) + f" and {more} more" * (more > 0)
-        tell(f"no session can have {shown}: left out, all the rest is kept")
+        more = len(left_out) - MOST_TOLD
+        told = ", ".join(left_out[:MOST_TOLD]) + f" and {more} more" * (more > 0)
+        tell(f"no session can have {told}: left out, all the rest is kept")
 
 
 def _kept(name, arguments, vertex_count, left_out):
     """The arguments that a reader takes; None if without the others there is no such edit."""
     optional = name in ("start", "view")
     if not optional and name not in EDITS:
-        left_out.append(f"{name!r}"[:LONGEST_VALUE])
+        left_out.append(shown(name))
         return None
     arguments = {key: _finite(key, value) for key, value in arguments.items()}
     bad = bad_arguments(name, arguments, vertex_count)
     if not bad:
         return arguments
-    left_out += [f"{name} {key} = {arguments[key]!r}"[:LONGEST_VALUE] for key in bad]
+    left_out += [f"{name} {key} = {shown(arguments[key])}" for key in bad]
     kept = {key: value for key, value in arguments.items() if key not in bad}
     return kept if kept and (optional or EDITS[name].any_names) else None
 
