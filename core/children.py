@@ -1,9 +1,9 @@
-"""Processes of Python that this one starts, all by `start`: they run nothing of the current folder.
+"""Start Python processes that import nothing from the current folder; `start` starts all of them.
 
-`python -c` and `python -m` put the current folder first among the folders that modules come from,
-as does a PYTHONPATH with an empty entry or a dot.  Whoever works in a folder from elsewhere would
-run its numpy.py.  So a child gets -P, and a PYTHONPATH of the folders that this process imports
-from, without the current one; it has this process's package, wherever that is.
+`python -c` and `python -m` import from the current folder first, as does a PYTHONPATH with an empty
+entry or a dot: in a folder of downloaded files they would run its numpy.py.  So a child gets -P,
+and a PYTHONPATH of the folders that this process imports from, without the current one.  It imports
+this process's package, wherever that is.
 """
 
 import os

@@ -1,8 +1,8 @@
-"""Files that a process will write: another process that wants to write one is told.
+"""Claims on the files that this process will write: a second process that claims one is refused.
 
-A claim is a lock on one byte of a file in the user's folder, at a place that follows from the
-path.  The system frees it when the process ends, however that happens, and nothing is left beside
-the files.  Where there is no such folder, or no such locks, nothing is claimed.
+A claim is a lock on one byte of a file in the user's state folder; the path's hash says which byte.
+The system frees it when the process ends, however that happens, and no lock file is left beside
+the user's files.  Without such a folder, or without locks, nothing is claimed.
 """
 
 import hashlib
@@ -13,7 +13,7 @@ import platformdirs
 
 from .paths import target_of
 
-PLACES = 2**40  # bytes that the file could have; it has none
+PLACES = 2**40  # bytes that can be locked; the file itself is empty
 _opened: list[int] = []  # the file of this process: closing any of it would free all claims
 
 

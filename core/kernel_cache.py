@@ -168,10 +168,7 @@ def _temporary_folder(old: Path) -> Path:
     try:
         return Path(tempfile.mkdtemp(prefix="deformrf-kernels-"))
     except OSError as error:
-        sentence = (
-            "nothing else can have compiled kernels either: name a folder in WARP_CACHE_PATH, or "
-            "in TMPDIR"
-        )
+        sentence = "compiled kernels need a folder: name one in WARP_CACHE_PATH, or in TMPDIR"
         raise WriteError(error.errno, sentence, str(old)) from error
 
 

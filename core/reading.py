@@ -1,4 +1,4 @@
-"""Files that somebody else has written, opened: a regular file, and no larger than it may be.
+"""Open files that somebody else wrote: regular files only, up to a given size.
 
 A pipe that nobody writes to never answers, and a device never ends.  Every error is an OSError
 with `strerror` and `filename`, which a command prints as one sentence.
@@ -61,4 +61,4 @@ def _without_waiting(path, flags):
 
 def _too_large(path, most):
     size = f"{most / 2**20:.0f} MiB" if most >= 2**20 else f"{most} bytes"
-    return OSError(errno.EFBIG, f"it is larger than {size}, which are the most", str(path))
+    return OSError(errno.EFBIG, f"it is larger than {size}, the most that is read", str(path))

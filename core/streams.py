@@ -1,8 +1,8 @@
-"""What is printed: standard output and error that never decide over work.
+"""Printing to standard output and error.  A failed print never stops the work.
 
-A terminal may be closed, a pipe have no reader, a disk be full.  What can't be printed then is
-lost, and the work goes on.  Streams that were closed before the start lead nowhere, and no file
-that is opened later gets their numbers: libraries write their warnings to number 2, whatever it is.
+A terminal may be closed, a pipe have no reader, a disk be full: the words are lost then.  Streams
+that were closed before the start are opened on the null device, so that no file gets the number 2,
+to which libraries write their warnings.
 """
 
 import os
@@ -78,10 +78,10 @@ def printable(words) -> str:
 
 
 def shown(value) -> str:
-    """A value of a file as a sentence quotes it: at most 100 characters, and as little work.
+    """A value of a file as a sentence quotes it: at most 100 characters, in as little time.
 
-    A list that holds another one twice, which does the same, and so on, is long only when all of
-    it is printed.
+    Three levels of it are looked at: a list that holds another one twice, which holds a third one
+    twice, and so on, is too long to print as a whole.
     """
     try:
         return SHORT.repr(value)[:100]

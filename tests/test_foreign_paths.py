@@ -144,8 +144,11 @@ def test_a_real_data_set_of_another_machine_is_read_and_told_once(tmp_path, caps
     assert [one.names for one in sets][1] == ("0000", "0008", "0016")
     told = capsys.readouterr().err
     assert told.count("\n") == 1
-    assert "17 of 17 paths in transforms.json are not those of files here" in told
-    assert "read from images, as images/0000.png for /home/x/data/images/0000.jpeg" in told
+    assert "17 of 17 paths in transforms.json do not exist: files of" in told
+    assert (
+        "files of images are read instead, first images/0000.png for /home/x/data/images/0000.jpeg"
+        in told
+    )
 
 
 def test_if_nothing_fits_it_says_what_was_tried(tmp_path):
@@ -252,4 +255,4 @@ def test_colmaps_names_follow_the_same_rule(tmp_path):
         path.rename(path.with_suffix(".PNG"))
     data = load_dataset(folder, "train")
     assert data.names == tuple(f"{i:04d}" for i in range(1, 8))
-    assert "9 of 9 paths in sparse/0 are not those of files here" in data.said[0]
+    assert "9 of 9 paths in sparse/0 do not exist: files of" in data.said[0]

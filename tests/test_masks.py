@@ -150,7 +150,7 @@ def test_their_paths_follow_the_rule_of_images(named, name):
     rewrite(named, lambda i, frame: frame.update(mask_path=name.format(i)))
     data = load_dataset(named, "train", for_training=True)
     assert data.masked and data.image(0)[0, :, 3].tolist() == 8 * [255] + 22 * [0]
-    assert "9 of 9 paths in transforms.json are not those of files here" in data.said[0]
+    assert "9 of 9 paths in transforms.json do not exist: files of" in data.said[0]
 
 
 def test_a_folder_of_masks_stands_over_those_that_the_files_name(named):

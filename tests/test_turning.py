@@ -135,7 +135,7 @@ def test_where_nothing_tells_images_are_read_as_stored_and_that_is_said(tmp_path
     dataset = load_dataset(tmp_path, "train")
     np.testing.assert_array_equal(dataset.image(0)[..., :3], written["b.png"][0])
     (line,) = dataset.said
-    assert line.startswith("EXIF orientations are not applied (of 1 photographs, first ")
+    assert line.startswith("the EXIF orientations of 1 photographs (first ")
     assert "b.png, 3)" in line
 
 

@@ -7,10 +7,13 @@ is made linear [cd/m²], by SMPTE ST 2084 (PQ) or by ARIB STD-B67 with the look 
     PQ:   L = 10000 (max(s^(1/m2) - c1, 0) / (c2 - c3 s^(1/m2)))^(1/m1)
     HLG:  E = s²/3 up to 1/2, (exp((s - c)/a) + b)/12 above;  L = PEAK Y^0.2 E
 
-WHITE, that of paper by BT.2408, becomes 1.  Colors of BT.2020 become those of BT.709, and what is
-brighter than KNEE is pressed below 1, without a change of hue: the largest of r, g, b is
+It is divided by WHITE, the light of paper by BT.2408.  Colors of BT.2020 become those of BT.709.
+What is brighter than KNEE is pressed below 1, without a change of hue: the largest of r, g, b is
 
     x up to KNEE, 1 - (1 - KNEE) exp(-(x - KNEE)/(1 - KNEE)) above.
+
+No standard has this curve, or KNEE.  With 0.6, paper becomes 0.85 (238 of 255 in sRGB), and light
+twice as bright 0.99; a lower knee makes paper gray, a higher one burns out more.
 """
 
 import numpy as np

@@ -1,17 +1,14 @@
-"""Whether cameras can stand where mapping put them.
+"""Refuse or drop cameras that can't be right, though their errors in pixels are small.
 
-Mapping keeps a camera that lost its points while errors were thrown out, and from few photographs
-it makes cameras that hang together by a few points each.  Both have small errors in pixels.  Three
-things tell:
+Mapping keeps a camera that lost its points when wrong matches were removed, and it joins few
+photographs by a few points each.  Three tests, none of which depends on the scale:
 
-* points seen: mapping places a photograph by POINTS matches at least; if the median photograph
-  has fewer left, most were placed by matches that turned out to be wrong;
-* centers far from all others, or with hardly any point: these cameras are not known;
-* places: cameras nearer to each other than NEAR of their distance from what they see show the
-  same.  Fewer places than LEAST_PLACES are no way around anything; photographs of a turntable whose
-  surroundings were followed are like that.
-
-All of it is free of scale.
+* The median photograph sees POINTS points.  Mapping places a photograph by at least as many
+  matches: with fewer left, most of them were wrong.
+* A camera that sees less than half as many, or is FAR from all others, is dropped.
+* The cameras stand in LEAST_PLACES places.  Cameras that are nearer to each other than NEAR of
+  their distance from the object see it from one side.  On a turntable before a still background,
+  mapping follows the background, and all cameras stand in one place.
 """
 
 from dataclasses import replace
@@ -22,15 +19,16 @@ from .mapping import Mapped
 from .photos import CaptureError
 
 POINTS = 30  # pycolmap's abs_pose_min_num_inliers
-FAR = 20.0  # times the upper quartile of the centers' distances from their median
-NEAR = 0.01
-LEAST_PLACES = 8
+# The next three are judgments: an overview from 10 times as far is kept, and so are 8 photographs.
+FAR = 20.0  # times the upper quartile of distances from the median center
+NEAR = 0.01  # of the distance from the object: 0.6° around it
+LEAST_PLACES = 8  # all around they are 45° apart
 WANTED = 40  # photographs
 MORE = f"take {WANTED} all around the object, each a small step from the last"
 
 
 def checked(folder, total: int, mapped: Mapped) -> Mapped:
-    """The cameras that can stand where they are.
+    """The cameras that may be right.
 
     Args:
         total: Photographs, with cameras or without.

@@ -70,7 +70,7 @@ def found_by(data: Path, work: Path, image_size: int | None, is_sequence: bool):
         nonlocal place
         place = folder
         known = "going on with the work in" if again else "unfinished work is kept in"
-        other = "" if folder == work else f" ({printable(work)} holds something else, and is left)"
+        other = "" if folder == work else f" ({printable(work)} holds something else)"
         print(
             f"No file in {printable(data)} has the photographs' cameras: they are found first, at "
             f"{side} pixels (--image-size); {known} {printable(folder)}{other}.",

@@ -17,8 +17,9 @@ Weights = Literal["harmonic", "nearest", "rigid", "automatic"]
 Transform = Annotated[
     tuple[(float,) * 16] | None, tyro.conf.arg(metavar="M11 .. M44", help_behavior_hint="")
 ]
-# Of the space that a rig's surface and the object fill, what both fill.  The same shape has some
-# .7 to .9 (a coarse mesh around it has less), and less than a half is not mostly the same.
+# Of the space that a rig's surface or the object fills, the share that both fill.  Shapes that
+# belong together had 0.68 and more, or 0.53 in a running pose, others 0.53 and less:
+# docs/design/010-rigs.md.
 LEAST_SHARED, WELL_SHARED = 0.5, 0.6
 
 

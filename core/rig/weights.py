@@ -25,6 +25,7 @@ from .skeleton import Skeleton
 
 LEAST = 1e-3
 NEGLIGIBLE = 1e-4  # offsets, as a share of a surface's size
+# Both were chosen by measurements: docs/design/010-rigs.md.
 HEAT = 10.0  # less is smoother, and weaker where the mesh is coarse
 SHARPNESS = 6.0  # of what bones share: more is nearer to one bone each
 TINY = 1e-30  # a distance of 0 is taken for this

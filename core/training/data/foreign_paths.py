@@ -251,8 +251,8 @@ def _said(folder, replaced, count, source):
     places = sorted({_within(folder, one.parent) for _, one in replaced})
     where = ", ".join(places[:3]) + (", ..." if len(places) > 3 else "")
     return (
-        f"{len(replaced)} of {count} paths in {_within(folder, source)} are not those of files "
-        f"here: they are read from {where}, as {_within(folder, path)} for {tail_of(name)}"
+        f"{len(replaced)} of {count} paths in {_within(folder, source)} do not exist: files of "
+        f"{where} are read instead, first {_within(folder, path)} for {tail_of(name)}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Which layout a data set's folder has, and what its files say.
+"""Recognize the layout of a data set's folder, and list its images.
 
 | layout | recognised by | read by |
 |---|---|---|

@@ -1,9 +1,9 @@
-"""Whether cameras are those of photographs as they are stored, or as their EXIF turns them.
+"""Decide for a data set whether EXIF rotation is applied to its photographs.
 
-COLMAP and instant-ngp find cameras for the pixels as they are stored, whatever EXIF's orientation
-says; others turn the images first.  A photograph that the orientation turns by a quarter (5 to 8)
-tells: the files state the size of the stored image, or that of the turned one.  That holds for all
-photographs of the data set, also for those whose size is the same either way.
+COLMAP and instant-ngp find cameras for the pixels as they are stored, whatever EXIF says; other
+programs rotate the images first.  A photograph with a quarter turn (orientation 5 to 8) decides:
+rotation is applied only if the camera file gives the size of the rotated image.  The decision holds
+for all photographs of the data set, also for those whose size is the same either way.
 """
 
 from collections.abc import Callable
@@ -87,9 +87,9 @@ class Turning:
             return ()
         path, number = next(iter(self.guessed.items()))
         return (
-            f"EXIF orientations are not applied (of {len(self.guessed)} photographs, first {path}, "
-            f"{number}), as COLMAP does not apply them: no photograph's size tells whether the "
-            f"cameras are those of turned images",
+            f"the EXIF orientations of {len(self.guessed)} photographs (first {path}, {number}) "
+            f"are not applied, as in COLMAP: no image size in the camera file tells whether to "
+            f"apply them",
         )
 
 
