@@ -94,8 +94,7 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
         purpose, target = PACKAGES[name]
         sentence = f"{name}, which {purpose}, is not installed: pip install {target}"
     except (ValueError, OSError, MemoryError) as error:
-        mended = isinstance(error, (training.DatasetError, MemoryError, WriteError))
-        if job and not mended and getattr(error, "errno", None) not in SHORTAGES:
+        if job and not _can_be_mended(error):
             raise
         sentence = plain_message(error) or "the memory is too small"  # Python's own is empty
     except RuntimeError as error:
@@ -165,6 +164,12 @@ def interrupts_kept():
         sys.unraisablehook = before
     if now.is_owed:  # the work ended before it came again
         raise KeyboardInterrupt
+
+
+def _can_be_mended(error) -> bool:
+    """Whether a user can mend what ended a job."""
+    known = training.DatasetError, MemoryError, WriteError
+    return isinstance(error, known) or getattr(error, "errno", None) in SHORTAGES
 
 
 def _interrupt():
