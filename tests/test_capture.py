@@ -1,6 +1,7 @@
 """Photographs alone to cameras: of a scene that is rendered here, so they are known."""
 
 import json
+import os
 import shutil
 import signal
 import sys
@@ -297,3 +298,9 @@ def test_global_mapping_ends_at_ctrl_c(ctrl_c):
     with pytest.raises(KeyboardInterrupt):
         mapping.run_alone([sys.executable, "-c", "import time; time.sleep(600)"])
     assert time.monotonic() - began < 60.0
+
+
+def test_a_pipe_is_no_capture(tmp_path):
+    """Nobody writes to it: reading would never end."""
+    os.mkfifo(tmp_path / "transforms.json")
+    assert not capture.is_capture(tmp_path)
