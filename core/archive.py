@@ -19,7 +19,7 @@ import numpy as np
 
 from .memory import free_bytes
 from .reading import open_file
-from .streams import printable
+from .streams import one_line
 
 MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
 FREE_BYTES = 2**24
@@ -188,13 +188,7 @@ def one_sentence(path):
     except MemoryError as error:
         raise ValueError(f"{path} needs more memory than is free") from error
     except ValueError as error:
-        line = _bounded(error, len(str(path)))
+        line = one_line(error, LONGEST_REASON + len(str(path)))
         raise ValueError(line if str(path) in line else f"{path}: {line}") from error
     except Exception as error:  # a file can hold anything: what was not foreseen is damage too
-        raise ValueError(f"{path} is damaged: {_bounded(error)}") from error
-
-
-def _bounded(error, more=0) -> str:
-    """An error's words in one line: they may quote what a file holds, such as an entry's name."""
-    most = LONGEST_REASON + more
-    return printable(str(error)[:most])[:most]
+        raise ValueError(f"{path} is damaged: {one_line(error, LONGEST_REASON)}") from error

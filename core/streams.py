@@ -77,6 +77,11 @@ def printable(words) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def one_line(error, most: int = 300) -> str:
+    """An error's words in one line of at most so many characters: they may quote a file."""
+    return printable(" ".join(str(error)[: 2 * most].split()))[:most] or type(error).__name__
+
+
 def shown(value) -> str:
     """A value of a file as a sentence quotes it: at most 100 characters, in as little time.
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..archive import open_archive
 from ..paths import whole_file
+from ..streams import one_line
 
 POINTS_FILE = "points.npz"
 SHAPES = {  # of each array: what follows n, and its type
@@ -70,8 +71,10 @@ def load_points(folder: Path) -> SparsePoints | None:
     try:
         with open_archive(path, "file of points") as arrays:
             return SparsePoints(**{name: _array(arrays, name) for name in SHAPES})
+    except MemoryError:
+        raise
     except Exception as error:  # a file can hold anything: what was not foreseen is damage too
-        reason = " ".join(str(error).split()).replace(str(path), POINTS_FILE)[:100]
+        reason = one_line(str(error).replace(str(path), POINTS_FILE), 100)
         raise ValueError(
             f"{path} does not hold the sparse points of photographs ({reason}): remove it to go on "
             f"without points, or transforms.json beside it as well to have both found again"

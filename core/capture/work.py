@@ -75,16 +75,18 @@ class Work:
     def has_look(self, number: int) -> bool:
         """Whether there is a look that can be read."""
         try:
-            return bool(self.look(number))
+            self.look(number)
         except ValueError:
             return False
+        return True
 
     def look(self, number: int) -> Look:
         """Raises a ValueError if the file is missing or damaged."""
         path = self.look_path(number)
         with one_sentence(path), open_archive(path, "look") as file:
             colors, numbers = np.asarray(file["colors"]), ("sharpness", "exposure")
-            assert colors.dtype == np.uint8 and colors.shape == (len(colors), 3), colors.shape
+            if colors.dtype != np.uint8 or colors.shape != (len(colors), 3):
+                raise ValueError(f"its colors are {colors.dtype} of {list(colors.shape)}")
             return Look(colors, *(float(np.asarray(file[name])) for name in numbers))
 
     def keep_look(self, number: int, look: Look):

@@ -15,7 +15,7 @@ import numpy as np
 from ..archive import unpacked_limit
 from ..geometry import tet_neighbours
 from ..paths import program_version, whole_file
-from ..streams import printable, shown
+from ..streams import one_line, printable, shown
 from .archive import ModelFileError, check, open_arrays
 from .bounds import (
     SMALLEST_MARCH_STEP,
@@ -139,17 +139,12 @@ def load(path) -> TetField:
         with open_arrays(path) as arrays:
             return _build(arrays)
     except ModelFileError as error:
-        line = _one_line(error)
+        line = one_line(error, LONGEST_MESSAGE)
         raise ModelFileError(line if str(path) in line else f"{path}: {line}") from error
     except MemoryError as error:
         raise ModelFileError(f"{path} needs more memory than is free") from error
     except Exception as error:  # a file can hold anything: what was not foreseen is damage too
-        raise ModelFileError(f"{path} is damaged: {_one_line(error)}") from error
-
-
-def _one_line(error) -> str:
-    line = printable(" ".join(str(error).split()))
-    return line if len(line) <= LONGEST_MESSAGE else line[:LONGEST_MESSAGE] + " ..."
+        raise ModelFileError(f"{path} is damaged: {one_line(error, LONGEST_MESSAGE)}") from error
 
 
 def _build(arrays) -> TetField:

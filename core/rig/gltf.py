@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..streams import printable
+from ..streams import one_line
 from . import rotations
 from .clips import PATHS, Channel, Clip
 from .gltf_file import Gltf, check
@@ -61,7 +61,7 @@ def read_gltf(path) -> GltfRig:
     except ModuleNotFoundError:
         raise
     except ValueError as error:
-        line = printable(" ".join(str(error).split())[:300])
+        line = one_line(error)
         raise ValueError(line if str(path) in line else f"{path}: {line}") from error
     except Exception as error:  # a file can hold anything: what was not foreseen is damage too
         raise ValueError(f"{path} is no glTF file, or is damaged ({error!r:.100})") from error

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..memory import no_garbage_collected
+from ..streams import one_line
 
 LARGEST_FILE = 2**29  # bytes
 LARGEST_TEXT = 2**26  # bytes of JSON, embedded data included
@@ -245,8 +246,7 @@ def _parts(text: bytes) -> Part:
         with no_garbage_collected():  # which would go through all parts again and again
             root = json.loads(text.decode("utf-8-sig"), object_hook=Part)
     except (ValueError, RecursionError) as error:
-        line = " ".join(str(error).split())[:100]
-        raise ValueError(f"its JSON can't be read ({line})") from None
+        raise ValueError(f"its JSON can't be read ({one_line(error, 100)})") from None
     check(isinstance(root, Part), "it holds no glTF")
     for name in LISTS:
         parts = getattr(root, name)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..reading import read_bytes
-from ..streams import shown
+from ..streams import one_line, shown
 from .clips import Clip, clip_of_matrices
 from .gltf import GltfRig
 from .gltf_file import json_values
@@ -41,8 +41,7 @@ def read_matrices(path) -> GltfRig:
     except (KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{path} is no file of bones and matrices ({error!r:.100})") from error
     except ValueError as error:
-        line = " ".join(str(error).split())[:300]
-        raise ValueError(f"{path}: {line}") from error
+        raise ValueError(f"{path}: {one_line(error)}") from error
 
 
 def _read(values) -> GltfRig:

@@ -17,6 +17,7 @@ import torch
 from ...geometry import TetMesh
 from ...paths import whole_file
 from ...reading import open_file
+from ...streams import one_line
 from ..train_options import TrainOptions
 from .checkpoint_checks import (
     check_archive,
@@ -74,7 +75,7 @@ def save_checkpoint(checkpoint: Checkpoint, path):
         with whole_file(path) as partial:
             torch.save(content, partial)
     except (OSError, RuntimeError) as error:  # torch has RuntimeErrors of its own for a full disk
-        reason = getattr(error, "strerror", None) or _first_line(error)
+        reason = getattr(error, "strerror", None) or one_line(error)
         raise OSError(f"{path} can't be written ({reason})") from error
 
 
@@ -102,9 +103,7 @@ def load_checkpoint(path) -> Checkpoint:
         content = torch.load(path, map_location="cpu", weights_only=True)
         check_content(content, path.stat().st_size)
     except UNREADABLE as error:
-        raise CheckpointError(
-            f"{path} can't be read as a checkpoint: {_first_line(error)}"
-        ) from None
+        raise CheckpointError(f"{path} can't be read as a checkpoint: {one_line(error)}") from None
     try:
         if content["format"] != FORMAT:
             raise CheckpointError(f"{path} is a checkpoint of another version")
@@ -132,9 +131,7 @@ def load_checkpoint(path) -> Checkpoint:
         )
     except CheckpointError:
         raise
-    except UNREADABLE:
-        raise CheckpointError(f"{path} is no checkpoint of this version") from None
-
-
-def _first_line(error) -> str:
-    return str(error)[:300].splitlines()[0] if str(error) else type(error).__name__
+    except UNREADABLE as error:
+        raise CheckpointError(
+            f"{path} is no checkpoint of this version: {one_line(error)}"
+        ) from None
