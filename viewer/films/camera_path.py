@@ -25,7 +25,6 @@ from ..camera import CLOSEST, FARTHEST, Orbit, facing
 from ..timeline import TICKS_PER_SECOND, CameraKey
 from .sight import fit, sight_of
 
-LARGEST_FILE = 64 * 2**20  # bytes
 MOST_KEYS = 10_000
 LONGEST = 3600.0  # s
 FARTHEST_POINT = 1e4
@@ -54,9 +53,8 @@ def load_camera_path(path: Path, world_to_model, center, size=None) -> tuple[Cam
         CameraPathError: The file is none.
         OSError: It can't be read.
     """
-    path, read = Path(path), {"frames": []}
-    if not path.is_dir():
-        read = _read(path)
+    path = Path(path)
+    read = {"frames": []} if path.is_dir() else _read(path)
     if path.is_dir() or _is_data_set(read):
         orbits = _photographed(path, world_to_model, center, size)
         keys, shared = read["frames"] or [{}] * len(orbits), {"apart": APART}
@@ -86,7 +84,7 @@ def load_camera_path(path: Path, world_to_model, center, size=None) -> tuple[Cam
 def _read(path):
     """What a JSON file says."""
     try:
-        return json.loads(read_text(path, LARGEST_FILE), parse_constant=_refuse)
+        return json.loads(read_text(path), parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
         raise CameraPathError(f"{path} is no camera path: it is not JSON") from error
 
@@ -171,7 +169,7 @@ def _orbit(place, key, matrix, center) -> Orbit:
 
 
 def _looking(pose, target, field_of_view=1.0) -> Orbit:
-    """The orbit of a pose whose target is on its axis, as deep as another one."""
+    """The orbit of a pose: its target is on the camera's axis, at the depth of the given one."""
     forward, position = -pose[:3, 2], pose[:3, 3]
     distance = float(np.clip((np.asarray(target) - position) @ forward, CLOSEST, FARTHEST))
     seen = Orbit(position + distance * forward, distance, field_of_view=field_of_view)

@@ -58,7 +58,8 @@ def open_session(path: Path, field, source: Path | None, whole: bool = True) -> 
             said = f"{path.name} began with {at.name}, which is shown"
         elif _fits(_plain(field, header), header):
             found, at = _plain(field, header), source
-            said = f"{path.name} began before the model had this rig and stiffness, and goes on so"
+            said = f"{path.name} began before the model had this rig or stiffness"
+            said += ": the model is shown without"
         else:
             raise SessionError(_missing(path, header, field, source))
     return Opened(load_session(path, found, whole), found, at, said)
@@ -66,9 +67,7 @@ def open_session(path: Path, field, source: Path | None, whole: bool = True) -> 
 
 def _fits(field, header) -> bool:
     """Whether a session with this header begins with a model."""
-    start = header.get("start")
-    wanted = start if isinstance(start, dict) else {}
-    factors, rig = field.stiffness, field.rig_arrays
+    wanted, factors, rig = _start(header), field.stiffness, field.rig_arrays
     own = {
         "stiffness": None if factors is None else factor_hash(factors),
         "rig": None if rig is None else rig_hash(rig),
@@ -79,10 +78,13 @@ def _fits(field, header) -> bool:
 
 def _plain(field, header):
     """The model without the stiffnesses or the rig that the session begins without."""
+    start, names = _start(header), {"stiffness": "stiffness", "rig": "rig_arrays"}
+    return replace(field, **{own: None for n, own in names.items() if start.get(n, "") is None})
+
+
+def _start(header) -> dict:
     start = header.get("start")
-    without = [name for name in ("stiffness", "rig") if isinstance(start, dict) and name in start]
-    names = {"stiffness": "stiffness", "rig": "rig_arrays"}
-    return replace(field, **{names[n]: None for n in without if start[n] is None})
+    return start if isinstance(start, dict) else {}
 
 
 def _named_model(path, header, source):
