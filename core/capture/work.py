@@ -1,8 +1,8 @@
-"""The work folder: what is known so far of photographs whose cameras are being found.
+"""The work folder: results so far, while the cameras of photographs are being found.
 
-It holds pycolmap's database, for each photograph an .npz (`Look`), and work.json, which says for
-which photographs all this is.  A run that is interrupted leaves it; one that ends removes it, but
-nothing that has another name, or is no file of its own.
+It holds pycolmap's database, an .npz for each photograph (`Look`), and work.json, which lists the
+photographs.  A run that is interrupted leaves the folder.  One that ends removes the files that it
+knows by name, and the folder if it is empty then; links and all other files stay.
 """
 
 import json
@@ -110,7 +110,7 @@ class Work:
         return tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=self.folder)
 
     def remove(self) -> bool:
-        """Remove what is known here, and the folder if nothing else is in it; False if there is."""
+        """Remove our files, and the folder if it is empty then; returns whether it is gone."""
         with suppress(OSError):
             # The listing goes last, or nobody would know again whose the others are.
             for path in sorted(self.folder.iterdir(), key=lambda path: path.name == LISTING):

@@ -1,4 +1,4 @@
-"""The lens of a film's camera where it was that of a photograph.
+"""A film's camera with the lens of a photograph.
 
 An Orbit has a vertical field of view alone.  A photograph's lens has two focal lengths, an axis
 beside the middle of the image, and distortion; a Sight has these as well, in parts of the image's

@@ -1,7 +1,7 @@
-"""A session is played: its edits are made again, at their ticks, on a scene at rest.
+"""Play a session: make its edits again, at their ticks, on a scene at rest.
 
-A file of two lines may last for a day.  Ticks in which nothing moves are skipped; whoever plays
-the others can stop between two batches of them, and is told how long it will take.
+A file of two lines may last for a day.  Ticks in which nothing moves are skipped.  The others are
+played in batches: between two of them the user is told how long it will take, and can stop.
 """
 
 import logging
@@ -95,10 +95,10 @@ class Player:
 
     @contextmanager
     def _told(self):
-        """In the block, the last edit that was made is to blame for what goes wrong.
+        """Turn errors of the block into a SessionError that names the last edit that was made.
 
-        An edit of this model says by a ValueError that it is impossible.  Whatever else is raised
-        is a fault of ours: a sentence as well, whose traceback the log has.
+        A ValueError says that this model can't have the edit.  Any other error is a fault of the
+        program: its traceback goes into the viewer's log, and to stderr with --verbose.
         """
         try:
             yield
@@ -141,7 +141,7 @@ class Player:
 
 
 class Patience:
-    """How long it takes, told to whoever waits; of what may last for hours, whether to go on."""
+    """Tells the user how long work will take, and asks whether to go on if that is LONG."""
 
     def __init__(self, what: str, total: int):
         """Take a name for the work, and the number of its parts."""

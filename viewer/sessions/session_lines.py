@@ -1,7 +1,7 @@
-"""The lines of a session file, of what a reader would take.
+"""Write the lines of a session file, without the values that its reader refuses.
 
-What is in memory and can't be written never keeps the rest from being written: values that no
-session can have are left out, and told of.
+A value in memory that can't be written never keeps the rest from being written: it is left out, and
+the user is told.
 """
 
 import json

@@ -43,7 +43,7 @@ def list_images(folder, split, outside=False) -> Listing:
 
 
 def images_of_all_splits(folder, outside) -> list[PosedImage]:
-    """The images of a data set as far as its files can be read, without what it may not read."""
+    """The images of all splits whose files can be read; those inside the folder, or all."""
     images = []
     for split in ("train", "val", "test"):
         with suppress(DatasetError):
