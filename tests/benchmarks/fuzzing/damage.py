@@ -169,7 +169,7 @@ def _damage(rng, place, key, keys):
     elif kind == 2 and number:
         place[key] = [-old, old + 1, old - 1, old * 1000, 1e-9 * old, old + 0.5][rng.integers(6)]
     elif kind == 3:
-        place[key] = [str(old), [old], {"a": old}, [old] * 50, bool(old)][rng.integers(5)]
+        place[key] = [str(old), [old], {"a": old}, [old] * 50, old is None][rng.integers(5)]
     elif kind == 4:
         place[key] = copy.deepcopy(place[keys[rng.integers(len(keys))]])
     elif kind == 5 and isinstance(place, list):
