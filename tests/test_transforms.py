@@ -231,7 +231,7 @@ def test_json_that_is_no_scene_is_refused_quickly(tmp_path):
     with path.open("wb") as file:
         file.truncate(2**33)  # takes no space on the disk
     with pytest.raises(
-        DatasetError, match=r"transforms\.json can.t be read: it is larger than 64 MiB"
+        DatasetError, match=r"transforms\.json can't be read: it is larger than 64 MiB"
     ):
         load_dataset(tmp_path, "train")
 

@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     from .turning import Turning
 
 IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".heic", ".heif")
-SHORTEST_QUATERNION = 1e-9
+MOST_TEXT = 64 * 2**20  # bytes of a file that lists views: about a hundred thousand of them
 FARTHEST = 1e12  # that a camera may be, so that no product overflows
 SHAPE_TOLERANCE = 0.02  # between the stated width : height and the image's
 EVERY_TEST_VIEW = 8  # for data without a split, as in LLFF and mip-NeRF 360
+SHORTEST_QUATERNION = 1e-9
 
 
 class DatasetError(ValueError):
@@ -81,9 +82,9 @@ def is_of_split(index: int, count: int, split: str | None) -> bool:
 
 
 def text_of(path: Path) -> str:
-    """A text file of a data set; DatasetError if it is no file, too long, or not in Unicode."""
+    """A text file of a data set; DatasetError if it is none, too long, or not in Unicode."""
     try:
-        data = read_bytes(path)
+        data = read_bytes(path, MOST_TEXT)
         is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         return data.decode("utf-16" if is_wide else "utf-8-sig")
     except OSError as error:
