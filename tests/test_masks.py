@@ -60,6 +60,36 @@ def test_white_or_opaque_is_the_object(tmp_path, mode):
     assert read_mask(tmp_path / "m.png", 8, 6).tolist() == half_mask()[::2, ::2].tolist()
 
 
+def class_mask(kind):
+    """A mask whose left half is an object's, as programs that segment images write them."""
+    inside = half_mask() > 0
+    if kind in ("red", "blue"):
+        return Image.fromarray(inside[..., None] * np.uint8([255 * (kind == c) for c in CHANNELS]))
+    number = int(kind.split()[-1])
+    image = Image.fromarray((inside * number).astype(np.uint8))
+    if "palette" in kind:
+        image = Image.fromarray(np.asarray(image), "P")
+        image.putpalette([0, 0, 0] * number + [192, 128, 0])
+    return image
+
+
+CHANNELS = "red", "green", "blue"
+
+
+@pytest.mark.parametrize(
+    "kind", ["class 1", "class 15", "class 128", "palette 1", "palette 15", "red", "blue"]
+)
+def test_numbers_and_colors_of_classes_are_the_object_in_full(tmp_path, kind):
+    class_mask(kind).save(tmp_path / "m.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 16, 12), half_mask())
+
+
+def test_what_is_soft_stays_soft(tmp_path):
+    soft = np.linspace(0, 250, 192).astype(np.uint8).reshape(12, 16)
+    Image.fromarray(soft).save(tmp_path / "m.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 16, 12), soft)
+
+
 def test_another_shape_is_refused(tmp_path):
     Image.fromarray(half_mask()).save(tmp_path / "m.png")
     with pytest.raises(DatasetError, match="16x12 pixels, which is another shape"):

@@ -3,19 +3,21 @@
 A photograph's mask lies in the masks' folder, or in the same subfolder of it, under the
 photograph's name with another ending, with `_mask` or `-mask` behind its stem, or with one more
 ending (as 0001.jpg.png); or the data set's files name it (mask_path in transforms.json).  It is
-white where the object is, or opaque if it has alpha; other programs leave out what is black.
+white where the object is, or opaque if it has alpha; other programs leave out what is black.  Masks
+of few values, none of them white, hold numbers or colors of classes: all that is not black is the
+object.
 """
 
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageChops
 
 from ...images import ImageError, open_image, rgba
 from .foreign_paths import tail_of
 from .posed_images import IMAGE_ENDINGS, DatasetError, PosedImage, existing, have_one_shape
 
-MOST_CLASSES = 8  # a mask of such values has numbers of classes, and 0 is the background
+MOST_CLASSES = 32  # values of a mask that holds numbers of classes; what is soft has more
 
 
 def mask_paths(folder, images: list[PosedImage], needed=True) -> list[Path | None]:
@@ -99,7 +101,14 @@ def read_mask(path: Path, width, height, upright=False):
             f"than its photograph's {width}x{height}"
         )
     alpha = pixels.getchannel("A")
-    mask = alpha if alpha.getextrema()[0] < 255 else pixels.convert("L")
-    if mask.getextrema()[1] <= MOST_CLASSES:
+    mask = alpha if alpha.getextrema()[0] < 255 else brightest(pixels)
+    counts = mask.histogram()
+    if not counts[255] and np.count_nonzero(counts) <= MOST_CLASSES:
         mask = mask.point(lambda value: 255 * (value > 0))
     return np.asarray(mask.resize((width, height), Image.Resampling.BOX))
+
+
+def brightest(pixels):
+    """The largest of red, green and blue: any full color is as far from black as white."""
+    red, green, blue, _ = pixels.split()
+    return ImageChops.lighter(ImageChops.lighter(red, green), blue)
