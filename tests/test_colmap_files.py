@@ -142,6 +142,18 @@ TEXTS = {
 }
 
 
+@pytest.mark.parametrize("name", ["0001", "12 3"])
+@pytest.mark.parametrize("has_features", [True, False])
+def test_names_of_numbers_alone_are_no_features(tmp_path, name, has_features):
+    rows = []
+    for i in range(4):
+        rows.append(f"{i + 1} 1 0 0 0 0 0 {i} 1 {name}{i}")
+        rows += ["10.5 20.5 -1 3 4 5 7 8 9 1 2 3"] if has_features else []
+    (tmp_path / "images.txt").write_text("\n".join(rows) + "\n")
+    found = [image.name for image in files.read_images(tmp_path / "images.txt")]
+    assert found == [f"{name}{i}" for i in range(4)]
+
+
 @pytest.mark.parametrize("features", [True, False])
 @pytest.mark.parametrize("kind", TEXTS)
 def test_text_of_other_writers_is_read_whole(tmp_path, kind, features):

@@ -320,9 +320,12 @@ def text_images(path):
 
 
 def names_image(line) -> bool:
-    """Whether there is anything but numbers behind the tenth field's beginning."""
-    fields = line.split(None, 12)[9:12]
-    return not all(map(is_number, fields))
+    """Whether a line is an image's, and no features: these are numbers by threes.
+
+    The name of an image may be one number or two, as 0001: there are 10 fields then, or 11.
+    """
+    fields = line.split(None, 12)
+    return len(fields) in (10, 11) or not all(map(is_number, fields[9:12]))
 
 
 def is_number(field) -> bool:
