@@ -243,3 +243,39 @@ def test_a_folder_without_cameras_is_no_path(tmp_path):
     write_frames(tmp_path, [])
     with pytest.raises(CameraPathError):
         load_camera_path(tmp_path, UNCHANGED, CENTER)
+
+
+# -- nerfstudio's ---------------------------------------------------------------------------------
+
+
+def nerfstudios(offset=(0, 0, 0), **more):
+    pose = look_at([4.0, 0.0, 1.0], [0.0, 0.0, 0.0])
+    pose[:3, 3] += offset
+    return {"camera_path": 3 * [{"camera_to_world": pose.ravel().tolist(), "fov": 60}], **more}
+
+
+@pytest.mark.parametrize("kind", ["fisheye", "equirectangular", 3])
+def test_pictures_that_are_no_pinholes_are_refused(tmp_path, kind):
+    with pytest.raises(CameraPathError, match=f"has camera_type {kind!r}: only 'perspective'"):
+        loaded(tmp_path, nerfstudios(camera_type=kind))
+    assert len(loaded(tmp_path, nerfstudios(camera_type="perspective"))) == 3
+
+
+def test_whose_space_a_path_of_nerfstudio_has_to_be_in_is_told(tmp_path, caplog):
+    loaded(tmp_path, nerfstudios())
+    assert "fits if nerfstudio trained without centering and scaling" in caplog.text
+
+
+@pytest.mark.parametrize("kind", ["camera_path", "frames"])
+def test_far_origins_are_no_matter_of_the_path(tmp_path, kind):
+    far = np.array([412345.6, 5431234.5, 312.0])
+    content = nerfstudios(far)
+    if kind == "frames":  # without intrinsics
+        rows = content["camera_path"][0]["camera_to_world"]
+        content = {"frames": 2 * [{"transform_matrix": np.reshape(rows, (4, 4)).tolist()}]}
+    to_model = np.eye(4)
+    to_model[:3, 3] = -far
+    pose = orbits.pose_of(loaded(tmp_path, content, to_model)[0].orbit)
+    np.testing.assert_allclose(pose, look_at([4.0, 0.0, 1.0], [0.0, 0.0, 0.0]), atol=1e-6)
+    with pytest.raises(CameraPathError, match="model sizes away: is this the space of"):
+        loaded(tmp_path, content)

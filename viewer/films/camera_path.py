@@ -131,11 +131,29 @@ def _entries(path, read):
     if "keys" in read:
         return read["keys"], True, {"apart": APART}
     if "camera_path" in read:  # nerfstudio's
+        _check_nerfstudio(path, read)
         fps = _number(path, read, "fps", 24.0, 1000.0, 0.1)
         return read["camera_path"], False, {"apart": 1.0 / fps}
     if "frames" in read:  # of Blender's, instant-ngp's and nerfstudio's data sets
         return read["frames"], False, {"apart": APART, **_view_of(path, read)}
     raise CameraPathError(f"{path} is no camera path: it has no keys, frames or camera_path")
+
+
+def _check_nerfstudio(path, read):
+    """CameraPathError if a path is of no pinhole's pictures."""
+    kind = read.get("camera_type") or "perspective"
+    if kind != "perspective":
+        raise CameraPathError(
+            f"{path} has camera_type {kind!r}"[:200] + ": only 'perspective' can be filmed, "
+            "change it there if you want that"
+        )
+    log.warning(
+        "%s",
+        printable(
+            f"{path.name} fits if nerfstudio trained without centering and scaling the scene, "
+            f"which it does unless it is switched off"
+        ),
+    )
 
 
 def _view_of(path, read):
@@ -165,6 +183,11 @@ def _orbit(place, key, matrix, center) -> Orbit:
     else:
         pose = _pose(place, key.get("transform_matrix", key.get("camera_to_world")))
         pose = in_space(pose, matrix)
+        if abs(pose[:3, 3]).max() > FARTHEST_POINT:
+            raise CameraPathError(
+                f"{place} is {abs(pose[:3, 3]).max():.3g} model sizes away: is this the space of "
+                f"this model's training data?"
+            )
     return _looking(pose, center if target is None else target, math.radians(fov))
 
 
@@ -184,7 +207,6 @@ def _pose(place, matrix):
         message = f"{place} needs a position, or a transform_matrix of 4 × 4 numbers"
         raise CameraPathError(message) from error
     good = pose.shape in ((3, 4), (4, 4)) and np.isfinite(pose).all()
-    good = good and abs(pose).max() <= FARTHEST_POINT
     if good:
         axes = pose[:3, :3] / np.maximum(np.linalg.norm(pose[:3, :3], axis=0), 1e-12)
         good = abs(axes.T @ axes - np.eye(3)).max() < NOT_RIGID and np.linalg.det(axes) > 0.0
