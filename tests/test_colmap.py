@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pytest
 from colmap_files import circle, some_sparse, write_binary, write_capture, write_images, write_text
+from PIL import Image
 
 from deformrf.core.capture import upright
 from deformrf.core.commands import running, train
@@ -172,7 +173,7 @@ def test_the_largest_of_several_models_is_used_and_all_counts_are_told(tmp_path,
         assert f"{place} has {count} of its {count} photographs" in line
 
 
-@pytest.mark.parametrize("place", ["sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse"])
+@pytest.mark.parametrize("place", ["sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "."])
 def test_a_single_model_is_read_where_programs_put_it(tmp_path, place):
     write_models(tmp_path, {place: 5})
     assert load_dataset(tmp_path, "train").view_count == 4
@@ -222,3 +223,11 @@ def test_the_check_of_photographs_says_it_too(call, tmp_path):
     result = call(train.main, tmp_path / "data", "-o", tmp_path / "m.npz", "--check")
     assert result.code == 0, result.err
     assert result.err.count("sparse/1 is used: sparse/0 has 2 of its 2") == 1
+
+
+def test_the_check_refuses_what_training_refuses(call, tmp_path, refused):
+    write_capture(tmp_path / "data")
+    Image.new("RGB", (12, 16)).save(tmp_path / "data/images/r_3.png")
+    for flags in (["--check"], []):
+        sentence = refused(call(train.main, tmp_path / "data", "-o", tmp_path / "m.npz", *flags))
+        assert "turned or cropped images need intrinsics of their own" in sentence

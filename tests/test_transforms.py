@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from colmap_files import write_capture
 from PIL import Image, ImageOps
 
 from deformrf.core.render import Camera, camera_rays
@@ -300,3 +301,30 @@ def test_images_outside_the_folder_are_refused_unless_asked_for(tmp_path, way):
 def test_a_link_to_the_data_set_is_no_way_out(tmp_path):
     (tmp_path / "link").symlink_to(write(tmp_path / "data"))
     assert load_dataset(tmp_path / "link", "train").view_count == 7
+
+
+def test_no_split_is_read_of_another_layouts_cameras(tmp_path):
+    write(tmp_path, name="transforms_train.json")
+    write_capture(tmp_path)
+    with pytest.raises(NoSplitError, match=r"holds no transforms_test\.json"):
+        load_dataset(tmp_path, "test")
+
+
+@pytest.mark.parametrize("half", [(15, 20), (90, 120)])
+def test_intrinsics_of_images_in_another_size_need_that_size(tmp_path, half):
+    unsized = {"w": None, "h": None, "k1": 0, "k2": 0, "p1": 0, "p2": 0}
+    write(tmp_path / "a", sizes=dict.fromkeys(range(9), half), **unsized)
+    with pytest.raises(DatasetError, match=r"cx = 15\.5 and no w, .*: add the w and h"):
+        load_dataset(tmp_path / "a", "train")
+    known = write(tmp_path / "b", **unsized | {"w": 30, "h": 40})
+    unknown = write(tmp_path / "c", **unsized)
+    assert load_dataset(known, "train").lenses == load_dataset(unknown, "train").lenses
+
+
+def test_images_that_were_shrunk_by_8_have_rounded_sides(tmp_path):
+    whole = {"w": 480, "h": 270, "cx": 240, "cy": 135, "fl_x": 400, "fl_y": 400}
+    write(tmp_path, sizes=dict.fromkeys(range(9), (60, 33)), **whole)
+    assert load_dataset(tmp_path, "train").lenses[0].focal == pytest.approx((50, 400 * 33 / 270))
+    write(tmp_path, sizes=dict.fromkeys(range(9), (60, 32)), **whole)
+    with pytest.raises(DatasetError, match="turned or cropped"):
+        load_dataset(tmp_path, "train")

@@ -16,7 +16,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         ],
         "video": ["frames_folder", "is_video"],
         "page": ["THUMBNAIL", "Shown", "judge", "page_of"],
-        "photos": ["CaptureError", "find_photos", "photo_folder", "read_photo"],
+        "photos": ["CaptureError", "find_photos", "photo_files", "photo_folder", "read_photo"],
         "sharpness": ["exposure_of", "gray_of", "sharpness_of", "sharpness_weights"],
         "placing": ["focus", "upright"],
         "work": ["remove_left"],

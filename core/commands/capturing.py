@@ -28,11 +28,19 @@ class Prepared:
 
 
 def needs_cameras(data: Path) -> bool:
-    """Whether this is a folder of photographs, or a video, that no file says the cameras of."""
+    """Whether this is a folder of photographs, or a video, that no file says the cameras of.
+
+    Raises:
+        DatasetError: The cameras lie deeper in the folder than they are read from.
+    """
     if capture.is_video(data):
         data = capture.frames_folder(data)
         return not data.is_dir() or not training.has_cameras(data)
-    return data.is_dir() and not training.has_cameras(data) and bool(capture.photo_folder(data))
+    if not data.is_dir() or training.has_cameras(data):
+        return False
+    if not capture.photo_files(data):
+        training.check_place(data)
+    return bool(capture.photo_folder(data))
 
 
 def prepared(data: Path, output: Path, image_size: int | None) -> Prepared:

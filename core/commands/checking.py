@@ -28,7 +28,11 @@ def check(data: Path, output: Path, outside: bool = False) -> int:
     teaching = images_of(data, "train", outside)
     posed = {image.path: image for image in (*teaching, *images_of(data, "test", outside))}
     posed = [posed[path] for path in sorted(posed)]
+    for image in posed:
+        image.lens(*training.size_of(image))  # as training will: it raises an error for a bad one
     shown = [shown_of(image) for image in training.track(posed, len(posed), "Looking at images")]
+    for line in posed[0].turning.said() if posed else ():
+        say_once(line)
     known = {image.path.resolve() for image in posed}
     others, unreadable = capture.find_photos(posed[0].path.parent) if posed else ([], [])
     shown += [shown_alone(photo) for photo in others if photo.path.resolve() not in known]

@@ -13,6 +13,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "NoImagesError",
             "NoSplitError",
             "find_object",
+            "check_place",
             "has_cameras",
             "track",
             "white_composite",

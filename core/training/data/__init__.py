@@ -15,7 +15,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "track",
             "white_composite",
         ],
-        "layouts": ["has_cameras", "list_images"],
+        "layouts": ["check_place", "has_cameras", "list_images"],
         "posed_images": ["DatasetError", "NoImagesError", "NoSplitError"],
         "raybank": ["EMPTY", "NO_LIMIT", "Drawn", "RayBank"],
         "found_object": ["FoundObject", "Plane", "find_object", "ground_of"],

@@ -1,10 +1,10 @@
 """COLMAP's sparse reconstructions, whose files colmap_files.py reads.
 
 A folder holds `images/` and one or several models in `sparse/` or `colmap/sparse/`: there, or in
-folders of their own (`sparse/0/`, `sparse/1/`, ...).  Of several models the one with the most
-images that exist is read.  Every eighth image, in the order of the names, is a test image.  A
-reconstruction has no vertical axis of its own: the reader turns the world so that the mean up
-direction of the cameras is +z.
+folders of their own (`sparse/0/`, `sparse/1/`, ...); or a single one beside `images/`.  Of several
+models the one with the most images that exist is read.  Every eighth image, in the order of the
+names, is a test image.  A reconstruction has no vertical axis of its own: the reader turns the
+world so that the mean up direction of the cameras is +z.
 """
 
 import os
@@ -76,6 +76,8 @@ def sparse_folders(folder: Path) -> list[Path]:
         ordered = sorted(inner, key=lambda p: (not p.name.isdecimal(), len(p.name), p.name))
         kinds = ("cameras", "images")
         found += [p for p in (*ordered, folder / place) if any(endings_of(p, k) for k in kinds)]
+    if not found and endings_of(folder, "cameras", "images"):
+        return [folder]
     return found[:MOST_MODELS]
 
 

@@ -8,14 +8,20 @@
 | Polycam, Record3D | keyframes/cameras/, metadata.json and rgb/ | phones.py |
 """
 
+import os
 from contextlib import suppress
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
-from ...capture import load_points
+from ...capture import CaptureError, load_points, photo_folder
 from . import colmap, nsvf, phones, transforms
 from .posed_images import DatasetError, Listing, NoSplitError, PosedImage
 from .turning import Turning
+
+DEEPEST = 3  # folders that may be wrapped around a data set
+MOST_FOLDERS = 1000  # that are looked into for one
+WORK = ".capture"  # ending of the folders that hold unfinished work of core/capture
 
 
 def list_images(folder, split, outside=False) -> Listing:
@@ -66,12 +72,20 @@ def read_layout(folder, split):
     """What the reader of the folder's layout finds, wherever it lies."""
     if transforms.transforms_path(folder, split):
         return transforms.read(folder, split)
+    if (folder / "transforms_train.json").is_file():
+        return no_split(folder, split)  # another layout's cameras are in a space of their own
     if nsvf.is_here(folder):
         return nsvf.read(folder, split)
     if colmap.is_here(folder):
         return colmap.read(folder, split)
     if phones.is_here(folder):
         return phones.read(folder, split)
+    check_place(folder)
+    return no_split(folder, split)
+
+
+def no_split(folder, split):
+    """Raise the NoSplitError that names what is there."""
     others = ", ".join(sorted(p.name for p in folder.glob("transforms*.json"))) or "none"
     own = "transforms.json" if split is None else f"transforms_{split}.json"
     raise NoSplitError(
@@ -79,6 +93,48 @@ def read_layout(folder, split):
         f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP) nor a scan (Polycam, Record3D) nor "
         f"photographs"
     )
+
+
+def check_place(folder: Path) -> None:
+    """DatasetError, with what to do, if cameras lie deeper in a folder than they are read from."""
+    inner = inner_data_sets(folder)
+    if not inner:
+        return
+    names = ", ".join(str(path.relative_to(folder)) for path in inner[:4])
+    if len(inner) > 1:
+        raise DatasetError(
+            f"{folder} has no cameras itself, but {len(inner)} folders in it have ({names}): give "
+            f"one of them"
+        )
+    if not holds_photographs(inner[0]):
+        models = colmap.sparse_folders(inner[0])
+        place, right = (models[0], folder / "sparse/0") if models else (inner[0], folder)
+        raise DatasetError(
+            f"the cameras of {folder} lie in {place}, where they are not read: move that folder's "
+            f"files to {right}"
+        )
+    raise DatasetError(f"{folder} has no cameras itself, but {inner[0]} has: give that folder")
+
+
+def inner_data_sets(folder: Path) -> list[Path]:
+    """The folders within a folder whose files have cameras, by name; none within another."""
+    found = []
+    for place, inner, _ in islice(os.walk(folder), MOST_FOLDERS):
+        path = Path(place)
+        is_found = path != folder and has_cameras(path)
+        if is_found:
+            found.append(path)
+        if is_found or len(path.relative_to(folder).parts) == DEEPEST:
+            inner.clear()
+        inner[:] = sorted(name for name in inner if name[0] != "." and not name.endswith(WORK))
+    return found
+
+
+def holds_photographs(folder: Path) -> bool:
+    try:
+        return photo_folder(folder) is not None
+    except CaptureError:  # several folders in it do
+        return True
 
 
 def sparse_points(folder, split):

@@ -122,8 +122,13 @@ def have_one_shape(size, other) -> bool:
 
 
 def check_shape(size, stated, name, source):
-    """DatasetError unless an image has the shape that the data set's files state for it."""
-    if not have_one_shape(size, stated):
+    """DatasetError unless an image has the shape that the data set's files state for it.
+
+    The sides of a shrunk image may have been rounded, up or down.
+    """
+    (width, height), (w, h) = size, stated
+    is_rounded = width < w and height < h and abs(width * h - height * w) < max(stated)
+    if not is_rounded and not have_one_shape(size, stated):
         raise DatasetError(
             f"{source} says that images have {stated[0]:g}x{stated[1]:g} pixels, but {name} has "
             f"{size[0]}x{size[1]}: turned or cropped images need intrinsics of their own"

@@ -203,6 +203,17 @@ def is_number(value) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
+def check_center(center, values, size, path):
+    """DatasetError if cx and cy can't be of an image of this size, and no other one is stated."""
+    for key, side, place, length in zip(("cx", "cy"), ("w", "h"), center, size, strict=True):
+        if values.get(side) is None and not 0.25 < place / length < 0.75:
+            raise DatasetError(
+                f"{path} has {key} = {place:g} and no {side}, and {values['file_path']} has "
+                f"{size[0]}x{size[1]} pixels: add the w and h of the images that its numbers are "
+                f"for"
+            )
+
+
 def lens_reader(values, path):
     """The function that makes an image's lens from its width and height on disk.
 
@@ -242,11 +253,13 @@ def lens_reader(values, path):
         if focal_x is None:
             focal_x = 0.5 * w / np.tan(0.5 * angle)
         focal_y = number("fl_y", focal_x)
+        center = number("cx", 0.5 * w), number("cy", 0.5 * h)
+        check_center(center, values, (width, height), path)
         whole = Lens(
             w,
             h,
             (float(focal_x), float(focal_y)),
-            (float(number("cx", 0.5 * w)), float(number("cy", 0.5 * h))),
+            (float(center[0]), float(center[1])),
             tuple(float(number(key, 0.0)) for key in ("k1", "k2", "k3", "k4")),
             tuple(float(number(key, 0.0)) for key in ("p1", "p2")),
         )
