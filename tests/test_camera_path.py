@@ -87,6 +87,7 @@ def test_a_path_of_nerfstudio_has_its_own_rate(tmp_path):
         ([PLACE, {"transform_matrix": [[1, 2], [3]]}], "needs a position"),
         ([PLACE, {"transform_matrix": [[10**400] * 4] * 4}], "needs a position"),
         ([PLACE, {"transform_matrix": np.diag([1, -1, 1, 1]).tolist()}], "not a rotation"),
+        ([PLACE, {"transform_matrix": [*np.eye(4)[:3].tolist(), [3, 0, 0, 1]]}], "not a rotation"),
     ],
 )
 def test_what_is_no_path_is_explained(tmp_path, content, sentence):

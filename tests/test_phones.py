@@ -157,3 +157,13 @@ def test_two_folders_of_photographs_without_cameras_are_none(tmp_path):
     for name in ("rgb", "images"):
         put(tmp_path / name / "0.jpg")
     assert not has_cameras(tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_a_camera_that_is_no_file_is_neither_waited_for_nor_read(tmp_path, kind):
+    polycam(tmp_path)
+    path = tmp_path / "keyframes/cameras/1003.json"
+    path.unlink()
+    os.mkfifo(path) if kind == "pipe" else path.symlink_to("/dev/zero")
+    with pytest.raises(DatasetError, match=rf"1003\.json can't be read: it is a {kind}"):
+        load_dataset(tmp_path, "train")

@@ -328,3 +328,18 @@ def test_images_that_were_shrunk_by_8_have_rounded_sides(tmp_path):
     write(tmp_path, sizes=dict.fromkeys(range(9), (60, 32)), **whole)
     with pytest.raises(DatasetError, match="turned or cropped"):
         load_dataset(tmp_path, "train")
+
+
+@pytest.mark.parametrize("scene", ["root", "frame"])
+def test_transposed_matrices_are_refused(tmp_path, scene):
+    write(tmp_path)
+    path = tmp_path / "transforms.json"
+    content = json.loads(path.read_text())
+    for frame in content["frames"][1:] if scene == "root" else content["frames"][5:6]:
+        frame["transform_matrix"] = np.transpose(frame["transform_matrix"]).tolist()
+    path.write_text(json.dumps(content))
+    sentence = (
+        "0 0 0 1, and ends in 5 0 0 1: if it is transposed" if scene == "frame" else "1 0 0 1"
+    )
+    with pytest.raises(DatasetError, match=sentence):
+        load_dataset(tmp_path, "train")

@@ -207,6 +207,7 @@ def _pose(place, matrix):
         message = f"{place} needs a position, or a transform_matrix of 4 × 4 numbers"
         raise CameraPathError(message) from error
     good = pose.shape in ((3, 4), (4, 4)) and np.isfinite(pose).all()
+    good = good and (len(pose) == 3 or np.abs(pose[3, :3]).max() < 1e-4)  # else it is transposed
     if good:
         axes = pose[:3, :3] / np.maximum(np.linalg.norm(pose[:3, :3], axis=0), 1e-12)
         good = abs(axes.T @ axes - np.eye(3)).max() < NOT_RIGID and np.linalg.det(axes) > 0.0

@@ -139,7 +139,8 @@ def rigid_pose(values, name):
     """A camera-to-world matrix.  [4, 4] float64
 
     Raises:
-        DatasetError: It is not 4x4, not finite, beyond FARTHEST, or mirrors or distorts.
+        DatasetError: It is not 4x4, not finite, beyond FARTHEST, mirrors or distorts, or has its
+            position in its last row.
     """
     try:
         matrix = np.array(values, np.float64)
@@ -149,6 +150,12 @@ def rigid_pose(values, name):
         matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
     if matrix.shape != (4, 4) or not (np.abs(matrix) <= FARTHEST).all():
         raise DatasetError(f"{name} has to be 4 rows of 4 finite numbers, up to {FARTHEST:g}")
+    if np.abs(matrix[3, :3]).max() > 1e-4:
+        row = " ".join(f"{value:g}" for value in matrix[3])
+        raise DatasetError(
+            f"{name} has to end in the row 0 0 0 1, and ends in {row}: if it is transposed, write "
+            f"its columns as rows"
+        )
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if (lengths < 1e-8).any():
         raise DatasetError(f"{name} is no camera pose: an axis has no length")
