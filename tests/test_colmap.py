@@ -1,11 +1,13 @@
 """COLMAP's reconstructions as data sets; test_colmap_files.py has their files alone."""
 
+import json
 import sys
 
 import numpy as np
 import pytest
 from colmap_files import circle, some_sparse, write_binary, write_capture, write_images, write_text
 from PIL import Image
+from posed_data import PHONE, transforms
 
 from deformrf.core.capture import upright
 from deformrf.core.commands import running, train
@@ -231,3 +233,24 @@ def test_the_check_refuses_what_training_refuses(call, tmp_path, refused):
     for flags in (["--check"], []):
         sentence = refused(call(train.main, tmp_path / "data", "-o", tmp_path / "m.npz", *flags))
         assert "turned or cropped images need intrinsics of their own" in sentence
+
+
+def test_the_check_says_that_cameras_look_into_one_direction(call, tmp_path):
+    transforms(tmp_path / "data", **PHONE)
+    path = tmp_path / "data/transforms.json"
+    scene = json.loads(path.read_text())
+    for frame in scene["frames"]:
+        frame["transform_matrix"] = scene["frames"][0]["transform_matrix"]
+    path.write_text(json.dumps(scene))
+    result = call(train.main, tmp_path / "data", "-o", tmp_path / "m.npz", "--check")
+    assert result.code == 0 and "the cameras look into about the same direction" in result.out
+
+
+def test_the_check_says_which_orientations_are_guessed(call, tmp_path):
+    write_capture(tmp_path / "data")
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    path = tmp_path / "data/images/r_3.png"
+    Image.open(path).save(path, exif=exif)
+    result = call(train.main, tmp_path / "data", "-o", tmp_path / "m.npz", "--check")
+    assert result.code == 0 and "EXIF orientations are not applied (of 1 photographs" in result.err

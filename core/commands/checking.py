@@ -31,8 +31,8 @@ def check(data: Path, output: Path, outside: bool = False) -> int:
     for image in posed:
         image.lens(*training.size_of(image))  # as training will: it raises an error for a bad one
     shown = [shown_of(image) for image in training.track(posed, len(posed), "Looking at images")]
-    for line in posed[0].turning.said() if posed else ():
-        say_once(line)
+    for line in dict.fromkeys(line for image in posed for line in image.turning.said()):
+        say_once(line)  # a split has one
     known = {image.path.resolve() for image in posed}
     others, unreadable = capture.find_photos(posed[0].path.parent) if posed else ([], [])
     shown += [shown_alone(photo) for photo in others if photo.path.resolve() not in known]
@@ -42,7 +42,7 @@ def check(data: Path, output: Path, outside: bool = False) -> int:
     corners = box_corners(teaching, points)  # as training will look for it
     title = f"{data.resolve().name}: {len(posed)} of {len(shown)} photographs with cameras, "
     title += f"{len(points)} points, " + ("no object found" if corners is None else "object found")
-    doubts = capture.doubts_about(data)
+    doubts = capture.doubts_about(data) + doubts_about_directions(teaching)
     page = capture.page_of(printable(title), shown, points, colors, corners, doubts)
     path = output.with_name(f"{output.stem}-check.png")
     with whole_file(path) as partial:
@@ -89,6 +89,16 @@ def shown_as(name: str, rgb, pose) -> capture.Shown:
     small.thumbnail(capture.THUMBNAIL)
     sharpness, exposure = capture.sharpness_of(gray), capture.exposure_of(gray)
     return capture.Shown(name, np.asarray(small), sharpness, exposure, pose)
+
+
+def doubts_about_directions(posed) -> list[str]:
+    """A sentence if the cameras look into one direction, as training will say then."""
+    try:
+        if posed:
+            training.focus(np.array([image.camera_to_world for image in posed]))
+    except training.DatasetError as error:
+        return [str(error)]
+    return []
 
 
 def box_corners(posed, points):

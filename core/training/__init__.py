@@ -12,8 +12,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             # for the commands and the lab
             "NoImagesError",
             "NoSplitError",
-            "find_object",
             "check_place",
+            "find_object",
+            "focus",
             "has_cameras",
             "track",
             "white_composite",
