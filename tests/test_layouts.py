@@ -1,7 +1,9 @@
 """Data sets that lie deeper in a folder than they are read from."""
 
+import json
 import shutil
 
+import numpy as np
 import pytest
 from colmap_files import write_capture
 from posed_data import PHONE, nsvf, put, transforms
@@ -64,3 +66,38 @@ def test_photographs_without_cameras_are_not_refused(tmp_path):
     assert needs_cameras(tmp_path)
     transforms(tmp_path / "photos/clip-frames", **PHONE)
     assert needs_cameras(tmp_path / "photos")  # it holds photographs itself
+
+
+def test_cameras_in_a_form_that_is_not_read_are_told_of(call, tmp_path):
+    put(tmp_path / "data/images/a.jpg")
+    (tmp_path / "data/poses_bounds.npy").write_bytes(b"-")
+    result = call(train.main, tmp_path / "data", "-o", tmp_path / "m.npz")
+    assert "poses_bounds.npy may have the photographs' cameras, but is not read" in result.out
+    assert result.code == 2 and "1 photograph, and at least 8 are needed" in result.err
+
+
+def test_the_check_counts_missing_images(call, tmp_path, refused):
+    transforms(tmp_path / "data", **PHONE)
+    paths = sorted((tmp_path / "data/images").iterdir())
+    paths[3].unlink()
+    command = (tmp_path / "data", "-o", tmp_path / "m.npz", "--check")
+    result = call(train.main, *command)
+    assert result.code == 0 and "1 of 7 train images are missing" in result.err
+    for path in paths[:3] + paths[4:]:
+        path.unlink()
+    assert "none of the 7 train images is there" in refused(call(train.main, *command))
+
+
+def test_cameras_that_look_away_from_each_others_axes_are_told_of(call, tmp_path, refused):
+    """As where OpenCV's matrices stand for OpenGL's."""
+    transforms(tmp_path / "data", **PHONE)
+    path = tmp_path / "data/transforms.json"
+    scene = json.loads(path.read_text())
+    for frame in scene["frames"]:
+        matrix = np.array(frame["transform_matrix"]) * [1, -1, -1, 1]
+        frame["transform_matrix"] = matrix.tolist()
+    path.write_text(json.dumps(scene))
+    command = (tmp_path / "data", "-o", tmp_path / "m.npz", "--device", "cpu")
+    assert "most cameras look away from the place" in refused(call(train.main, *command))
+    result = call(train.main, *command, "--check")
+    assert result.code == 0 and "most cameras look away" in result.out

@@ -9,6 +9,15 @@ from .. import capture, training
 from ..streams import printable
 from .running import is_first
 
+# Files of cameras that other programs write: LLFF, Metashape, Bundler, Meshroom, OpenSfM, NeuS.
+UNREAD = (
+    "poses_bounds.npy",
+    "cameras.xml",
+    "bundle.out",
+    "cameras.sfm",
+    "reconstruction.json",
+    "cameras_sphere.npz",
+)
 WAIT_SECONDS = 1.0  # of further processes, between looks for the first one's result
 
 
@@ -73,6 +82,12 @@ def found_by(data: Path, work: Path, image_size: int | None, is_sequence: bool):
     """Find the cameras, and say what was found; after Ctrl-C, how to go on."""
     side = image_size or capture.IMAGE_SIZE
     place = None
+    if unread := next((name for name in UNREAD if (data / name).is_file()), None):
+        print(
+            f"{printable(data / unread)} may have the photographs' cameras, but is not read: to "
+            f"use them, export COLMAP's files (sparse/0/) or a transforms.json.",
+            flush=True,
+        )
 
     def on_work(folder, again):
         nonlocal place

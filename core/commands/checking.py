@@ -8,7 +8,7 @@ from PIL import Image
 from .. import capture, training
 from ..paths import whole_file
 from ..streams import printable
-from .running import is_first, say_once
+from .running import is_first, say_missing, say_once
 
 SIDE = 480  # longer side that photographs are looked at [pixels]
 
@@ -59,6 +59,9 @@ def images_of(data: Path, split: str, outside: bool):
         listing = training.list_images(data, split, outside)
         for line in listing.said:
             say_once(line)
+        if split == "train":
+            training.check_some(listing.images, listing.missing, split)
+        say_missing(listing.missing, len(listing.images), split)
         return listing.images
     except training.NoSplitError:
         if split == "train":

@@ -208,14 +208,18 @@ def load_views(*arguments, **options):
     dataset = training.load_dataset(*arguments, **options)
     for line in dataset.said:
         say_once(line)
-    if dataset.missing and is_first():
-        total = len(dataset.missing) + dataset.view_count
+    say_missing(dataset.missing, dataset.view_count, dataset.split)
+    return dataset
+
+
+def say_missing(missing, found: int, split: str):
+    """Say how many of a split's images are not there, if any."""
+    if missing and is_first():
         print(
-            f"{len(dataset.missing)} of {total} {dataset.split} images are missing and were "
-            f"skipped, first {printable(dataset.missing[0])}",
+            f"{len(missing)} of {len(missing) + found} {split} images are missing and were "
+            f"skipped, first {printable(missing[0])}",
             file=sys.stderr,
         )
-    return dataset
 
 
 @cache

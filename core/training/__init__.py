@@ -13,6 +13,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "NoImagesError",
             "NoSplitError",
             "check_place",
+            "check_some",
             "find_object",
             "focus",
             "has_cameras",

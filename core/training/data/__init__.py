@@ -8,6 +8,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "cameras": ["list_cameras"],
         "datasets": [
             "Dataset",
+            "check_some",
             "load_dataset",
             "read_image",
             "shrunk_size",

@@ -119,12 +119,7 @@ def load_dataset(
             raise DatasetError(f"The {name} is {value}: it has to be at least 1")
     images, missing, bounds, said = list_images(Path(folder), split, outside)
     points = sparse_points(Path(folder), split) if for_training else None
-    if not images and not missing:
-        raise NoSplitError(f"the data set names no {split} images")
-    if not images:
-        raise NoImagesError(
-            f"none of the {len(missing)} {split} images is there: {tried(missing[0])}"
-        )
+    check_some(images, missing, split)
     if view_count is not None and view_count < len(images):
         chosen = np.linspace(0, len(images) - 1, view_count).round().astype(int)
         images = [images[i] for i in chosen]
@@ -162,6 +157,16 @@ def load_dataset(
         masked=masked,
         said=said,
     )
+
+
+def check_some(images, missing, split):
+    """NoSplitError if the files of a data set list no images, NoImagesError if none is there."""
+    if not images and not missing:
+        raise NoSplitError(f"the data set names no {split} images")
+    if not images:
+        raise NoImagesError(
+            f"none of the {len(missing)} {split} images is there: {tried(missing[0])}"
+        )
 
 
 def white_composite(images):
