@@ -11,6 +11,7 @@ import sys
 
 PACKAGE = __package__.rpartition(".")[0]
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))  # of the package
+NOT_HERE = "import sys; sys.path[:] = filter(None, sys.path); "  # as -P, for code alone
 SAME_PACKAGE = f"""
 import sys, types
 sys.modules[{PACKAGE!r}] = types.ModuleType({PACKAGE!r})

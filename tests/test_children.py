@@ -257,6 +257,15 @@ def test_cameras_are_found_in_such_a_folder(trap, script, tmp_path):
     assert done.returncode == 0 and not executed(trap), done.stderr
 
 
+@pytest.mark.parametrize("job", ["films.film_job", "training.train_job"])
+def test_the_code_of_a_job_forgets_the_current_folder_by_itself(trap, tmp_path, job):
+    """Where somebody runs it by a Python of their own, without -P."""
+    begun = f"from deformrf.viewer.{job} import CODE; print(CODE)"
+    code = run(tmp_path, "-c", begun).stdout
+    done = run(trap, "-c", code, "--help")
+    assert done.returncode == 0 and not executed(trap), done.stderr
+
+
 JOBS = """
 import os, sys, time
 from pathlib import Path

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...core import capture
-from ...core.children import start
+from ...core.children import NOT_HERE, start
 from ...core.commands import TrainArguments, prepare_training, train_command
 from ...core.paths import free_name, working_folder
 from ..files import readable
@@ -24,7 +24,7 @@ from ..files import readable
 PATIENCE = 120.0  # s that the process has to write its work
 TOLD_SECONDS = 0.5  # between two lines of how far it is
 LOWER_PRIORITY = 10  # the viewer's frames come first
-CODE = f"import sys; from {__name__} import main; sys.exit(main())"
+CODE = f"{NOT_HERE}from {__name__} import main; sys.exit(main())"
 PHOTO_MINUTES, RUN_MINUTES = 0.025, {"cpu": 7.0, "cuda": 1.5}  # per photograph, and of training
 LONGEST_LINE = 400  # characters that are shown
 
