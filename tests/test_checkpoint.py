@@ -221,6 +221,63 @@ def test_lists_that_double_are_neither_walked_nor_printed(tmp_path, place, kind)
         load_checkpoint(path)
 
 
+def with_pickle(path, pickled, more=()):
+    """The checkpoint with another pickle in it, and with more entries."""
+    with zipfile.ZipFile(path) as archive:
+        entries = [(info.filename, archive.read(info)) for info in archive.infolist()]
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in entries:
+            archive.writestr(name, pickled if name.endswith("data.pkl") else content)
+        for name, content in more:
+            archive.writestr(name, content)
+
+
+DOUBLED = b")q\x01" + b"".join(b"h%c\x86q%c" % (i, i + 1) for i in range(1, 61))  # 2^60 tuples
+
+
+@pytest.mark.parametrize(
+    "pickled",
+    [
+        b"\x80\x02}" + DOUBLED + b"K\x01s.",  # {tuple: 1}
+        b"\x80\x02}" + DOUBLED.replace(b"\x86q", b"\x86\x80\x02q") + b"K\x01s.",
+        b"\x80\x02}" + DOUBLED + b"q\x70h\x70\x86K\x01s.",
+        b"\x80\x02c__builtin__\nset\n]" + DOUBLED + b"a\x85R.",
+        b"\x80\x02ccollections\nOrderedDict\n]" + DOUBLED + b"K\x01\x86a\x85R.",
+        b"\x80\x02ccollections\nCounter\n]" + DOUBLED + b"a\x85R.",
+        b"\x80\x02})" + b"\x85" * 500_000 + b"K\x01s.",  # a stack's end
+        b"\x80\x02c__builtin__\nbytearray\n\x8a\x06\0\0\0\0\0\1\x85R.",  # a tebibyte
+        b"\x80\x02cos\nsystem\nX\x04\0\0\0true\x85R.",
+    ],
+)
+def test_a_pickle_is_looked_at_before_anything_is_made_of_it(tmp_path, pickled):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    with_pickle(path, pickled)
+    signal.alarm(20)  # a hash of tuples can't be interrupted: the process would end
+    try:
+        with pytest.raises(CheckpointError, match="it holds") as caught:
+            load_checkpoint(path)
+    finally:
+        signal.alarm(0)
+    assert "weights_only" not in str(caught.value)  # torch's advice: to run what is in it
+
+
+def test_an_archive_that_others_read_in_another_way_is_none(tmp_path):
+    path = tmp_path / "a.checkpoint"
+    save_checkpoint(some(), path)
+    with zipfile.ZipFile(path) as archive:
+        pickled = next(archive.read(name) for name in archive.namelist() if "data.pkl" in name)
+    whole = path.read_bytes()
+    for more in ("b/data.pkl", "b/DATA.PKL"):
+        path.write_bytes(whole)
+        with_pickle(path, pickled, [(more, pickled)])
+        with pytest.raises(CheckpointError, match="not what torch wrote"):
+            load_checkpoint(path)
+    path.write_bytes(b"\x80\x02." + whole)  # torch would read its start as an older format
+    with pytest.raises(CheckpointError, match="not what torch wrote"):
+        load_checkpoint(path)
+
+
 def test_texts_that_stand_in_many_places_count_in_each(tmp_path):
     path = tmp_path / "a.checkpoint"
     save_checkpoint(some(), path)

@@ -6,6 +6,7 @@ than it has bytes, and its options and mesh are those of runs that can be.
 
 import dataclasses
 import math
+import pickletools
 import zipfile
 from pathlib import Path
 
@@ -19,6 +20,18 @@ from ..train_options import DEEPEST, WIDEST, TrainOptions
 
 LARGEST_SCALE = 2.0**30  # of a loss
 MOST_VALUES = 2**20  # that are no arrays; one that stands in many places counts in each
+LONGEST_PICKLE = 2**18  # bytes
+MOST_TUPLES = 2**12
+PICKLE = "data.pkl"  # torch's name for what is no array
+TUPLES = "TUPLE", "TUPLE1", "TUPLE2", "TUPLE3"
+REPEATED = "BINUNICODE", "GLOBAL", "EMPTY_LIST", "EMPTY_DICT"  # what may stand in many places
+CODES = {  # all that is in it
+    *("PROTO", "STOP", "MARK", "NONE", "NEWFALSE", "NEWTRUE", "BININT", "BININT1", "BININT2"),
+    *("LONG1", "BINFLOAT", "EMPTY_TUPLE", "APPEND", "APPENDS"),
+    *("SETITEM", "SETITEMS", "BINPUT", "LONG_BINPUT", "BINGET", "LONG_BINGET", "BINPERSID"),
+    *("REDUCE", *TUPLES, *REPEATED),
+}
+MADE = "collections OrderedDict", "torch._utils _rebuild_tensor_v2"  # and kinds of storages
 BOUNDS = {  # of numbers, both included
     "spacing": (0.002, 0.5),
     "coarse_steps": (0, 10**8),
@@ -36,12 +49,12 @@ BOUNDS = {  # of numbers, both included
 
 
 def check_archive(path: Path) -> None:
-    """Whether a file's entries are whole, and not larger than the file.
+    """Whether a file's entries are whole, not larger than the file, and quickly read by torch.
 
     torch looks at no checksum, and unpacks what is compressed, however long.
 
     Raises:
-        zipfile.BadZipFile, or what zipfile raises for damaged files.
+        zipfile.BadZipFile, or what zipfile and pickletools raise for damaged files.
     """
     size = path.stat().st_size
     with zipfile.ZipFile(path) as archive:
@@ -54,6 +67,43 @@ def check_archive(path: Path) -> None:
         damaged = archive.testzip()
         if damaged is not None:
             raise zipfile.BadZipFile(f"{shown(damaged)} is damaged")
+        names = [entry.filename.lower() for entry in entries]  # torch takes either case
+        pickles = [e for e in entries if e.filename.lower().endswith(PICKLE)]
+        first = min((entry.header_offset for entry in entries), default=1)
+        if len(set(names)) < len(names) or len(pickles) != 1 or first > 0:
+            raise zipfile.BadZipFile("it is not what torch wrote")  # or torch would read another
+        if pickles[0].file_size > LONGEST_PICKLE:
+            raise zipfile.BadZipFile("its lists and texts are longer than any checkpoint's")
+        check_pickle(archive.read(pickles[0]))
+
+
+def check_pickle(content: bytes) -> None:
+    """Whether a pickle has only what ours have, before any of it is made.
+
+    Tuples are never referred to again: one that holds another twice, which does the same, and so
+    on takes years as a key of a dictionary.  One in one in one overflows the stack there.
+
+    Raises:
+        ValueError: It has something else.
+    """
+    tuples, last, repeated = 0, "", set()
+    for code, argument, _ in pickletools.genops(content):
+        name = code.name
+        if name not in CODES or (name == "GLOBAL" and not is_made(argument)):
+            raise ValueError(f"it holds {shown(argument if name == 'GLOBAL' else name)}")
+        if name.endswith("PUT") and last in REPEATED:
+            repeated.add(argument)
+        elif name.endswith("PUT"):
+            repeated.discard(argument)
+        tuples += name in TUPLES
+        if tuples > MOST_TUPLES or (name.endswith("GET") and argument not in repeated):
+            raise ValueError("its lists and texts are longer than it holds")
+        last = name
+
+
+def is_made(name: str) -> bool:
+    """Whether it is a function or type, as "module name", that makes a part of a checkpoint."""
+    return name in MADE or (name.startswith("torch ") and name.endswith("Storage"))
 
 
 def check_content(content, most: int) -> None:
