@@ -73,6 +73,16 @@ def test_keys_that_many_channels_share_have_a_limit_in_all(bar, read):
         read(bar)
 
 
+def test_a_clip_that_moves_a_bone_again_and_again_is_refused_before_its_keys_are_made(bar, read):
+    """32,768 channels are allowed, and each takes its time."""
+    many_clips(bar, 1, 3)
+    animation = bar.parts["animations"][0]
+    animation["channels"] *= 50_000
+    animation["samplers"][0]["output"] = 10**6  # it isn't there: whoever reads keys would say so
+    with pytest.raises(ValueError, match=r"clip 'Turn' animates a bone's .* twice"):
+        read(bar)
+
+
 def test_clips_have_a_limit(bar, read):
     many_clips(bar, 1001, 1)
     with pytest.raises(ValueError, match="it has 1001 clips, over 1000"):

@@ -81,9 +81,12 @@ def aligned(rig: GltfRig, matrix) -> GltfRig:
     moved = replace(skeleton, rest=rest, tails=skeleton.tails @ matrix[:3, :3].T + matrix[:3, 3])
     # A root's keys are in the old space; others grow with their parents.
     maps = [_Map(matrix if p < 0 else _scaling(scale), 1.0, scale) for p in skeleton.parents]
+
+    def moved_channel(c: Channel):
+        return replace(c, values=maps[c.bone].keys(c.path, c.interpolation, c.values))
+
     clips = tuple(
-        replace(clip, channels=tuple(maps[c.bone].channel(c, c.bone) for c in clip.channels))
-        for clip in rig.clips
+        replace(clip, channels=tuple(map(moved_channel, clip.channels))) for clip in rig.clips
     )
     points = rig.points @ matrix[:3, :3].T + matrix[:3, 3]
     return replace(rig, skeleton=moved, clips=clips, points=points)
@@ -107,14 +110,12 @@ class _Map:
         moved = values @ self.linear.T
         return moved if tangents else moved + self.shift
 
-    def channel(self, channel: Channel, bone: int) -> Channel:
-        keys = channel.values
-        if channel.interpolation == "CUBICSPLINE":
-            parts = [self.values(channel.path, keys[:, i], tangents=i != 1) for i in range(3)]
-            keys = np.stack(parts, axis=1)
-        else:
-            keys = self.values(channel.path, keys)
-        return replace(channel, bone=bone, values=keys)
+    def keys(self, path: str, interpolation: str, keys):
+        """The values of a channel."""
+        if interpolation != "CUBICSPLINE":
+            return self.values(path, keys)
+        parts = [self.values(path, keys[:, i], tangents=i != 1) for i in range(3)]
+        return np.stack(parts, axis=1)
 
 
 def _read(gltf: Gltf) -> GltfRig:
@@ -226,6 +227,7 @@ class _Clips:
         names = [printable_name(a.name, f"clip {i}") for i, a in enumerate(animations)]
         clips = []
         for name, animation in zip(_unique(names), animations, strict=True):
+            self._check_once(animation, name)
             channels = [self._channel(animation, entry, name) for entry in animation.channels]
             channels = [channel for channel in channels if channel is not None]
             moving = {(c.bone, c.path) for c in channels}
@@ -234,6 +236,12 @@ class _Clips:
             last = max((float(c.times[-1]) for c in channels), default=0.0)
             clips.append(Clip(name, last, (*channels, *rest)))
         return tuple(clips)
+
+    def _check_once(self, animation, name: str):
+        """ValueError if a clip moves a bone twice: before the keys are made, which takes long."""
+        targets = [c.target for c in animation.channels if c.target.node in self._bone_of]
+        count = len({(target.node, target.path) for target in targets})
+        check(count == len(targets), f"clip {name!r} animates a bone's {'/'.join(PATHS)} twice")
 
     def _unmoved(self, rest, bone_nodes, values) -> list[Channel]:
         """A key for each node whose own transform differs from the bind pose.
@@ -267,8 +275,8 @@ class _Clips:
             check(len(keys) % 3 == 0, f"the {what} lack tangents")
             keys = keys.reshape(-1, 3, keys.shape[1])
         times, keys = times.astype(float, copy=False), keys.astype(float, copy=False)
-        channel = Channel(bone, path, interpolation, times, keys)
-        return self._maps[bone].channel(channel, bone)
+        keys = self._maps[bone].keys(path, interpolation, keys)
+        return Channel(bone, path, interpolation, times, keys)
 
     def _count(self, channels: int, keys: int):
         self._channels, self._keys = self._channels + channels, self._keys + keys
