@@ -103,3 +103,20 @@ def test_where_nothing_lies_between_distances_are_straight():
     x = grid.rest_vertices
     away = np.linalg.norm(x - np.c_[np.full((len(x), 2), 0.5), x[:, 2].clip(0.1, 0.9)], axis=1)
     assert (found >= away - 1e-12).all() and np.mean(found <= away + 1e-12) > 0.95
+
+
+def test_a_part_that_no_bone_is_in_has_the_weights_of_the_bones_beside_it():
+    """Many vertices of it are as near as each other: none of them is the only way in."""
+    grid = a15_grid(0.05)
+    middles = grid.rest_vertices[grid.tets].mean(axis=1)
+    x, y, _ = middles.T
+    mesh, _ = extract(grid, (np.abs(y - 0.5) < 0.12) & ((x < 0.3) | (x > 0.7)))
+    heads, tails = [[0.15, 0.5, 0.0], [0.15, 0.5, 0.5]], [[0.15, 0.5, 0.5], [0.15, 0.5, 1.0]]
+    skeleton = make_skeleton(("low", "high"), (-1, 0), heads, tails)
+    weights = automatic_weights(mesh, skeleton)
+    z, other = mesh.rest_vertices[:, 2], mesh.rest_vertices[:, 0] > 0.5
+    for part in (other, ~other):
+        low = np.mean(weights[part & (z < 0.4), 0])
+        assert low == pytest.approx(np.mean(weights[part & (z > 0.6), 1]), abs=0.02)
+        joint = weights[part & (np.abs(z - 0.5) < 0.03)]
+        assert np.mean(joint, axis=0) == pytest.approx([0.5, 0.5], abs=0.03)

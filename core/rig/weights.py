@@ -186,12 +186,14 @@ def bone_distances(mesh: TetMesh, operator: Laplacian, skeleton: Skeleton) -> np
     """The distance of each vertex to each bone, through the mesh.  [V, B]
 
     It is measured along edges, from the vertices near points of the bone: those within the length
-    of their edges, or the nearest one of each part of the mesh.  Where that is hardly longer than
-    the straight distance, nothing lies between, and the straight one counts.
+    of their edges, or of a part of the mesh that has none those that are an edge farther than its
+    nearest one at most.  Where that is hardly longer than the straight distance, nothing lies
+    between, and the straight one counts.
     """
     x = mesh.rest_vertices
     shares = np.linspace(0.0, 1.0, SEEDS)[:, None]
     labels = components(mesh.vertex_count, mesh.tets)
+    parts = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
     lengths = np.linalg.norm(x[operator.ends] - np.repeat(x, _counts(operator), axis=0), axis=1)
     reach = np.maximum.reduceat(lengths, operator.starts)
     found = np.full((mesh.vertex_count, skeleton.bone_count), np.inf)
@@ -203,10 +205,9 @@ def bone_distances(mesh: TetMesh, operator: Laplacian, skeleton: Skeleton) -> np
         close = np.zeros(mesh.vertex_count, bool)
         close[_nearest(seeds, x)[0]] = True
         close |= straight <= (1.0 + 1e-9) * reach
-        for label in range(labels.max() + 1):
-            members = np.flatnonzero(labels == label)
+        for members in parts:
             if not close[members].any():
-                close[members[straight[members].argmin()]] = True
+                close[members] = straight[members] <= straight[members].min() + reach[members]
         found[close, bone] = straight[close]
     while True:  # Bellman and Ford: each round goes one edge farther
         through = found[operator.ends] + lengths[:, None]
