@@ -67,13 +67,28 @@ def strangers(place, listing):
         '{"hours": 12}',
         '{"version": 2, "photos": []}',
         '{"version": true}',
+        '{"version": 1}',
+        '{"version": 1, "hours": 12, "image_size": 5, "photos": []}',
         '{"version": 1',
         "[" * 100_000,
         "[]",
         "\x00" * 100,
         " " * LARGEST + '{"version": 1}',
     ],
-    ids=["none", "empty", "other", "newer", "true", "cut", "deep", "list", "binary", "huge"],
+    ids=[
+        "none",
+        "empty",
+        "other",
+        "newer",
+        "true",
+        "alone",
+        "more",
+        "cut",
+        "deep",
+        "list",
+        "binary",
+        "huge",
+    ],
 )
 def test_what_is_not_ours_is_left(place, photos, listing):
     strangers(place, listing)
@@ -181,7 +196,7 @@ def test_work_whose_cameras_were_found_is_removed_by_the_next_run(place, photos,
         (tmp_path / folder / "transforms.json").write_text('{"frames": []}')
         capturing.prepared(tmp_path / folder, place.with_suffix(".npz"), 64)
         assert place.exists() == (folder == "others"), "work on other photographs stays"
-    strangers(place, '{"version": 1, "photos": [7]}')
+    strangers(place, '{"version": 1, "image_size": 5, "photos": [7]}')
     capturing.prepared(tmp_path / "photos", place.with_suffix(".npz"), 64)
     assert (place / "thesis.txt").exists()
 

@@ -210,8 +210,9 @@ def held(folder: Path) -> dict | None:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
-    is_ours = isinstance(found, dict) and type(found.get("version")) is int
-    return found if is_ours and found["version"] == VERSION else None
+    if not isinstance(found, dict) or found.keys() != {"version", "image_size", "photos"}:
+        return None
+    return found if type(found["version"]) is int and found["version"] == VERSION else None
 
 
 def listing(work: Work) -> dict:
