@@ -10,7 +10,7 @@ from typing import Annotated, Optional
 import tyro
 
 from .claims import claim
-from .paths import WriteError, reserved, target_of
+from .paths import WriteError, discard, reserved, target_of
 
 SMALLEST_SIZE, LARGEST_SIZE = 1e-4, 1e4  # m, of an object's longest side
 Count = Annotated[Optional[int], tyro.conf.arg(metavar="N", help_behavior_hint="")]
@@ -76,7 +76,7 @@ def writable_file(path: Path, ending: str) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         target = target_of(path)
-        reserved(target).unlink(missing_ok=True)
+        discard(reserved(target))
         if target.exists():  # its owner may have protected it
             target.open("ab").close()
     except OSError as error:

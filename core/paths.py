@@ -93,7 +93,7 @@ def whole_files(paths, replaced=()):
         raise WriteError(error.errno, error.strerror or str(error), str(named)) from error
     finally:
         for partial in partials:
-            partial.unlink(missing_ok=True)
+            discard(partial)
 
 
 def target_of(path: Path) -> Path:
@@ -135,11 +135,20 @@ def reserved(target: Path) -> Path:
             continue
         except BaseException as error:  # an interrupt, too, leaves nothing
             with suppress(OSError):
-                partial.unlink(missing_ok=True)
+                discard(partial)
             if isinstance(error, OSError):
                 error.filename = str(target)
             raise
     raise FileExistsError(errno.EEXIST, "no name is free beside it", str(target))
+
+
+def discard(partial: Path) -> None:
+    """Remove a file that may be gone already, though an interrupt comes just then."""
+    try:
+        partial.unlink(missing_ok=True)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
 
 
 def take_permissions(partial: Path, target: Path) -> None:

@@ -1,5 +1,7 @@
 """What command lines accept."""
 
+import os
+
 import pytest
 
 from deformrf.core import arguments
@@ -19,6 +21,19 @@ def test_checking_for_a_writable_file_neither_makes_nor_changes_it(tmp_path):
     assert arguments.writable_file(old, ".png") == old
     assert not new.exists()
     assert old.read_text() == "kept"
+
+
+def test_an_interrupt_while_it_is_checked_leaves_nothing(tmp_path, monkeypatch):
+    real = os.unlink
+
+    def interrupted(path):
+        monkeypatch.setattr(os, "unlink", real)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "unlink", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        arguments.writable_file(tmp_path / "a.npz", ".npz")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_another_ending_and_a_folder_are_refused(tmp_path):

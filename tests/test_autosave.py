@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from dataclasses import asdict
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -165,6 +166,15 @@ def test_what_another_run_left_is_found_and_what_runs_is_not(saved, scene, ball,
 def test_other_files_in_the_folder_stop_nothing(ball, tmp_path, content):
     (tmp_path / "x.jsonl").write_bytes(content)
     assert a.left_behind(tmp_path, ball.mesh) is None
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes in folders")
+def test_a_pipe_in_the_folder_is_not_waited_for(ball, tmp_path):
+    os.mkfifo(tmp_path / "x.jsonl")
+    looks = Thread(target=a.left_behind, args=(tmp_path, ball.mesh), daemon=True)
+    looks.start()
+    looks.join(10.0)
+    assert not looks.is_alive()
 
 
 def test_the_folder_is_the_users(monkeypatch, tmp_path):

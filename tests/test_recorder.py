@@ -66,6 +66,24 @@ def test_a_screenshot_that_cannot_be_written_is_reported(recorder, tmp_path, cap
     assert said == f"can't write {tmp_path / 'missing' / 'a.png'}: No such file or directory\n"
 
 
+def test_an_interrupt_while_it_stops_loses_no_video(recorder, tmp_path, monkeypatch):
+    recorder.start(tmp_path / "a.mp4", live=False)
+    recorder.add_frame()
+    real = r.VideoWriter.close
+
+    def interrupted(video, cut_short):
+        real(video, cut_short)
+        monkeypatch.setattr(r.VideoWriter, "close", real)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(r.VideoWriter, "close", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        recorder.stop()
+    recorder.stop(cut_short=True)  # as every end does
+    assert recorder.written == [tmp_path / "a.mp4"] == list(tmp_path.iterdir())
+    assert recorder.video is None and not recorder.failed
+
+
 def test_stopping_without_a_clip_does_nothing(recorder):
     recorder.stop()
     assert not recorder.failed
@@ -136,5 +154,6 @@ def test_a_folder_that_is_deleted_while_recording_is_a_sentence(recorder, tmp_pa
     assert recorder.failed and "can't write" in recorder.message
     monkeypatch.setattr(r, "working_folder", lambda: folder)
     recorder.start_or_stop()
+    recorder.add_frame()
     recorder.start_or_stop()
     assert recorder.video is None and "can't" in recorder.message

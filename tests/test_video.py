@@ -1,5 +1,6 @@
 """Clips: what was pushed is what a player finds."""
 
+import operator
 from pathlib import Path
 
 import av
@@ -8,6 +9,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 from deformrf.viewer.films import video as v
+from deformrf.viewer.films.codecs import CODECS, encoder
 
 
 def gray(value, width=64, height=48):
@@ -176,14 +178,14 @@ def test_colors_over_an_opacity_are_divided_by_it():
 @pytest.mark.parametrize("name, codec", [("a.mp4", "h264"), ("a.webm", "av1")])
 def test_what_has_no_opacity_says_so(name, codec):
     with pytest.raises(ValueError, match=f"{codec} has no opacity; vp9 or webp"):
-        v.encoder(Path(name), codec, transparent=True)
+        encoder(Path(name), codec, transparent=True)
 
 
 def test_an_encoder_that_is_missing_is_named(monkeypatch):
-    lost = v.CODECS["av1"]._replace(name="libnothing")
-    monkeypatch.setitem(v.CODECS, "av1", lost)
+    lost = CODECS["av1"]._replace(name="libnothing")
+    monkeypatch.setitem(CODECS, "av1", lost)
     with pytest.raises(ValueError, match=r"no encoder for av1 \(libnothing\)"):
-        v.encoder(Path("a.mp4"), "av1")
+        encoder(Path("a.mp4"), "av1")
 
 
 def test_large_images_wait_in_small_numbers():
@@ -235,6 +237,49 @@ def test_a_video_without_a_frame_takes_nobody_s_place(tmp_path, name):
     with pytest.raises(RuntimeError, match="was not written: it would have no frame"):
         writer.close()
     assert path.read_text() == "an older film" and list(tmp_path.iterdir()) == [path]
+
+
+CLOSING = [  # calls in close, of the module and of an object in it
+    *(("a.mp4", call) for call in ("sync", "os.replace", "threading.Thread.join")),
+    *(("a", call) for call in ("Path.rename", "ThreadPoolExecutor.shutdown")),
+]
+
+
+@pytest.mark.parametrize("moment", ["before", "after"])
+@pytest.mark.parametrize("name, call", CLOSING)
+def test_an_interrupt_while_a_film_is_closed_loses_nothing(
+    tmp_path, monkeypatch, name, call, moment
+):
+    """Who was interrupted closes it again, as what was cut short: it is whole, though."""
+    path = tmp_path / name
+    video = v.VideoWriter(path, (64, 48), 10) if path.suffix else v.PictureSeries(path, 10)
+    for k in range(12):
+        video.push(gray(20 * k))
+    *owner, last = call.split(".")
+    owner = operator.attrgetter(".".join(owner))(v) if owner else v
+    real = getattr(owner, last)
+
+    def interrupted(*arguments, **options):
+        if moment == "after":
+            real(*arguments, **options)
+        monkeypatch.setattr(owner, last, real)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(owner, last, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        video.close()
+    assert video.close(cut_short=True) == path and list(tmp_path.iterdir()) == [path]
+    assert len(probe(path)[0] if path.suffix else list(path.iterdir())) == 12
+
+
+def test_an_interrupt_while_a_video_begins_leaves_nothing(tmp_path, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(av, "open", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        v.VideoWriter(tmp_path / "a.mp4", (64, 48), 30)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_film_is_written_behind_a_link(tmp_path):

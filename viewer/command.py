@@ -343,6 +343,7 @@ def _show(app, chosen, drag):
         logs.note(error)
         raise
     finally:
+        app.recorder.stop(cut_short=run.headless)  # unless all frames are in it
         app.close()
         logs.stop()
     return FAILED if app.recorder.failed else 0

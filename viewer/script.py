@@ -104,6 +104,7 @@ def render_files(app, run, fps: int, drag: DragScript | None) -> None:
             app.recorder.screenshot(run.screenshot)
         app.window.switch_to()
         app.frame(1.0 / fps, whole=True)
+    app.recorder.stop()
 
 
 def _shown(count: int):

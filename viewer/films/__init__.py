@@ -5,9 +5,9 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "codecs": ["CODECS"],
         "film_job": ["FORMATS", "RATES", "SAMPLE_COUNTS", "SIZES"],
         "recorder": ["Recorder", "without_background"],
         "takes": ["Takes"],
-        "video": ["CODECS"],
     },
 )

@@ -75,13 +75,17 @@ class Recorder:
 
     def stop(self, cut_short: bool = False) -> None:
         """Finish the video, if one is being recorded; its name says if it was to be longer."""
-        video, self.video = self.video, None
-        if video is not None:
-            try:
-                self.finished(video.close(cut_short))
-            except RuntimeError as error:
-                if video.frame_count or not cut_short:  # else what cut it short is told of
-                    self._fail(error)
+        if self.video is None:
+            return
+        try:
+            path = self.video.close(cut_short)
+        except RuntimeError as error:
+            video, self.video = self.video, None
+            if video.frame_count or not cut_short:  # else what cut it short is told of
+                self._fail(error)
+        else:  # after an interrupt it is still to be finished
+            self.video = None
+            self.finished(path)
 
     def add_frame(self) -> None:
         """Add the canvas as it is now to the video, if one is being recorded."""

@@ -194,7 +194,7 @@ def _check_times(chosen):
 
 
 def _check_output(chosen):
-    from .video import encoder
+    from .codecs import encoder
 
     path = chosen.output
     if path.suffix:

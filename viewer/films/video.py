@@ -19,69 +19,16 @@ import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from ...core.device import thread_count
-from ...core.paths import free_name, reserved, sync, target_of, whole_file
+from ...core.paths import discard, free_name, reserved, sync, target_of, whole_file
+from .codecs import encoder
 
 QUEUE_LENGTH, QUEUE_BYTES = 8, 256 * 2**20  # images that wait, and about their size
 PNG_LEVEL = 4  # of zlib: twice as fast as the usual 6, a few percent larger
 BT_709 = 1  # the number of range "tv", primaries, transfer and matrix alike (H.264, annex E)
-
-
-class Encoder(NamedTuple):
-    """One of FFmpeg's encoders."""
-
-    name: str
-    options: dict
-    endings: tuple[str, ...]  # of files that hold its video
-    pixels: str = "yuv420p"
-    transparent: str = ""  # pixels that have an opacity, if it knows any
-
-
-CODECS = {  # as a user calls them
-    "h264": Encoder("libx264", {"crf": "18", "preset": "veryfast"}, (".mp4",)),
-    "h265": Encoder(
-        "libx265", {"crf": "20", "preset": "fast", "x265-params": "log-level=error"}, (".mp4",)
-    ),
-    "av1": Encoder("libsvtav1", {"crf": "28", "preset": "9"}, (".mp4", ".webm")),
-    "vp9": Encoder(
-        "libvpx-vp9",
-        # auto-alt-ref: frames that are never shown have no opacity
-        {"crf": "28", "b": "0", "cpu-used": "5", "row-mt": "1", "tile-columns": "4"}
-        | {"auto-alt-ref": "0"},
-        (".webm",),
-        transparent="yuva420p",
-    ),
-    "webp": Encoder("libwebp_anim", {"quality": "85"}, (".webp",), "bgra", "bgra"),
-}
-ENDINGS = {".mp4": "h264", ".webm": "vp9", ".webp": "webp"}  # and their usual codecs
-
-
-def encoder(path: Path, codec: str | None = None, transparent: bool = False) -> Encoder:
-    """The encoder for a file, by default the usual one for its ending.
-
-    Raises:
-        ValueError: There is none, it doesn't go into such a file, or it knows no opacity.
-    """
-    import av
-
-    codec = codec or ENDINGS.get(path.suffix)
-    if codec is None or path.suffix not in CODECS[codec].endings:
-        endings = " or ".join(CODECS[codec].endings if codec else ENDINGS)
-        raise ValueError(f"{path}: a video file has to end in {endings}")
-    chosen = CODECS[codec]
-    if transparent and not chosen.transparent:
-        able = " or ".join(name for name, one in CODECS.items() if one.transparent)
-        raise ValueError(f"{codec} has no opacity; {able}, or a folder of pictures, has it")
-    try:
-        av.Codec(chosen.name, "w")
-    except ValueError as error:  # av's own is one
-        message = f"this machine's PyAV has no encoder for {codec} ({chosen.name})"
-        raise ValueError(message) from error
-    return chosen
 
 
 class VideoWriter:
@@ -104,8 +51,6 @@ class VideoWriter:
             ValueError: There is no encoder for it.
             OSError: The file can't be opened.
         """
-        import av
-
         self.path = Path(path)
         self._target = target_of(self.path)
         chosen = encoder(self.path, codec, transparent)
@@ -124,10 +69,23 @@ class VideoWriter:
         self._start = clock() if clock else 0.0
         self._pending = None  # with a clock: the last image, and the frame number it starts at
         self._error = None
+        self._ended = self._named = False  # no image comes any more; it gets its name
         self._queue = queue.Queue(waiting(self.width, self.height))  # of (image, how many frames)
+        try:
+            self._open(chosen, transparent)
+        except BaseException:
+            discard(self.part)
+            raise
+
+    def _open(self, chosen, transparent):
+        """Open the file, and start the thread that writes it."""
+        import av
+
         options = {".mp4": {"movflags": "+faststart"}, ".webp": {"loop": "0"}}
         self._container = av.open(str(self.part), "w", options=options.get(self.path.suffix, {}))
-        self._stream = self._container.add_stream(chosen.name, rate=fps, options=chosen.options)
+        self._stream = self._container.add_stream(
+            chosen.name, rate=self.fps, options=chosen.options
+        )
         self._stream.width, self._stream.height = self.width, self.height
         self._transparent = transparent
         self._stream.pix_fmt = chosen.transparent if transparent else chosen.pixels
@@ -177,27 +135,33 @@ class VideoWriter:
     def close(self, cut_short: bool = False) -> Path:
         """Finish the file and give it its name, or that of one that was to be longer.
 
+        After an interrupt it can be called again, and goes on as the first call would have.
+
         Raises:
             RuntimeError: The encoder failed, or got no image; there is no file.
         """
+        if cut_short and not self._ended:
+            self.path = self._target = cut_short_name(self.path)
+        self._ended = True
         if self._pending:
             self._queue_pending(until=max(self._now(), self._pending[1] + 1), wait=True)
-        self._queue.put(None)
+            self._pending = None
+        if self._thread.is_alive():
+            self._queue.put(None)
         self._thread.join()
-        if not self.frame_count and self.part.exists():  # an older file is better than an empty one
-            self.part.unlink()
+        empty = not self.frame_count and self.part.exists()  # an older file is better
+        if self._error or empty:
+            discard(self.part)
+            if self.frame_count:
+                raise self._failure() from self._error
             raise RuntimeError(f"{self.path} was not written: it would have no frame")
-        if self._error:
-            self.part.unlink(missing_ok=True)
-            raise self._failure() from self._error
-        target = self._target
-        if cut_short:
-            self.path = target = cut_short_name(self.path)
         try:
-            sync(self.part)
-            os.replace(self.part, target)
+            if self.part.exists() or not self._named:
+                sync(self.part)
+                self._named = True
+                os.replace(self.part, self._target)
         except OSError as error:  # its folder was deleted, say
-            self.part.unlink(missing_ok=True)
+            discard(self.part)
             raise RuntimeError(f"can't write {self.path}: {error.strerror}") from error
         return self.path
 
@@ -258,6 +222,7 @@ class PictureSeries:
         self.path, self.fps, self.frame_count = Path(path), fps, 0
         self.part = free_name(self.path, ".part")
         self.encoding_seconds = 0.0  # of all threads together
+        self._ended = self._named = False
         self._transparent = transparent
         self._pool = ThreadPoolExecutor(thread_count())  # zlib runs beside the interpreter
         self._waiting = deque()  # futures
@@ -287,19 +252,24 @@ class PictureSeries:
         Raises:
             RuntimeError: One can't be written, or the folder can't have its name.
         """
+        if cut_short and not self._ended:
+            self.path = cut_short_name(self.path)
+        self._ended = True
         try:
             self._wait(0)
-        finally:
+        except Exception:
             self._pool.shutdown(cancel_futures=True)
+            raise
+        self._pool.shutdown()
         if not self.frame_count:
             self.part.rmdir()
             raise RuntimeError(f"{self.path} was not written: it would have no frame")
-        if cut_short:
-            self.path = cut_short_name(self.path)
         try:
-            if self.path.is_dir():
-                self.path.rmdir()  # it was there, and empty
-            self.part.rename(self.path)
+            if self.part.exists() or not self._named:
+                if self.path.is_dir():
+                    self.path.rmdir()  # it was there, and empty
+                self._named = True
+                self.part.rename(self.path)
         except OSError as error:
             where = f"the pictures are in {self.part}"
             raise RuntimeError(f"can't write {self.path}: {error.strerror}; {where}") from error
@@ -308,7 +278,8 @@ class PictureSeries:
     def _wait(self, count):
         """Wait until no more than that many images are being written."""
         while len(self._waiting) > count:
-            self.encoding_seconds += self._waiting.popleft().result()
+            self.encoding_seconds += self._waiting[0].result()
+            self._waiting.popleft()
 
     def _save(self, path, image):
         start = time.perf_counter()
