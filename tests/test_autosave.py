@@ -1,6 +1,7 @@
 """What is kept of a viewer that did not end in order."""
 
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import asdict
@@ -320,6 +321,13 @@ def test_an_interrupt_keeps_what_was_done_since_the_last_writing(app, ball, monk
     def interrupted(frames):
         raise KeyboardInterrupt
 
+    write = app.autosave.save
+
+    def save():  # the second signal of an impatient user
+        os.kill(os.getpid(), signal.SIGINT)
+        write()
+
+    app.autosave.save = save
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         patched.setattr(app, "run", interrupted)
         patched.setattr(app, "close", lambda: None)  # the fixture does it

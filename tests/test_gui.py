@@ -155,6 +155,28 @@ def test_keys_are_shortcuts_except_while_text_is_typed(panel):
     assert panel.seen == []
 
 
+@pytest.mark.parametrize("frames", range(4))
+def test_keys_that_come_with_the_click_on_a_field_are_not_shortcuts(panel, frames):
+    """Of one who types quickly, or while frames are slow: all events of a frame are handled."""
+    from pyglet.window import key, mouse
+
+    panel.send("on_mouse_motion", *panel.field, 0, 0)
+    panel.send("on_mouse_press", *panel.field, mouse.LEFT, 0)
+    panel.send("on_mouse_release", *panel.field, mouse.LEFT, 0)
+    for letter in "ab":
+        for _ in range(frames):
+            panel.frame()
+        panel.send("on_key_press", ord(letter), 0)
+        panel.send("on_text", letter)
+        panel.send("on_key_release", ord(letter), 0)
+    for _ in range(12):
+        panel.frame()
+    assert panel.seen == [] and panel.text == "ab"
+    panel.click(panel.button)
+    panel.send("on_key_press", key.SPACE, 0)
+    assert panel.seen == ["key"]
+
+
 @pytest.mark.parametrize("held", ["before", "after"])
 def test_ctrl_is_held_from_its_press_to_its_release(panel, held):
     """X11 reports the modifiers as they were before the event, those of Ctrl itself too."""

@@ -194,6 +194,7 @@ def test_the_dialog_goes_through_folders_and_takes_a_file(folder):
     assert not dialog.choose(Path("absent.npz")) and "absent.npz" in dialog.problem
     assert not dialog.choose(Path("~nobody-of-that-name/x"))
     assert not dialog.choose(Path("a\0b"))
+    assert not dialog.choose(Path("a" * 5000)) and "there is no file" in dialog.problem
     assert taken == []
     assert dialog.choose(Path("b.npz")) and taken == [folder / "b.npz"]
 

@@ -98,6 +98,17 @@ def test_a_signal_waits_while_a_package_is_imported(number, tmp_path, monkeypatc
     assert sys.modules.pop(name).IS_WHOLE
 
 
+def test_what_has_to_be_done_is_done_before_an_interrupt_is_raised():
+    done = []
+    with pytest.raises(KeyboardInterrupt):
+        with running.interrupts_waiting():
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            done.append("kept")
+    assert done == ["kept"]
+    assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
+
+
 def test_an_interrupt_that_is_owed_at_the_end_is_that_of_the_work():
     def job():
         Last(signal.SIGINT)

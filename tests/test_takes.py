@@ -30,6 +30,13 @@ def app(window, ball, monkeypatch, tmp_path):
     made.close()
 
 
+def test_a_name_that_is_too_long_is_a_sentence(app):
+    app.takes.ask()
+    app.takes.choices.name = "a" * 5000
+    app.takes.start_film()
+    assert app.takes.asking and "too long" in app.takes.problem
+
+
 def press(app, modifiers=0):
     from pyglet.window import key
 

@@ -28,7 +28,7 @@ from ..core.arguments import (
     with_size,
     writable_file,
 )
-from ..core.commands import FAILED, run
+from ..core.commands import FAILED, interrupts_waiting, run
 from ..core.device import Choice, begin_cuda, device_name
 from ..core.memory import no_garbage_collected
 from ..core.paths import DEFAULT_MODEL, program_version
@@ -334,8 +334,9 @@ def _show(app, chosen, drag):
                 app.recorder.screenshot(run.screenshot)
                 app.frame(0.0, whole=True)
     except KeyboardInterrupt:  # SIGHUP and SIGTERM, too
-        for sentence in [] if app.autosave is None else app.autosave.keep():
-            app.recorder.say(sentence)
+        with interrupts_waiting():  # some send two signals, and some users
+            for sentence in [] if app.autosave is None else app.autosave.keep():
+                app.recorder.say(sentence)
         raise
     except Exception as error:
         if app.autosave is not None:
@@ -343,9 +344,11 @@ def _show(app, chosen, drag):
         logs.note(error)
         raise
     finally:
-        app.recorder.stop(cut_short=run.headless)  # unless all frames are in it
-        app.close()
-        logs.stop()
+        try:
+            app.recorder.stop(cut_short=run.headless)  # unless all frames are in it
+        finally:
+            app.close()
+            logs.stop()
     return FAILED if app.recorder.failed else 0
 
 

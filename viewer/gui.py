@@ -110,6 +110,7 @@ class Gui:
         self.mouse_on_panel = False  # when it was last seen
         self._cross = False  # whether the mouse is shown as a cross
         self._captured = set()  # buttons that were pressed on a panel
+        self._pressed = False  # on a panel, which has not answered yet
         self.panel_open = True  # not folded up to its title
         self.log_file = None  # that a failed panel names
         self.asks: Callable[[], bool] = lambda: False  # whether there is a dialog, drawn or not
@@ -133,8 +134,12 @@ class Gui:
 
     @property
     def _typing(self):
-        """Whether text is typed; into a dialog that has been taken away, no longer."""
-        return self._io.want_text_input and not (self._dialog and not self.asks())
+        """Whether text is typed, or may be: frames are slow, and the first key comes before one.
+
+        Into a dialog that has been taken away, it is no longer.
+        """
+        begins = self._pressed or imgui.get_current_context().want_text_input_next_frame > 0
+        return (begins or self._io.want_text_input) and not (self._dialog and not self.asks())
 
     def _list_is_open(self):
         """Whether a menu or the list of a combo is open, over a dialog or without one."""
@@ -159,6 +164,7 @@ class Gui:
         self._add_button(button, True)
         if self.mouse_on_panel:
             self._captured.add(button)
+            self._pressed = True
         return self.mouse_on_panel or None
 
     def on_mouse_release(self, x, y, button, modifiers):
@@ -286,6 +292,8 @@ class Gui:
         """Draw the panels into the framebuffer in use."""
         self._rectangles = self._building
         imgui.render()
+        # ImGui divides what came together among several frames.
+        self._pressed = self._pressed and len(imgui.get_current_context().input_events_queue) > 0
         imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
 
     def close(self) -> None:

@@ -11,6 +11,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "INTERRUPTED",
             "asked_for_version",
             "complain",
+            "interrupts_waiting",
             "require",
             "run",
         ],

@@ -190,12 +190,19 @@ def load_whole(package: str):
     What an exception ends halfway can't be imported again: whatever asks for it next, such as an
     `except` that names a class of ours, fails with an error that nobody understands.
     """
+    with interrupts_waiting():
+        importlib.import_module(package)
+
+
+@contextmanager
+def interrupts_waiting():
+    """Let an interrupt wait until the block has ended: for what is short, and has to be done."""
     asked, before = [], {}
     for number in STOPPING:
         if signal.getsignal(number) == signal.default_int_handler:
             before[number] = signal.signal(number, lambda *_: asked.append(True))
     try:
-        importlib.import_module(package)
+        yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

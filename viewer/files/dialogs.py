@@ -65,10 +65,10 @@ class FileDialog:
         except RuntimeError as error:  # ~ of nobody
             self.problem = str(error)
             return False
-        if path.is_dir():
+        if os.path.isdir(path):  # unlike Path's own, no name is an error
             self.enter(Path(os.path.normpath(path)))
             return False
-        if not path.is_file():
+        if not os.path.isfile(path):
             self.problem = f"there is no file {path}"
             return False
         self._chosen(path)

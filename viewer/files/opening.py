@@ -5,6 +5,7 @@ the next frame begins with `open_asked`.  A file that can't be opened leaves the
 """
 
 import logging
+import os
 from pathlib import Path
 
 from ...core import capture
@@ -24,7 +25,7 @@ log = logging.getLogger(__name__)
 def ask_for_file(app) -> None:
     """Show the dialog to choose a model or session in."""
     recent = [Path(name).parent for name in app.preferences.recent]
-    folder = next((path for path in recent if path.is_dir()), working_folder())
+    folder = next((path for path in recent if os.path.isdir(path)), working_folder())
 
     def chosen(path):
         app.asked = path

@@ -307,6 +307,8 @@ def _film(app, film, chosen, most):
     except SessionError as error:
         return complain(PROGRAM, str(error))
     finally:
-        app.recorder.stop(cut_short=True)  # unless it was stopped above
-        app.close()
+        try:
+            app.recorder.stop(cut_short=True)  # unless it was stopped above
+        finally:
+            app.close()
     return FAILED if app.recorder.failed else 0

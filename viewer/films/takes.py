@@ -4,6 +4,7 @@ While it is on, nothing is read from the screen: a take is two ticks.  A film of
 in full, whatever the window showed (film_job.py).
 """
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,7 +91,7 @@ class Takes:
         path = choices.path
         if self.job is not None:
             return "one film is being rendered: wait for it, or cancel it"
-        if path.exists():
+        if os.path.lexists(path):  # which takes any name
             return f"{path} is there already: choose another name"
         session = choices.session
         try:

@@ -11,7 +11,13 @@ from typing import Annotated
 
 import tyro
 
-from ...core.commands import TrainArguments, prepare_training, require, train_command
+from ...core.commands import (
+    TrainArguments,
+    interrupts_waiting,
+    prepare_training,
+    require,
+    train_command,
+)
 from ...core.device import device_name
 
 SIZE = (1000, 700)  # of the window [points]
@@ -81,8 +87,9 @@ def show(live, job: Callable[[], int], window, context) -> int:
             LiveWindow(app, live).run()
             app.end()
         except BaseException:
-            if app.autosave is not None:
-                app.autosave.keep()
+            with interrupts_waiting():
+                if app.autosave is not None:
+                    app.autosave.keep()
             raise
         finally:
             live.watched = False
