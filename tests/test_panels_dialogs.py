@@ -21,6 +21,19 @@ def places(monkeypatch):
     return places_of_buttons(monkeypatch)
 
 
+def test_a_message_is_in_front_of_the_panel(app, places):
+    """They overlap in a small window; a click brings a panel to the front."""
+    from imgui_bundle import imgui
+
+    app.recorder.say("here it is")
+    frames(app)
+    click(app, places["Pause"])
+    frames(app)
+    message, panel = map(imgui.internal.find_window_by_name, ("message", "deformrf"))
+    front = imgui.internal.find_window_display_index
+    assert front(message) > front(panel)
+
+
 def ask(app, what, tmp_path):
     if what == "leaving":
         app.scene.set_ground(True)

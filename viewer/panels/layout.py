@@ -185,9 +185,12 @@ def _floating(name, place, flags=0, above=0.0, top=0.0):
     x, y = place[0] * size.x, place[1] * (size.y - above)
     inwards = {0.0: MARGIN, 0.5: 0.0, 1.0: -MARGIN}
     imgui.set_next_window_pos((x + inwards[place[0]], y + top + inwards[place[1]]), pivot=place)
-    if flags & imgui.WindowFlags_.no_inputs.value:  # keys stay with the window that has them
+    told = flags & imgui.WindowFlags_.no_inputs.value
+    if told:  # keys stay with the window that has them
         flags |= imgui.WindowFlags_.no_focus_on_appearing.value
     imgui.begin(name, flags=FLOATING | flags)
+    if told:  # though a click has brought that one to the front
+        imgui.internal.bring_window_to_display_front(imgui.internal.get_current_window())
 
 
 def help_overlay(app):
