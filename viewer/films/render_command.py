@@ -29,6 +29,7 @@ from ...core.commands import FAILED, complain, run
 from ...core.deform import PRESETS, Material
 from ...core.device import Choice, device_name
 from ...core.paths import DEFAULT_MODEL, program_version
+from ...core.reading import check_file
 from ...core.render import Mode
 from ...core.streams import keep_going, printable
 from ..command import Flag, frame_size, refuse_data, told_if_slow
@@ -160,6 +161,9 @@ def check(chosen: RenderArguments) -> tuple[int, int]:
     if chosen.frames is not None:
         at_least(1, "--frames", chosen.frames)
     _check_times(chosen)
+    for path in filter(None, (chosen.camera, chosen.pose)):
+        if path.exists() and not path.is_dir():  # known before a model is loaded for it
+            check_file(path)
     _check_output(chosen)
     return size
 
