@@ -3,6 +3,7 @@
 Types are written Optional[X]: for X | None, tyro imports typeguard and 60 other modules.
 """
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Optional
@@ -64,15 +65,20 @@ def with_size(field, meters: float | None):
     return field if meters is None else replace(field, meta={**field.meta, "size": meters})
 
 
-def writable_file(path: Path, ending: str) -> Path:
+def writable_file(path: Path, ending: str, source: Path | None = None) -> Path:
     """The path, if a file can be written there: better known now than after an hour.
 
+    Args:
+        source: A file that is read, and has to stay.
+
     Raises:
-        ValueError: Its ending is another one, or another process writes there.
+        ValueError: Its ending is another one, it is the source, or another process writes there.
         OSError: It can't be written; something else than a file is there.
     """
     if path.suffix != ending:
         raise ValueError(f"the file to write, {path}, has to end in {ending}")
+    if source is not None and os.path.realpath(path) == os.path.realpath(source):
+        raise ValueError(f"{path} is read, and would be lost: give another file to write")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         target = target_of(path)

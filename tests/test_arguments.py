@@ -36,6 +36,17 @@ def test_an_interrupt_while_it_is_checked_leaves_nothing(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_what_is_read_is_not_written_over(tmp_path):
+    path, link = tmp_path / "rig.npz", tmp_path / "link.npz"
+    path.write_text("a rig")
+    link.symlink_to(path)
+    for output in (path, link, tmp_path / "." / "rig.npz"):
+        with pytest.raises(ValueError, match="is read, and would be lost"):
+            arguments.writable_file(output, ".npz", source=path)
+    assert arguments.writable_file(tmp_path / "b.npz", ".npz", source=path) == tmp_path / "b.npz"
+    assert path.read_text() == "a rig"
+
+
 def test_another_ending_and_a_folder_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"has to end in \.png"):
         arguments.writable_file(tmp_path / "a.jpg", ".png")

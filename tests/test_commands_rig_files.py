@@ -114,6 +114,14 @@ def test_a_rig_of_blender_becomes_the_models(ball_file, from_blender, ball, tmp_
         assert changed.any() == (inside == "harmonic")
 
 
+def test_the_file_of_a_rig_is_not_written_over(ball_file, from_blender, call, refused):
+    before = from_blender.path.read_bytes()
+    for command in ("import", "bind"):
+        done = call(main, command, ball_file, from_blender.path, "-o", from_blender.path)
+        assert "is read, and would be lost" in refused(done)
+    assert from_blender.path.read_bytes() == before
+
+
 def test_a_cache_of_another_mesh_is_refused(ball_file, tmp_path, call, refused):
     clip = VertexClip("other", np.zeros(1), np.zeros((1, 9, 3), np.float32))
     path = write_cache(clip, tmp_path / "other.npz")

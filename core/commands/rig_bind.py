@@ -52,7 +52,7 @@ class InfoArguments:
 
 def prepare_bind(arguments: BindArguments):
     field = fields.load(arguments.model)
-    output = writable_file(arguments.output, ".npz")
+    output = writable_file(arguments.output, ".npz", source=arguments.rig)
     rig = bound(field, arguments)
 
     def job():

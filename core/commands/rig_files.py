@@ -114,7 +114,7 @@ def prepare_check(arguments: CheckArguments):
 
 def prepare_import(arguments: ImportArguments):
     field = fields.load(arguments.model)
-    output = writable_file(arguments.output, ".npz")
+    output = writable_file(arguments.output, ".npz", source=arguments.file)
     found = read_back(arguments.file, field.mesh, arguments.frames_per_second)
     if isinstance(found, rigs.VertexClip):
         rig = with_clip(field, found)
