@@ -253,4 +253,4 @@ def test_the_check_says_which_orientations_are_guessed(call, tmp_path):
     path = tmp_path / "data/images/r_3.png"
     Image.open(path).save(path, exif=exif)
     result = call(train.main, tmp_path / "data", "-o", tmp_path / "m.npz", "--check")
-    assert result.code == 0 and "EXIF orientations are not applied (of 1 photographs" in result.err
+    assert result.code == 0 and "the EXIF orientations of 1 photographs" in result.err
