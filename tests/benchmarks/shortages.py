@@ -47,7 +47,7 @@ COMMANDS = {  # {out}: the folder that they write to
     "render": "deformrf-render {rigged} --session {session} --size 64x48 --device cpu "
     "-o {out}/a.mp4",
     "pictures": "deformrf-render {rigged} --turntable 0.1 --size 64x48 --device cpu -o {out}/pngs",
-    "train": "deformrf-train {data} -o {out}/a.npz --preset tiny --steps 600 --spacing 0.08 "
+    "train": "deformrf-train {data} -o {out}/a.npz --preset tiny --steps 200 --spacing 0.08 "
     "--scene-radius 0.6 --device cpu",
     "eval": "deformrf-eval {model} {data} --split train --views 2 --json {out}/a.json "
     "--images {out}/pictures --device cpu",
