@@ -32,7 +32,7 @@ endif
 help:
 	@echo "make demo   open the bundled model (set-up included: what viewing needs)"
 	@echo "make test   run the tests (set-up included; PYTEST_ARGS='-k camera' for some of them)"
-	@echo "make soak   run the tests with new random inputs, read damaged files, kill commands (twenty minutes more)"
+	@echo "make soak   run the tests with new random inputs, read damaged files, kill commands (forty minutes more)"
 	@echo "make random-use   a million frames of random use of the solver (some ten minutes)"
 	@echo "make lint   check style and formatting"
 	@echo "make kernels   compile the CUDA kernels that are shipped compiled, after a change of them"

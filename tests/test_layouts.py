@@ -88,16 +88,18 @@ def test_the_check_counts_missing_images(call, tmp_path, refused):
     assert "none of the 7 train images is there" in refused(call(train.main, *command))
 
 
-def test_cameras_that_look_away_from_each_others_axes_are_told_of(call, tmp_path, refused):
-    """As where OpenCV's matrices stand for OpenGL's."""
+@pytest.mark.parametrize("wrong", ["OpenCV's axes", "world to camera"])
+def test_cameras_that_look_elsewhere_are_told_of(call, tmp_path, refused, wrong):
     transforms(tmp_path / "data", **PHONE)
     path = tmp_path / "data/transforms.json"
-    scene = json.loads(path.read_text())
+    scene, opencv = json.loads(path.read_text()), wrong == "OpenCV's axes"
     for frame in scene["frames"]:
-        matrix = np.array(frame["transform_matrix"]) * [1, -1, -1, 1]
+        matrix = np.array(frame["transform_matrix"])
+        matrix = matrix * [1, -1, -1, 1] if opencv else np.linalg.inv(matrix)
         frame["transform_matrix"] = matrix.tolist()
     path.write_text(json.dumps(scene))
     command = (tmp_path / "data", "-o", tmp_path / "m.npz", "--device", "cpu")
-    assert "most cameras look away from the place" in refused(call(train.main, *command))
+    hint = "column negated" if opencv else "world-to-camera matrices have to be inverted"
+    assert hint in refused(call(train.main, *command))
     result = call(train.main, *command, "--check")
-    assert result.code == 0 and "most cameras look away" in result.out
+    assert result.code == 0 and hint in result.out
