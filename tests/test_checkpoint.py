@@ -269,7 +269,8 @@ def test_a_checkpoint_with_the_longest_history_is_loaded(tmp_path):
     row = {"seconds": 1.5, "stage": 1, "step": 10**6, "psnr": 30.25}
     rows = [dict(row) for _ in range(4 * MOST_ROWS)]
     state = [torch.zeros(1) for _ in range(200)]
-    saved = replace(some(), report={"history": rows}, fit={"state": [state, state]})
+    saved = some()
+    saved = replace(saved, report=saved.report | {"history": rows}, fit={"state": [state, state]})
     save_checkpoint(saved, tmp_path / "a.checkpoint")
     assert load_checkpoint(tmp_path / "a.checkpoint").report == saved.report
 

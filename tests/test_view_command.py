@@ -267,6 +267,7 @@ def test_two_headless_runs_are_the_same_picture(ball_file, tmp_path, window):
 @pytest.mark.gl
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_and_sigterm_finish_the_clip(ball_file, tmp_path, window, sent):
+    """Not all frames are in it, and its name says so."""
     clip = tmp_path / "a.mp4"
     arguments = "--headless --frames 100000 --log-events --device cpu --size 64x64".split()
     process = subprocess.Popen(
@@ -287,9 +288,10 @@ def test_ctrl_c_and_sigterm_finish_the_clip(ball_file, tmp_path, window, sent):
     process.send_signal(sent)
     process.communicate(timeout=30)
     assert process.returncode == 130
-    with av.open(str(clip)) as container:
+    (written,) = tmp_path.iterdir()
+    assert written == tmp_path / "a (cut short).mp4"
+    with av.open(str(written)) as container:
         assert sum(1 for _ in container.decode(video=0)) > 5
-    assert list(tmp_path.iterdir()) == [clip]
 
 
 @pytest.mark.gl

@@ -1,6 +1,6 @@
 """The command deformrf-view: parse, check, open a window (or none), run, report.
 
-Ctrl-C and SIGTERM finish the video.  Warp and pyglet are imported when the arguments are known
+Ctrl-C and SIGTERM end the video early.  Warp and pyglet are imported when the arguments are known
 to be good, so that --help is quick.
 """
 
