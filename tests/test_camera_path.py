@@ -280,3 +280,14 @@ def test_far_origins_are_no_matter_of_the_path(tmp_path, kind):
     np.testing.assert_allclose(pose, look_at([4.0, 0.0, 1.0], [0.0, 0.0, 0.0]), atol=1e-6)
     with pytest.raises(CameraPathError, match="model sizes away: is this the space of"):
         loaded(tmp_path, content)
+
+
+def test_what_a_sentence_quotes_of_a_data_set_can_be_printed(tmp_path):
+    folder = transforms(tmp_path / "data", **PHONE)
+    path = folder / "transforms.json"
+    scene = json.loads(path.read_text())
+    scene["frames"][2] |= {"file_path": "a\x1b[2J\nb.png", "transform_matrix": [[1.0] * 4] * 4}
+    path.write_text(json.dumps(scene))
+    with pytest.raises(CameraPathError, match="transform_matrix") as caught:
+        load_camera_path(path, np.eye(4), np.zeros(3), (64, 48))
+    assert str(caught.value).isprintable()

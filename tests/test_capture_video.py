@@ -102,6 +102,27 @@ def test_what_a_video_says_of_itself_may_be_no_unicode(tmp_path):
     assert len(list(frames_of_video(tmp_path / "a.mkv").glob("*.jpg"))) >= 1
 
 
+def test_a_stream_that_begins_later_ends_the_video(tmp_path):
+    """PyAV doesn't know its number: what came before is used."""
+    noise = np.random.default_rng().integers(0, 256, (240, 320, 3), np.uint8)
+    for name, streams in (("first", 1), ("second", 3)):
+        with av.open(str(tmp_path / f"{name}.mts"), "w", format="mpegts") as container:
+            made = [container.add_stream("libx264", rate=30) for _ in range(streams)]
+            for stream in made:
+                stream.width, stream.height, stream.pix_fmt = 320, 240, "yuv420p"
+                stream.options = {"crf": "12", "preset": "ultrafast"}
+            for shift in range(12):
+                for stream in made:
+                    image = np.roll(noise, 37 * shift, axis=0)
+                    container.mux(stream.encode(av.VideoFrame.from_ndarray(image)))
+            for stream in made:
+                container.mux(stream.encode(None))
+    parts = [(tmp_path / f"{name}.mts").read_bytes() for name in ("first", "second")]
+    looked_at = 5_000_000  # bytes in which FFmpeg looks for streams
+    (tmp_path / "a.mts").write_bytes(parts[0] * (looked_at // len(parts[0]) + 2) + parts[1])
+    assert len(list(frames_of_video(tmp_path / "a.mts").glob("*.jpg"))) >= 1
+
+
 def test_training_starts_with_a_video(call, trainer, tmp_path):
     """Its frames and their cameras lie beside it, and are there for the next run."""
     write_capture(tmp_path / "photos", circle(16), np.random.default_rng(7))

@@ -14,7 +14,6 @@ import lazy_loader
 import numpy as np
 from PIL import Image
 
-from ..images import MOST_PIXELS
 from ..reading import read_text
 from .hdr import check_color, is_hdr, standard
 from .photos import CaptureError
@@ -27,6 +26,7 @@ ENDINGS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".3gp")
 FORMATS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts"
 FRAMES = 100  # that are taken, if the video has as many
 MOST_FRAMES = 100_000  # that are looked at: an hour
+MOST_PIXELS = 40_000_000  # of a frame: 8K has 33 or 35 million
 THUMBNAIL = 32  # pixels along a side of what is compared
 SIDE = 480  # longer side that sharpness is measured at [pixels]
 STILL = 0.5  # gray levels of 255 that noise changes a thumbnail by, from frame to frame
@@ -115,9 +115,9 @@ def frames_of(path: Path, advance):
                 if seconds and frame.time is not None:
                     advance(min(1.0, frame.time / seconds))
                 yield frame
-    except av.error.FFmpegError as error:
+    except (av.error.FFmpegError, IndexError) as error:  # PyAV knows no stream that begins later
         if number < 0:  # else what was decoded is used: the file is cut off
-            reason = error.strerror or "unknown"
+            reason = getattr(error, "strerror", None) or "it is damaged"
             raise CaptureError(f"{path} can't be read as a video: {reason}") from None
 
 

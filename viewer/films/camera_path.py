@@ -105,7 +105,7 @@ def _photographed(path, world_to_model, center, size):
     try:
         cameras, said = list_cameras(path)
     except DatasetError as error:
-        raise CameraPathError(str(error)) from None
+        raise CameraPathError(printable(str(error))) from None
     sights = []
     for number, camera in enumerate(cameras, start=1):
         pose = in_space(camera.camera_to_world, world_to_model)
