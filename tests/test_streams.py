@@ -64,7 +64,7 @@ def test_no_file_gets_the_number_of_a_stream_that_was_closed(tmp_path, closed):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such shell")
-@pytest.mark.parametrize("closed", CLOSED[-2:])
+@pytest.mark.parametrize("closed", CLOSED[-1:])
 def test_training_needs_no_stream(tmp_path, write_dataset, closed):
     """It has Warp print nowhere meanwhile, which takes number 2."""
     image = Image.new("RGBA", (24, 24), (200, 40, 30, 255))
