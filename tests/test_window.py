@@ -140,13 +140,13 @@ def test_a_viewer_that_is_closed_while_a_film_is_rendered(session, tmp_path):
     import av
 
     session.tool("key", "F9")
-    time.sleep(2.0)
+    time.sleep(5.0)  # of film, so that it takes longer than what follows
     session.tool("key", "F9")
     session.wait(lambda: session.next_state()["question"] == "film", 20, "the choices are asked")
     session.tool("key", "Return")
     session.wait(lambda: session.events("film"), 20, "the film is begun")
     path = Path(session.events("film")[0]["path"])
-    time.sleep(6.0)
+    time.sleep(3.0)
     session.tool("key", "ctrl+q")
     session.wait(lambda: session.next_state()["question"] == "leaving", 20, "it is asked")
     session.click(*STOP)
