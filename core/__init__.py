@@ -1,1 +1,1 @@
-"""Everything that runs without a display: geometry, field, rendering, dynamics, training."""
+"""The method and what carries it: geometry, field, rendering, dynamics, training."""

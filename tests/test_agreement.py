@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from captures import circle, similarity_errors, write_capture, write_twins
 
-from deformrf.core.capture import (
+from deformrf.commands import train
+from deformrf.core.training import load_dataset
+from deformrf.wings.capture import (
     CaptureError,
     agreement,
     cameras,
@@ -17,9 +19,7 @@ from deformrf.core.capture import (
     photos,
     work,
 )
-from deformrf.core.capture.phases import Phases
-from deformrf.core.commands import train
-from deformrf.core.training import load_dataset
+from deformrf.wings.capture.phases import Phases
 
 pytest.importorskip("pycolmap")
 COUNT = 16

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.rig import align, outer_points, rotations, shared_space
+from deformrf.wings.rig import align, outer_points, rotations, shared_space
 
 
 def body(rng, count):

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from deformrf.core.render import Renderer, RenderOptions, look_at, reference
-from deformrf.core.render.rays import ASIDE, FaceRectangles, ball_around, begin_at_ball, empty_rays
+from deformrf.core.render.rays.approach import ASIDE, ball_around, begin_at_ball
 from deformrf.core.render.rays.camera import Camera, camera_rays
 from deformrf.core.render.rays.entries import UNKNOWN
 from deformrf.core.render.rays.lens import pinhole
+from deformrf.core.render.rays.marching import empty_rays
+from deformrf.core.render.rays.raster import FaceRectangles
 
 SIZE = 24
 

@@ -84,8 +84,8 @@ def test_a_training_step_is_as_described(follow, data):
 
 
 def test_a_section_of_the_report_is_as_described(follow, ball_file, tmp_path, monkeypatch):
-    from deformrf.core.lab import command
-    from deformrf.core.lab.effort import EFFORTS
+    from deformrf.commands import report as command
+    from deformrf.wings.lab.effort import EFFORTS
 
     least = EFFORTS[True, True]._replace(size=24, view_count=1, pixel_count=20, turns=1)
     plan = command.plan

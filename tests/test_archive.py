@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.archive import one_sentence, open_archive
+from deformrf.core.base.archive import one_sentence, open_archive
 from deformrf.core.field import FieldOptions, ModelFileError, load, random_field, save
 from deformrf.core.geometry import TetMesh, tet_neighbours
 from deformrf.core.render import Renderer, from_field_of_view, look_at

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from deformrf.core import arguments
-from deformrf.core.paths import WriteError
+from deformrf.core.base import arguments
+from deformrf.core.base.paths import WriteError
 
 
 def test_the_error_names_a_number_that_is_too_small():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from deformrf.core.geometry import a15_grid, extract
-from deformrf.core.rig import automatic_weights, make_skeleton
-from deformrf.core.rig.fitting import located
-from deformrf.core.rig.laplacian import laplacian
-from deformrf.core.rig.weights import bone_distances
+from deformrf.wings.rig import automatic_weights, make_skeleton
+from deformrf.wings.rig.fitting import located
+from deformrf.wings.rig.laplacian import laplacian
+from deformrf.wings.rig.weights import bone_distances
 
 JOINTS = np.array([0.05, 0.35, 0.65, 0.95])  # of three bones along z
 RADIUS = 0.07

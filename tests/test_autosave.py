@@ -311,7 +311,7 @@ def test_the_window_shows_how_far_a_long_session_has_been_played(app, ball, monk
 @pytest.mark.gl
 def test_an_interrupt_keeps_what_was_done_since_the_last_writing(app, ball, monkeypatch):
     """SIGTERM, or SIGHUP when the terminal is closed, which `commands.run` makes a Ctrl-C."""
-    from deformrf.viewer import command
+    from deformrf.commands import view as command
 
     app.begin_autosave()
     app.scene.set_ground(True)

@@ -10,9 +10,9 @@ from deformrf.core.field.networks.reference import spherical_harmonics
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.render import Pose
 from deformrf.core.training.data.raybank import NO_LIMIT
-from deformrf.core.training.run import TrainingField
 from deformrf.core.training.run.batch import Batch
 from deformrf.core.training.run.passes import MAX_RAY_SAMPLES
+from deformrf.core.training.run.training_field import TrainingField
 from deformrf.core.training.train_options import PRESETS
 
 RAYS = 300

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from deformrf.core import field as fields
-from deformrf.core import rig as rigs
-from deformrf.core.paths import DEFAULT_MODEL
+from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.viewer.input import ACTIONS
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Player, SessionError, open_session, save_session, start_of
+from deformrf.wings import rig as rigs
 
 pytestmark = pytest.mark.gl
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.geometry import a15_grid, boundary_faces, tet_neighbours
-from deformrf.core.rig import (
+from deformrf.wings.rig import (
     Clip,
     VertexClip,
     make_skeleton,

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deformrf.core.base.paths import ASSETS
 from deformrf.core.geometry import a15_grid
-from deformrf.core.paths import ASSETS
 from deformrf.core.render import Renderer, preview
-from deformrf.core.rig import (
+from deformrf.wings.rig import (
     VertexClip,
     export_mesh,
     read_blender,

@@ -4,7 +4,7 @@ import moderngl
 import numpy as np
 import pytest
 
-from deformrf.core.paths import SHADERS
+from deformrf.core.base.paths import SHADERS
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
 from deformrf.viewer.layers import Canvas, gl

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from deformrf.core import bytecode
+from deformrf.core.base import bytecode
 
 PROGRAM = """
 import sys

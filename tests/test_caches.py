@@ -6,8 +6,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from deformrf.core.rig import VertexClip, read_cache, write_cache
-from deformrf.core.rig.caches import ENDINGS, MDD_HEADER, PC2_HEADER, PC2_MAGIC
+from deformrf.wings.rig import VertexClip, read_cache, write_cache
+from deformrf.wings.rig.caches import ENDINGS, MDD_HEADER, PC2_HEADER, PC2_MAGIC
 
 
 def make_clip(samples=5, count=7, rate=24.0):
@@ -125,6 +125,6 @@ def test_memory_is_not_taken_for_what_a_zip_declares(tmp_path):
 
 def test_a_cache_beyond_the_free_memory_is_refused(tmp_path, monkeypatch):
     path = write_cache(make_clip(), tmp_path / "a.pc2")
-    monkeypatch.setattr("deformrf.core.rig.caches.free_bytes", lambda: 100)
+    monkeypatch.setattr("deformrf.wings.rig.caches.free_bytes", lambda: 100)
     with pytest.raises(ValueError, match="free memory"):
         read_cache(path, 7)

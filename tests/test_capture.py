@@ -14,8 +14,12 @@ import pytest
 from captures import circle, similarity_errors, write_capture
 from PIL import Image
 
-from deformrf.core import capture
-from deformrf.core.capture import (
+from deformrf.commands import INTERRUPTED, capturing, train
+from deformrf.core.field import modelfile
+from deformrf.core.render import Lens, has_rays
+from deformrf.core.training import load_dataset
+from deformrf.wings import capture
+from deformrf.wings.capture import (
     CaptureError,
     cameras,
     features,
@@ -24,10 +28,6 @@ from deformrf.core.capture import (
     mapping,
     work,
 )
-from deformrf.core.commands import INTERRUPTED, capturing, train
-from deformrf.core.field import modelfile
-from deformrf.core.render import Lens, has_rays
-from deformrf.core.training import load_dataset
 
 pytest.importorskip("pycolmap")
 COUNT = 16

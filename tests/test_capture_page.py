@@ -5,7 +5,8 @@ import pytest
 from captures import circle
 from PIL import Image
 
-from deformrf.core.capture import (
+from deformrf.commands import train
+from deformrf.wings.capture import (
     SparsePoints,
     gray_of,
     page,
@@ -13,7 +14,6 @@ from deformrf.core.capture import (
     sharpness_of,
     sharpness_weights,
 )
-from deformrf.core.commands import train
 
 
 def shown(poses, sharpness=0.6, exposure=0.5):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core import capture
-from deformrf.core.capture import CaptureError, find_cameras, library
 from deformrf.core.training import load_dataset
+from deformrf.wings import capture
+from deformrf.wings.capture import CaptureError, find_cameras, library
 
 pytest.importorskip("pycolmap")
 

@@ -8,8 +8,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from deformrf.core.capture import SparsePoints, load_points, save_points
-from deformrf.core.capture.points import SHAPES
+from deformrf.core.training.data.points import SHAPES
+from deformrf.wings.capture import SparsePoints, load_points, save_points
 
 
 def some_points(count=20):

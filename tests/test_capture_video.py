@@ -9,10 +9,10 @@ import pytest
 from captures import circle, write_capture
 from PIL import Image, ImageFilter
 
-from deformrf.core import capture
-from deformrf.core.capture import CaptureError, frames_of_video, video
-from deformrf.core.capture.sharpness import sharpness_of
-from deformrf.core.commands import train
+from deformrf.commands import train
+from deformrf.core.training.data.sharpness import sharpness_of
+from deformrf.wings import capture
+from deformrf.wings.capture import CaptureError, frames_of_video, video
 
 
 def picture(rng, width=400, height=120):
@@ -152,7 +152,7 @@ def test_videos_of_a_telephone_that_was_held_upright_are_turned(tmp_path, turn):
 
 def test_asking_what_is_a_video_loads_no_library_for_it(tmp_path):
     program = (
-        "import sys; from pathlib import Path; from deformrf.core.capture import is_video;"
+        "import sys; from pathlib import Path; from deformrf.wings.capture import is_video;"
         "print(is_video(Path('model.npz')), 'av.container' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

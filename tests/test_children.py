@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from captures import circle, write_capture
 
-from deformrf.core import children
+from deformrf.core.base import children
 
 ROOT = Path(children.ROOT)
 PLANTED = (
@@ -23,8 +23,8 @@ OF_OS = ("system", "popen", "exec", "spawn", "posix_spawn", "fork", "startfile")
 OTHERS = {"multiprocessing", "pty", "asyncio", "webbrowser", "runpy", "pexpect", "sh"}
 WHERE = """
 import sys
-from deformrf.core.children import start
-code = "import sys, numpy, PIL, json, deformrf.core.streams as s; print(s.__file__, *sys.path)"
+from deformrf.core.base.children import start
+code = "import sys, numpy, PIL, json, deformrf.core.base.streams as s; print(s.__file__, *sys.path)"
 with start([sys.executable, "-c", code], stdout=-1, stderr=-2, text=True) as process:
     print(process.communicate()[0], "--", process.args)
 """
@@ -103,7 +103,7 @@ def test_one_function_starts_all_processes():
         for _, words in starts_of(path)
         if words != "subprocess.Popen" or not is_annotation(path)
     }
-    assert found == {("core/children.py", "subprocess.Popen")}
+    assert found == {("core/base/children.py", "subprocess.Popen")}
 
 
 def is_annotation(path):
@@ -154,7 +154,7 @@ def test_a_child_of_python_c_imports_nothing_of_the_current_folder(trap, tmp_pat
 
 MODULE = """
 import subprocess, sys
-import deformrf.core.children
+import deformrf.core.base.children
 from pathlib import Path
 for name in {planted!r}:  # now, or `python -m` would run them before any line of ours
     Path(name + ".py").write_text("open('EXECUTED', 'a').write('x'); raise SystemExit")
@@ -191,7 +191,7 @@ def test_a_folder_that_a_user_names_by_its_whole_path_is_kept(tmp_path, script):
 def test_a_package_that_lies_in_the_current_folder_is_the_child_s_as_well(tmp_path):
     """As in a checkout's folder: `python -m deformrf.viewer` finds it there alone."""
     (tmp_path / "deformrf").symlink_to(ROOT)
-    command = WHERE + "import deformrf.core.children as c; c.forget_current_folder()\n"
+    command = WHERE + "import deformrf.core.base.children as c; c.forget_current_folder()\n"
     command += "import sys, deformrf.viewer; print(deformrf.viewer.__file__, '' in sys.path)"
     done = run(tmp_path, "-c", command, PYTHONPATH="")
     assert done.returncode == 0, done.stderr
@@ -233,15 +233,15 @@ def test_the_viewer_by_python_m_runs_nothing_of_the_current_folder(tmp_path, fla
 def test_a_command_forgets_the_dot_of_pythonpath(tmp_path, script):
     """Where a script of Python's own has not imported anything from there."""
     plant(tmp_path, ["numpy", "PIL", "tyro", "warp", "rich", "platformdirs", "lazy_loader"])
-    command = script("import sys; from deformrf.viewer.entry import view; sys.exit(view())")
+    command = script("import sys; from deformrf.commands.entry import view; sys.exit(view())")
     done = run(tmp_path, command, "--help", PYTHONPATH=f"{ROOT.parent}{os.pathsep}.")
     assert done.returncode == 0 and not executed(tmp_path), done.stderr
 
 
 TRAIN = """
 import sys
-from deformrf.viewer.entry import train
-from deformrf.core.capture import mapping
+from deformrf.commands.entry import train
+from deformrf.wings.capture import mapping
 mapping.incremental = lambda *_, **named: []  # so that another process finds the cameras
 sys.exit(train())
 """
@@ -271,7 +271,7 @@ import os, sys, time
 from pathlib import Path
 import numpy
 from deformrf.core.field import modelfile
-from deformrf.core.lab.omissions import starts
+from deformrf.wings.lab.omissions import starts
 from deformrf.viewer.films.film_job import FilmJob
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import save_session, start_of

@@ -6,13 +6,13 @@ import sys
 
 import pytest
 
-from deformrf.core.claims import claim, release
+from deformrf.core.base.claims import claim, release
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="locks of POSIX")
 HOLDER = """
 import sys
 from pathlib import Path
-from deformrf.core.claims import claim
+from deformrf.core.base.claims import claim
 claim(Path(sys.argv[1]))
 print("held", flush=True)
 sys.stdin.read()

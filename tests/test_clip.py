@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core import rig
-from deformrf.viewer.films import render_command
+from deformrf.commands import render as render_command
 from deformrf.viewer.films.clip import clip_session
 from deformrf.viewer.films.film import Film
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import SessionError
+from deformrf.wings import rig
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from colmap_files import circle, some_sparse, write_binary, write_capture, write
 from PIL import Image
 from posed_data import PHONE, transforms
 
-from deformrf.core.capture import upright
-from deformrf.core.commands import running, train
+from deformrf.commands import running, train
 from deformrf.core.training import DatasetError, has_cameras, load_dataset
+from deformrf.wings.capture import upright
 
 CAMERAS = {
     1: ("SIMPLE_PINHOLE", 16, 12, (20, 8, 6)),

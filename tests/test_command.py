@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deformrf.core.commands import INPUT_ERROR, INTERRUPTED, run
+from deformrf.commands import INPUT_ERROR, INTERRUPTED, run
+from deformrf.commands import report as command
 from deformrf.core.deform import XpbdSolver
 from deformrf.core.field import BASIS_COUNT, FieldOptions, modelfile, random_field
 from deformrf.core.geometry import TetMesh, tet_neighbours
-from deformrf.core.lab import command
-from deformrf.core.lab.effort import EFFORTS
-from deformrf.core.lab.rendering.measure import BOUND, LARGEST
-from deformrf.core.lab.rendering.pictures import PEAK_DB
-from deformrf.core.lab.stability import tell as stability
+from deformrf.wings.lab.effort import EFFORTS
+from deformrf.wings.lab.rendering.measure import BOUND, LARGEST
+from deformrf.wings.lab.rendering.pictures import PEAK_DB
+from deformrf.wings.lab.stability import tell as stability
 
 SECTIONS = ["rendering", "dynamics", "training", "stability", "left_out", "machine"]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from deformrf.commands import edit
 from deformrf.core import field as fields
-from deformrf.core.commands import edit
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.commands import INPUT_ERROR, evaluate
+from deformrf.commands import INPUT_ERROR, evaluate
 from deformrf.core.field import modelfile
 from deformrf.core.training import evaluation
 
@@ -149,7 +149,7 @@ def test_a_device_that_is_missing_is_refused(call, data, model, monkeypatch, ref
 
 def test_a_command_prints_one_sentence_and_nothing_else(data, tmp_path):
     """In a process of its own, where C++ libraries may print too."""
-    program = "from deformrf.core.commands.evaluate import main; main()"
+    program = "from deformrf.commands.evaluate import main; main()"
     command = [sys.executable, "-c", program, tmp_path / "no.npz", data]
     run = subprocess.run(command, capture_output=True, text=True)
     assert (run.returncode, run.stdout) == (2, "")

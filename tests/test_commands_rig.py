@@ -9,10 +9,10 @@ import pytest
 from gltf_files import ellipsoid, make_bar, make_skin
 from PIL import Image
 
+from deformrf.commands import rig as command
 from deformrf.core import field as fields
-from deformrf.core.commands import rig as command
-from deformrf.core.paths import DEFAULT_MODEL
-from deformrf.core.rig import Clip, Rig, arrays_of, clip_of_poses, make_skeleton, rig_from, turned
+from deformrf.core.base.paths import DEFAULT_MODEL
+from deformrf.wings.rig import Clip, Rig, arrays_of, clip_of_poses, make_skeleton, rig_from, turned
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from deformrf.commands.rig import main
 from deformrf.core import field as fields
-from deformrf.core.commands.rig import main
 from deformrf.core.geometry import boundary_faces
-from deformrf.core.rig import VertexClip, make_skeleton, rig_from, write_cache
+from deformrf.wings.rig import VertexClip, make_skeleton, rig_from, write_cache
 
 
 @pytest.fixture

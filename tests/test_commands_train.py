@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.commands import FAILED, INPUT_ERROR, INTERRUPTED, train, train_choices
+from deformrf.commands import FAILED, INPUT_ERROR, INTERRUPTED, train, train_choices
 from deformrf.core.field import modelfile
 from deformrf.core.render import look_at
 from deformrf.core.training import DatasetError, preset

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deformrf.commands import edit, evaluate, rig
+from deformrf.commands import render as render
+from deformrf.commands import view as view
 from deformrf.core import field as fields
-from deformrf.core import rig as rigs
-from deformrf.core.commands import edit, evaluate, rig
-from deformrf.viewer import command as view
-from deformrf.viewer.films import render_command as render
+from deformrf.wings import rig as rigs
 
 resource = pytest.importorskip("resource")
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="links, pipes and limits of POSIX")
@@ -114,7 +114,7 @@ def test_what_is_no_file_is_refused_at_once(write, tmp_path, kind, refused):
 
 def test_two_processes_on_one_file_are_told(write, tmp_path, refused):
     path = (tmp_path / "a").with_suffix(write.ending)
-    code = "import sys; from pathlib import Path; from deformrf.core.claims import claim;"
+    code = "import sys; from pathlib import Path; from deformrf.core.base.claims import claim;"
     code += "claim(Path(sys.argv[1])); print(1, flush=True); sys.stdin.read()"
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", code, path], **pipes) as other:

@@ -17,8 +17,9 @@ from contact_scenes import (
 )
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
-from deformrf.core.deform.contact import Contact, boxes, contact_modules
+from deformrf.core.deform.contact import boxes
 from deformrf.core.deform.contact.clusters import barycentric
+from deformrf.core.deform.contact.contact import Contact, contact_modules
 from deformrf.core.deform.contact.reference import ContactList
 from deformrf.core.deform.contact.surface import closest_weights
 from deformrf.core.deform.frame import reference

@@ -13,20 +13,13 @@ from deformrf.core.render import (
     look_at,
     reference,
 )
-from deformrf.core.render.rays import (
-    MIDDLE,
-    Entries,
-    FaceRectangles,
-    camera_rays_kernel,
-    device_camera,
-    empty_rays,
-    empty_samples,
-    lattice_paths,
-    march_kernel,
-    move_aside,
-)
-from deformrf.core.render.rays.cpu_march import ORDERS, SIDE
-from deformrf.core.render.rounds import empty_pixels
+from deformrf.core.render.rays.approach import move_aside
+from deformrf.core.render.rays.camera import camera_rays_kernel, device_camera
+from deformrf.core.render.rays.cpu_march import ORDERS, SIDE, lattice_paths
+from deformrf.core.render.rays.entries import Entries
+from deformrf.core.render.rays.marching import MIDDLE, empty_rays, empty_samples, march_kernel
+from deformrf.core.render.rays.raster import FaceRectangles
+from deformrf.core.render.rounds.compositing import empty_pixels
 
 MANY = 300  # slots: more than any ray needs
 

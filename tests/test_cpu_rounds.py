@@ -8,7 +8,7 @@ import warp as wp
 
 from deformrf.core.field import modelfile, sigma_from, subtet_corners, unpack_mask
 from deformrf.core.field.encoding import encode_reference
-from deformrf.core.field.networks import evaluate, spherical_harmonics
+from deformrf.core.field.networks.reference import evaluate, spherical_harmonics
 from deformrf.core.render import (
     Renderer,
     RenderOptions,
@@ -16,9 +16,10 @@ from deformrf.core.render import (
     from_field_of_view,
     look_at,
 )
-from deformrf.core.render.rays import Entries, empty_rays
-from deformrf.core.render.rounds import cpu, empty_pixels
-from deformrf.core.render.rounds.compositing import composite_reference
+from deformrf.core.render.rays.entries import Entries
+from deformrf.core.render.rays.marching import empty_rays
+from deformrf.core.render.rounds import cpu
+from deformrf.core.render.rounds.compositing import composite_reference, empty_pixels
 from deformrf.core.training.metrics import psnr
 
 SLOTS, RAYS = 16, 700
@@ -152,7 +153,7 @@ def test_all_rounds_at_once_are_those_that_the_host_waits_for(
 
 
 def test_the_bundled_model_looks_the_same_in_default_mode():
-    from deformrf.core import paths
+    from deformrf.core.base import paths
 
     renderer = Renderer(modelfile.load(paths.DEFAULT_MODEL), "cpu")
     camera = from_field_of_view(look_at((1.5, -1.0, 1.0), (0.5, 0.5, 0.45)), 0.5, 160, 160)

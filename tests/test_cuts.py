@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core import rig
 from deformrf.core.field import (
     load,
     nearer_to_matter,
@@ -24,6 +23,7 @@ from deformrf.viewer.history.undo import _same
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.scene.cuts import ALL
 from deformrf.viewer.sessions import Player, SessionError, load_session, save_session, start_of
+from deformrf.wings import rig
 
 
 def state_of(scene):

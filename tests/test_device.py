@@ -3,8 +3,8 @@ import sys
 
 import pytest
 
-from deformrf.core import device as devices
-from deformrf.core.device import device_name, thread_count
+from deformrf.core.base import device as devices
+from deformrf.core.base.device import device_name, thread_count
 
 
 def test_cpu_is_always_there():
@@ -45,7 +45,7 @@ def test_cuda_is_refused_where_there_is_none(monkeypatch):
 
 def test_warp_starts_without_a_word():
     """Stderr is for one sentence about the user's mistake, stdout for results."""
-    program = "from deformrf.core.device import device_name; device_name('auto')"
+    program = "from deformrf.core.base.device import device_name; device_name('auto')"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
 

@@ -14,7 +14,7 @@ import pytest
 import torch
 from PIL import Image
 
-from deformrf.core.device import device_name
+from deformrf.core.base.device import device_name
 from deformrf.core.field import FieldOptions, modelfile
 from deformrf.core.geometry import a15_grid
 from deformrf.core.render import look_at
@@ -27,17 +27,11 @@ from deformrf.core.training import (
     world_to_unit_cube,
 )
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run import (
-    ALONE,
-    LearnedSurroundings,
-    Optimization,
-    TrainingField,
-    Workers,
-    on_warp_stream,
-    random_surroundings,
-    torchrun_workers,
-)
-from deformrf.core.training.run.optimization import BETAS, LOSS_SCALE
+from deformrf.core.training.run.differentiable import on_warp_stream
+from deformrf.core.training.run.distributed import ALONE, Workers, torchrun_workers
+from deformrf.core.training.run.optimization import BETAS, LOSS_SCALE, Optimization
+from deformrf.core.training.run.surroundings import LearnedSurroundings, random_surroundings
+from deformrf.core.training.run.training_field import TrainingField
 
 SIZE = 24
 RAYS = 301  # two shares of it differ

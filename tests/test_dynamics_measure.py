@@ -8,8 +8,8 @@ from beams import ball, beam
 
 from deformrf.core.deform import Material, lowest_pins
 from deformrf.core.geometry import A15, BCC, components
-from deformrf.core.lab.dynamics import measure as dynamics
-from deformrf.core.lab.dynamics.measure import (
+from deformrf.wings.lab.dynamics import measure as dynamics
+from deformrf.wings.lab.dynamics.measure import (
     LoadCase,
     load_cases,
     measure,

@@ -10,8 +10,8 @@ from PIL import Image
 
 from deformrf.core.deform import PRESETS, Material
 from deformrf.core.geometry import BCC, TetMesh
-from deformrf.core.lab.dynamics import tell as dynamics
-from deformrf.core.lab.dynamics.measure import (
+from deformrf.wings.lab.dynamics import tell as dynamics
+from deformrf.wings.lab.dynamics.measure import (
     BOUND,
     SCENES,
     DynamicsRow,
@@ -19,8 +19,8 @@ from deformrf.core.lab.dynamics.measure import (
     measure,
     standing,
 )
-from deformrf.core.lab.report.parts import record
-from deformrf.core.lab.stopwatch import Timing
+from deformrf.wings.lab.report.parts import record
+from deformrf.wings.lab.stopwatch import Timing
 
 MESH = ball(BCC, 1 / 4)
 ONE_TET = TetMesh(

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import warp as wp
 
+from deformrf.core.base.wide import vec4h
 from deformrf.core.field import FEATURES, encode_backward_kernel, encode_kernel, make_tables
 from deformrf.core.field.encoding import encode_reference
 from deformrf.core.field.layout import dense_ids, hash_address, hash_entry, make_layout
 from deformrf.core.geometry import a15_grid, path_nodes, tet_neighbours
 from deformrf.core.geometry.mesh import FACES
-from deformrf.core.wide import vec4h
 
 LEVELS, TABLE_SIZE, COUNT = 6, 2**12, 5000
 

@@ -6,7 +6,7 @@ from beams import ball
 
 from deformrf.core.deform import Material
 from deformrf.core.geometry import A15, BCC, a15_grid, signed_volumes
-from deformrf.core.lab.dynamics.energy import Energy, material_energy
+from deformrf.wings.lab.dynamics.energy import Energy, material_energy
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from deformrf.viewer import entry
+from deformrf.commands import entry
 
 PROGRAM = """
 import importlib, os, signal, sys
@@ -50,12 +50,12 @@ def test_an_interrupt_waits_until_torch_is_imported(data, tmp_path):
 
 def test_every_command_begins_here():
     assert SCRIPTS.keys() == entry.COMMANDS.keys()
-    assert all(target.startswith("deformrf.viewer.entry:") for target in SCRIPTS.values())
+    assert all(target.startswith("deformrf.commands.entry:") for target in SCRIPTS.values())
 
 
 @pytest.mark.parametrize("program", SCRIPTS)
 def test_verbose_is_in_every_help(program):
-    code = f"from deformrf.viewer.entry import begin; import sys; sys.exit(begin({program!r}))"
+    code = f"from deformrf.commands.entry import begin; import sys; sys.exit(begin({program!r}))"
     for flags in (["--help"], ["bind", "-h"] if program == "deformrf-rig" else ["-h"]):
         command = [sys.executable, "-c", code, *flags]
         run = subprocess.run(command, capture_output=True, text=True)
@@ -98,7 +98,7 @@ def test_a_fault_leaves_a_report_that_can_be_passed_on(tmp_path, arguments):
 
 
 def test_a_mistake_of_the_user_leaves_none(tmp_path):
-    program = "from deformrf.viewer.entry import view; import sys; sys.exit(view())"
+    program = "from deformrf.commands.entry import view; import sys; sys.exit(view())"
     state = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
     command = [sys.executable, "-c", program, "nothing.npz", "--headless", "--screenshot", "a.png"]
     run = subprocess.run(command, capture_output=True, text=True, env=state, cwd=tmp_path)
@@ -110,7 +110,7 @@ def test_garbage_is_collected_after_the_start_and_not_at_the_end():
     said = (
         "import atexit, gc, sys\n"
         "atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 10_000))\n"
-        "from deformrf.viewer.entry import begin\n"
+        "from deformrf.commands.entry import begin\n"
         "sys.argv = ['x', '--version']\n"
         "sys.exit(begin('deformrf-view'))\n"
     )
@@ -123,7 +123,7 @@ def test_a_signal_after_the_commands_end_shows_no_traceback(name, tmp_path):
     """It comes while Python itself ends."""
     program = f"""
 import contextlib, signal, sys
-from deformrf.viewer.entry import begin
+from deformrf.commands.entry import begin
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.argv = ["deformrf-edit", "missing.npz", "-o", "smaller.npz"]
 with contextlib.suppress(SystemExit):

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.commands.evaluate import print_report
+from deformrf.commands.evaluate import print_report
 from deformrf.core.field import FieldOptions, modelfile, random_field
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.render import Renderer, from_field_of_view, look_at, pinhole
 from deformrf.core.training import evaluation
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.evaluation import evaluate
-from deformrf.core.training.run import LearnedSurroundings, random_surroundings
+from deformrf.core.training.run.surroundings import LearnedSurroundings, random_surroundings
 
 SIZE = 16
 VIEWS = 3

@@ -11,8 +11,9 @@ from PIL import Image, ImageFilter
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.evaluation import evaluate
 from deformrf.core.training.photographs import SMALL_SPREAD, learned_exposure, photographed_rays
-from deformrf.core.training.run import LearnedExposure, load_checkpoint, optimization
-from deformrf.core.training.run.exposure import adjusted_reference, cost_reference
+from deformrf.core.training.run import optimization
+from deformrf.core.training.run.checkpoint import load_checkpoint
+from deformrf.core.training.run.exposure import LearnedExposure, adjusted_reference, cost_reference
 
 VIEWS, RAYS = 4, 30
 

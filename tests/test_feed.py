@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.feed import Feed
+from deformrf.core.base.feed import Feed
 
 
 @pytest.mark.parametrize("dtype, shape", [(wp.vec3, (5, 3)), (wp.mat44, (5, 4, 4)), (float, (5,))])

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from deformrf.core.field import modelfile
-from deformrf.core.lab.omissions.files import file_rows
-from deformrf.core.lab.omissions.frames import Frames
-from deformrf.core.lab.omissions.measure import NONE, NOT_MEASURED, SAVES
+from deformrf.wings.lab.omissions.files import file_rows
+from deformrf.wings.lab.omissions.frames import Frames
+from deformrf.wings.lab.omissions.measure import NONE, NOT_MEASURED, SAVES
 
 
 @pytest.fixture

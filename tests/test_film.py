@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformrf.commands import render as render_command
 from deformrf.viewer.camera import Orbit
 from deformrf.viewer.camera import camera_of as camera_of
-from deformrf.viewer.films import render_command
 from deformrf.viewer.films.film import Film, Views, between, frame_count, turned_around
 from deformrf.viewer.history import Event
 from deformrf.viewer.sessions import Session, save_session, start_of
@@ -156,7 +156,7 @@ def test_what_makes_no_sense_is_explained(
 def rendered(*arguments, timeout=120):
     """deformrf-render in a process of its own, without a display."""
     clean = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    code = "import sys; from deformrf.viewer.films.render_command import main; sys.exit(main())"
+    code = "import sys; from deformrf.commands.render import main; sys.exit(main())"
     return subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments), "--device", "cpu"],
         env=clean,
@@ -325,7 +325,7 @@ def test_strain_with_its_legend_and_the_ground_are_in_a_film(ball, ball_file, tm
 
 @pytest.mark.gl
 def test_a_session_of_another_model_is_refused(recorded, tmp_path):
-    from deformrf.core.paths import DEFAULT_MODEL
+    from deformrf.core.base.paths import DEFAULT_MODEL
 
     done = rendered(DEFAULT_MODEL, "--session", recorded[1], "-o", tmp_path / "a.mp4")
     assert done.returncode == 2 and "a session of another model" in done.stderr

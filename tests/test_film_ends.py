@@ -23,7 +23,7 @@ def frames_of(path):
 def started(*arguments, **options):
     """deformrf-render as a process that runs."""
     clean = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    code = "import sys; from deformrf.viewer.films.render_command import main; sys.exit(main())"
+    code = "import sys; from deformrf.commands.render import main; sys.exit(main())"
     return subprocess.Popen(
         [sys.executable, "-c", code, *map(str, arguments), "--device", "cpu"],
         env=clean,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from posed_data import PHONE, circle, colmap, put, transforms, write_frames
 
-from deformrf.core.commands import running
+from deformrf.commands import running
 from deformrf.core.training import DatasetError, NoImagesError, load_dataset
 from deformrf.core.training.data import foreign_paths
 from deformrf.core.training.data.foreign_paths import find_files, tried

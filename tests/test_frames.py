@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from deformrf.core.field import multiplies_pairs, occupied_share
-from deformrf.core.lab.omissions import frames as bench
-from deformrf.core.lab.omissions.measure import NONE, RENDERING, SAVES, Bench
+from deformrf.wings.lab.omissions import frames as bench
+from deformrf.wings.lab.omissions.measure import NONE, RENDERING, SAVES, Bench
 
 
 @pytest.fixture

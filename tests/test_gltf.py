@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gltf_files import TIMES, make_bar
 
-from deformrf.core.rig import Channel, aligned, read_gltf, rotations, scale_of, skinned
+from deformrf.wings.rig import Channel, aligned, read_gltf, rotations, scale_of, skinned
 
 Y_UP_TO_Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from gltf_files import make_bar
 
-from deformrf.core.rig import read_gltf
-from deformrf.core.rig.gltf_file import MOST_NUMBERS
-from deformrf.core.rig.gltf_nodes import MOST_NODES
+from deformrf.wings.rig import read_gltf
+from deformrf.wings.rig.gltf_file import MOST_NUMBERS
+from deformrf.wings.rig.gltf_nodes import MOST_NODES
 
 MOST_MEMORY = 250e6  # bytes that Python and NumPy may take for any of these files
 

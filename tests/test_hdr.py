@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.capture import CaptureError, frames_of_video, hdr, video
+from deformrf.wings.capture import CaptureError, frames_of_video, hdr, video
 
 FROM_BT709 = np.linalg.inv(hdr.BT2020)
 CELL, ROWS, COLUMNS = 16, 4, 6

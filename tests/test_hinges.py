@@ -20,9 +20,9 @@ from deformrf.core.geometry import (
     tet_neighbours,
 )
 from deformrf.core.geometry.lattice import grid
-from deformrf.core.lab.dynamics.energy import material_energy
-from deformrf.core.lab.stability.measure import Solid, run_case
-from deformrf.core.lab.stability.stress import CASES
+from deformrf.wings.lab.dynamics.energy import material_energy
+from deformrf.wings.lab.stability.measure import Solid, run_case
+from deformrf.wings.lab.stability.stress import CASES
 
 SPACINGS = {"a15": (A15, 0.04), "kuhn": (KUHN, 1 / 16)}
 MATERIAL = Material(young_modulus=1e6)

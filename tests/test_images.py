@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from PIL import EpsImagePlugin, Image, TiffImagePlugin
 
-from deformrf.core import images
-from deformrf.core.images import ImageError, open_image, rgba
-from deformrf.core.paths import ROOT
+from deformrf.core.base import images
+from deformrf.core.base.images import ImageError, open_image, rgba
+from deformrf.core.base.paths import ROOT
 
 
 def read(path, upright=False):
@@ -63,7 +63,7 @@ def test_a_size_is_checked_before_it_is_decoded(tmp_path):
     assert path.stat().st_size < 100_000
     program = f"""
 import resource
-from deformrf.core.images import ImageError, open_image, rgba
+from deformrf.core.base.images import ImageError, open_image, rgba
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:
     with open_image({str(path)!r}) as image:
@@ -125,7 +125,7 @@ def test_an_image_is_turned_as_its_camera_was(tmp_path, number, ending):
     np.testing.assert_array_equal(upright[0, 0], stored[corner[number]])
 
 
-@pytest.mark.filterwarnings("ignore::UserWarning:PIL")  # as core/images.py does
+@pytest.mark.filterwarnings("ignore::UserWarning:PIL")  # as core/base/images.py does
 def test_damaged_files_end_in_one_sentence(tmp_path):
     """Each format with bytes changed, cut or repeated; whatever Pillow raises, the error is one."""
     rng = np.random.default_rng()

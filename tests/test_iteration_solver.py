@@ -7,7 +7,7 @@ from iteration_solver import IterationSolver
 
 from deformrf.core.deform import COMPLIANCE_FLOOR, Material, XpbdOptions, XpbdSolver
 from deformrf.core.geometry import A15, BCC
-from deformrf.core.lab.dynamics.energy import material_energy
+from deformrf.wings.lab.dynamics.energy import material_energy
 
 DT = 1.0 / 60.0
 OPTIONS = XpbdOptions(substep_count=1, gravity=(0.0, 1.0, -9.81), sleep_motion=0.0, rescue=False)

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from deformrf.core import kernel_cache
+from deformrf.core.base import kernel_cache
 
 LOAD = """
-import deformrf.core.device as device
+import deformrf.core.base.device as device
 device.start_warp()
 import warp as wp
 import deformrf.core.render.subpixel  # two small kernels
@@ -93,7 +93,7 @@ def test_a_folder_that_is_only_read_is_enough_for_what_is_in_it(start, tmp_path)
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc can't be written by anybody")
 def test_without_any_folder_commands_say_what_they_need(tmp_path, ball_file):
     code = "import sys, tempfile; tempfile.tempdir = '/proc/none'\n"
-    code += "from deformrf.viewer.entry import begin\nsys.exit(begin('deformrf-edit'))"
+    code += "from deformrf.commands.entry import begin\nsys.exit(begin('deformrf-edit'))"
     home = dict.fromkeys(("HOME", "XDG_STATE_HOME"), "/proc/none")
     home["WARP_CACHE_PATH"] = "/proc/none/w"
     command = [sys.executable, "-c", code, ball_file, "-o", tmp_path / "a.npz"]

@@ -18,7 +18,7 @@ from deformrf.core.render import (
 )
 from deformrf.core.render import deferred as deferred_module
 from deformrf.core.render.rounds import ray_color, slot_densities, slot_shading
-from deformrf.core.rig import Skinner
+from deformrf.wings.rig import Skinner
 
 TET = np.array([[-0.3, -0.3, 0.2], [0.3, -0.3, 0.2], [0.0, 0.4, 0.2], [0, 0, 0.7]])
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deformrf.core.paths import whole_file
+from deformrf.core.base.paths import whole_file
 
 sys.path.append(str(Path(__file__).parent / "benchmarks"))
 from killing.kinds import Fault, OneFile

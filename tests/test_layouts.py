@@ -8,8 +8,8 @@ import pytest
 from colmap_files import write_capture
 from posed_data import PHONE, nsvf, put, transforms
 
-from deformrf.core.commands import train
-from deformrf.core.commands.capturing import needs_cameras
+from deformrf.commands import train
+from deformrf.commands.capturing import needs_cameras
 from deformrf.core.training import DatasetError, load_dataset
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.field import below_pixel, level_edges, modelfile, narrowest_pixel
 from deformrf.core.geometry import EDGES, a15_grid, path_corners
-from deformrf.core.paths import DEFAULT_MODEL
 from deformrf.core.render import modes
 from deformrf.viewer.layers.resolution import Rung
 

@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from deformrf.core.training import preset, trainer
-from deformrf.core.training.run import load_checkpoint, optimization
+from deformrf.core.training.run import optimization
+from deformrf.core.training.run.checkpoint import load_checkpoint
 from deformrf.viewer.panels import training as panel
 from deformrf.viewer.training import live as lives
 from deformrf.viewer.training.live import Gate, LiveRun

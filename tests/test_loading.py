@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core import rig
 from deformrf.core.deform import TIME_STEP
 from deformrf.viewer import loading
 from deformrf.viewer.loading import STAGES, Progress, kernel_modules, load_kernels, prepare
+from deformrf.wings import rig
 
 
 def prepared(ball, device):
@@ -99,7 +99,7 @@ def test_stages_are_named_and_add_up(two_modules):
 
 
 LOAD = """
-from deformrf.core.device import start_warp
+from deformrf.core.base.device import start_warp
 start_warp()
 import deformrf.core.render.subpixel  # two small kernels
 from deformrf.viewer import loading

@@ -19,8 +19,8 @@ from deformrf.core.geometry import (
     signed_volumes,
 )
 from deformrf.core.geometry.lattice import grid
-from deformrf.core.lab.dynamics.energy import material_energy
-from deformrf.core.lab.dynamics.references import factorize, free_dofs
+from deformrf.wings.lab.dynamics.energy import material_energy
+from deformrf.wings.lab.dynamics.references import factorize, free_dofs
 
 SPACING = 0.05
 MU, DENSITY = 2.0, 1000.0

@@ -8,8 +8,10 @@ from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
 from deformrf.core.training import preset, world_to_unit_cube
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run import Optimization, TrainingField, loss, on_warp_stream
-from deformrf.core.training.run.training_field import MOST_LOGIT
+from deformrf.core.training.run import loss
+from deformrf.core.training.run.differentiable import on_warp_stream
+from deformrf.core.training.run.optimization import Optimization
+from deformrf.core.training.run.training_field import MOST_LOGIT, TrainingField
 
 
 @pytest.fixture

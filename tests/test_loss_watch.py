@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from deformrf.core.training.run import Diverged, monitoring
-from deformrf.core.training.run.monitoring import LossWatch
+from deformrf.core.training.run import monitoring
+from deformrf.core.training.run.monitoring import Diverged, LossWatch
 
 LOOK = 16  # steps from one error to the next
 

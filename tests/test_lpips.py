@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from deformrf.core.commands import evaluate
+from deformrf.commands import evaluate
 from deformrf.core.training import Lpips
 
 STAGES = ((0, 2), (5, 7), (10, 12, 14), (17, 19, 21), (24, 26, 28))  # VGG-16's convolutions

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.lab.report import machine
-from deformrf.core.lab.report.parts import Report
-from deformrf.core.lab.report.writing import write
+from deformrf.wings.lab.report import machine
+from deformrf.wings.lab.report.parts import Report
+from deformrf.wings.lab.report.writing import write
 
 COMMAND = "deformrf-report helmet.npz --quick"
 
@@ -94,7 +94,7 @@ def test_nothing_says_whose_machine_it_is(device, tmp_path, monkeypatch):
 
 def test_a_changed_source_or_model_is_told_from_another(tmp_path):
     """Kernels in C++ and CUDA are sources, too; what the interpreter leaves there is not."""
-    named = {path.name for path in machine.sources(machine.SOURCE)}
+    named = {path.name for path in machine.sources(*machine.SOURCE)}
     assert {"cpu.cpp", "cuda.cu", "substep.h", "machine.py"} <= named
     names = ("a.py", "deep/b.cu", "deep/c.cpp")
     for name in (*names, "a.pyc", "d.txt"):

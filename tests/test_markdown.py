@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from markdown_it import MarkdownIt
 
-from deformrf.core.lab.report import markdown
-from deformrf.core.lab.report.markdown import escaped, number, passed, text
-from deformrf.core.lab.report.parts import Figure, Report, Section, Table
-from deformrf.core.lab.stopwatch import Timing
+from deformrf.wings.lab.report import markdown
+from deformrf.wings.lab.report.markdown import escaped, number, passed, text
+from deformrf.wings.lab.report.parts import Figure, Report, Section, Table
+from deformrf.wings.lab.stopwatch import Timing
 
 ODD = "a|b `c` *d* _e_ <script>f</script> [g](h) ~~i~~ &lt; # \\ \\| **"
 FIGURE = Figure("fig_1", "σ [1/m]: *so* | so.", b"")

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from deformrf.core.rig import read_matrices
+from deformrf.wings.rig import read_matrices
 
 
 def values():

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deformrf.core import paths
+from deformrf.core.base import paths
 from deformrf.core.field import ModelFileError, load, modelfile, save
 from deformrf.core.field.reach import reached_entries
 from deformrf.core.render import Renderer, from_field_of_view, look_at

@@ -6,8 +6,8 @@ from beams import ball, beam
 
 from deformrf.core.deform import Material
 from deformrf.core.geometry import A15, BCC
-from deformrf.core.lab.dynamics.energy import Energy, material_energy
-from deformrf.core.lab.dynamics.references import longest_step, motion, verlet
+from deformrf.wings.lab.dynamics.energy import Energy, material_energy
+from deformrf.wings.lab.dynamics.references import longest_step, motion, verlet
 
 SPRING = Energy(
     masses=np.array([1.0, 0.7]),

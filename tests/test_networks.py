@@ -11,8 +11,14 @@ import torch
 import warp as wp
 
 from deformrf.core.field import TorchNetworks, basis_of, basis_vector, evaluators
-from deformrf.core.field.networks import cpu, evaluate, mlp, spherical_harmonics
-from deformrf.core.field.networks.reference import has_usual_shape, sigmoid
+from deformrf.core.field.networks import cpu
+from deformrf.core.field.networks.reference import (
+    evaluate,
+    has_usual_shape,
+    mlp,
+    sigmoid,
+    spherical_harmonics,
+)
 from deformrf.core.field.networks.torch import TruncatedExp
 
 

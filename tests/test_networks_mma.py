@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import warp as wp
 
+from deformrf.core.base.wide import vec4h
 from deformrf.core.field import BASIS_COUNT
-from deformrf.core.field.networks import density_rows, evaluate, mlp, mma, sigmoid
+from deformrf.core.field.networks import density_rows, mma
+from deformrf.core.field.networks.reference import evaluate, mlp, sigmoid
 from deformrf.core.render.rounds import slots
-from deformrf.core.wide import vec4h
 
 
 def test_fragments_are_what_the_products_of_a_warp_take():

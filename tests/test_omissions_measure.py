@@ -8,12 +8,12 @@ from functools import partial
 import numpy as np
 import pytest
 
-from deformrf.core.lab.effort import EFFORTS
-from deformrf.core.lab.omissions import measure as omitted
-from deformrf.core.lab.omissions.measure import FILE, NOT_MEASURED, START, UNITS, Part
-from deformrf.core.lab.omissions.tell import parts
-from deformrf.core.lab.report.parts import record
-from deformrf.core.lab.stopwatch import Timing, compared, in_turns, timing_of
+from deformrf.wings.lab.effort import EFFORTS
+from deformrf.wings.lab.omissions import measure as omitted
+from deformrf.wings.lab.omissions.measure import FILE, NOT_MEASURED, START, UNITS, Part
+from deformrf.wings.lab.omissions.tell import parts
+from deformrf.wings.lab.report.parts import record
+from deformrf.wings.lab.stopwatch import Timing, compared, in_turns, timing_of
 
 BRIEF = EFFORTS[True, True]._replace(
     frame_size=16, view_count=1, frame_turns=3, step_turns=3, start_turns=1

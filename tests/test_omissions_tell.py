@@ -5,12 +5,12 @@ import io
 import pytest
 from PIL import Image
 
-from deformrf.core.lab.effort import EFFORTS
-from deformrf.core.lab.omissions import measure as omitted
-from deformrf.core.lab.omissions.steps import Drag
-from deformrf.core.lab.omissions.tell import section_of
-from deformrf.core.lab.report.parts import record
-from deformrf.core.lab.stopwatch import in_turns
+from deformrf.wings.lab.effort import EFFORTS
+from deformrf.wings.lab.omissions import measure as omitted
+from deformrf.wings.lab.omissions.steps import Drag
+from deformrf.wings.lab.omissions.tell import section_of
+from deformrf.wings.lab.report.parts import record
+from deformrf.wings.lab.stopwatch import in_turns
 
 EFFORT = EFFORTS[True, True]
 

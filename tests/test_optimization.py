@@ -12,19 +12,14 @@ from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
 from deformrf.core.training import preset, world_to_unit_cube
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run import (
-    Diverged,
-    Optimization,
-    TrainingField,
-    TrainingProgress,
-    Workers,
-    looks,
-    memory,
-    monitoring,
-    optimization,
-)
+from deformrf.core.training.run import memory, monitoring, optimization
+from deformrf.core.training.run.batch import looks
+from deformrf.core.training.run.distributed import Workers
 from deformrf.core.training.run.loss import needed_decay
+from deformrf.core.training.run.monitoring import Diverged, TrainingProgress
+from deformrf.core.training.run.optimization import Optimization
 from deformrf.core.training.run.rates import learning_rate
+from deformrf.core.training.run.training_field import TrainingField
 
 OPTIONS = preset("tiny", samples_per_step=2**15, coarse_steps=50, fine_steps=50)
 

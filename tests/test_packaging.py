@@ -27,7 +27,7 @@ class Missing:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 sys.meta_path.insert(0, Missing())
-from deformrf.viewer.command import main
+from deformrf.commands.view import main
 
 code = main(arguments)
 import deformrf.viewer.gui

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core import rig
+from deformrf.wings import rig
 
 pytestmark = pytest.mark.gl
 

@@ -8,7 +8,7 @@ import stat
 
 import pytest
 
-from deformrf.core.paths import WriteError, free_name, whole_file, whole_files, working_folder
+from deformrf.core.base.paths import WriteError, free_name, whole_file, whole_files, working_folder
 
 
 def test_a_name_is_free(tmp_path):

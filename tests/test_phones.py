@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from posed_data import circle, polycam, put, record3d
 
-from deformrf.core.commands.capturing import needs_cameras
+from deformrf.commands.capturing import needs_cameras
 from deformrf.core.training import DatasetError, has_cameras, load_dataset
 
 LAYOUTS = {

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.lab.rendering import pictures
-from deformrf.core.lab.rendering.pictures import photo_psnr, photographs
 from deformrf.core.render import Camera, Renderer, RenderOptions, pinhole
 from deformrf.core.training.data import datasets
+from deformrf.wings.lab.rendering import pictures
+from deformrf.wings.lab.rendering.pictures import photo_psnr, photographs
 
 SIZES = ((20, 20), (24, 16), (16, 24))
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from deformrf.core.lab.rendering import pictures
 from deformrf.core.render import Renderer, RenderOptions, view_projection
+from deformrf.wings.lab.rendering import pictures
 
 
 def test_views_show_the_whole_object(ball):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.deform import TIME_STEP
 from deformrf.core.field import load
-from deformrf.core.paths import DEFAULT_MODEL
 from deformrf.viewer.scene import EARTH, Scene
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from random_edits import random_events
 
-from deformrf.core import rig as rigs
 from deformrf.viewer.history import EDITS, Event, begin_anew
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Patience, Player, Session, SessionError, load_session, player
 from deformrf.viewer.sessions.session import mesh_hash
+from deformrf.wings import rig as rigs
 
 DAY = 24 * 3600 * 60
 

@@ -5,7 +5,7 @@ import io
 import numpy as np
 from PIL import Image
 
-from deformrf.core.lab.report.plots import INK, new_figure, png
+from deformrf.wings.lab.report.plots import INK, new_figure, png
 
 
 def test_a_figure_becomes_a_png_of_its_size():

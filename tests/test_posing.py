@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core import rig
 from deformrf.core.deform import TIME_STEP
 from deformrf.viewer.scene import Scene
+from deformrf.wings import rig
 
 
 @pytest.fixture

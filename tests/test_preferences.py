@@ -119,7 +119,7 @@ def test_a_viewer_begins_as_the_last_one_ended_unless_the_command_line_says_othe
 ):
     from types import SimpleNamespace
 
-    from deformrf.viewer import command
+    from deformrf.commands import view as command
     from deformrf.viewer.app import App
     from deformrf.viewer.events import EventLog
 

@@ -7,9 +7,9 @@ import pytest
 import warp as wp
 
 from deformrf.core.render import Pose, empty_rays, from_field_of_view, look_at
-from deformrf.core.render.rays import FaceRectangles, camera_rays_kernel, device_camera
+from deformrf.core.render.rays.camera import camera_rays_kernel, device_camera
 from deformrf.core.render.rays.entries import UNKNOWN
-from deformrf.core.render.rays.raster import bounding_rectangles
+from deformrf.core.render.rays.raster import FaceRectangles, bounding_rectangles
 
 SIZE = 80
 

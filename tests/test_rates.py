@@ -7,8 +7,9 @@ from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
 from deformrf.core.training import preset, stages, world_to_unit_cube
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run import Optimization, TrainingField
+from deformrf.core.training.run.optimization import Optimization
 from deformrf.core.training.run.rates import learning_rate
+from deformrf.core.training.run.training_field import TrainingField
 
 
 @pytest.mark.parametrize("final_rate", [*stages.FINAL_RATES.values(), 1.0])

@@ -8,7 +8,7 @@ import warp as wp
 from fold_poses import folded, from_inside
 from slot_rendering import in_slots
 
-from deformrf.core.recorded import Recorded
+from deformrf.core.base.recorded import Recorded
 from deformrf.core.render import Renderer
 
 

@@ -13,8 +13,8 @@ from deformrf.core.deform.recovery import (
     SWINGS,
 )
 from deformrf.core.geometry import a15_grid
-from deformrf.core.lab.stability.measure import Solid, run_case
-from deformrf.core.lab.stability.stress import CASES
+from deformrf.wings.lab.stability.measure import Solid, run_case
+from deformrf.wings.lab.stability.stress import CASES
 
 DT = 1.0 / 60.0
 MESH = a15_grid(0.25)

@@ -7,8 +7,8 @@ from scipy import sparse
 
 from deformrf.core.deform import Material
 from deformrf.core.geometry import A15, BCC
-from deformrf.core.lab.dynamics.energy import Energy, material_energy
-from deformrf.core.lab.dynamics.references import NoEquilibrium, equilibrium, factorize
+from deformrf.wings.lab.dynamics.energy import Energy, material_energy
+from deformrf.wings.lab.dynamics.references import NoEquilibrium, equilibrium, factorize
 
 YOUNG = 5e5
 

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from deformrf.core import paths
+from deformrf.core.base import paths
 from deformrf.core.field import modelfile
 from deformrf.core.geometry import signed_volumes
 from deformrf.core.render import (

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from deformrf.core.field import FieldOptions
-from deformrf.core.lab import rule
-from deformrf.core.lab.effort import EFFORTS
-from deformrf.core.lab.rendering import measure as rendering
-from deformrf.core.lab.rendering import pictures
-from deformrf.core.lab.rendering.measure import (
+from deformrf.core.render import Renderer, RenderOptions, camera_rays
+from deformrf.core.render.render_options import checked
+from deformrf.wings.lab import rule
+from deformrf.wings.lab.effort import EFFORTS
+from deformrf.wings.lab.rendering import measure as rendering
+from deformrf.wings.lab.rendering import pictures
+from deformrf.wings.lab.rendering.measure import (
     BOUND,
     LARGEST,
     TERMINATIONS,
     RenderingStudy,
     Setting,
 )
-from deformrf.core.lab.rendering.pictures import Photograph
-from deformrf.core.render import Renderer, RenderOptions, camera_rays
-from deformrf.core.render.render_options import checked
+from deformrf.wings.lab.rendering.pictures import Photograph
 
 SIZE, PIXELS, TURNS = 24, 60, 2
 EFFORT = EFFORTS[True, True]._replace(size=SIZE, view_count=2, pixel_count=PIXELS)

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.lab.effort import EFFORTS
-from deformrf.core.lab.rendering import pictures
-from deformrf.core.lab.rendering import tell as rendering
-from deformrf.core.lab.rendering.measure import (
+from deformrf.core.render import Renderer, camera_rays
+from deformrf.wings.lab.effort import EFFORTS
+from deformrf.wings.lab.rendering import pictures
+from deformrf.wings.lab.rendering import tell as rendering
+from deformrf.wings.lab.rendering.measure import (
     BOUND,
     LARGEST,
     RenderingRow,
     RenderingStudy,
     settings,
 )
-from deformrf.core.lab.rendering.pictures import Photograph
-from deformrf.core.lab.report.parts import record
-from deformrf.core.lab.stopwatch import Share, Timing
-from deformrf.core.render import Renderer, camera_rays
+from deformrf.wings.lab.rendering.pictures import Photograph
+from deformrf.wings.lab.report.parts import record
+from deformrf.wings.lab.stopwatch import Share, Timing
 
 TURNS = 2
 

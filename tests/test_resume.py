@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from deformrf.core.commands import INPUT_ERROR, train
+from deformrf.commands import INPUT_ERROR, train
 from deformrf.core.geometry import a15_grid
 from deformrf.core.training import preset
 
 
 def unfinished(path, options=None, view_count=3, image_size=(16, 12)):
     """A checkpoint of a run with those options, over such views."""
-    from deformrf.core.training.run import Checkpoint, save_checkpoint
+    from deformrf.core.training.run.checkpoint import Checkpoint, save_checkpoint
 
     report = {"view_count": view_count, "image_size": list(image_size), "seconds": 9.0}
     options = options or preset("tiny", seed=5)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.rig import Channel, Clip, Rig, VertexClip, make_skeleton
+from deformrf.wings.rig import Channel, Clip, Rig, VertexClip, make_skeleton
 
 SKELETON = make_skeleton(("a", "b"), (-1, 0), [[0, 0, 0], [0, 0, 1]], [[0, 0, 1], [0, 0, 2]])
 WEIGHTS = np.array([[1.0, 0.0], [0.5, 0.5]], np.float32)

@@ -11,7 +11,7 @@ from deformrf.core.geometry import (
     signed_volumes,
     tet_neighbours,
 )
-from deformrf.core.rig import Solid, export_mesh
+from deformrf.wings.rig import Solid, export_mesh
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core import rig
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Player, SessionError, load_session, save_session, start_of
+from deformrf.wings import rig
 
 
 @pytest.fixture

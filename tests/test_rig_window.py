@@ -10,9 +10,9 @@ import rig_hand as hand
 from PIL import Image
 from xwindow import LiveViewer, missing_tools, screen
 
+from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.field import load
-from deformrf.core.paths import DEFAULT_MODEL
-from deformrf.core.rig import rig_from
+from deformrf.wings.rig import rig_from
 
 pytestmark = [pytest.mark.e2e, pytest.mark.gl]
 JOINTS = (500, 560), (500, 460), (500, 200)  # points: the stand's foot, the neck, the goggles
@@ -56,7 +56,7 @@ def test_a_helmet_is_rigged_bent_keyed_and_filmed(viewer, tmp_path):
     assert rig.skeleton.parents.tolist() == [-1, 0]
     session = tmp_path / hand.written(viewer, "ctrl+shift+s", 2)
     folder = tmp_path / "film"
-    code = "import sys; from deformrf.viewer.films.render_command import main; sys.exit(main())"
+    code = "import sys; from deformrf.commands.render import main; sys.exit(main())"
     shown = "--session", session, "--timeline", "--hide-handles", "--device", "cpu"
     size = "--size", "160x120", "--fps", "4", "-o", folder
     done = subprocess.run(

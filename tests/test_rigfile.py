@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deformrf.core import field as fields
-from deformrf.core.rig import (
+from deformrf.wings.rig import (
     Channel,
     Clip,
     Rig,

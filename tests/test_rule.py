@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.lab import rule
+from deformrf.wings.lab import rule
 
 
 def turns(*medians):

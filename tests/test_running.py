@@ -9,7 +9,7 @@ import weakref
 
 import pytest
 
-from deformrf.core.commands import INPUT_ERROR, INTERRUPTED, evaluate, run, running, train
+from deformrf.commands import INPUT_ERROR, INTERRUPTED, evaluate, run, running, train
 from deformrf.core.training import DatasetError
 
 
@@ -183,9 +183,9 @@ def test_help_lists_every_flag(call, command):
     "package, module, arguments",
     [
         ("torch", "commands.train", [".", "-o", "m.npz"]),
-        ("scipy", "lab.command", []),
-        ("matplotlib", "lab.command", []),
-        ("markdown_it", "lab.command", []),
+        ("scipy", "commands.report", []),
+        ("matplotlib", "commands.report", []),
+        ("markdown_it", "commands.report", []),
     ],
 )
 def test_a_command_says_which_package_it_lacks(package, module, arguments, tmp_path):
@@ -235,13 +235,11 @@ def test_too_little_memory_of_a_device_ends_in_one_sentence(capsys, message):
     assert capsys.readouterr().err.startswith(said)
 
 
-@pytest.mark.parametrize(
-    "room", ["core.commands.train", "core.commands.evaluate", "core.lab.command"]
-)
+@pytest.mark.parametrize("room", ["commands.train", "commands.evaluate", "commands.report"])
 def test_every_command_says_its_version(room, call):
     from importlib import import_module
 
-    from deformrf.core.paths import program_version
+    from deformrf.core.base.paths import program_version
 
     result = call(import_module(f"deformrf.{room}").main, "--version")
     assert result.code == 0 and result.out == f"deformrf {program_version()}\n"

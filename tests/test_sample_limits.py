@@ -11,20 +11,18 @@ from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
 from deformrf.core.training import preset, world_to_unit_cube
 from deformrf.core.training.data.raybank import EMPTY, NO_LIMIT, RayBank
-from deformrf.core.training.run import (
-    Optimization,
-    TrainingField,
-    TrainingProgress,
-    on_warp_stream,
-)
 from deformrf.core.training.run.batch import Batch
+from deformrf.core.training.run.differentiable import on_warp_stream
 from deformrf.core.training.run.loss import training_loss
+from deformrf.core.training.run.monitoring import TrainingProgress
+from deformrf.core.training.run.optimization import Optimization
 from deformrf.core.training.run.sample_limits import (
     OPAQUE_TRANSMITTANCE,
     SPARE,
     SPARE_SHARE,
     SampleLimits,
 )
+from deformrf.core.training.run.training_field import TrainingField
 
 NONE = int(NO_LIMIT)
 

@@ -64,8 +64,8 @@ def test_the_top_is_the_highest_control_vertex_that_is_free(ball):
 
 
 def test_the_makefiles_drag_bends_the_bundled_model_whatever_its_vertices_are_called():
+    from deformrf.core.base.paths import DEFAULT_MODEL
     from deformrf.core.field import modelfile
-    from deformrf.core.paths import DEFAULT_MODEL
     from deformrf.core.render import Renderer
     from deformrf.viewer.scene import visible_points
 

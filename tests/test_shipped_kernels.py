@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from deformrf.core import shipped_kernels
+from deformrf.core.base import shipped_kernels
 
 PROGRAM = Path(__file__).parent / "benchmarks" / "ship_kernels.py"
 VIEW = "--headless --frames 2 --drag top:0.1,0,0 --device cuda --screenshot".split()

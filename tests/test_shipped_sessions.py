@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deformrf.core.base.paths import ASSETS, DEFAULT_MODEL
 from deformrf.core.field import load
-from deformrf.core.paths import ASSETS, DEFAULT_MODEL
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Player, load_session
 

@@ -6,8 +6,10 @@ import torch
 
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run import Optimization, TrainingField, load_checkpoint
+from deformrf.core.training.run.checkpoint import load_checkpoint
 from deformrf.core.training.run.monitoring import LossWatch
+from deformrf.core.training.run.optimization import Optimization
+from deformrf.core.training.run.training_field import TrainingField
 
 OPTIONS = preset(
     "tiny", spacing=0.08, coarse_steps=60, fine_steps=40, samples_per_step=2**12, level_count=3

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.rig import (
+from deformrf.wings.rig import (
     Pose,
     Skeleton,
     make_skeleton,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.core.rig import METHODS, Skinner, rotations, skinned
+from deformrf.wings.rig import METHODS, Skinner, rotations, skinned
 
 
 def rigid(rng, count):

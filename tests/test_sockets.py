@@ -15,7 +15,7 @@ def hook(event, values):
 
 sys.addaudithook(hook)
 from importlib import import_module
-from deformrf.viewer.entry import COMMANDS
+from deformrf.commands.entry import COMMANDS
 
 program, *sys.argv[1:] = sys.argv[1:]
 sys.exit(import_module(COMMANDS[program]).main())

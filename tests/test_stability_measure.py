@@ -8,13 +8,13 @@ import pytest
 from deformrf.core.deform import Material, XpbdSolver, distortion
 from deformrf.core.geometry import A15, BCC, KUHN, TetMesh, a15_grid, extract
 from deformrf.core.geometry.lattice import grid
-from deformrf.core.lab.stability.measure import (
+from deformrf.wings.lab.stability.measure import (
     Shape,
     Solid,
     recovery_limit,
     run_case,
 )
-from deformrf.core.lab.stability.stress import CASES, StressCase, random
+from deformrf.wings.lab.stability.stress import CASES, StressCase, random
 
 CASE = {case.name: case for case in CASES}
 ONE_TET = TetMesh(

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from captures import circle
 
-from deformrf.core.capture import CaptureError, SparsePoints
-from deformrf.core.capture.mapping import Mapped
-from deformrf.core.capture.points import SHAPES
-from deformrf.core.capture.standing import LEAST_PLACES, POINTS, astray, checked, place_count
+from deformrf.core.training.data.points import SHAPES
+from deformrf.wings.capture import CaptureError, SparsePoints
+from deformrf.wings.capture.mapping import Mapped
+from deformrf.wings.capture.standing import LEAST_PLACES, POINTS, astray, checked, place_count
 
 SCALES = 1e-3, 1.0, 1e4
 

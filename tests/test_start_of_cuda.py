@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from deformrf.core import device
+from deformrf.core.base import device
 
 
 class Driver:

@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from deformrf.core.lab.omissions import starts
-from deformrf.core.lab.omissions.measure import NONE, NOT_MEASURED, NOTHING, SAVES
+from deformrf.wings.lab.omissions import starts
+from deformrf.wings.lab.omissions.measure import NONE, NOT_MEASURED, NOTHING, SAVES
 
 BALLAST = 600_000_000  # bytes
 

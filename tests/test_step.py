@@ -13,7 +13,9 @@ from deformrf.core.render import pinhole
 from deformrf.core.training import TrainOptions, world_to_unit_cube
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run import Optimization, TrainingField, on_warp_stream
+from deformrf.core.training.run.differentiable import on_warp_stream
+from deformrf.core.training.run.optimization import Optimization
+from deformrf.core.training.run.training_field import TrainingField
 
 SIZE = 24
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from deformrf.core.lab.omissions import steps
-from deformrf.core.lab.omissions.measure import DYNAMICS, NONE, NOT_MEASURED, SAVES, Bench
+from deformrf.wings.lab.omissions import steps
+from deformrf.wings.lab.omissions.measure import DYNAMICS, NONE, NOT_MEASURED, SAVES, Bench
 
 
 @pytest.fixture(scope="module")

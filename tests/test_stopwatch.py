@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.lab.stopwatch import compared, held_back, milliseconds, timed, timing_of
+from deformrf.wings.lab.stopwatch import compared, held_back, milliseconds, timed, timing_of
 
 
 def test_a_timing_is_median_and_percentiles():

@@ -8,12 +8,12 @@ from itertools import combinations
 import pytest
 from PIL import Image
 
+from deformrf.core.base.streams import Stream, printable, shown
 from deformrf.core.field import load
-from deformrf.core.streams import Stream, printable, shown
 
 WORK = """
 import sys
-from deformrf.core.commands import asked_for_version, complain, run
+from deformrf.commands import asked_for_version, complain, run
 from rich.progress import track
 def job():
     for i in track(range(3)):
@@ -39,7 +39,7 @@ def test_broken_streams_end_no_work(tmp_path, broken):
 
 NUMBERS = """
 import os, sys
-from deformrf.core.streams import keep_going
+from deformrf.core.base.streams import keep_going
 keep_going()
 with open(sys.argv[1], "w") as file:
     assert file.fileno() > 2, file.fileno()
@@ -70,7 +70,7 @@ def test_training_needs_no_stream(tmp_path, write_dataset, closed):
     image = Image.new("RGBA", (24, 24), (200, 40, 30, 255))
     for split in ("train", "test"):
         write_dataset(tmp_path / "data", [image] * 3, split)
-    program = "from deformrf.viewer.entry import train; import sys; sys.exit(train())"
+    program = "from deformrf.commands.entry import train; import sys; sys.exit(train())"
     flags = "--preset tiny --steps 2 --spacing 0.2 --leave-out coarse-stage --scene-radius 1.3"
     line = f'"$0" -c "$1" "$2" -o "$3" {flags} --device cpu {closed}'
     model = tmp_path / "m.npz"

@@ -5,7 +5,7 @@ import pytest
 
 from deformrf.core.deform import lumped_masses
 from deformrf.core.geometry import a15_grid, signed_volumes, tet_neighbours
-from deformrf.core.lab.stability import stress
+from deformrf.wings.lab.stability import stress
 
 MESH = a15_grid(0.125)
 REST, TETS = MESH.rest_vertices, MESH.tets

@@ -229,7 +229,7 @@ def test_enter_renders_and_escape_does_not(taken, tmp_path, monkeypatch):
 def test_choices_are_arguments_of_the_command(format, name, tmp_path, monkeypatch):
     import tyro
 
-    from deformrf.viewer.films.render_command import RenderArguments, check
+    from deformrf.commands.render import RenderArguments, check
 
     monkeypatch.chdir(tmp_path)
     choices = FilmChoices("a", "1280x720", 24, 16, blur=True, format=format, transparent=True)

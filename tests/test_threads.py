@@ -7,11 +7,12 @@ from functools import partial
 import numpy as np
 import pytest
 
-from deformrf.core import threads
+from deformrf.core.base import threads
+from deformrf.core.base.threads import parts_of, side_by_side
 from deformrf.core.render import Pose
-from deformrf.core.render.overlap import Overlap, search
+from deformrf.core.render.overlap import search
+from deformrf.core.render.overlap.search import Overlap
 from deformrf.core.render.rays import pose as poses
-from deformrf.core.threads import parts_of, side_by_side
 
 
 @pytest.mark.parametrize("cores", [1, 2, 3, 64])

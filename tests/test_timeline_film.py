@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deformrf.commands import render as render_command
 from deformrf.viewer.camera import orbit as orbits
-from deformrf.viewer.films import render_command
 from deformrf.viewer.films.film import Film, with_timeline
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import SessionError, load_session, save_session, start_of
@@ -103,7 +103,7 @@ def test_the_command_renders_a_timeline(ball, ball_file, made, tmp_path):
     scene, start = made
     session = save_session(scene, start, tmp_path / "s.jsonl")
     size = "--fps", "12", "--size", "48x32", "--device", "cpu"
-    code = "import sys; from deformrf.viewer.films.render_command import main; sys.exit(main())"
+    code = "import sys; from deformrf.commands.render import main; sys.exit(main())"
     files = ball_file, "--session", session, "-o", tmp_path / "film"
     clean = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     done = subprocess.run(

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from deformrf.viewer import command
+from deformrf.commands import view as command
 from deformrf.viewer.training import TrainJob, TrainOffer, offer_of, train_job
 
 WORKS = """
@@ -62,7 +62,7 @@ def test_an_offer_says_what_would_happen(photos, tmp_path):
 def test_the_command_that_is_offered_is_one(photos):
     import tyro
 
-    from deformrf.core.commands import TrainArguments
+    from deformrf.commands import TrainArguments
 
     offer = offer_of(photos, "cpu")
     chosen = tyro.cli(TrainArguments, args=offer.arguments)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from deformrf.core.commands import INTERRUPTED, train
+from deformrf.commands import INTERRUPTED, train
+from deformrf.commands import train_view as train_command
 from deformrf.core.field import modelfile
 from deformrf.core.training import preset, trained_tets, trainer
 from deformrf.core.training.run import optimization
 from deformrf.viewer.camera import picking
 from deformrf.viewer.training import live as lives
-from deformrf.viewer.training import train_command
 from deformrf.viewer.training.live import Gate, LiveRun
 from deformrf.viewer.window import WindowError
 

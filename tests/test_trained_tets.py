@@ -12,8 +12,8 @@ from deformrf.core.field import (
 )
 from deformrf.core.geometry import a15_grid, extract, face_components, tet_neighbours
 from deformrf.core.training import DatasetError, trained_tets
-from deformrf.core.training.data import Plane
-from deformrf.core.training.run import TrainingField
+from deformrf.core.training.data.found_object import Plane
+from deformrf.core.training.run.training_field import TrainingField
 
 
 def test_nothing_occupied_is_said_so():

@@ -13,8 +13,10 @@ from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.evaluation import evaluate
-from deformrf.core.training.run import Batch, TrainingField, load_checkpoint
+from deformrf.core.training.run.batch import Batch
+from deformrf.core.training.run.checkpoint import load_checkpoint
 from deformrf.core.training.run.optimization import PAUSE_INTERVAL
+from deformrf.core.training.run.training_field import TrainingField
 from deformrf.core.training.train_options import PRESETS
 
 SMALL = preset(

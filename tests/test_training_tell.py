@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.lab.report.parts import record
-from deformrf.core.lab.training import tell as training
 from deformrf.core.training.run.monitoring import History
+from deformrf.wings.lab.report.parts import record
+from deformrf.wings.lab.training import tell as training
 
 
 def row(seconds, stage, step, psnr):

@@ -6,7 +6,8 @@ import warp as wp
 
 from deformrf.core.geometry import TetMesh
 from deformrf.core.render import Pose, empty_rays, empty_samples
-from deformrf.core.render.rays import Entries, march_kernel
+from deformrf.core.render.rays.entries import Entries
+from deformrf.core.render.rays.marching import march_kernel
 from deformrf.core.render.rays.pose import Geometry, tet_frames_reference
 from deformrf.core.render.rays.traversal import line_in_tet, speed_and_fade
 from deformrf.core.render.reference import ray_pieces

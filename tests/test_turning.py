@@ -8,7 +8,7 @@ import pytest
 from colmap_files import circle, some_sparse, write_binary
 from PIL import Image, ImageOps
 
-from deformrf.core.images import ORIENTATION
+from deformrf.core.base.images import ORIENTATION
 from deformrf.core.training import DatasetError, list_images, load_dataset, read_image, size_of
 
 WIDE, TALL = (16, 12), (12, 16)  # width and height

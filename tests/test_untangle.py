@@ -5,7 +5,7 @@ import pytest
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver
 from deformrf.core.geometry import a15_grid, extract
-from deformrf.core.rig import (
+from deformrf.wings.rig import (
     Clip,
     Rig,
     Untangler,

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.viewer import command
+from deformrf.commands import view as command
 
 
 def run(*arguments, env=None, timeout=120):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core import images
+from deformrf.core.base import images
 from deformrf.core.render import Camera, Lens, Renderer, look_at, pinhole
 from deformrf.core.training import DatasetError
 from deformrf.viewer.camera import Covered, in_free_part

@@ -8,6 +8,7 @@ import pytest
 import warp as wp
 from slot_rendering import assert_alike, in_slots
 
+from deformrf.core.base.wide import vec4h
 from deformrf.core.field import node_table
 from deformrf.core.render import (
     Camera,
@@ -17,9 +18,8 @@ from deformrf.core.render import (
     from_field_of_view,
     look_at,
 )
-from deformrf.core.render.rays import UNKNOWN
+from deformrf.core.render.rays.entries import UNKNOWN
 from deformrf.core.render.rounds import slots, wavefront
-from deformrf.core.wide import vec4h
 
 
 @pytest.fixture(params=[False, True], ids=["color a sample", "color a ray"])
@@ -200,7 +200,7 @@ def test_nodes_hold_what_entries_hold(make_ball_field):
 
 
 def test_half_entries_are_read_and_written_whole(device):
-    from deformrf.core.wide import load_wide_half, store_wide_half
+    from deformrf.core.base.wide import load_wide_half, store_wide_half
 
     @wp.kernel
     def twice(values: wp.array(dtype=vec4h), result: wp.array(dtype=vec4h)):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from deformrf.core.base.paths import ASSETS
 from deformrf.core.field import load
 from deformrf.core.geometry import (
     TetMesh,
@@ -13,8 +14,7 @@ from deformrf.core.geometry import (
     signed_volumes,
     tet_neighbours,
 )
-from deformrf.core.paths import ASSETS
-from deformrf.core.rig import (
+from deformrf.wings.rig import (
     automatic_weights,
     fitted_weights,
     harmonic_weights,
@@ -29,15 +29,15 @@ from deformrf.core.rig import (
     turned,
     weights_near,
 )
-from deformrf.core.rig.fitting import located
-from deformrf.core.rig.laplacian import (
+from deformrf.wings.rig.fitting import located
+from deformrf.wings.rig.laplacian import (
     laplacian,
     pulled_at,
     shares_near,
     solved,
     solved_as_shares,
 )
-from deformrf.core.rig.weights import nearest_on_triangles
+from deformrf.wings.rig.weights import nearest_on_triangles
 
 
 @pytest.fixture(scope="module")

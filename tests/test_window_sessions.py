@@ -6,7 +6,7 @@ import pytest
 import rig_hand as hand
 from xwindow import LiveViewer, missing_tools, screen
 
-from deformrf.core.paths import DEFAULT_MODEL
+from deformrf.core.base.paths import DEFAULT_MODEL
 
 pytestmark = [pytest.mark.e2e, pytest.mark.gl]
 JOINTS = (500, 560), (500, 460), (500, 200)  # points: the stand's foot, the neck, the goggles

@@ -15,7 +15,8 @@ from deformrf.core.render import (
     look_at,
     reference,
 )
-from deformrf.core.render.overlap import PieceMerger, window_slots
+from deformrf.core.render.overlap import window_slots
+from deformrf.core.render.overlap.merging import PieceMerger
 from deformrf.core.render.rays.camera import camera_rays
 from deformrf.core.render.rounds import wavefront
 

@@ -103,7 +103,7 @@ def test_select_drag_undo_redo_pin_key_scrub_save_replay_and_film(start, ball, t
     command = [
         sys.executable,
         "-c",
-        "from deformrf.viewer.films.render_command import main; main()",
+        "from deformrf.commands.render import main; main()",
     ]
     options = ["--session", path, "-o", film, "--size", "64x48", "--fps", "5", "--device", "cpu"]
     model = tmp_path / "model.npz"

@@ -9,7 +9,8 @@ import warp as wp
 from fold_poses import crowd, denser, folded, from_inside
 
 from deformrf.core.render import Renderer, RenderOptions, reference
-from deformrf.core.render.overlap import PieceMerger, windows
+from deformrf.core.render.overlap import windows
+from deformrf.core.render.overlap.merging import PieceMerger
 from deformrf.core.render.rays.camera import camera_rays
 
 

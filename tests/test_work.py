@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.capture import cameras, find_photos
-from deformrf.core.capture.work import LARGEST, Look, open_work
-from deformrf.core.commands import capturing
+from deformrf.commands import capturing
+from deformrf.wings.capture import cameras, find_photos
+from deformrf.wings.capture.work import LARGEST, Look, open_work
 
 
 @pytest.fixture

@@ -12,11 +12,11 @@ from typing import Annotated
 import numpy as np
 import pytest
 
-from deformrf.core.lab.report import markdown, plots
-from deformrf.core.lab.report.parts import INTERRUPTED, Figure, Report, Section, Table
-from deformrf.core.lab.report.writing import is_complete, write
-from deformrf.core.lab.stopwatch import Share, Timing
-from deformrf.core.paths import program_version
+from deformrf.core.base.paths import program_version
+from deformrf.wings.lab.report import markdown, plots
+from deformrf.wings.lab.report.parts import INTERRUPTED, Figure, Report, Section, Table
+from deformrf.wings.lab.report.writing import is_complete, write
+from deformrf.wings.lab.stopwatch import Share, Timing
 
 ODD = "a | <script>alert(\"b\")</script> & 'c'"
 

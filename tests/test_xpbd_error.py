@@ -9,8 +9,8 @@ from xpbd_error import COUNTS, SCHEMES, beam_case, measured, plot
 
 from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lumped_masses
 from deformrf.core.deform.constraints import Constraints
-from deformrf.core.lab.dynamics import measure as dynamics
-from deformrf.core.lab.stopwatch import Timing
+from deformrf.wings.lab.dynamics import measure as dynamics
+from deformrf.wings.lab.stopwatch import Timing
 
 FLOORS = {20: 5.0, 50: 1.0}  # of the RMS error, by substeps [% of the size]
 

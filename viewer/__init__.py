@@ -1,1 +1,1 @@
-"""The interactive viewer: the only room with windows and OpenGL.  command.main is the program."""
+"""The interactive viewer: the only room with windows and OpenGL."""

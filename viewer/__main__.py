@@ -2,10 +2,10 @@
 
 import sys
 
-from ..core.children import forget_current_folder
+from ..core.base.children import forget_current_folder
 
 forget_current_folder()  # before anything is imported that could lie there
 
-from .entry import view  # noqa: E402
+from ..commands.entry import view  # noqa: E402
 
 sys.exit(view())

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from platformdirs import user_log_path
 
-from ..core.paths import ROOT, free_name, program_version
+from ..core.base.paths import ROOT, free_name, program_version
 
 PACKAGES = ("warp-lang", "torch", "moderngl", "pyglet", "imgui-bundle", "av", "numpy", "pillow")
 LAST = 200  # events

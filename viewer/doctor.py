@@ -10,8 +10,8 @@ PACKAGES = ("warp-lang", "torch", "moderngl", "pyglet", "imgui-bundle", "av", "n
 
 def report(headless: bool) -> int:
     """Print what the program runs on; exit code 0 if it can draw."""
-    from ..core.device import device_name
-    from ..core.paths import program_version
+    from ..core.base.device import device_name
+    from ..core.base.paths import program_version
 
     _line("deformrf", program_version())
     _line("python", f"{sys.version.split()[0]} on {platform.platform()}")

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from ..core import deform, render, shipped_kernels
+from ..core import deform, render
+from ..core.base import shipped_kernels
+from ..core.base.device import thread_count
 from ..core.deform import TIME_STEP
-from ..core.device import thread_count
-from ..core.rig import Skinner
+from ..wings.rig import Skinner
 from .scene import Scene, visible_points
 
 STAGES = ("kernels", "networks and tables", "the surface, from eight sides", "the solver")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from platformdirs import user_log_path
 
-from ..core.paths import program_version
+from ..core.base.paths import program_version
 
 LARGEST, OLDER = 2**20, 2  # bytes of a file, and how many full ones are kept
 FORMAT = "%(asctime)s %(process)d %(levelname)s %(name)s: %(message)s"

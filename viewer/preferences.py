@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from platformdirs import user_config_path
 
-from ..core.paths import whole_file
-from ..core.reading import open_file
-from ..core.streams import shown
+from ..core.base.paths import whole_file
+from ..core.base.reading import open_file
+from ..core.base.streams import shown
 from .settings import PANEL_WIDTHS, SIDES, Settings
 
 KEY, VERSION = "deformrf preferences", 1

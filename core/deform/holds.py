@@ -6,7 +6,7 @@ Shapes: V vertices, K handles.
 import numpy as np
 import warp as wp
 
-from ..feed import Feed
+from ..base.feed import Feed
 from . import checks
 from .arrays import VertexArrays
 from .constraints import NO_SPRING, spring_coefficients

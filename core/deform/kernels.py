@@ -1,7 +1,8 @@
 """The Warp modules of dynamics, so that a viewer can compile them before the first frame."""
 
-from .contact import contact_modules
-from .frame import CpuFrame, CudaFrame
+from .contact.contact import contact_modules
+from .frame.cpu import CpuFrame
+from .frame.cuda import CudaFrame
 from .rigid_motion import FreeParts
 from .tangles import Feedback
 

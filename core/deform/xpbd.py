@@ -18,8 +18,9 @@ from ..geometry import components
 from . import checks, constraints
 from .arrays import ConstraintList, frame_arrays
 from .colliders import ColliderRows
-from .contact import Contact
-from .frame import CpuFrame, CudaFrame, runs_in_block, takes_halves
+from .contact.contact import Contact
+from .frame.cpu import CpuFrame, takes_halves
+from .frame.cuda import CudaFrame, runs_in_block
 from .halves import cut
 from .holds import Holds
 from .inversion import InversionGuard

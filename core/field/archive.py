@@ -3,7 +3,7 @@
 import zipfile
 from contextlib import contextmanager
 
-from ..archive import ArchiveError, open_archive
+from ..base.archive import ArchiveError, open_archive
 
 MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")
 TABLE_ARRAYS = ("table_", "reached_", "scale_")

@@ -8,8 +8,8 @@ from math import comb
 
 import numpy as np
 
+from ..base.memory import free_bytes
 from ..geometry import TetMesh, signed_volumes
-from ..memory import free_bytes
 from .archive import check
 from .layout import MAX_DENSE_LEVELS
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ..base.wide import load_wide_half, vec4h
 from ..geometry import (
     CHILD_VERTICES,
     TetMesh,
@@ -26,7 +27,6 @@ from ..geometry import (
     lattice_weights,
     path_nodes,
 )
-from ..wide import load_wide_half, vec4h
 from .layout import Layout, hash_address, hash_products, products_entry
 
 mat43ui = wp.types.matrix((4, 3), wp.uint32)

@@ -14,7 +14,7 @@ from ..geometry import TetMesh
 from .encoding import encode_reference
 from .grid import Surroundings
 from .layout import FEATURES, Layout, make_layout
-from .networks import (
+from .networks.reference import (
     BASIS_COUNT,
     GEOMETRY_FEATURES,
     Layers,

@@ -19,7 +19,7 @@ import numpy as np
 import warp as wp
 
 from .layout import hash_address, hash_entry
-from .networks import BASIS_COUNT, GEOMETRY_FEATURES, Layers
+from .networks.reference import BASIS_COUNT, GEOMETRY_FEATURES, Layers
 
 RESOLUTIONS = (16, 28, 49, 84, 147, 256, 446, 776)  # cells across the contracted cube
 GRID_LEVELS = len(RESOLUTIONS)

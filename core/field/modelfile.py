@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..archive import unpacked_limit
+from ..base.archive import unpacked_limit
+from ..base.paths import program_version, whole_file
+from ..base.streams import one_line, printable, shown
 from ..geometry import tet_neighbours
-from ..paths import program_version, whole_file
-from ..streams import one_line, printable, shown
 from .archive import ModelFileError, check, open_arrays
 from .bounds import (
     SMALLEST_MARCH_STEP,

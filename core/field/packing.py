@@ -1,7 +1,8 @@
 """A field's mesh, tables and networks <-> the arrays of a model file.
 
 Files are read without trust in their contents.  `declared` checks an array's name, type and
-shape before anything of it is read (`core.archive`); `array` reads it and checks that it is finite.
+shape before anything of it is read (`core.base.archive`); `array` reads it and checks that it is
+finite.
 Every error is a ModelFileError of one sentence.
 
 docs/model-format.md describes the arrays.  The file stores nothing that follows from the rest:
@@ -259,7 +260,7 @@ def _unpack_bits(arrays, name, count):
 
 
 def unpack_rig(arrays, vertex_count: int) -> dict | None:
-    """The arrays of a rig, None without one; core/rig/rigfile.py checks what they hold."""
+    """The arrays of a rig, None without one; wings/rig/rigfile.py checks what they hold."""
     names = [name for name in arrays if name.startswith("rig_")]
     for name in names:
         if name == "rig_weights":

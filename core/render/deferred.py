@@ -9,10 +9,11 @@ Shapes: R rays, n of them in a launch, N packed samples, T tets.
 
 import warp as wp
 
+from ..base.wide import vec4h
 from ..field import CONSTANT_BASIS, GEOMETRY_FEATURES, basis_of, basis_vector
-from ..wide import vec4h
-from .rays import Rays, RaySamples
-from .rounds import SMALLEST, Pixels, ray_sums
+from .rays.marching import Rays, RaySamples
+from .rounds.compositing import Pixels, ray_sums
+from .rounds.cpu import SMALLEST
 
 AT_ONCE = 1 << 18  # rays: torch takes a kilobyte for each, a layer
 

@@ -2,10 +2,16 @@
 
 from ..field import encode_kernel, networks_kernel
 from . import deferred, modes, shading, subpixel
-from .overlap import Overlap, PieceMerger, trace_windows_kernel
-from .rays import Pose, camera_rays_kernel, march_kernel, raster_kernel
+from .overlap.merging import PieceMerger
+from .overlap.search import Overlap
+from .overlap.windows import trace_windows_kernel
+from .rays.camera import camera_rays_kernel
+from .rays.marching import march_kernel
+from .rays.pose import Pose
+from .rays.raster import raster_kernel
 from .render import Renderer
-from .rounds import resolve_kernel, trace_kernel
+from .rounds.compositing import resolve_kernel
+from .rounds.cpu import trace_kernel
 
 
 def kernel_modules(device) -> list[str]:
@@ -14,14 +20,13 @@ def kernel_modules(device) -> list[str]:
     names += [module.__name__ for module in (modes, subpixel)]
     kernels = [camera_rays_kernel, resolve_kernel]
     if str(device).startswith("cuda"):
-        from .overlap import TetBins, WindowSlots
-        from .rounds import (
-            begin_kernel,
-            march_slots_kernel,
-            paint_kernel,
-            shade_slots_kernel,
-            slot_densities_kernel,
-        )
+        from .overlap.bins import TetBins
+        from .overlap.window_slots import WindowSlots
+        from .rounds.ray_color import paint_kernel
+        from .rounds.slot_densities import slot_densities_kernel
+        from .rounds.slot_march import march_slots_kernel
+        from .rounds.slot_shading import shade_slots_kernel
+        from .rounds.slots import begin_kernel
 
         names += [owner.__module__ for owner in (PieceMerger, TetBins, WindowSlots)]
         kernels += [march_kernel, begin_kernel, paint_kernel, deferred.means_kernel]

@@ -27,10 +27,10 @@ import numpy as np
 import warp as wp
 
 from ..field import below_pixel, level_edges
-from .rays import DeviceCamera, camera_ray, device_camera
+from .rays.camera import DeviceCamera, camera_ray, device_camera
 from .render import Image
 from .render_options import MODES, Mode, RenderOptions
-from .rounds import to_bytes
+from .rounds.compositing import to_bytes
 
 # The numbers of the modes in a kernel.
 DEPTH, ACCUMULATION, NORMALS, TETS, LEVELS, SAMPLES = map(wp.constant, range(1, 7))

@@ -27,7 +27,8 @@ from ..field import (
     sigma_from,
     spherical_harmonics,
 )
-from .rays import ASIDE, tet_frames_reference
+from .rays.approach import ASIDE
+from .rays.pose import tet_frames_reference
 
 ROUNDING = 1e-12  # relative; what is smaller counts as 0
 NEGLIGIBLE = 1e-6  # the least divisor: an opacity, or the length of a mean of directions

@@ -19,26 +19,19 @@ from itertools import pairwise
 import numpy as np
 import warp as wp
 
-from ..device import thread_count
+from ..base.device import thread_count
 from ..field import TetField, check_finite
-from .overlap import Overlap, PieceMerger
-from .rays import (
-    Camera,
-    Entries,
-    FaceRectangles,
-    Pose,
-    ball_around,
-    begin_at_ball,
-    camera_rays,
-    camera_rays_kernel,
-    device_camera,
-    empty_rays,
-    is_far,
-    move_aside,
-    moved_aside,
-)
+from .overlap.merging import PieceMerger
+from .overlap.search import Overlap
+from .rays.approach import ball_around, begin_at_ball, is_far, move_aside, moved_aside
+from .rays.camera import Camera, camera_rays, camera_rays_kernel, device_camera
+from .rays.entries import Entries
+from .rays.marching import empty_rays
+from .rays.pose import Pose
+from .rays.raster import FaceRectangles
 from .render_options import RenderOptions, checked
-from .rounds import HostRounds, empty_pixels, resolve
+from .rounds.compositing import empty_pixels, resolve
+from .rounds.host import HostRounds
 from .shading import Shading
 from .stage_timer import StageTimer
 from .visible import visible_part
@@ -287,8 +280,8 @@ class Renderer:
 
     def _wavefront_for(self, count):
         """A wavefront with room for that many pixels: the last one, if it is large enough."""
-        from .overlap import WindowSlots
-        from .rounds import Wavefront  # kernels that only CUDA needs
+        from .overlap.window_slots import WindowSlots
+        from .rounds.wavefront import Wavefront  # kernels that only CUDA needs
 
         if self._wavefront is None or self._wavefront.capacity < count:
             self._wavefront = self._windows = None  # frees their memory first

@@ -10,6 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 import warp as wp
 
+from ..base.wide import vec4h
 from ..field import (
     CONSTANT_BASIS,
     GEOMETRY_FEATURES,
@@ -23,10 +24,10 @@ from ..field import (
     subtet_corners,
     unpack_mask,
 )
-from ..wide import vec4h
 from .deferred import color_rays, colors_in_place, values_kernel
-from .rays import Rays, RaySamples, Samples, basis_kernel, empty_samples
-from .rounds import CpuShader, Pixels, ray_sums
+from .rays.marching import Rays, RaySamples, Samples, basis_kernel, empty_samples
+from .rounds.compositing import Pixels, ray_sums
+from .rounds.cpu import CpuShader
 
 AT_ONCE = 1 << 12  # tets whose sub-tets' densities are found: 40 MB
 

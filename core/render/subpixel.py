@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from .rays import Camera
+from .rays.camera import Camera
 
 GENERATOR = 1.32471795724474602596  # g, the plastic number
 

@@ -16,12 +16,13 @@ import numpy as np
 import warp as wp
 from PIL import Image
 
-from ..device import thread_count
+from ..base.device import thread_count
+from ..base.paths import whole_file
+from ..base.reading import read_text
 from ..field import TetField, occupied_share, parts_of_file
-from ..paths import whole_file
-from ..reading import read_text
 from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space, spread
-from .data import Dataset, learns_surroundings, track, white_composite
+from .data.datasets import Dataset, track, white_composite
+from .data.scene_box import learns_surroundings
 from .metrics import check_size, psnr, ssim
 
 REPORT = "report.json"
@@ -75,7 +76,7 @@ def evaluate(
     views = [Camera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True)]
     around = None
     if field.surroundings is not None:
-        from .run import LearnedSurroundings  # with torch
+        from .run.surroundings import LearnedSurroundings  # with torch
 
         around = LearnedSurroundings(field.surroundings, device)
     small = Camera(poses[0], dataset.lenses[0].resized(8, 8))
@@ -176,7 +177,8 @@ def render_view(renderer, around, camera, options, samples=1):
         return renderer.render(camera, options).color_array()
     import torch
 
-    from .run import on_warp_stream, over
+    from .run.differentiable import on_warp_stream
+    from .run.surroundings import over
 
     black = replace(options, background=(0.0, 0.0, 0.0))
     origins, directions = camera_rays(camera)

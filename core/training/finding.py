@@ -13,26 +13,16 @@ import torch
 import warp as wp
 
 from ..geometry import a15_grid
-from .data import (
-    REACH,
-    Dataset,
-    FoundObject,
-    Plane,
-    RayBank,
-    box_to_unit_cube,
-    find_object,
-    focus,
-    found_to_unit_cube,
-    ground_of,
-)
-from .run import (
-    LearnedSurroundings,
-    Optimization,
-    TrainingField,
-    Workers,
-    looks,
-    random_surroundings,
-)
+from .data.datasets import Dataset
+from .data.found_object import FoundObject, Plane, find_object, ground_of
+from .data.raybank import RayBank
+from .data.scene_box import REACH, box_to_unit_cube, found_to_unit_cube
+from .data.views import focus
+from .run.batch import looks
+from .run.distributed import Workers
+from .run.optimization import Optimization
+from .run.surroundings import LearnedSurroundings, random_surroundings
+from .run.training_field import TrainingField
 from .stages import FINAL_RATES, coarse_options
 from .train_options import preset
 

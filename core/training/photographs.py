@@ -7,11 +7,14 @@ changes a run.
 import numpy as np
 import warp as wp
 
-from ..capture import gray_of, sharpness_of, sharpness_weights
 from ..field import below_pixel, level_edges, narrowest_pixel
 from ..render import in_space
-from .data import Dataset, RayBank, are_photographs, learns_surroundings
-from .run import LearnedExposure, Workers
+from .data.datasets import Dataset
+from .data.raybank import RayBank
+from .data.scene_box import are_photographs, learns_surroundings
+from .data.sharpness import gray_of, sharpness_of, sharpness_weights
+from .run.distributed import Workers
+from .run.exposure import LearnedExposure
 from .train_options import TrainOptions
 
 NAMES_SHOWN = 4

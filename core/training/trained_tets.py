@@ -13,8 +13,9 @@ from ..geometry import (
     signed_volumes,
     tet_neighbours,
 )
-from .data import DatasetError, Plane
-from .run import TrainingField
+from .data.found_object import Plane
+from .data.posed_images import DatasetError
+from .run.training_field import TrainingField
 
 SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters
 SMALLEST_PART = 0.01  # of the object's matter

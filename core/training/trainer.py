@@ -20,39 +20,23 @@ from pathlib import Path
 import torch
 import warp as wp
 
-from ..device import start_warp
+from ..base.device import start_warp
 from ..field import FieldOptions, TetField
 from ..geometry import TetMesh, a15_grid
 from . import photographs, stages
-from .data import (
-    Dataset,
-    Plane,
-    learns_surroundings,
-    object_box,
-    seeks_object,
-    world_to_unit_cube,
-)
+from .data.datasets import Dataset
+from .data.found_object import Plane
+from .data.scene_box import learns_surroundings, object_box, seeks_object, world_to_unit_cube
 from .finding import Found, ground_under, search
-from .run import (
-    ALLOCATION_ERRORS,
-    ALONE,
-    Checkpoint,
-    CheckpointError,
-    Diverged,
-    History,
-    LearnedSurroundings,
-    Optimization,
-    OutOfMemory,
-    TrainingField,
-    TrainingProgress,
-    Workers,
-    give_memory_back,
-    lacks_memory,
-    looks,
-    on_warp_stream,
-    random_surroundings,
-    save_checkpoint,
-)
+from .run.batch import looks
+from .run.checkpoint import Checkpoint, CheckpointError, save_checkpoint
+from .run.differentiable import on_warp_stream
+from .run.distributed import ALONE, Workers
+from .run.memory import ALLOCATION_ERRORS, OutOfMemory, give_memory_back, lacks_memory
+from .run.monitoring import Diverged, History, TrainingProgress
+from .run.optimization import Optimization
+from .run.surroundings import LearnedSurroundings, random_surroundings
+from .run.training_field import TrainingField
 from .train_options import TrainOptions
 from .trained_tets import boxed, kept_mesh, object_alone, without_spurs
 

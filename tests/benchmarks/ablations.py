@@ -19,8 +19,8 @@ from pathlib import Path
 
 import torch
 
-from deformrf.core.commands.train_choices import with_steps
-from deformrf.core.device import start_warp
+from deformrf.commands.train_choices import with_steps
+from deformrf.core.base.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.training import DatasetError, load_dataset, preset, trainer
 from deformrf.core.training import evaluation as evaluate

@@ -7,7 +7,7 @@ Its tip's sag and its lowest frequency, of
 
     elements    quadratic tets on the beam's own tets
     converged   the same, extrapolated from the beam's tets and eight times as many
-    energy      edges and volumes, with the solver's masses (core/lab/dynamics/energy.py)
+    energy      edges and volumes, with the solver's masses (wings/lab/dynamics/energy.py)
     solver      XpbdSolver with many substeps, from the energy's equilibrium
 
 All are of one body: what a mesh encloses, held where all corners of a tet, a face or an edge are.
@@ -24,8 +24,8 @@ from scipy import sparse
 
 from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver
 from deformrf.core.geometry import A15, BCC, KUHN
-from deformrf.core.lab.dynamics.energy import material_energy
-from deformrf.core.lab.dynamics.references import factorize, free_dofs
+from deformrf.wings.lab.dynamics.energy import material_energy
+from deformrf.wings.lab.dynamics.references import factorize, free_dofs
 
 SPACINGS = {"a15": (A15, 1 / 48), "bcc": (BCC, 1 / 40), "kuhn": (KUHN, 1 / 24)}
 RATIOS = (0.25, 0.35, 0.40, 0.45, 0.49)

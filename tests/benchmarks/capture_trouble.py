@@ -39,15 +39,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from deformrf.core import paths
-from deformrf.core.capture import find_photos, load_points
-from deformrf.core.device import start_warp
+from deformrf.core.base import paths
+from deformrf.core.base.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.render import Camera, Renderer, RenderOptions, camera_rays, in_space
 from deformrf.core.training import load_dataset, white_composite
 from deformrf.core.training.metrics import psnr
+from deformrf.wings.capture import find_photos, load_points
 
-COMMAND = "from deformrf.core.commands.train import main; main()"
+COMMAND = "from deformrf.commands.train import main; main()"
 PICTURES = 6
 BLACK = RenderOptions(background=(0.0, 0.0, 0.0))
 HEADINGS = ("kind", "cameras", "centers", "rotations", "dB", "IoU", "upright", "s", "CPU s")

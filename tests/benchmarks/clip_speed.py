@@ -17,8 +17,8 @@ import time
 
 import numpy as np
 
+from deformrf.core.base.device import device_name, start_warp
 from deformrf.core.deform import TIME_STEP
-from deformrf.core.device import device_name, start_warp
 from deformrf.core.field import modelfile
 
 WARM_UP_SECONDS = 3.0  # the ladder finds its rung
@@ -54,7 +54,7 @@ def measure(app, clip, target, softness, seconds, full, each):
 
 
 def main():
-    from deformrf.viewer.command import frame_size
+    from deformrf.commands.view import frame_size
     from deformrf.viewer.window import open_window
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

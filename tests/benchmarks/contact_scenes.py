@@ -8,7 +8,7 @@ from itertools import pairwise, permutations
 import numpy as np
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver
-from deformrf.core.deform.contact import Contact
+from deformrf.core.deform.contact.contact import Contact
 from deformrf.core.geometry import a15_grid, extract, signed_volumes
 
 BAR_CELLS = (2, 2)  # across a ring

@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from deformrf.core.deform import XpbdOptions
-from deformrf.core.lab import rule
-from deformrf.core.lab.dynamics import measure as dynamics
-from deformrf.core.lab.rendering import measure as rendering
+from deformrf.wings.lab import rule
+from deformrf.wings.lab.dynamics import measure as dynamics
+from deformrf.wings.lab.rendering import measure as rendering
 
 
 def rendering_choice(reports, judged):

@@ -29,11 +29,11 @@ import warp as wp
 from PIL import Image
 from views import subset
 
-from deformrf.core.device import start_warp
+from deformrf.core.base.device import start_warp
 from deformrf.core.field import GEOMETRY_FEATURES, basis_of, basis_vector, modelfile
 from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
 from deformrf.core.render.rays.pose import tet_frames_reference
-from deformrf.core.render.rounds import ray_sums
+from deformrf.core.render.rounds.compositing import ray_sums
 from deformrf.core.training import load_dataset, white_composite
 from deformrf.core.training.metrics import psnr, ssim
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from deformrf.core import paths
-from deformrf.core.device import start_warp
+from deformrf.core.base import paths
+from deformrf.core.base.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.viewer.loading import Progress, prepare
 from deformrf.viewer.sessions import save_session, start_of

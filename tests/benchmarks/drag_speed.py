@@ -16,8 +16,8 @@ import time
 
 import numpy as np
 
-from deformrf.core import paths
-from deformrf.core.device import device_name, start_warp
+from deformrf.core.base import paths
+from deformrf.core.base.device import device_name, start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.training.metrics import psnr
 
@@ -66,7 +66,7 @@ def measure(app, target, seconds):
 
 
 def main():
-    from deformrf.viewer.command import frame_size
+    from deformrf.commands.view import frame_size
     from deformrf.viewer.window import open_window
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

@@ -18,9 +18,9 @@ import argparse
 import numpy as np
 from folds import ball
 
-from deformrf.core.device import start_warp
+from deformrf.core.base.device import start_warp
 from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at, reference
-from deformrf.core.render.rays import ASIDE
+from deformrf.core.render.rays.approach import ASIDE
 from deformrf.core.render.rays.camera import Camera, camera_rays
 from deformrf.core.render.rays.lens import pinhole
 

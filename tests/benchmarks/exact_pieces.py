@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from deformrf.core.device import start_warp
+from deformrf.core.base.device import start_warp
 from deformrf.core.field import modelfile
-from deformrf.core.lab.rendering.pictures import views
 from deformrf.core.render import Renderer, RenderOptions, camera_rays, reference
-from deformrf.core.render.rays import MIDDLE, Entries, empty_rays, empty_samples, march_kernel
+from deformrf.core.render.rays.entries import Entries
+from deformrf.core.render.rays.marching import MIDDLE, empty_rays, empty_samples, march_kernel
+from deformrf.wings.lab.rendering.pictures import views
 
 SLOTS = 512
 SIZE = 800

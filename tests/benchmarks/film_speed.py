@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from deformrf.core import field as fields
-from deformrf.core.paths import DEFAULT_MODEL
+from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.viewer.films.film import Film
 from deformrf.viewer.window import open_window
 

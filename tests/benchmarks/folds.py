@@ -16,11 +16,11 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from deformrf.core.device import start_warp
+from deformrf.core.base.device import start_warp
 from deformrf.core.field import FieldOptions, modelfile, random_field
 from deformrf.core.geometry import a15_grid, extract, tet_neighbours
-from deformrf.core.lab.rendering.pictures import image_error
 from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at
+from deformrf.wings.lab.rendering.pictures import image_error
 
 OPTIONS = FieldOptions(level_count=6, table_size=2**12, march_step=1.3e-3)
 

@@ -28,7 +28,7 @@ def serve(arguments):
     import render_speed
     import warp as wp
 
-    from deformrf.core.device import start_warp
+    from deformrf.core.base.device import start_warp
     from deformrf.core.render import Renderer
 
     start_warp()

@@ -11,8 +11,8 @@ import argparse
 import numpy as np
 
 from deformrf.core.field import modelfile
-from deformrf.core.lab.rendering.pictures import image_error
 from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at
+from deformrf.wings.lab.rendering.pictures import image_error
 
 SIZE = 96  # pixels
 STOPS = (0.02, 0.03)

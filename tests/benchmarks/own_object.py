@@ -24,8 +24,8 @@ from deformrf.core.field import pack_mask, subtet_middles
 WIDTH = 640  # of the pictures [pixels]
 QUALITY = 80
 SHOWN_STEP = 120  # of stage 2, at which training is shown
-TRAIN = "import sys; from deformrf.core.commands.train import main; sys.exit(main())"
-RENDER = "import sys; from deformrf.viewer.films.render_command import main; sys.exit(main())"
+TRAIN = "import sys; from deformrf.commands.train import main; sys.exit(main())"
+RENDER = "import sys; from deformrf.commands.render import main; sys.exit(main())"
 PULL = np.array([0.30, 0.05, -0.06])  # object sizes
 CRUMBS = 0.05  # model units: lower, there is no toy
 PULL_TICKS, FREE_TICKS = 50, 50
@@ -58,8 +58,8 @@ class Pictures:
 
     def training(self):
         """The window while a model is trained."""
+        from deformrf.commands.train import ViewedTrainArguments, prepare_training
         from deformrf.viewer.training.live import LiveRun
-        from deformrf.viewer.training.train_command import ViewedTrainArguments, prepare_training
         from deformrf.viewer.window import open_window
 
         window, context = open_window(SIZE, headless=True)

@@ -20,13 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-from deformrf.core.commands.train_choices import with_steps
-from deformrf.core.device import start_warp
+from deformrf.commands.train_choices import with_steps
+from deformrf.core.base.device import start_warp
 from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
 from deformrf.core.training import load_dataset, preset, trainer, white_composite
 from deformrf.core.training.evaluation import render_view
 from deformrf.core.training.metrics import psnr
-from deformrf.core.training.run import LearnedSurroundings
+from deformrf.core.training.run.surroundings import LearnedSurroundings
 
 INTERVAL, SHARE = 0.5, 0.05  # seconds from score to score, and at least that share of all so far
 

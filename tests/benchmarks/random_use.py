@@ -17,6 +17,7 @@ import time
 
 import numpy as np
 
+from deformrf.core.base.device import start_warp
 from deformrf.core.deform import (
     TIME_STEP,
     Box,
@@ -27,7 +28,6 @@ from deformrf.core.deform import (
     distortion,
     lowest_pins,
 )
-from deformrf.core.device import start_warp
 from deformrf.core.geometry import a15_grid, extract
 
 SESSION = 20.0  # s of use, on average

@@ -25,7 +25,8 @@ from itertools import pairwise
 import numpy as np
 import warp as wp
 
-from deformrf.core import paths
+from deformrf.core.base import paths
+from deformrf.core.base.device import start_warp
 from deformrf.core.deform import (
     TIME_STEP,
     Material,
@@ -35,7 +36,6 @@ from deformrf.core.deform import (
     lowest_pins,
     vertices_within,
 )
-from deformrf.core.device import start_warp
 from deformrf.core.field import BASIS_COUNT, GEOMETRY_FEATURES, modelfile
 from deformrf.core.render import (
     Renderer,

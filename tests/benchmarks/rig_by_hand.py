@@ -45,7 +45,7 @@ def main():
             files = rig(viewer, folder)
         finally:
             viewer.end()
-    code = "import sys; from deformrf.viewer.films.render_command import main; sys.exit(main())"
+    code = "import sys; from deformrf.commands.render import main; sys.exit(main())"
     film = "--hide-handles", "-o", folder / "film.mp4", "--size", "640x480", "--frames", "120"
     arguments = folder / files["ctrl+s"], "--clip", "clip 1", *film
     subprocess.run([sys.executable, "-c", code, *map(str, arguments)], check=True)

@@ -17,8 +17,8 @@ import numpy as np
 from PIL import Image
 
 from deformrf.core import field as fields
-from deformrf.core import rig as rigs
-from deformrf.core.paths import DEFAULT_MODEL
+from deformrf.core.base.paths import DEFAULT_MODEL
+from deformrf.wings import rig as rigs
 
 SIDE, FPS, SAMPLES = 320, 20, 4
 FOX = 192, 170, 696, 506  # of a picture of 960x640 pixels: the fox fills a part of it
@@ -46,7 +46,7 @@ def bent_helmet(duration: float):
 
 def frames(model, clip, size, folder):
     """A clip's frames as the command deformrf-render makes them."""
-    command = "from deformrf.viewer.films.render_command import main; raise SystemExit(main())"
+    command = "from deformrf.commands.render import main; raise SystemExit(main())"
     options = ["--fps", str(FPS), "--samples", str(SAMPLES), "-o", str(folder)]
     arguments = [str(model), "--clip", clip, "--size", size, *options]
     subprocess.run([sys.executable, "-c", command, *arguments], check=True)

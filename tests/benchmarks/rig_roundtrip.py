@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+from deformrf.core.base.paths import ASSETS, ROOT
 from deformrf.core.geometry import a15_grid, edges, extract
-from deformrf.core.paths import ASSETS, ROOT
-from deformrf.core.rig import (
+from deformrf.wings.rig import (
     VertexClip,
     export_mesh,
     read_blender,

@@ -24,15 +24,15 @@ import numpy as np
 from deformed_truth import measure, score
 from PIL import Image
 
-from deformrf.core import rig as rigs
-from deformrf.core.commands.rig_bind import BindArguments, bound
+from deformrf.commands.rig_bind import BindArguments, bound
+from deformrf.core.base.device import start_warp
+from deformrf.core.base.images import open_image, rgba
 from deformrf.core.deform import Material, XpbdSolver
-from deformrf.core.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.geometry import signed_volumes
-from deformrf.core.images import open_image, rgba
 from deformrf.core.render import Camera, Renderer, in_space
 from deformrf.core.training import load_dataset, white_composite
+from deformrf.wings import rig as rigs
 
 WEIGHTS = ("harmonic", "nearest", "rigid", "automatic")
 PASSES = ("skinned", "untangled", "physics")

@@ -24,7 +24,7 @@ class Studio:
 
         window, context = open_window(SIZE, headless=True)
         from deformrf.core import field as fields
-        from deformrf.core.paths import DEFAULT_MODEL
+        from deformrf.core.base.paths import DEFAULT_MODEL
         from deformrf.viewer.app import App
         from deformrf.viewer.events import EventLog
 
@@ -104,8 +104,8 @@ def timeline(studio):
 
 
 def rig(studio):
-    from deformrf.core.rig import turned
     from deformrf.viewer.input import ACTIONS
+    from deformrf.wings.rig import turned
 
     app, scene = studio.app, studio.app.scene
     for place in ((0.53, 0.52, 0.13), (0.55, 0.55, 0.4), (0.51, 0.5, 0.78)):

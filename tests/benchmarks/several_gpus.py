@@ -23,7 +23,7 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from deformrf.core.device import device_name, start_warp
+from deformrf.core.base.device import device_name, start_warp
 from deformrf.core.training import (
     load_dataset,
     preset,
@@ -32,18 +32,15 @@ from deformrf.core.training import (
     trainer,
     world_to_unit_cube,
 )
-from deformrf.core.training.data import object_box
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run import (
-    Optimization,
-    TrainingField,
-    TrainingProgress,
-    looks,
-    on_warp_stream,
-    optimization,
-    recorded_steps,
-)
+from deformrf.core.training.data.scene_box import object_box
+from deformrf.core.training.run import optimization, recorded_steps
+from deformrf.core.training.run.batch import looks
+from deformrf.core.training.run.differentiable import on_warp_stream
 from deformrf.core.training.run.exchange import Exchange
+from deformrf.core.training.run.monitoring import TrainingProgress
+from deformrf.core.training.run.optimization import Optimization
+from deformrf.core.training.run.training_field import TrainingField
 
 SETTLING_STEPS = 512  # of stage 2, before it is measured
 MEASURED_STEPS = 160  # for the parts

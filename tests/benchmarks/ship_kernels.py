@@ -18,11 +18,10 @@ from pathlib import Path
 
 import warp as wp
 
+from deformrf.core.base.device import start_warp, thread_count
+from deformrf.core.base.shipped_kernels import FOLDER, archive_path, read
 from deformrf.core.deform.frame import cuda
-from deformrf.core.device import start_warp, thread_count
 from deformrf.core.field import grid, reach
-from deformrf.core.rig import skinning
-from deformrf.core.shipped_kernels import FOLDER, archive_path, read
 from deformrf.core.training.data import raybank
 from deformrf.core.training.run import (
     batch,
@@ -34,6 +33,7 @@ from deformrf.core.training.run import (
     training_field,
 )
 from deformrf.viewer.loading import kernel_modules
+from deformrf.wings.rig import skinning
 
 # Ampere for servers and for desktops, Ada, Hopper, Blackwell for desktops.
 ARCHITECTURES = 80, 86, 89, 90, 120

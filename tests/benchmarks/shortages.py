@@ -29,13 +29,13 @@ from ball_photos import photographs
 from fuzzing.models import small_models
 
 from deformrf.core import field as fields
-from deformrf.core import rig as rigs
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import save_session, start_of
+from deformrf.wings import rig as rigs
 
 RUN = """
 import sys
-from deformrf.viewer.entry import begin
+from deformrf.commands.entry import begin
 program, *sys.argv[1:] = sys.argv[1:]
 sys.exit(begin(program))
 """

@@ -14,9 +14,9 @@ from unittest import mock
 
 import numpy as np
 
-from deformrf.core.device import start_warp
+from deformrf.core.base.device import start_warp
 from deformrf.core.training import load_dataset, preset, trainer
-from deformrf.core.training.run import Optimization
+from deformrf.core.training.run.optimization import Optimization
 from deformrf.core.training.stages import field_options
 
 LAST = 10  # pauses, whose median error is printed

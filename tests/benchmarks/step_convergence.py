@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deformrf.core import paths
-from deformrf.core.device import start_warp
+from deformrf.core.base import paths
+from deformrf.core.base.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.render import Renderer, RenderOptions, camera_rays, from_field_of_view, look_at
 

@@ -16,10 +16,10 @@ import numpy as np
 import torch
 from views import subset
 
-from deformrf.core.device import start_warp
+from deformrf.core.base.device import start_warp
 from deformrf.core.training import evaluation as evaluate
 from deformrf.core.training import load_dataset, preset, trainer
-from deformrf.core.training.run import TrainingField
+from deformrf.core.training.run.training_field import TrainingField
 
 encode = TrainingField.encode
 

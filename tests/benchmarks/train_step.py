@@ -13,16 +13,16 @@ import numpy as np
 import torch
 import warp as wp
 
-from deformrf.core import paths
-from deformrf.core.device import start_warp
+from deformrf.core.base import paths
+from deformrf.core.base.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.field.occupancy import unpack_mask
 from deformrf.core.training import load_dataset, preset
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run import Optimization, TrainingField, on_warp_stream
-from deformrf.core.training.run.differentiable import Composite
+from deformrf.core.training.run.differentiable import Composite, on_warp_stream
 from deformrf.core.training.run.loss import EXCESS_WEIGHT
-from deformrf.core.training.run.optimization import LOSS_SCALE, next_ray_count
+from deformrf.core.training.run.optimization import LOSS_SCALE, Optimization, next_ray_count
+from deformrf.core.training.run.training_field import TrainingField
 
 RATE = 1e-4  # small: the field stays what it is
 

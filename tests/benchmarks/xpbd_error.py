@@ -5,7 +5,7 @@
 
 Writes OUT.csv (errors over the size, and over the motion), OUT_static.png and OUT_dynamic.png.
 The beam hangs under gravity instead of being pushed; otherwise scenes, references and errors
-are those of core/lab/dynamics/measure.py.  Five schemes:
+are those of wings/lab/dynamics/measure.py.  Five schemes:
 
     substeps        the program's solver, n substeps of one iteration
     uncorrected     the same without what makes up for the softening of a sweep
@@ -25,11 +25,11 @@ from beams import beam
 from iteration_solver import IterationSolver
 from plain_solver import PlainSolver
 
+from deformrf.core.base.device import start_warp
 from deformrf.core.deform import COMPLIANCE_FLOOR
-from deformrf.core.device import start_warp
 from deformrf.core.geometry import A15, BCC, KUHN
-from deformrf.core.lab.dynamics.measure import SCENES, Body, LoadCase, measure
-from deformrf.core.lab.report.plots import new_figure, png
+from deformrf.wings.lab.dynamics.measure import SCENES, Body, LoadCase, measure
+from deformrf.wings.lab.report.plots import new_figure, png
 
 LATTICES = {"a15": A15, "bcc": BCC, "kuhn": KUHN}
 # And how they are drawn.

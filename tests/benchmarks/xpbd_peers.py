@@ -7,7 +7,7 @@ A ball stands on its pinned foot under gravity; its top is dragged 0.1 m aside w
 are timed, then held until the ball rests.  Masses, pins, handles, dt, substeps, gravity,
 damping and speed limit are the same for all.  The energies:
 
-    springs   Ours (core/lab/dynamics/energy.py), with volumes in few tets
+    springs   Ours (wings/lab/dynamics/energy.py), with volumes in few tets
     each      The same with K in each tet.  Newton's solvers take this one, as XPBD is unstable with
               few stiff tets: springs of k_e, and tets of k_lambda = K, k_mu ≈ 0 (SolverXPBD skips
               a tet whose k_mu is 0)
@@ -31,8 +31,8 @@ from newton_peer import NewtonPeer, newton, newton_model
 from xpbd_speed import WARM_UP, ball
 
 from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lowest_pins
-from deformrf.core.lab.dynamics.energy import material_energy
-from deformrf.core.lab.dynamics.references import equilibrium
+from deformrf.wings.lab.dynamics.energy import material_energy
+from deformrf.wings.lab.dynamics.references import equilibrium
 
 GRAVITY = (0.0, 0.0, -9.81)
 MATERIAL = Material(damping=30.0)  # so that the ball soon rests; where doesn't depend on it

@@ -24,8 +24,8 @@ from rich.progress import track
 from deformrf.core.deform import Material, XpbdSolver
 from deformrf.core.geometry import A15, BCC, KUHN, TetMesh, a15_grid, extract
 from deformrf.core.geometry.lattice import grid
-from deformrf.core.lab.stability.measure import Solid, run_case
-from deformrf.core.lab.stability.stress import CASES
+from deformrf.wings.lab.stability.measure import Solid, run_case
+from deformrf.wings.lab.stability.stress import CASES
 
 GRIDS = {"A15": (A15, 46 / 64), "BCC": (BCC, 12 / 8), "Kuhn": (KUHN, 6)}  # tets/dx³
 TET_COUNT = 1300

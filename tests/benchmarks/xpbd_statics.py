@@ -5,7 +5,7 @@
 
 Each less Σ m g·x.  Newton's method: derivatives are PyTorch's, linear systems are left to
 conjugate gradients, which stop where the energy is concave (Steihaug).  Our own energy has
-core/lab/dynamics/references.py.
+wings/lab/dynamics/references.py.
 
 Units: SI.  Shapes: V vertices, T tets.
 """

@@ -5,7 +5,7 @@ import struct
 
 import numpy as np
 
-from deformrf.core.rig import rotations
+from deformrf.wings.rig import rotations
 
 TIMES = np.array([0.25, 0.75, 1.5], np.float32)
 TYPES = {"<f4": 5126, "<u2": 5123, "|u1": 5121}

@@ -8,16 +8,16 @@ import math
 
 import numpy as np
 
-from deformrf.core.arguments import LARGEST_SIZE, SMALLEST_SIZE
+from deformrf.core.base.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from deformrf.core.deform import Material
 from deformrf.core.render import MODES
-from deformrf.core.rig import METHODS, MOST_BONES
 from deformrf.viewer import scene as scenes  # noqa: F401  whose edits are those of the table
 from deformrf.viewer.camera import CLOSEST, FARTHEST
 from deformrf.viewer.history import EDITS
 from deformrf.viewer.sessions.session_values import ANY_NAMES, ARGUMENTS, is_good
 from deformrf.viewer.settings import SURFACES
 from deformrf.viewer.timeline import EASINGS, MOTIONS, TRACKS, WEIGHTS
+from deformrf.wings.rig import METHODS, MOST_BONES
 
 NAMES = "a", "b", "Run"
 OFTEN = ("grab", "move", "key", "play", "add_bone", "hold_bone", "turn_bones", "set_softness")

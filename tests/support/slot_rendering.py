@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deformrf.core.field.networks import evaluate, mlp, sigma_from, sigmoid
+from deformrf.core.field.networks.reference import evaluate, mlp, sigma_from, sigmoid
 
 
 def in_slots(renderer):

@@ -2,11 +2,4 @@
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "opening": ["ask_for_file", "open_asked", "open_photographs", "show_model"],
-        "dialogs": ["FileDialog", "Problem", "readable"],
-        "export": ["save_surface", "surface_of", "with_colors"],
-    },
-)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.base.paths import whole_file
 from ...core.geometry import boundary_faces
-from ...core.paths import whole_file
 from ...core.render import seen_from_outside, vertex_normals
 
 OUTSIDE = 0.01  # object sizes from a vertex to where its ray starts

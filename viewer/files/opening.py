@@ -8,12 +8,12 @@ import logging
 import os
 from pathlib import Path
 
-from ...core import capture
 from ...core import field as fields
-from ...core.arguments import plain_message
-from ...core.paths import working_folder
-from ...core.streams import printable
-from ...core.training import has_cameras
+from ...core.base.arguments import plain_message
+from ...core.base.paths import working_folder
+from ...core.base.streams import printable
+from ...core.training import has_cameras, photo_folder
+from ...wings import capture
 from .. import logs
 from ..sessions import open_session
 from .dialogs import FileDialog, Problem
@@ -88,7 +88,7 @@ def needs_training(path: Path) -> bool:
     """Whether these are photographs, or a video, whose cameras no file has."""
     if capture.is_video(path):
         return True
-    return path.is_dir() and not has_cameras(path) and capture.photo_folder(path) is not None
+    return path.is_dir() and not has_cameras(path) and photo_folder(path) is not None
 
 
 def open_photographs(app, folder: Path, outside=False) -> None:

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.reading import read_text
+from ...core.base.reading import read_text
+from ...core.base.streams import printable, shown
 from ...core.render import in_space, look_at
-from ...core.streams import printable, shown
 from ..camera import CLOSEST, FARTHEST, Orbit, facing
 from ..timeline import TICKS_PER_SECOND, CameraKey
 from .sight import fit, sight_of

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from ...core import field as fields
-from ...core.children import NOT_HERE, start
-from ...core.paths import free_name, working_folder
+from ...core.base.children import NOT_HERE, PACKAGE, start
+from ...core.base.paths import free_name, working_folder
 
 SIZES = "as the window", "1280x720", "1920x1080", "3840x2160"
 RATES = 15, 24, 25, 30, 60  # frames a second
@@ -33,7 +33,7 @@ FORMATS = {  # what a user may choose: the ending of the file's name
 }
 PATIENCE = 60.0  # s that a process has to end a film
 LOWER_PRIORITY = 10  # the viewer's frames come first
-CODE = f"{NOT_HERE}from {__package__}.render_command import main; sys.exit(main())"
+CODE = f"{NOT_HERE}from {PACKAGE}.commands.render import main; sys.exit(main())"
 
 
 @dataclass

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.arguments import plain_message
+from ...core.base.arguments import plain_message
+from ...core.base.paths import free_name, working_folder
+from ...core.base.streams import printable
 from ...core.field import save
-from ...core.paths import free_name, working_folder
-from ...core.streams import printable
 from ..files import readable, save_surface
 from ..sessions import save_session
 from .video import PictureSeries, VideoWriter, save_png

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.reading import check_file
+from ...core.base.reading import check_file
 from ..sessions import FARTHEST_POINT, Player, load_session, play_patiently
 
 NAME = "vertices"  # of the array in an .npz file

@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.device import thread_count
-from ...core.paths import discard, free_name, reserved, sync, target_of, whole_file
+from ...core.base.device import thread_count
+from ...core.base.paths import discard, free_name, reserved, sync, target_of, whole_file
 from .codecs import encoder
 
 QUEUE_LENGTH, QUEUE_BYTES = 8, 256 * 2**20  # images that wait, and about their size

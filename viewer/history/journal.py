@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.streams import shown
+from ...core.base.streams import shown
 
 # What the panel calls an attribute, where that differs; several at once are a preset.
 WORDS = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.rig import Pose, reach, turned
+from ...wings.rig import Pose, reach, turned
 from ..camera import onto_view_plane, project, ray
 from ..rigging import TAIL, Joint, Matter
 from .drags import NEAR, TURN, TURN_PER_POINT, turn_axis, unwound

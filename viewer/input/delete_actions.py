@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...core.rig import arrays_of
+from ...wings.rig import arrays_of
 from .deleting import said
 
 

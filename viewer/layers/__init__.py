@@ -2,17 +2,4 @@
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "gl": ["Canvas"],
-        "radiance_layer": ["RadianceLayer"],
-        "handle_layer": ["HandleLayer"],
-        "bone_layer": ["BoneLayer"],
-        "mesh_layer": ["MeshLayer"],
-        "ground_plane": ["line_spacing"],
-        "photo_layer": ["PhotoLayer"],
-        "upload": ["choose_path"],
-        "resolution": ["SAMPLE_COUNT"],
-    },
-)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,7 +6,7 @@ from functools import lru_cache
 import moderngl
 import numpy as np
 
-from ...core.paths import SHADERS
+from ...core.base.paths import SHADERS
 from ...core.render import Camera, view_projection
 
 SAMPLER_BUFFER = 0x8DC2  # uniforms of this type are passed over by moderngl, without an error

@@ -6,15 +6,4 @@ actions, which the keys call too.
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "layout": [
-            "covered",
-            "draw_panels",
-            "loading_window",
-            "playing_window",
-            "training_window",
-        ]
-    },
-)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

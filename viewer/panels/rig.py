@@ -4,7 +4,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from ...core.rig import METHODS
+from ...wings.rig import METHODS
 from ..input import bone_line, label_of, name_bone, rest_bone
 from ..rigging import SPEEDS
 from .widgets import button, checkbox, combo, setting, slider

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core.rig import Skeleton, make_skeleton
+from ...wings.rig import Skeleton, make_skeleton
 
 HEAD, TAIL = ENDS = "head", "tail"
 LOOSE = -1  # the bone of the joint that has none

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.deform import TIME_STEP
-from ...core.rig import (
+from ...wings.rig import (
     METHODS,
     Pose,
     VertexClip,
@@ -249,7 +249,7 @@ class Posing:
 
     @edit("set_skinning", undo="skinning")
     def set_skinning(self, method: str) -> None:
-        """Choose one of core.rig's METHODS."""
+        """Choose one of wings.rig's METHODS."""
         self.method = method
         if self.drives:
             self._again()

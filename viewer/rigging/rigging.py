@@ -1,6 +1,6 @@
 """The rig of the object in the view: joints that a hand places, weights, and clips.
 
-Weights are the model's, or are made from the bones (core/rig/weights.py) as soon as bones move
+Weights are the model's, or are made from the bones (wings/rig/weights.py) as soon as bones move
 the object.  posing.py has what bones do to it.
 """
 
@@ -9,7 +9,7 @@ import time
 import numpy as np
 
 from ...core.deform import TIME_STEP
-from ...core.rig import Rig, Skinner, automatic_weights, clip_of_poses, rig_from
+from ...wings.rig import Rig, Skinner, automatic_weights, clip_of_poses, rig_from
 from ..history import edit
 from . import joints
 from .joints import HEAD, LOOSE, TAIL, Joint

@@ -2,16 +2,4 @@
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "scene": ["Scene"],
-        "body": ["EARTH"],
-        "cuts": ["masks_of"],
-        "handles": ["MOST_ADDED"],
-        "points": ["ControlPoints", "MOST_POINTS"],
-        "grabs": ["rotation_matrix", "rotation_vector"],
-        "surface": ["visible_points"],
-        "viewpoint": ["LONGEST_NAME", "clean_name"],
-    },
-)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

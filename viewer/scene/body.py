@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.arguments import LARGEST_SIZE, SMALLEST_SIZE
+from ...core.base.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from ...core.deform import Material, XpbdOptions, XpbdSolver
 from ...core.field import STIFFNESS_RANGE
 from ...core.geometry import signed_volumes

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from ...core import field as fields
-from ...core.paths import DEFAULT_MODEL
-from ...core.reading import check_file
-from ...core.streams import shown
+from ...core.base.paths import DEFAULT_MODEL
+from ...core.base.reading import check_file
+from ...core.base.streams import shown
 from .session import (
     Session,
     SessionError,

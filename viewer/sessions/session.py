@@ -26,9 +26,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.paths import DEFAULT_MODEL, program_version, whole_file
-from ...core.reading import open_file
-from ...core.streams import printable, shown
+from ...core.base.paths import DEFAULT_MODEL, program_version, whole_file
+from ...core.base.reading import open_file
+from ...core.base.streams import printable, shown
 from ..history import EDITS, Event
 from ..scene import Scene  # its methods and those of its objects are the edits
 from .session_lines import event_lines, kept_start, line_of, tell_left_out

@@ -8,7 +8,7 @@ import json
 import math
 from collections.abc import Callable
 
-from ...core.streams import shown
+from ...core.base.streams import shown
 from ..history import EDITS, MAY_BE_INFINITE
 from .session_values import bad_arguments
 

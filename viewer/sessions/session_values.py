@@ -7,10 +7,10 @@ the edit are in `is_good`.
 import math
 from dataclasses import fields
 
-from ...core.arguments import LARGEST_SIZE, SMALLEST_SIZE
+from ...core.base.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from ...core.deform import Material
 from ...core.render import MODES
-from ...core.rig import METHODS, MOST_BONES
+from ...wings.rig import METHODS, MOST_BONES
 from ..camera import CLOSEST, FARTHEST, Orbit
 from ..history import EDITS
 from ..rigging import ENDS, LOOSE, SPEEDS

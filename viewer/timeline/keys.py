@@ -10,9 +10,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ...core.deform import Material
-from ...core.rig import Pose as BonePose
-from ...core.rig import Skeleton
-from ...core.rig import mixed as mixed_bones
+from ...wings.rig import Pose as BonePose
+from ...wings.rig import Skeleton
+from ...wings.rig import mixed as mixed_bones
 from ..camera import CLOSEST, FARTHEST, Orbit
 
 EASINGS = {  # the share of the way [0, 1] after a share of the time

@@ -1,6 +1,6 @@
 """Training of photographs by a process of its own, which the viewer begins when it is asked to.
 
-`main` is that process: deformrf-train, which prints a JSON line of how far it is now and then.
+That process is commands/train_job.py, which prints a JSON line of how far it is now and then.
 Whatever else it prints is for people.  It is ended as by Ctrl-C, which keeps its work.
 """
 
@@ -15,16 +15,15 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...core import capture
-from ...core.children import NOT_HERE, start
-from ...core.commands import TrainArguments, prepare_training, train_command
-from ...core.paths import free_name, working_folder
+from ...core.base.children import NOT_HERE, PACKAGE, start
+from ...core.base.paths import free_name, working_folder
+from ...core.training import photo_folder
+from ...wings import capture
 from ..files import readable
 
 PATIENCE = 120.0  # s that the process has to write its work
-TOLD_SECONDS = 0.5  # between two lines of how far it is
 LOWER_PRIORITY = 10  # the viewer's frames come first
-CODE = f"{NOT_HERE}from {__name__} import main; sys.exit(main())"
+CODE = f"{NOT_HERE}from {PACKAGE}.commands.train_job import main; sys.exit(main())"
 PHOTO_MINUTES, RUN_MINUTES = 0.025, {"cpu": 7.0, "cuda": 1.5}  # per photograph, and of training
 LONGEST_LINE = 400  # characters that are shown
 
@@ -81,9 +80,9 @@ def offer_of(data: Path, device: str) -> TrainOffer:
     """The offer to train a video or a folder of photographs, on a Warp device.
 
     Raises:
-        CaptureError: Several folders in it hold photographs.
+        DatasetError: Several folders in it hold photographs.
     """
-    folder = None if capture.is_video(data) else capture.photo_folder(data)
+    folder = None if capture.is_video(data) else photo_folder(data)
     count = None if folder is None else len(capture.find_photos(folder)[0])
     output = free_name(working_folder() / data.resolve().stem, ".npz")
     return TrainOffer(data, count, output, "cpu" if device == "cpu" else "cuda")
@@ -176,16 +175,3 @@ def follow_job(app) -> None:
     if job.code == 0:
         app.asked = job.offer.output
     app.recorder.say(readable(job.line))
-
-
-def main() -> int:
-    """The process: deformrf-train, which tells how far it is."""
-    told = [0.0]
-
-    def on_pause(pause):
-        if time.monotonic() - told[0] >= TOLD_SECONDS:
-            told[0] = time.monotonic()
-            where = {"stage": pause.stage, "step": pause.step, "steps": pause.step_count}
-            print(json.dumps(where), flush=True)
-
-    return train_command(TrainArguments, lambda chosen: prepare_training(chosen, on_pause))

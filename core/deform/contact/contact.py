@@ -6,8 +6,8 @@ Shapes: V vertices, T tets, G clusters, P components of the mesh.
 import numpy as np
 import warp as wp
 
+from ...base.recorded import Recorded
 from ...geometry import components, edges
-from ...recorded import Recorded
 from ..arrays import VertexArrays, contact_arrays, upload
 from . import boxes, detection, listing
 from .boxes import ASLEEP, AWAKE, OUT, ContactShape

@@ -17,7 +17,7 @@ from time import perf_counter
 import numpy as np
 import warp as wp
 
-from ...device import thread_count as usable_threads
+from ...base.device import thread_count as usable_threads
 from ..arrays import MOST_THREADS, ContactArrays, FrameArrays, zeros
 from ..halves import Halves
 from .native import native_kernel

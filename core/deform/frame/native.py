@@ -4,7 +4,7 @@ from pathlib import Path
 
 import warp as wp
 
-from ...native import native_source
+from ...base.native import native_source
 from ..arrays import FrameArrays
 from ..colliders import COLLIDER_SIZE
 from ..constraints import (

@@ -44,7 +44,7 @@ from ..constraints import (
     VolumeConstraints,
     volume_gradients,
 )
-from ..contact import ContactList, pushed
+from ..contact.reference import ContactList, pushed
 from ..rigid_motion import rigid_velocities
 from ..xpbd_options import Timing
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from ...native import LANES_H, MOST_LANES, native_source
+from ...base.native import LANES_H, MOST_LANES, native_source
 from .reference import (
     BASIS_COUNT,
     GEOMETRY_FEATURES,

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import warp as wp
 
-from ...native import native_source
-from ...wide import vec4h
+from ...base.native import native_source
+from ...base.wide import vec4h
 from .reference import MAX_LOG_SIGMA
 
 BLOCK_SIZE = 128  # of the kernel

@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from ...native import native_source
-from ...wide import vec4h
+from ...base.native import native_source
+from ...base.wide import vec4h
 from .reference import (
     MAX_FEATURES,
     MAX_LOG_SIGMA,

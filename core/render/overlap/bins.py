@@ -14,9 +14,10 @@ Shapes: R rays, T tets, W = ceil(T / 64) words, B bins.
 
 import warp as wp
 
-from ...recorded import Recorded
-from ..rays import DeviceCamera, Geometry, Pose
-from ..rounds import BLOCK_SIZE, Buffers
+from ...base.recorded import Recorded
+from ..rays.camera import DeviceCamera
+from ..rays.pose import Geometry, Pose
+from ..rounds.slots import BLOCK_SIZE, Buffers
 from .search import is_tangled_tet
 
 LEAST_EDGE = 8  # of a bin [pixels]

@@ -18,19 +18,10 @@ import numpy as np
 import warp as wp
 
 from ...field import is_occupied, subtet_of
-from ..rays import (
-    COUNT,
-    WRITE,
-    Geometry,
-    Pose,
-    Rays,
-    RaySamples,
-    box_tree,
-    empty_samples,
-    interval_in_tet,
-    speed_and_fade,
-)
-from ..rounds import Pixels, ray_sums
+from ..rays.marching import COUNT, WRITE, Rays, RaySamples, empty_samples
+from ..rays.pose import Geometry, Pose, box_tree
+from ..rays.traversal import interval_in_tet, speed_and_fade
+from ..rounds.compositing import Pixels, ray_sums
 from ..stage_timer import StageTimer
 from .windows import WindowRounds
 

@@ -6,7 +6,9 @@ Shapes: T tets, S slots.
 import warp as wp
 
 from ...field import is_occupied, subtet_of
-from ..rays import Geometry, Samples, interval_in_tet, speed_and_fade
+from ..rays.marching import Samples
+from ..rays.pose import Geometry
+from ..rays.traversal import interval_in_tet, speed_and_fade
 
 MOST_PIECES = wp.constant(1.0e6)  # passed at once: int() takes no larger numbers
 SHORTEST = wp.constant(1.0e-6)  # window, of t, or of the unit of space if that is more

@@ -18,19 +18,13 @@ from functools import partial
 import numpy as np
 import warp as wp
 
+from ...base.recorded import Recorded
+from ...base.threads import parts_of, side_by_side
 from ...geometry import TetMesh, edges, face_components
-from ...recorded import Recorded
-from ...threads import parts_of, side_by_side
-from ..rays import (
-    FADED,
-    Geometry,
-    Pose,
-    Rays,
-    box_tree,
-    crossing_of,
-    interval_in_tet,
-    orientation,
-)
+from ..rays.entries import crossing_of
+from ..rays.marching import Rays
+from ..rays.pose import Geometry, Pose, box_tree
+from ..rays.traversal import FADED, interval_in_tet, orientation
 
 TANGLED_TETS, CROSSINGS = 0, 1  # places in a pose's counts
 PLAIN, TANGLED = 0, 1  # places in the counts of rays

@@ -14,9 +14,12 @@ Shapes: R rays, T tets, S slots.
 
 import warp as wp
 
-from ...wide import store_wide
-from ..rays import Geometry, Pose, interval_in_tet, speed_and_fade
-from ..rounds import (
+from ...base.wide import store_wide
+from ..rays.pose import Geometry, Pose
+from ..rays.traversal import interval_in_tet, speed_and_fade
+from ..rounds.ray_color import Sums, rest_direction, store_sums, with_slot
+from ..rounds.slot_march import march_known
+from ..rounds.slots import (
     BLOCK_SIZE,
     CROWDED,
     LEAST_SLOTS,
@@ -29,22 +32,15 @@ from ..rounds import (
     STUCK,
     TAKEN,
     Buffers,
-    Sums,
-    Wavefront,
-    Way,
     add_up,
     claim,
     composite_slots,
     has_ray_colors,
     keep_or_finish,
     list_ray,
-    march_known,
-    pixel_of,
-    pixel_threads,
-    rest_direction,
-    store_sums,
-    with_slot,
 )
+from ..rounds.tiles import pixel_of, pixel_threads
+from ..rounds.wavefront import Wavefront, Way
 from .bins import ALL_BITS, BIN_COUNT, BITS, Bins, TetBins, bin_of, lowest_bit
 from .pieces import FAR, OUTSIDE, SHORTEST, first_piece, next_piece
 from .search import CROSSINGS, is_inside_two_shells, may_meet

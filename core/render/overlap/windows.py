@@ -11,8 +11,10 @@ Shapes: R rays, M of them tangled, K slots per ray, T tets.
 import numpy as np
 import warp as wp
 
-from ..rays import Geometry, Pose, Rays, Samples, empty_samples
-from ..rounds import NativeShading, Pixels, ray_sums, shade_native, trace_kernel
+from ..rays.marching import Rays, Samples, empty_samples
+from ..rays.pose import Geometry, Pose
+from ..rounds.compositing import Pixels, ray_sums
+from ..rounds.cpu import NativeShading, shade_native, trace_kernel
 from .pieces import FAR, OUTSIDE, SHORTEST, first_pieces, interval_in_box
 
 SLOTS = wp.constant(64)  # K

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
+from ...base.native import LANES_H, native_source
 from ...field import SUBTET_COUNT, subtets_of
-from ...native import LANES_H, native_source
 from .entries import Entries
 from .marching import (
     FEWEST_AT_ONCE,

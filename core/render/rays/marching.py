@@ -18,8 +18,8 @@ Shapes: R rays, K slots per ray, N packed samples.
 
 import warp as wp
 
+from ...base.wide import store_wide
 from ...field import SUBTET_COUNT, basis_of, basis_vector, is_occupied, subtet_ahead
-from ...wide import store_wide
 from .entries import Entries, next_entry
 from .pose import Geometry
 from .traversal import (

@@ -13,9 +13,9 @@ Shapes: T tets, V vertices, B boundary faces.  Model units.
 import numpy as np
 import warp as wp
 
+from ...base.recorded import Recorded
+from ...base.threads import parts_of, side_by_side
 from ...geometry import TetMesh, boundary_faces
-from ...recorded import Recorded
-from ...threads import parts_of, side_by_side
 
 # Rounding may move a face across a ray's t: queries look this far around t, boxes are this
 # much larger than what is in them.

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from ...native import LANES_H, MOST_LANES, native_source
+from ...base.native import LANES_H, MOST_LANES, native_source
 from .camera import Camera
 from .entries import MOST_ENTRIES, UNKNOWN, Entries, empty_entries
 from .marching import Rays

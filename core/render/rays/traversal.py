@@ -9,7 +9,7 @@ Shapes: T tets.
 
 import warp as wp
 
-from ...wide import load_wide, load_wide_int
+from ...base.wide import load_wide, load_wide_int
 from .pose import Geometry
 
 # Two units in the last place of t per face: a ray through an edge or a vertex, where rounding

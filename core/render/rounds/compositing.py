@@ -21,7 +21,7 @@ import numpy as np
 import warp as wp
 
 from ...field import GEOMETRY_FEATURES
-from ..rays import RaySamples
+from ..rays.marching import RaySamples
 
 # What a ray sums where it has one color, see ../deferred.py: h, the rest direction, and a number
 # that stays 0: rows of whole 16 bytes.

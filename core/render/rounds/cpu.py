@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
+from ...base.native import LANES_H, native_source
 from ...field import (
     BASIS_COUNT,
     ENCODING_H,
@@ -24,17 +25,10 @@ from ...field import (
     native_networks,
     table_in_bytes,
 )
-from ...native import LANES_H, native_source
-from ..rays import (
-    Entries,
-    Geometry,
-    Pose,
-    Rays,
-    Samples,
-    empty_samples,
-    lattice_paths,
-    march_some,
-)
+from ..rays.cpu_march import lattice_paths, march_some
+from ..rays.entries import Entries
+from ..rays.marching import Rays, Samples, empty_samples
+from ..rays.pose import Geometry, Pose
 from ..render_options import RenderOptions
 from .compositing import Pixels
 

@@ -15,15 +15,8 @@ Shapes: R rays, K slots per ray, N packed samples.
 import numpy as np
 import warp as wp
 
-from ..rays import (
-    MIDDLE,
-    Pose,
-    Rays,
-    RaySamples,
-    empty_samples,
-    march_kernel,
-    pack_kernel,
-)
+from ..rays.marching import MIDDLE, Rays, RaySamples, empty_samples, march_kernel, pack_kernel
+from ..rays.pose import Pose
 from .compositing import Pixels, accumulate_kernel
 from .cpu import ROUND_SLOTS, CpuRounds
 

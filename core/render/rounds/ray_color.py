@@ -8,8 +8,8 @@ Shapes: R rays, S slots, T tets.
 
 import warp as wp
 
+from ...base.wide import load_wide, load_wide_half, store_wide, store_wide_half, vec4h
 from ...field import CONSTANT_BASIS, basis_of, basis_vector
-from ...wide import load_wide, load_wide_half, store_wide, store_wide_half, vec4h
 from .compositing import ray_sums, to_bytes
 from .cpu import SMALLEST
 

@@ -6,9 +6,9 @@ to memory between them, 56 bytes for each slot.
 
 import warp as wp
 
+from ...base.wide import load_wide, vec4h
 from ...field import Tables, any_of_warp, density_of_rows, density_room, encoded_half, put_features
 from ...geometry import lattice_point
-from ...wide import load_wide, vec4h
 from .slots import BLOCK_SIZE, STRIDE, TOTAL, Buffers
 
 BLOCKS_PER_PROCESSOR = 7  # the registers have room for no more

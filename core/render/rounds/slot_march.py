@@ -11,7 +11,9 @@ round, and a round takes longer than the samples it saves.
 
 import warp as wp
 
-from ..rays import ANY_DEPTH, FILL_SLOTS, MIDDLE, UNKNOWN, Geometry, march_ray
+from ..rays.entries import UNKNOWN
+from ..rays.marching import ANY_DEPTH, FILL_SLOTS, MIDDLE, march_ray
+from ..rays.pose import Geometry
 from .slots import BLOCK_SIZE, PARITY, PER_RAY, STRIDE, TAKEN, Buffers
 
 SEARCHING_THREADS = wp.constant(1 << 16)  # each looks at some of the rays

@@ -7,6 +7,7 @@ to be sorted first, `slot_densities_kernel` and a kernel that composites do it i
 
 import warp as wp
 
+from ...base.wide import load_wide, vec4h
 from ...field import (
     OVERWRITTEN_LEVELS,
     Tables,
@@ -17,7 +18,6 @@ from ...field import (
     put_features,
     sigma_in_room,
 )
-from ...wide import load_wide, vec4h
 from .ray_color import Sums, rest_direction, store_sums
 from .slot_densities import put_levels
 from .slots import (

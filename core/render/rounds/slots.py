@@ -9,21 +9,13 @@ Shapes: R rays, S slots, L levels, T tets.
 import numpy as np
 import warp as wp
 
+from ...base.wide import load_wide, store_wide_half, vec4h
 from ...field import CONSTANT_BASIS, Tables, basis_of, encoded_half
 from ...geometry import lattice_point
-from ...wide import load_wide, store_wide_half, vec4h
-from ..rays import (
-    DeviceCamera,
-    Entries,
-    Geometry,
-    Rays,
-    Samples,
-    camera_ray,
-    empty_entries,
-    empty_rays,
-    empty_samples,
-    find_entries,
-)
+from ..rays.camera import DeviceCamera, camera_ray
+from ..rays.entries import Entries, empty_entries, find_entries
+from ..rays.marching import Rays, Samples, empty_rays, empty_samples
+from ..rays.pose import Geometry
 from .compositing import Pixels, empty_pixels, to_bytes
 from .ray_color import Sums, fours_of, rest_direction, store_sums, with_slot
 from .tiles import pixel_of

@@ -35,8 +35,9 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ...recorded import Recorded
-from ..rays import DeviceCamera, Pose
+from ...base.recorded import Recorded
+from ..rays.camera import DeviceCamera
+from ..rays.pose import Pose
 from ..shading import Shading
 from . import ray_color, slot_march, slots
 from .tiles import pixel_threads

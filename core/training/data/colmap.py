@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...capture import upright
 from ...render import Lens
 from .colmap_files import Camera, Registered, read_cameras, read_images
 from .colmap_files import read_points as points_of
@@ -27,6 +26,7 @@ from .posed_images import (
     from_opencv,
     is_of_split,
 )
+from .views import upright
 
 # Where each model has fx, fy, cx, cy, k1, k2, p1, p2 among its parameters; None is zero.
 PARAMETERS = {

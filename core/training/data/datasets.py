@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ...device import thread_count
-from ...images import ImageError, open_image, orientation, rgba, stored_size
-from ...memory import free_bytes
+from ...base.device import thread_count
+from ...base.images import ImageError, open_image, orientation, rgba, stored_size
+from ...base.memory import free_bytes
 from ...render import Lens
 from .foreign_paths import tried
 from .layouts import list_images, sparse_points

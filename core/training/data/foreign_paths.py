@@ -22,7 +22,7 @@ from pathlib import Path
 from unicodedata import normalize
 from urllib.parse import unquote
 
-from ...streams import printable
+from ...base.streams import printable
 from .posed_images import IMAGE_ENDINGS, DatasetError
 
 MOST_ENTRIES = 300_000  # files and folders that are looked at; among more, no tails are sought

@@ -19,8 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...capture import upright
-from .views import common_up, focus
+from .views import common_up, focus, upright
 
 POINTS_MAX, PAIRED_MAX = 20_000, 6_000  # that a plane, that clusters are made of
 FAR = 1.5  # farther from the focus points don't count [scale]

@@ -14,14 +14,15 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from ...capture import CaptureError, load_points, photo_folder
 from . import colmap, nsvf, phones, transforms
+from .photo_files import photo_folder
+from .points import load_points
 from .posed_images import DatasetError, Listing, NoSplitError, PosedImage
 from .turning import Turning
 
 DEEPEST = 3  # folders that may be wrapped around a data set
 MOST_FOLDERS = 1000  # that are looked into for one
-WORK = ".capture"  # ending of the folders that hold unfinished work of core/capture
+WORK = ".capture"  # ending of the folders that hold unfinished work of wings/capture
 
 
 def list_images(folder, split, outside=False) -> Listing:
@@ -133,7 +134,7 @@ def inner_data_sets(folder: Path) -> list[Path]:
 def holds_photographs(folder: Path) -> bool:
     try:
         return photo_folder(folder) is not None
-    except CaptureError:  # several folders in it do
+    except DatasetError:  # several folders in it do
         return True
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageChops
 
-from ...images import ImageError, open_image, rgba
+from ...base.images import ImageError, open_image, rgba
 from .foreign_paths import tail_of
 from .posed_images import IMAGE_ENDINGS, DatasetError, PosedImage, existing, have_one_shape
 

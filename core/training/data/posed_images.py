@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...reading import read_bytes
+from ...base.reading import read_bytes
 from ...render import Lens, has_rays
 
 if TYPE_CHECKING:

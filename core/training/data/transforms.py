@@ -4,7 +4,7 @@ NeRF-synthetic has transforms_<split>.json with `camera_angle_x`, the horizontal
 radians.  The other two may have one transforms.json for all, with fl_x, fl_y, cx, cy, w, h
 in pixels and OpenCV's distortion k1, k2, k3, k4, p1, p2, for all frames or for each.  Each of
 `frames` has a `file_path` (see foreign_paths.py) and a `transform_matrix`, and perhaps the
-`mask_path` of a mask (masks.py); `upright: true`, which core/capture writes, says that they are
+`mask_path` of a mask (masks.py); `upright: true`, which wings/capture writes, says that they are
 those of the image as its EXIF orientation turns it.
 
 Without a split of its own, every eighth image of a transforms.json is a test image;
@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...base.streams import shown
 from ...render import Lens
-from ...streams import shown
 from .foreign_paths import as_it_is, find_files, key_of, tail_of
 from .posed_images import (
     DatasetError,

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import NamedTuple
 
-from ...images import ImageError, open_image, orientation, stored_size
+from ...base.images import ImageError, open_image, orientation, stored_size
 from .posed_images import PosedImage, have_one_shape
 
 

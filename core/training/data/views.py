@@ -2,12 +2,26 @@
 
 import numpy as np
 
-from ... import capture
 from .posed_images import DatasetError
 
 BOX = "--aabb x0 y0 z0 x1 y1 z1"
 INVERTED = "world-to-camera matrices have to be inverted"
 AIMED = 0.8  # mean cosine between a camera's axis and its way to the object: 37°, at an image's rim
+PARALLEL = 0.02  # below this smallest eigenvalue of the mean projector views have no focus
+
+
+def nearest_to_axes(poses):
+    """The point nearest to all cameras' axes by squared distance; None if these are parallel.  [3]
+
+    Args:
+        poses: Camera to world, OpenGL's axes.  [n, 4, 4]
+    """
+    origins, axes = poses[:, :3, 3], poses[:, :3, 2]
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # projectors across each axis
+    mean = across.mean(axis=0)
+    if np.linalg.eigvalsh(mean)[0] < PARALLEL:
+        return None
+    return np.linalg.solve(mean, np.einsum("nij,nj->i", across, origins) / len(poses))
 
 
 def focus(poses):
@@ -16,7 +30,7 @@ def focus(poses):
     Raises:
         DatasetError: The axes are parallel, or most cameras look elsewhere.
     """
-    point = capture.focus(poses)
+    point = nearest_to_axes(poses)
     if point is None:
         raise DatasetError(
             "the cameras look into about the same direction, so the place of the object is "
@@ -37,3 +51,14 @@ def common_up(poses):
     """The mean of the cameras' up directions, a unit vector.  [3]"""
     up = poses[:, :3, 1].mean(axis=0)
     return up / max(np.linalg.norm(up), 1e-12)
+
+
+def upright(up):
+    """The smallest rotation that takes a direction to +z.  [3, 3]"""
+    up = np.asarray(up, float) / max(np.linalg.norm(up), 1e-12)
+    z = np.array([0.0, 0.0, 1.0])
+    axis, cosine = np.cross(up, z), up @ z
+    if cosine < -0.999999:
+        return np.diag([1.0, -1.0, -1.0])
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + cross + cross @ cross / (1.0 + cosine)

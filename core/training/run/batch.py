@@ -21,7 +21,7 @@ from ...render import (
     empty_rays,
     empty_samples,
 )
-from ..data import NO_LIMIT, Drawn, RayBank
+from ..data.raybank import NO_LIMIT, Drawn, RayBank
 from . import passes
 
 wp.set_module_options({"enable_backward": False})

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ...base.paths import whole_file
+from ...base.reading import open_file
+from ...base.streams import one_line
 from ...geometry import TetMesh
-from ...paths import whole_file
-from ...reading import open_file
-from ...streams import one_line
 from ..train_options import TrainOptions
 from .checkpoint_checks import (
     check_archive,

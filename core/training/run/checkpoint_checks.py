@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ...base.streams import shown
 from ...field import check_geometry
 from ...geometry import TetMesh, tet_neighbours
-from ...streams import shown
 from ..train_options import DEEPEST, WIDEST, TrainOptions
 
 LARGEST_SCALE = 2.0**30  # of a loss

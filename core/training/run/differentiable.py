@@ -9,8 +9,8 @@ from contextlib import nullcontext
 import torch
 import warp as wp
 
+from ...base.wide import vec4h
 from ...field import FEATURES, Tables, encode_backward_kernel, encode_kernel
-from ...wide import vec4h
 from .compositing import (
     composite_backward_kernel,
     composite_kernel,

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from ..data import RayBank
+from ..data.raybank import RayBank
 from ..train_options import TrainOptions
 from . import recorded_steps
 from .adam import Adam

@@ -19,7 +19,7 @@ from ...render import (
     find_entries,
     march_ray,
 )
-from ..data import NO_LIMIT
+from ..data.raybank import NO_LIMIT
 
 MAX_RAY_SAMPLES = wp.constant(2048)  # beyond, a ray is cut off; √3/Δ and one a tet are far fewer
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray

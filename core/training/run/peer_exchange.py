@@ -19,7 +19,7 @@ import torch
 import torch.distributed as dist
 import warp as wp
 
-from ...wide import load_wide, load_wide_bfloat, store_wide, store_wide_half, vec4b, vec4h
+from ...base.wide import load_wide, load_wide_bfloat, store_wide, store_wide_half, vec4b, vec4h
 from .distributed import Workers
 from .exchange import Exchange
 from .memory import lacks_memory

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import torch
 import warp as wp
 
-from ...memory import no_garbage_collected
+from ...base.memory import no_garbage_collected
 from .batch import Batch
 
 AHEAD = 4  # batches that are being marched while one is learned from

@@ -14,7 +14,7 @@ Shapes: R rays, P pixels.
 
 import warp as wp
 
-from ..data import EMPTY, NO_LIMIT
+from ..data.raybank import EMPTY, NO_LIMIT
 from .batch import Batch
 
 OPAQUE_TRANSMITTANCE = wp.constant(5.0e-3)  # that a ray lets through at most that is opaque

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from deformrf.core.commands.train_choices import check_resumed_views
+from deformrf.commands.train_choices import check_resumed_views
 from deformrf.core.geometry import a15_grid
 from deformrf.core.render import Lens
 from deformrf.core.training import CheckpointError, preset
 from deformrf.core.training.finding import Found
-from deformrf.core.training.run import Checkpoint, load_checkpoint, save_checkpoint
+from deformrf.core.training.run.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 
 from .damage import Binary, with_structure, with_values
 

@@ -5,7 +5,7 @@ import io
 import numpy as np
 from PIL import Image
 
-from deformrf.core import images
+from deformrf.core.base import images
 from deformrf.core.render import look_at
 from deformrf.core.training import DatasetError, load_dataset, world_to_unit_cube
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from deformrf.core import rig as rigs
 from deformrf.core.field import FieldOptions, ModelFileError, load, random_field, save
 from deformrf.core.geometry import a15_grid, extract, tet_neighbours
 from deformrf.core.render import Renderer, from_field_of_view, look_at
+from deformrf.wings import rig as rigs
 
 from .damage import with_values
 from .trees import Arrays, Tree, content_bytes

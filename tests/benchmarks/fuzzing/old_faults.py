@@ -61,7 +61,7 @@ def exchange(old, new):
 
 def points_by_numpy():
     """points.npz as NumPy reads it: what it declares is taken, and some errors come through."""
-    points = module("core.capture.points")
+    points = module("core.training.data.points")
 
     def load_points(folder):
         path = Path(folder) / points.POINTS_FILE
@@ -152,7 +152,7 @@ def a_day_at_once():
 def keys_without_end():
     """A glTF file's channels that share keys, which each took its own copy of."""
     for name in ("gltf", "gltf_file"):
-        one = module(f"core.rig.{name}")
+        one = module(f"wings.rig.{name}")
         for limit in ("MOST_CHANNELS", "MOST_KEYS", "MOST_NUMBERS", "MOST_VALUES"):
             if hasattr(one, limit):
                 setattr(one, limit, ENDLESS)
@@ -160,7 +160,7 @@ def keys_without_end():
 
 def chains_walked_for_each_bone():
     """A glTF file's nodes, of which each bone walked through all above it."""
-    nodes = module("core.rig.gltf_nodes")
+    nodes = module("wings.rig.gltf_nodes")
     old = nodes.placed
 
     def placed(gltf, tree, bones):
@@ -182,7 +182,7 @@ def values_printed_whole():
 
 def work_removed_whole():
     """The folder of work on photographs, removed with all that is in it."""
-    work = module("core.capture.work")
+    work = module("wings.capture.work")
     work.Work.remove = lambda self: not shutil.rmtree(self.folder)
     old = work.held
     exchange(old, lambda folder: old(folder) if folder.exists() and old(folder) else {})
@@ -190,7 +190,7 @@ def work_removed_whole():
 
 def video_without_codec():
     """A video's width, asked for before it is known that there is a decoder."""
-    video = module("core.capture.video")
+    video = module("wings.capture.video")
     old = video.frames_of
 
     def frames_of(path, advance):

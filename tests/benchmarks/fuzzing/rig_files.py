@@ -6,8 +6,8 @@ import struct
 import numpy as np
 from gltf_files import make_bar
 
-from deformrf.core import rig as rigs
 from deformrf.core.geometry import a15_grid
+from deformrf.wings import rig as rigs
 
 from .damage import Binary, json_bytes, with_structure, with_values
 from .trees import Arrays, content_bytes

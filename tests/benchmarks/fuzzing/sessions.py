@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from random_edits import random_events
 
+from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.field import load
-from deformrf.core.paths import DEFAULT_MODEL
 from deformrf.viewer.films.film import Film, with_timeline
 from deformrf.viewer.history import begin_anew, unless_it_fails
 from deformrf.viewer.scene import Scene

@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 
-from deformrf.core.capture import CaptureError
-from deformrf.core.capture.photos import find_photos
-from deformrf.core.capture.work import Look, open_work
 from deformrf.viewer import preferences
 from deformrf.viewer.films.camera_path import CameraPathError, load_camera_path
 from deformrf.viewer.settings import Settings
+from deformrf.wings.capture import CaptureError
+from deformrf.wings.capture.photos import find_photos
+from deformrf.wings.capture.work import Look, open_work
 
 from .damage import json_bytes, with_bytes, with_values
 from .datasets import image_bytes, poses

@@ -6,8 +6,8 @@ import struct
 import av
 import numpy as np
 
-from deformrf.core.capture import CaptureError
-from deformrf.core.capture.video import take_frames
+from deformrf.wings.capture import CaptureError
+from deformrf.wings.capture.video import take_frames
 
 from .damage import Binary, with_bytes, with_structure
 

@@ -9,9 +9,9 @@ from itertools import combinations
 import numpy as np
 from captures import circle, similarity_errors, write_capture
 
-from deformrf.core import capture
-from deformrf.core.capture import work
-from deformrf.core.capture.library import load_pycolmap
+from deformrf.wings import capture
+from deformrf.wings.capture import work
+from deformrf.wings.capture.library import load_pycolmap
 
 from .kinds import Fault, Kind, Signals
 from .process import Job, command
@@ -24,7 +24,7 @@ TOLD = "worked at: "  # before what a run does, in JSON
 
 def find(*arguments):
     """deformrf-train, which says which photographs and pairs it works at."""
-    from deformrf.core.capture import features
+    from deformrf.wings.capture import features
 
     original = features.interruptible
 

@@ -3,9 +3,9 @@
 import numpy as np
 from fuzzing.models import small_models
 
-from deformrf.core import rig as rigs
+from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.field import load, save
-from deformrf.core.paths import DEFAULT_MODEL
+from deformrf.wings import rig as rigs
 
 from .kinds import Fault, OneFile, Signals
 from .process import Job

@@ -18,12 +18,12 @@ from pathlib import Path
 
 PRELOADED = [
     "torch._dynamo",
-    "deformrf.core.lab.command",
-    "deformrf.core.lab.report.writing",
-    "deformrf.core.commands.edit",
-    "deformrf.core.commands.rig",
+    "deformrf.commands.report",
+    "deformrf.wings.lab.report.writing",
+    "deformrf.commands.edit",
+    "deformrf.commands.rig",
     "deformrf.core.training.trainer",
-    "deformrf.viewer.command",
+    "deformrf.commands.view",
     "deformrf.viewer.films.rendercommand",
     "deformrf.viewer.training.traincommand",
     "deformrf.viewer.sessions",
@@ -185,7 +185,7 @@ def _work(job, sending, said, watched, own):
 
 
 def command(program, *arguments):
-    from deformrf.viewer.entry import begin
+    from deformrf.commands.entry import begin
 
     sys.argv = [program, *map(str, arguments)]
     sys.exit(begin(program))

@@ -3,8 +3,8 @@
 import json
 import re
 
-from deformrf.core.lab.report.parts import Figure, Report, Section
-from deformrf.core.lab.report.writing import write
+from deformrf.wings.lab.report.parts import Figure, Report, Section
+from deformrf.wings.lab.report.writing import write
 
 from .kinds import Fault, Kind
 from .process import Job

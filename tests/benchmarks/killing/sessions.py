@@ -18,7 +18,7 @@ COUNT = "kept"  # a file beside the sessions: how many edits the autosave had at
 def view(folder, *arguments):
     """deformrf-view, with a hand that edits in each frame, and an autosave that is due in each."""
     os.environ["XDG_STATE_HOME"] = str(folder)
-    from deformrf.viewer import command as viewer
+    from deformrf.commands import view as viewer
     from deformrf.viewer.sessions import autosave
 
     autosave.SECONDS, autosave.SHARE = 0.0, 1e9

@@ -14,7 +14,7 @@ PROGRAM = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # also in the background
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
-from deformrf.viewer.entry import begin
+from deformrf.commands.entry import begin
 program, *sys.argv[1:] = sys.argv[1:]
 print('ready', flush=True)
 sys.exit(begin(program))

@@ -1,0 +1,114 @@
+"""Photographs without cameras as a command's data: the cameras are found first."""
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..core import training
+from ..core.base.streams import printable
+from ..wings import capture
+from .running import is_first
+
+# Files of cameras that other programs write: LLFF, Metashape, Bundler, Meshroom, OpenSfM, NeuS.
+UNREAD = (
+    "poses_bounds.npy",
+    "cameras.xml",
+    "bundle.out",
+    "cameras.sfm",
+    "reconstruction.json",
+    "cameras_sphere.npz",
+)
+WAIT_SECONDS = 1.0  # of further processes, between looks for the first one's result
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A data set whose cameras are known.
+
+    Attributes:
+        folder: Of the data set.
+        image_size: Longer side to shrink images to; None for none.
+        is_new: Whether the cameras were found just now.
+    """
+
+    folder: Path
+    image_size: int | None
+    is_new: bool = False
+
+
+def needs_cameras(data: Path) -> bool:
+    """Whether this is a folder of photographs, or a video, that no file says the cameras of.
+
+    Raises:
+        DatasetError: The cameras lie deeper in the folder than they are read from.
+    """
+    if capture.is_video(data):
+        data = capture.frames_folder(data)
+        return not data.is_dir() or not training.has_cameras(data)
+    if not data.is_dir() or training.has_cameras(data):
+        return False
+    if not training.photo_files(data):
+        training.check_place(data)
+    return bool(training.photo_folder(data))
+
+
+def prepared(data: Path, output: Path, image_size: int | None) -> Prepared:
+    """Find the cameras of photographs, if no file has them.
+
+    Args:
+        output: The model to be written; unfinished work is kept beside it, as in MODEL.capture.
+        image_size: The user's; without one, captures are worked at capture.IMAGE_SIZE.
+
+    Raises:
+        ValueError: The photographs don't fit together, or the like; a sentence for the user.
+    """
+    is_new, is_video = needs_cameras(data), capture.is_video(data)
+    work = output.with_suffix(".capture")
+    if is_new and is_first():
+        photos = capture.frames_of_video(data, image_size) if is_video else data
+        found_by(photos, work, image_size, is_video)
+    elif is_first():
+        capture.remove_left(work, capture.frames_folder(data) if is_video else data)
+    while is_new and needs_cameras(data):  # torchrun ends this process if the first one fails
+        time.sleep(WAIT_SECONDS)
+    if is_video:
+        data = capture.frames_folder(data)
+    if image_size is None and capture.is_capture(data):
+        image_size = capture.IMAGE_SIZE
+    return Prepared(data, image_size, is_new)
+
+
+def found_by(data: Path, work: Path, image_size: int | None, is_sequence: bool):
+    """Find the cameras, and say what was found; after Ctrl-C, how to go on."""
+    side = image_size or capture.IMAGE_SIZE
+    place = None
+    if unread := next((name for name in UNREAD if (data / name).is_file()), None):
+        print(
+            f"{printable(data / unread)} may have the photographs' cameras, but is not read: to "
+            f"use them, export COLMAP's files (sparse/0/) or a transforms.json.",
+            flush=True,
+        )
+
+    def on_work(folder, again):
+        nonlocal place
+        place = folder
+        known = "going on with the work in" if again else "unfinished work is kept in"
+        other = "" if folder == work else f" ({printable(work)} holds something else)"
+        print(
+            f"No file in {printable(data)} has the photographs' cameras: they are found first, at "
+            f"{side} pixels (--image-size); {known} {printable(folder)}{other}.",
+            flush=True,
+        )
+
+    try:
+        found = capture.find_cameras(data, work, image_size, is_sequence, on_work)
+    except KeyboardInterrupt:
+        if place is not None:
+            print(
+                f"What was found so far is in {printable(place)}: the same command goes on there.",
+                file=sys.stderr,
+            )
+        raise
+    for line in capture.summary(found).splitlines():
+        print(printable(line), flush=True)

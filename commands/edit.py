@@ -1,0 +1,98 @@
+"""deformrf-edit: a model without some of its tets, as a smaller model."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+
+from ..core import field as fields
+from ..core.base.arguments import writable_file
+from ..core.base.device import start_warp
+from .running import asked_for_version, run
+
+PROGRAM = "deformrf-edit"
+Box = Annotated[
+    tuple[float, float, float, float, float, float] | None,
+    tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1", help_behavior_hint=""),
+]
+
+
+@dataclass(frozen=True)
+class EditArguments:
+    """Take parts of a model away: what lies outside a box or inside one, and specks."""
+
+    model: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+    """Model file, an .npz."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="SMALLER")]
+    """Model file to write, an .npz; it may be MODEL."""
+    keep_box: Box = None
+    """Keep what lies in this box, lowest and highest corner [model units: without a box, the
+    program prints where the model's matter lies]."""
+    drop_box: Box = None
+    """Take away what lies in this box [model units]."""
+    specks: float = 0.01
+    """Take away parts with less than this share of the matter; 0 keeps all."""
+    entry_bits: Literal[8, 16] | None = None
+    """Bits of each number in the model's tables, as for deformrf-train; by default MODEL's."""
+
+
+def main():
+    if asked_for_version():
+        sys.exit(0)
+    arguments = tyro.cli(EditArguments, prog=PROGRAM)
+
+    def start():
+        start_warp()
+        return prepare(arguments)
+
+    sys.exit(run(PROGRAM, start))
+
+
+def prepare(arguments: EditArguments):
+    """Check the arguments and read the model; returns the work."""
+    if not 0.0 <= arguments.specks < 1.0:
+        raise ValueError(f"--specks is {arguments.specks:g}: give a share, from 0 to less than 1")
+    keep, drop = (checked_box(name, arguments) for name in ("keep_box", "drop_box"))
+    field = fields.load(arguments.model)
+    output = writable_file(arguments.output, ".npz")
+    edited = field
+    if keep is not None:
+        edited = fields.cut(edited, keep)
+    if drop is not None:
+        edited = fields.cut(edited, drop, keep_inside=False)
+    edited = fields.without_specks(edited, arguments.specks)
+
+    def job():
+        fields.save(edited, output, entry_bits=arguments.entry_bits)
+        print(
+            f"Wrote {output}: {edited.mesh.tet_count} of {field.mesh.tet_count} tets, "
+            f"{output.stat().st_size / 1e6:.1f} MB; its matter lies in {bounds(edited)}."
+        )
+        return 0
+
+    return job
+
+
+def checked_box(name: str, arguments: EditArguments):
+    """The box of that name [2, 3], None without one; ValueError if it is none."""
+    values = getattr(arguments, name)
+    if values is None:
+        return None
+    box = np.reshape(values, (2, 3))
+    if not np.isfinite(box).all() or (box[0] >= box[1]).any():
+        raise ValueError(
+            f"--{name.replace('_', '-')} has to be x0 y0 z0 x1 y1 z1 with each of the first three "
+            f"smaller than its counterpart; it is {' '.join(f'{v:g}' for v in values)}"
+        )
+    return box
+
+
+def bounds(field) -> str:
+    """The box of the model's matter, as --keep-box takes it."""
+    places = fields.subtet_middles(field.mesh)[fields.unpack_mask(field.occupancy)]
+    if not len(places):
+        return "no box: all is empty"
+    return " ".join(f"{v:.3g}" for v in (*places.min(axis=0), *places.max(axis=0)))

@@ -1,0 +1,185 @@
+"""deformrf-eval: a model's scores on views that it was not trained on."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from ..core import field as fields
+from ..core import render, training
+from ..core.base.arguments import Count, File, writable_file
+from ..core.base.device import Choice, device_name
+from .running import INTERRUPTED, asked_for_version, complain, load_views, require, run
+
+PROGRAM = "deformrf-eval"
+SPLITS = ("train", "val", "test")
+MOST_SAMPLES = 256
+
+
+@dataclass(frozen=True)
+class EvaluateArguments:
+    """Score a model on images that it has not seen: PSNR and SSIM over white."""
+
+    model: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+    """Model file, an .npz."""
+    data: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
+    """Folder of the data set, as for deformrf-train."""
+    json: File = None
+    """Write the scores of each view and their mean to this file."""
+    images: File = None
+    """Write render, truth, difference (x4) and accumulation of each view to this folder."""
+    lpips_weights: File = None
+    """Weights of VGG-16 for LPIPS: torchvision's vgg16-397923af.pth, a folder that holds it, or
+    one file of the package lpips.  None come with this program."""
+    split: str = "test"
+    """Which views: train, val or test."""
+    views: Count = None
+    """Score that many views, spread evenly, instead of all."""
+    image_size: Count = None
+    """Shrink the images to this longer side [pixels]."""
+    step_factor: float = 1.0
+    """March with that part of the model's step: 0.5 takes longer and comes closer."""
+    samples: int = 4
+    """Rays a pixel of the scored images: cameras average over a pixel, too. Beside that stands the
+    PSNR of images with one ray a pixel, and what one of them takes."""
+    outside_images: bool = False
+    """Read images that lie outside DATA, too."""
+    device: Choice = "auto"
+    """auto takes CUDA if there is any."""
+
+
+def main():
+    if asked_for_version():
+        sys.exit(0)
+    arguments = tyro.cli(EvaluateArguments, prog=PROGRAM)
+    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
+
+
+def prepare(arguments: EvaluateArguments):
+    """Check the arguments and read images and model; returns the work."""
+    if not 0.01 <= arguments.step_factor <= 100.0:
+        raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
+    if not 1 <= arguments.samples <= MOST_SAMPLES:
+        raise ValueError(f"--samples is {arguments.samples}; give 1 to {MOST_SAMPLES}")
+    if arguments.split not in SPLITS:
+        raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
+    dataset = load_views(
+        arguments.data,
+        arguments.split,
+        arguments.image_size,
+        arguments.views,
+        outside=arguments.outside_images,
+    )
+    for lens in dataset.lenses:
+        training.check_size(lens.height, lens.width)
+        if arguments.lpips_weights:
+            training.check_size(lens.height, lens.width, "LPIPS", training.LPIPS_SIZE_MIN)
+    if arguments.json:
+        training.check_replaceable(writable_file(arguments.json, ".json"))
+    if arguments.images:
+        arguments.images.mkdir(parents=True, exist_ok=True)
+        training.check_replaceable(*training.output_paths(arguments.images, dataset))
+    device = device_name(arguments.device)
+    lpips = None
+    if arguments.lpips_weights:
+        require("torch", "lpips", "torchvision")
+        lpips = training.Lpips(arguments.lpips_weights, device)
+
+    field = fields.load(arguments.model)
+    if field.surroundings is not None:
+        require("torch")
+    options = render.RenderOptions(step_factor=arguments.step_factor)
+
+    def job():
+        if training.lacks_surroundings(field, dataset):
+            print(
+                "The object alone is scored, over white, against photographs with their "
+                "surroundings; deformrf-train --keep-surroundings keeps them in the model.",
+                file=sys.stderr,
+                flush=True,
+            )
+        report = training.evaluate(
+            field,
+            dataset,
+            arguments.images,
+            device,
+            options,
+            arguments.model,
+            lpips,
+            arguments.samples,
+        )
+        print_report(report)
+        not_written = report.get("not_written")
+        if arguments.json:
+            try:
+                training.write_report(report, arguments.json)
+            except OSError as error:
+                not_written = f"{arguments.json}: {error.strerror or error}"
+        if not_written:
+            return complain(PROGRAM, f"can't write {not_written}")
+        return 0 if report["complete"] else INTERRUPTED
+
+    return job
+
+
+def print_report(report):
+    """A table: a line for each view, then the mean."""
+
+    columns = {
+        "psnr": ("PSNR (dB)", "{:.2f}"),
+        "ssim": ("SSIM", "{:.4f}"),
+        "lpips": ("LPIPS", "{:.4f}"),
+        "alpha_error": ("alpha error", "{:.4f}"),
+        "psnr_one_ray": ("one ray (dB)", "{:.2f}"),
+        "seconds": ("seconds", "{:.3f}"),
+    }
+    if report["mean"]["lpips"] is None:
+        del columns["lpips"]
+    if report["samples"] == 1:
+        del columns["psnr_one_ray"]
+
+    def cells(row):
+        values = ((row[name], form) for name, (_, form) in columns.items())
+        return ["-" if value is None else form.format(value) for value, form in values]
+
+    facts = report["model"]
+    title = f"{facts['tets']} tets, {facts['levels']} levels, {', '.join(report['sizes'])}"
+    table = Table("view", title=title)
+    for heading, _ in columns.values():
+        table.add_column(heading, justify="right")
+    for row in report["views"]:
+        table.add_row(row["name"], *cells(row))
+    table.add_section()
+    table.add_row("mean", *cells(report["mean"]))
+    console = Console()
+    console.print(table)
+    if not report["complete"]:
+        done = len(report["views"])
+        console.print(f"Interrupted: the mean is that of the {done} views done.", soft_wrap=True)
+    if report["samples"] > 1:
+        rays = f"Scored with {report['samples']} rays a pixel; seconds are of an image with one."
+        console.print(rays, soft_wrap=True)
+    if report["mean"]["lpips"] is None:
+        console.print("LPIPS: not computed; --lpips-weights names its weights.")
+    console.print(model_line(facts), soft_wrap=True)
+
+
+def model_line(facts) -> str:
+    """The size of the model and the cost of its training."""
+    parts = []
+    if "bytes" in facts:
+        parts.append(f"{facts['bytes'] / 1e6:.2f} MB")
+        parts.append(f"mesh {facts['mesh_bytes'] / 1e3:.0f} KB")
+        parts.append(f"tables {facts['table_bytes'] / 1e6:.2f} MB")
+    parts.append(f"{facts['occupied_share']:.1%} of the sub-tets occupied")
+    if "training_seconds" in facts:
+        parts.append(f"trained in {facts['training_seconds']:.0f} s")
+    memory = facts.get("training_peak_memory_bytes")
+    if isinstance(memory, list):
+        stages = " and ".join(f"{used / 2**30:.2f}" for used in memory)
+        parts.append(f"{stages} GiB of GPU memory in stages 1 and 2")
+    return "Model: " + ", ".join(parts)

@@ -1,0 +1,318 @@
+"""The command deformrf-render: a film of a session, without a window and without haste.
+
+The same program as deformrf-view draws the frames, each in full.  Ctrl-C ends the film where it
+is: the file can be played, and has "(cut short)" in its name.
+"""
+
+import logging
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Literal
+
+import tyro
+
+from ..core import field as fields
+from ..core.base.arguments import (
+    AnyModel,
+    Count,
+    File,
+    Meters,
+    at_least,
+    object_size,
+    positive,
+    with_size,
+    writable_file,
+)
+from ..core.base.claims import claim
+from ..core.base.device import Choice, device_name
+from ..core.base.paths import DEFAULT_MODEL, program_version
+from ..core.base.reading import check_file
+from ..core.base.streams import keep_going, printable
+from ..core.deform import PRESETS, Material
+from ..core.render import Mode
+from . import FAILED, complain, run
+from .view import Flag, frame_size, refuse_data, told_if_slow
+
+PROGRAM = "deformrf-render"
+SIZE, FPS, MOST_SAMPLES = "1280x720", 30, 256
+LONGEST_TURN = 3600.0  # s
+MATERIALS = {"default": Material(), **PRESETS}
+
+Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS", help_behavior_hint="")]
+Tick = Annotated[int | None, tyro.conf.arg(metavar="TICK", help_behavior_hint="")]
+Codec = Annotated[
+    Literal["h264", "h265", "av1", "vp9", "webp"] | None, tyro.conf.arg(help_behavior_hint="")
+]
+
+
+@dataclass(frozen=True)
+class RenderArguments:
+    """Render a session of deformrf-view, or a turn around the object, into a file."""
+
+    model: AnyModel = DEFAULT_MODEL
+    """Model file, an .npz; the bundled one by default."""
+    output: Annotated[File, tyro.conf.arg(aliases=["-o"])] = None
+    """What to write: FILE.mp4, FILE.webm, FILE.webp, or a folder for numbered PNG files."""
+    session: File = None
+    """A session that deformrf-view has saved (Ctrl+Shift+S)."""
+    timeline: Flag = False
+    """Show the timeline that the session ends with, from its beginning to its last key."""
+    turntable: Seconds = None
+    """Turn the camera once around the object in so many seconds; without --session, that is the
+    film."""
+    clip: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None
+    """Play this clip of the model's rig, once, or as long as --turntable, --camera or --frames
+    say."""
+    softness: Annotated[float, tyro.conf.arg(metavar="PART")] = 0.0
+    """How much of the object physics moves while --clip plays, 0 to 1; 0: bones move all of it."""
+    camera: File = None
+    """A camera path, a JSON file with keys of positions and targets, or of matrices; or a data set,
+    its folder or its transforms.json, whose cameras are the path."""
+    pose: File = None
+    """Show the object in this pose: of vertices in .npy or .npz, or of a session's last tick."""
+    material: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None
+    """The object is of jelly, rubber, plush, clay, stiff, or default, until the session changes
+    that; without this, of what the session says."""
+    size: Annotated[str, tyro.conf.arg(metavar="WxH")] = SIZE
+    """Width and height of the film [pixels]."""
+    fps: Annotated[int, tyro.conf.arg(metavar="N")] = FPS
+    """Frames per second."""
+    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1
+    """Rays a pixel, from shifted images: 16 make smooth edges."""
+    shutter: Annotated[float, tyro.conf.arg(metavar="PART")] = 0.0
+    """Motion blur: spread the --samples over this part of a frame's time, 0 to 1."""
+    transparent: Flag = False
+    """Leave the background out: .webm (vp9), .webp, or PNG files with an opacity."""
+    first: Annotated[
+        int | None, tyro.conf.arg(name="from", metavar="TICK", help_behavior_hint="")
+    ] = None
+    """Begin at this tick of the session; a tick is 1/60 s of the object's time."""
+    last: Annotated[int | None, tyro.conf.arg(name="to", metavar="TICK", help_behavior_hint="")] = (
+        None
+    )
+    """End at this tick of the session."""
+    frames: Count = None
+    """End after that many frames."""
+    codec: Codec = None
+    """h264 for .mp4, vp9 for .webm by default."""
+    hide_handles: Flag = False
+    """Leave out the red and gray spheres, and bones."""
+    show_handles: Flag = False
+    """Draw the spheres of control points and pins with --clip, too."""
+    mode: Annotated[Mode | None, tyro.conf.arg(help_behavior_hint="")] = None
+    """Show this instead of what the session shows."""
+    device: Choice = "auto"
+    """auto takes CUDA if there is any."""
+    object_size: Meters = None
+    """The object's longest side [m]; by default what the model says. A session has its own."""
+    log_events: Flag = False
+    """Print one JSON line per event: recording, frame, written."""
+    version: Flag = False
+    """Print the version."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    keep_going()
+    chosen = tyro.cli(
+        RenderArguments,
+        prog=PROGRAM,
+        args=arguments,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+    )
+    logging.basicConfig(level=logging.WARNING, format=f"{PROGRAM}: %(message)s")
+    return run(PROGRAM, lambda: prepare(chosen))
+
+
+def check(chosen: RenderArguments) -> tuple[int, int]:
+    """The size of the film; a ValueError for what can be known to be wrong before any work."""
+    size = frame_size(chosen.size)
+    if chosen.output is None:
+        raise ValueError("give the file to write: -o film.mp4, film.webm, or a folder")
+    shown = chosen.session, chosen.clip, chosen.turntable, chosen.camera
+    if all(one is None for one in shown):
+        raise ValueError(
+            "there is nothing to film: give --session, --clip, --turntable or --camera"
+        )
+    _check_clip(chosen)
+    if chosen.timeline and chosen.session is None:
+        raise ValueError("--timeline is that of a session: give --session too")
+    if chosen.camera is not None and chosen.turntable is not None:
+        raise ValueError("--camera and --turntable both move the camera: leave one out")
+    if chosen.pose is not None and chosen.session is not None:
+        raise ValueError("--session moves the object, so it can't have a --pose")
+    if chosen.material is not None and chosen.session is None and chosen.clip is None:
+        raise ValueError(
+            "--material shows in how a session or a clip moves the object: it needs --session"
+        )
+    if chosen.material not in (None, *MATERIALS):
+        raise ValueError(f"--material is {chosen.material!r}; it is one of {', '.join(MATERIALS)}")
+    at_least(1, "--fps", chosen.fps)
+    at_least(1, "--samples", chosen.samples)
+    if chosen.samples > MOST_SAMPLES:
+        raise ValueError(f"--samples is {chosen.samples}; {MOST_SAMPLES} are the most")
+    positive("--turntable", chosen.turntable)
+    if chosen.turntable is not None and chosen.turntable > LONGEST_TURN:
+        raise ValueError(f"--turntable is {chosen.turntable:g} s; {LONGEST_TURN:g} are the most")
+    object_size("--object-size", chosen.object_size)
+    if chosen.session is not None and chosen.object_size is not None:
+        raise ValueError("--session has the object's size: leave --object-size out")
+    if chosen.frames is not None:
+        at_least(1, "--frames", chosen.frames)
+    _check_times(chosen)
+    for path in filter(None, (chosen.camera, chosen.pose)):
+        if path.exists() and not path.is_dir():  # known before a model is loaded for it
+            check_file(path)
+    _check_output(chosen)
+    return size
+
+
+def _check_clip(chosen):
+    """A ValueError unless --clip and --softness make sense."""
+    if not 0.0 <= chosen.softness <= 1.0:
+        raise ValueError(f"--softness is {chosen.softness:g}; it is a part of the object: 0 to 1")
+    if chosen.softness and chosen.clip is None:
+        raise ValueError("--softness is about how a clip moves the object: it needs --clip")
+    if chosen.show_handles and (chosen.clip is None or chosen.hide_handles):
+        raise ValueError(
+            "--show-handles is for films of a --clip, which have none without it: leave it out"
+        )
+    if chosen.clip is not None and (chosen.session is not None or chosen.pose is not None):
+        raise ValueError("--clip moves the object: leave --session and --pose out")
+
+
+def _check_times(chosen):
+    """A ValueError unless shutter, --from and --to make sense."""
+    if not 0.0 <= chosen.shutter <= 1.0:
+        raise ValueError(f"--shutter is {chosen.shutter:g}; it is a part of a frame: 0 to 1")
+    if chosen.shutter and chosen.samples == 1:
+        raise ValueError("--shutter spreads the images of --samples: give 2 or more, as 16")
+    for name, tick in (("--from", chosen.first), ("--to", chosen.last)):
+        if tick is not None:
+            at_least(0, name, tick)
+            if chosen.session is None:
+                raise ValueError(f"{name} is a tick of a session: it needs --session")
+    if None not in (chosen.first, chosen.last) and chosen.last < chosen.first:
+        raise ValueError(f"--to is {chosen.last}, before --from, which is {chosen.first}")
+
+
+def _check_output(chosen):
+    from ..viewer.films.codecs import encoder
+
+    path = chosen.output
+    if path.suffix:
+        encoder(path, chosen.codec, chosen.transparent)
+        writable_file(path, path.suffix)
+    elif chosen.codec is not None:
+        raise ValueError(f"--codec is about a video, but {path} is a folder of pictures")
+    elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise ValueError(f"{path} has to be a new or an empty folder")
+    else:
+        claim(path / "00000.png")
+
+
+def prepare(chosen: RenderArguments) -> Callable[[], int]:
+    """Check the arguments, and load the model; returns the work."""
+    if chosen.version:
+        print(f"deformrf {program_version()}")
+        return lambda: 0
+    size = check(chosen)
+    refuse_data(chosen.model)
+    from ..viewer.sessions import open_session
+    from ..viewer.window import open_window
+
+    field = with_size(fields.load(chosen.model), chosen.object_size)
+    session, posed = None, chosen.pose is not None and chosen.pose.suffix == ".jsonl"
+    if chosen.session is not None or posed:
+        opened = open_session(chosen.pose if posed else chosen.session, field, chosen.model)
+        field, session = opened.field, None if posed else opened.session
+        chosen = replace(chosen, model=opened.source)
+        if opened.said:
+            print(printable(opened.said), file=sys.stderr)
+    device = device_name(chosen.device)
+    window, context = open_window(size, headless=True)
+    from ..viewer.app import App  # imports pyglet's window, which is possible from now on
+    from ..viewer.events import EventLog
+
+    app = App(window, context, EventLog(chosen.log_events), gui=False, fps=chosen.fps)
+    try:
+        with told_if_slow(app):
+            app.load(field, chosen.model.stem, device)
+        film, most = _film_of(app.scene, chosen, session)
+    except BaseException:
+        app.close()
+        raise
+    return lambda: _film(app, film, chosen, most)
+
+
+def _film_of(scene, chosen, session):
+    """The Film that is asked for, and how many of its frames are.
+
+    Raises:
+        ValueError or OSError: A file doesn't allow it.
+    """
+    from ..viewer.films.camera_path import load_camera_path
+    from ..viewer.films.clip import clip_session
+    from ..viewer.films.film import Film, with_timeline
+    from ..viewer.films.still import strike
+    from ..viewer.timeline import TICKS_PER_SECOND
+
+    path = ()
+    if chosen.camera is not None:
+        seen_from = scene.field.world_to_model, scene.center, frame_size(chosen.size)
+        path = load_camera_path(chosen.camera, *seen_from)
+    if chosen.pose is not None:
+        strike(scene, chosen.pose)
+    begin, most = 0, chosen.frames
+    if chosen.clip is not None:
+        seconds = None if most is None else most / chosen.fps
+        if most is None and path:
+            seconds = path[-1].tick / TICKS_PER_SECOND
+        elif most is None:
+            seconds = chosen.turntable
+        clip = scene, chosen.clip, chosen.softness, seconds
+        session, begin, seconds = clip_session(*clip)
+        most = most or max(round(seconds * chosen.fps), 1)  # the next one would be the first again
+        scene.settings.show_bones = False
+    if chosen.timeline:
+        session, begin = with_timeline(scene, session)
+    film = Film(scene, session, chosen.fps, chosen.turntable, path)
+    film.cut(begin + (chosen.first or 0), None if chosen.last is None else begin + chosen.last)
+    if chosen.material is not None:
+        scene.body.set_material(**asdict(MATERIALS[chosen.material]))
+    return film, most
+
+
+def _film(app, film, chosen, most):
+    """Render all frames; returns the exit code."""
+    from ..viewer.films.film_maker import FilmMaker, FilmOptions
+    from ..viewer.sessions import Patience, SessionError
+
+    handles = chosen.show_handles or not (chosen.hide_handles or chosen.clip)
+    options = FilmOptions(chosen.samples, chosen.shutter, chosen.transparent, handles, chosen.mode)
+    try:
+        count = min(film.count, most or film.count)
+        maker = FilmMaker(app, film, options)
+        app.canvas.use(app.size)
+        transparent = chosen.transparent
+        app.recorder.start(chosen.output, False, chosen.codec, transparent)
+        video = app.recorder.video
+        patience = Patience("rendering", count)
+        for frame in range(count):
+            if not maker.make(frame):
+                break
+            app.log("frame", frame=frame, count=count)
+            patience.heed(frame + 1)
+        maker.finish()
+        app.recorder.stop()
+        if not app.recorder.failed:  # or why is the last line
+            print(maker.report(video.encoding_seconds), file=sys.stderr)
+    except SessionError as error:
+        return complain(PROGRAM, str(error))
+    finally:
+        try:
+            app.recorder.stop(cut_short=True)  # unless it was stopped above
+        finally:
+            app.close()
+    return FAILED if app.recorder.failed else 0

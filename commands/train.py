@@ -1,0 +1,117 @@
+"""The command deformrf-train: core's command, and --view, which shows the model meanwhile.
+
+Without --view nothing of the viewer is imported.
+"""
+
+import logging
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from ..core.base.device import device_name
+from . import (
+    TrainArguments,
+    interrupts_waiting,
+    prepare_training,
+    require,
+    train_command,
+)
+
+SIZE = (1000, 700)  # of the window [points]
+
+
+@dataclass(frozen=True)
+class ViewedTrainArguments(TrainArguments):
+    __doc__ = TrainArguments.__doc__
+
+    view: Annotated[bool, tyro.conf.arg(help_behavior_hint=""), tyro.conf.FlagCreatePairsOff] = (
+        False
+    )
+    """Show the model while it is trained, in a window where it can be dragged. Training goes on
+    when the window is closed."""
+
+
+def main():
+    train_command(ViewedTrainArguments, prepare)
+
+
+def prepare(arguments: ViewedTrainArguments) -> Callable[[], int]:
+    """Check the arguments, read the images, open the window if one is asked for.
+
+    Returns:
+        The work.
+
+    Raises:
+        WindowError: There is no display.
+        ValueError: The arguments can't be, or several processes are to show one run.
+    """
+    if not arguments.view:
+        return prepare_training(arguments)
+    if int(os.environ.get("WORLD_SIZE", 1)) > 1:
+        raise ValueError("--view shows the run of one process: leave out --view, or torchrun")
+    require("torch", "pyglet", "moderngl", "imgui_bundle")
+    logging.basicConfig(level=logging.WARNING, format="deformrf-train: %(message)s")
+    from ..viewer.training.live import LiveRun
+
+    name = arguments.data.resolve().name
+    device = device_name(arguments.device, for_training=True)
+    live = LiveRun(name, device)
+    job = prepare_training(arguments, live.on_pause, live.on_trained)
+    window, context = _open_window(name)
+    return lambda: show(live, job, window, context)
+
+
+def _open_window(name):
+    from ..viewer.window import WindowError, open_window
+
+    try:
+        return open_window(SIZE, headless=False, title=f"deformrf: training {name}")
+    except WindowError as error:
+        reason = str(error).partition(";")[0]
+        raise WindowError(f"{reason}; without --view the run needs none") from error
+
+
+def show(live, job: Callable[[], int], window, context) -> int:
+    """Do the job in a thread and show it in the window; returns its exit code."""
+    from ..viewer.app import App  # imports pyglet's window, which is possible from now on
+    from ..viewer.events import EventLog
+    from ..viewer.training.live_window import LiveWindow
+
+    app = App(window, context, EventLog(False))
+    live.start(job)
+    try:
+        try:
+            LiveWindow(app, live).run()
+            app.end()
+        except BaseException:
+            with interrupts_waiting():
+                if app.autosave is not None:
+                    app.autosave.keep()
+            raise
+        finally:
+            live.watched = False
+            _close(app, live)
+        if not (live.ended or live.stopping):
+            print("The window is closed; training goes on. Ctrl-C stops it and keeps the work.")
+    except KeyboardInterrupt:
+        live.stop()
+        print("Stopping after the next few steps; Ctrl-C again stops at once.", flush=True)
+    except Exception:
+        logging.getLogger(__name__).exception("The view failed; training goes on.")
+    return live.result()
+
+
+def _close(app, live):
+    """Close the window while the run pauses: what is freed would get into a graph it records."""
+    from ..viewer.training.live import POLL_SECONDS
+
+    app.window.set_visible(False)
+    closed = False
+    while not closed:
+        with live.gate.entered(POLL_SECONDS) as entered:
+            if entered:
+                closed = True
+                app.close()

@@ -1,0 +1,350 @@
+"""deformrf-train: photographs with known cameras in, a model file out."""
+
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from platformdirs import user_state_path
+
+from ..core import field as fields
+from ..core import training
+from ..core.base import kernel_cache
+from ..core.base.arguments import (
+    Count,
+    Meters,
+    object_size,
+    with_size,
+    writable_file,
+)
+from ..core.base.device import Choice, device_name
+from ..core.base.paths import free_name
+from .capturing import needs_cameras, prepared
+from .checking import check
+from .running import (
+    FAILED,
+    INTERRUPTED,
+    asked_for_version,
+    complain,
+    is_first,
+    load_views,
+    load_whole,
+    require,
+    run,
+)
+from .train_choices import check_resumed_views, resumed_run, train_options
+
+PROGRAM = "deformrf-train"
+
+Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
+Box = Annotated[
+    tuple[float, float, float, float, float, float] | None,
+    tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1", help_behavior_hint=""),
+]
+Words = Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...", help_behavior_hint="")]
+
+
+@dataclass(frozen=True)
+class TrainArguments:
+    """Train a model from photographs, or from images with cameras: Blender, nerfstudio,
+    instant-ngp, NSVF or COLMAP.
+
+    On N GPUs of one host: torchrun --standalone --nproc-per-node N --no-python deformrf-train
+    DATA -o MODEL.
+    """
+
+    data: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
+    """Folder of photographs, or a video; or a folder with transforms_train.json, transforms.json,
+    rgb/ and pose/, or sparse/0/; or a scan of Polycam or Record3D."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="MODEL")]
+    """Model file to write, an .npz."""
+    preset: Literal["default", "fast", "small", "tiny"] = "default"
+    """default: a GPU, minutes; fast: a GPU, a first look; small: a GPU, a quarter of the file,
+    quicker to render; tiny: two CPU cores, minutes."""
+    device: Choice = "auto"
+    """auto takes CUDA if there is any."""
+    steps: Count = None
+    """Optimization steps, divided between the two stages as in the preset."""
+    seed: Count = None
+    """Seed of all random numbers."""
+    image_size: Count = None
+    """Shrink the images to this longer side [pixels]; photographs whose cameras are found here
+    to 1600 if it isn't given."""
+    aabb: Box = None
+    """The object's box, lowest and highest corner [the data's units]; else the box in the data,
+    the one that is found in photographs, or one around the place that the cameras look at."""
+    scene_radius: Number = None
+    """The same, for a box from -R to R around the data's origin."""
+    spacing: Annotated[float | None, tyro.conf.arg(metavar="DX", help_behavior_hint="")] = None
+    """Unit of the mesh's lattice [of the box's longest side]; default: the preset's, 0.02 or, for
+    tiny, 0.04. With half of it the mesh bends more finely, and has some six times the tets."""
+    surroundings: Literal["auto", "learnt", "white"] = "auto"
+    """The surroundings of the object: learnt (a field of their own), or white (or cut out by
+    alpha); auto decides by the images."""
+    keep_surroundings: bool = False
+    """Store the surroundings in the model, and all that is in the object's box, so that
+    deformrf-eval can compare whole images."""
+    color_width: Count = None
+    """Width of the color network's hidden layers; default: the preset's, 256 or, for small 128, for
+    tiny 64. Narrower is quicker to draw, above all on a CPU, and shows less of what shines."""
+    view_dependence: bool = True
+    """Without it colors look the same from all sides, and cost less."""
+    leave_out: Words = ()
+    """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
+    (tets are occupied as a whole), dense-levels (all are hashed), ray-color (each sample has a
+    color, instead of each ray), distortion, table-decay (no such loss), found-box (the object isn't
+    sought: its box is where the cameras look), exposure (photographs have one for all),
+    blur-weights (blurred photographs count like others)."""
+    entry_bits: Literal[8, 16] = 8
+    """Bits of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
+    size: Meters = None
+    """The object's longest side [m], which the model states: the viewer's material and gravity
+    follow it. By default one model unit, about the width of the box, is 1 m."""
+    masks: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER", help_behavior_hint="")] = None
+    """Folder of the images' masks, white where the object is: of the same names, or with _mask
+    behind them; without it, those that transforms.json names, if it does."""
+    check: Annotated[bool, tyro.conf.arg(help_behavior_hint=""), tyro.conf.FlagCreatePairsOff] = (
+        False
+    )
+    """Don't train: find the cameras of photographs, and write MODEL-check.png about them."""
+    outside_images: bool = False
+    """Read images that lie outside DATA, too."""
+    resume: bool = False
+    """Continue the interrupted run that was to write MODEL. Finding cameras always goes on where
+    it was interrupted."""
+
+
+def main():
+    train_command(TrainArguments, prepare_training)
+
+
+def train_command(kind: type, prepare: Callable):
+    """Run the command, and exit.
+
+    Args:
+        kind: Its arguments, a dataclass: TrainArguments, perhaps with more.
+        prepare: Given an object of it, checks it and returns the work, as prepare_training does.
+    """
+    if asked_for_version():
+        sys.exit(0)
+    arguments = tyro.cli(kind, prog=PROGRAM)
+    code = run(PROGRAM, lambda: prepare(arguments))
+    if "torch.distributed" in sys.modules and training.was_worker():
+        # All is written.  A thread of torch's that outlives the group of workers aborts one of them
+        # now and then, when Python ends; torchrun would say that the training failed.
+        kernel_cache.remove_temporary()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
+
+
+def prepare_training(
+    arguments: TrainArguments,
+    on_pause: Callable | None = None,
+    on_trained: Callable = lambda trained: None,
+) -> Callable[[], int]:
+    """Check the arguments and read the images; returns the work.
+
+    Args:
+        on_pause: For training.train.
+        on_trained: Called with its result, before that is written.
+    """
+    require("torch")
+    object_size("--size", arguments.size)
+    output = writable_file(arguments.output, ".npz")
+    checkpoint_path = output.with_suffix(".checkpoint")
+    # A run that was interrupted while it sought cameras has no checkpoint yet.
+    begun = arguments.resume and not needs_cameras(arguments.data)
+    resumed = resumed_run(arguments, checkpoint_path) if begun else None
+    if checkpoint_path.exists() and not training.is_checkpoint(checkpoint_path):
+        raise ValueError(
+            f"this run would write its checkpoints to {checkpoint_path}, which is no checkpoint "
+            f"of this program: move it, or give the model another name"
+        )
+    options = resumed.options if resumed else train_options(arguments)
+    data = prepared(arguments.data, output, arguments.image_size)
+    arguments = replace(arguments, data=data.folder, image_size=data.image_size)
+    if arguments.check:
+        return lambda: check(arguments.data, output, arguments.outside_images)
+    train_views = load_views(
+        arguments.data,
+        "train",
+        arguments.image_size,
+        for_training=True,
+        outside=arguments.outside_images,
+        masks=arguments.masks,
+    )
+    if resumed:
+        check_resumed_views(resumed.report, train_views)
+    # It raises an error here if there is no box, or a bad one.
+    training.world_to_unit_cube(train_views, options.aabb, options.scene_radius)
+    test_views = load_test_views(arguments)
+    load_whole("torch")
+    device = device_name(arguments.device, for_training=True)
+    existed = output.exists()
+
+    def job():
+        if is_first():
+            announce(arguments, device, checkpoint_path)
+        name = arguments.data.resolve().name
+        try:
+            with training.torchrun_workers(device) as workers:
+                trained = training.train(
+                    train_views,
+                    options,
+                    device,
+                    name,
+                    checkpoint_path,
+                    resumed,
+                    on_pause=on_pause,
+                    workers=workers,
+                )
+        except training.CheckpointError as error:
+            return complain(PROGRAM, str(error))
+        on_trained(trained)
+        if not workers.is_first:
+            return 0  # the first process reports; torchrun would end it if this one failed
+        path = output
+        if existed and not trained.complete:  # an unfinished model never replaces a finished one
+            path = output.with_stem(output.stem + "-interrupted")
+        checkpoint = checkpoint_path if trained.resumable else None
+        try:
+            scores = save(trained, path, arguments, test_views, device)
+        except OSError as error:
+            second = second_place(trained, path, arguments)
+            return complain(PROGRAM, lost(error, path, second, checkpoint))
+        print(summary(trained, path, scores))
+        if "coarse-stage" in options.leave_out:
+            print("Without the coarse stage the model holds the whole grid, empty tets too.")
+        if trained.diverged:
+            complain(PROGRAM, trained.diverged)
+            return FAILED
+        if trained.out_of_memory:
+            return complain(PROGRAM, trained.out_of_memory)
+        if trained.interrupted and trained.resumable:
+            print("Continue with the same command and --resume.")
+        if trained.complete:
+            checkpoint_path.unlink(missing_ok=True)
+        if scores and "not_written" in scores:
+            return complain(PROGRAM, f"can't add the scores to {scores['not_written']}")
+        all_done = trained.complete and (scores is None or scores["complete"])
+        return 0 if all_done else INTERRUPTED
+
+    return job
+
+
+def load_test_views(arguments: TrainArguments):
+    """The views that score the model; None without a split for them, or without its images."""
+    try:
+        views = load_views(
+            arguments.data,
+            "test",
+            arguments.image_size,
+            outside=arguments.outside_images,
+            masks=arguments.masks,
+        )
+    except training.NoSplitError:
+        return None
+    except training.NoImagesError as error:
+        if is_first():
+            print(f"The model will not be scored: {error}", file=sys.stderr)
+        return None
+    for lens in views.lenses:
+        training.check_size(lens.height, lens.width)
+    return views
+
+
+def announce(arguments: TrainArguments, device: str, checkpoint_path: Path):
+    """Say what the user may not expect of this run."""
+    if device == "cpu" and arguments.preset != "tiny":
+        print("No GPU is used: this takes hours; --preset tiny takes minutes.", flush=True)
+    if checkpoint_path.exists() and not arguments.resume:
+        print(
+            f"An interrupted run left {checkpoint_path}. --resume continues it; without --resume "
+            f"this run overwrites it after a minute.",
+            flush=True,
+        )
+
+
+def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> dict | None:
+    """Write the model; if it is complete, score it and write it again with its scores.
+
+    The first writing keeps the model if the evaluation is interrupted; an OSError says that it
+    failed.  Returns the report of the evaluation, None without one.
+    """
+    kept = model_of(trained, arguments)
+    fields.save(kept, path, entry_bits=arguments.entry_bits)
+    if not trained.complete or not test_views:
+        return None
+    # The file's rounded field is scored, in front of the surroundings of the photographs.  Views
+    # without alpha show what the object stands on, too, which only the whole field has.
+    scored = replace(fields.load(path), surroundings=trained.field.surroundings)
+    if trained.whole is not None and not test_views.has_alpha:
+        scored = trained.whole
+    elif test_views.has_alpha and trained.report.get("object_box"):
+        scored = replace(scored, surroundings=None)
+    report = training.evaluate(scored, test_views, None, device, model_path=path, samples=1)
+    scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
+    try:
+        fields.save(kept, path, scores, arguments.entry_bits)
+    except OSError as error:
+        report["not_written"] = f"{path}: {error.strerror or error}"
+    return report
+
+
+def model_of(trained, arguments: TrainArguments):
+    """The TetField that is written."""
+    shown = trained.whole if arguments.keep_surroundings else None
+    kept = with_size(shown or trained.field, arguments.size)
+    return kept if arguments.keep_surroundings else replace(kept, surroundings=None)
+
+
+def second_place(trained, path: Path, arguments: TrainArguments) -> Path | None:
+    """Write a model that can't be written to `path` elsewhere; returns where, None if nowhere."""
+    for folder in (user_state_path("deformrf") / "models", Path(tempfile.gettempdir())):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            place = free_name(folder / path.stem, path.suffix)
+            fields.save(model_of(trained, arguments), place, entry_bits=arguments.entry_bits)
+        except OSError:  # as full as the first
+            continue
+        return place
+    return None
+
+
+def lost(error: OSError, path: Path, second: Path | None, checkpoint_path: Path | None) -> str:
+    """Why the model could not be written, where it is instead, and the run's checkpoint."""
+    parts = [f"can't write {path}: {error.strerror or error}"]
+    if second:
+        parts.append(f"the model is in {second}, without scores")
+    if checkpoint_path:
+        parts.append(f"the run is kept in {checkpoint_path}: make room, then add --resume")
+    elif not second:
+        parts.append("the run has no checkpoint to continue from")
+    return "; ".join(parts)
+
+
+def summary(trained, path: Path, scores: dict | None) -> str:
+    """The written file and the model's figures, as text."""
+    begun = "Wrote" if trained.complete else "Stopped early; wrote the unfinished model"
+    size, minutes = path.stat().st_size / 1e6, trained.report["seconds"] / 60
+    text = f"{begun}: {path}, {trained.field.mesh.tet_count} tets, {size:.1f} MB"
+    text += f", {minutes:.1f} minutes of training"
+    if scores and scores["complete"] and scores["mean"]["psnr"] is not None:
+        mean = scores["mean"]
+        text += f", {mean['psnr']:.2f} dB and SSIM {mean['ssim']:.4f} on the test views"
+    if spread := trained.report.get("exposure_spread"):
+        left = trained.report.get("exposure_left")
+        look = "colors follow them" if left else "the model has the mean one"
+        text += f"\nThe photographs' exposures differ by {spread:.1%}; {look}."
+    if below := trained.report.get("levels_below_pixel"):
+        text += (
+            f"\nOf levels 0 to {trained.field.options.level_count - 1}, these are finer than any "
+            f"pixel of the training images and could be left out: {', '.join(map(str, below))}"
+        )
+    return text

@@ -1,0 +1,4 @@
+"""What everything stands on: device, threads, caches, native code, files, arguments.
+
+No door: import its modules.
+"""

@@ -1,0 +1,40 @@
+from .colliders import Box as Box, Sphere as Sphere
+from .handles import (
+    control_vertices as control_vertices,
+    falloff as falloff,
+    lowest_pins as lowest_pins,
+    vertices_within as vertices_within,
+)
+from .kernels import kernel_modules as kernel_modules
+from .material import (
+    LOWEST_POISSON_RATIO as LOWEST_POISSON_RATIO,
+    Material as Material,
+    PRESETS as PRESETS,
+)
+from .xpbd import XpbdSolver as XpbdSolver
+from .xpbd_options import TIME_STEP as TIME_STEP, XpbdOptions as XpbdOptions
+
+# For solvers beside this one, which the lab compares with it.
+from .arrays import upload as upload
+from .constraints import (
+    COMPLIANCE_FLOOR as COMPLIANCE_FLOOR,
+    SECOND_SOFTENING as SECOND_SOFTENING,
+    SOFTENED_BELOW as SOFTENED_BELOW,
+    STEP_LIMIT as STEP_LIMIT,
+    SWEEP_SOFTENING as SWEEP_SOFTENING,
+    edge_constraints as edge_constraints,
+    lumped_masses as lumped_masses,
+    volume_constraints as volume_constraints,
+    volume_gradients as volume_gradients,
+)
+from .inversion import EACH_HOLDS as EACH_HOLDS
+from .rescue import distortion as distortion
+
+# For pictures.
+from .strain import (
+    at_vertices as at_vertices,
+    deformation_gradients as deformation_gradients,
+    rest_tets as rest_tets,
+    strains as strains,
+    volume_ratios as volume_ratios,
+)

@@ -1,0 +1,82 @@
+from .modelfile import load as load, save as save
+from .archive import ModelFileError as ModelFileError, parts_of_file as parts_of_file
+from .packing import STIFFNESS_RANGE as STIFFNESS_RANGE
+from .bounds import check_finite as check_finite, check_geometry as check_geometry
+from .field import FieldOptions as FieldOptions, TetField as TetField, random_field as random_field
+from .reduction import (
+    cut as cut,
+    nearer_to_matter as nearer_to_matter,
+    reduced as reduced,
+    specks as specks,
+    without_specks as without_specks,
+)
+from .levels import (
+    below_pixel as below_pixel,
+    level_edges as level_edges,
+    narrowest_pixel as narrowest_pixel,
+)
+
+# For the rooms next door: kernels, their functions and array structs.
+from .byte_table import table_in_bytes as table_in_bytes
+from .encoding import (
+    ENCODING_H as ENCODING_H,
+    Tables as Tables,
+    encode_backward_kernel as encode_backward_kernel,
+    encode_kernel as encode_kernel,
+    encoded_half as encoded_half,
+    make_tables as make_tables,
+)
+from .grid import (
+    GRID_ENTRIES as GRID_ENTRIES,
+    GRID_LEVELS as GRID_LEVELS,
+    RESOLUTIONS as RESOLUTIONS,
+    Surroundings as Surroundings,
+    contracted as contracted,
+    grid_encode_backward_kernel as grid_encode_backward_kernel,
+    grid_encode_kernel as grid_encode_kernel,
+    surroundings_widths as surroundings_widths,
+)
+from .layout import FEATURES as FEATURES, node_table as node_table
+from .networks.reference import (
+    BASIS_COUNT as BASIS_COUNT,
+    CONSTANT_BASIS as CONSTANT_BASIS,
+    GEOMETRY_FEATURES as GEOMETRY_FEATURES,
+    basis_of as basis_of,
+    basis_vector as basis_vector,
+    sigma_from as sigma_from,
+    spherical_harmonics as spherical_harmonics,
+)
+from .networks.cpu import (
+    LAYERS_H as LAYERS_H,
+    NATIVE_VALUES as NATIVE_VALUES,
+    NETWORK_BLOCK as NETWORK_BLOCK,
+    NativeNetworks as NativeNetworks,
+    multiplies_pairs as multiplies_pairs,
+    native_networks as native_networks,
+)
+from .networks.density_rows import (
+    OVERWRITTEN_LEVELS as OVERWRITTEN_LEVELS,
+    any_of_warp as any_of_warp,
+    density_in_room as density_in_room,
+    density_of_rows as density_of_rows,
+    density_room as density_room,
+    h_in_room as h_in_room,
+    put_features as put_features,
+    sigma_in_room as sigma_in_room,
+)
+from .networks.torch import TorchNetworks as TorchNetworks
+from .networks.dispatch import evaluators as evaluators
+from .networks.mma import networks_kernel as networks_kernel
+from .occupancy import (
+    SUBTET_COUNT as SUBTET_COUNT,
+    is_occupied as is_occupied,
+    is_occupied_reference as is_occupied_reference,
+    occupied_share as occupied_share,
+    pack_mask as pack_mask,
+    subtet_ahead as subtet_ahead,
+    subtet_corners as subtet_corners,
+    subtet_middles as subtet_middles,
+    subtet_of as subtet_of,
+    subtets_of as subtets_of,
+    unpack_mask as unpack_mask,
+)

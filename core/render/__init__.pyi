@@ -1,0 +1,49 @@
+from .render import Renderer as Renderer
+from .render_options import (
+    MODES as MODES,
+    Mode as Mode,
+    RenderOptions as RenderOptions,
+    default_stop as default_stop,
+)
+from .rays.camera import (
+    Camera as Camera,
+    camera_rays as camera_rays,
+    from_field_of_view as from_field_of_view,
+    in_space as in_space,
+    look_at as look_at,
+    view_projection as view_projection,
+)
+from .rays.lens import Lens as Lens, distort as distort, has_rays as has_rays, pinhole as pinhole
+from .preview import (
+    preview as preview,
+    seen_from_outside as seen_from_outside,
+    vertex_normals as vertex_normals,
+)
+from .modes import caption as caption, render_mode as render_mode
+from .subpixel import RunningMean as RunningMean, shifted as shifted, spread as spread
+from .visible import visible_part as visible_part
+from .kernels import kernel_modules as kernel_modules
+
+# For training next door: kernels, their functions and structs.
+from .rays.marching import (
+    ANY_DEPTH as ANY_DEPTH,
+    COUNT as COUNT,
+    Rays as Rays,
+    Samples as Samples,
+    WRITE as WRITE,
+    basis_kernel as basis_kernel,
+    empty_rays as empty_rays,
+    empty_samples as empty_samples,
+    march_ray as march_ray,
+)
+from .rays.camera import (
+    DeviceCamera as DeviceCamera,
+    camera_ray as camera_ray,
+    device_camera as device_camera,
+)
+from .rays.entries import (
+    Entries as Entries,
+    empty_entries as empty_entries,
+    find_entries as find_entries,
+)
+from .rays.pose import Geometry as Geometry, Pose as Pose

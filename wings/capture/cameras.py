@@ -1,0 +1,291 @@
+"""From a folder of photographs to transforms.json and points.npz beside them.
+
+The world that they are in: +z is the mean up direction of the cameras, the origin is the point
+that they look at (the points' median, if they all look the same way), and the median camera is
+DISTANCE away from it.
+"""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...core.base.paths import whole_file
+from ...core.base.reading import open_file, read_text
+from ...core.training import SparsePoints, nearest_to_axes, photo_folder, save_points, upright
+from .agreement import Agreement, agreement
+from .features import find_features, match_photos
+from .library import load_pycolmap
+from .mapping import Mapped, connected, map_photos
+from .page import gaps_of
+from .phases import Phases
+from .photos import CaptureError, Photo, find_photos
+from .standing import checked
+from .video import take_frames
+from .work import open_work
+
+TRANSFORMS_FILE = "transforms.json"
+MADE_BY = "deformrf-train"  # under the key made_by of transforms.json
+HEAD = 1000  # bytes of the file, in which that stands
+IMAGE_SIZE = 1600  # longer side that photographs are worked at [pixels]
+DISTANCE = 4.0  # about that of NeRF-synthetic's cameras, which is 4.03
+LEAST_PHOTOS = 8  # with which something can be learned at all
+FEW_FEATURES = 150  # in the median photograph: there is hardly any texture
+NAMES_SHOWN = 4
+ADVICE = "take 30 to 60 sharp photographs all around the object, each a small step from the last"
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Photographs whose cameras were found.
+
+    Attributes:
+        folder: Where transforms.json and points.npz lie.
+        photos: Those with cameras.  [n]
+        poses: Camera to world, OpenGL's axes.  [n, 4, 4] float64
+        lenses: fx, fy, cx, cy, k1, and the width and height that they are for.  [n, 7] float64
+        points: Sparse points on what the photographs show.
+        pixel_error: Mean distance of the points' images from where they were found [pixels].
+        agreement: Of the cameras with what pairs of photographs share.
+        left_out: Names of photographs without a camera.
+        other_groups: How many of these fit together as other scenes, the largest first.
+        unreadable: Why files could not be read, a sentence for each.
+        seconds: That it took.
+    """
+
+    folder: Path
+    photos: tuple[Photo, ...]
+    poses: np.ndarray
+    lenses: np.ndarray
+    points: SparsePoints
+    pixel_error: float
+    agreement: Agreement
+    left_out: tuple[str, ...]
+    other_groups: tuple[int, ...]
+    unreadable: tuple[str, ...]
+    seconds: float
+
+
+def find_cameras(
+    folder: Path,
+    work_folder: Path,
+    image_size: int | None = None,
+    is_sequence: bool = False,
+    on_work: Callable[[Path, bool], None] = lambda folder, again: None,
+) -> Capture:
+    """Find the cameras of all photographs in a folder, and write what was found beside them.
+
+    Ctrl-C leaves the work folder, from which the next call with the same photographs goes on.
+
+    Args:
+        work_folder: For unfinished work, removed at the end; <work_folder>-2 and so on if something
+            else is there.
+        image_size: Longer side that photographs are shrunk to; None for IMAGE_SIZE.
+        is_sequence: They are frames of a video, in order.
+        on_work: Called with the folder of the work, and whether work goes on there.
+
+    Raises:
+        CaptureError: The photographs don't fit together, are too few, or can't be read.
+        ModuleNotFoundError: pycolmap is not installed.
+        OSError: Nothing can be written beside the photographs.
+    """
+    began = time.monotonic()
+    load_pycolmap()
+    photos_at = photo_folder(folder)
+    if photos_at is None:
+        raise CaptureError(f"{folder} holds no photographs: {ADVICE}")
+    if (path := Path(folder) / TRANSFORMS_FILE).exists():
+        raise CaptureError(f"{path} is there already, and is not overwritten: remove or rename it")
+    photos, unreadable = find_photos(photos_at)
+    check_count(folder, photos, unreadable)
+    work, again = open_work(work_folder, photos, image_size or IMAGE_SIZE)
+    on_work(work.folder, again)
+    with Phases() as phases:
+        unreadable += find_features(work, phases.phase)
+        match_photos(work, is_sequence, phases.phase)
+        mapped = map_photos(work, phases.phase)
+    check_mapped(folder, work, mapped)
+    mapped = checked(folder, len(photos), mapped)
+    check_mapped(folder, work, mapped)  # without cameras that aren't known
+    mapped = placed(mapped)
+    taken = set(mapped.numbers.tolist())
+    capture = Capture(
+        Path(folder),
+        tuple(photos[n] for n in mapped.numbers),
+        mapped.poses,
+        mapped.lenses,
+        mapped.points,
+        mapped.pixel_error,
+        agreement(work, mapped),
+        tuple(p.path.name for n, p in enumerate(photos) if n not in taken),
+        tuple(len(set(group) - taken) for group in mapped.groups[1:]),
+        tuple(unreadable),
+        time.monotonic() - began,
+    )
+    write(capture, {n: work.look(n).sharpness for n in mapped.numbers})
+    work.remove()
+    return capture
+
+
+def check_count(folder, photos, unreadable):
+    """CaptureError unless there are enough photographs."""
+    if len(photos) >= LEAST_PHOTOS:
+        return
+    if unreadable:
+        raise CaptureError(
+            f"of {len(photos) + len(unreadable)} photographs in {folder} only {len(photos)} can be "
+            f"read, and {LEAST_PHOTOS} are needed; first: {unreadable[0]}"
+        )
+    what = "1 photograph" if len(photos) == 1 else f"{len(photos)} photographs"
+    raise CaptureError(f"{folder} holds {what}, and at least {LEAST_PHOTOS} are needed: {ADVICE}")
+
+
+def check_mapped(folder, work, mapped: Mapped | None):
+    """CaptureError unless enough photographs fit together."""
+    total = len(work.photos)
+    with work.database() as database:
+        features = [
+            database.num_keypoints_for_image(image.image_id) for image in database.read_all_images()
+        ]
+    least = max(LEAST_PHOTOS, total // 2 + 1)
+    if mapped is not None and len(mapped.numbers) >= least:
+        return
+    found = 0 if mapped is None else len(mapped.numbers)
+    names = [photo.path.name for photo in work.photos]
+    if np.median(features or [0]) < FEW_FEATURES:
+        raise CaptureError(
+            f"the cameras of {found} of {total} photographs in {folder} were found, because most "
+            f"show hardly any texture ({np.median(features or [0]):.0f} features in the median "
+            f"one): put the object on a patterned cloth or a newspaper, and photograph it in focus"
+        )
+    doubts = [] if mapped is None else agreement(work, mapped).sentences()
+    if doubts:
+        raise CaptureError(
+            f"only {found} of {total} photographs in {folder} fit together, and {least} are "
+            f"needed; {doubts[0]}"
+        )
+    if mapped is not None and len(mapped.groups) > 1:
+        shown = "; ".join(
+            f"{len(group)} from {names[group[0]]} to {names[group[-1]]}"
+            for group in mapped.groups[:3]
+        )
+        beginning = (
+            f"the {total} photographs in {folder} fall into {len(mapped.groups)} groups that"
+        )
+        if len(connected(work)) > len(mapped.groups[0]):
+            raise CaptureError(
+                f"{beginning} share something, but do not fit together ({shown}): photograph the "
+                f"way from one to the other in small steps, and one thing at a time if two look "
+                f"alike, on a patterned cloth or a newspaper"
+            )
+        raise CaptureError(
+            f"{beginning} show nothing in common ({shown}): photograph the way from one to the "
+            f"other in small steps, or put one group alone into a folder"
+        )
+    raise CaptureError(
+        f"only {found} of {total} photographs in {folder} fit together, and {least} are "
+        f"needed: neighbors have to show mostly the same things, so {ADVICE}"
+    )
+
+
+def placed(mapped: Mapped) -> Mapped:
+    """The same in the world that this module's docstring describes."""
+    turn = upright(mapped.poses[:, :3, 1].mean(axis=0))
+    poses = mapped.poses.copy()
+    poses[:, :3] = turn @ poses[:, :3]
+    points = mapped.points.points @ turn.T
+    center = nearest_to_axes(poses)
+    if center is None:
+        center = np.median(points, axis=0)
+    scale = DISTANCE / np.median(np.linalg.norm(poses[:, :3, 3] - center, axis=1))
+    poses[:, :3, 3] = scale * (poses[:, :3, 3] - center)
+    moved = (scale * (points - center)).astype(np.float32)
+    return replace(mapped, poses=poses, points=replace(mapped.points, points=moved))
+
+
+def write(capture: Capture, sharpness: dict):
+    """Write transforms.json, which is never overwritten, and points.npz."""
+    frames = []
+    rows = zip(capture.photos, capture.poses, capture.lenses, sharpness.values(), strict=True)
+    for photo, pose, lens, sharp in rows:
+        # pycolmap's pixels, and ours, have their center at ½, so the lens is scaled alone.
+        x, y = photo.size[0] / lens[5], photo.size[1] / lens[6]
+        numbers = {"w": photo.size[0], "h": photo.size[1]}
+        numbers |= {"fl_x": lens[0] * x, "fl_y": lens[1] * y, "cx": lens[2] * x, "cy": lens[3] * y}
+        frame = {
+            "file_path": photo.path.relative_to(capture.folder).as_posix(),
+            "transform_matrix": pose.tolist(),
+            "sharpness": sharp,
+            **numbers,
+            "k1": lens[4],
+        }
+        if photo.is_turned:
+            frame["upright"] = True
+        frames.append(frame)
+    scene = {"camera_model": "OPENCV", "made_by": MADE_BY, "pixel_error": capture.pixel_error}
+    scene["agreement"] = vars(capture.agreement)
+    save_points(capture.points, capture.folder)
+    with whole_file(capture.folder / TRANSFORMS_FILE) as partial:
+        partial.write_text(json.dumps({**scene, "frames": frames}, indent=1), encoding="utf-8")
+
+
+def frames_of_video(path: Path, image_size: int | None = None) -> Path:
+    """Take the sharp frames of a video; returns the folder beside it that they are in.
+
+    Raises:
+        CaptureError: The video can't be read, or something else is in that folder.
+    """
+    with Phases() as phases:
+        return take_frames(path, image_size or IMAGE_SIZE, phases.phase)
+
+
+def is_capture(folder: Path) -> bool:
+    """Whether a folder's transforms.json was written here."""
+    path = Path(folder) / TRANSFORMS_FILE
+    try:
+        with open_file(path) as file:
+            return f'"made_by": "{MADE_BY}"'.encode() in file.read(HEAD)
+    except OSError:
+        return False
+
+
+def doubts_about(folder: Path) -> list[str]:
+    """Sentences about cameras that were found here and may be wrong; none if nothing tells so."""
+    if not is_capture(folder):
+        return []
+    try:
+        scene = json.loads(read_text(Path(folder) / TRANSFORMS_FILE))
+        return Agreement(**scene["agreement"]).sentences()
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # older, or edited
+        return []
+
+
+def summary(capture: Capture) -> str:
+    """What was found, as lines for the user."""
+    total = len(capture.photos) + len(capture.left_out)
+    text = (
+        f"The cameras of {len(capture.photos)} of {total} photographs were found, "
+        f"{capture.pixel_error:.2f} pixels off in the mean, in {capture.seconds:.0f} s: "
+        f"{capture.folder / TRANSFORMS_FILE}"
+    )
+    if capture.left_out:
+        shown = ", ".join(capture.left_out[:NAMES_SHOWN])
+        more = len(capture.left_out) - NAMES_SHOWN
+        text += f"\nWithout a camera, and not used: {shown}" + (
+            f" and {more} more" if more > 0 else ""
+        )
+    if capture.other_groups and capture.other_groups[0] >= LEAST_PHOTOS:
+        text += (
+            f"\n{capture.other_groups[0]} of these fit together, but not with the others: "
+            f"photograph the way between in small steps, or give them a folder of their own"
+        )
+    for doubt in capture.agreement.sentences():
+        text += f"\n{doubt}."
+    for gap in gaps_of([photo.path.name for photo in capture.photos], capture.poses):
+        text += f"\n{gap[0].upper()}{gap[1:]}."
+    if capture.unreadable:
+        text += f"\n{len(capture.unreadable)} files can't be read: {capture.unreadable[0]}"
+    return text

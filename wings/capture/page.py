@@ -1,0 +1,221 @@
+"""One page about a capture, as a picture, before minutes are spent on training.
+
+It has what to retake, cameras, points and the object's box from above and from the side, and each
+photograph with its blur and exposure.
+"""
+
+import textwrap
+from dataclasses import dataclass, field
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from ...core.training import nearest_to_axes, sharpness_weights
+
+WIDTH, MARGIN, PLOT = 1560, 20, 560  # pixels
+THUMBNAIL = (144, 108)  # pixels, at most
+COLUMNS = 10
+LINE = 180  # characters
+STOP = 2.0  # a photograph that is so much brighter or darker than the median stands out
+GAP = 60.0  # degrees around the object without a camera, from which it is told
+AROUND = 180.0  # degrees between all cameras, from which they are taken to go around
+REACH = 1.25  # shown, over the cameras' distance
+MOST_NAMED = 6
+WHITE, BLACK, GRAY, RED, BLUE, GREEN = (
+    (255, 255, 255), (20, 20, 20), (130, 130, 130), (205, 30, 30), (30, 80, 200), (20, 140, 60),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A photograph on the page.
+
+    Attributes:
+        name: Of its file.
+        image: Itself, small.  [h, w, 3] uint8
+        sharpness, exposure: See sharpness.py.
+        pose: Camera to world, OpenGL's axes; None if it isn't known.  [4, 4]
+    """
+
+    name: str
+    image: np.ndarray
+    sharpness: float
+    exposure: float
+    pose: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What is wrong with photographs.
+
+    Attributes:
+        faults: Of each photograph, a word each.
+        weights: How much each photograph counts in training, by its sharpness.
+        gaps: Sentences about directions that no photograph shows.
+    """
+
+    faults: list[list[str]]
+    weights: list[float]
+    gaps: list[str] = field(default_factory=list)
+
+    def sentences(self, shown) -> list[str]:
+        """What to retake, for the user."""
+        told = []
+        for fault, advice in (
+            ("no camera", "take more photographs between these and their neighbors"),
+            ("blurred", "hold still, or use more light"),
+            ("dark", "fix the exposure, and keep the sun or lamp behind you"),
+            ("bright", "fix the exposure, and keep the sun or lamp behind you"),
+        ):
+            having = zip(shown, self.faults, strict=True)
+            names = [photo.name for photo, faults in having if fault in faults]
+            if fault == "blurred" and names:
+                lowest = min(self.weights)
+                advice += f"; such photographs count less in training, down to {lowest:.0%}"
+            if names:
+                more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+                told.append(f"{fault}: {', '.join(names[:MOST_NAMED])}{more} ({advice})")
+        return told + self.gaps
+
+
+def judge(shown) -> Judged:
+    """Find photographs that stand out, and gaps between cameras that go around the object."""
+    weights = sharpness_weights([s.sharpness for s in shown]).tolist()
+    exposure = np.median([s.exposure for s in shown])
+    faults = []
+    for photo, weight in zip(shown, weights, strict=True):
+        words = [] if photo.pose is not None else ["no camera"]
+        words += ["blurred"] if weight < 1.0 else []
+        words += ["dark"] if photo.exposure * STOP < exposure else []
+        words += ["bright"] if photo.exposure > exposure * STOP else []
+        faults.append(words)
+    posed = [s for s in shown if s.pose is not None]
+    return Judged(faults, weights, gaps_of([s.name for s in posed], [s.pose for s in posed]))
+
+
+def gaps_of(names, poses) -> list[str]:
+    """Sentences about directions that no photograph shows."""
+    poses = np.array(poses).reshape(-1, 4, 4)
+    center = nearest_to_axes(poses) if len(poses) > 1 else None
+    if center is None:
+        return []
+    across = poses[:, :2, 3] - center[:2]
+    order = np.argsort(angles := np.degrees(np.arctan2(across[:, 1], across[:, 0])))
+    steps = np.diff(angles[order], append=angles[order[0]] + 360.0)
+    if 360.0 - steps.max() < AROUND:
+        return [f"the cameras see {360.0 - steps.max():.0f}° of the object: its back stays unknown"]
+    return [
+        f"no camera in {steps[i]:.0f}° between {names[order[i]]} and "
+        f"{names[order[(i + 1) % len(order)]]}: photograph from there"
+        for i in np.flatnonzero(steps > GAP)
+    ]
+
+
+def page_of(title: str, shown, points, colors, corners=None, doubts=()) -> Image.Image:
+    """Draw the page.
+
+    Args:
+        title: One line.
+        shown: Photographs.  [N] Shown
+        points, colors: Sparse points, may be none.  [n, 3] and [n, 3] uint8
+        corners: Of the object's box, the lower four first, around; None without.  [8, 3]
+        doubts: Sentences about the cameras.
+    """
+    judged = judge(shown)
+    lines = [line for doubt in doubts for line in textwrap.wrap(doubt, LINE)]
+    lines += judged.sentences(shown)
+    color = RED if lines else GRAY
+    lines = lines or ["Nothing to retake was found."]
+    rows = -(-len(shown) // COLUMNS)
+    top, cell = MARGIN + 34 + 24 * len(lines), THUMBNAIL[1] + 44
+    page = Image.new("RGB", (WIDTH, top + PLOT + 50 + rows * cell + MARGIN), WHITE)
+    draw = ImageDraw.Draw(page)
+    draw.text((MARGIN, MARGIN), title, BLACK, font(20))
+    for number, line in enumerate(lines):
+        draw.text((MARGIN, MARGIN + 32 + 24 * number), fitted(line, LINE), color, font(16))
+    axes = (("from above", 0, 1), ("from the side", 0, 2))
+    width = (WIDTH - 3 * MARGIN) // 2
+    for number, (name, x, y) in enumerate(axes):
+        place = (MARGIN + number * (width + MARGIN), top + 10)
+        page.paste(plot(name, x, y, (width, PLOT), shown, judged, points, colors, corners), place)
+    captions = map(words_about, judged.faults, judged.weights)
+    for number, (photo, words) in enumerate(zip(shown, captions, strict=True)):
+        column, row = number % COLUMNS, number // COLUMNS
+        draw_photo(page, draw, (MARGIN + column * 153, top + PLOT + 40 + row * cell), photo, words)
+    return page
+
+
+def words_about(faults, weight: float) -> str:
+    """What is wrong with a photograph, and how much a blurred one counts; empty if nothing is."""
+    share = f" ({weight:.0%})"
+    return ", ".join(fault + (share if fault == "blurred" else "") for fault in faults)
+
+
+def draw_photo(page, draw, place, photo: Shown, words: str):
+    """A photograph, its name, bars of its sharpness and exposure, and `words_about` it."""
+    x, y = place
+    small = Image.fromarray(photo.image)
+    small.thumbnail(THUMBNAIL)
+    page.paste(small, place)
+    if words:
+        draw.rectangle((x - 2, y - 2, x + small.width + 1, y + small.height + 1), None, RED, 3)
+    below = y + THUMBNAIL[1]
+    caption = ": ".join(filter(None, (photo.name, words)))
+    draw.text((x, below + 1), fitted(caption, 26), RED if words else GRAY, font(12))
+    for number, (value, color) in enumerate(((photo.sharpness, BLUE), (photo.exposure, GREEN))):
+        bar = (x, below + 19 + 7 * number, x + THUMBNAIL[0], below + 23 + 7 * number)
+        draw.rectangle(bar, (230, 230, 230))
+        length = THUMBNAIL[0] * float(np.clip(value, 0.0, 1.0))
+        draw.rectangle((bar[0], bar[1], bar[0] + length, bar[3]), color)
+
+
+def plot(name, x, y, size, shown, judged: Judged, points, colors, corners) -> Image.Image:
+    """Cameras, points and the box along two axes of the world."""
+    image = Image.new("RGB", size, (246, 246, 246))
+    draw = ImageDraw.Draw(image)
+    poses = np.array([s.pose for s in shown if s.pose is not None]).reshape(-1, 4, 4)
+    if not len(poses):
+        return image
+    center = nearest_to_axes(poses)
+    center = poses[:, :3, 3].mean(axis=0) if center is None else center
+    reach = REACH * np.linalg.norm(poses[:, :3, 3] - center, axis=1).max() + 1e-9
+    scale = 0.5 * min(size) / reach
+
+    def pixels(places):
+        """[..., 3] -> [..., 2]"""
+        flat = (np.asarray(places, float) - center)[..., [x, y]] * [scale, -scale]
+        return flat + 0.5 * np.array(size)
+
+    seen = np.asarray(image).copy()
+    columns, rows = np.round(pixels(points)).astype(int).T if len(points) else np.zeros((2, 0), int)
+    inside = (columns >= 0) & (columns < size[0] - 1) & (rows >= 0) & (rows < size[1] - 1)
+    for right, down in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        seen[rows[inside] + down, columns[inside] + right] = np.asarray(colors)[inside]
+    image = Image.fromarray(seen)
+    draw = ImageDraw.Draw(image)
+    if corners is not None:
+        ends = pixels(corners)
+        for one in range(4):
+            after = (one + 1) % 4
+            for a, b in ((one, after), (one + 4, after + 4), (one, one + 4)):
+                draw.line((*ends[a], *ends[b]), GREEN, 2)
+    length = 0.07 * reach
+    faults = [f for f, s in zip(judged.faults, shown, strict=True) if s.pose is not None]
+    for pose, words in zip(poses, faults, strict=True):
+        color = RED if words else BLUE
+        eye = pixels(pose[:3, 3])
+        far = pose[:3, 3] - length * pose[:3, 2]
+        for side in (-0.5, 0.5):
+            draw.line((*eye, *pixels(far + side * length * pose[:3, 0])), color, 1)
+        draw.ellipse((*(eye - 3), *(eye + 3)), color)
+    words = f"{name}: cameras blue" + ("" if corners is None else ", the object's box green")
+    draw.text((8, 6), words, BLACK, font(14), stroke_width=3, stroke_fill=WHITE)
+    return image
+
+
+def font(size: int):
+    return ImageFont.load_default(size)
+
+
+def fitted(text: str, length: int) -> str:
+    return text if len(text) <= length else text[: length - 3] + "..."

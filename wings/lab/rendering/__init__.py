@@ -1,0 +1,1 @@
+"""Error of rendering against its run time."""

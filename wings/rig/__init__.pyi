@@ -1,0 +1,68 @@
+from . import rotations as rotations
+from .skeleton import (
+    MOST_BONES as MOST_BONES,
+    Pose as Pose,
+    Skeleton as Skeleton,
+    make_skeleton as make_skeleton,
+    mixed as mixed,
+    moved_tails as moved_tails,
+    parents_first as parents_first,
+    pose_of as pose_of,
+    posed as posed,
+    posed_tails as posed_tails,
+    reach as reach,
+    skinning_matrices as skinning_matrices,
+    turned as turned,
+)
+from .clips import (
+    Channel as Channel,
+    Clip as Clip,
+    VertexClip as VertexClip,
+    clip_of_matrices as clip_of_matrices,
+    clip_of_poses as clip_of_poses,
+    phase as phase,
+)
+from .caches import (
+    FRAMES_PER_SECOND as FRAMES_PER_SECOND,
+    read_cache as read_cache,
+    write_cache as write_cache,
+)
+from .export import MESH_ENDINGS as MESH_ENDINGS, Solid as Solid, export_mesh as export_mesh
+from .blender import (
+    BlenderClip as BlenderClip,
+    BlenderRig as BlenderRig,
+    read_blender as read_blender,
+    rig_of as rig_of,
+    skinning_error as skinning_error,
+)
+from .weights import (
+    automatic_weights as automatic_weights,
+    harmonic_weights as harmonic_weights,
+    nearest_point_weights as nearest_point_weights,
+    nearest_weights as nearest_weights,
+    rigid_weights as rigid_weights,
+    weights_near as weights_near,
+)
+from .untangle import Untangler as Untangler
+from .physics import posed_with_physics as posed_with_physics
+from .quality import (
+    TetQuality as TetQuality,
+    clip_quality as clip_quality,
+    clip_vertices as clip_vertices,
+    frame_times as frame_times,
+)
+from .fitting import fitted_weights as fitted_weights, surface_samples as surface_samples
+from .alignment import align as align, outer_points as outer_points, shared_space as shared_space
+from .matrix_file import read_matrices as read_matrices
+from .gltf import GltfRig as GltfRig, aligned as aligned, read_gltf as read_gltf
+from .gltf_nodes import scale_of as scale_of
+from .methods import METHODS as METHODS, Method as Method
+from .skinning import Skinner as Skinner, skinned as skinned
+from .driving import driven_vertices as driven_vertices
+from .rig import Rig as Rig, check_weights as check_weights
+from .rigfile import (
+    arrays_of as arrays_of,
+    load_rig as load_rig,
+    rig_from as rig_from,
+    save_rig as save_rig,
+)

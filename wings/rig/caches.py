@@ -1,0 +1,206 @@
+"""Point caches: all vertices of a mesh over time, as other programs write them.
+
+    .pc2   PC2, little endian: "POINTCACHE2\\0", then int32 version (1), int32 vertices, float32
+           first frame, float32 frames a sample, int32 samples; then float32 [samples, vertices, 3]
+    .mdd   MDD, big endian: int32 samples, int32 vertices, float32 seconds [samples], then
+           float32 [samples, vertices, 3]
+    .npz   ours: `times` [samples] float64 in seconds, `vertices` [samples, vertices, 3] float32
+
+PC2 counts frames, so reading and writing it takes the frames of a second.  A clip's first sample
+is at 0 s, whatever frame or second a file begins with.  The vertices are in model space, z up.
+
+A file is compared with what it declares before memory is taken.  Every error is a ValueError of
+one sentence.
+"""
+
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from ...core.base.archive import one_sentence, open_archive
+from ...core.base.memory import free_bytes
+from ...core.base.paths import whole_file
+from ...core.base.reading import open_file
+from .clips import VertexClip
+
+ENDINGS = ".pc2", ".mdd", ".npz"
+PC2_MAGIC = b"POINTCACHE2\0"
+PC2_HEADER = struct.Struct("<12siiffi")
+MDD_HEADER = struct.Struct(">ii")
+FRAMES_PER_SECOND = 24.0  # Blender's own
+SLOWEST, FASTEST = 1e-3, 1e5  # frames a second
+MOST_SAMPLES = 2**20
+
+
+def read_cache(path, vertex_count: int, frames_per_second=FRAMES_PER_SECOND) -> VertexClip:
+    """The clip in a point cache of a mesh with so many vertices; its name is the file's.
+
+    Raises:
+        ValueError: The file is missing, damaged, too large, or of another mesh.
+    """
+    path = Path(path)
+    read = {".pc2": _read_pc2, ".mdd": _read_mdd, ".npz": _read_npz}.get(path.suffix.lower())
+    if read is None:
+        raise ValueError(f"{path} is no point cache: its name has to end in {_or(ENDINGS)}")
+    if not path.is_file():
+        raise ValueError(f"there is no point cache at {path}")
+    _check_rate(frames_per_second)
+    with one_sentence(path):
+        times, vertices = read(path, vertex_count, float(frames_per_second))
+        _check_finite(vertices)
+        return VertexClip(path.stem, times - times[0], vertices)
+
+
+def write_cache(clip: VertexClip, path, frames_per_second=FRAMES_PER_SECOND) -> Path:
+    """Write a point cache by its ending, one of ENDINGS; an older file stays if that fails.
+
+    Raises:
+        ValueError: The ending is another one, or a PC2's samples would not be evenly spaced.
+    """
+    path = Path(path)
+    pack = {".pc2": _pc2, ".mdd": _mdd}.get(path.suffix.lower())
+    if pack is None and path.suffix.lower() != ".npz":
+        raise ValueError(f"{path} is no point cache: its name has to end in {_or(ENDINGS)}")
+    _check_rate(frames_per_second)
+    header = pack and pack(clip, float(frames_per_second))
+    with whole_file(path) as partial, open(partial, "wb") as stream:
+        if pack is None:
+            np.savez(
+                stream, times=clip.times.astype(np.float64), vertices=clip.vertices.astype("<f4")
+            )
+            return path
+        stream.write(header)
+        kind = "<f4" if pack is _pc2 else ">f4"
+        for frame in range(len(clip.times)):  # one at a time: a swapped copy of all may not fit
+            stream.write(clip.vertices[frame].astype(kind).tobytes())
+    return path
+
+
+def _read_pc2(path, vertex_count, frames_per_second):
+    with open_file(path) as stream:
+        magic, version, count, _, step, samples = _header(stream, PC2_HEADER, "PC2")
+        if magic != PC2_MAGIC:
+            raise ValueError("it is no PC2 file: it does not begin with POINTCACHE2")
+        if version != 1:
+            raise ValueError(f"it has PC2 version {version}, this program reads 1")
+        if not (math.isfinite(step) and step > 0.0):
+            raise ValueError(f"it has a sample every {step:g} frames")
+        _check_counts(samples, count, vertex_count)
+        vertices = _samples(stream, path, samples, count, "<f4", PC2_HEADER.size)
+    return np.arange(samples) * (step / frames_per_second), vertices
+
+
+def _read_mdd(path, vertex_count, _):
+    with open_file(path) as stream:
+        samples, count = _header(stream, MDD_HEADER, "MDD")
+        _check_counts(samples, count, vertex_count)
+        header_size = MDD_HEADER.size + 4 * samples
+        _check_size(path, samples, count, header_size)
+        times = np.frombuffer(stream.read(4 * samples), ">f4").astype(float)
+        if not np.isfinite(times).all():
+            raise ValueError("its times hold NaN or infinity")
+        return times, _samples(stream, path, samples, count, ">f4", header_size)
+
+
+def _read_npz(path, vertex_count, _):
+    with open_archive(path, "point cache") as arrays:
+        for name in ("times", "vertices"):
+            if name not in arrays:
+                raise ValueError(f"it has no array '{name}'; a point cache has times and vertices")
+        times, vertices = arrays["times"], arrays["vertices"]
+        if times.ndim != 1 or times.dtype.kind != "f":
+            raise ValueError(f"'times' is {times.dtype} {list(times.shape)}, not float [samples]")
+        if vertices.dtype != np.float32 or vertices.ndim != 3 or vertices.shape[2] != 3:
+            raise ValueError(
+                f"'vertices' is {vertices.dtype} {list(vertices.shape)}, "
+                "not float32 [samples, vertices, 3]"
+            )
+        _check_counts(len(vertices), vertices.shape[1], vertex_count)
+        if len(times) != len(vertices):
+            raise ValueError(f"it has {len(times)} times, but {len(vertices)} samples")
+        _check_memory(vertices.nbytes)
+        seconds = np.asarray(times, float)
+        if not np.isfinite(seconds).all():
+            raise ValueError("its times hold NaN or infinity")
+        return seconds, np.asarray(vertices)
+
+
+def _header(stream, header, kind):
+    start = stream.read(header.size)
+    if len(start) < header.size:
+        raise ValueError(f"it has {len(start)} bytes; a {kind} file has at least {header.size}")
+    return header.unpack(start)
+
+
+def _check_counts(samples, count, vertex_count):
+    if not 0 < samples <= MOST_SAMPLES:
+        raise ValueError(f"it declares {samples} samples; a point cache has 1 to {MOST_SAMPLES}")
+    if count != vertex_count:
+        raise ValueError(
+            f"it has {count} vertices, but the model has {vertex_count}: it belongs to another "
+            "mesh, or vertices were added or removed"
+        )
+
+
+def _check_size(path, samples, count, header_size):
+    wanted, found = header_size + 12 * samples * count, path.stat().st_size
+    if found < wanted:
+        raise ValueError(
+            f"it ends too early: {samples} samples of {count} vertices take {wanted} bytes, the "
+            f"file has {found}"
+        )
+
+
+def _check_memory(byte_count):
+    free = free_bytes()
+    if free is not None and byte_count > free // 2:  # the clip, and what is made of it
+        raise ValueError(
+            f"its vertices take {byte_count / 2**20:.0f} MiB, more than half of the "
+            f"{free / 2**20:.0f} MiB of free memory"
+        )
+
+
+def _samples(stream, path, samples, count, kind, header_size):
+    """[samples, count, 3] float32"""
+    _check_size(path, samples, count, header_size)
+    _check_memory(12 * samples * count)
+    vertices = np.empty((samples, count, 3), np.float32)
+    for sample in vertices:  # one at a time: there is no second copy of all
+        sample[:] = np.frombuffer(stream.read(12 * count), kind).reshape(count, 3)
+    return vertices
+
+
+def _check_finite(vertices):
+    good = np.isfinite(vertices).all(axis=(1, 2))
+    if not good.all():
+        sample = int(np.argmin(good))
+        raise ValueError(f"sample {sample} holds NaN or infinity ({int((~good).sum())} samples do)")
+
+
+def _check_rate(frames_per_second):
+    if not SLOWEST <= frames_per_second <= FASTEST:
+        raise ValueError(f"{frames_per_second} frames a second: give {SLOWEST:g} to {FASTEST:g}")
+
+
+def _pc2(clip, frames_per_second) -> bytes:
+    """The header; the samples have to be evenly spaced."""
+    steps = np.diff(clip.times)
+    step = float(steps.mean()) if len(steps) else 1.0 / frames_per_second
+    if len(steps) and np.abs(steps - step).max() > 1e-3 * step:
+        raise ValueError(
+            f"the samples of clip {clip.name!r} are {steps.min():g} to {steps.max():g} s apart, "
+            "and PC2 stores evenly spaced ones: write .mdd or .npz"
+        )
+    samples, count = clip.vertices.shape[:2]
+    return PC2_HEADER.pack(PC2_MAGIC, 1, count, 0.0, step * frames_per_second, samples)
+
+
+def _mdd(clip, _) -> bytes:
+    samples, count = clip.vertices.shape[:2]
+    return MDD_HEADER.pack(samples, count) + clip.times.astype(">f4").tobytes()
+
+
+def _or(words) -> str:
+    return f"{', '.join(words[:-1])} or {words[-1]}"
