@@ -31,7 +31,7 @@ from ..core.base.reading import check_file
 from ..core.base.streams import keep_going, printable
 from ..core.deform import PRESETS, Material
 from ..core.render import Mode
-from . import FAILED, complain, run
+from .running import FAILED, complain, run
 from .view import Flag, frame_size, refuse_data, told_if_slow
 
 PROGRAM = "deformrf-render"
@@ -198,7 +198,7 @@ def _check_times(chosen):
 
 
 def _check_output(chosen):
-    from ..viewer.films.codecs import encoder
+    from ..viewer.films import encoder
 
     path = chosen.output
     if path.suffix:
@@ -252,10 +252,7 @@ def _film_of(scene, chosen, session):
     Raises:
         ValueError or OSError: A file doesn't allow it.
     """
-    from ..viewer.films.camera_path import load_camera_path
-    from ..viewer.films.clip import clip_session
-    from ..viewer.films.film import Film, with_timeline
-    from ..viewer.films.still import strike
+    from ..viewer.films import Film, clip_session, load_camera_path, strike, with_timeline
     from ..viewer.timeline import TICKS_PER_SECOND
 
     path = ()
@@ -286,7 +283,7 @@ def _film_of(scene, chosen, session):
 
 def _film(app, film, chosen, most):
     """Render all frames; returns the exit code."""
-    from ..viewer.films.film_maker import FilmMaker, FilmOptions
+    from ..viewer.films import FilmMaker, FilmOptions
     from ..viewer.sessions import Patience, SessionError
 
     handles = chosen.show_handles or not (chosen.hide_handles or chosen.clip)

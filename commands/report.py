@@ -16,11 +16,12 @@ from typing import Annotated, NamedTuple
 
 import tyro
 
+from ..core import field as fields
 from ..core.base.arguments import AnyModel, File, plain_message, writable_file
 from ..core.base.device import Choice, device_name
 from ..core.base.paths import DEFAULT_MODEL
 from ..wings.lab.effort import EFFORTS, Effort
-from . import asked_for_version, complain, require, run
+from .running import asked_for_version, complain, require, run
 
 PROGRAM = "deformrf-report"
 TETS = 5000  # that the estimates of time are for
@@ -74,9 +75,8 @@ def main():
 def prepare(arguments: ReportArguments) -> Callable[[], int]:
     """Find what is wrong with the arguments; returns the work."""
     require("scipy", "matplotlib", "markdown_it")
-    from ..core.field import modelfile
 
-    field = modelfile.load(arguments.model)
+    field = fields.load(arguments.model)
     device = device_name(arguments.device)
     effort = EFFORTS[device == "cpu", arguments.quick]
     photos = photographs_for(field, arguments.data, effort, arguments.outside_images)

@@ -12,13 +12,8 @@ from typing import Annotated
 import tyro
 
 from ..core.base.device import device_name
-from . import (
-    TrainArguments,
-    interrupts_waiting,
-    prepare_training,
-    require,
-    train_command,
-)
+from .running import interrupts_waiting, require
+from .training import TrainArguments, prepare_training, train_command
 
 SIZE = (1000, 700)  # of the window [points]
 
@@ -54,7 +49,7 @@ def prepare(arguments: ViewedTrainArguments) -> Callable[[], int]:
         raise ValueError("--view shows the run of one process: leave out --view, or torchrun")
     require("torch", "pyglet", "moderngl", "imgui_bundle")
     logging.basicConfig(level=logging.WARNING, format="deformrf-train: %(message)s")
-    from ..viewer.training.live import LiveRun
+    from ..viewer.training import LiveRun
 
     name = arguments.data.resolve().name
     device = device_name(arguments.device, for_training=True)
@@ -78,7 +73,7 @@ def show(live, job: Callable[[], int], window, context) -> int:
     """Do the job in a thread and show it in the window; returns its exit code."""
     from ..viewer.app import App  # imports pyglet's window, which is possible from now on
     from ..viewer.events import EventLog
-    from ..viewer.training.live_window import LiveWindow
+    from ..viewer.training import LiveWindow
 
     app = App(window, context, EventLog(False))
     live.start(job)
@@ -106,7 +101,7 @@ def show(live, job: Callable[[], int], window, context) -> int:
 
 def _close(app, live):
     """Close the window while the run pauses: what is freed would get into a graph it records."""
-    from ..viewer.training.live import POLL_SECONDS
+    from ..viewer.training import POLL_SECONDS
 
     app.window.set_visible(False)
     closed = False

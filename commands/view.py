@@ -35,7 +35,7 @@ from ..core.render import Mode
 from ..viewer import logs
 from ..viewer.files import Problem, readable
 from ..wings import capture
-from . import FAILED, interrupts_waiting, run
+from .running import FAILED, interrupts_waiting, run
 
 log = logging.getLogger(__name__)
 

@@ -189,7 +189,7 @@ def call(monkeypatch, capsys):
 @pytest.fixture
 def refused():
     """Check that a command ended with one sentence on stderr and exit code 2; the sentence."""
-    from deformrf.commands import INPUT_ERROR
+    from deformrf.commands.running import INPUT_ERROR
 
     def refused(result):
         assert result.code == INPUT_ERROR

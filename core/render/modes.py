@@ -15,7 +15,7 @@ product of their differences across and down.  Each difference uses the neighbor
 is closer, so that n is right up to a silhouette, where two surfaces meet.
 
 The error is the difference to conformance mode, because the float64 reference takes minutes
-per image; tests/test_render.py compares conformance mode with the reference.
+per image; tests/core/render/test_render.py compares conformance mode with the reference.
 
 Alpha is 1 where the mode has something to show and 0 where the background stays.  Images
 are [H, W], row 0 at the top; t is the distance along the unit ray d, inf where nothing is.

@@ -1,8 +1,8 @@
 from .data.datasets import Dataset as Dataset, load_dataset as load_dataset
-from .data.posed_images import DatasetError as DatasetError
+from .data.errors import DatasetError as DatasetError
 
 # for the commands and the lab
-from .data.posed_images import NoImagesError as NoImagesError, NoSplitError as NoSplitError
+from .data.errors import NoImagesError as NoImagesError, NoSplitError as NoSplitError
 from .data.layouts import check_place as check_place, has_cameras as has_cameras
 from .data.datasets import (
     check_some as check_some,

@@ -13,8 +13,8 @@ from ..geometry import (
     signed_volumes,
     tet_neighbours,
 )
+from .data.errors import DatasetError
 from .data.found_object import Plane
-from .data.posed_images import DatasetError
 from .run.training_field import TrainingField
 
 SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters

@@ -43,9 +43,9 @@ from deformrf.core.base import paths
 from deformrf.core.base.device import start_warp
 from deformrf.core.field import modelfile
 from deformrf.core.render import Camera, Renderer, RenderOptions, camera_rays, in_space
-from deformrf.core.training import load_dataset, white_composite
+from deformrf.core.training import load_dataset, load_points, white_composite
 from deformrf.core.training.metrics import psnr
-from deformrf.wings.capture import find_photos, load_points
+from deformrf.wings.capture import find_photos
 
 COMMAND = "from deformrf.commands.train import main; main()"
 PICTURES = 6

@@ -7,3 +7,11 @@ from .film_job import (
 )
 from .recorder import Recorder as Recorder, without_background as without_background
 from .takes import Takes as Takes
+
+# For deformrf-render.
+from .camera_path import load_camera_path as load_camera_path
+from .clip import clip_session as clip_session
+from .codecs import encoder as encoder
+from .film import Film as Film, with_timeline as with_timeline
+from .film_maker import FilmMaker as FilmMaker, FilmOptions as FilmOptions
+from .still import strike as strike

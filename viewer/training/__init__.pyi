@@ -5,3 +5,7 @@ from .train_job import (
     follow_job as follow_job,
     offer_of as offer_of,
 )
+
+# For deformrf-train --view.
+from .live import POLL_SECONDS as POLL_SECONDS, LiveRun as LiveRun
+from .live_window import LiveWindow as LiveWindow

@@ -6,9 +6,9 @@ from pathlib import Path
 from ...render import Camera
 from . import transforms
 from .datasets import size_of
+from .errors import DatasetError
 from .foreign_paths import tail_of
 from .layouts import list_images
-from .posed_images import DatasetError
 
 SQUARE = 1000  # pixels of a side
 

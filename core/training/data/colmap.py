@@ -16,16 +16,9 @@ import numpy as np
 from ...render import Lens
 from .colmap_files import Camera, Registered, read_cameras, read_images
 from .colmap_files import read_points as points_of
+from .errors import DatasetError
 from .foreign_paths import Found, find_files
-from .posed_images import (
-    DatasetError,
-    Listing,
-    PosedImage,
-    check_shape,
-    checked_lens,
-    from_opencv,
-    is_of_split,
-)
+from .posed_images import Listing, PosedImage, check_shape, checked_lens, from_opencv, is_of_split
 from .views import upright
 
 # Where each model has fx, fy, cx, cy, k1, k2, p1, p2 among its parameters; None is zero.

@@ -21,7 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .posed_images import FARTHEST, DatasetError, rigid_pose, rotation_of
+from .errors import DatasetError
+from .posed_images import FARTHEST, rigid_pose, rotation_of
 
 MODELS = (  # of cameras, in the order of COLMAP's numbers; and how many parameters they have
     ("SIMPLE_PINHOLE", 3),

@@ -15,15 +15,11 @@ from ...base.device import thread_count
 from ...base.images import ImageError, open_image, orientation, rgba, stored_size
 from ...base.memory import free_bytes
 from ...render import Lens
+from .errors import DatasetError, NoImagesError, NoSplitError
 from .foreign_paths import tried
 from .layouts import list_images, sparse_points
 from .masks import mask_paths, named_masks, read_mask
-from .posed_images import (
-    DatasetError,
-    NoImagesError,
-    NoSplitError,
-    PosedImage,
-)
+from .posed_images import PosedImage
 from .turning import is_turned
 
 DECODED_BYTES = 12  # a pixel on disk takes while it is decoded: Pillow's two images, an array

@@ -23,7 +23,8 @@ from unicodedata import normalize
 from urllib.parse import unquote
 
 from ...base.streams import printable
-from .posed_images import IMAGE_ENDINGS, DatasetError
+from .errors import DatasetError
+from .photo_files import IMAGE_ENDINGS
 
 MOST_ENTRIES = 300_000  # files and folders that are looked at; among more, no tails are sought
 MOST_ALIKE = 8  # files with one tail that are kept: two are one too many

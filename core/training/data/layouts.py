@@ -15,9 +15,10 @@ from itertools import islice
 from pathlib import Path
 
 from . import colmap, nsvf, phones, transforms
+from .errors import DatasetError, NoSplitError
 from .photo_files import photo_folder
 from .points import load_points
-from .posed_images import DatasetError, Listing, NoSplitError, PosedImage
+from .posed_images import Listing, PosedImage
 from .turning import Turning
 
 DEEPEST = 3  # folders that may be wrapped around a data set

@@ -14,8 +14,10 @@ import numpy as np
 from PIL import Image, ImageChops
 
 from ...base.images import ImageError, open_image, rgba
+from .errors import DatasetError
 from .foreign_paths import tail_of
-from .posed_images import IMAGE_ENDINGS, DatasetError, PosedImage, existing, have_one_shape
+from .photo_files import IMAGE_ENDINGS
+from .posed_images import PosedImage, existing, have_one_shape
 
 MOST_CLASSES = 32  # values of a mask that holds numbers of classes; what is soft has more
 

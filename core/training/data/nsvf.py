@@ -14,17 +14,9 @@ intrinsics that no camera has.
 import numpy as np
 
 from ...render import Lens
+from .errors import DatasetError, NoSplitError
 from .foreign_paths import find_files
-from .posed_images import (
-    DatasetError,
-    Listing,
-    NoSplitError,
-    PosedImage,
-    checked_lens,
-    from_opencv,
-    rigid_pose,
-    text_of,
-)
+from .posed_images import Listing, PosedImage, checked_lens, from_opencv, rigid_pose, text_of
 
 IGNATIUS = "; the published Ignatius has such a file"
 

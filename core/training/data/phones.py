@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from ...render import Lens
+from .errors import DatasetError
+from .photo_files import IMAGE_ENDINGS
 from .posed_images import (
-    IMAGE_ENDINGS,
-    DatasetError,
     Listing,
     PosedImage,
     check_shape,

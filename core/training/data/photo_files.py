@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from .posed_images import IMAGE_ENDINGS, DatasetError
+from .errors import DatasetError
 
+IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".heic", ".heif")
 MASK = "_mask"  # how the stem of a photograph's mask ends
 
 

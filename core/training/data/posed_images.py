@@ -16,28 +16,16 @@ import numpy as np
 
 from ...base.reading import read_bytes
 from ...render import Lens, has_rays
+from .errors import DatasetError
 
 if TYPE_CHECKING:
     from .turning import Turning
 
-IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".heic", ".heif")
 MOST_TEXT = 64 * 2**20  # bytes of a file that lists views: about a hundred thousand of them
 FARTHEST = 1e12  # that a camera may be, so that no product overflows
 SHAPE_TOLERANCE = 0.02  # between the stated width : height and the image's
 EVERY_TEST_VIEW = 8  # for data without a split, as in LLFF and mip-NeRF 360
 SHORTEST_QUATERNION = 1e-9
-
-
-class DatasetError(ValueError):
-    """The folder is not a data set that can be read; the message is one sentence for the user."""
-
-
-class NoSplitError(DatasetError):
-    """The files list no images of a split."""
-
-
-class NoImagesError(DatasetError):
-    """The files list images of a split, and none of them exists."""
 
 
 @dataclass(frozen=True)

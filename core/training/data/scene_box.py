@@ -10,8 +10,9 @@ no tets for what stands beside the object.
 import numpy as np
 
 from .datasets import Dataset
+from .errors import DatasetError
 from .found_object import FoundObject
-from .posed_images import FARTHEST, DatasetError
+from .posed_images import FARTHEST
 from .views import focus
 
 # Half an edge over the cameras' median distance: NeRF-synthetic's cameras stand 4.03 from

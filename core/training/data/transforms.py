@@ -19,11 +19,10 @@ import numpy as np
 
 from ...base.streams import shown
 from ...render import Lens
+from .errors import DatasetError, NoSplitError
 from .foreign_paths import as_it_is, find_files, key_of, tail_of
 from .posed_images import (
-    DatasetError,
     Listing,
-    NoSplitError,
     PosedImage,
     check_shape,
     checked_lens,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .posed_images import DatasetError
+from .errors import DatasetError
 
 BOX = "--aabb x0 y0 z0 x1 y1 z1"
 INVERTED = "world-to-camera matrices have to be inverted"

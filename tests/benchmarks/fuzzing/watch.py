@@ -112,7 +112,7 @@ def outcome(kind, folder: Path) -> tuple[str, str, str]:
 def is_ours(file: str) -> bool:
     """Whether a file is the program's own code, without its tests."""
     path = Path(file)
-    return path.is_relative_to(ROOT) and path.relative_to(ROOT).parts[0] in ("core", "viewer")
+    return any(path.is_relative_to(ROOT / f) for f in ("core", "wings", "commands", "viewer"))
 
 
 def where(error) -> str:

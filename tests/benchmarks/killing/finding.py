@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from captures import circle, similarity_errors, write_capture
 
-from deformrf.wings import capture
+from deformrf.core.training import load_points
 from deformrf.wings.capture import work
 from deformrf.wings.capture.library import load_pycolmap
 
@@ -63,7 +63,7 @@ class Finding(Kind):
     def check_cameras(self):
         """A Fault or another exception unless the cameras are where the photographs' were."""
         scene = json.loads((self.photos / "transforms.json").read_text())
-        capture.load_points(self.photos)
+        load_points(self.photos)
         found = {int(f["file_path"][:3]): f["transform_matrix"] for f in scene["frames"]}
         if len(found) != PHOTOS:
             raise Fault(f"{len(found)} of {PHOTOS} photographs have cameras")

@@ -1,0 +1,135 @@
+"""Ctrl-C at a command's start: one line, exit code 130."""
+
+import os
+import signal
+import subprocess
+import sys
+import tomllib
+
+import pytest
+
+from deformrf.commands import entry
+from deformrf.core.base.paths import ROOT
+
+PROGRAM = """
+import importlib, os, signal, sys
+
+package, function, *arguments = sys.argv[1:]
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == package:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupt())
+sys.argv = ["x", *arguments]
+module, _, name = function.partition(":")
+sys.exit(getattr(importlib.import_module(module), name)())
+"""
+SCRIPTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
+
+
+@pytest.mark.parametrize("program", SCRIPTS)
+@pytest.mark.parametrize("package", ["dataclasses", "tyro"])
+def test_an_interrupt_of_the_imports_is_one_line(program, package):
+    command = [sys.executable, "-c", PROGRAM, package, SCRIPTS[program]]
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert (run.returncode, run.stdout) == (130, "")
+    assert run.stderr == f"{program}: interrupted\n"
+
+
+def test_an_interrupt_waits_until_torch_is_imported(data, tmp_path):
+    """It can't be imported again after an import that was ended halfway."""
+    arguments = [str(data), "-o", str(tmp_path / "m.npz"), "--preset", "tiny", "--device", "cpu"]
+    arguments += ["--scene-radius", "1.3"]
+    command = [sys.executable, "-c", PROGRAM, "torch.optim.adam", SCRIPTS["deformrf-train"]]
+    run = subprocess.run([*command, *arguments], capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (130, "deformrf-train: interrupted\n")
+
+
+def test_every_command_begins_here():
+    assert SCRIPTS.keys() == entry.COMMANDS.keys()
+    assert all(target.startswith("deformrf.commands.entry:") for target in SCRIPTS.values())
+
+
+@pytest.mark.parametrize("program", SCRIPTS)
+def test_verbose_is_in_every_help(program):
+    code = f"from deformrf.commands.entry import begin; import sys; sys.exit(begin({program!r}))"
+    for flags in (["--help"], ["bind", "-h"] if program == "deformrf-rig" else ["-h"]):
+        command = [sys.executable, "-c", code, *flags]
+        run = subprocess.run(command, capture_output=True, text=True)
+        assert (run.returncode, run.stderr) == (0, "")
+        assert run.stdout.splitlines()[-1] == entry.VERBOSE
+
+
+FAULT = """
+import sys
+from deformrf.viewer import command, entry
+
+def broken(chosen):
+    from deformrf.viewer.events import EventLog
+
+    EventLog(False)("grab", secret="contents")
+    open("{folder}/private/name.npz")
+
+def job(chosen):
+    return lambda: broken(chosen)
+
+command.prepare = job
+sys.argv = ["x", *{arguments}]
+sys.exit(entry.view())
+"""
+
+
+@pytest.mark.parametrize("arguments", [[], ["--verbose"]])
+def test_a_fault_leaves_a_report_that_can_be_passed_on(tmp_path, arguments):
+    program = FAULT.format(folder=tmp_path, arguments=arguments)
+    state = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state")}
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=state)
+    assert run.returncode == 1 and "Traceback" in run.stderr
+    assert ("deformrf-view: grab\n" in run.stderr) == bool(arguments)
+    (report,) = (tmp_path / "state").rglob("crash-*.txt")
+    assert str(report) in run.stderr
+    text = report.read_text()
+    for expected in ("numpy 2", "FileNotFoundError", "deformrf.viewer.events: grab", "name.npz"):
+        assert expected in text, text
+    assert str(tmp_path) not in text and "contents" not in text
+
+
+def test_a_mistake_of_the_user_leaves_none(tmp_path):
+    program = "from deformrf.commands.entry import view; import sys; sys.exit(view())"
+    state = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
+    command = [sys.executable, "-c", program, "nothing.npz", "--headless", "--screenshot", "a.png"]
+    run = subprocess.run(command, capture_output=True, text=True, env=state, cwd=tmp_path)
+    assert run.returncode == 2 and run.stderr.count("\n") == 1
+    assert not list(tmp_path.rglob("crash-*"))
+
+
+def test_garbage_is_collected_after_the_start_and_not_at_the_end():
+    said = (
+        "import atexit, gc, sys\n"
+        "atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 10_000))\n"
+        "from deformrf.commands.entry import begin\n"
+        "sys.argv = ['x', '--version']\n"
+        "sys.exit(begin('deformrf-view'))\n"
+    )
+    run = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    assert run.stdout.split("\n")[1:] == ["True True", ""]
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_after_the_commands_end_shows_no_traceback(name, tmp_path):
+    """It comes while Python itself ends."""
+    program = f"""
+import contextlib, signal, sys
+from deformrf.commands.entry import begin
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.argv = ["deformrf-edit", "missing.npz", "-o", "smaller.npz"]
+with contextlib.suppress(SystemExit):
+    begin("deformrf-edit")
+signal.raise_signal(signal.{name})
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.returncode == -getattr(signal, name) and "Traceback" not in done.stderr
+    assert "missing.npz" in done.stderr

@@ -1,0 +1,189 @@
+"""Photographs that are opened: the viewer asks, trains in another process, and shows the model."""
+
+import time
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from deformrf.commands import view as command
+from deformrf.viewer.training import TrainJob, TrainOffer, offer_of, train_job
+
+WORKS = """
+import json, sys, time
+print('{"stage": 2, "step": 30, "steps": 60}', flush=True)
+print("words for people", flush=True)
+open(sys.argv[3], "wb").write(open(MODEL, "rb").read())
+"""
+FAILS = "import sys; print('deformrf-train: too few photographs'); sys.exit(2)"
+WAITS = """
+import signal, sys, time
+signal.signal(signal.SIGINT, lambda *_: (print("kept the work", flush=True), sys.exit(130)))
+print("ready", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.fixture
+def photos(tmp_path):
+    folder = tmp_path / "my toy"
+    folder.mkdir()
+    for number in range(5):
+        Image.new("RGB", (32, 24), (40 * number, 90, 60)).save(folder / f"{number}.jpg")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def ended(job, seconds=30):
+    end = time.monotonic() + seconds
+    while not job.ended:
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    return job
+
+
+def test_an_offer_says_what_would_happen(photos, tmp_path):
+    offer = offer_of(photos, "cpu")
+    assert (offer.count, offer.output) == (5, tmp_path / "my toy.npz")
+    text = " ".join(offer.lines())
+    assert "5 photographs" in text and f"{offer.minutes} minutes on this CPU" in text
+    assert f"deformrf-train '{photos}' -o" in offer.command and "--preset tiny" in offer.command
+    on_gpu = offer_of(photos, "cuda:0")
+    assert "a GPU" in " ".join(on_gpu.lines()) and "tiny" not in on_gpu.command
+    assert on_gpu.minutes < offer.minutes
+    offer.output.write_bytes(b"")  # a model that is there is never replaced
+    assert offer_of(photos, "cpu").output.name == "my toy-2.npz"
+
+
+def test_the_command_that_is_offered_is_one(photos):
+    import tyro
+
+    from deformrf.commands.training import TrainArguments
+
+    offer = offer_of(photos, "cpu")
+    chosen = tyro.cli(TrainArguments, args=offer.arguments)
+    assert (chosen.data, chosen.output, chosen.preset) == (photos, offer.output, "tiny")
+
+
+def test_a_job_tells_how_far_it_is_and_its_last_words(photos, monkeypatch, ball_file):
+    monkeypatch.setattr(train_job, "CODE", WORKS.replace("MODEL", repr(str(ball_file))))
+    job = ended(TrainJob(offer_of(photos, "cpu")))
+    assert (job.code, job.line, job.share) == (0, "words for people", 0.75)
+    monkeypatch.setattr(train_job, "CODE", FAILS)
+    job = ended(TrainJob(offer_of(photos, "cpu")))
+    assert job.code == 2 and "too few photographs" in job.line
+
+
+def test_a_job_that_is_stopped_keeps_its_work(photos, monkeypatch, capsys):
+    monkeypatch.setattr(train_job, "CODE", WAITS)
+    job = TrainJob(offer_of(photos, "cpu"))
+    while job.line != "ready":
+        assert not job.ended
+        time.sleep(0.02)
+    job.close()
+    assert job.ended and job.code == 130 and job.line == "kept the work"
+    assert "Training stops" in capsys.readouterr().err
+
+
+def test_the_process_is_deformrf_train(photos):
+    """Five photographs of nothing are refused by it, in a sentence."""
+    job = ended(TrainJob(offer_of(photos, "cpu")), 120)
+    assert (job.code, job.line.partition(":")[0]) == (2, "deformrf-train"), job.line
+    assert "5 photographs" in job.line
+
+
+def test_without_a_window_a_sentence_has_the_command(photos, capsys):
+    arguments = [str(photos), "--headless", "--screenshot", "x.png"]
+    assert command.main(arguments) == 2
+    said = capsys.readouterr().err
+    assert f"deformrf-train '{photos}' -o model.npz" in said
+
+
+# -- in the viewer -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def app(give_up_window, ball):
+    """An App in a window without a display, large enough for a dialog."""
+    from deformrf.viewer.window import WindowError, open_window
+
+    try:
+        window = open_window((700, 500), headless=True)
+    except WindowError as error:
+        give_up_window(str(error))
+    from deformrf.viewer.app import App
+    from deformrf.viewer.events import EventLog
+
+    app = App(*window, EventLog(False))
+    app.load(ball, "ball", "cpu")
+    app.left_behind = None
+    yield app
+    app.end()
+    app.close()
+
+
+def drop(app, path):
+    app.window.dispatch_event("on_file_drop", 100, 100, [str(path)])
+    app.window.dispatch_events()
+    app.run(app.frame_count + 2)
+
+
+@pytest.mark.gl
+def test_a_folder_that_is_dropped_is_trained_and_its_model_shown(
+    app, photos, monkeypatch, ball_file
+):
+    monkeypatch.setattr(train_job, "CODE", WORKS.replace("MODEL", repr(str(ball_file))))
+    drop(app, photos)
+    assert isinstance(app.dialog, TrainOffer) and app.dialog.data == photos
+    offer = app.dialog
+    train_job.begin_job(app)
+    assert app.dialog is None
+    app.run(app.frame_count + 1)
+    ended(app.train_job)
+    app.run(app.frame_count + 3)
+    assert app.train_job is None
+    assert app.scene.name == offer.output.stem and Path(app.preferences.recent[0]) == offer.output
+
+
+@pytest.mark.gl
+def test_a_run_that_fails_says_why_and_the_scene_stays(app, photos, monkeypatch):
+    monkeypatch.setattr(train_job, "CODE", FAILS)
+    scene = app.scene
+    drop(app, photos)
+    train_job.begin_job(app)
+    ended(app.train_job)
+    app.run(app.frame_count + 2)
+    assert app.scene is scene and "too few photographs" in app.recorder.message
+
+
+@pytest.mark.gl
+def test_the_offer_is_answered_with_the_mouse(app, photos, monkeypatch):
+    from imgui_bundle import imgui
+
+    began = []
+    monkeypatch.setattr("deformrf.viewer.panels.offering.begin_job", began.append)
+    places = {}
+    button = imgui.button
+
+    def noted(label, *rest):
+        pressed = button(label, *rest)
+        places[label] = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        return pressed
+
+    monkeypatch.setattr(imgui, "button", noted)
+    drop(app, photos)
+    app.run(app.frame_count + 2)
+    low, high = places["Train"]
+    at = int(0.5 * (low.x + high.x)), app.window.height - 1 - int(0.5 * (low.y + high.y))
+    for event in (("on_mouse_motion", *at, 0, 0), ("on_mouse_press", *at, 1, 0)):
+        app.window.dispatch_event(*event)
+        app.window.dispatch_events()
+        app.run(app.frame_count + 1)
+    app.window.dispatch_event("on_mouse_release", *at, 1, 0)
+    app.window.dispatch_events()
+    app.run(app.frame_count + 2)
+    assert began == [app] and app.dialog is None
