@@ -1,4 +1,4 @@
-"""What a person has to know, in figures: lines of each room, words of the pages, functions that run.
+"""What a person has to know, in figures: lines of rooms, words of pages, functions that run.
 
     python tests/benchmarks/house.py
 
