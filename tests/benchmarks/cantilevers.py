@@ -105,7 +105,7 @@ def crossing_rate(values):
 
 
 def row(name, ratio):
-    """A row of docs/results/finite_elements.json."""
+    """A row of the table that this program prints: lattice, ν, and differences in percent."""
     body = beam(*SPACINGS[name])
     mu = MODULUS / (2.0 * (1.0 + ratio))
     lame = MODULUS * ratio / ((1.0 + ratio) * (1.0 - 2.0 * ratio))
