@@ -80,7 +80,7 @@ def needed_decay(weight: float, pixel_count: int, feature_count: int) -> float:
     """The table decay for so many pixels of the object, of three numbers each, and features.
 
     It is the whole weight up to one number a feature, and 0 from two.  That was measured:
-    docs/performance.md, Against noise.
+    docs/trials.md, Against noise.
     """
     return weight * min(max(2.0 - 3.0 * pixel_count / feature_count, 0.0), 1.0)
 
