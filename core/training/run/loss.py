@@ -29,7 +29,7 @@ from .sample_limits import SampleLimits
 from .surroundings import over, surrounded_cost
 from .training_field import TrainingField
 
-EXCESS_WEIGHT = 1e-5  # docs/design/004-training.md has what else was tried
+EXCESS_WEIGHT = 1e-5  # docs/trials.md has what else was tried
 
 
 def training_loss(
