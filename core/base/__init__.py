@@ -1,4 +1,4 @@
-"""What everything stands on: device, threads, caches, native code, files, arguments.
+"""Modules that all rooms use: device, threads, caches, native code, files, arguments.
 
-No door: import its modules.
+This room has no door: import its modules.
 """

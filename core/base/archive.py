@@ -1,12 +1,11 @@
-"""An .npz file: a zip of NumPy arrays, read without trust in what it declares.
+"""Read an .npz file, a zip of NumPy arrays, without trusting the sizes that it declares.
 
-`open_archive` gives the arrays by name.  Nothing of an array is read before somebody asks for it:
-its type and shape come from its own header, whose length is bounded, and its values are read when
-`numpy.asarray` takes them.  So an array that nobody asks for costs nothing, however large it is,
-and whoever asks can compare the shape with what it should be first.
+`open_archive` maps names to arrays.  It reads type and shape of an array from the array's header,
+whose length is bounded.  The values are read only when `numpy.asarray` asks for them, so a caller
+can check the shape first, and an array that is never asked for costs nothing, however large it is.
 
-A file of n bytes may unpack to FREE_BYTES + EXPANSION · n, at most MAX_BYTES, and to a quarter of
-the memory that is free.  Every error is an ArchiveError of one sentence.
+A file of n bytes may unpack to FREE_BYTES + EXPANSION · n bytes, but not to more than MAX_BYTES
+or a quarter of the free memory.  Every error is an ArchiveError of one sentence.
 """
 
 import ast

@@ -1,6 +1,6 @@
-"""Arguments that the commands share: their appearance in --help, and their checks.
+"""Arguments that several commands have: how --help shows them, and their checks.
 
-Types are written Optional[X]: for X | None, tyro imports typeguard and 60 other modules.
+Write Optional[X], not X | None: for the latter, tyro imports typeguard and 60 other modules.
 """
 
 import os

@@ -1,9 +1,9 @@
-"""Start Python processes that import nothing from the current folder; `start` starts all of them.
+"""Start Python processes without importing modules from the current folder.
 
-`python -c` and `python -m` import from the current folder first, as does a PYTHONPATH with an empty
-entry or a dot: in a folder of downloaded files they would run its numpy.py.  So a child gets -P,
-and a PYTHONPATH of the folders that this process imports from, without the current one.  It imports
-this process's package, wherever that is.
+`python -c` and `python -m` import from the current folder first, and so does a PYTHONPATH with an
+empty entry or a dot.  In a folder of downloaded files they would run that folder's numpy.py.  So
+`start` passes -P and a PYTHONPATH of the folders from which this process imports, without the
+current one.  The child therefore imports the same package as this process.
 """
 
 import os

@@ -1,8 +1,8 @@
-"""Claims on the files that this process will write: a second process that claims one is refused.
+"""Claim the files that this process will write, so that a second process can't claim them.
 
-A claim is a lock on one byte of a file in the user's state folder; the path's hash says which byte.
-The system frees it when the process ends, however that happens, and no lock file is left beside
-the user's files.  Without such a folder, or without locks, nothing is claimed.
+A claim locks one byte of a file in the user's state folder; a hash of the claimed path gives the
+byte's place.  The system frees the lock when the process ends, even after a crash, and no lock file
+lies beside the user's files.  Without a state folder, or without locks, nothing is claimed.
 """
 
 import hashlib

@@ -1,7 +1,7 @@
-"""Which device a program runs on, with how many threads, and how Warp starts for it: quietly.
+"""Choose the device and the number of threads, and start Warp without its messages.
 
-The device has Warp's name, "cpu" or "cuda:0"; the command lines' word "auto" means CUDA if
-there is any.  Training that torchrun starts has as many GPUs as processes, one for each.
+A device has Warp's name, "cpu" or "cuda:0".  On command lines, "auto" means CUDA if the machine has
+it.  torchrun starts one training process for each GPU.
 """
 
 import ctypes

@@ -1,4 +1,4 @@
-"""Arrays on a device that the host fills again and again."""
+"""Copy arrays from the host to a device again and again, without a new allocation each time."""
 
 import numpy as np
 import warp as wp

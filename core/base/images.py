@@ -1,8 +1,8 @@
-"""Image files, opened in this one place: anybody may have written them.
+"""Open image files safely; all code that reads images uses this module.
 
-Pillow knows some forty formats and chooses among them by a file's content, whatever its name.
-One of them starts another program (PostScript), and a small file can declare billions of pixels.
-So formats are named, and the declared size is checked before anything is decoded.
+Pillow knows some forty formats and recognizes them by a file's content, whatever its name.  For
+PostScript it starts another program, and a small file can declare billions of pixels.  So this
+module allows a list of formats, and checks the declared size before it decodes anything.
 """
 
 import io

@@ -1,9 +1,9 @@
-"""Warp's cache of compiled kernels: a folder that can be written, and files that are whole.
+"""Give Warp a cache folder for compiled kernels that is writable and has no damaged files.
 
-Warp compiles a module of kernels once and keeps its files in a folder of their own.  `start`
-has Warp compare them with checksums before it loads them, since the linker may crash on damaged
-ones, and gives Warp another folder where it can't write.  A module that is shipped compiled is
-copied into the cache before Warp looks there.
+Warp compiles a module of kernels once and keeps its files in a folder.  The linker may crash on
+damaged files, so `start` makes Warp compare files with checksums before it loads them.  If Warp
+can't write its folder, `start` chooses another one.  Before Warp looks for a module that is shipped
+compiled, its files are copied into the cache.
 """
 
 import atexit

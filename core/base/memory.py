@@ -1,4 +1,4 @@
-"""How much main memory is free, and a context without garbage collection."""
+"""How much main memory is free; a context without garbage collection."""
 
 import gc
 from contextlib import contextmanager

@@ -1,7 +1,7 @@
-"""Kernels whose body is C++: texts that include each other, with values in their places.
+"""Kernels whose body is C++: read the source files and insert included files and values.
 
-Warp compiles such a body inside of a function, so the texts have lambdas in place of functions
-and templates.
+Warp pastes such a body into a function.  C++ allows no functions or templates there, so the sources
+use lambdas.
 """
 
 from pathlib import Path

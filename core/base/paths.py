@@ -1,4 +1,4 @@
-"""Folders of shaders and assets, the program's version, and the writing of files."""
+"""Paths of shaders and assets, the program's version, and functions that write files."""
 
 import errno
 import os

@@ -1,7 +1,7 @@
-"""Open files that somebody else wrote: regular files only, up to a given size.
+"""Open a file that somebody else wrote, if it is a regular file within a size limit.
 
-A pipe that nobody writes to never answers, and a device never ends.  Every error is an OSError
-with `strerror` and `filename`, which a command prints as one sentence.
+Reading a pipe that nobody writes to would wait for ever, and reading a device might never end.
+Every error is an OSError with `strerror` and `filename`, which a command prints as one sentence.
 """
 
 import errno

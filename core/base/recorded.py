@@ -1,4 +1,4 @@
-"""Launches that are always the same: on CUDA, one launch for all of them."""
+"""Record a fixed sequence of launches; on CUDA, it then runs as one launch."""
 
 import warp as wp
 

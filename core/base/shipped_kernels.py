@@ -1,9 +1,9 @@
-"""Kernels that are shipped compiled, so that a first start on a usual GPU compiles none.
+"""Unpack compiled kernels that are shipped, so that a first start on a usual GPU compiles none.
 
-`assets/kernels` has an archive for each architecture of NVIDIA's GPUs and version of Warp, with
-the files that Warp keeps of a compiled module in a folder named by the module's hash.  That hash
-covers the kernels' sources, constants and options: kernels that were changed are not found, and
-are compiled as those of any other architecture are.  `make kernels` makes the archives.
+`assets/kernels` has an archive for each GPU architecture and version of Warp.  It contains, for
+each compiled module, the files that Warp would write, in a folder named by the module's hash.  The
+hash covers sources, constants and options.  So kernels that have changed are not found, and Warp
+compiles them, as it does on every other architecture.  `make kernels` writes the archives.
 """
 
 import io

@@ -1,8 +1,8 @@
 """Printing to standard output and error.  A failed print never stops the work.
 
-A terminal may be closed, a pipe have no reader, a disk be full: the words are lost then.  Streams
-that were closed before the start are opened on the null device, so that no file gets the number 2,
-to which libraries write their warnings.
+If the terminal was closed, a pipe has no reader or a disk is full, the text is lost.  Streams that
+were closed before the start are opened on the null device.  Otherwise a file could get descriptor
+2, to which libraries write their warnings.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Work that several threads share.  On a CPU, Warp runs a launch in one thread."""
+"""Divide work among threads.  On a CPU, Warp runs a launch in one thread."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait

@@ -1,7 +1,7 @@
-"""Loads and stores of four numbers at once: on CUDA one instruction instead of four.
+"""Load and store four numbers at once: on CUDA with one instruction instead of four.
 
-Warp loads a vector number by number, because a vector may begin at any address.  The elements
-of an array begin at multiples of their size, as the wide instructions require.
+Warp loads a vector number by number, because a vector may begin at any address.  Elements of an
+array begin at multiples of their size, as these instructions require.
 """
 
 import warp as wp
