@@ -1,4 +1,4 @@
-"""Tetrahedra: lattices, meshes, their subdivision and coloring."""
+"""Tetrahedra: lattices, meshes, subdivision, coloring."""
 
 import lazy_loader
 

@@ -1,13 +1,13 @@
-"""Colors for constraints: the solver can solve all constraints of one color at once.
+"""Color the constraints, so that the solver can project all constraints of one color at once.
 
-Two constraints that share a vertex get different colors.  Solving color after color is then
-a Gauss–Seidel sweep, and its result does not depend on the order inside a color.  Each color
-costs a barrier in each substep, so few colors are fast.
+Two constraints that share a vertex get different colors.  Projecting color after color is then
+a Gauss–Seidel sweep, whose result does not depend on the order within a color.  Each color costs a
+barrier in each substep, so fewer colors are faster.
 
-A mesh that was cut from a lattice takes the colors of the lattice: constraints that are
-translates of each other by the lattice's period have the same one, so only those of one period
-need colors, a graph small enough for a search.  On A15 there are 14 colors for edges and 26 for
-tets, where greedy coloring needs 18 and 32; a vertex of A15 has up to 24 tets.
+A mesh cut from a lattice takes the lattice's colors.  Constraints that differ by a translation of
+the lattice get the same color, so only the constraints of one period are colored, and their graph
+is small enough for a search.  A15 needs 14 colors for edges and 26 for tets this way; greedy
+coloring takes 18 and 32.  (A vertex of A15 has up to 24 tets.)
 
 Shapes: V vertices, C constraints of n vertices each (n = 2 for edges, 4 for tets), P
 constraints of one period.

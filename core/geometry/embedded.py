@@ -1,7 +1,7 @@
-"""A surface within a mesh of tets: each of its vertices keeps its place in one tet.
+"""A surface whose vertices are fixed in the tets of a mesh, so that it deforms with them.
 
-A point with barycentric coordinates w in the tet with corners c is at Σ w_i · vertices[c_i], at
-rest and in every pose; so does the radiance field move that lies in the tets.
+A point with barycentric coordinates w in the tet with corners c lies at Σ w_i · vertices[c_i], at
+rest and in every pose.  The radiance field moves in the same way.
 
 Shapes: N points, F triangles.
 """

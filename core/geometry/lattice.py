@@ -6,25 +6,25 @@
     Kuhn     1 dx       1         6      1, 2, 3 dx²        45° to 90°
 
 Every vertex is an integer multiple of dx.  A15 is the acute tiling of QuarTet; DeformRF,
-section 4.1, uses it with dx = 0.02.  Training uses A15; the report compares the others.
+section 4.1, uses it with dx = 0.02.  Training uses A15; the report compares the others with it.
 
 The code derives the tets: they are the 4-cliques of the graph that joins vertices at the
-distances above.  In tetrahedrally close-packed structures (A15) and in BCC those are the
-Delaunay cells.  Kuhn's graph joins only vertices whose differences have no mixed signs, so
-its cliques are the monotone paths through a cube.
+distances above.  For tetrahedrally close-packed structures (A15) and BCC these cliques are the
+Delaunay cells.  Kuhn's graph joins two vertices only if no two components of their difference
+have opposite signs, so its cliques are the monotone paths through a cube.
 
-The order of a tet's corners decides the shapes of its descendants.  The steps of the closed
-path v0 v1 v2 v3 are the edges a, b, c, d.  Every descendant (subdivision.py) has the same four
-steps, scaled, in one of three cyclic orders; its other two edges are two of p = a + b = v0v2,
-q = b + c = v1v3 and r = a + c, twice the inner diagonal m02-m13.  With
+The order of a tet's corners determines the shapes of its descendants (subdivision.py).  Let a, b,
+c, d be the steps of the closed path v0 v1 v2 v3 v0.  Every descendant has the same four steps,
+scaled, in one of three cyclic orders.  Its other two edges are two of the three vectors
+p = a + b = v0v2, q = b + c = v1v3 and r = a + c, which is twice the inner diagonal m02-m13.  With
 S = |a|² + |b|² + |c|² + |d|² = |p|² + |q|² + |r|², the squared edges of the three shapes sum to
-2S - |p|², 2S - |q|² and 2S - |r|².  On one level all volumes are equal, so these sums alone rank
+2S - |p|², 2S - |q|² and 2S - |r|².  All tets of a level have equal volume, so these sums alone rank
 the shapes by their mean ratio,
 
     12 (3 volume)^(2/3) / sum of squared edge lengths,           1 for a regular tet.
 
-They depend only on which two opposite edges are v0v2 and v1v3: of the 24 orders there are
-three to choose from, and even permutations, which keep the orientation, reach them all.
+The sums depend only on which two opposite edges are v0v2 and v1v3.  So the 24 orders give only
+three different results, and even permutations, which keep the orientation, reach all three.
 """
 
 from dataclasses import dataclass

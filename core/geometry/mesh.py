@@ -1,8 +1,8 @@
-"""A tetrahedral mesh and what follows from its connectivity.
+"""A tetrahedral mesh and the tables that follow from its connectivity.
 
-Corner i of a tet is opposite face i; FACES[i] lists that face's corners so that its
-normal points out of a positively oriented tet.  Every function that makes a mesh orients its
-tets: all rest volumes are positive.
+Face i of a tet is opposite corner i.  FACES[i] lists the face's corners in the order in which its
+normal points out of a positively oriented tet.  Every function that makes a mesh orients its tets:
+all rest volumes are positive.
 
 Shapes: V vertices, T tets, E edges, B boundary faces.
 """

@@ -1,26 +1,27 @@
 """Recursive subdivision of one tetrahedron, in barycentric coordinates.
 
-Joining the six edge midpoints splits a tet into eight children: four at the corners
-(0-3) and four around the inner diagonal m02-m13 (4-7).  Bey's order of their corners keeps
-all descendants in at most three similarity classes (J. Bey, "Tetrahedral grid refinement",
-1995).  No level needs storage: a point with barycentric coordinates alpha moves from level l
+The midpoints of its six edges split a tet into eight children: four at the corners
+(0-3) and four around the inner diagonal m02-m13 (4-7).  With Bey's order of the corners, all
+descendants have at most three shapes (J. Bey, "Tetrahedral grid refinement",
+1995).  No level is stored: a point with barycentric coordinates alpha moves from level l
 to level l + 1 by
 
     alpha' = C[k] @ alpha,        k = child(alpha)          (DeformRF, section 3.2)
 
-and the integer address of a child's corner, the midpoint of corners a and b (or a = b),
-is the sum of theirs: addresses double with each level, so they stay exact.
+A child's corner is the midpoint of corners a and b (or a = b).  Its integer address is the sum of
+their addresses.  So addresses double from level to level, and stay exact.
 
-A child's path p after l levels is 8·p' + k; path 0 is the coarse tet itself.
+A child's path after l levels is p = 8·p' + k, with its parent's path p'; path 0 is the coarse tet.
 
-A point's descendant at level l also follows without the levels between.  In lattice coordinates
+A point's descendant at level l can also be found without the levels between.  In lattice
+coordinates
 
     x = (α1 + α2 + α3, α2 + α3, α3),        1 ≥ x1 ≥ x2 ≥ x3 ≥ 0
 
-the tet is a simplex of Kuhn's triangulation of the cube, and in Bey's order its descendants
-are those of the cubes with edge 2^-l: y = 2^l·x lies in the cube at c = floor(y), and the
-corners of its descendant go from c to c + (1, 1, 1), a step along the axis of the largest
-fraction y - c first, of the smallest one last.
+the tet is a simplex of Kuhn's triangulation of the cube.  In Bey's order its descendants are the
+simplices of the cubes with edge 2^-l.  The point y = 2^l·x lies in the cube at c = floor(y).  The
+corners of its descendant lead from c to c + (1, 1, 1), one step along each axis: first along that
+of the largest fraction y - c, last along that of the smallest.
 
 Shapes: N points.  Barycentric coordinates are [..., 4], sum to one, and are
 dimensionless.
