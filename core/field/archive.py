@@ -1,4 +1,4 @@
-"""A model file as arrays, and the parts that its bytes belong to."""
+"""Open a model file as a dictionary of arrays; count the bytes of its mesh and its tables."""
 
 import zipfile
 from contextlib import contextmanager

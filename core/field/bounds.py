@@ -1,6 +1,6 @@
-"""What a renderer can do with a model: the bounds that docs/model-format.md states.
+"""Limits that a renderer sets to models, as docs/model-format.md states them.
 
-Each check takes what is cheap to know and comes before the work that it bounds.
+Each check needs little work, and runs before the work that it limits.
 """
 
 from itertools import pairwise

@@ -1,9 +1,9 @@
-"""A table of features in bytes, as a CPU reads it: a quarter of the size, so that caches hold more.
+"""A table of features in bytes for the CPU, a quarter of the usual size: more fits in the caches.
 
-A file's entries of 8 bits are integers times a scale per level and feature (packing.py).  On a
-CPU the integers stay, four in a word, and the scales go into the density network's first
-layer, which multiplies all features anyway.  The dense levels' entries are stored for each
-node of each tet (`node_table`): no id has to be read first.
+An entry of 8 bits in a file is an integer times a scale per level and feature (packing.py).  On a
+CPU the table keeps the integers, four to a word.  The scales are multiplied into the weights of the
+density network's first layer.  For dense levels the table stores an entry for each node of each tet
+(`node_table`), so a sample needs no vertex ids.
 
 Shapes: L levels, F = 4 features.
 """

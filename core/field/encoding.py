@@ -1,12 +1,12 @@
 """The recursive tetrahedral encoding: features of a point from its coarse tet.
 
-At each level the four corners of the descendant that holds the point have a feature vector
-each.  The encoding interpolates them with the point's barycentric coordinates there, and
-concatenates the levels' results (DeformRF, section 3.2, Eq. 4).  Only the *rest* addresses
-of the coarse corners enter, so deformation changes nothing here.
+At each level, the descendant that contains the point has a feature vector at each of its four
+corners.  The encoding interpolates these with the point's barycentric coordinates there, and
+concatenates the results of all levels (DeformRF, section 3.2, Eq. 4).  It reads only the *rest*
+addresses of the coarse corners, so a deformation does not change it.
 
-Shapes: N samples, L levels, F = 4 features per entry, T tets.  `table` holds the levels
-one after another, [sum of entry counts, F]; layout.py says where.
+Shapes: N samples, L levels, F = 4 features per entry, T tets.  `table` contains the levels
+one after another, [sum of entry counts, F]; layout.py gives their offsets.
 """
 
 from pathlib import Path

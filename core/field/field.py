@@ -1,8 +1,8 @@
 """A radiance field on a tetrahedral mesh: the contents of a model file.
 
-The coarse mesh gives every vertex an integer rest address.  Tables of features belong to the
-addresses of `level_count` nested levels, and two networks turn features into density and
-color.  A field knows the rest shape only; the renderer holds the current vertices.
+Every vertex of the coarse mesh has an integer rest address.  Tables give features to the addresses
+of `level_count` nested levels, and two networks compute density and color from features.  A field
+contains only the rest shape; the renderer has the current vertices.
 """
 
 from dataclasses import dataclass, field

@@ -1,14 +1,15 @@
 """The surroundings of the object: a hashed grid in contracted space.
 
-With the center m and the half extents b of the object's box, a point p becomes
-y = (p - m) / b, and then (mip-NeRF 360's contraction, Barron et al. 2022, Eq. 10, in the
-maximum norm, which fits a box)
+Let m be the center of the object's box and b its half extents.  A point p becomes
+y = (p - m) / b, which is contracted (mip-NeRF 360, Barron et al. 2022, Eq. 10, here in the
+maximum norm, which fits a box) to
 
     y                        if |y| <= 1
-    (2 - 1 / |y|) y / |y|    otherwise: all of space, in the cube from -2 to 2
+    (2 - 1 / |y|) y / |y|    otherwise
 
-At levels of growing resolution the eight corners of a point's cell have features, hashed
-from integer coordinates and interpolated trilinearly (Instant-NGP, Müller et al. 2022).
+So all of space fits in the cube from -2 to 2.  At levels of growing resolution, the eight corners
+of the point's cell have features.  These are found by hashing the corners' integer coordinates, and
+interpolated trilinearly (Instant-NGP, Müller et al. 2022).
 
 Shapes: N points, G levels, E entries per level, F = 4 features.
 """

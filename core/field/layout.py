@@ -1,9 +1,9 @@
-"""The places of each level's entries in the table of features.
+"""Where each level's entries are in the table of features.
 
-A level whose vertices fit its table is dense: each vertex has an entry of its own, the rank
-of its address in lexicographic order.  The other levels are hashed, with Instant-NGP's hash
-(Müller et al. 2022, Eq. 4): (x·1) xor (y·2654435761) xor (z·805459861) in uint32, then masked
-to a table of 2^n entries.
+If all vertices of a level fit in its table, the level is dense: each vertex has its own entry,
+whose index is the rank of the vertex's address in lexicographic order.  All other levels are
+hashed, as in Instant-NGP (Müller et al. 2022, Eq. 4):
+(x·1) xor (y·2654435761) xor (z·805459861) in uint32, masked to a table of 2^n entries.
 
 Shapes: T tets, L levels, D of them dense, F = 4 features per entry, n_l nodes of a tet (the
 corners of all its descendants) at level l.

@@ -1,12 +1,11 @@
-"""The edge length of each level, and the levels finer than a pixel.
+"""The edge length of each level, and which levels are finer than a pixel.
 
-A level is finer than a pixel if even its longest rest edge is shorter than the pixel is wide
-where the pixel meets the object.  Such a level interpolates between vertices that the image
-cannot tell apart.  This is the only definition: training, the viewer, the view mode `levels`
-and the report all use it.
+A pixel at distance t from a camera of focal length f (in pixels) is t / f wide.  A level is finer
+than a pixel if its longest rest edge is shorter than a pixel is wide at the object.  Such a level
+interpolates between vertices that the image can't show apart.  Training, the viewer, the view mode
+`levels` and the report use this one definition.
 
-A pixel at distance t from a camera of focal length f (in pixels) is t / f wide.  Lengths are
-in model units.  V vertices, N cameras, L levels.
+Lengths are in model units.  V vertices, N cameras, L levels.
 """
 
 import numpy as np

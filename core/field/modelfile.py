@@ -1,9 +1,9 @@
 """model.npz <-> TetField.  docs/model-format.md describes the format field by field.
 
-A file is checked before a field is built (packing.py).  The entry `meta` is JSON text.  Its keys
-that fix the field's shape have to be right.  Its entry `training` only says where a model comes
-from: the reader keeps what has the documented type there and drops the rest, as any key may be
-missing.
+A file is checked before a field is built (packing.py).  The entry `meta` is JSON text.  Keys of
+`meta` that determine the field's shape must be correct.  Its key `training` only describes where
+the model comes from: the reader keeps values of the documented types and drops all others, and any
+of them may be missing.
 """
 
 import json

@@ -1,8 +1,7 @@
 """Occupancy below the coarse tet: one bit per level-2 descendant, a sub-tet.
 
-The path of a sub-tet is p = 8·k1 + k2; bit p of the tet's mask says whether the sub-tet may
-hold density.  The mask belongs to the rest shape, so it stays valid in every pose: a masked
-sub-tet has σ = 0.
+The path of a sub-tet is p = 8·k1 + k2.  Bit p of the tet's mask is 1 if the sub-tet may have
+density; otherwise σ = 0 there.  The mask belongs to the rest shape, so it is valid in every pose.
 
 Shapes: T tets, N samples.
 """

@@ -1,22 +1,22 @@
 """A field's mesh, tables and networks <-> the arrays of a model file.
 
-Files are read without trust in their contents.  `declared` checks an array's name, type and
-shape before anything of it is read (`core.base.archive`); `array` reads it and checks that it is
-finite.
+The reader does not trust a file.  `declared` checks an array's name, type and shape before its
+values are read (`core.base.archive`).  `array` reads the values and checks that they are finite.
 Every error is a ModelFileError of one sentence.
 
-docs/model-format.md describes the arrays.  The file stores nothing that follows from the rest:
+docs/model-format.md describes the arrays.  The file stores nothing that can be computed from the
+rest of it:
 
 - Rest vertices of a lattice follow from their addresses.
 - Integers take 16 bits where they fit.
 - Entries that no occupied sub-tet reaches (reach.py) are left out and read as 0; bit e of
-  `reached_l` says whether `table_l` holds entry e.  A level whose bits would take more room
-  than those entries is stored whole, without bits.
+  `reached_l` is 1 if `table_l` contains entry e.  If a level's bits would take more space than
+  the entries that they save, the level is stored whole, without bits.
 - Entries are float16, or int8 with a scale per level and feature: value = scale · integer,
   scale = max |value| / 127, so an error is at most scale / 2.  (Clipping the largest
   values would gain 0.2 dB of 61 on the bundled model, and lose that bound.)
-- Weights of the color network are float16 where a ray has one color.  They are many then, and
-  GPUs compute with such ones anyway.
+- If each ray has one color, the color network has many weights.  They are float16 then: GPUs
+  compute with float16 weights anyway.
 
 Shapes: V vertices, T tets, F features per entry.
 """

@@ -1,12 +1,12 @@
 """Which table entries rendering can read: those that an occupied sub-tet reaches.
 
-A sample has density only in an occupied sub-tet (occupancy.py), so level l reads only corners
-of level-l descendants that overlap an occupied sub-tet.  A file may leave out all other
-entries, or hold zeros for them, and no image changes: a point on the face of a sub-tet may
-read a corner beyond it, but with the weight of a rounding.  A hashed entry counts as reached
-if any such corner has it.
+Only samples in occupied sub-tets have density (occupancy.py).  So rendering reads, at level l,
+only corners of descendants that overlap an occupied sub-tet.  A hashed entry counts as reached
+if any such corner has it.  A file may leave out all other entries, or store zeros for them, without
+a change of any image.  (A point on the face of a sub-tet may read a corner beyond it, but with a
+weight as small as a rounding error.)
 
-The corners of all descendants of a cell with corner addresses A, m levels down, are the
+Let a cell have corner addresses A.  The corners of all its descendants m levels down are the
 points Σ b_j A_j with integers b ≥ 0 of sum 2^m.  The kernel visits each of these *nodes* once
 per cell; a loop over the descendants would visit a node up to 24 times.
 

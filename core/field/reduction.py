@@ -1,4 +1,4 @@
-"""A field with fewer tets: the same density and color in those that stay."""
+"""Remove tets from a field: density and color of the others stay the same."""
 
 from dataclasses import replace
 

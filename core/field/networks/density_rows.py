@@ -1,10 +1,11 @@
-"""The density network on a GPU's tensor cores, on features that the same kernel has just found.
+"""Device functions that evaluate the density network on tensor cores within another kernel.
 
-For a kernel whose warps take 32 rows at a time: `density_room` once, then for each row
-`put_features`, level by level, and by all threads of the warp together `density_of_rows`, which
-writes to arrays, or `density_in_room`, whose results `sigma_in_room` and `h_in_room` read.
-Features go through the block's shared memory instead of the device's.  mma.py says how a warp
-multiplies.  On a CPU and on older GPUs nothing is computed.
+The kernel's warps take 32 rows (samples) at a time.  The kernel calls `density_room` once, to load
+the weights into shared memory.  For each row it calls `put_features`, level by level.  Then all
+threads of the warp together call one of two functions.  `density_of_rows` writes results to arrays.
+`density_in_room` leaves them in shared memory, where `sigma_in_room` and `h_in_room` read them.
+Features never pass through the device's memory.  mma.py describes how a warp multiplies.  On a CPU
+and on older GPUs these functions compute nothing.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The fastest way to evaluate a field's networks for images on a device.
+"""Choose the fastest way to evaluate a field's networks for images on a device.
 
     device                         half precision            float32
     CPU                            native, bfloat16 (cpu.py) native (cpu.py)
@@ -6,9 +6,9 @@
     CUDA of another kind or shape  torch                     torch
 
 Torch takes seconds to import, so its networks are made at the first call that needs them.
-Viewing must not need torch: where it is missing, or finds no GPU, the host stands in for it,
-which is slow and, in bfloat16, less accurate than float16.
-Training evaluates its networks itself: TorchNetworks.evaluate.
+Viewing must work without torch: if torch is missing or finds no GPU, the CPU evaluates the
+networks, which is slow and, in bfloat16, less accurate than float16.
+Training does not use this module, but TorchNetworks.evaluate.
 
 Shapes: N samples, L levels, l <= L of them encoded.
 """

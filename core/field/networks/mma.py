@@ -1,14 +1,15 @@
-"""The networks on a GPU's tensor cores, in Warp kernels: rendering needs no torch.
+"""The networks on a GPU's tensor cores, in Warp kernels, so that rendering needs no torch.
 
-Where samples have colors, one kernel (both.cu) takes networks of the usual shape: one hidden layer
-of 64 for density, two for color, up to 8 levels.  With one color a ray, one kernel (density.cu, or
-density_rows.py within another kernel) takes the samples and another (colors.cu) the rays, whose
-network may have several widths.
+If samples have colors, one kernel (both.cu) evaluates both networks.  They must have the usual
+shape: one hidden layer of 64 for density, two for color, up to 8 levels.  If each ray has one
+color, one kernel evaluates the density network for samples (density.cu, or density_rows.py within
+another kernel), and another (colors.cu) the color network for rays; hidden layers of that network
+may have one of several widths.
 
-A warp multiplies by mma.sync.m16n8k16.  It takes 32 samples through all layers in its registers:
-the result of one product, rounded to half precision, lies in each thread's registers where the
-next product expects its operand.  The weights are in the order in which the threads of a warp
-read them (`fragments`).
+A warp multiplies by mma.sync.m16n8k16, and takes 32 samples through all layers in its registers:
+after one product is rounded to half precision, each thread has in its registers the numbers that
+the next product takes as its operand.  `fragments` stores the weights in the order in which the
+threads of a warp read them.
 
 Weights, inputs and hidden layers are float16; sums, biases and outputs are float32 (as in
 triton.py), but h is float16 between the networks.  The kernels need compute capability 8.0 or

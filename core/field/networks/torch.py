@@ -1,6 +1,6 @@
 """The networks in torch: for training, and for rendering on CUDA in float32.
 
-Import this module only where it is needed: loading torch takes seconds.
+Loading torch takes seconds, so import this module only inside functions that need it.
 """
 
 import torch

@@ -1,6 +1,6 @@
 """Both networks fused: one Triton kernel forward and one backward, for training on CUDA.
 
-The kernels take networks of the usual shape, hidden layers of 64, and compute for N samples
+The networks must have the usual shape, with hidden layers of 64.  The kernels compute for N samples
 
     a = relu(W x + b)                    x: features, L·F columns
     h = W a + b                          sigma = exp(min(h_0, 15))
@@ -8,24 +8,24 @@ The kernels take networks of the usual shape, hidden layers of 64, and compute f
     c2 = relu(W c1 + b)
     rgb = sigmoid(W c2 + b)
 
-A program keeps the weights and takes one block of samples after another; the hidden layers
-never leave the chip.  The backward kernel computes them again from x and y, keeps the weights'
-gradients in registers over all its blocks and writes them once, as one row of partial sums.
-The rows are added up in a fixed order, so gradients are the same from run to run.  `g_x` is
+A Triton program loads the weights once and processes one block of samples after another; hidden
+layers never leave the chip.  The backward kernel computes them again from x and y.  It sums the
+weights' gradients in registers over all its blocks, then writes them once, as one row of partial
+sums.  The rows are added in a fixed order, so gradients are the same from run to run.  `g_x` is
 the gradient of the loss by x.
 
 **Precision.**  The kernels round weights, x, y and hidden layers to float16 for the tensor
-cores.  Sums, biases, h_0 on its way to sigma, both outputs and the gradients that come in and
-go out are float32 (gradients of float16 features are float16).  Between the layers gradients
-are float16 too, scaled so that any scale of the loss fits: at the end of each network a block
-divides its gradients by a unit of its own, 1/16 of the largest, and multiplies the sums by it
-in float32.  On their way through the network gradients may grow 4000-fold before they
-saturate.  They have all 11 bits down to 2^-18 of the largest, and vanish below 2^-29 of it.
+cores.  Sums, biases, h_0 on its way to sigma, both outputs, and incoming and outgoing gradients are
+float32 (gradients of float16 features are float16).  Between the layers, gradients are float16,
+scaled so that any scale of the loss fits.  At the end of each network, a block divides its
+gradients by 1/16 of the largest of them; it multiplies the sums by this unit again in float32.  So
+gradients may grow 4000-fold on their way through the network before they saturate.  They
+have all 11 bits down to 2^-18 of the largest, and become 0 below 2^-29 of it.
 
-With one color a ray, `evaluate_density` is the first half of this, and torch has the rest.
+If each ray has one color, `evaluate_density` computes the first two lines, and torch the rest.
 
-Nothing waits for the host and the grid follows from shapes alone, so a CUDA graph can hold
-the launches.  Triton comes with torch for CUDA on Linux; without it `fits` is false and
+No launch waits for the host, and the grid follows from shapes alone, so a CUDA graph can record
+the launches.  Torch for CUDA on Linux includes Triton; without it `fits` is false and
 torch.py evaluates the layers.
 """
 

@@ -1,8 +1,8 @@
-"""The Triton kernels of triton.py, which says what they compute and how precisely.
+"""The Triton kernels of triton.py, which describes what they compute and how precisely.
 
-Triton compiles them for one number of FEATURES = L·F each.  Names: w weights, s sums of their
+Triton compiles them for each number of FEATURES = L·F.  Names: w weights, s sums of their
 gradients over samples, t sums of the biases' gradients, p where a layer begins, g_ gradients
-of the loss.  Zeros pad a matrix with a side that tl.dot does not take (24 features, 3 colors).
+of the loss.  tl.dot does not accept every size, so zeros pad matrices with 24 features or 3 colors.
 
 Shapes: N samples, B of them in a block.  Weights are [out, in].
 """
