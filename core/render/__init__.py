@@ -1,4 +1,4 @@
-"""Rays to pixels: a field in its current pose as an image."""
+"""Rays to pixels: images of a field in its current pose."""
 
 import lazy_loader
 

@@ -1,8 +1,8 @@
-"""One color a ray: what is summed along a ray instead of colors, and the color that it becomes.
+"""One color a ray: the numbers that a ray sums instead of colors, and its color from their means.
 
-A field with `FieldOptions.deferred` has, for each sample, h from its density network and the rest
-direction Qᵀd.  A ray sums both, with the samples' weights.  Where it ends, its color is that of
-the means: the color network is evaluated once a ray.  `color_of_sums` in reference.py defines it.
+This applies to fields with `FieldOptions.deferred`.  Each sample has h from the density network
+and the rest direction Qᵀd.  A ray sums both, weighted as samples are.  When it ends, the color
+network is evaluated once, for the means.  `color_of_sums` in reference.py defines the color.
 
 Shapes: R rays, n of them in a launch, N packed samples, T tets.
 """

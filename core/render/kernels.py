@@ -1,4 +1,4 @@
-"""The Warp modules of rendering, so that a viewer can compile them before the first frame."""
+"""List the Warp modules of rendering, for the viewer to compile before the first frame."""
 
 from ..field import encode_kernel, networks_kernel
 from . import deferred, modes, shading, subpixel

@@ -4,21 +4,21 @@
     depth         (far - t) / (far - near) in gray: near is white, far is black
     accumulation  opacity in gray
     normals       ½ + ½n, n the unit normal in model space, towards the eye
-    tets          a color that belongs to the tet in which transmittance passes ½
+    tets          a color for the tet in which transmittance passes ½
     levels        the finest level that is not finer than a pixel there (../field/levels.py),
                   dark blue for 0 to yellow for the last one
     samples       evaluated samples, from dark blue for 0 to yellow for SAMPLES_SHOWN
     error         ERROR_GAIN · |default mode - conformance mode| in each channel
 
-Normals come from the depth image: neighboring pixels are points p = t·d, and n is the cross
-product of their differences across and down.  Each difference uses the neighbor whose depth
-is closer, so that n is right up to a silhouette, where two surfaces meet.
+Normals come from the depth image.  Neighboring pixels give points p = t·d, and n is the cross
+product of the differences across and down.  Each difference uses the neighbor whose depth is
+closer, so n is right up to a silhouette, where two surfaces meet.
 
-The error is the difference to conformance mode, because the float64 reference takes minutes
+The mode `error` compares with conformance mode, because the float64 reference takes minutes
 per image; tests/core/render/test_render.py compares conformance mode with the reference.
 
-Alpha is 1 where the mode has something to show and 0 where the background stays.  Images
-are [H, W], row 0 at the top; t is the distance along the unit ray d, inf where nothing is.
+Alpha is 1 where the mode shows something and 0 where only the background is seen.  Images
+are [H, W], row 0 at the top; t is the distance along the unit ray d, inf if the ray meets nothing.
 """
 
 from dataclasses import replace

@@ -1,9 +1,9 @@
-"""What a field shows, as a colored triangle mesh for other programs.
+"""Convert a field to a colored triangle mesh for other programs.
 
-`seen_from_outside` is a color for any point of a surface: a ray from just outside of it, inwards
-along the normal.  `preview` makes such a surface: the boundary of the sub-tets that may hold
-density, drawn in to where the field is opaque.  Its points are carried by tets, so it bends as
-the field does.
+`seen_from_outside` finds the color of points on a surface: for each point it casts a ray from just
+outside, inwards along the normal.  `preview` makes the surface: it takes the boundary of the
+sub-tets that may have density, and moves its points inwards to where the field is opaque.  Each
+point is fixed in a tet, so the surface bends with the field.
 
 Shapes: N points, F triangles.
 """

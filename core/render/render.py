@@ -1,15 +1,15 @@
-"""Rays to an image of the mesh in its current shape, on the CPU and on CUDA.
+"""Render rays to an image of the mesh in its current shape, on the CPU and on CUDA.
 
 A ray takes one of three paths:
 
-    rounds/wavefront.py    default mode on CUDA: nothing waits for the host
+    rounds/wavefront.py    default mode on CUDA: rounds that the host does not wait for
     rounds/host.py         everything else: rounds of march, shade, accumulate
     overlap/               tangled rays, which see the mesh overlap itself: windows.py on a
                            CPU, window_slots.py in a wavefront, merging.py else
 
-Each of them marches through the mesh (rays/), and reads density and color of the samples
-(shading.py).  On the CPU a Warp launch uses one core and releases the interpreter, so tiles
-of the image run in a pool of threads.
+Each path marches rays through the mesh (rays/), and computes density and color of the samples
+(shading.py).  On the CPU a Warp launch uses one core and releases the interpreter, so a pool of
+threads renders tiles of the image.
 """
 
 from concurrent.futures import ThreadPoolExecutor

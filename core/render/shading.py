@@ -1,6 +1,7 @@
 """Density and color of samples: features from the tables, then the networks.
 
-Where a ray has one color (deferred.py), samples have values that it sums, and `finish` colors it.
+If each ray has one color (deferred.py), `shade` returns the values that rays sum, and `finish`
+computes the colors of rays.
 
 Shapes: N packed samples, L levels.
 """

@@ -1,4 +1,4 @@
-"""Measures the time of each stage of rendering, if a caller asks for it."""
+"""Measure the time of each stage of rendering, if a caller asks for it."""
 
 import threading
 import time

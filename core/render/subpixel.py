@@ -1,4 +1,4 @@
-"""Smoother edges at rest: the mean of images that are shifted by fractions of a pixel.
+"""Smooth edges at rest: average images that are shifted by fractions of a pixel.
 
 The shifts are Roberts' R2 sequence, whose first k points fill the pixel evenly for every k:
 

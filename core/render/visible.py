@@ -1,10 +1,11 @@
 """The visible part of a field: the tets that have an occupied sub-tet.
 
-Tets without density keep the object solid in the dynamics, and rays only lose time in them.
-Without them a ray enters the mesh where the density begins and leaves it where it ends.
+Tets without density give the object its solid interior in the dynamics, but rays would only lose
+time in them.  Without them a ray enters the mesh where the density begins and leaves it where the
+density ends.
 
-The part's tets are in the order of a space-filling curve (Morton's), so that neighboring tets
-are close in memory.
+The tets are sorted along a space-filling curve (Morton's), so neighboring tets are close in
+memory.
 
 Shapes: T tets, of which K stay.
 """

@@ -1,1 +1,1 @@
-"""Self-overlap of the mesh: finds the rays that meet it, and renders them."""
+"""Self-overlap of the mesh: find the rays that meet it, and render them."""

@@ -1,13 +1,13 @@
-"""Tangled rays: all pieces of all tets that a ray crosses, merged (line 4 of the definition).
+"""Render tangled rays by merging all pieces of all tets that a ray crosses (definition, line 4).
 
-A BVH of all tets gives each ray every tet that it crosses; each tet is cut into pieces from
-the ray's entry into it, as in the walk.  A piece adds its medium at one end and removes it at
-the other.  With the ends sorted along the ray, running sums of κ and κ c are the medium
-between two ends, for any number of overlapping tets:
+A BVH of all tets finds every tet that a ray crosses.  Each tet is cut into pieces from the ray's
+entry into it, as in the walk.  A piece adds its medium at one end and removes it at the other.
+The ends are sorted along the ray.  Between two ends the medium is the running sums of κ and κ c,
+for any number of overlapping tets:
 
     tau = Σ κ_k dt,  w = T (1 - exp(-tau)),  color = Σ κ_k c_k / Σ κ_k
 
-The sums are float64, so that they return to zero when the last medium is removed.
+The sums are float64, so they return to zero when the last medium is removed.
 
 Shapes: R rays, M of them tangled, N pieces, 2 N ends.
 """

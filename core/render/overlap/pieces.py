@@ -1,4 +1,4 @@
-"""The pieces of all tets that a ray crosses next: what a window holds.
+"""The next window of a tangled ray: the pieces in it, of all tets that the ray crosses there.
 
 Shapes: T tets, S slots.
 """

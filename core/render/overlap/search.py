@@ -1,14 +1,14 @@
-"""Finds rays through self-overlap, where a walk from tet to tet would miss some tets.
+"""Find the rays through self-overlap, where a walk from tet to tet would miss some tets.
 
-A mesh overlaps itself nowhere if all its tets have one orientation, none is nearly flat, no
-edge of the boundary touches a face that it shares no vertex with, and no part lies inside
+The mesh does not overlap itself if all its tets have one orientation, none is nearly flat, no
+edge of the boundary touches a face with which it shares no vertex, and no part lies inside
 another: a map that keeps orientation and is one to one on the boundary is one to one inside.
-`search_kernel` checks that once per pose.  Without overlap nothing else happens.
+`search_kernel` checks this once per pose.  Without overlap, this module does no more.
 
-With overlap, each ray is classified.  It is *tangled* if it meets a tet that is inverted or
-nearly flat, or if it is inside two boundary shells at once.  Windows or merging.py render
-tangled rays, the walk renders the others.  Where rounding leaves a doubt, a ray counts as
-tangled: a false positive costs time and never changes the image.
+With overlap, it classifies each ray.  A ray is *tangled* if it meets a tet that is inverted or
+nearly flat, or if it is inside two boundary shells at once.  If rounding leaves a doubt, it counts
+as tangled: that costs time and never changes the image.  The walk renders all rays that are not
+tangled; window_slots.py, windows.py and merging.py render the others.
 
 Shapes: R rays, T tets, V vertices, B boundary faces, C parts that no face joins.
 """

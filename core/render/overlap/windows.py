@@ -1,9 +1,10 @@
-"""Tangled rays on a CPU: from front to back, one window of t after the other.
+"""Render tangled rays on a CPU from front to back, one window (an interval of t) after another.
 
-Inside a fold a ray crosses hundreds of pieces and sees the first few.  A window holds all pieces
-that overlap it, of all tets, so that what it adds to the pixel depends on no other window; a ray
-ends with the window in which it gets dark.  Windows are as long as SLOTS pieces allow.  Where even
-the shortest one has more, the ray is *crowded*, and merging.py renders it.
+Inside a fold a ray crosses hundreds of pieces, but only the first few are visible.  A window
+contains all pieces that overlap it, of all tets, so its contribution to the pixel depends on no
+other window.  Windows are as long as SLOTS pieces allow.  The ray ends after the window in which
+it gets dark.  If even the shortest window has too many pieces, the ray is *crowded*, and
+merging.py renders it.
 
 Shapes: R rays, M of them tangled, K slots per ray, T tets.
 """

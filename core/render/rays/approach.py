@@ -1,13 +1,13 @@
-"""Where rays begin, so that float32 is enough: beside edges, and close to the mesh.
+"""Move the origins of rays so that float32 is precise enough: off edges and faces, near the mesh.
 
-A ray along an edge or within a face meets tets on both sides in an interval, or neither: rounding
-decides at each face anew, and a walk can leave the mesh there.  Lattices have such rays in every
-view along an axis, and in planes.  So rays that are parallel to a plane of the lattice's axes are
-moved by ASIDE, and see one of the two sides.
+If a ray runs along an edge or within a face, rounding decides at every face whether it meets the
+tets on both sides or none, and the walk can leave the mesh.  Lattices have such rays in every view
+along an axis or within a plane of two axes.  So rays parallel to such a plane are moved by ASIDE,
+and meet the tets on one side.
 
-A t is kept to 6e-8 of itself, and a face is found within 4e-6, so an object is drawn well from up
-to some ten times its size away.  From farther, rays are computed in float64 and begin at the ball
-around the mesh; what they skip is added to their depth.
+A t has a relative error of 6e-8, and the walk finds a face within 4e-6.  So an object is drawn well
+up to a distance of some ten times its size.  From farther away, rays are computed in float64 and
+begin at the ball around the mesh; the skipped distance is added to their depth.
 """
 
 from dataclasses import replace

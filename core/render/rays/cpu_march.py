@@ -1,7 +1,7 @@
 """The march of many rays on a CPU, by one thread: rays side by side in the lanes of vectors.
 
-`march_ray` defines what it does.  A ray that has to search for its entries, which few rays of a
-camera do (raster.py), is left to it.
+`march_ray` defines the result.  Few rays of a camera have to search for their entries (raster.py);
+those are marched by `march_ray` itself.
 
 Shapes: R rays, K slots per ray, T tets.
 """

@@ -1,11 +1,12 @@
-"""Where a ray meets its first tet, and where it enters the mesh again.
+"""Find where a ray meets its first tet, and where it enters the mesh again.
 
 `enter_mesh` searches the boundary for the next entry behind t.  `find_entries` finds all
-entries of a ray in one pass through a BVH of the boundary's faces: on CUDA, a search per entry
-costs a warp as many passes, one after another, as its slowest ray needs.  A ray falls back to
-`enter_mesh` if it has more entries than there is room for, if its entries and exits do not pair up
-(it starts inside), or if it meets an edge of the boundary.  A GPU runs more rays at once in a
-kernel without that search, which takes many registers: see rounds/slot_march.py.
+entries of a ray in one pass through a BVH of the boundary's faces.  CUDA uses the latter: with a
+search per entry, all rays of a warp wait for the one that searches most often.  A ray falls back to
+`enter_mesh` if it has more entries than there are places for, if its entries and exits do not pair
+up (it starts inside), or if it meets an edge of the boundary.  `enter_mesh` takes many registers;
+rounds/slot_march.py runs most rays in a kernel without it, so that a GPU can run more of them at
+once.
 
 Shapes: R rays, B boundary faces.
 """

@@ -1,15 +1,14 @@
-"""Quadrature: the pieces of a ray that can hold density.
+"""Quadrature: the pieces of a ray that may have density.
 
-Each tet that a ray crosses cuts its own interval, from its own entry, into pieces of rest
-length Δ, the last one shorter; a piece counts if its middle lies in an occupied sub-tet.
-Training displaces the evaluation point inside the piece by a random fraction instead of
-taking the middle.
+The ray's interval in each tet is cut into pieces of rest length Δ, beginning at the ray's entry
+into that tet; the last piece is shorter.  A piece counts if its middle lies in an occupied sub-tet.
+The sample of a piece is at its middle; in training, at a random place within it.
 
 A round of marching gives each ray at most K pieces.  A ray that is not finished keeps its
-state and goes on in the next round.  The samples reach arrays in one of three ways:
+state and goes on in the next round.  The samples are written to arrays in one of three ways:
 
     slots [R, K], then pack_kernel removes the gaps    rounds that the host waits for; K is small
-    slots that stay as they are                        the wavefront on CUDA
+    slots without packing                              the wavefront on CUDA
     count, then march again and write                  training/run/passes.py: one round with a
                                                        large K; slots would take a gigabyte
 

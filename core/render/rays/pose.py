@@ -1,6 +1,6 @@
-"""The mesh in its current shape, with the frame of each tet that rays need.
+"""The mesh in its current shape, and what rays need to know about each tet.
 
-Per pose, each tet k gets a frame:
+For each pose, each tet k gets:
 
     alpha(p)                     barycentric coordinates of a current point, linear in p
     |F_k^-1 d|                   rest length per t, from how alpha changes along d

@@ -1,8 +1,8 @@
-"""The entries of a camera's rays into the mesh, found face by face instead of ray by ray.
+"""Find where a camera's rays enter the mesh, face by face instead of ray by ray.
 
-A boundary face can only be met by rays of pixels in its bounding rectangle in the image.  To
-try these takes a CPU a fifth of the time that a search in a BVH for each ray takes, and rays
-that meet nothing cost nothing.
+Only the rays of pixels in a boundary face's bounding rectangle in the image can meet that face.
+Testing these takes a CPU a fifth of the time of a BVH search for each ray, and rays that meet
+nothing cost nothing.
 
 Shapes: R rays, B boundary faces, T tets.
 """

@@ -1,7 +1,7 @@
 """The walk of a ray from tet to tet across faces.
 
-Within a tet the barycentric coordinates alpha(t) are linear, so a ray leaves it where the
-first falling coordinate reaches zero.  pose.py has the coordinates; entries.py finds
+Within a tet the barycentric coordinates alpha(t) are linear, so a ray leaves the tet where the
+first falling coordinate reaches zero.  pose.py computes the coordinates; entries.py finds
 the start of a walk.
 
 Shapes: T tets.

@@ -12,7 +12,7 @@ middles t_i and extents δ_i:
 
     D = Σ_ij w_i w_j |t_i - t_j| + ⅓ Σ_i w_i² δ_i
 
-Shapes: R rays, N packed samples; ray r owns samples ends[r] - counts[r] .. ends[r] - 1.
+Shapes: R rays, N packed samples; ray r has the samples ends[r] - counts[r] .. ends[r] - 1.
 """
 
 from typing import Any

@@ -1,8 +1,8 @@
 """Rounds on a CPU: one launch for all rounds of some rays.
 
-Marching (rays/cpu_march.py), shading and summing (cpu.cpp) are native code: encoding, networks
-and sums pass from one to the other what is still in a core's cache, and the color network is
-evaluated only for samples that weigh something, or once a ray (../deferred.py).
+Native code marches (rays/cpu_march.py), shades and sums (cpu.cpp) a few rays at a time, so the
+encoding, the networks and the sums find their inputs in a core's cache.  The color network is
+evaluated only for samples with a noticeable weight, or once a ray (../deferred.py).
 
 Shapes: R rays, K slots per ray, T tets.
 """

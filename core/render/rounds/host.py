@@ -3,11 +3,11 @@
 Each round gives every ray that is left at most K samples:
 
     march        rays to slots [R, K]
-    shade        samples to density and color (shading.py), after they are packed without gaps
+    shade        packs the samples without gaps, then finds density and color (shading.py)
     accumulate   samples to pixels, and the list of rays that are left
 
-On the CPU all rounds are one launch, unless stages are timed (cpu.py); then the march is one
-(rays/cpu_march.py), and shading with what follows another.
+On the CPU one launch does all rounds (cpu.py).  If stages are timed, each round is two launches:
+the march (rays/cpu_march.py), then shading and the rest.
 
 Shapes: R rays, K slots per ray, N packed samples.
 """

@@ -1,7 +1,7 @@
-"""One color a ray, in the wavefront: what its slots add to the sums, and the colors of ended rays.
+"""One color a ray, in the wavefront: slots are added to a ray's sums; ended rays get their colors.
 
-../deferred.py does the same where rounds wait for the host.  A ray that has no opacity yet has no
-sums, either: what memory holds there is not read.
+../deferred.py does the same for rounds that the host waits for.  While a ray has no opacity, its
+sums are not initialized, and must not be read.
 
 Shapes: R rays, S slots, T tets.
 """

@@ -1,7 +1,7 @@
-"""Slots to density and h on CUDA, where rays have colors: encode and the density network at once.
+"""Slots to density and h on CUDA, if rays have colors: encoding and density network in one kernel.
 
-`encode_slots_kernel` and the networks' kernel do the same in two launches, and write the features
-to memory between them, 56 bytes for each slot.
+`encode_slots_kernel` and the networks' kernel do the same in two launches.  Between them they
+write the features to memory and read them again: 56 bytes for each slot.
 """
 
 import warp as wp

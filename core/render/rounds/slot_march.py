@@ -1,12 +1,13 @@
 """The march of a round on CUDA: listed rays to slots.
 
-With the search of the boundary (`enter_mesh`) in it, the march takes 132 registers a thread, and
-12 warps fit a processor of an H100; without it 93, and 20 warps.  A march waits for memory most of
-the time, so more warps hide more of it.  The few rays that have to search march in a kernel of
-their own, beside the others: behind them it would add its longest ray's time to each round.
+With the search of the boundary (`enter_mesh`) in it, the march takes 132 registers a thread, and a
+multiprocessor of an H100 runs 12 warps; without it, 93 registers and 20 warps.  A march waits for
+memory most of the time, and more warps hide more of that.  So the few rays that have to search
+are marched by another kernel, at the same time: one after the other, the longest search would
+lengthen each round.
 
-Nothing here looks at expected densities, unlike a march on a CPU: more rays would need another
-round, and a round takes longer than the samples it saves.
+Unlike the march on a CPU, this one does not stop a ray early where dense samples are expected:
+more rays would need another round, and a round takes longer than the samples that it saves.
 """
 
 import warp as wp

@@ -1,8 +1,8 @@
-"""Slots to pixels on CUDA, where rays have colors: encode, density network and sums at once.
+"""Slots to pixels on CUDA, if rays have colors: encoding, density network and sums in one kernel.
 
-A warp takes 32 neighboring rays of the list through their slots, front to back.  Nothing of a
-sample goes to memory, and what lies behind the end of a ray is not evaluated.  Where samples have
-to be sorted first, `slot_densities_kernel` and a kernel that composites do it in two launches.
+A warp takes 32 neighboring rays of the list through their slots, front to back.  No sample is
+written to memory, and samples behind the end of a ray are not evaluated.  If samples have to be
+sorted first, `slot_densities_kernel` and a kernel that composites do this in two launches.
 """
 
 import warp as wp

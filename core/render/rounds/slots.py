@@ -1,7 +1,8 @@
-"""What the kernels of wavefront.py share, where a round is described, and most of them.
+"""The data that the kernels of wavefront.py share, and most of these kernels.
 
-The progress of an image is a few integers on the device, the state; the constants below name
-their places.  Two lists of rays alternate: kernels read one and write the other.
+wavefront.py describes a round.  The progress of an image is a few integers on the device, the
+state; the constants below name their places.  There are two lists of rays: in each round, kernels
+read one and write the other, then the lists are swapped.
 
 Shapes: R rays, S slots, L levels, T tets.
 """

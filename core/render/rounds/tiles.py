@@ -1,4 +1,4 @@
-"""Threads and pixels: a warp takes a tile of neighboring pixels."""
+"""Assign pixels to threads: a warp gets a tile of neighboring pixels."""
 
 import warp as wp
 

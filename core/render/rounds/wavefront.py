@@ -1,26 +1,26 @@
 """Default mode on CUDA: an image in rounds that do not wait for the host.
 
-One launch makes the rays and lists those that meet the mesh.  Then come rounds of six launches
-(slots.py and slot_march.py have the kernels):
+One launch makes the rays and lists those that meet the mesh.  Each round then has six launches
+(the kernels are in slots.py and slot_march.py):
 
     advance     swaps the lists of rays and divides the slots among the rays
-    march       fills K slots for each ray of the list, for as many rays as there is room
+    march       fills K slots for each ray of the list, for as many rays as there are slots
     search      at the same time: the same for the few rays that search for their entries
     encode      slots to features and spherical harmonics, in half precision
     evaluate    features to density and color: both networks, one fused kernel
     composite   slots to pixels; lists the rays that go on in the next round
 
-With one color a ray, encode, evaluate and composite are one kernel (slot_shading.py), or two where
-pieces have to be sorted (slot_densities.py before composite): rays sum h instead of colors.  After
-the rounds, three more launches paint all rays: means, the color network, pixels.  If rays are left,
-they are painted again after further rounds.
+If each ray has one color, rays sum h instead of colors, and one kernel does encode, evaluate and
+composite (slot_shading.py).  If pieces have to be sorted, slot_densities.py does encode and
+evaluate, before composite.  After the rounds, three launches color all rays: means, color network,
+pixels.  If further rounds are needed, these three are launched again after them.
 
-A whole image is one CUDA graph where nothing overlaps; other rounds are a graph each.  Where stages
-are timed there is none.
+If nothing overlaps, one CUDA graph has the launches of a whole image; otherwise there is a graph
+for each round.  If stages are timed, there is no graph.
 
-Only the device knows how long the list is, and so K.  The host launches as many rounds as the most
-that one of the last images needed, and reads the length of the list when all are done.  If rays are
-left, which is rare, it launches further rounds.
+K follows from the length of the list, which only the device knows.  The host launches as many
+rounds as the last few images needed at most, and then reads how many rays are left.  If there are
+any, which is rare, it launches further rounds.
 
 Rays of neighboring pixels are side by side in lists and slots: a warp takes a tile of 8 x 4
 pixels, and slot k of ray i is at k * stride + i.
