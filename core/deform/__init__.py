@@ -1,4 +1,4 @@
-"""Positions over time: XPBD with materials, handles and pins.  Knows nothing of radiance."""
+"""Positions over time: XPBD with materials, handles and pins; imports no radiance field."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
 """The solver's state on a device: arrays that are allocated once and keep their sizes.
 
-A frame reads and writes these arrays and nothing else.  What a user changes (handles, pins,
-material, time step, which components are at rest) changes their contents only, so a recorded
+A frame reads and writes these arrays and nothing else.  If the user changes something (handles,
+pins, material, time step, sleeping parts), only their contents change, so a recorded
 launch stays valid.
 
 Shapes: V vertices, C constraints of one type, n = 2 (edges) or 4 (tets) vertices of each,

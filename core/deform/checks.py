@@ -1,4 +1,4 @@
-"""Checks of the solver's arguments.  Each raises a ValueError that says what to do.
+"""Checks of the solver's arguments.  Each raises a ValueError that tells the user what to do.
 
 Shapes: V vertices, K handles, C constraints.
 """

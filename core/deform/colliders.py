@@ -1,7 +1,7 @@
-"""Spheres and boxes that nothing enters; they may move.
+"""Spheres and boxes that no vertex may enter; they may move.
 
-A vertex that is inside one is pushed out the shortest way, and friction holds it back relative
-to the collider, as on the ground.  Units: m.
+A vertex inside a collider is pushed out by the shortest way.  Friction slows its motion relative to
+the collider, as on the ground.  Units: m.
 """
 
 from dataclasses import dataclass

@@ -1,11 +1,11 @@
-"""Two halves of a mesh for two threads of a CPU.
+"""Cut a mesh in two halves, for two threads of a CPU.
 
-Where threads share each color, a core soon needs cache lines that the other one has written,
-and both wait at a barrier after every color: below some ten thousand tets two threads were
-slower than one.  So the mesh is cut in two, and each thread projects the constraints of one
-half.  Constraints that touch a vertex which the other half's constraints touch too are called
-near.  The near ones of a color wait until the other thread has projected those of the color
-before.  Both do other constraints before and after, so a thread hardly ever waits.
+If two threads share each color, each soon needs cache lines that the other has written, and
+both wait at a barrier after every color.  Below some ten thousand tets that is slower than one
+thread.  So each thread projects the constraints of one half of the mesh.  A constraint is near if
+it touches a vertex that constraints of the other half touch, too.  Near constraints of a color wait
+until the other thread has projected its near constraints of the color before.  Each thread projects
+other constraints before and after, so it hardly ever waits.
 
 The colors keep their order, so the result has the same bits as without halves.
 

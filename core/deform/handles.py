@@ -1,4 +1,4 @@
-"""Vertices by role: pins that hold an object, handles to drag it by, and those near a handle.
+"""Choose vertices: pins that fix an object, handles to drag it, and the neighbors of a handle.
 
 Shapes: V vertices [V, 3], T tets [T, 4], K ids.  Positions are rest positions in model space,
 z up.

@@ -1,15 +1,15 @@
-"""Braces: edges of no tet, which make hinges stiff.
+"""Braces: extra edges, of no tet, that make hinges stiff.
 
-A mesh that was cut from a grid by occupancy has parts that are joined to the rest by one edge or
-one vertex only.  No edge length resists their rotation there.  A part is a set of tets that are
-connected through faces.
+A block is a set of tets that are connected through faces.  In a mesh that was cut from a grid by
+occupancy, some blocks share only one edge or one vertex with the others.  That is a hinge: no edge
+length resists a rotation there.
 
-Short braces join the corners of tets that share a vertex but are of two parts.  A small part is
-held by them.  Two large parts would still swing slowly: the short braces are a neck of one
-element, which resists a turn with about E d³/12, d its width, while the parts' moments of inertia
+Short braces join the corners of tets that share a vertex but belong to two blocks.  They fix a
+small block.  Two large blocks would still swing slowly.  The short braces are a neck of one
+element, of width d; it resists a turn with about E d³/12, while the blocks' moments of inertia
 grow with the fifth power of their size.  So long braces join three places in each of two large
-parts that touch, at most REACH from what they share.  Three places and the hinge are no plane,
-so no mirror image of the pose keeps all lengths.
+blocks that touch, at most REACH from the hinge.  The three places and the hinge do not lie in one
+plane, so no mirror image of the pose has the same lengths.
 
 Shapes: V vertices, T tets, B braces.
 """

@@ -1,4 +1,4 @@
-"""Vertices that don't move freely: pins, handles, and the parts that a rescue takes back.
+"""Vertices that do not move freely: pins, handles, and the parts that a rescue moves back.
 
 Shapes: V vertices, K handles.
 """

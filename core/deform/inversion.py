@@ -1,10 +1,10 @@
-"""Brings tets back that were turned inside out where few tets hold the volume (locking.py).
+"""Turn tets back that were turned inside out where few tets keep their volume (locking.py).
 
-Edges can't tell a tet from its mirror image.  A part with an inverted tet therefore has all its
-tets hold their volume: each up to EACH_HOLDS · μ, so that the part doesn't lock, and as stiff as
-before.  It ends once no tet was inverted, or had less than half its volume, for a while.  Where the
-pose inverts tets again nevertheless, the guard ends once more after a longer while, and from then
-on stays until the user acts: each time that it ends there, the body jerks.
+Edge lengths are the same for a tet and its mirror image.  So while a part has an inverted tet, all
+of its tets keep their volume.  Each has a bulk modulus of at most EACH_HOLDS · μ, so that the part
+neither locks nor gets stiffer.  This guard ends when, for a while, no tet was inverted or had less
+than half its volume.  If the pose then inverts tets again, the guard ends once more, after a longer
+while.  The third time it stays until the user acts, because the body jerks whenever it ends.
 
 Shapes: V vertices, P parts (connected components), T tets.
 """

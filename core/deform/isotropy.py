@@ -1,9 +1,10 @@
 """Factors that make a lattice of springs equally stiff in all directions.
 
 Springs with k_e = 15 μ V_e / L² on every edge are an isotropic solid of λ = μ only on
-average over directions.  A lattice has few directions: with shears ε_xx − ε_yy held
-against shears ε_xy, A15 is 0.777, BCC 1.333 and Kuhn's lattice 0.476 times as stiff
-(Zener's ratio).  So every class of equally long edges gets a factor, k_e = 15 μ f V_e / L².
+average over directions.  A lattice has few directions.  Zener's ratio compares its stiffness
+against shears ε_xx − ε_yy with that against shears ε_xy: it is 0.777 for A15, 1.333 for BCC and
+0.476 for Kuhn's lattice.  So every class of equally long edges gets a factor,
+k_e = 15 μ f V_e / L².
 
 In the infinite lattice under a strain ε each edge e, with unit vector n and V_e around it,
 stores ½ k_e (n·ε n L)².  The factors follow from two linear systems over one cell of
@@ -12,9 +13,9 @@ volume V,
     1/V Σ k_e L² n_i n_j n_k n_l = μ (δ_ij δ_kl + δ_ik δ_jl + δ_il δ_jk)
     Σ_{e at vertex a} ± k_e L n_i n_j n_k = 0          for every vertex a of the cell
 
-The second system says that no strain moves a vertex off its place in the cell.  Without it
+The second system says that no strain moves a vertex from its place in the cell.  Otherwise
 such moves would soften shears, because not all vertices of A15 are centers of symmetry.
-Volume constraints then stay exact, too: they leave these vertices in place.
+Volume constraints do not move these vertices either, so they stay exact.
 
     A15   L² 4 : 5 : 6   f = 4/25, 8/7, 192/175
     BCC   L² 3 : 4       f = 9/10, 6/5

@@ -1,4 +1,4 @@
-"""The Warp modules of dynamics, so that a viewer can compile them before the first frame."""
+"""List the Warp modules of dynamics, for the viewer to compile before the first frame."""
 
 from .contact.contact import contact_modules
 from .frame.cpu import CpuFrame

@@ -1,20 +1,20 @@
-"""Which tets of A15 hold the volume.
+"""Choose the tets of A15 that keep their volume.
 
-A mesh has about five times as many tets as vertices.  If each tet keeps its volume, a body that
-is hardly compressible has hardly any deformation left but bending that is much too stiff: the
-mesh locks.  And projecting tets would take two thirds of a substep.  So eight of a cell's 46
-tets hold the bulk modulus alone, with the weight of their neighbors' volumes.
+A mesh has about five times as many tets as vertices.  If each tet of a nearly incompressible body
+keeps its volume, the body can hardly do anything but bend, and is much too stiff in that: the
+mesh locks.  Also, projecting all tets would take two thirds of a substep.  So only eight of a
+cell's 46 tets have a bulk modulus, which counts for the volumes of their neighbors, too.
 
 Around (0, 0, 0) and (2, 2, 2) of each cell, a tet with the edges L² = 5, 5, 5, 6, 6, 6 lies in
-each octant.  Those four hold it in whose octants x y z > 0.
+each octant.  Chosen are the four in whose octants x y z > 0.
 
-In the infinite lattice the solid stays the same: the eight tets have 3/16 of the cell's volume
-and the weight 16/3, so a dilation meets K, and a strain that keeps the volume stores nothing
-more.  No vertex leaves its place in the cell, as the pressures around each of them are balanced.
-Cutting the mesh leaves tets without such a neighbor, which keep their K.
+In the infinite lattice this does not change the solid.  The eight tets have 3/16 of the cell's
+volume and the weight 16/3, so the bulk modulus is K, and a strain that keeps the volume stores no
+more energy.  No vertex moves from its place in the cell, because the pressures around it balance.
+Where the mesh's boundary cuts off the chosen neighbor of a tet, the tet keeps its own K.
 
-The others don't resist being turned inside out.  So in parts with an inverted tet all tets hold
-their volume for a while (inversion.py).
+Tets that are not chosen do not resist being turned inside out.  So in parts with an inverted tet,
+all tets keep their volume for a while (inversion.py).
 
 Shapes: V vertices, T tets.
 """

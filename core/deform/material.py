@@ -2,7 +2,7 @@
 
 Averaged over directions, a network of springs with k_e L²/V_e = 15 μ on every edge is an
 isotropic solid with Lamé constants λ = μ, that is, with Poisson's ratio 1/4.  Volume
-constraints of bulk modulus K = λ − μ ≥ 0 add the rest (locking.py says which tets hold it).
+constraints of bulk modulus K = λ − μ ≥ 0 add the rest (locking.py chooses their tets).
 
     E Young's modulus [Pa], ν Poisson's ratio, μ = E / (2 (1 + ν)) [Pa]
     λ = E ν / ((1 + ν)(1 − 2ν)) [Pa], K [Pa]

@@ -1,14 +1,14 @@
-"""Recovery of a body: what the rescue is told about it, and what it does to the vertices.
+"""Tell the rescue which parts need it, and move the vertices of the parts that it takes back.
 
-Besides tangles (tangles.py), parts count that are stuck: nothing holds them, and yet they stay in
-another shape than their rest shape.  A part that hangs on a small hinge can fold over it into a
-minimum of the energy in which no tet is inverted.  It is stuck if from one look to the next the
-distance to its rest shape hardly shrinks.
+Besides tangled parts (tangles.py), stuck parts need a rescue.  A part that hangs on a small hinge
+can fold over it into a minimum of the energy in which no tet is inverted.  A part is stuck if
+nothing holds it, it is not in its rest shape, and its distance to that shape hardly shrinks from
+one look to the next.
 
-Contacts can hold a part in another shape, but what they hold is slow.  A very stiff part that is
-folded can turn for ever: each substep's projections push it on, against damping and the drag of
-the air.  So what is fast is stuck although it touches something.  Without the air's drag a part
-may fly and turn for ever, and its spin stretches it.  Then what is fast is never stuck.
+There are exceptions.  A part in contact may be kept in another shape, so it is not stuck while it
+is slow.  If it is fast, it is stuck: a very stiff folded part can turn for ever, because each
+substep's projections push it on, against damping and air drag.  Without air drag a part may fly and
+turn for ever, and its spin stretches it; so without air drag a fast part is never stuck.
 
 Shapes: V vertices, P parts (connected components).
 """

@@ -1,28 +1,26 @@
-"""Takes tangled parts of a mesh back to their rest shape.
+"""Move tangled parts of a mesh back to their rest shape.
 
-Edge lengths can't tell a tet from its mirror image, and positive volumes can't tell one
-sheet around an edge from two (tangles.py).  Both states can be minima of the energy at every
-stiffness.  The solver therefore rescues a part that stays tangled for PATIENCE while nothing
-is grabbed:
+A tet and its mirror image have the same edge lengths, and one sheet of tets around an edge or two
+(tangles.py) can both have positive volumes.  So tangles can be minima of the energy at every
+stiffness.  If a part stays tangled for PATIENCE while nothing is grabbed, the solver rescues it:
 
-1.  For SOFTENING it runs with every constraint at r = a/w̄ = RATIO and with volumes on,
-    whatever the material.  That frees most tangles and keeps the object's motion.
-    What is stuck without a tangle (recovery.py) takes no such try: it is in a minimum.
-2.  Parts that are still tangled after it bypass the constraints: their vertices move
+1.  For SOFTENING, every constraint has r = a/w̄ = RATIO, and volumes are on, whatever the
+    material.  That frees most tangles and keeps the object's motion.
+    A part that is stuck without a tangle (recovery.py) skips this step: it is in a minimum.
+2.  Parts that are still tangled bypass the constraints: their vertices move
     straight to their goals within DURATION, and are released there at rest.
 
     goal_i = R (X_i − X̄) + x̄,   R the proper rotation that minimizes Σ m_i |goal_i − x_i|²
 
 The goal is the rest shape in the part's present position and rotation (Kabsch 1976; used as
 in shape matching, Müller et al., "Meshless Deformations Based on Shape Matching", 2005).
-Held vertices weigh HELD times as much as free ones, and pull the released, untangled body to
-them.  If a part tangles again TRIES times within FORGET of each other, the solver leaves it
-alone until the user does something.
+Held vertices weigh HELD times as much as free ones; after the release they pull the body to them.
+If a part tangles again TRIES times within FORGET of each other, the solver ignores it until the
+user acts.
 
-A load can hold a body in a shape that counts as tangled, and no rescue would last.  So what
-fell or buckled under its weight (it was sound after the user's last act) is not rescued, nor
-what is bent by pins that are not to each other as at rest.  Vertices that aren't finite are
-rescued in any case.
+If a load keeps a body in a shape that counts as tangled, no rescue would last.  So a body is not
+rescued if it was sound after the user's last act and then fell or buckled under its weight, or if
+its pins are not placed as at rest and bend it.  Vertices that are not finite are always rescued.
 
 Times are simulated seconds.  Shapes: V vertices, P parts (connected components).
 """

@@ -1,12 +1,12 @@
 """The shape to which a body returns: the mesh's own, or one that was taken from a pose.
 
-Springs and volumes have the rest values of that shape.  Where the material yields, edges keep a
-part of their strain: beyond the yield strain y, an edge's rest length L follows its length l,
+Springs and volumes have the rest values of that shape.  If the material yields, edges keep some of
+their strain: beyond the yield strain y, an edge's rest length L follows its length l,
 
     L ← l / (1 + y) if l > (1 + y) L,   L ← l / (1 − y) if l < (1 − y) L,
 
-within FLOW_LIMIT of its length in the rest shape.  This is done once a frame.  Rest volumes stay:
-what flows keeps its volume.
+within FLOW_LIMIT of its length in the rest shape.  This is done once a frame.  Rest volumes do not
+change, so the flow keeps the volume.
 
 Lengths in m.  Shapes: V vertices, E edges, C edges in use.
 """

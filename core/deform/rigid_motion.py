@@ -1,11 +1,11 @@
-"""Damping that spares the rigid motion of parts that nothing holds.
+"""Damp the motion of parts that nothing holds, except their rigid motion.
 
 A part's rigid motion has the part's momentum and angular momentum:
 
     c = Σ m x / Σ m,   u = Σ m v / Σ m,   ω = I⁻¹ Σ m (x − c) × (v − u),
     I = Σ m (|r|² − r rᵀ),  r = x − c
 
-Once a frame, what is left of velocities decays: v ← s + (v − s) exp(−δ dt) with
+Once a frame, the rest of the velocities decays: v ← s + (v − s) exp(−δ dt) with
 s = u + ω × (x − c).  That changes neither momentum nor angular momentum.
 
 Units: m, m/s, kg, rad/s.  Shapes: V vertices, P parts (connected components of the mesh).

@@ -2,9 +2,9 @@
 
     F     deformation gradient: a tet's edges are F times its edges at rest.  [3, 3]
     E     Green's strain, ½ (Fᵀ F − 1); its eigenvalues are e₁ ≥ e₂ ≥ e₃
-    σᵢ    principal stretches √(1 + 2 eᵢ); the smallest one is negative where a tet is inverted
+    σᵢ    principal stretches √(1 + 2 eᵢ); the smallest one is negative in an inverted tet
     strain         max |σᵢ − 1|: 0 in any rigid motion, 0.1 if a direction is 10 % longer or shorter
-    volume ratio   det F: 1 at rest, negative where a tet is inverted
+    volume ratio   det F: 1 at rest, negative in an inverted tet
 
 Shapes: V vertices, T tets.
 """

@@ -1,9 +1,9 @@
 """Tangles of a mesh: inverted tets, and edges that tets wrap more than once.
 
-Around an edge, the dihedral angles of its tets add up to 2π at most in any pose of a real
-body.  A collapsed body can open again with every volume positive and a sum of 4π around a
+In any pose of a real body, the dihedral angles of the tets around an edge add up to at most 2π.
+A collapsed body can open again with every volume positive and a sum of 4π around a
 few edges, like the sheets of a Riemann surface around a branch point.  The energy has a
-minimum there, so projections don't lead out of it.  Volumes and sums together detect every
+minimum there, so projections do not lead out of it.  Volumes and sums together detect every
 tangle (Lipman, "Bijective Mappings of Meshes with Boundary and the Degree in Mesh
 Processing", 2014).
 
@@ -12,10 +12,10 @@ Processing", 2014).
 Here e is the vector along the edge, a and b those from its first end to the tet's two other
 corners.
 
-A body can also hang turned over at its pins, like an umbrella that the wind has turned, and
-balance there for many seconds.  Its edges are then longer than STRETCH times their rest
-lengths.  That is a tangle only where neither weight nor pins can explain it, so the caller
-decides whether such edges count.
+A body can also hang upside down at its pins, like an umbrella that the wind has turned inside out,
+and balance there for many seconds.  Some of its edges are then longer than STRETCH times their rest
+lengths.  That is a tangle only if neither weight nor pins can explain it, so the caller
+says whether such edges count.
 
 Shapes: V vertices, T tets, E edges of tets, F = 6 T pairs of an edge and a tet, P parts
 (connected components of the mesh).

@@ -1,1 +1,1 @@
-"""Contact of a mesh with itself: where parts of it touch, and what then moves their vertices."""
+"""Contact of a mesh with itself: find where it touches, and move the vertices there apart."""

@@ -1,9 +1,8 @@
-"""Which parts of a mesh may touch within a frame: boxes of clusters, leaves, faces and tets.
+"""Find what may touch within a frame, with boxes of clusters, leaves, faces and tets.
 
-The box of a cluster holds its vertices now and after a frame at their velocities, and is widened
-by a margin.  A cluster is touched if its box overlaps that of a partner.  A frame
-in which nothing touches pays for no more, and for that only where boxes are near each other.  The
-smaller boxes are those of touched clusters.
+The box of a cluster contains its vertices now and after a frame at their velocities, plus a
+margin.  A cluster is touched if its box overlaps that of a partner.  Only touched clusters get the
+boxes of their leaves, faces and tets, so a frame in which nothing touches takes little time.
 
 Shapes: V vertices, G clusters, L leaves, S samples, F faces, T tets.
 """

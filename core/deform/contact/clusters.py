@@ -1,12 +1,12 @@
-"""Clusters of nearby tets, and which of them may collide.
+"""Group nearby tets into clusters, and list which clusters may collide.
 
-A cluster holds nearby tets of one component of the mesh.  Where nothing touches,
-only boxes of clusters are compared, and not in every frame.  A cluster is divided into
-leaves of a few tets, for a finer search where clusters do touch.
+All tets of a cluster belong to one part of the mesh.  While nothing touches, a frame compares at
+most boxes of clusters, and not every frame does.  If two clusters touch, their leaves of a few tets
+narrow down the search.
 
-Two clusters of one component may collide if their boxes at rest are farther apart than a
-margin: the others are neighbors, or folds of one surface that the mesh hardly resolves.  Two
-clusters of different components may collide unless they go through each other at rest.
+Two clusters of the same part may collide only if their boxes at rest are farther apart than a
+margin.  Nearer ones are neighbors, or folds of one surface that the mesh hardly resolves.  Two
+clusters of different parts may collide unless they go through each other at rest.
 
 Shapes: V vertices, T tets, G clusters, L leaves, P points.
 """

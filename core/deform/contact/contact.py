@@ -1,6 +1,6 @@
-"""Contact on the host: builds what stays the same, and finds the contacts of each frame.
+"""Contact on the host: build the tables that never change, and find the contacts of each frame.
 
-Shapes: V vertices, T tets, G clusters, P components of the mesh.
+Shapes: V vertices, T tets, G clusters, P parts of the mesh.
 """
 
 import numpy as np

@@ -1,15 +1,16 @@
 """The contacts of each sample of touched clusters, within a frame.
 
-    near  A sample in front of a face comes nearer than the margin to it within the frame.  These
-          contacts are inequalities, which a substep holds as soon as they are violated.
-    deep  A sample is inside a tet.  It has to leave the body by a face: by the nearest one that it
-          is less deep than a tolerance behind; else its rest position has the same barycentric
-          coordinates in the tet, and it leaves by the face that is nearest to it at rest.  It
-          keeps its face until another one is much nearer, so that it isn't pulled to and fro.
-          Near a sharp edge it is let in until it is clear which face it is behind.
+    near  A sample in front of a face comes nearer to it than the margin within the frame.
+          Substeps project such a contact only while it is violated: it is an inequality.
+    deep  A sample is inside a tet, and has to leave the body through a face.  The first choice is
+          the nearest face, if the sample is less than a tolerance behind it.  Otherwise, take the
+          point at rest with the same barycentric coordinates in the tet: the sample leaves through
+          the face that is nearest to this point at rest.  It keeps its face until another one is
+          much nearer, or it would be pulled to and fro.  Near a sharp edge it may enter until it is
+          clear which face it is behind.
 
-A sample has the MOST nearest faces at most.  Faces and tets that are inverted don't count: they
-have no outside.  reference.py has the same in float64.
+A sample has contacts with at most MOST faces, the nearest ones.  Inverted faces and tets are
+ignored: they have no outside.
 
 Shapes: G clusters, L leaves, S samples, F faces, T tets.
 """

@@ -1,6 +1,6 @@
-"""Lists what was found: contacts in the order of samples, and for each vertex its contacts.
+"""List the contacts in the order of samples, and for each vertex its contacts.
 
-The order doesn't depend on that of threads, so a frame gives the same bits again.
+The order does not depend on the timing of threads, so a repeated frame gives the same bits.
 
 Shapes: V vertices, S samples, N contacts.
 """

@@ -1,7 +1,8 @@
 """The surface of a mesh for contact: its faces, sample points on it, and each tet's nearest faces.
 
 A sample lies on an edge: (1 − share) x_p + share x_q.  Samples are the surface's vertices
-(p = q, share 0) and the middles of its edges: coarse tets would pass between vertices alone.
+(p = q, share 0) and the midpoints of its edges, because vertices alone would let coarse tets
+pass through between them.
 
 Shapes: V vertices, T tets, F faces, S samples, G clusters, L leaves.
 """

@@ -1,1 +1,1 @@
-"""One frame of the solver: the NumPy reference, the CPU and the CUDA kernel."""
+"""One frame of the solver, for the CPU and for CUDA."""

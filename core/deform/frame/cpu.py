@@ -1,10 +1,10 @@
 """One frame of the solver on a CPU: eight constraints at once, several threads.
 
-Constraints of one color share no vertex, so eight of them are projected in the lanes of a
-vector.  A mesh of some ten thousand tets has two halves (halves.py), and each of two threads
-takes one.  In larger ones, each thread takes a part of a color.  Threads that wait for each
-other spin: waiting for the operating system would take longer than a color.  The result
-depends neither on halves nor on the number of threads.
+Constraints of one color share no vertex, so eight of them are projected at once, in the lanes of a
+vector.  A mesh of some ten thousand tets is cut in two halves (halves.py), one for each of two
+threads.  In larger meshes, the threads share each color.  A thread that waits for another one
+spins, because waiting through the operating system would take longer than a color.  The result
+depends neither on the cut nor on the number of threads.
 
 reference.py defines the substep.  Shapes: V vertices.
 """

@@ -1,20 +1,20 @@
 """One frame of the solver on a GPU, in one launch: n substeps, every color of every substep.
 
-A launch per color costs at least 1.3 µs, and a substep has some 20 colors.  So one kernel
-runs the whole frame and waits at a barrier between colors.  There are two forms of it, and
-the mesh's size decides which one runs:
+A launch per color would cost at least 1.3 µs, and a substep has some 20 colors.  So one kernel
+runs the whole frame, with a barrier between colors.  There are two forms of it; the mesh's size
+determines which one runs:
 
-    block  one block of threads, positions in its shared memory, __syncthreads as barrier
-    grid   a block on most of the GPU's processors, positions in its L2 cache, a counter
+    block  one block of threads; positions in its shared memory; the barrier is __syncthreads
+    grid   a block on most multiprocessors; positions in the L2 cache; the barrier is a counter
 
-Constraints are loaded ahead, so that behind a barrier a thread waits for positions only.
-Both forms take the colors in the same order and give the same result.
+A thread loads its next constraint before the barrier, so after it the thread waits only for
+positions.  Both forms take the colors in the same order and give the same result.
 
 Shared memory has eight banks of 16 bytes, and eight threads that access the same bank wait
-for each other.  Translates of one constraint are neighbors in the order (coloring.py), so a
-vertex's bank is the parity of its lattice cell: then most groups of eight use eight banks.
+for each other.  Translates of one constraint are neighbors in the order (coloring.py).  A vertex's
+bank is the parity of its lattice cell, so most groups of eight threads use eight banks.
 
-reference.py defines the substep.  Shapes: V vertices; E and T rooms for edges and tets.
+reference.py defines the substep.  Shapes: V vertices; arrays have space for E edges and T tets.
 """
 
 import numpy as np

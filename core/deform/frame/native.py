@@ -1,4 +1,4 @@
-"""Kernels around cpu.cpp and cuda.cu: both take the same arguments."""
+"""Kernels around cpu.cpp and cuda.cu, with the same arguments."""
 
 from pathlib import Path
 
