@@ -1,9 +1,9 @@
-"""A model against images that it has not seen: PSNR, SSIM and opacity, view by view.
+"""Compare a model with images that it has not seen: PSNR, SSIM and opacity, view by view.
 
-Render and truth are composited over white.  Photographs average over a pixel, as the viewer does at
-rest; so do the scored renders.  Beside them stands the score of an image with one ray a pixel, as
-the viewer shows while things move: seconds are those of one such image and of its copy to the
-host, without the first compilation of the kernels.
+Render and truth are composited over white.  A photograph averages over each pixel, and so do the
+scored renders, as the viewer does at rest.  A second score is that of an image with one ray a
+pixel, as the viewer shows while things move.  The seconds are those of one such image and its copy
+to the host, without the first compilation of the kernels.
 """
 
 import json

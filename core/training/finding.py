@@ -1,9 +1,9 @@
-"""The first seconds of a run that doesn't know where the object is: it is found.
+"""Find the object in the first seconds of a run that has no box for it.
 
-Points of surfaces are looked at (data/found_object.py): those that came with the cameras, or, if
-there are none or nothing is found among them, those of a coarse field.  This field is trained on
-everything around the place that the cameras look at, and depths of random training rays in it
-are the points.  If these don't show an object either, nothing changes.
+The search (data/found_object.py) needs points on surfaces.  It first takes those that came with the
+cameras.  If there are none, or they show no object, a coarse field is trained on everything around
+the place that the cameras look at; the depths of random training rays in it give the points.
+If these show no object either, nothing changes.
 """
 
 from dataclasses import dataclass, replace

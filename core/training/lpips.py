@@ -2,7 +2,7 @@
 
 The authors' package `lpips` computes it, version 0.1 with net="vgg" (Zhang, Isola, Efros,
 Shechtman and Wang, The Unreasonable Effectiveness of Deep Features as a Perceptual Metric, 2018).
-The package has the metric's own weights and would download VGG-16's.  This program downloads
+The package includes the metric's own weights, but would download VGG-16's.  This program downloads
 nothing: the user names the file with VGG-16's weights.
 """
 

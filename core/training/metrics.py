@@ -6,8 +6,8 @@ SSIM  = (2 μa μb + C₁)(2 σab + C₂) / ((μa² + μb² + C₁)(σa² + σb�
         with means, variances and covariance under an 11×11 Gaussian window of σ = 1.5,
         C₁ = (0.01)², C₂ = (0.03)², per channel; Wang et al. 2004.
 
-SSIM's windows lie wholly inside the image (the valid region: 5 pixels are cut off on each
-side), and the result is the mean over windows and channels.  That is the convention of the
+SSIM's windows lie wholly inside the image: the valid region, without 5 pixels on each side.
+The result is the mean over windows and channels.  This is the convention of the
 original paper; libraries differ in window, border and data range.
 
 Shapes: a, b [H, W, C] or [H, W], any real dtype.

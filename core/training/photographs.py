@@ -1,7 +1,7 @@
-"""What photographs have and rendered images have not: exposures of their own, blur, pixels.
+"""Corrections for photographs: exposure, blur, and how fine the pixels are.
 
-Exposure and blur matter where a camera took the images (`are_photographs`); elsewhere nothing here
-changes a run.
+Exposure and blur matter only if a camera took the images (`are_photographs`); for other images
+nothing here changes a run.
 """
 
 import numpy as np

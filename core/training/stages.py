@@ -1,4 +1,4 @@
-"""The fields that the stages of a run train."""
+"""Options of the fields that the two stages train."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The tets that a stage trains on: those in the scene box, then those near what stage 1 found."""
+"""The tets that a stage trains: first those in the scene box, then those near occupied ones."""
 
 from dataclasses import replace
 

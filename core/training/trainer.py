@@ -1,12 +1,12 @@
-"""Photographs to a field, in two stages (DeformRF, section 3.4).
+"""Train a field on photographs, in two stages (DeformRF, section 3.4).
 
-Stage 1 trains few levels on the A15 grid of the whole scene box and learns where density
-is; the occupied tets, what they enclose and their neighbours are kept.  Stage 2 trains all
-levels on the kept tets.  Both minimize the loss of run/loss.py with Adam.  In the first half
-of a stage, images with alpha have a random background per ray, then a white one: so empty
-space learns to be empty, and the result is best on the background that it is scored on.
+Stage 1 trains few levels on the A15 grid of the whole scene box, to find where density is.  The
+occupied tets, those that they enclose, and their neighbours are kept.  Stage 2 trains all
+levels on the kept tets.  Both minimize the loss of run/loss.py with Adam.  Images with alpha are
+composited on a random background per ray in the first half of a stage, so that empty space becomes
+empty, and on white in the second half, because scores are computed on white.
 
-A run that leaves stage 1 out is stage 2 on the whole grid in the scene box; its model holds
+A run without stage 1 trains stage 2 on the whole grid in the scene box, and its model contains
 all of those tets, the empty ones too.
 """
 

@@ -1,10 +1,10 @@
 """COLMAP's sparse reconstructions, whose files colmap_files.py reads.
 
-A folder holds `images/` and one or several models in `sparse/` or `colmap/sparse/`: there, or in
-folders of their own (`sparse/0/`, `sparse/1/`, ...); or a single one beside `images/`.  Of several
-models the one with the most images that exist is read.  Every eighth image, in the order of the
-names, is a test image.  A reconstruction has no vertical axis of its own: the reader turns the
-world so that the mean up direction of the cameras is +z.
+A folder has `images/` and one or several models.  Models are in `sparse/` or `colmap/sparse/`, or
+in subfolders of these (`sparse/0/`, `sparse/1/`, ...); a single model may also lie beside
+`images/`.  Of several models, the reader takes the one with the most images that exist.  Every
+eighth image, in the order of the names, is a test image.  A reconstruction has no vertical axis of
+its own, so the reader turns the world until the mean up direction of the cameras is +z.
 """
 
 import os

@@ -1,15 +1,15 @@
 """The files of a COLMAP model, binary or text: cameras, images with poses, points.
 
-Anybody may have written them, so counts are compared with the files' sizes before memory is taken,
-and every error is a DatasetError of one sentence with the file's path.
+The reader does not trust the files: it compares counts with the files' sizes before it allocates
+memory.  Every error is a DatasetError of one sentence with the file's path.
 
     cameras   number, model, width, height, parameters
     images    number, quaternion w x y z, translation, camera's number, name, features
     points3D  number, x y z, r g b, error, track
 
-Rotation and translation take the world to the camera; its axes are OpenCV's.  An image in text has
-two lines, and the second one, with its features, may be empty.  What newer versions write beside
-them (rigs, frames) isn't needed: images have their own poses all the same.
+Rotation and translation map the world to the camera, whose axes are OpenCV's.  In text files an
+image has two lines; the second one, with its features, may be empty.  Newer versions also write
+rigs and frames.  The reader ignores these, because images still have their own poses.
 """
 
 import struct

@@ -1,4 +1,4 @@
-"""Posed images on disk, in memory: the views of a split, whatever layout its folder has.
+"""Load the posed images of a split into memory, from a folder in any layout.
 
 Shapes: N views of H_i rows and W_i columns, P pixels in all.
 """

@@ -1,18 +1,18 @@
-"""Files that a data set names, as the machine that wrote it may have spelled them.
+"""Find the files that a data set names, even if paths are those of the machine that wrote it.
 
-`find_files` is the rule for images and masks of every layout.  It tries, in this order:
+`find_files` does this for images and masks of every layout.  It tries, in this order:
 
-1. the name as it is, from the data set's folder on;
-2. with the ending of an image added;
-3. the files within the folder whose path ends as the name does.  For that, \\ counts as /, neither
-   case nor Unicode's form nor the image's ending matters, `file://`, %20, drives, `.` and `..` are
-   resolved.  The longest tail of the name wins: of /home/x/data/images/2.jpeg data/images/2 is
-   tried, then images/2, then 2.  If the folder that the name ends in is here, the file has to be in
-   a folder of that name.  Of several files with one tail, that wins which the tail names from the
-   data set's folder on, then that with the ending of the name; others are refused.
+1. the name as it is, relative to the data set's folder;
+2. the name with the ending of an image added;
+3. the files in the folder whose path has the longest tail in common with the name.  Of
+   /home/x/data/images/2.jpeg it tries data/images/2, then images/2, then 2.  If the folder in which
+   the name ends exists here, the file must be in a folder of that name.  Comparisons ignore case,
+   Unicode's form and the image's ending; \\ counts as /; `file://`, %20, drives, `.` and `..` are
+   resolved.  If several files have the same tail, the file at exactly this tail in the data set's
+   folder wins, then the file with the name's ending; otherwise the name is refused.
 
-Files are sought within the folder alone.  Neither is a file of another split found, nor a mask or a
-depth map for a photograph.
+It searches only within the folder.  It takes no file of another split, and no mask or depth map
+for a photograph.
 """
 
 import os

@@ -1,15 +1,16 @@
-"""Where the object is: the plane that it stands on, what is up, and the box around it.
+"""Find the object: the plane on which it stands, the up direction, and the box around it.
 
-It is found among points of surfaces, from structure from motion or from a coarse field's depths.
-A point's *attention* says how much the cameras look at it: its place in their images, weighted
-by a bell around the middle.  Planes are those with much attention that all cameras are in
-front of (RANSAC, then least squares).  What is in front of it falls into clusters of points
-that are near each other; the object is the one with the most attention.  Of several planes, as a
-table's and the floor's, the highest counts that has an object on it and hides what is below the
-object: arms that are spread lie in a plane, too, with a body below it.
+The input is points on surfaces, from structure from motion or from a coarse field's depths.
+A point's *attention* says how much the cameras look at it: each camera weights its place in the
+image by a bell around the middle.  RANSAC, then least squares, finds planes with much attention
+that all cameras are in front of.  The points in front of a plane form clusters of near neighbors;
+the object is the cluster with the most attention.  There may be several planes, as a table's and
+the floor's.  The highest one counts that has an object on it and hides everything below the object.
+(The latter excludes, for example, the plane of spread arms, below which a body goes on.)
 
-Where the plane's normal is about the cameras' common up, the object stands on it, and the normal
-is up.  Otherwise it hangs on it, as on a wall: the cameras' up is kept, parallel to the plane.
+If the plane's normal is about the cameras' common up, the object stands on the plane, and the
+normal is up.  Otherwise the object hangs on the plane, as on a wall, and up is the cameras' up,
+projected into the plane.
 
 Shapes: n points, N cameras.  Lengths are in the data's units; below, the scale is the median
 distance of the cameras from the point that they look at.

@@ -1,6 +1,6 @@
 """Recognize the layout of a data set's folder, and list its images.
 
-| layout | recognised by | read by |
+| layout | recognized by | read by |
 |---|---|---|
 | Blender, instant-ngp, nerfstudio | transforms_<split>.json, or transforms.json | transforms.py |
 | NSVF (Tanks and Temples) | rgb/ and pose/ | nsvf.py |

@@ -1,11 +1,12 @@
 """Masks of photographs: images that say which pixels show the object.
 
-A photograph's mask lies in the masks' folder, or in the same subfolder of it, under the
-photograph's name with another ending, with `_mask` or `-mask` behind its stem, or with one more
-ending (as 0001.jpg.png); or the data set's files name it (mask_path in transforms.json).  It is
-white where the object is, or opaque if it has alpha; other programs leave out what is black.  Masks
-of few values, none of them white, hold numbers or colors of classes: all that is not black is the
-object.
+The data set's files may name a photograph's mask (mask_path in transforms.json).  Otherwise it is
+in the masks' folder, or in the photograph's subfolder there.  Its name is the photograph's with
+another ending, with `_mask` or `-mask` after its stem, or with one more ending (0001.jpg.png).
+
+A mask is white on the object, or opaque if it has alpha; other programs ignore what is black.  If a
+mask has few values and none is white, the values are numbers or colors of classes, and everything
+that is not black is the object.
 """
 
 from pathlib import Path

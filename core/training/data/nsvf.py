@@ -1,7 +1,7 @@
 """The layout of NSVF (Liu et al. 2020), in which Tanks and Temples and others are published.
 
     rgb/<name>.png       images; the name's first digit is the split: 0_ train, 1_ and 2_ the
-                         others (1_ is the test split where there is no 2_, else validation)
+                         others (1_ is the test split if there is no 2_, else validation)
     pose/<name>.txt      camera to world, 4x4, OpenCV's axes (x right, y down, z forward)
     intrinsics.txt       4x4 with the focal length and the principal point in pixels, or
                          "f cx cy ..." in the first line

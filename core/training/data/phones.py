@@ -1,11 +1,11 @@
 """Scans of phones with LiDAR, as the programs Polycam and Record3D export them.
 
-Both find cameras while they scan (ARKit's, which look along -z; the world's y is up):
+Both programs find cameras during the scan (ARKit's, which look along -z; the world's y is up):
 
-    Polycam, "raw data"      keyframes/corrected_images/<name>.jpg with a camera each in
+    Polycam, "raw data"      keyframes/corrected_images/<name>.jpg, and for each a camera in
                              corrected_cameras/<name>.json beside it: t_00 ... t_23, camera to
-                             world, fx, fy, cx, cy, width, height; without these, images/ and
-                             cameras/
+                             world, fx, fy, cx, cy, width, height; without these folders, images/
+                             and cameras/
     Record3D, "EXR + RGB"    rgb/<i>.jpg and metadata.json: `poses` of all frames, a quaternion
                              (x, y, z, w) and a position; K, column after column, or
                              `perFrameIntrinsicCoeffs` (fx, fy, cx, cy); w, h

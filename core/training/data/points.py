@@ -1,7 +1,7 @@
-"""Sparse points: places on surfaces that several photographs show, found along with the cameras.
+"""Sparse points: points on surfaces, found together with the cameras in several photographs.
 
-They lie in `points.npz` beside the `transforms.json` of the same photographs, in the same world:
-+z is up (the cameras' mean up direction), the unit of length is arbitrary.  The file's arrays are
+They are in `points.npz`, beside the `transforms.json` of the same photographs and in the same
+world: +z is the cameras' mean up direction, the unit of length is arbitrary.  The file's arrays are
 the attributes of `SparsePoints`.
 """
 

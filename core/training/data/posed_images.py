@@ -1,7 +1,7 @@
 """Paths, poses and lenses of a data set, known before any image is read.
 
-Each layout's `read(folder, split)` (transforms.py, nsvf.py, colmap.py, phones.py) returns a
-Listing; for the split None, all images.
+Each layout has a function `read(folder, split)` that returns a Listing (transforms.py, nsvf.py,
+colmap.py, phones.py).  For the split None it lists all images.
 """
 
 import codecs

@@ -1,8 +1,8 @@
 """All training pixels as rays on one device, drawn at random.
 
-Rays are in model space, to which `world_to_model`, a similarity, takes the data's cameras.  One
-kernel draws pixels, makes their rays and reads their
-colors; its seed is an array on the device, so the host never waits.
+Rays are in model space; the similarity `world_to_model` maps the data's cameras to it.  One
+kernel draws pixels, makes their rays and reads their colors.  Its seed is an array on the device,
+so the host never waits.
 
 Shapes: P pixels of N views, R rays.
 """

@@ -1,10 +1,10 @@
-"""Which part of the world becomes the unit cube, in which the tets live.
+"""Choose the part of the world that becomes the unit cube, in which the tets are.
 
-The object's box is, in this order: the user's (`--aabb`, or `--scene-radius` around the data's
-origin), the data set's (NSVF's bbox.txt), the one that is found in photographs with surroundings
-(found_object.py), or a box around the point that the cameras look at.  The cube's edge is the
-box's longest side.  Tets outside the user's box or the found one are left out, so the model has
-no tets for what stands beside the object.
+The object's box is the first of these that exists: the user's (`--aabb`, or `--scene-radius` around
+the data's origin); the data set's (NSVF's bbox.txt); the one found in photographs with surroundings
+(found_object.py); a box around the point that the cameras look at.  The cube's edge is the
+box's longest side.  Tets outside the user's box or the found one are removed, so the model has
+no tets for things beside the object.
 """
 
 import numpy as np

@@ -1,13 +1,13 @@
 """transforms.json: NeRF-synthetic's, instant-ngp's and nerfstudio's.
 
 NeRF-synthetic has transforms_<split>.json with `camera_angle_x`, the horizontal field of view in
-radians.  The other two may have one transforms.json for all, with fl_x, fl_y, cx, cy, w, h
+radians.  The other two may have one transforms.json for all splits, with fl_x, fl_y, cx, cy, w, h
 in pixels and OpenCV's distortion k1, k2, k3, k4, p1, p2, for all frames or for each.  Each of
-`frames` has a `file_path` (see foreign_paths.py) and a `transform_matrix`, and perhaps the
-`mask_path` of a mask (masks.py); `upright: true`, which wings/capture writes, says that they are
-those of the image as its EXIF orientation turns it.
+`frames` has a `file_path` (see foreign_paths.py) and a `transform_matrix`, and optionally the
+`mask_path` of a mask (masks.py).  wings/capture writes `upright: true`, which says that the cameras
+are those of the images after EXIF rotation.
 
-Without a split of its own, every eighth image of a transforms.json is a test image;
+If a transforms.json has no splits, every eighth of its images is a test image;
 nerfstudio's lists train_filenames, val_filenames and test_filenames take precedence.
 """
 

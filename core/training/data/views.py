@@ -1,4 +1,4 @@
-"""What all cameras of a data set share: the point that they look at, and what is up."""
+"""What a data set's cameras have in common: the point that they look at, and the up direction."""
 
 import numpy as np
 

@@ -1,1 +1,1 @@
-"""A training run: the field that learns, its optimization, workers and checkpoints."""
+"""A training run: the trained field, its optimization, workers and checkpoints."""

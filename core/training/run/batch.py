@@ -1,8 +1,8 @@
-"""The samples of a batch of rays, on the device, in arrays that stay where they are.
+"""The samples of a batch of rays, in arrays on the device that are allocated once.
 
-A march counts samples, then writes them (passes.py).  With a fixed capacity no launch waits for the
-host, so a CUDA graph can hold them.  Rays whose samples don't fit are left out of the step
-(`fits`); places that are unused have tet = -1.
+A march counts samples, then writes them (passes.py).  The arrays have a fixed capacity, so no
+launch waits for the host, and a CUDA graph can record them.  If a ray's samples don't fit, the
+step ignores that ray (`fits`).  Unused places have tet = -1.
 
 Shapes: R rays, N samples or places for them.
 """

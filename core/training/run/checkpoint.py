@@ -1,7 +1,7 @@
-"""An unfinished run on disk, from which `deformrf-train --resume` goes on.
+"""An unfinished run on disk, which `deformrf-train --resume` continues.
 
-Written beside the model every minute and at Ctrl-C, removed when the model is complete.
-Other programs don't read it, and later versions may not: a model file is what lasts.
+It is written beside the model every minute and at Ctrl-C, and removed when the model is complete.
+Only this version of the program has to read it; keep model files, not checkpoints.
 """
 
 import pickle

@@ -1,7 +1,7 @@
-"""What a checkpoint declares, compared with bounds before anything follows from it.
+"""Compare what a checkpoint declares with bounds, before anything is computed from it.
 
-A file can be forged, or come from a program with a fault.  Its tensors can take no more memory
-than it has bytes, and its options and mesh are those of runs that can be.
+A file may be forged, or written by a faulty program.  Its tensors must not take more memory than
+the file has bytes, and its options and mesh must be possible in a run.
 """
 
 import dataclasses

@@ -2,12 +2,12 @@
 
 On CUDA the 32 lanes of a warp take 32 samples of a ray at a time, because a step waits for its
 longest rays.  On the CPU one lane takes one sample after another.  The kernels are the same:
-`sum_before`, `product_before` and `last_lane` combine what the lanes have.
+`sum_before`, `product_before` and `last_lane` combine the lanes' values.
 
-What is summed is a vector of each sample: its color (`vec3`), or the numbers between the networks
-(`geometry_vector`), from which one color a ray is made.
+A ray sums a vector of each sample: its color (`vec3`), or, if each ray has one color, the numbers
+between the networks (`geometry_vector`).
 
-Shapes: R rays, N packed samples; ray r owns samples ends[r] - counts[r] .. ends[r] - 1.
+Shapes: R rays, N packed samples; ray r has the samples ends[r] - counts[r] .. ends[r] - 1.
 """
 
 from typing import Any

@@ -1,7 +1,7 @@
 """Warp kernels as torch functions: encoding and compositing with their gradients.
 
 On CUDA the caller makes Warp's stream torch's current one (`on_warp_stream`), so kernels
-and layers follow each other without waiting for the host.
+and layers run one after another without waiting for the host.
 """
 
 from contextlib import nullcontext

@@ -1,10 +1,10 @@
-"""Several processes that learn one field, each with a GPU of its own.
+"""Several processes that train one field, each with a GPU of its own.
 
-torchrun starts them.  Each draws its share of a step's rays; the weights that rays are rendered
-with are the same on all of them after each step (exchange.py, peer_exchange.py).  So is what
-decides how a run goes on: it is summed, or taken from the first worker.
+torchrun starts them.  Each draws its share of a step's rays.  After each step, all have the same
+weights for rendering (exchange.py, peer_exchange.py).  Numbers that control the run must also be
+the same: they are summed over the workers, or taken from the first one.
 
-A process by itself is a worker as well, ALONE, and exchanges nothing.
+A single process is a worker, too, ALONE, and exchanges nothing.
 """
 
 import os

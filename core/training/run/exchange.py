@@ -1,19 +1,19 @@
 """Exchange between the workers of a step: gradients before the update, weights after it.
 
-The table holds nearly all weights, so each worker updates one part of it:
+The table contains nearly all weights, so each worker updates one section of it:
 
-    reduce-scatter   the sum of all workers' table gradients, to each worker its own part
-    all-reduce       the sums of all other gradients and errors, and the number of pixels
-    all-gather       the parts of the table after their update
+    reduce-scatter   sums all workers' table gradients; each worker receives its own section
+    all-reduce       sums all other gradients and errors, and the numbers of pixels
+    all-gather       collects the updated sections of the table
 
 Every worker makes the same update of all other weights.
 
-On CUDA a table gradient travels as bfloat16, which has the range of float32 and rounds a value
+On CUDA a table gradient is sent as bfloat16, which has the range of float32 and rounds a value
 by at most 2⁻⁸ of it.  Each of N workers rounds its gradient, and the reduce-scatter rounds each
 of its N − 1 sums (peers' sums are float32, see peer_exchange.py).  So the error of a sum is at
 most about N · 2⁻⁸ · Σ |gradient|; where gradients of opposite signs cancel, that is much of the
-sum.  The table travels as the float16 values that the encoder reads in any case.  So the float32
-table is whole on no worker until `make_whole`.
+sum.  The table is sent as float16, because the encoder reads float16 in any case.  So no worker has
+the whole float32 table until `make_whole`.
 """
 
 from collections.abc import Callable

@@ -1,14 +1,15 @@
-"""Exposure and white balance of photographs: a color map of each, learned, then dropped.
+"""Exposure and white balance of photographs: trained color maps, dropped after training.
 
-A telephone changes both from photograph to photograph.  Without more, the field explains that by
-colors that depend on the direction, and by fog.  So a color c that the model renders for a pixel
-of view i, of which the share o is opaque, is compared with the photograph as
+A telephone changes both from photograph to photograph.  A field alone would explain that by
+colors that depend on the direction, and by fog.  So let c be the color that the model renders for a
+pixel of view i, and o its opacity.  The loss compares the photograph with
 
     c + M_i (c, o),    M_i = SCALE (θ_i − mean over views of θ),    θ_i [3, 4]
 
-an affine map, of which o carries the offset: what is transparent stays black, so backgrounds are
-left alone.  The maps' mean is the identity: the model keeps the mean look.  Their price,
-COST · mean over views of |SCALE θ_i|², holds what a photograph doesn't tell at the identity.
+an affine map with an offset proportional to o, so transparent pixels stay black and backgrounds do
+not change.  The mean of the maps is the identity, so the model keeps the mean look.  The loss adds
+COST · mean over views of |SCALE θ_i|², which keeps a map at the identity where its photograph tells
+nothing else.
 (Per-image affine maps: Urban Radiance Fields, Rematas et al., CVPR 2022, Section 4.2.)
 
 Shapes: R rays, N views.

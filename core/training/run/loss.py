@@ -1,25 +1,26 @@
-"""The loss of a batch: the error of its rays' colors, and what scattered samples and features cost.
+"""The loss of a batch: errors of colors, and costs of scattered samples and of features.
 
     loss = mean over pixels of (squared error + distortion weight · distortion
                               + excess weight · excess)
            + table decay · ½ Σ 4^(l + 1 − L) θ²    over the features θ of the levels l = 0 … L − 1
 
-Images with alpha are composited on a random background per ray or on white, so that empty
-space learns to be empty.  Where surroundings are learned, `surrounded_cost` is the second term.
+Images with alpha are composited on a random background per ray or on white, so that the field
+becomes empty where they are transparent.  If surroundings are trained, `surrounded_cost` is the
+second term.
 
-Where photographs differ in exposure, each has a color map, which exposure.py describes, between the
-model's color and its own, and the maps have their price.
+If photographs differ in exposure, each has a color map (exposure.py), which is applied to the
+model's colors before they are compared; the maps have a cost, too.
 
-A logit is what the sigmoid makes a color of.  The excess of a ray is the sum, over the three logits
-of its color, of the squared distance beyond ±8, times the ray's opacity.  Farther out the sigmoid
-has hardly a slope.  An object of one color drives a wide network there in the first steps, and no
-error would ever move its colors again.  Every color that 8 bits can tell from 0 and 1 lies within
-±8.  Colors of samples and of surroundings have no such cost; their networks are narrow.
+Excess: a color is the sigmoid of a logit.  The excess of a ray is the sum, over its three logits,
+of the squared distance beyond ±8, times the ray's opacity.  Beyond ±8 the sigmoid has almost no
+slope.  An object of one color drives a wide network there in the first steps, and no error would
+move its colors again.  Every color that 8 bits can tell from 0 and 1 lies within ±8.  Colors of
+samples and of surroundings have no such cost, because their networks are narrow.
 
-The last term is against noise: fine levels explain what differs between photographs and is no
-texture.  A feature costs most at the finest level.  Where photographs show more than twice as
-many numbers as there are features, noise is no matter and the term costs detail: `needed_decay`.
-Only its gradient is ever needed: `add_table_decay`.
+Table decay reduces noise: fine levels explain differences between photographs that are no
+texture.  The finest level's features cost most.  If photographs have more than twice as many
+numbers as there are features, there is no such noise, and the term would only cost detail:
+`needed_decay`.  Only the gradient of this term is computed: `add_table_decay`.
 """
 
 import torch

@@ -1,4 +1,4 @@
-"""Halve the work if memory is too small, or end the run with a sentence."""
+"""If memory is too small, halve the work, or end the run with a sentence."""
 
 from collections.abc import Callable
 

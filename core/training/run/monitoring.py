@@ -1,4 +1,4 @@
-"""What is done with a run's error every few steps: it is shown, noted and judged.
+"""Show, record and judge a run's error every few steps.
 
 The history of a run has at most 100 rows a stage.  A row is plain JSON:
 

@@ -1,7 +1,7 @@
 """The march of a batch: entries, one pass that counts samples, and one that writes them.
 
-Slots for all that a ray may have would take a gigabyte, so the second pass repeats the first.  Both
-have the ray's entries from one search of the boundary.
+Slots for all samples that a ray may have would take a gigabyte, so the second pass repeats the
+first.  Both use the ray's entries from one search of the boundary.
 
 Shapes: R rays, N samples, T tets.
 """

@@ -1,13 +1,13 @@
 """Exchange between GPUs of one host that read and write each other's memory.
 
 Collectives send gradients, wait, update, send weights, and wait again.  Here one kernel does all
-of it for a worker's part of the table: it reads the gradients where the workers have left them,
+of this for a worker's section of the table: it reads the gradients from the memory of all workers,
 makes Adam's update (Kingma and Ba 2015), and writes the new values into the tables of all
 workers.  So transfers between GPUs overlap with accesses to each GPU's own memory.
 
-    barrier          all workers have left their gradients, and none reads the table any more
-    update           each worker updates its part of the table, and all other weights
-    barrier          all workers have written their parts
+    barrier          all workers have written their gradients, and none reads the table any more
+    update           each worker updates its section of the table, and all other weights
+    barrier          all workers have written their sections
 
 A worker rounds its gradient to bfloat16 once, and the sums are float32.
 """

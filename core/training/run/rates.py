@@ -1,4 +1,4 @@
-"""Learning rates: how they fall over the steps of a stage, and who learns more slowly."""
+"""Learning rates: how they fall over the steps of a stage, and which weights have smaller ones."""
 
 from itertools import groupby
 from math import cos, pi

@@ -1,11 +1,12 @@
 """Training steps on CUDA, recorded as graphs, with the next batches marched ahead.
 
-A march is a long chain of small loads that leaves the GPU nearly idle.  So while one batch is
-learned from, the next ones are marched side by side, each on a stream of its own.  A batch that
-was marched ahead misses at most one occupancy update, by AHEAD steps: it has a copy of the mask.
+A march is a long chain of small loads that leaves the GPU nearly idle.  So while the field is
+trained on one batch, the next ones are marched at the same time, each on a stream of its own.  A
+batch marched ahead has a copy of the occupancy mask, so it misses at most one update of it, by
+AHEAD steps.
 
-Within a recorded step nothing waits for the host: it has a fixed number of rays and a fixed
-room for samples; learning rate, background and seed are values on the device.
+Within a recorded step nothing waits for the host: it has a fixed number of rays and fixed arrays
+for samples; learning rate, background and seed are values on the device.
 """
 
 from collections.abc import Callable

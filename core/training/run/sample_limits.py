@@ -1,13 +1,14 @@
-"""How many samples of a training ray are worth their time: those before it is opaque.
+"""Limit the samples of each training ray to those before it becomes opaque.
 
-Most samples lie behind something opaque, and the rays of most pixels pass the object by.  Neither
-has a gradient that is worth its time.  So each pixel remembers how many samples its ray needed when
-it was last drawn, and its next ray ends a few samples later: early ray termination (Levoy 1990), by
-what the visit before has found.  A transparent pixel whose ray met no matter is mostly passed over.
+Most samples lie behind something opaque, and most pixels' rays pass the object by.  Their gradients
+are not worth the time.  So each pixel remembers how many samples its ray needed when
+it was last drawn, and its next ray ends a few samples later: early ray termination (Levoy 1990),
+from an earlier visit.  If a transparent pixel's ray had no sample, the pixel is mostly skipped.
 A ray that needs 255 samples or more has no limit.
 
-Matter moves while a field learns.  A ray that has used its limit up and is not opaque has no part
-in its step, because it would be taught that nothing is behind.  Its pixel then has no limit.
+Matter moves while a field is trained.  If a ray reaches its limit and is not opaque, its step
+ignores it, because it would train the field to be empty behind the limit.  Its pixel then has no
+limit.
 
 Shapes: R rays, P pixels.
 """

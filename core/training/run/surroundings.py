@@ -1,13 +1,13 @@
-"""The surroundings of the object in photographs without masks: learned beside it, then dropped.
+"""The surroundings of the object in photographs without masks: trained, dropped after training.
 
-Outside the object's box the world is a small field of its own (../field/grid.py), cut into
-the same number of pieces on every ray: some from the camera to the box, evenly, and some from
-behind the box to infinity, evenly in contracted space.  A ray that misses the box has its
-nearest point to the box's center in that place.  A pixel is then
+Outside the object's box, a small field of its own (../field/grid.py) represents the world.  Every
+ray has the same number of pieces in it.  Some are between the camera and the box, evenly spaced;
+some are between the box and infinity, evenly spaced in contracted space.  For a ray that misses the
+box, its point nearest to the box's center stands for the box.  A pixel is then
 
     C_front + T_front (C_object + T_object (C_behind + T_behind sky))
 
-where the sky is one learned color.  So the tets hold only what is inside the box.
+where the sky is one trained color.  So the tets contain only what is inside the box.
 
 Shapes: R rays, K_f + K_b pieces per ray.
 """

@@ -1,7 +1,7 @@
-"""A field on a fixed mesh while it learns: tables, networks, surroundings, occupancy.
+"""A field in training, on a fixed mesh: tables, networks, surroundings, occupancy.
 
 `march` and `composite` render rays with gradients; `update_occupancy` and `hide_unseen`
-decide which sub-tets can hold density (see field/occupancy.py).
+set the sub-tets that may have density (see field/occupancy.py).
 
 Shapes: R rays, N packed samples, T tets with 64 sub-tets each.
 """
