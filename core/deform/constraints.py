@@ -11,14 +11,14 @@ compliance α, inverse masses w and gradients g_i = ∂C/∂x_i
     volume: C = 6 (V − V0),        α = 36 V0 / K_t,   w̄ = Σ w_i |g_i|² at rest
     spring: C = |x_i − target|,    α = 1/k, with a force of at most F
 
-Because constraints are projected one after another, each is softer, to first order as if it had
-½ w̄ h² more compliance.  So ½ w̄ is subtracted, and a term of second order, which was measured
+Projecting constraints one after another makes each softer: to first order, as if it had ½ w̄ h²
+more compliance.  So ½ w̄ is subtracted, and a measured term of second order
 (docs/design/002-dynamics.md).  A spring is projected last and needs no correction.  The lower bound
 r_min · w̄ prevents tangles of a stiff system.  An edge of length 0 takes a fixed pseudo-random
 direction; without it a collapsed body would never open.  The factor f makes a lattice equally stiff
 in all directions (isotropy.py).  A tet's bulk modulus K_t is the material's K, except on A15, where
-few tets have it for all (locking.py).  A volume projection moves no vertex farther than
-STEP_LIMIT · (6 V0)^(1/3).
+few tets have a bulk modulus, in place of all (locking.py).  A volume projection moves no vertex
+farther than STEP_LIMIT · (6 V0)^(1/3).
 
 Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and springs,
 [m⁴/kg] for volumes.  Shapes: V vertices, E edges, B braces, T tets, K handles.

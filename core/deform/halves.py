@@ -3,9 +3,9 @@
 If two threads share each color, each soon needs cache lines that the other has written, and
 both wait at a barrier after every color.  Below some ten thousand tets that is slower than one
 thread.  So each thread projects the constraints of one half of the mesh.  A constraint is near if
-it touches a vertex that constraints of the other half touch, too.  Near constraints of a color wait
-until the other thread has projected its near constraints of the color before.  Each thread projects
-other constraints before and after, so it hardly ever waits.
+it touches a vertex that constraints of the other half touch, too.  A thread projects its near
+constraints of a color only after the other thread has projected its near ones of the color before.
+It projects the remaining constraints before and after these, so it hardly ever waits.
 
 The colors keep their order, so the result has the same bits as without halves.
 

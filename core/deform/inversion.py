@@ -1,4 +1,4 @@
-"""Turn tets back that were turned inside out where few tets keep their volume (locking.py).
+"""Turn inverted tets back in meshes in which only few tets keep their volume (locking.py).
 
 Edge lengths are the same for a tet and its mirror image.  So while a part has an inverted tet, all
 of its tets keep their volume.  Each has a bulk modulus of at most EACH_HOLDS · μ, so that the part

@@ -3,15 +3,15 @@
 A mesh has about five times as many tets as vertices.  If each tet of a nearly incompressible body
 keeps its volume, the body can hardly do anything but bend, and is much too stiff in that: the
 mesh locks.  Also, projecting all tets would take two thirds of a substep.  So only eight of a
-cell's 46 tets have a bulk modulus, which counts for the volumes of their neighbors, too.
+cell's 46 tets have a bulk modulus, and each of them stands for the volumes of its neighbors, too.
 
 Around (0, 0, 0) and (2, 2, 2) of each cell, a tet with the edges L² = 5, 5, 5, 6, 6, 6 lies in
-each octant.  Chosen are the four in whose octants x y z > 0.
+each octant.  The four in the octants with x y z > 0 are chosen.
 
 In the infinite lattice this does not change the solid.  The eight tets have 3/16 of the cell's
 volume and the weight 16/3, so the bulk modulus is K, and a strain that keeps the volume stores no
 more energy.  No vertex moves from its place in the cell, because the pressures around it balance.
-Where the mesh's boundary cuts off the chosen neighbor of a tet, the tet keeps its own K.
+A tet at the mesh's boundary may have no chosen neighbor; it keeps its own K.
 
 Tets that are not chosen do not resist being turned inside out.  So in parts with an inverted tet,
 all tets keep their volume for a while (inversion.py).

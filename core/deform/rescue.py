@@ -1,7 +1,7 @@
 """Move tangled parts of a mesh back to their rest shape.
 
-A tet and its mirror image have the same edge lengths, and one sheet of tets around an edge or two
-(tangles.py) can both have positive volumes.  So tangles can be minima of the energy at every
+Edge lengths are the same for a tet and its mirror image, and all volumes can be positive while two
+sheets of tets wrap one edge (tangles.py).  So tangles can be minima of the energy at every
 stiffness.  If a part stays tangled for PATIENCE while nothing is grabbed, the solver rescues it:
 
 1.  For SOFTENING, every constraint has r = a/w̄ = RATIO, and volumes are on, whatever the
@@ -20,7 +20,7 @@ user acts.
 
 If a load keeps a body in a shape that counts as tangled, no rescue would last.  So a body is not
 rescued if it was sound after the user's last act and then fell or buckled under its weight, or if
-its pins are not placed as at rest and bend it.  Vertices that are not finite are always rescued.
+its pins have moved relative to each other and bend it.  Vertices that are not finite are always rescued.
 
 Times are simulated seconds.  Shapes: V vertices, P parts (connected components).
 """

@@ -1,4 +1,4 @@
-"""Limits that a renderer sets to models, as docs/model-format.md states them.
+"""Limits for models that can be rendered; docs/model-format.md states them.
 
 Each check needs little work, and runs before the work that it limits.
 """

@@ -1,8 +1,8 @@
 """The edge length of each level, and which levels are finer than a pixel.
 
 A pixel at distance t from a camera of focal length f (in pixels) is t / f wide.  A level is finer
-than a pixel if its longest rest edge is shorter than a pixel is wide at the object.  Such a level
-interpolates between vertices that the image can't show apart.  Training, the viewer, the view mode
+than a pixel if its longest rest edge is shorter than the width of a pixel at the object.  Such a
+level interpolates between vertices that coincide in the image.  Training, the viewer, the view mode
 `levels` and the report use this one definition.
 
 Lengths are in model units.  V vertices, N cameras, L levels.

@@ -2,9 +2,9 @@
 
 Only samples in occupied sub-tets have density (occupancy.py).  So rendering reads, at level l,
 only corners of descendants that overlap an occupied sub-tet.  A hashed entry counts as reached
-if any such corner has it.  A file may leave out all other entries, or store zeros for them, without
-a change of any image.  (A point on the face of a sub-tet may read a corner beyond it, but with a
-weight as small as a rounding error.)
+if any such corner is hashed to it.  A file may leave out all other entries, or store zeros for
+them, and no image changes.  (A point on the face of a sub-tet may read a corner beyond it, but with
+a weight as small as a rounding error.)
 
 Let a cell have corner addresses A.  The corners of all its descendants m levels down are the
 points Σ b_j A_j with integers b ≥ 0 of sum 2^m.  The kernel visits each of these *nodes* once

@@ -1,7 +1,7 @@
 """One color a ray: the numbers that a ray sums instead of colors, and its color from their means.
 
 This applies to fields with `FieldOptions.deferred`.  Each sample has h from the density network
-and the rest direction Qᵀd.  A ray sums both, weighted as samples are.  When it ends, the color
+and the rest direction Qᵀd.  A ray sums both, with the samples' weights.  When it ends, the color
 network is evaluated once, for the means.  `color_of_sums` in reference.py defines the color.
 
 Shapes: R rays, n of them in a launch, N packed samples, T tets.

@@ -1,9 +1,9 @@
 """Compare a model with images that it has not seen: PSNR, SSIM and opacity, view by view.
 
-Render and truth are composited over white.  A photograph averages over each pixel, and so do the
-scored renders, as the viewer does at rest.  A second score is that of an image with one ray a
-pixel, as the viewer shows while things move.  The seconds are those of one such image and its copy
-to the host, without the first compilation of the kernels.
+Render and truth are composited over white.  A pixel of a photograph is a mean over the pixel's
+area, and so is a pixel of a scored render, as in the viewer at rest.  A second score is that of an
+image with one ray a pixel, as in the viewer while things move.  The time in seconds is that of one
+such image and its copy to the host, without the first compilation of the kernels.
 """
 
 import json

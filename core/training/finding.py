@@ -3,7 +3,7 @@
 The search (data/found_object.py) needs points on surfaces.  It first takes those that came with the
 cameras.  If there are none, or they show no object, a coarse field is trained on everything around
 the place that the cameras look at; the depths of random training rays in it give the points.
-If these show no object either, nothing changes.
+If these show no object either, the run keeps its scene box.
 """
 
 from dataclasses import dataclass, replace

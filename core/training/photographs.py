@@ -1,4 +1,4 @@
-"""Corrections for photographs: exposure, blur, and how fine the pixels are.
+"""Corrections for photographs: exposure, blur, and the size of pixels.
 
 Exposure and blur matter only if a camera took the images (`are_photographs`); for other images
 nothing here changes a run.

@@ -1,8 +1,8 @@
 """Group nearby tets into clusters, and list which clusters may collide.
 
-All tets of a cluster belong to one part of the mesh.  While nothing touches, a frame compares at
-most boxes of clusters, and not every frame does.  If two clusters touch, their leaves of a few tets
-narrow down the search.
+All tets of a cluster belong to one part of the mesh.  While nothing touches, only boxes of clusters
+are compared, and not in every frame.  If two clusters touch, the search goes on in their leaves,
+which have a few tets each.
 
 Two clusters of the same part may collide only if their boxes at rest are farther apart than a
 margin.  Nearer ones are neighbors, or folds of one surface that the mesh hardly resolves.  Two

@@ -2,8 +2,8 @@
 
     device                         half precision            float32
     CPU                            native, bfloat16 (cpu.py) native (cpu.py)
-    CUDA that tensor cores fit     tensor cores (mma.py)     torch
-    CUDA of another kind or shape  torch                     torch
+    CUDA, if mma.fits              tensor cores (mma.py)     torch
+    CUDA otherwise                 torch                     torch
 
 Torch takes seconds to import, so its networks are made at the first call that needs them.
 Viewing must work without torch: if torch is missing or finds no GPU, the CPU evaluates the

@@ -17,10 +17,10 @@ the gradient of the loss by x.
 **Precision.**  The kernels round weights, x, y and hidden layers to float16 for the tensor
 cores.  Sums, biases, h_0 on its way to sigma, both outputs, and incoming and outgoing gradients are
 float32 (gradients of float16 features are float16).  Between the layers, gradients are float16,
-scaled so that any scale of the loss fits.  At the end of each network, a block divides its
-gradients by 1/16 of the largest of them; it multiplies the sums by this unit again in float32.  So
-gradients may grow 4000-fold on their way through the network before they saturate.  They
-have all 11 bits down to 2^-18 of the largest, and become 0 below 2^-29 of it.
+scaled so that any scale of the loss fits.  At the output of each network, a block divides its
+gradients by 1/16 of the largest of them; in the end it multiplies the sums by this unit again, in
+float32.  So gradients may grow 4000-fold on their way through the network before they saturate.
+They have all 11 bits down to 2^-18 of the largest, and become 0 below 2^-29 of it.
 
 If each ray has one color, `evaluate_density` computes the first two lines, and torch the rest.
 

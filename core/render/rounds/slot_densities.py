@@ -1,4 +1,4 @@
-"""Slots to density and h on CUDA, if rays have colors: encoding and density network in one kernel.
+"""Slots to density and h on CUDA, for one color a ray: encoding, density network in one kernel.
 
 `encode_slots_kernel` and the networks' kernel do the same in two launches.  Between them they
 write the features to memory and read them again: 56 bytes for each slot.

@@ -3,8 +3,8 @@
 With the search of the boundary (`enter_mesh`) in it, the march takes 132 registers a thread, and a
 multiprocessor of an H100 runs 12 warps; without it, 93 registers and 20 warps.  A march waits for
 memory most of the time, and more warps hide more of that.  So the few rays that have to search
-are marched by another kernel, at the same time: one after the other, the longest search would
-lengthen each round.
+are marched by another kernel, at the same time.  If it ran after the first one, its longest search
+would lengthen each round.
 
 Unlike the march on a CPU, this one does not stop a ray early where dense samples are expected:
 more rays would need another round, and a round takes longer than the samples that it saves.

@@ -1,4 +1,4 @@
-"""Slots to pixels on CUDA, if rays have colors: encoding, density network and sums in one kernel.
+"""Slots to pixels on CUDA, for one color a ray: encoding, density network, sums in one kernel.
 
 A warp takes 32 neighboring rays of the list through their slots, front to back.  No sample is
 written to memory, and samples behind the end of a ray are not evaluated.  If samples have to be

@@ -1,4 +1,4 @@
-"""The cameras of a data set without its images' pixels, as for a film's path."""
+"""The cameras of a data set, read without its images, for example for a film's path."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,12 +1,12 @@
 """Find the object: the plane on which it stands, the up direction, and the box around it.
 
 The input is points on surfaces, from structure from motion or from a coarse field's depths.
-A point's *attention* says how much the cameras look at it: each camera weights its place in the
-image by a bell around the middle.  RANSAC, then least squares, finds planes with much attention
-that all cameras are in front of.  The points in front of a plane form clusters of near neighbors;
-the object is the cluster with the most attention.  There may be several planes, as a table's and
-the floor's.  The highest one counts that has an object on it and hides everything below the object.
-(The latter excludes, for example, the plane of spread arms, below which a body goes on.)
+A point's *attention* is high if cameras see it near the middle of their images.  RANSAC, then
+least squares, finds planes whose points have much attention, with the cameras in front of them.
+The points in front of a plane form clusters of near neighbors; the object is the cluster with the
+most attention.  If there are several planes, for example a table and the floor, the object is on
+the highest one that has an object, and hardly any points below that object.  (Spread arms also lie
+in a plane, but the body continues below it.)
 
 If the plane's normal is about the cameras' common up, the object stands on the plane, and the
 normal is up.  Otherwise the object hangs on the plane, as on a wall, and up is the cameras' up,

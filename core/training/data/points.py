@@ -1,4 +1,4 @@
-"""Sparse points: points on surfaces, found together with the cameras in several photographs.
+"""Sparse points: points on surfaces, found together with the photographs' cameras.
 
 They are in `points.npz`, beside the `transforms.json` of the same photographs and in the same
 world: +z is the cameras' mean up direction, the unit of length is arbitrary.  The file's arrays are

@@ -1,4 +1,4 @@
-"""Paths, poses and lenses of a data set, known before any image is read.
+"""Paths, poses and lenses of a data set, read before its images.
 
 Each layout has a function `read(folder, split)` that returns a Listing (transforms.py, nsvf.py,
 colmap.py, phones.py).  For the split None it lists all images.

@@ -1,7 +1,7 @@
 """An unfinished run on disk, which `deformrf-train --resume` continues.
 
 It is written beside the model every minute and at Ctrl-C, and removed when the model is complete.
-Only this version of the program has to read it; keep model files, not checkpoints.
+Other programs can't read it, and later versions may not: to keep a result, keep the model file.
 """
 
 import pickle

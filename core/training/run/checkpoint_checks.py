@@ -1,7 +1,7 @@
 """Compare what a checkpoint declares with bounds, before anything is computed from it.
 
 A file may be forged, or written by a faulty program.  Its tensors must not take more memory than
-the file has bytes, and its options and mesh must be possible in a run.
+the file has bytes, and its options and mesh must be ones that a run can have.
 """
 
 import dataclasses

@@ -19,7 +19,7 @@ samples and of surroundings have no such cost, because their networks are narrow
 
 Table decay reduces noise: fine levels explain differences between photographs that are no
 texture.  The finest level's features cost most.  If photographs have more than twice as many
-numbers as there are features, there is no such noise, and the term would only cost detail:
+numbers as there are features, noise matters little, and the term would only cost detail:
 `needed_decay`.  Only the gradient of this term is computed: `add_table_decay`.
 """
 

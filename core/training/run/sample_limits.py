@@ -1,13 +1,13 @@
 """Limit the samples of each training ray to those before it becomes opaque.
 
 Most samples lie behind something opaque, and most pixels' rays pass the object by.  Their gradients
-are not worth the time.  So each pixel remembers how many samples its ray needed when
-it was last drawn, and its next ray ends a few samples later: early ray termination (Levoy 1990),
-from an earlier visit.  If a transparent pixel's ray had no sample, the pixel is mostly skipped.
-A ray that needs 255 samples or more has no limit.
+are not worth the time.  So each pixel remembers how many samples its ray needed when it was last
+drawn, and its next ray ends a few samples later (early ray termination, Levoy 1990).  If a
+transparent pixel's ray had no sample, the pixel is mostly skipped.  A ray that needs 255 samples or
+more has no limit.
 
-Matter moves while a field is trained.  If a ray reaches its limit and is not opaque, its step
-ignores it, because it would train the field to be empty behind the limit.  Its pixel then has no
+Matter moves while a field is trained.  If a ray reaches its limit and is not opaque, the step
+ignores it, because it would train the field to be empty behind the limit, and its pixel loses the
 limit.
 
 Shapes: R rays, P pixels.
