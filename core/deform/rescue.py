@@ -20,7 +20,8 @@ user acts.
 
 If a load keeps a body in a shape that counts as tangled, no rescue would last.  So a body is not
 rescued if it was sound after the user's last act and then fell or buckled under its weight, or if
-its pins have moved relative to each other and bend it.  Vertices that are not finite are always rescued.
+its pins have moved relative to each other and bend it.  Vertices that are not finite are always
+rescued.
 
 Times are simulated seconds.  Shapes: V vertices, P parts (connected components).
 """

@@ -5,11 +5,11 @@
 1. the name as it is, relative to the data set's folder;
 2. the name with the ending of an image added;
 3. the files in the folder whose path has the longest tail in common with the name.  Of
-   /home/x/data/images/2.jpeg it tries data/images/2, then images/2, then 2.  If the folder in which
-   the name ends exists here, the file must be in a folder of that name.  Comparisons ignore case,
+   /home/x/data/images/2.jpeg it tries data/images/2, then images/2, then 2.  If the name's last
+   folder (images) exists here, the file must be in a folder of that name.  Comparisons ignore case,
    Unicode's form and the image's ending; \\ counts as /; `file://`, %20, drives, `.` and `..` are
    resolved.  If several files have the same tail, the file at exactly this tail in the data set's
-   folder wins, then the file with the name's ending; otherwise the name is refused.
+   folder wins, then the only one with the name's ending.  Otherwise the name is refused.
 
 It searches only within the folder.  It takes no file of another split, and no mask or depth map
 for a photograph.

@@ -4,8 +4,8 @@ The input is points on surfaces, from structure from motion or from a coarse fie
 A point's *attention* is high if cameras see it near the middle of their images.  RANSAC, then
 least squares, finds planes whose points have much attention, with the cameras in front of them.
 The points in front of a plane form clusters of near neighbors; the object is the cluster with the
-most attention.  If there are several planes, for example a table and the floor, the object is on
-the highest one that has an object, and hardly any points below that object.  (Spread arms also lie
+most attention.  There may be several planes, for example a table and the floor.  The highest one
+is taken that has an object on it and hardly any points below that object.  (Spread arms also lie
 in a plane, but the body continues below it.)
 
 If the plane's normal is about the cameras' common up, the object stands on the plane, and the

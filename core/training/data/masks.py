@@ -4,9 +4,9 @@ The data set's files may name a photograph's mask (mask_path in transforms.json)
 in the masks' folder, or in the photograph's subfolder there.  Its name is the photograph's with
 another ending, with `_mask` or `-mask` after its stem, or with one more ending (0001.jpg.png).
 
-A mask is white on the object, or opaque if it has alpha; other programs ignore what is black.  If a
-mask has few values and none is white, the values are numbers or colors of classes, and everything
-that is not black is the object.
+A mask is white on the object (opaque, if it has alpha).  If a mask has few values and none is
+white, the values are numbers or colors of classes, and everything that is not black is the object,
+because other programs leave out what is black.
 """
 
 from pathlib import Path

@@ -8,8 +8,8 @@ pixel of view i, and o its opacity.  The loss compares the photograph with
 
 an affine map with an offset proportional to o, so transparent pixels stay black and backgrounds do
 not change.  The mean of the maps is the identity, so the model keeps the mean look.  The loss adds
-COST · mean over views of |SCALE θ_i|², which keeps a map at the identity where its photograph tells
-nothing else.
+COST · mean over views of |SCALE θ_i|², which keeps a map near the identity unless its photograph
+requires another one.
 (Per-image affine maps: Urban Radiance Fields, Rematas et al., CVPR 2022, Section 4.2.)
 
 Shapes: R rays, N views.
