@@ -4,7 +4,7 @@ torchrun starts them.  Each draws its share of a step's rays.  After each step, 
 weights for rendering (exchange.py, peer_exchange.py).  Numbers that control the run must also be
 the same: they are summed over the workers, or taken from the first one.
 
-A single process is a worker, too, ALONE, and exchanges nothing.
+A single process is the worker ALONE, and exchanges nothing.
 """
 
 import os
