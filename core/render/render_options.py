@@ -1,4 +1,4 @@
-"""Rendering options and view modes.  Imports nothing heavy, so that --help stays fast."""
+"""Rendering options and view modes.  Imports nothing slow, so --help answers at once."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, get_args

@@ -1,4 +1,4 @@
-"""Training options: one dataclass, four presets.  Imports nothing heavy."""
+"""Training options: one dataclass, four presets.  Imports nothing slow."""
 
 from dataclasses import dataclass, replace
 

@@ -1,10 +1,10 @@
 """Decide for a data set whether EXIF rotation is applied to its photographs.
 
 COLMAP and instant-ngp find cameras for the pixels as they are stored, and ignore EXIF; other
-programs rotate the images first.  If EXIF turns a photograph by 90° (orientation 5 to 8), its size
-tells which: rotation is applied only if the camera file gives the size of the rotated image.  The
-decision holds for all photographs of the data set, also for those whose size is the same either
-way.
+programs rotate the images first.  If EXIF turns a photograph by 90° (orientation 5 to 8), width and
+height show which was done: rotation is applied only if the camera file gives the size of the
+rotated image.  The decision holds for all photographs of the data set, also for those whose size
+does not show it.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """Adam (Kingma and Ba 2015) by torch's fused kernels, without torch.optim.Optimizer.
 
-The first Optimizer of a process imports torch's compiler, which this program does not use: 6 of the
-first 18 s of a run on a GPU host, 1 s on two CPU cores.
+The first Optimizer of a process imports torch's compiler, which this program does not use.  That
+import takes 6 of the first 18 s of a run on a GPU host, 1 s on two CPU cores.
 """
 
 from collections import defaultdict

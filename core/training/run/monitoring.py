@@ -5,8 +5,8 @@ The history of a run has at most 100 rows a stage.  A row is plain JSON:
     {"seconds": of the run so far, "stage": 1 or 2, "step": of the stage, "psnr": [dB]}
 
 `psnr` comes from the training rays' mean squared error since the row before.  The error is read
-every few steps, and counts for all steps since the last reading.  The last row of a stage grows until it spans
-its share of the steps, so a resumed run needs nothing but the rows.
+every few steps, and counts for all steps since the last reading.  The last row of a stage grows
+until it spans its share of the steps, so a resumed run needs nothing but the rows.
 """
 
 import time
