@@ -20,8 +20,10 @@ from .lattice import (
     cell_tets as cell_tets,
     lattice_spacing as lattice_spacing,
     lattice_vertices as lattice_vertices,
-    morton_order as morton_order,
 )
+
+# For the rooms next door.
+from .lattice import morton_order as morton_order
 from .coloring import color_order as color_order, lattice_addresses as lattice_addresses
 
 # For the field: subdivision in NumPy, and the functions of its kernels.

@@ -32,7 +32,9 @@ KNOWN = {
 }
 
 
-def color_order(constraints, rest_vertices):
+def color_order(
+    constraints: np.ndarray, rest_vertices: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The order that groups constraints by color, and where each group begins.
 
     Returns:
@@ -91,7 +93,7 @@ def complete_colors(constraints, colors, vertex_count):
     return colors
 
 
-def lattice_addresses(rest_vertices):
+def lattice_addresses(rest_vertices: np.ndarray) -> tuple[Lattice, np.ndarray, np.ndarray] | None:
     """The lattice that a mesh was cut from, axes along those of space.
 
     Returns:

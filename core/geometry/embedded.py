@@ -9,6 +9,7 @@ Shapes: N points, F triangles.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .mesh import TetMesh
 
@@ -24,12 +25,14 @@ class EmbeddedSurface:
     faces: np.ndarray  # [F, 3] int32: points, counterclockwise from outside
     colors: np.ndarray  # [N, 3] uint8
 
-    def points(self, vertices) -> np.ndarray:
+    def points(self, vertices: ArrayLike) -> np.ndarray:
         """Where the points are while the mesh's vertices are there.  [N, 3]"""
         return np.einsum("nk,nkx->nx", self.weights, np.asarray(vertices)[self.corners])
 
 
-def located(mesh: TetMesh, neighbours, tets, points):
+def located(
+    mesh: TetMesh, neighbours: np.ndarray, tets: ArrayLike, points: ArrayLike
+) -> tuple[np.ndarray, np.ndarray]:
     """The tets that hold points at rest, found by walking from the given tets [N].
 
     A walk leaves a tet through the face that the point is farthest behind, and ends at the

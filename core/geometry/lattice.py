@@ -40,11 +40,11 @@ class Lattice:
     """One cell of a lattice and the rule for its edges, in units of dx."""
 
     cell_edge: int  # a whole divisor of MARGIN
-    cell_vertices: tuple  # [C, 3] int
-    squared_lengths: tuple  # of edges
+    cell_vertices: tuple[tuple[int, int, int], ...]  # [C, 3]
+    squared_lengths: tuple[int, ...]  # of edges
     monotone: bool = False  # whether no edge rises along one axis and falls along another
 
-    def joins(self, differences):
+    def joins(self, differences: np.ndarray) -> np.ndarray:
         """Whether an edge joins vertices with these differences.  [..., 3] int -> [...] bool"""
         joined = np.isin((differences**2).sum(-1), self.squared_lengths)
         if self.monotone:
@@ -71,7 +71,7 @@ CROSSING_EDGES = np.array([[1, 4], [2, 3], [0, 5]])  # v0v2 and v1v3 of each, ro
 MARGIN = 4  # the address of the unit cube's lowest corner, along each axis
 
 
-def cell_tets(lattice: Lattice):
+def cell_tets(lattice: Lattice) -> np.ndarray:
     """The tets of one cell and its translates, as corner positions.  [T, 4, 3] int
 
     A tet belongs to the cell that holds its lexicographically lowest vertex.  Corners are
@@ -121,7 +121,7 @@ def best_corner_order(corners):
     return ORDERS[np.lexsort((-mean, worst))[:, 0]]
 
 
-def morton_order(points):
+def morton_order(points: np.ndarray) -> np.ndarray:
     """Indices that sort integer points [N, 3] (0 <= x < 1024) along a Z-curve."""
     code = np.zeros(len(points), np.int64)
     for bit in range(10):
@@ -173,7 +173,7 @@ def grid(lattice: Lattice, spacing: float) -> TetMesh:
     )
 
 
-def lattice_vertices(addresses, spacing: float):
+def lattice_vertices(addresses: np.ndarray, spacing: float) -> np.ndarray:
     """Rest positions of vertices with these addresses.  [V, 3] int -> [V, 3] float64"""
     return (addresses - MARGIN) * float(spacing)
 

@@ -38,13 +38,13 @@ class TetMesh:
         return len(self.tets)
 
 
-def signed_volumes(vertices, tets):
+def signed_volumes(vertices: np.ndarray, tets: np.ndarray) -> np.ndarray:
     """Volume of each tet, negative if it is inverted.  [T]"""
     a, b, c, d = (vertices[tets[:, i]] for i in range(4))
     return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0
 
 
-def tet_neighbours(tets):
+def tet_neighbours(tets: np.ndarray) -> np.ndarray:
     """The tet across face i of each tet, -1 where there is none.  [T, 4] int32
 
     Raises:
@@ -67,13 +67,13 @@ def tet_neighbours(tets):
     return neighbours.reshape(-1, 4)
 
 
-def boundary_faces(tets, neighbours):
+def boundary_faces(tets: np.ndarray, neighbours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Faces of one tet only, normals outward: vertex ids [B, 3] and their tets [B], int32."""
     tet, face = np.nonzero(neighbours < 0)
     return tets[tet[:, None], FACES[face]].astype(np.int32), tet.astype(np.int32)
 
 
-def edges(tets):
+def edges(tets: np.ndarray) -> np.ndarray:
     """Every edge once, lower vertex id first.  [E, 2] int32"""
     ends = np.sort(tets[:, EDGES].reshape(-1, 2).astype(np.int64), axis=1)
     count = int(ends.max(initial=0)) + 1
@@ -81,7 +81,7 @@ def edges(tets):
     return np.stack([keys // count, keys % count], axis=1).astype(np.int32)
 
 
-def components(vertex_count, tets):
+def components(vertex_count: int, tets: np.ndarray) -> np.ndarray:
     """A label 0..C-1 per vertex; vertices that share a tet have the same one.  [V] int32
 
     Labels rise with the lowest vertex of each component.  `tets` are vertex ids, or other groups
@@ -100,7 +100,7 @@ def components(vertex_count, tets):
         labels = new
 
 
-def face_components(neighbours, keep=None):
+def face_components(neighbours: np.ndarray, keep: np.ndarray | None = None) -> np.ndarray:
     """A label 0..C-1 per tet; tets that are joined through faces have the same one.  [T] int32
 
     Parts that touch only along an edge or at a vertex get different labels: they would swing
@@ -115,7 +115,9 @@ def face_components(neighbours, keep=None):
     return labels
 
 
-def fill_enclosed(occupied, neighbours, closed=False):
+def fill_enclosed(
+    occupied: np.ndarray, neighbours: np.ndarray, closed: np.ndarray | bool = False
+) -> np.ndarray:
     """Add the empty tets that no path through empty tets joins to the outside.
 
     No path leads through tets that are `closed` ([T] bool), but they aren't added for it.
@@ -128,7 +130,7 @@ def fill_enclosed(occupied, neighbours, closed=False):
     return occupied | (is_open & ~np.isin(labels, labels[at_border & is_open]))
 
 
-def extract(mesh: TetMesh, keep):
+def extract(mesh: TetMesh, keep: np.ndarray) -> tuple[TetMesh, np.ndarray]:
     """The mesh of the tets in `keep` ([T] bool), and the old id of each vertex in use [V']."""
     tets = mesh.tets[keep]
     used, new_ids = np.unique(tets, return_inverse=True)

@@ -53,7 +53,7 @@ PARENT_FROM_CHILD = np.eye(4)[CHILD_VERTICES].mean(axis=2).swapaxes(1, 2)  # [8,
 CHILD_FROM_PARENT = np.linalg.inv(PARENT_FROM_CHILD)  # [8, 4, 4], the paper's C
 
 
-def descend(alpha):
+def descend(alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The child k in 0..7 that holds each point [N], and the point's coordinates in it [N, 4]."""
     corner = alpha.argmax(axis=-1)
     inner = 4 + 1 * (alpha[:, 1] + alpha[:, 2] >= 0.5) + 2 * (alpha[:, 2] + alpha[:, 3] >= 0.5)
@@ -61,7 +61,7 @@ def descend(alpha):
     return k, np.einsum("nij,nj->ni", CHILD_FROM_PARENT[k], alpha)
 
 
-def child_path(alpha, levels: int):
+def child_path(alpha: np.ndarray, levels: int) -> np.ndarray:
     """The path p in 0..8^levels - 1 of the descendant that holds each point.  [N]"""
     path = np.zeros(len(alpha), np.int64)
     for _ in range(levels):
