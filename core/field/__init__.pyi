@@ -1,22 +1,25 @@
 from .modelfile import load as load, save as save
-from .archive import ModelFileError as ModelFileError, parts_of_file as parts_of_file
-from .packing import STIFFNESS_RANGE as STIFFNESS_RANGE
-from .bounds import check_finite as check_finite, check_geometry as check_geometry
+from .archive import ModelFileError as ModelFileError
 from .field import FieldOptions as FieldOptions, TetField as TetField, random_field as random_field
 from .reduction import (
     cut as cut,
-    nearer_to_matter as nearer_to_matter,
     reduced as reduced,
     specks as specks,
     without_specks as without_specks,
 )
+
+# For the rooms next door.
+from .archive import parts_of_file as parts_of_file
+from .packing import STIFFNESS_RANGE as STIFFNESS_RANGE
+from .bounds import check_finite as check_finite, check_geometry as check_geometry
+from .reduction import nearer_to_matter as nearer_to_matter
 from .levels import (
     below_pixel as below_pixel,
     level_edges as level_edges,
     narrowest_pixel as narrowest_pixel,
 )
 
-# For the rooms next door: kernels, their functions and array structs.
+# Kernels, their functions and array structs.
 from .byte_table import table_in_bytes as table_in_bytes
 from .encoding import (
     ENCODING_H as ENCODING_H,

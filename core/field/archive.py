@@ -2,6 +2,7 @@
 
 import zipfile
 from contextlib import contextmanager
+from pathlib import Path
 
 from ..base.archive import ArchiveError, open_archive
 
@@ -36,7 +37,7 @@ def open_arrays(path):
         raise ModelFileError(str(error)) from error
 
 
-def parts_of_file(path) -> dict:
+def parts_of_file(path: str | Path) -> dict[str, int]:
     """Bytes of a model's mesh (occupancy included) and of its tables, as stored."""
     parts = {"mesh_bytes": 0, "table_bytes": 0}
     with zipfile.ZipFile(path) as archive:

@@ -11,6 +11,7 @@ import numpy as np
 from ..base.memory import free_bytes
 from ..geometry import TetMesh, signed_volumes
 from .archive import check
+from .field import TetField
 from .layout import MAX_DENSE_LEVELS
 
 SMALLEST_MARCH_STEP = 1e-4  # model units
@@ -62,7 +63,7 @@ def check_work(tet_count, entry_counts, dense_count, options) -> None:
     )
 
 
-def check_geometry(mesh: TetMesh, neighbours, march_step: float) -> None:
+def check_geometry(mesh: TetMesh, neighbours: np.ndarray, march_step: float) -> None:
     """Whether rays can meet the mesh, and cross it in a bounded number of pieces."""
     check(
         (neighbours < 0).any(),
@@ -141,7 +142,7 @@ def check_world(matrix) -> None:
     )
 
 
-def check_finite(field) -> None:
+def check_finite(field: TetField) -> None:
     """A ValueError if a TetField that no file was read to holds NaN or infinite numbers.
 
     On a CPU a maximum passes over NaN, and pixels would show numbers that mean nothing.

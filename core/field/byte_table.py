@@ -35,7 +35,7 @@ class ByteTable:
     scales: np.ndarray
 
 
-def table_in_bytes(layout: Layout, table) -> ByteTable | None:
+def table_in_bytes(layout: Layout, table: np.ndarray) -> ByteTable | None:
     """The table [entries, F] in bytes; None if some of it is not an integer times a scale."""
     assert table.shape[1] == FEATURES == 4, "a word has four bytes"
     integers, scales = np.empty(table.shape, np.int8), []

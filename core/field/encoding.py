@@ -72,7 +72,7 @@ class Tables:
     dense_level_count: int
 
 
-def make_tables(mesh: TetMesh, layout: Layout, device) -> Tables:
+def make_tables(mesh: TetMesh, layout: Layout, device: wp.DeviceLike) -> Tables:
     """Copy a layout to a device."""
     corners = mesh.addresses[mesh.tets]  # [T, 4, 3]
     corners[:, 1:] -= corners[:, :-1].copy()

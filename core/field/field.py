@@ -7,6 +7,7 @@ contains only the rest shape; the renderer has the current vertices.
 
 from dataclasses import dataclass, field
 from itertools import pairwise, starmap
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,7 @@ class TetField:
     color_layers: Layers
     options: FieldOptions
     world_to_model: np.ndarray  # [4, 4] similarity from the data's space
-    meta: dict = field(default_factory=dict)  # JSON: `training` in docs/model-format.md
+    meta: dict[str, Any] = field(default_factory=dict)  # JSON: `training` in docs/model-format.md
     surroundings: Surroundings | None = None
     stiffness: np.ndarray | None = None  # [V] factors of Young's modulus; None: 1 everywhere
     rig_arrays: dict[str, np.ndarray] | None = None  # of a rig that it carries
@@ -66,7 +67,9 @@ class TetField:
         assert self.occupancy.shape == (self.mesh.tet_count,), self.occupancy.shape
         assert self.table.shape == (self.layout.offsets[-1], FEATURES), self.table.shape
 
-    def evaluate(self, tet, bary, directions):
+    def evaluate(
+        self, tet: np.ndarray, bary: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Density [N] per unit of rest length and color [N, 3] in float64: the reference.
 
         Directions are unit vectors, turned back to rest.
@@ -74,13 +77,13 @@ class TetField:
         h = self.geometry(tet, bary)
         return sigma_from(h), self.colors(h, spherical_harmonics(directions))
 
-    def geometry(self, tet, bary):
+    def geometry(self, tet: np.ndarray, bary: np.ndarray) -> np.ndarray:
         """What the density network gives, in float64; `sigma_from` it is the density.  [N, 16]"""
         table = self.table.astype(np.float64)
         features = encode_reference(self.mesh, self.layout, table, tet, bary)
         return mlp(features, _double(self.density_layers))
 
-    def colors(self, h, basis):
+    def colors(self, h: np.ndarray, basis: np.ndarray) -> np.ndarray:
         """What the color network gives, in float64.  [N, 16], [N, 16] -> [N, 3]"""
         return sigmoid(mlp(np.concatenate([h, basis], axis=1), _double(self.color_layers)))
 
@@ -96,7 +99,13 @@ def layer_widths(options: FieldOptions):
     return density, color
 
 
-def random_field(mesh: TetMesh, neighbours, options: FieldOptions, seed=0, contrast=3.0):
+def random_field(
+    mesh: TetMesh,
+    neighbours: np.ndarray,
+    options: FieldOptions,
+    seed: int = 0,
+    contrast: float = 3.0,
+) -> TetField:
     """A field with random features and weights, every sub-tet occupied.
 
     Training starts from one with contrast 1e-4; with a larger contrast it makes a demanding

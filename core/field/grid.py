@@ -41,7 +41,7 @@ class Surroundings:
     sky: np.ndarray  # [3] color at infinity, 0..1
 
 
-def surroundings_widths():
+def surroundings_widths() -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Input, hidden and output widths of the density and the color network."""
     density = (4 * GRID_LEVELS, HIDDEN, GEOMETRY_FEATURES)
     return density, (GEOMETRY_FEATURES + BASIS_COUNT, HIDDEN, 3)

@@ -84,7 +84,7 @@ def make_layout(mesh: TetMesh, level_count: int, table_size: int, dense_levels=T
     return Layout(tuple(entry_counts), dense, tuple(node_ids))
 
 
-def node_table(layout: Layout, table):
+def node_table(layout: Layout, table: np.ndarray) -> np.ndarray:
     """The dense levels' entries for each node of each tet, in the order of `Tables.node_ids`.
 
     Tets that share a node repeat its entry.  That takes as much memory as the ids and saves

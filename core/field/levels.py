@@ -9,11 +9,12 @@ Lengths are in model units.  V vertices, N cameras, L levels.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..geometry import EDGES, TetMesh
 
 
-def level_edges(mesh: TetMesh, level_count: int):
+def level_edges(mesh: TetMesh, level_count: int) -> np.ndarray:
     """Longest rest edge of each level's descendants.  [L], never increasing
 
     A descendant l levels below the tet v0 v1 v2 v3 has, divided by 2^l, edges of the tet and
@@ -28,7 +29,7 @@ def level_edges(mesh: TetMesh, level_count: int):
     return np.where(levels == 0, coarse, nested) / 2.0**levels
 
 
-def below_pixel(edges, pixel):
+def below_pixel(edges: ArrayLike, pixel: ArrayLike) -> np.ndarray:
     """Whether each level is finer than a pixel of that width where it meets the object.
 
     `level_edges` [L], [...] -> [..., L] bool
@@ -36,7 +37,7 @@ def below_pixel(edges, pixel):
     return np.asarray(edges) < np.asarray(pixel)[..., None]
 
 
-def narrowest_pixel(positions, focals, vertices) -> float:
+def narrowest_pixel(positions: ArrayLike, focals: ArrayLike, vertices: np.ndarray) -> float:
     """Width of a pixel where a camera comes closest to the object.
 
     Args:

@@ -9,6 +9,7 @@ of them may be missing.
 import json
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -83,7 +84,12 @@ NUMBER_LISTS = ("image_size", "peak_memory_bytes", "levels_below_pixel")
 LONGEST_MESSAGE = 300  # characters: a damaged file may have anything as a value
 
 
-def save(field: TetField, path, metadata_: dict | None = None, entry_bits: int | None = None):
+def save(
+    field: TetField,
+    path: str | Path,
+    metadata_: dict[str, Any] | None = None,
+    entry_bits: int | None = None,
+) -> None:
     """Write a field; the file appears only when it is complete.
 
     Entries that nothing reaches are left out and the others rounded, to half precision or
@@ -128,7 +134,7 @@ def pack(field: TetField, metadata_: dict | None = None, entry_bits: int | None 
     return arrays | {"meta": np.frombuffer(meta, np.uint8)}
 
 
-def load(path) -> TetField:
+def load(path: str | Path) -> TetField:
     """Read and check a model file.
 
     Raises:

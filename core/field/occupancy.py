@@ -15,40 +15,40 @@ LEVELS = 2
 SUBTET_COUNT = 64  # 8^LEVELS
 
 
-def subtet_corners():
+def subtet_corners() -> np.ndarray:
     """Corners of the sub-tets in barycentric coordinates of the tet.  [64, corner, 4]"""
     return path_corners(LEVELS) / 2**LEVELS
 
 
-def subtet_middles(mesh: TetMesh):
+def subtet_middles(mesh: TetMesh) -> np.ndarray:
     """The middles of all sub-tets at rest.  [T, 64, 3] float32"""
     corners = mesh.rest_vertices[mesh.tets].astype(np.float32)
     return np.einsum("sk,tkx->tsx", subtet_corners().mean(axis=1).astype(np.float32), corners)
 
 
-def pack_mask(occupied):
+def pack_mask(occupied: np.ndarray) -> np.ndarray:
     """[T, 64] bool -> [T] uint64, bit p for sub-tet p."""
     bits = np.uint64(1) << np.arange(SUBTET_COUNT, dtype=np.uint64)
     return (occupied * bits).sum(axis=1, dtype=np.uint64)
 
 
-def unpack_mask(mask):
+def unpack_mask(mask: np.ndarray) -> np.ndarray:
     """[T] uint64 -> [T, 64] bool"""
     return ((mask[:, None] >> np.arange(SUBTET_COUNT, dtype=np.uint64)) & np.uint64(1)) > 0
 
 
-def occupied_share(mask) -> float:
+def occupied_share(mask: np.ndarray) -> float:
     """Share of the sub-tets that may hold density."""
     return float(np.bitwise_count(mask).mean() / SUBTET_COUNT)
 
 
-def is_occupied_reference(mask, tet, bary):
+def is_occupied_reference(mask: np.ndarray, tet: np.ndarray, bary: np.ndarray) -> np.ndarray:
     """Whether each sample lies in an occupied sub-tet.  [N] bool"""
     path = subtets_of(bary).astype(np.uint64)
     return ((mask[tet] >> path) & np.uint64(1)) > 0
 
 
-def subtets_of(bary):
+def subtets_of(bary: np.ndarray) -> np.ndarray:
     """`subtet_of` in NumPy.  [N, 4] -> [N] int64"""
     return child_path(bary, LEVELS)
 

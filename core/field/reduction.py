@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..geometry import extract, face_components, path_nodes, tet_neighbours
 from .field import TetField
@@ -13,7 +14,7 @@ from .packing import reduced_rig
 SPECK = 0.01  # of the matter: a smaller part is a speck
 
 
-def reduced(field: TetField, keep) -> TetField:
+def reduced(field: TetField, keep: np.ndarray) -> TetField:
     """The field without some tets; `keep` says which stay.  [T] bool
 
     Dense levels lose the entries of what goes.  A hashed level stays as it is, or becomes dense
@@ -47,7 +48,7 @@ def reduced(field: TetField, keep) -> TetField:
     )
 
 
-def cut(field: TetField, box, keep_inside=True) -> TetField:
+def cut(field: TetField, box: ArrayLike, keep_inside: bool = True) -> TetField:
     """The field inside a box, or outside of it, cut at the sub-tets whose middles lie there.
 
     Args:
@@ -64,7 +65,7 @@ def cut(field: TetField, box, keep_inside=True) -> TetField:
     return reduced(replace(field, occupancy=pack_mask(matter)), stays.any(axis=1))
 
 
-def nearer_to_matter(neighbours, matter, gone):
+def nearer_to_matter(neighbours: np.ndarray, matter: np.ndarray, gone: np.ndarray) -> np.ndarray:
     """The tets that stay when matter has gone: those with some, and the empty ones near it.
 
     An empty tet keeps an object solid.  It goes with the matter that it is nearest to, counted
@@ -88,14 +89,14 @@ def nearer_to_matter(neighbours, matter, gone):
         lost |= to_lost & ~to_left
 
 
-def specks(field: TetField, share=SPECK):
+def specks(field: TetField, share: float = SPECK) -> np.ndarray:
     """Which tets with matter belong to parts that `without_specks` takes away.  [T] bool"""
     matter = unpack_mask(field.occupancy)
     occupied = matter.any(axis=1)
     return occupied & ~_large(field, matter, occupied, share) if occupied.any() else occupied
 
 
-def without_specks(field: TetField, share=SPECK) -> TetField:
+def without_specks(field: TetField, share: float = SPECK) -> TetField:
     """The field without its connected parts that have less than that share of the matter.
 
     Matter is counted in occupied sub-tets; parts are connected through faces of tets that have

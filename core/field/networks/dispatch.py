@@ -19,6 +19,7 @@ from functools import cache
 
 import warp as wp
 
+from ..field import TetField
 from . import mma
 from .cpu import CpuNetworks
 
@@ -41,7 +42,7 @@ class Evaluators:
     in_place: mma.TensorCoreNetworks | None = None
 
 
-def evaluators(field, device) -> Evaluators:
+def evaluators(field: TetField, device: wp.Device) -> Evaluators:
     """How to evaluate both networks of a field (TetField) on a Warp device."""
     if not device.is_cuda:
         return _on_cpu(field)

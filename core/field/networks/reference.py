@@ -56,12 +56,12 @@ def mlp(x, layers: Layers):
     return x @ weights + bias
 
 
-def sigma_from(h):
+def sigma_from(h: np.ndarray) -> np.ndarray:
     """Density per unit of rest length from the density network's output.  [N]"""
     return np.exp(np.minimum(h[:, 0], MAX_LOG_SIGMA))
 
 
-def spherical_harmonics(directions):
+def spherical_harmonics(directions: np.ndarray) -> np.ndarray:
     """The 16 real spherical harmonics of degree 0..3 of unit vectors.  [N, 3] -> [N, 16]"""
     x, y, z = directions[:, 0], directions[:, 1], directions[:, 2]
     xx, yy, zz = x * x, y * y, z * z

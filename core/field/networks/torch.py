@@ -32,33 +32,37 @@ class TorchNetworks(nn.Module):
         self.density = nn.ModuleList(_linear(w, b) for w, b in density_layers)
         self.color = nn.ModuleList(_linear(w, b) for w, b in color_layers)
 
-    def density_features(self, features):
+    def density_features(self, features: torch.Tensor) -> torch.Tensor:
         """[N, L·F] -> h [N, 16]"""
         for layer in self.density[:-1]:
             features = torch.relu(layer(features))
         return self.density[-1](features)
 
-    def sigma(self, h):
+    def sigma(self, h: torch.Tensor) -> torch.Tensor:
         """Density per unit of rest length, float32.  [N]"""
         return TruncatedExp.apply(h[:, 0].float())
 
-    def logits(self, h, basis):
+    def logits(self, h: torch.Tensor, basis: torch.Tensor) -> torch.Tensor:
         """What `colors` takes the sigmoid of, float32.  [N, 3]"""
         x = torch.cat([h, basis.to(h.dtype)], dim=1)
         for layer in self.color[:-1]:
             x = torch.relu(layer(x))
         return self.color[-1](x).float()
 
-    def colors(self, h, basis):
+    def colors(self, h: torch.Tensor, basis: torch.Tensor) -> torch.Tensor:
         """rgb [N, 3], float32, of what the density network gives [N, 16] and directions [N, 16]."""
         return torch.sigmoid(self.logits(h, basis))
 
-    def forward(self, features, basis):
+    def forward(
+        self, features: torch.Tensor, basis: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """sigma [N] and rgb [N, 3], both float32."""
         h = self.density_features(features)
         return self.sigma(h), self.colors(h, basis)
 
-    def evaluate(self, features, basis, sample_count=None):
+    def evaluate(
+        self, features: torch.Tensor, basis: torch.Tensor, sample_count: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """`forward`, by the fused kernels where they fit (triton.py).
 
         Args:
@@ -72,7 +76,9 @@ class TorchNetworks(nn.Module):
                 return triton.evaluate(self, features, basis, sample_count)
         return self(features, basis)
 
-    def geometry(self, features, sample_count=None):
+    def geometry(
+        self, features: torch.Tensor, sample_count: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """sigma [N] and h [N, 16], both float32; otherwise as `evaluate`."""
         if features.is_cuda:
             from . import triton
@@ -82,7 +88,7 @@ class TorchNetworks(nn.Module):
         h = self.density_features(features).float()
         return self.sigma(h), h
 
-    def layers(self):
+    def layers(self) -> tuple[Layers, Layers]:
         """Density and color layers as NumPy arrays (weights [in, out], bias [out])."""
 
         def arrays(layer):
