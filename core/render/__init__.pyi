@@ -1,10 +1,6 @@
-from .render import Renderer as Renderer
-from .render_options import (
-    MODES as MODES,
-    Mode as Mode,
-    RenderOptions as RenderOptions,
-    default_stop as default_stop,
-)
+from .render import Image as Image, Renderer as Renderer
+from .render_options import MODES as MODES, Mode as Mode, RenderOptions as RenderOptions
+from .modes import caption as caption, render_mode as render_mode
 from .rays.camera import (
     Camera as Camera,
     camera_rays as camera_rays,
@@ -14,14 +10,13 @@ from .rays.camera import (
     view_projection as view_projection,
 )
 from .rays.lens import Lens as Lens, distort as distort, has_rays as has_rays, pinhole as pinhole
-from .preview import (
-    preview as preview,
-    seen_from_outside as seen_from_outside,
-    vertex_normals as vertex_normals,
-)
-from .modes import caption as caption, render_mode as render_mode
-from .subpixel import RunningMean as RunningMean, shifted as shifted, spread as spread
+from .preview import preview as preview
 from .visible import visible_part as visible_part
+
+# For the rooms next door.
+from .render_options import default_stop as default_stop
+from .preview import seen_from_outside as seen_from_outside, vertex_normals as vertex_normals
+from .subpixel import RunningMean as RunningMean, shifted as shifted, spread as spread
 from .kernels import kernel_modules as kernel_modules
 
 # For training next door: kernels, their functions and structs.

@@ -1,5 +1,7 @@
 """List the Warp modules of rendering, for the viewer to compile before the first frame."""
 
+import warp as wp
+
 from ..field import encode_kernel, networks_kernel
 from . import deferred, modes, shading, subpixel
 from .overlap.merging import PieceMerger
@@ -14,7 +16,7 @@ from .rounds.compositing import resolve_kernel
 from .rounds.cpu import trace_kernel
 
 
-def kernel_modules(device) -> list[str]:
+def kernel_modules(device: wp.DeviceLike) -> list[str]:
     """Names of those that `Renderer`, `render_mode` and `RunningMean` launch on a device."""
     names = [owner.__module__ for owner in (Renderer, Pose, Overlap)]
     names += [module.__name__ for module in (modes, subpixel)]

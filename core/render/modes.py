@@ -27,8 +27,8 @@ import numpy as np
 import warp as wp
 
 from ..field import below_pixel, level_edges
-from .rays.camera import DeviceCamera, camera_ray, device_camera
-from .render import Image
+from .rays.camera import Camera, DeviceCamera, camera_ray, device_camera
+from .render import Image, Renderer
 from .render_options import MODES, Mode, RenderOptions
 from .rounds.compositing import to_bytes
 
@@ -44,7 +44,7 @@ _FIRST, _SECOND = (wp.constant(wp.uint32(prime)) for prime in PRIMES)
 wp.set_module_options({"enable_backward": False})
 
 
-def caption(mode: str, depth_range=(0.0, 1.0)) -> str:
+def caption(mode: str, depth_range: tuple[float, float] = (0.0, 1.0)) -> str:
     """One line on what the colors of a mode mean; empty for the field's own color."""
     near, far = depth_range
     return {
@@ -205,7 +205,12 @@ def picture_kernel(
 
 
 def render_mode(
-    renderer, camera, mode: Mode = "color", options=None, rows=None, depth_range=(0.0, 1.0)
+    renderer: Renderer,
+    camera: Camera,
+    mode: Mode = "color",
+    options: RenderOptions | None = None,
+    rows: tuple[int, int] | None = None,
+    depth_range: tuple[float, float] = (0.0, 1.0),
 ) -> Image:
     """Renderer.render in a view mode: color is the mode's picture, depth the field's in any mode.
 

@@ -30,7 +30,9 @@ SMALLEST_PART = 0.01  # of all triangles: smaller parts are left out
 ROUNDS = 3  # of smoothing
 
 
-def seen_from_outside(renderer: Renderer, points, normals, distance: float):
+def seen_from_outside(
+    renderer: Renderer, points: np.ndarray, normals: np.ndarray, distance: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What a Renderer, which has the pose, sees of each point along its normal.
 
     Args:
@@ -50,7 +52,7 @@ def seen_from_outside(renderer: Renderer, points, normals, distance: float):
     return colors, opacity >= FEWEST_OPAQUE, depth - distance
 
 
-def vertex_normals(vertices, faces):
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit normals outwards, means of those of the faces by area.  [N, 3] float64"""
     a, b, c = np.asarray(vertices, float)[faces].transpose(1, 0, 2)
     normals = np.zeros(vertices.shape)

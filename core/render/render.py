@@ -12,6 +12,7 @@ Each path marches rays through the mesh (rays/), and computes density and color 
 threads renders tiles of the image.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
@@ -56,11 +57,11 @@ class Image:
     tet: wp.array | None = None  # int32, with `details`: where transmittance passes ½, or -1
     samples: wp.array | None = None  # int32, with `details`: samples of each pixel
 
-    def color_array(self):
+    def color_array(self) -> np.ndarray:
         """uint8 [H, W, 4]"""
         return self.color.numpy()
 
-    def depth_array(self):
+    def depth_array(self) -> np.ndarray:
         """float32 [H, W]"""
         return self.depth.numpy()
 
@@ -76,7 +77,12 @@ class Renderer:
             no stage runs beside another.  Where an overlap begins, two images count as one.
     """
 
-    def __init__(self, field: TetField, device="cpu", part_of=visible_part):
+    def __init__(
+        self,
+        field: TetField,
+        device: str = "cpu",
+        part_of: Callable[[TetField], tuple[TetField, np.ndarray]] = visible_part,
+    ):
         """`part_of` chooses the tets that rays visit, as visible_part does.
 
         Raises:
@@ -99,17 +105,22 @@ class Renderer:
         self._wavefront = self._windows = None
         self._pool = None if self.device.is_cuda else ThreadPoolExecutor(thread_count())
 
-    def set_vertices(self, vertices):
+    def set_vertices(self, vertices: np.ndarray | wp.array) -> None:
         """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""
         with self.stage("pose"):
             self.overlap.join()  # a search may still read the pose before, if its image failed
             self.pose.set_vertices(vertices)
 
-    def set_occupancy(self, occupancy):
+    def set_occupancy(self, occupancy: np.ndarray) -> None:
         """Take other masks, of sub-tets that the field's own masks have, too.  [T] uint64"""
         self._occupancy.assign(occupancy[self._part_ids])
 
-    def render(self, camera: Camera, options: RenderOptions | None = None, rows=None) -> Image:
+    def render(
+        self,
+        camera: Camera,
+        options: RenderOptions | None = None,
+        rows: tuple[int, int] | None = None,
+    ) -> Image:
         """The image, or a strip of it, as `camera` sees the field; its world is model space.
 
         Args:
@@ -128,7 +139,9 @@ class Renderer:
         self.stage.collect()
         return image
 
-    def render_rays(self, origins, directions, options: RenderOptions | None = None):
+    def render_rays(
+        self, origins: np.ndarray, directions: np.ndarray, options: RenderOptions | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Render rays given one by one [R, 3] in model space, without rounding to bytes.
 
         Returns:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 Mode = Literal["color", "depth", "accumulation", "normals", "tets", "levels", "samples", "error"]
-MODES = get_args(Mode)  # described in modes.py
+MODES: tuple[Mode, ...] = get_args(Mode)  # described in modes.py
 
 RayPath = Literal["auto", "host", "merge"]
 
@@ -54,7 +54,7 @@ class RenderOptions:
         return self.termination
 
 
-def default_stop(deferred: bool, conformance=False) -> float:
+def default_stop(deferred: bool, conformance: bool = False) -> float:
     """Transmittance below which a ray ends by default.
 
     Default mode assumes that what is behind the end of a ray looks like what is before it.  Where

@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from .rays.camera import Camera
+from .render import Image
 
 GENERATOR = 1.32471795724474602596  # g, the plastic number
 
@@ -70,10 +71,10 @@ def mean_kernel(
 class RunningMean:
     """The mean color of whole images that are added in strips; sums are exact integers."""
 
-    def __init__(self, width: int, height: int, device):
+    def __init__(self, width: int, height: int, device: wp.DeviceLike):
         self._sums = wp.zeros((height, width), dtype=wp.vec4i, device=device)
 
-    def add(self, image, first_row: int = 0) -> None:
+    def add(self, image: Image, first_row: int = 0) -> None:
         """Add a strip (an Image) whose first row is `first_row` of the whole image."""
         height, width = image.color.shape
         assert width == self._sums.shape[1], (width, self._sums.shape)

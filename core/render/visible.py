@@ -18,7 +18,7 @@ from ..field import TetField
 from ..geometry import morton_order
 
 
-def visible_part(field: TetField):
+def visible_part(field: TetField) -> tuple[TetField, np.ndarray]:
     """The field without its empty tets, and the old id of each of its tets [K] int32.
 
     One tet stays if all are empty.  All vertices stay, so that poses of the field fit the part.

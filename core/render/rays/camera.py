@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
 from .lens import DeviceLens, Lens, device_lens, lens_direction, pinhole, undistort
 
@@ -40,11 +41,11 @@ class Camera:
         return self.lens.focal[0]
 
     @property
-    def position(self):
+    def position(self) -> np.ndarray:
         return self.camera_to_world[:3, 3]
 
     @property
-    def forward(self):
+    def forward(self) -> np.ndarray:
         return -self.camera_to_world[:3, 2]
 
     def resized(self, width: int, height: int) -> "Camera":
@@ -67,13 +68,15 @@ class Camera:
         return replace(self, lens=lens)
 
 
-def from_field_of_view(camera_to_world, angle_x: float, width: int, height: int) -> Camera:
+def from_field_of_view(
+    camera_to_world: ArrayLike, angle_x: float, width: int, height: int
+) -> Camera:
     """A pinhole camera by its horizontal field of view, in radians."""
     focal = 0.5 * width / np.tan(0.5 * angle_x)
     return Camera(np.asarray(camera_to_world, float), pinhole(float(focal), width, height))
 
 
-def look_at(eye, target, up=(0.0, 0.0, 1.0)):
+def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> np.ndarray:
     """The camera-to-world matrix [4, 4] of a camera at `eye` that looks at `target`."""
     eye, target, up = (np.asarray(v, float) for v in (eye, target, up))
     backward = (eye - target) / np.linalg.norm(eye - target)
@@ -85,7 +88,7 @@ def look_at(eye, target, up=(0.0, 0.0, 1.0)):
     return pose
 
 
-def in_space(poses, matrix):
+def in_space(poses: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Camera-to-world matrices [..., 4, 4] after a similarity [4, 4]: positions and axes turn.
 
     Without a rotation in it the axes stay what they are, bit for bit.
@@ -97,7 +100,7 @@ def in_space(poses, matrix):
     return poses
 
 
-def view_projection(camera: Camera, near: float, far: float):
+def view_projection(camera: Camera, near: float, far: float) -> np.ndarray:
     """World space to OpenGL clip space, without the lens's distortion.  [4, 4]"""
     (fx, fy), (cx, cy) = camera.lens.focal, camera.lens.center
     x, y = 2.0 * cx / camera.width - 1.0, 1.0 - 2.0 * cy / camera.height  # of the axis
@@ -118,7 +121,9 @@ def view_projection(camera: Camera, near: float, far: float):
     return np.array(projection) @ np.linalg.inv(camera.camera_to_world)
 
 
-def camera_rays(camera: Camera, first_pixel=0, count=None):
+def camera_rays(
+    camera: Camera, first_pixel: int = 0, count: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """One ray per pixel, row by row: origins and unit directions, each [H·W, 3] float64.
 
     Or those of the pixels first_pixel, first_pixel + 1, ...: [count, 3]

@@ -43,7 +43,7 @@ class Entries:
     next: wp.array(dtype=int)  # [R] the one to use when the ray is outside
 
 
-def empty_entries(count: int, device) -> Entries:
+def empty_entries(count: int, device: wp.DeviceLike) -> Entries:
     entries = Entries()
     entries.t = wp.empty((MOST_ENTRIES, count), dtype=float, device=device)
     entries.tet = wp.empty((MOST_ENTRIES, count), dtype=int, device=device)

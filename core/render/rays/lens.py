@@ -54,7 +54,7 @@ def pinhole(focal: float, width: int, height: int) -> Lens:
     return Lens(width, height, (focal, focal), (0.5 * width, 0.5 * height))
 
 
-def distort(lens: Lens, x, y):
+def distort(lens: Lens, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
     """Normalized to distorted coordinates.
 
     Returns:

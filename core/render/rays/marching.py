@@ -75,7 +75,7 @@ class RaySamples:
     samples: Samples  # [N]
 
 
-def empty_rays(count: int, device) -> Rays:
+def empty_rays(count: int, device: wp.DeviceLike) -> Rays:
     rays = Rays()
     rays.origins = wp.empty(count, dtype=wp.vec3, device=device)
     rays.directions = wp.empty(count, dtype=wp.vec3, device=device)
@@ -86,7 +86,7 @@ def empty_rays(count: int, device) -> Rays:
     return rays
 
 
-def empty_samples(count: int, device) -> Samples:
+def empty_samples(count: int, device: wp.DeviceLike) -> Samples:
     samples = Samples()
     samples.tet = wp.empty(count, dtype=int, device=device)
     samples.bary = wp.empty(count, dtype=wp.vec4, device=device)

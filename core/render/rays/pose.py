@@ -247,7 +247,7 @@ class Pose:
         ValueError: The mesh has no boundary.
     """
 
-    def __init__(self, mesh: TetMesh, neighbours, device):
+    def __init__(self, mesh: TetMesh, neighbours: np.ndarray, device: wp.Device):
         self.device = wp.get_device(device)
         faces, behind = boundary_faces(mesh.tets, neighbours)
         if len(faces) == 0:  # Warp ends the process when it refits an empty mesh
@@ -285,7 +285,7 @@ class Pose:
         self._frame_parts = None  # on a CPU: launches, each with what it adds to mirrored_count
         self.set_vertices(self.vertices)
 
-    def set_vertices(self, vertices):
+    def set_vertices(self, vertices: np.ndarray | wp.array) -> None:
         """Take new positions: an array [V, 3] or a wp.array of vec3 on the device.
 
         Raises:
