@@ -1,3 +1,10 @@
+from .xpbd import XpbdSolver as XpbdSolver
+from .xpbd_options import TIME_STEP as TIME_STEP, XpbdOptions as XpbdOptions
+from .material import (
+    LOWEST_POISSON_RATIO as LOWEST_POISSON_RATIO,
+    Material as Material,
+    PRESETS as PRESETS,
+)
 from .colliders import Box as Box, Sphere as Sphere
 from .handles import (
     control_vertices as control_vertices,
@@ -5,14 +12,16 @@ from .handles import (
     lowest_pins as lowest_pins,
     vertices_within as vertices_within,
 )
-from .kernels import kernel_modules as kernel_modules
-from .material import (
-    LOWEST_POISSON_RATIO as LOWEST_POISSON_RATIO,
-    Material as Material,
-    PRESETS as PRESETS,
+from .strain import (
+    at_vertices as at_vertices,
+    deformation_gradients as deformation_gradients,
+    rest_tets as rest_tets,
+    strains as strains,
+    volume_ratios as volume_ratios,
 )
-from .xpbd import XpbdSolver as XpbdSolver
-from .xpbd_options import TIME_STEP as TIME_STEP, XpbdOptions as XpbdOptions
+
+# For the viewer.
+from .kernels import kernel_modules as kernel_modules
 
 # For solvers beside this one, which the lab compares with it.
 from .arrays import upload as upload
@@ -29,12 +38,3 @@ from .constraints import (
 )
 from .inversion import EACH_HOLDS as EACH_HOLDS
 from .rescue import distortion as distortion
-
-# For pictures.
-from .strain import (
-    at_vertices as at_vertices,
-    deformation_gradients as deformation_gradients,
-    rest_tets as rest_tets,
-    strains as strains,
-    volume_ratios as volume_ratios,
-)

@@ -27,7 +27,7 @@ class Sphere:
         checks.number("sphere's radius", self.radius, positive=True)
 
     @property
-    def row(self):
+    def row(self) -> list[float]:
         """Its numbers on the device.  [COLLIDER_SIZE]"""
         return [SPHERE, *self.center, *self.center, self.radius, self.radius, self.radius]
 
@@ -46,7 +46,7 @@ class Box:
             raise ValueError(f"the sides of a box are {self.sides}; give positive numbers")
 
     @property
-    def row(self):
+    def row(self) -> list[float]:
         """Its numbers on the device.  [COLLIDER_SIZE]"""
         return [BOX, *self.center, *self.center, *(0.5 * side for side in self.sides)]
 

@@ -116,7 +116,7 @@ class VolumeConstraints(Constraints):
             return 6.0 * self.rest_values / (of_each + (bulk_modulus - of_each) * self.shares)
 
 
-def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
+def edge_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> EdgeConstraints:
     """The edges of a mesh and the braces of its hinges, sorted by color.
 
     Raises:
@@ -149,7 +149,7 @@ def edge_constraints(rest_vertices, tets) -> EdgeConstraints:
     return EdgeConstraints(*common, volumes, factors)
 
 
-def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
+def volume_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> VolumeConstraints:
     """The tets of a mesh that aren't flat, positively oriented, sorted by color."""
     volumes = 6.0 * signed_volumes(rest_vertices, tets)
     tets = np.where((volumes < 0)[:, None], tets[:, [0, 1, 3, 2]], tets)
@@ -164,7 +164,7 @@ def volume_constraints(rest_vertices, tets) -> VolumeConstraints:
     )
 
 
-def volume_gradients(vertices, tets):
+def volume_gradients(vertices: np.ndarray, tets: np.ndarray) -> np.ndarray:
     """∂(6V)/∂x_i.  [T, 4, 3]"""
     origin, *others = (vertices[tets[:, i]] for i in range(4))
     a, b, c = (corner - origin for corner in others)
@@ -172,7 +172,7 @@ def volume_gradients(vertices, tets):
     return np.concatenate([-outer.sum(axis=1, keepdims=True), outer], axis=1)
 
 
-def lumped_masses(rest_vertices, tets, density):
+def lumped_masses(rest_vertices: np.ndarray, tets: np.ndarray, density: float) -> np.ndarray:
     """A quarter of each tet's mass to each of its corners [kg].  [V]
 
     A vertex without a tet has no mass.  A vertex of flat tets alone has a small one: without

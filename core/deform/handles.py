@@ -5,6 +5,7 @@ z up.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..geometry import components
 
@@ -13,7 +14,7 @@ from ..geometry import components
 FOOT_SIZE = 0.05
 
 
-def lowest_pins(vertices, tets, fraction=0.05):
+def lowest_pins(vertices: np.ndarray, tets: np.ndarray, fraction: float = 0.05) -> np.ndarray:
     """The default pins: the lowest part of each connected component.  [V] bool
 
     Args:
@@ -43,7 +44,7 @@ def _foot(vertices, fraction):
         fraction = max(1.25 * fraction, 0.01)
 
 
-def control_vertices(rest_vertices, tets, count=24):
+def control_vertices(rest_vertices: ArrayLike, tets: np.ndarray, count: int = 24) -> np.ndarray:
     """Vertices to drag the object by, spread over it by farthest-point sampling.
 
     Returns:
@@ -61,7 +62,9 @@ def control_vertices(rest_vertices, tets, count=24):
     return used[chosen]
 
 
-def vertices_within(rest_vertices, center, radius):
+def vertices_within(
+    rest_vertices: np.ndarray, center: int | ArrayLike, radius: float
+) -> np.ndarray:
     """The vertices no farther than a radius from a vertex or a point, at rest.  [K]
 
     Args:
@@ -70,7 +73,9 @@ def vertices_within(rest_vertices, center, radius):
     return np.flatnonzero(_squared(rest_vertices, center) <= radius * radius)
 
 
-def falloff(rest_vertices, center, ids, radius):
+def falloff(
+    rest_vertices: np.ndarray, center: int | ArrayLike, ids: np.ndarray, radius: float
+) -> np.ndarray:
     """The share of a pull at a center that each of these gets: (1 − (d/radius)²)².  [K]
 
     It is 1 at the center and falls to 0 at the radius with slope 0; a kink would be visible.

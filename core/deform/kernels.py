@@ -1,5 +1,7 @@
 """List the Warp modules of dynamics, for the viewer to compile before the first frame."""
 
+import warp as wp
+
 from .contact.contact import contact_modules
 from .frame.cpu import CpuFrame
 from .frame.cuda import CudaFrame
@@ -7,7 +9,7 @@ from .rigid_motion import FreeParts
 from .tangles import Feedback
 
 
-def kernel_modules(device) -> list[str]:
+def kernel_modules(device: wp.DeviceLike) -> list[str]:
     """Names of the Warp modules whose kernels a solver launches on a device.
 
     On CUDA a frame's main kernel, which depends on the mesh's size, is a module of its own

@@ -12,7 +12,10 @@ import math
 import warnings
 from dataclasses import dataclass
 
+import numpy as np
+
 from . import checks
+from .constraints import EdgeConstraints, VolumeConstraints
 
 LOWEST_POISSON_RATIO = 0.25
 
@@ -70,7 +73,9 @@ class Material:
         # λ − μ = μ (4ν − 1) / (1 − 2ν), which is exactly 0 at 1/4.
         return self.shear_modulus * (4.0 * ratio - 1.0) / (1.0 - 2.0 * ratio)
 
-    def compliances(self, edges, volumes):
+    def compliances(
+        self, edges: EdgeConstraints, volumes: VolumeConstraints
+    ) -> tuple[np.ndarray, np.ndarray | None]:
         """α of edge constraints [m/N], and of volume constraints [m⁵/N] or None if K is 0."""
         bulk = self.bulk_modulus
         of_volumes = volumes.compliances(bulk) if bulk > 0 else None

@@ -196,7 +196,7 @@ def ways_back(rest_vertices, vertices, held, part_of, parts):
     return start, goal
 
 
-def distortion(rest_vertices, vertices) -> float:
+def distortion(rest_vertices: np.ndarray, vertices: np.ndarray) -> float:
     """The largest distance of a vertex to its place in a rigid motion of all.  [V, 3]"""
     if len(vertices) == 0:
         return 0.0

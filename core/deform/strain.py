@@ -12,6 +12,7 @@ Shapes: V vertices, T tets.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..geometry import signed_volumes
 
@@ -25,7 +26,7 @@ class RestTets:
     volumes: np.ndarray  # [T]
 
 
-def rest_tets(rest_vertices, tets) -> RestTets:
+def rest_tets(rest_vertices: ArrayLike, tets: np.ndarray) -> RestTets:
     """The tets of a shape [V, 3] whose volumes are positive."""
     rest = np.asarray(rest_vertices, float)
     return RestTets(tets, np.linalg.inv(_edges(rest, tets)), signed_volumes(rest, tets))
@@ -37,17 +38,17 @@ def _edges(vertices, tets):
     return (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
 
 
-def deformation_gradients(vertices, rest: RestTets):
+def deformation_gradients(vertices: ArrayLike, rest: RestTets) -> np.ndarray:
     """F of each tet when the vertices are there [V, 3].  [T, 3, 3]"""
     return _edges(np.asarray(vertices, float), rest.tets) @ rest.inverses
 
 
-def volume_ratios(gradients):
+def volume_ratios(gradients: np.ndarray) -> np.ndarray:
     """det F.  [T, 3, 3] -> [T]"""
     return np.linalg.det(gradients)
 
 
-def strains(gradients):
+def strains(gradients: np.ndarray) -> np.ndarray:
     """max |σᵢ − 1|.  [T, 3, 3] -> [T]"""
     green = 0.5 * (gradients.transpose(0, 2, 1) @ gradients - np.eye(3))
     highest, lowest = _extreme_eigenvalues(green)
@@ -72,7 +73,7 @@ def _extreme_eigenvalues(matrices):
     return highest, lowest
 
 
-def at_vertices(values, rest: RestTets, vertex_count: int):
+def at_vertices(values: np.ndarray, rest: RestTets, vertex_count: int) -> np.ndarray:
     """The means of the tets' values [T] about each vertex, by volume; 0 without a tet.  [V]"""
     ids = rest.tets.ravel()
     weights = np.repeat(rest.volumes, 4)

@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
 from ..geometry import components
 from . import checks, constraints
@@ -52,12 +53,12 @@ class XpbdSolver:
 
     def __init__(
         self,
-        rest_vertices,
-        tets,
+        rest_vertices: ArrayLike,
+        tets: ArrayLike,
         material: Material,
-        pinned,
+        pinned: ArrayLike,
         options: XpbdOptions | None = None,
-        device="cpu",
+        device: str = "cpu",
     ):
         """Take a mesh at rest.
 
@@ -92,7 +93,8 @@ class XpbdSolver:
         self._lists = [ConstraintList(part, *common) for part in lists]
         arrays = frame_arrays(count, *(part.arrays for part in self._lists), self.device)
         self._state, self._timing, self._motion = arrays.state, arrays.timing, arrays.motion
-        self.vertices, self.velocities = arrays.state.vertices, arrays.state.velocities
+        self.vertices: wp.array = arrays.state.vertices
+        self.velocities: wp.array = arrays.state.velocities
         self._placed = None  # where set_state has put the vertices, if no step has passed  [V, 3]
         self._rest_shape = RestShape(self.rest_vertices, *self._lists, self.vertices)
         self._holds = Holds(pinned, arrays.state)
@@ -112,7 +114,7 @@ class XpbdSolver:
 
     # -- material, masses --------------------------------------------------------------
 
-    def set_material(self, material: Material):
+    def set_material(self, material: Material) -> None:
         """Take another material; positions and velocities stay."""
         self.material = material
         edges, volumes = material.compliances(self.edges, self.volumes)
@@ -123,14 +125,14 @@ class XpbdSolver:
         self._guard.take(material, self._stiffness)
         self.set_masses(constraints.lumped_masses(self.rest_vertices, self.tets, material.density))
 
-    def set_stiffness(self, factors):
+    def set_stiffness(self, factors: ArrayLike | None) -> None:
         """Multiply Young's modulus by these numbers at the vertices; None: by 1.  [V]"""
         if factors is not None:
             factors = checks.factors(factors, len(self.pinned))
         self._stiffness = factors
         self.set_material(self.material)
 
-    def set_compliances(self, edges, volumes):
+    def set_compliances(self, edges: ArrayLike, volumes: ArrayLike | None) -> None:
         """Take these instead of the material's, until set_material is called.
 
         Args:
@@ -144,26 +146,26 @@ class XpbdSolver:
         self._guard.take(None)
         self._touch()
 
-    def set_masses(self, masses):
+    def set_masses(self, masses: ArrayLike) -> None:
         """Take masses [kg] instead of the material's, until set_material; 0 is kinematic.  [V]"""
         self._holds.set_masses(checks.masses(masses, len(self.rest_vertices)))
         self._touch()
 
-    def set_options(self, options: XpbdOptions):
+    def set_options(self, options: XpbdOptions) -> None:
         """Take other options; positions and velocities stay, and colliders that are the same."""
         if options.colliders != self.options.colliders:
             self._colliders.put(options.colliders)
         self.options = options
         self._touch()
 
-    def move_colliders(self, centers):
+    def move_colliders(self, centers: ArrayLike) -> None:
         """Set the centers of the options' colliders after the next step [m].  [C, 3]"""
         self._colliders.move(centers)
         self._still_frames = 0
         if not self._active.all():
             self._activate()
 
-    def set_rest_shape(self, vertices=None):
+    def set_rest_shape(self, vertices: ArrayLike | None = None) -> None:
         """Take these positions as the shape to which the body returns; None is the mesh's own.
 
         Positions and velocities stay, and so do the constraints' stiffnesses.
@@ -182,33 +184,35 @@ class XpbdSolver:
         return Feedback(self.rest_shape, self.volumes.vertices, self._part_of, self._motion)
 
     @property
-    def rest_shape(self):
+    def rest_shape(self) -> np.ndarray:
         """The shape to which the body returns; set_rest_shape() changes it.  [V, 3]"""
         return self._rest_shape.vertices
 
     @property
-    def rest_lengths(self):
+    def rest_lengths(self) -> np.ndarray:
         """Of all edges, as they are after yielding [m]; set_rest_lengths() changes them.  [E]"""
         return self._lists[0].rest_values.copy()
 
-    def set_rest_lengths(self, lengths):
+    def set_rest_lengths(self, lengths: ArrayLike) -> None:
         self._lists[0].set_rest_values(np.asarray(lengths, float))
 
     # -- pins, handles -----------------------------------------------------------------
 
     @property
-    def pinned(self):
+    def pinned(self) -> np.ndarray:
         """Which vertices are pinned; set_pinned() changes it.  [V] bool"""
         return self._holds.pinned
 
-    def set_pinned(self, mask):
+    def set_pinned(self, mask: ArrayLike) -> None:
         """Pin these vertices where they are now, and free all others.  [V] bool"""
         mask = checks.per_vertex(mask, len(self.pinned), "a pin mask", bool)
         changed = mask != self.pinned
         self._holds.pin(mask)
         self._touch(changed)
 
-    def grab(self, ids, stiffness=None, force_limit=math.inf):
+    def grab(
+        self, ids: ArrayLike, stiffness: ArrayLike | None = None, force_limit: ArrayLike = math.inf
+    ) -> None:
         """Make these vertices the handles, in place of those grabbed before.
 
         Args:
@@ -221,17 +225,17 @@ class XpbdSolver:
         self._holds.grab(ids, stiffness, force_limit)
         self._touch(ids)
 
-    def move(self, targets):
+    def move(self, targets: ArrayLike) -> None:
         """Set the positions of the handles, in grab()'s order, after the next step.  [K, 3]"""
         self._holds.move(targets)
 
-    def release(self):
+    def release(self) -> None:
         """Release all handles; they keep their velocity and get their mass back."""
         self.grab([])
 
     # -- state -------------------------------------------------------------------------
 
-    def reset(self):
+    def reset(self) -> None:
         """Return to the rest shape at zero velocity; handles stay grabbed there."""
         self._rest_shape.restore()
         self.set_state(self.rest_shape)
@@ -241,7 +245,7 @@ class XpbdSolver:
             self.rescue.report(np.zeros(1, int))
             self.fall_asleep()
 
-    def set_state(self, vertices, velocities=None):
+    def set_state(self, vertices: ArrayLike, velocities: ArrayLike | None = None) -> None:
         """Start from these positions [m] and velocities [m/s] (zero by default).  [V, 3]"""
         vertices = checks.vectors(vertices, len(self.pinned), "position", "vertex")
         self._holds.set_positions(vertices)
@@ -257,7 +261,7 @@ class XpbdSolver:
             self.velocities.assign(velocities)
         self._touch()
 
-    def stand(self, vertices):
+    def stand(self, vertices: ArrayLike) -> None:
         """Stand still at these positions [m]; if they are those of now, nothing wakes.  [V, 3]"""
         now = self.vertices.numpy() if self._placed is None else self._placed
         self.velocities.zero_()
@@ -288,7 +292,7 @@ class XpbdSolver:
 
     # -- time --------------------------------------------------------------------------
 
-    def step(self, dt):
+    def step(self, dt: float) -> None:
         """Advance by one frame of dt seconds; a dt other than before costs new coefficients."""
         checks.time_step(dt)
         self._read_feedback()
@@ -351,7 +355,7 @@ class XpbdSolver:
         if self.settled:
             self.fall_asleep()
 
-    def fall_asleep(self):
+    def fall_asleep(self) -> None:
         """Take it that nothing moves: no part is worked on until the user touches it."""
         self._still_frames = self.options.sleep_frames
         self._active[:] = False
