@@ -1,8 +1,17 @@
 from .data.datasets import Dataset as Dataset, load_dataset as load_dataset
-from .data.errors import DatasetError as DatasetError
+from .data.errors import (
+    DatasetError as DatasetError,
+    NoImagesError as NoImagesError,
+    NoSplitError as NoSplitError,
+)
+from .data.cameras import list_cameras as list_cameras
+from .train_options import TrainOptions as TrainOptions, preset as preset
+from .trainer import Pause as Pause, Trained as Trained, train as train
+from .run.checkpoint import CheckpointError as CheckpointError, load_checkpoint as load_checkpoint
+from .evaluation import evaluate as evaluate
+from .lpips import Lpips as Lpips
 
-# for the commands and the lab
-from .data.errors import NoImagesError as NoImagesError, NoSplitError as NoSplitError
+# For the commands and the lab.
 from .data.layouts import check_place as check_place, has_cameras as has_cameras
 from .data.datasets import (
     check_some as check_some,
@@ -12,13 +21,22 @@ from .data.datasets import (
 from .data.found_object import find_object as find_object
 from .data.views import focus as focus
 from .data.scene_box import world_to_unit_cube as world_to_unit_cube
+from .evaluation import (
+    check_replaceable as check_replaceable,
+    lacks_surroundings as lacks_surroundings,
+    output_paths as output_paths,
+    write_report as write_report,
+)
+from .lpips import LPIPS_SIZE_MIN as LPIPS_SIZE_MIN
+from .metrics import check_size as check_size
+from .run.checkpoint import is_checkpoint as is_checkpoint
+from .run.distributed import torchrun_workers as torchrun_workers, was_worker as was_worker
 
-# for the viewer
-from .data.cameras import list_cameras as list_cameras
+# For the viewer.
 from .data.layouts import list_images as list_images
 from .data.datasets import read_image as read_image, shrunk_size as shrunk_size, size_of as size_of
 
-# for wings/capture
+# For wings/capture.
 from .data.photo_files import photo_files as photo_files, photo_folder as photo_folder
 from .data.points import (
     POINTS_FILE as POINTS_FILE,
@@ -33,24 +51,3 @@ from .data.sharpness import (
     sharpness_weights as sharpness_weights,
 )
 from .data.views import nearest_to_axes as nearest_to_axes, upright as upright
-from .evaluation import evaluate as evaluate
-
-# for the commands and the lab
-from .evaluation import (
-    check_replaceable as check_replaceable,
-    lacks_surroundings as lacks_surroundings,
-    output_paths as output_paths,
-    write_report as write_report,
-)
-from .train_options import TrainOptions as TrainOptions, preset as preset
-from .trainer import Pause as Pause, Trained as Trained, train as train
-
-# for the commands
-from .lpips import LPIPS_SIZE_MIN as LPIPS_SIZE_MIN, Lpips as Lpips
-from .metrics import check_size as check_size
-from .run.checkpoint import (
-    CheckpointError as CheckpointError,
-    is_checkpoint as is_checkpoint,
-    load_checkpoint as load_checkpoint,
-)
-from .run.distributed import torchrun_workers as torchrun_workers, was_worker as was_worker

@@ -11,6 +11,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -23,6 +24,7 @@ from ..field import TetField, occupied_share, parts_of_file
 from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space, spread
 from .data.datasets import Dataset, track, white_composite
 from .data.scene_box import learns_surroundings
+from .lpips import Lpips
 from .metrics import check_size, psnr, ssim
 
 REPORT = "report.json"
@@ -36,13 +38,13 @@ DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
 def evaluate(
     field: TetField,
     dataset: Dataset,
-    out_dir=None,
-    device="cpu",
-    options=None,
-    model_path=None,
-    lpips=None,
-    samples=4,
-) -> dict:
+    out_dir: str | Path | None = None,
+    device: str = "cpu",
+    options: RenderOptions | None = None,
+    model_path: str | Path | None = None,
+    lpips: Lpips | None = None,
+    samples: int = 4,
+) -> dict[str, Any]:
     """Render every view of a data set and score it.
 
     Ctrl-C ends it early: the report then holds the views that are done, and "complete" is False.
@@ -141,13 +143,13 @@ def evaluate(
     return report
 
 
-def output_paths(out_dir, dataset: Dataset) -> list[Path]:
+def output_paths(out_dir: str | Path, dataset: Dataset) -> list[Path]:
     """The files that `evaluate` writes: the report, then a picture of each view."""
     names = (f"{index:03d}_{name}.png" for index, name in enumerate(dataset.names))
     return [Path(out_dir) / name for name in (REPORT, *names)]
 
 
-def check_replaceable(report_path: Path, *picture_paths: Path):
+def check_replaceable(report_path: Path, *picture_paths: Path) -> None:
     """Raise ValueError if a file with content exists that `evaluate` did not write."""
     if is_report(report_path):
         return  # the pictures beside it are ours too
@@ -200,7 +202,7 @@ def render_view(renderer, around, camera, options, samples=1):
     return image.reshape(camera.height, camera.width, 4)
 
 
-def lacks_surroundings(field, dataset) -> bool:
+def lacks_surroundings(field: TetField, dataset: Dataset) -> bool:
     """Whether photographs show surroundings that training learned and the model does not hold."""
     options = field.meta.get("options")
     choice = options.get("surroundings", "auto") if isinstance(options, dict) else "auto"
@@ -265,7 +267,7 @@ def side_by_side(rendered, truth):
     return np.round(255.0 * picture).astype(np.uint8)
 
 
-def write_report(report: dict, path: Path):
+def write_report(report: dict[str, Any], path: Path) -> None:
     with whole_file(path) as partial:
         partial.write_text(as_json(report), encoding="utf-8")
 

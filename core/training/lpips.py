@@ -11,6 +11,8 @@ import warnings
 from pathlib import Path
 from threading import Lock
 
+import numpy as np
+
 from .metrics import as_float64, check_size
 
 LPIPS_SIZE_MIN = 16  # pixels; VGG-16's four poolings leave nothing of a smaller image
@@ -34,7 +36,7 @@ class Lpips:
         ModuleNotFoundError: The package lpips is not installed.
     """
 
-    def __init__(self, path, device="cpu"):
+    def __init__(self, path: str | Path, device: str = "cpu"):
         try:
             import lpips
         except RuntimeError as error:  # torchvision's, beside a torch that it was not built for
@@ -45,15 +47,15 @@ class Lpips:
             state |= read(path / LINEAR_FILE)
         state = {package_key(key): tensor for key, tensor in state.items()}
         with warnings.catch_warnings(action="ignore"):  # of how the package calls torchvision
-            self.metric = lpips.LPIPS(net="vgg", pnet_rand=True, verbose=False)
-        self.metric.requires_grad_(False)
-        for key, needed in self.metric.state_dict().items():
+            self._metric = lpips.LPIPS(net="vgg", pnet_rand=True, verbose=False)
+        self._metric.requires_grad_(False)
+        for key, needed in self._metric.state_dict().items():
             if key in state or key.startswith("net."):  # the package has the others
                 needed.copy_(checked(state.get(key), needed.shape, f"{path}: LPIPS needs {key}"))
-        self.metric.to(device)
+        self._metric.to(device)
         self.device = device
 
-    def __call__(self, a, b) -> float:
+    def __call__(self, a: np.ndarray, b: np.ndarray) -> float:
         """The distance of two images, floats in [0, 1].  [H, W, 3]"""
         import torch
 
@@ -64,7 +66,7 @@ class Lpips:
         a, b = (torch.from_numpy(x.transpose(2, 0, 1)[None]).float() for x in (a, b))
         # By default cuDNN rounds a convolution's inputs to 10 bits of mantissa (TF32).
         with ONE_AT_A_TIME, torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
-            return self.metric(a.to(self.device), b.to(self.device), normalize=True).item()
+            return self._metric(a.to(self.device), b.to(self.device), normalize=True).item()
 
 
 def package_key(key):

@@ -40,7 +40,7 @@ def ssim(a, b) -> float:
     return float(similarity.mean())
 
 
-def check_size(height, width, metric="SSIM", smallest=WINDOW_SIZE):
+def check_size(height: int, width: int, metric: str = "SSIM", smallest: int = WINDOW_SIZE) -> None:
     """Raise ValueError if an image is too small for a metric, such as one window of SSIM."""
     if min(height, width) < smallest:
         raise ValueError(

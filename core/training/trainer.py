@@ -16,6 +16,7 @@ from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 import warp as wp
@@ -55,7 +56,7 @@ class Pause:
     step_count: int  # of the stage
     seconds: float  # of the run so far
     samples_per_second: float  # of late
-    history: list[dict]  # the rows of the run so far, see run/monitoring.py
+    history: list[dict[str, Any]]  # the rows of the run so far, see run/monitoring.py
     export: Callable[[], TetField]  # the field as it stands, for use within the call
 
 
@@ -64,7 +65,7 @@ class Trained:
     """The result of `train`."""
 
     field: TetField  # perhaps unfinished
-    report: dict  # figures of the run, plain JSON values
+    report: dict[str, Any]  # figures of the run, plain JSON values
     interrupted: bool  # by Ctrl-C
     diverged: str | None = None  # why it ended early, a sentence
     out_of_memory: str | None = None  # a sentence, if what no image sees could not be hidden
@@ -79,9 +80,9 @@ class Trained:
 def train(
     dataset: Dataset,
     options: TrainOptions,
-    device="cpu",
-    name="",
-    checkpoint_path=None,
+    device: str = "cpu",
+    name: str = "",
+    checkpoint_path: Path | None = None,
     resumed: Checkpoint | None = None,
     on_pause: Callable[[Pause], None] | None = None,
     workers: Workers = ALONE,

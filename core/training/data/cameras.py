@@ -13,7 +13,7 @@ from .layouts import list_images
 SQUARE = 1000  # pixels of a side
 
 
-def list_cameras(path: Path):
+def list_cameras(path: Path) -> tuple[list[Camera], list[str]]:
     """All cameras of a data set in the order of its files, with the lenses that training takes.
 
     An image need not exist if the files state its size, nor if they state its angle of view: it

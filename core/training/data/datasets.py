@@ -4,9 +4,11 @@ Shapes: N views of H_i rows and W_i columns, P pixels in all.
 """
 
 from bisect import bisect_left
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from PIL import Image
@@ -21,6 +23,8 @@ from .layouts import list_images, sparse_points
 from .masks import mask_paths, named_masks, read_mask
 from .posed_images import PosedImage
 from .turning import is_turned
+
+Item = TypeVar("Item")
 
 DECODED_BYTES = 12  # a pixel on disk takes while it is decoded: Pillow's two images, an array
 PIXELS_MAX = 2**31 - 1  # that a RayBank takes: Warp's arrays and kernels count in int32
@@ -66,7 +70,7 @@ class Dataset:
         return len(self.names)
 
     @property
-    def first_pixels(self):
+    def first_pixels(self) -> np.ndarray:
         """The first pixel of each view, and P.  [N + 1]"""
         return np.cumsum([0, *(lens.width * lens.height for lens in self.lenses)])
 
@@ -75,7 +79,7 @@ class Dataset:
         """Whether any pixel is not opaque: then alpha is a measurement, else it is unknown."""
         return bool((self.pixels[:, 3] < 255).any())
 
-    def image(self, view: int):
+    def image(self, view: int) -> np.ndarray:
         """RGBA of one view.  [H, W, 4] uint8"""
         first, last = self.first_pixels[view : view + 2]
         lens = self.lenses[view]
@@ -91,7 +95,13 @@ def from_images(images, poses, lenses, names, split, missing=(), bounds=None) ->
 
 
 def load_dataset(
-    folder, split, image_size=None, view_count=None, for_training=False, outside=False, masks=None
+    folder: str | Path,
+    split: str,
+    image_size: int | None = None,
+    view_count: int | None = None,
+    for_training: bool = False,
+    outside: bool = False,
+    masks: str | Path | None = None,
 ) -> Dataset:
     """Read one split.
 
@@ -155,7 +165,7 @@ def load_dataset(
     )
 
 
-def check_some(images, missing, split):
+def check_some(images: Sequence[PosedImage], missing: Sequence[str], split: str) -> None:
     """NoSplitError if the files of a data set list no images, NoImagesError if none is there."""
     if not images and not missing:
         raise NoSplitError(f"the data set names no {split} images")
@@ -165,14 +175,14 @@ def check_some(images, missing, split):
         )
 
 
-def white_composite(images):
+def white_composite(images: np.ndarray) -> np.ndarray:
     """Straight-alpha RGBA over white, in [0, 1].  uint8 [..., 4] -> float32 [..., 3]"""
     values = np.asarray(images, np.float32) / 255.0
     alpha = values[..., 3:]
     return values[..., :3] * alpha + (1.0 - alpha)
 
 
-def size_of(image: PosedImage):
+def size_of(image: PosedImage) -> tuple[int, int]:
     """Width and height as the image's lens sees it, without decoding the image.
 
     Raises:
@@ -186,7 +196,7 @@ def size_of(image: PosedImage):
         raise DatasetError(str(error)) from None
 
 
-def shrunk_size(size, image_size):
+def shrunk_size(size: tuple[int, int], image_size: int | None) -> tuple[int, int]:
     """Width and height with `image_size` as the longer side, if that is smaller."""
     if image_size is None or image_size >= max(size):
         return size
@@ -260,7 +270,7 @@ def read_images(images, lenses, threads, masks):
     return pixels
 
 
-def read_image(image: PosedImage, width, height, mask: Path | None = None):
+def read_image(image: PosedImage, width: int, height: int, mask: Path | None = None) -> np.ndarray:
     """One image as its lens sees it, shrunk to that size, cut out by a mask.  [H, W, 4] uint8
 
     Raises:
@@ -282,7 +292,7 @@ def read_image(image: PosedImage, width, height, mask: Path | None = None):
     return cut
 
 
-def track(items, count, description):
+def track(items: Iterable[Item], count: int, description: str) -> Iterable[Item]:
     """Yield the items under a progress bar on stderr, if that is a terminal."""
     from rich import progress
     from rich.console import Console

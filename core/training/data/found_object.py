@@ -16,10 +16,13 @@ Shapes: n points, N cameras.  Lengths are in the data's units; below, the scale 
 distance of the cameras from the point that they look at.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ...render import Lens
 from .views import common_up, focus, upright
 
 POINTS_MAX, PAIRED_MAX = 20_000, 6_000  # that a plane, that clusters are made of
@@ -76,7 +79,12 @@ class FoundObject:
     others: tuple = ()
 
 
-def find_object(points, poses, lenses, masks=None) -> FoundObject | None:
+def find_object(
+    points: ArrayLike,
+    poses: np.ndarray,
+    lenses: Sequence[Lens],
+    masks: Callable[[int], np.ndarray | None] | None = None,
+) -> FoundObject | None:
     """Find the object among points of surfaces; None if it isn't clear where it is.
 
     Args:

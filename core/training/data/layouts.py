@@ -26,7 +26,7 @@ MOST_FOLDERS = 1000  # that are looked into for one
 WORK = ".capture"  # ending of the folders that hold unfinished work of wings/capture
 
 
-def list_images(folder, split, outside=False) -> Listing:
+def list_images(folder: Path, split: str | None, outside: bool = False) -> Listing:
     """What the layout's reader finds.
 
     Raises:

@@ -8,6 +8,7 @@ no tets for things beside the object.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .datasets import Dataset
 from .errors import DatasetError
@@ -21,7 +22,9 @@ REACH = 1.5 / 4.031
 WHITE, WHITE_SHARE = 250, 0.8  # of 255; of the border
 
 
-def world_to_unit_cube(dataset: Dataset, aabb=None, radius=None):
+def world_to_unit_cube(
+    dataset: Dataset, aabb: ArrayLike | None = None, radius: float | None = None
+) -> np.ndarray:
     """The similarity from the data's space to model space.  [4, 4]
 
     Args:

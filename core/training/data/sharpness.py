@@ -1,6 +1,7 @@
 """How sharp and how bright a photograph is."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 from PIL import Image
 
 SIDE = 480  # longer side that images are compared at [pixels]
@@ -12,12 +13,12 @@ LEAST_DEVIATION = 0.02  # of the sharpness
 LEAST_WEIGHT = 0.1  # of a photograph: it may be the only one that shows something
 
 
-def gray_of(rgb):
+def gray_of(rgb: np.ndarray) -> np.ndarray:
     """Gray values of an image.  uint8 [h, w, 3] -> uint8 [h, w]"""
     return np.asarray(Image.fromarray(rgb).convert("L"))
 
 
-def sharpness_of(gray) -> float:
+def sharpness_of(gray: np.ndarray) -> float:
     """The gradient's root mean square at fine scale over that at twice the scale.
 
     It is the least of four directions: a camera that moves blurs one of them.  Blur takes from
@@ -55,7 +56,7 @@ def differences(image):
     )
 
 
-def sharpness_weights(sharpness):
+def sharpness_weights(sharpness: ArrayLike) -> np.ndarray:
     """How much photographs count by their sharpness, LEAST_WEIGHT to 1.  [n]
 
     What they show makes sharpness differ.  How sharp ones differ is told by the sharpest quarter,
@@ -77,6 +78,6 @@ def sharpness_weights(sharpness):
     return np.where(is_blurred, np.maximum(left, LEAST_WEIGHT), 1.0)
 
 
-def exposure_of(gray) -> float:
+def exposure_of(gray: np.ndarray) -> float:
     """The mean gray value, 0 to 1."""
     return float(gray.mean() / 255.0)

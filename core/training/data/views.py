@@ -1,6 +1,7 @@
 """What a data set's cameras have in common: the point that they look at, and the up direction."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .errors import DatasetError
 
@@ -10,7 +11,7 @@ AIMED = 0.8  # mean cosine between a camera's axis and its way to the object: 37
 PARALLEL = 0.02  # below this smallest eigenvalue of the mean projector views have no focus
 
 
-def nearest_to_axes(poses):
+def nearest_to_axes(poses: np.ndarray) -> np.ndarray | None:
     """The point nearest to all cameras' axes by squared distance; None if these are parallel.  [3]
 
     Args:
@@ -24,7 +25,7 @@ def nearest_to_axes(poses):
     return np.linalg.solve(mean, np.einsum("nij,nj->i", across, origins) / len(poses))
 
 
-def focus(poses):
+def focus(poses: np.ndarray) -> np.ndarray:
     """The point nearest to all cameras' axes by squared distance.  [3]
 
     Raises:
@@ -53,7 +54,7 @@ def common_up(poses):
     return up / max(np.linalg.norm(up), 1e-12)
 
 
-def upright(up):
+def upright(up: ArrayLike) -> np.ndarray:
     """The smallest rotation that takes a direction to +z.  [3, 3]"""
     up = np.asarray(up, float) / max(np.linalg.norm(up), 1e-12)
     z = np.array([0.0, 0.0, 1.0])

@@ -79,14 +79,14 @@ def save_checkpoint(checkpoint: Checkpoint, path):
         raise OSError(f"{path} can't be written ({reason})") from error
 
 
-def is_checkpoint(path) -> bool:
+def is_checkpoint(path: str | Path) -> bool:
     """Whether a file is a checkpoint of some version, whole or not, or empty."""
     with open_file(path) as stream:
         start = stream.read(2**20)  # torch writes what is no array first
     return not start or (start[:2] == b"PK" and FORMAT.rpartition("-")[0].encode() in start)
 
 
-def load_checkpoint(path) -> Checkpoint:
+def load_checkpoint(path: str | Path) -> Checkpoint:
     """Read a checkpoint; its tensors come to the CPU.
 
     Raises:
