@@ -5,6 +5,7 @@ photograph with its blur and exposure.
 """
 
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -78,7 +79,7 @@ class Judged:
         return told + self.gaps
 
 
-def judge(shown) -> Judged:
+def judge(shown: Sequence[Shown]) -> Judged:
     """Find photographs that stand out, and gaps between cameras that go around the object."""
     weights = sharpness_weights([s.sharpness for s in shown]).tolist()
     exposure = np.median([s.exposure for s in shown])
@@ -111,7 +112,14 @@ def gaps_of(names, poses) -> list[str]:
     ]
 
 
-def page_of(title: str, shown, points, colors, corners=None, doubts=()) -> Image.Image:
+def page_of(
+    title: str,
+    shown: Sequence[Shown],
+    points: np.ndarray,
+    colors: np.ndarray,
+    corners: np.ndarray | None = None,
+    doubts: Sequence[str] = (),
+) -> Image.Image:
     """Draw the page.
 
     Args:

@@ -104,7 +104,7 @@ def work_size(photo: Photo, longest: int) -> tuple[int, int]:
     return tuple(max(1, round(scale * side)) for side in photo.size)
 
 
-def read_photo(photo: Photo, longest: int):
+def read_photo(photo: Photo, longest: int) -> np.ndarray:
     """Decode a photograph, upright, on white, in its work_size.  [h, w, 3] uint8
 
     Raises:

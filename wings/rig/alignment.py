@@ -22,7 +22,7 @@ CELLS = 30
 NEAR = 0.9  # share of the pairs that count: the farthest are of what only one of both has
 
 
-def align(points, matter):
+def align(points: np.ndarray, matter: np.ndarray) -> tuple[np.ndarray, float]:
     """The similarity from the rig's space to the model's, and how well it fits.
 
     Args:
@@ -51,7 +51,7 @@ def align(points, matter):
     return matrix, distance / size
 
 
-def outer_points(places, spacing: float):
+def outer_points(places: np.ndarray, spacing: float) -> np.ndarray:
     """Of points that fill a body, those at its surface: they have an empty neighbor in a grid.
 
     Args:
@@ -70,7 +70,7 @@ def outer_points(places, spacing: float):
     return places[outer]
 
 
-def shared_space(points, matter) -> float:
+def shared_space(points: np.ndarray, matter: np.ndarray) -> float:
     """How much of the space that two bodies fill is filled by both: intersection over union.
 
     A body is what points of its surface enclose on a grid of CELLS cells along the second one's

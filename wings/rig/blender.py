@@ -53,7 +53,7 @@ class BlenderRig:
     clips: tuple[BlenderClip, ...]
 
 
-def read_blender(path, mesh: TetMesh) -> BlenderRig:
+def read_blender(path: str | Path, mesh: TetMesh) -> BlenderRig:
     """The file of the add-on, for a model with that mesh.
 
     Raises:

@@ -34,7 +34,9 @@ SLOWEST, FASTEST = 1e-3, 1e5  # frames a second
 MOST_SAMPLES = 2**20
 
 
-def read_cache(path, vertex_count: int, frames_per_second=FRAMES_PER_SECOND) -> VertexClip:
+def read_cache(
+    path: str | Path, vertex_count: int, frames_per_second: float = FRAMES_PER_SECOND
+) -> VertexClip:
     """The clip in a point cache of a mesh with so many vertices; its name is the file's.
 
     Raises:
@@ -53,7 +55,9 @@ def read_cache(path, vertex_count: int, frames_per_second=FRAMES_PER_SECOND) -> 
         return VertexClip(path.stem, times - times[0], vertices)
 
 
-def write_cache(clip: VertexClip, path, frames_per_second=FRAMES_PER_SECOND) -> Path:
+def write_cache(
+    clip: VertexClip, path: str | Path, frames_per_second: float = FRAMES_PER_SECOND
+) -> Path:
     """Write a point cache by its ending, one of ENDINGS; an older file stays if that fails.
 
     Raises:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import rotations
 from .skeleton import LONGEST_NAME, Pose, Skeleton, pose_of, skinning_matrices
@@ -112,7 +113,7 @@ class Clip:
         if len(set(targets)) < len(targets):
             raise ValueError(f"clip {self.name!r} animates a bone's {'/'.join(PATHS)} twice")
 
-    def check(self, skeleton: Skeleton):
+    def check(self, skeleton: Skeleton) -> None:
         """ValueError if the clip animates a bone that the skeleton has not."""
         for channel in self.channels:
             if not 0 <= channel.bone < skeleton.bone_count:
@@ -186,7 +187,7 @@ class VertexClip:
         return (1 - share) * self.vertices[k] + share * self.vertices[following]
 
 
-def clip_of_poses(name: str, times, poses: Sequence[Pose]) -> Clip:
+def clip_of_poses(name: str, times: np.ndarray, poses: Sequence[Pose]) -> Clip:
     """A clip with a key of every bone at each time; what never changes has one key."""
     times = np.array(times, float)
     channels = []
@@ -199,7 +200,7 @@ def clip_of_poses(name: str, times, poses: Sequence[Pose]) -> Clip:
     return Clip(name, float(times[-1]) if len(times) else 0.0, tuple(channels))
 
 
-def clip_of_matrices(name: str, skeleton: Skeleton, times, matrices) -> Clip:
+def clip_of_matrices(name: str, skeleton: Skeleton, times: ArrayLike, matrices: ArrayLike) -> Clip:
     """A clip from skinning matrices [K, B, 4, 4] in the skeleton's space.
 
     Raises:

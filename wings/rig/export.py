@@ -40,8 +40,8 @@ class Solid:
 
 def export_mesh(
     mesh: TetMesh,
-    path,
-    colors=None,
+    path: str | Path,
+    colors: np.ndarray | None = None,
     preview: EmbeddedSurface | None = None,
     solid: Solid | None = None,
 ) -> Path:

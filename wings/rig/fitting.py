@@ -36,7 +36,13 @@ MOST_PARTS = 16  # of a triangle's side
 INSIDE = -1e-9  # barycentric coordinates of a point in a tet are not below
 
 
-def fitted_weights(mesh: TetMesh, points, triangles, point_weights, fit=FIT):
+def fitted_weights(
+    mesh: TetMesh,
+    points: np.ndarray,
+    triangles: np.ndarray,
+    point_weights: np.ndarray,
+    fit: float = FIT,
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Weights and offsets under which the surface moves as its own weights say.
 
     Args:
@@ -108,7 +114,9 @@ def _extension(mesh: TetMesh, corners, bary, strength):
     return extended
 
 
-def surface_samples(points, triangles, point_weights, edge: float):
+def surface_samples(
+    points: np.ndarray, triangles: np.ndarray, point_weights: np.ndarray, edge: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places spread over triangles, at most a third of a mesh's edge apart.
 
     A triangle is cut into n² equal ones; their middles are the samples.

@@ -46,7 +46,7 @@ class GltfRig:
     notes: tuple[str, ...] = ()  # sentences on what the file holds that is left out
 
 
-def read_gltf(path) -> GltfRig:
+def read_gltf(path: str | Path) -> GltfRig:
     """Read the skinned mesh of a .glb or .gltf; of several skins that with the most points.
 
     Raises:
@@ -67,7 +67,7 @@ def read_gltf(path) -> GltfRig:
         raise ValueError(f"{path} is no glTF file, or is damaged ({error!r:.100})") from error
 
 
-def aligned(rig: GltfRig, matrix) -> GltfRig:
+def aligned(rig: GltfRig, matrix: np.ndarray) -> GltfRig:
     """The rig in another space.
 
     Args:

@@ -108,7 +108,7 @@ def _values(gltf: Gltf, used: list[int]) -> dict[str, np.ndarray]:
     return values
 
 
-def scale_of(matrix, whose: str) -> float:
+def scale_of(matrix: np.ndarray, whose: str) -> float:
     """The scale of a similarity; ValueError if a matrix is none."""
     matrix = np.asarray(matrix, float)
     check(matrix.shape == (4, 4), f"{whose} is no 4×4 matrix")

@@ -24,7 +24,7 @@ LARGEST_FILE = 2**27  # bytes
 MOST_VALUES = 2**22  # of the JSON
 
 
-def read_matrices(path) -> GltfRig:
+def read_matrices(path: str | Path) -> GltfRig:
     """Read such a file; the surface of the rig is empty.
 
     Raises:

@@ -3,7 +3,7 @@
 from typing import Literal, get_args
 
 Method = Literal["linear", "dual quaternion"]
-METHODS = get_args(Method)
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 def check_method(method: str):

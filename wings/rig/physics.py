@@ -1,8 +1,9 @@
 """Bones drive some vertices, a solver moves the others.
 
-The solver is any object with XpbdSolver's reset, grab, move, step and vertices: this room knows no
-dynamics.  Its frames are ticks of 1/60 s.
+The solver's frames are ticks of 1/60 s.  Its reset, grab, move, step and vertices are used.
 """
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +15,14 @@ from .skeleton import Pose, mixed, skinning_matrices
 from .skinning import skinned
 from .untangle import Untangler
 
+if TYPE_CHECKING:
+    from ...core.deform import XpbdSolver
+
 TICK = 1.0 / 60.0  # s
 
 
 def posed_with_physics(
-    solver,
+    solver: "XpbdSolver",
     mesh: TetMesh,
     rig: Rig,
     pose: Pose,

@@ -9,6 +9,7 @@ Shapes: K times, B bones, T tets.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.geometry import TetMesh
 from .caches import FRAMES_PER_SECOND
@@ -52,8 +53,8 @@ def clip_quality(
     rig: Rig,
     clip: Clip | VertexClip,
     method: Method = "linear",
-    times=None,
-    untangle=False,
+    times: ArrayLike | None = None,
+    untangle: bool = False,
 ) -> TetQuality:
     """Play a clip and look at each tet.
 
@@ -95,7 +96,9 @@ def clip_quality(
     )
 
 
-def clip_vertices(mesh: TetMesh, rig: Rig, clip, seconds: float, method: Method = "linear"):
+def clip_vertices(
+    mesh: TetMesh, rig: Rig, clip: Clip | VertexClip, seconds: float, method: Method = "linear"
+) -> np.ndarray:
     """The vertices at a time of a clip, by skinning or from its frames.  [V, 3] float64"""
     if isinstance(clip, VertexClip):
         return clip.vertices_at(seconds).astype(float)

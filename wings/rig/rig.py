@@ -57,7 +57,7 @@ class Rig:
         return found[0]
 
 
-def check_weights(weights: np.ndarray, skeleton: Skeleton):
+def check_weights(weights: np.ndarray, skeleton: Skeleton) -> None:
     """ValueError unless weights are [V, B], not negative, and rows sum to 1."""
     if weights.ndim != 2 or weights.shape[1] != skeleton.bone_count:
         raise ValueError(

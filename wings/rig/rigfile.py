@@ -8,6 +8,7 @@ Shapes: V vertices, B bones, W weights of a vertex, C channels of all clips, K k
 """
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,7 @@ def arrays_of(rig: Rig) -> dict[str, np.ndarray]:
     }
 
 
-def rig_from(arrays, vertex_count: int) -> Rig:
+def rig_from(arrays: Mapping[str, np.ndarray], vertex_count: int) -> Rig:
     """The rig in a mapping of arrays, for a model of so many vertices.
 
     Raises:
@@ -108,13 +109,13 @@ def rig_from(arrays, vertex_count: int) -> Rig:
     return Rig(skeleton, weights, _clips(arrays, meta["clips"], vertex_count), offsets)
 
 
-def save_rig(rig: Rig, path):
+def save_rig(rig: Rig, path: str | Path) -> None:
     """Write a rig.npz; the file appears only when it is complete."""
     with whole_file(Path(path)) as partial, open(partial, "wb") as stream:
         np.savez(stream, **arrays_of(rig))
 
 
-def load_rig(path, vertex_count: int) -> Rig:
+def load_rig(path: str | Path, vertex_count: int) -> Rig:
     """Read a rig.npz, or the rig of a model file, for a model of so many vertices.
 
     Raises:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import rotations
 
@@ -123,7 +124,9 @@ class Pose:
     scales: np.ndarray  # [B, 3]
 
 
-def make_skeleton(names: Sequence[str], parents: Sequence[int], heads, tails) -> Skeleton:
+def make_skeleton(
+    names: Sequence[str], parents: Sequence[int], heads: ArrayLike, tails: ArrayLike
+) -> Skeleton:
     """A skeleton from joints alone; each bone's y-axis points from head to tail, as in Blender."""
     heads, tails = np.array(heads, float), np.array(tails, float)
     along = tails - heads
@@ -181,12 +184,12 @@ def posed_tails(skeleton: Skeleton, pose: Pose) -> np.ndarray:
     return moved_tails(skeleton, skinning_matrices(skeleton, pose))
 
 
-def moved_tails(skeleton: Skeleton, matrices) -> np.ndarray:
+def moved_tails(skeleton: Skeleton, matrices: np.ndarray) -> np.ndarray:
     """The bones' tails after skinning matrices [B, 4, 4].  [B, 3]"""
     return np.einsum("bij,bj->bi", matrices[:, :3, :3], skeleton.tails) + matrices[:, :3, 3]
 
 
-def pose_of(skeleton: Skeleton, frames) -> Pose:
+def pose_of(skeleton: Skeleton, frames: np.ndarray) -> Pose:
     """The pose of given frames [B, 4, 4].
 
     A local matrix that shears (a child that turns within a bone scaled unevenly) loses the
@@ -210,7 +213,7 @@ def mixed(first: Pose, second: Pose, share: float) -> Pose:
     )
 
 
-def turned(skeleton: Skeleton, pose: Pose, bone: int, rotation) -> Pose:
+def turned(skeleton: Skeleton, pose: Pose, bone: int, rotation: np.ndarray) -> Pose:
     """The pose with one bone, and all that hangs on it, turned about the bone's head.
 
     Args:
@@ -228,7 +231,7 @@ def turned(skeleton: Skeleton, pose: Pose, bone: int, rotation) -> Pose:
     return Pose(pose.translations, quaternions, pose.scales)
 
 
-def reach(skeleton: Skeleton, pose: Pose, bone: int, target) -> Pose:
+def reach(skeleton: Skeleton, pose: Pose, bone: int, target: np.ndarray) -> Pose:
     """The pose in which the bone's tail is at `target` [3], or as near as it can be.
 
     Two-bone inverse kinematics in closed form: the parent and the bone form a triangle whose

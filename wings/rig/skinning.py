@@ -31,7 +31,11 @@ wp.set_module_options({"enable_backward": False})
 
 
 def skinned(
-    rest_vertices, weights, matrices, method: Method = "linear", offsets=None
+    rest_vertices: np.ndarray,
+    weights: np.ndarray,
+    matrices: np.ndarray,
+    method: Method = "linear",
+    offsets: np.ndarray | None = None,
 ) -> np.ndarray:
     """The vertices in a pose: the reference.
 
@@ -181,7 +185,13 @@ class Skinner:
         vertices: Where `pose` writes.  [V] wp.vec3
     """
 
-    def __init__(self, rest_vertices, weights, device: str, offsets=None):
+    def __init__(
+        self,
+        rest_vertices: np.ndarray,
+        weights: np.ndarray,
+        device: str,
+        offsets: np.ndarray | None = None,
+    ):
         """Take vertices [V, 3], weights [V, B], and offsets [V, B, 3] that are 0 where those are.
 
         Without offsets (None) posing costs nothing for them.
@@ -210,7 +220,7 @@ class Skinner:
         self._feeds = {name: Feed(array) for name, array in self._of_bones.items()}
         self._launches = {}  # of the methods
 
-    def pose(self, matrices, method: Method = "linear") -> wp.array:
+    def pose(self, matrices: np.ndarray, method: Method = "linear") -> wp.array:
         """The vertices for skinning matrices [B, 4, 4]; the same array each time."""
         check_method(method)
         values = {"matrices": np.asarray(matrices, float)}

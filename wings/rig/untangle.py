@@ -36,11 +36,11 @@ class Untangler:
         inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2))
         self._gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
 
-    def ratios(self, vertices) -> np.ndarray:
+    def ratios(self, vertices: np.ndarray) -> np.ndarray:
         """Volumes over those at rest, negative in inverted tets.  [T]"""
         return signed_volumes(vertices, self._tets) / self._volumes
 
-    def __call__(self, vertices) -> np.ndarray:
+    def __call__(self, vertices: np.ndarray) -> np.ndarray:
         """The vertices, moved where tets are inverted or nearly so; else unchanged.  [V, 3]"""
         target = np.asarray(vertices, float)
         v = target

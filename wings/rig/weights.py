@@ -18,6 +18,7 @@ Shapes: V vertices, B bones, S points of a surface.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.geometry import TetMesh, components
 from .laplacian import Laplacian, laplacian, solved
@@ -34,7 +35,9 @@ SEEDS = 24  # points of a bone from which distances are measured
 BLOCK = 2**22  # numbers of a table of distances
 
 
-def automatic_weights(mesh: TetMesh, skeleton: Skeleton, moving=None) -> np.ndarray:
+def automatic_weights(
+    mesh: TetMesh, skeleton: Skeleton, moving: np.ndarray | None = None
+) -> np.ndarray:
     """From the bones alone.  [V, B] float32
 
     Args:
@@ -52,7 +55,7 @@ def automatic_weights(mesh: TetMesh, skeleton: Skeleton, moving=None) -> np.ndar
     return cleaned(solved(operator, pull, pull[:, None] * sources))
 
 
-def harmonic_weights(mesh: TetMesh, ids, surface_weights) -> np.ndarray:
+def harmonic_weights(mesh: TetMesh, ids: np.ndarray, surface_weights: np.ndarray) -> np.ndarray:
     """Of given weights at some vertices, those of all.  [V, B] float32
 
     Parts of the mesh without any of these vertices take the weights of the nearest one.
@@ -85,13 +88,15 @@ def copied_to_lone_parts(mesh: TetMesh, weights, alone) -> np.ndarray:
     return weights
 
 
-def nearest_weights(mesh: TetMesh, ids, surface_weights) -> np.ndarray:
+def nearest_weights(mesh: TetMesh, ids: np.ndarray, surface_weights: ArrayLike) -> np.ndarray:
     """Of given weights at some vertices [S], those of the nearest one.  [V, B] float32"""
     near, _ = _nearest(mesh.rest_vertices, mesh.rest_vertices[np.asarray(ids)])
     return cleaned(np.asarray(surface_weights, float)[near])
 
 
-def rigid_weights(mesh: TetMesh, skeleton: Skeleton, moving=None) -> np.ndarray:
+def rigid_weights(
+    mesh: TetMesh, skeleton: Skeleton, moving: np.ndarray | None = None
+) -> np.ndarray:
     """1 for the bone, of those `moving`, that is nearest through the mesh.  [V, B] float32"""
     distances = bone_distances(mesh, laplacian(mesh), skeleton)
     if moving is not None:
@@ -99,7 +104,9 @@ def rigid_weights(mesh: TetMesh, skeleton: Skeleton, moving=None) -> np.ndarray:
     return np.eye(skeleton.bone_count, dtype=np.float32)[distances.argmin(axis=1)]
 
 
-def nearest_point_weights(mesh: TetMesh, points, triangles, point_weights):
+def nearest_point_weights(
+    mesh: TetMesh, points: np.ndarray, triangles: np.ndarray, point_weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Of a skinned surface, those of the point p of it that is nearest, and its offsets.
 
     With corners x_i and barycentric coordinates β_i they are o_b = Σ_i β_i w_ib (x_i − p).
@@ -117,7 +124,13 @@ def nearest_point_weights(mesh: TetMesh, points, triangles, point_weights):
     return weights, cleaned_offsets(offsets, weights, np.ptp(points, axis=0).max())
 
 
-def weights_near(mesh: TetMesh, boundary, points, triangles, point_weights):
+def weights_near(
+    mesh: TetMesh,
+    boundary: np.ndarray,
+    points: np.ndarray,
+    triangles: np.ndarray,
+    point_weights: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Weights of a skinned surface at the vertices of our surface.
 
     Args:
