@@ -8,6 +8,7 @@ such image and its copy to the host, without the first compilation of the kernel
 
 import json
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +25,6 @@ from ..field import TetField, occupied_share, parts_of_file
 from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space, spread
 from .data.datasets import Dataset, track, white_composite
 from .data.scene_box import learns_surroundings
-from .lpips import Lpips
 from .metrics import check_size, psnr, ssim
 
 REPORT = "report.json"
@@ -42,7 +42,7 @@ def evaluate(
     device: str = "cpu",
     options: RenderOptions | None = None,
     model_path: str | Path | None = None,
-    lpips: Lpips | None = None,
+    lpips: Callable[[np.ndarray, np.ndarray], float] | None = None,
     samples: int = 4,
 ) -> dict[str, Any]:
     """Render every view of a data set and score it.

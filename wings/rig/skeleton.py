@@ -213,7 +213,7 @@ def mixed(first: Pose, second: Pose, share: float) -> Pose:
     )
 
 
-def turned(skeleton: Skeleton, pose: Pose, bone: int, rotation: np.ndarray) -> Pose:
+def turned(skeleton: Skeleton, pose: Pose, bone: int, rotation: ArrayLike) -> Pose:
     """The pose with one bone, and all that hangs on it, turned about the bone's head.
 
     Args:
@@ -231,7 +231,7 @@ def turned(skeleton: Skeleton, pose: Pose, bone: int, rotation: np.ndarray) -> P
     return Pose(pose.translations, quaternions, pose.scales)
 
 
-def reach(skeleton: Skeleton, pose: Pose, bone: int, target: np.ndarray) -> Pose:
+def reach(skeleton: Skeleton, pose: Pose, bone: int, target: ArrayLike) -> Pose:
     """The pose in which the bone's tail is at `target` [3], or as near as it can be.
 
     Two-bone inverse kinematics in closed form: the parent and the bone form a triangle whose

@@ -22,6 +22,7 @@ Shapes: V vertices, B bones, N non-zero weights.
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
 from ...core.base.feed import Feed
 from . import rotations
@@ -31,11 +32,11 @@ wp.set_module_options({"enable_backward": False})
 
 
 def skinned(
-    rest_vertices: np.ndarray,
-    weights: np.ndarray,
-    matrices: np.ndarray,
+    rest_vertices: ArrayLike,
+    weights: ArrayLike,
+    matrices: ArrayLike,
     method: Method = "linear",
-    offsets: np.ndarray | None = None,
+    offsets: ArrayLike | None = None,
 ) -> np.ndarray:
     """The vertices in a pose: the reference.
 

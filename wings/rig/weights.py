@@ -55,7 +55,7 @@ def automatic_weights(
     return cleaned(solved(operator, pull, pull[:, None] * sources))
 
 
-def harmonic_weights(mesh: TetMesh, ids: np.ndarray, surface_weights: np.ndarray) -> np.ndarray:
+def harmonic_weights(mesh: TetMesh, ids: ArrayLike, surface_weights: np.ndarray) -> np.ndarray:
     """Of given weights at some vertices, those of all.  [V, B] float32
 
     Parts of the mesh without any of these vertices take the weights of the nearest one.
@@ -88,7 +88,7 @@ def copied_to_lone_parts(mesh: TetMesh, weights, alone) -> np.ndarray:
     return weights
 
 
-def nearest_weights(mesh: TetMesh, ids: np.ndarray, surface_weights: ArrayLike) -> np.ndarray:
+def nearest_weights(mesh: TetMesh, ids: ArrayLike, surface_weights: ArrayLike) -> np.ndarray:
     """Of given weights at some vertices [S], those of the nearest one.  [V, B] float32"""
     near, _ = _nearest(mesh.rest_vertices, mesh.rest_vertices[np.asarray(ids)])
     return cleaned(np.asarray(surface_weights, float)[near])
