@@ -6,8 +6,8 @@ from captures import circle
 from PIL import Image
 
 from deformrf.commands import train
+from deformrf.core.training import SparsePoints
 from deformrf.wings.capture import (
-    SparsePoints,
     gray_of,
     page,
     save_points,
