@@ -6,14 +6,14 @@ from captures import circle
 from PIL import Image
 
 from deformrf.commands import train
-from deformrf.core.training import SparsePoints
-from deformrf.wings.capture import (
+from deformrf.core.training import (
+    SparsePoints,
     gray_of,
-    page,
     save_points,
     sharpness_of,
     sharpness_weights,
 )
+from deformrf.wings.capture import page
 
 
 def shown(poses, sharpness=0.6, exposure=0.5):
