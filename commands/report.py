@@ -26,11 +26,11 @@ from .running import asked_for_version, complain, require, run
 PROGRAM = "deformrf-report"
 TETS = 5000  # that the estimates of time are for
 SECONDS = {  # full on two CPU cores, on one H100, quick on the one and on the other
-    "rendering": (140, 39, 20, 10),
-    "dynamics": (68, 80, 16, 10),
+    "rendering": (90, 28, 14, 8),
+    "dynamics": (50, 60, 12, 8),
     "training": (1, 1, 1, 1),
     "stability": (28, 24, 16, 10),
-    "left out": (110, 65, 30, 25),
+    "left out": (60, 40, 20, 18),
 }
 GROWING = ("dynamics", "stability")  # with the number of tets
 LONG = 150  # seconds: what takes longer is told in minutes
@@ -90,14 +90,11 @@ def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> i
     import warp as wp
 
     from ..wings.lab.report import machine
-    from ..wings.lab.report.parts import Report
+    from ..wings.lab.report.contents import Report
     from ..wings.lab.report.writing import is_complete, write
-    from ..wings.lab.stability.tell import SEED
 
     command = machine.without_folders(printable(shlex.join([PROGRAM, *sys.argv[1:]])))
-    seeds = {"pixels": "the view's number", "order of settings": 0, "stress cases and poses": SEED}
-    # Before the machine has work to do.
-    about_machine = machine.section(device, seeds, command, arguments.model)
+    about_machine = machine.section(device, command, arguments.model)  # before it has work to do
     begun, found, failure = time.perf_counter(), [], None
     try:
         for section in measured(jobs):
@@ -162,17 +159,15 @@ def photographs_for(field, data, effort: Effort, outside=False):
 
 def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos) -> list[Job]:
     """The sections to measure."""
-    from ..wings.lab.dynamics import tell as dynamics
-    from ..wings.lab.omissions import tell as omissions
-    from ..wings.lab.rendering import tell as rendering
-    from ..wings.lab.stability import tell as stability
-    from ..wings.lab.training import tell as training
+    from ..wings.lab import training
+    from ..wings.lab.dynamics import section as dynamics
+    from ..wings.lab.omissions import section as omissions
+    from ..wings.lab.rendering import section as rendering
+    from ..wings.lab.stability import section as stability
 
     quick, model = arguments.quick, arguments.model
     sections = {
-        "rendering": lambda step: rendering.section(
-            rendering.RenderingStudy(field, device, effort), effort.turns, photos, step
-        ),
+        "rendering": lambda step: rendering.section(field, device, effort, photos, step),
         "dynamics": lambda step: dynamics.section(field.mesh, device, quick, step),
         "training": lambda step: training.section(field),
         "stability": lambda step: stability.section(field, device, quick, step),

@@ -80,8 +80,6 @@ LONGER = {  # for now
     "prepare",
     "prepare_training",
     "evaluate",
-    "frame_switches",
-    "step_switches",
     "act",
     "make_bar",
 }

@@ -22,7 +22,7 @@ import numpy as np
 from deformrf.core.deform import XpbdOptions
 from deformrf.wings.lab import rule
 from deformrf.wings.lab.dynamics import measure as dynamics
-from deformrf.wings.lab.rendering import measure as rendering
+from deformrf.wings.lab.rendering import section as rendering
 
 
 def rendering_choice(reports, judged):
@@ -70,7 +70,7 @@ def substeps_choice(judged):
     print(f"substeps by {len(judged)} of {given} reports; the others are older than the default")
     for report in judged:
         for row in steps(report):
-            if (row["scheme"], row["compliance"]) == ("substeps", "material"):
+            if row["compliance"] == "material":
                 worst.setdefault(row["count"], []).append(row["of_motion"])
     counts = sorted(count for count, errors in worst.items() if len(errors) == 2 * len(judged))
     errors = [max(worst[count]) for count in counts]

@@ -60,7 +60,7 @@ def motion_error(report, count):
     rows = {
         row["scene"]: row
         for row in table(report, "dynamics")
-        if (row["scheme"], row["compliance"], row["count"]) == ("substeps", "material", count)
+        if (row["compliance"], row["count"]) == ("material", count)
     }
     if not rows:
         return "–"

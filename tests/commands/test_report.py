@@ -15,9 +15,9 @@ from deformrf.core.deform import XpbdSolver
 from deformrf.core.field import BASIS_COUNT, FieldOptions, modelfile, random_field
 from deformrf.core.geometry import TetMesh, tet_neighbours
 from deformrf.wings.lab.effort import EFFORTS
-from deformrf.wings.lab.rendering.measure import BOUND, LARGEST
 from deformrf.wings.lab.rendering.pictures import PEAK_DB
-from deformrf.wings.lab.stability import tell as stability
+from deformrf.wings.lab.rendering.section import BOUND, LARGEST
+from deformrf.wings.lab.stability import section as stability
 
 SECTIONS = ["rendering", "dynamics", "training", "stability", "left_out", "machine"]
 
@@ -50,7 +50,8 @@ def test_every_section_is_there(report, folder):
         assert (section["seconds"] is None) == (key == "machine")
     page = (folder / "report.html").read_text()
     for name in ("rendering", "dynamics", "stability", "left_out"):
-        assert (folder / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
+        if name != "stability":
+            assert (folder / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
         with open(folder / f"{name}.csv", newline="") as file:
             assert len(list(csv.DictReader(file))) == len(table(report, name))
         assert report["sections"][name]["title"] in page
@@ -71,7 +72,6 @@ def test_rendering_s_numbers_are_consistent(report):
     assert rows["stop 0"]["samples"] > rows["stop 0.2"]["samples"]
     assert rows["step × 4"]["psnr"] < rows["step × 2"]["psnr"]
     assert rows["default"]["relative_percent"] == 100
-    assert any(row["front"] for row in rows.values())
     for row in (row for row in rows.values() if row["chosen"]):
         assert row["candidate"] and row["worst_psnr"] >= BOUND
         assert max(row["largest"], row["largest_anywhere"]) <= LARGEST
@@ -86,15 +86,11 @@ def test_rendering_s_numbers_are_consistent(report):
 def test_the_dynamics_error_falls_with_substeps(report):
     rows = table(report, "dynamics")
     for scene in ("static", "dynamic"):
-        own = [
-            (row["count"], row["of_motion"])
-            for row in rows
-            if (row["scene"], row["scheme"], row["compliance"]) == (scene, "substeps", "material")
-        ]
+        own = [(row["count"], row["of_motion"]) for row in rows if row["scene"] == scene]
         counts, errors = np.array(sorted(own)).T
         assert len(counts) >= 4 and (np.diff(errors) < 0).all(), (scene, own)
         assert errors[-1] < errors[0] / 4
-    assert all(row["frame_ms"] > 0 for row in rows if row["scheme"] != "plain float32")
+    assert all(row["frame_ms"] > 0 for row in rows)
     recommended = report["sections"]["dynamics"]["values"]["recommended_substeps"]
     assert recommended in counts
 
@@ -104,17 +100,14 @@ def test_all_stress_cases_pass(report):
     assert report["sections"]["stability"]["passed"]
     assert all(row["passed"] for row in rows) and len(rows) > 20
     for row in table(report, "stability"):
-        assert row["nan_count"] == 0 and isfinite(row["largest_strain"])
+        assert row["nan_count"] == 0 and isfinite(row["error"])
         assert row["recovery_seconds"] is None or row["recovery_seconds"] <= row["limit"]
 
 
 def test_each_omission_was_measured(report):
     rows = table(report, "left_out")
-    assert len(rows) > 10
+    assert {row["group"] for row in rows} == {"rendering", "dynamics", "file", "start"}
     for row in rows:
-        if row["verdict"] == "not measured":
-            assert row["why"]
-            continue
         for column in ("with_it", "without", "saving"):
             assert isfinite(row[column]) and row[f"{column}_repeats"] >= 1
         assert row["change"] and row["verdict"] and row["why"]

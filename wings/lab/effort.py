@@ -16,12 +16,11 @@ class Effort(NamedTuple):
     frame_turns: int  # repeats with and without each omission, as the next two
     step_turns: int
     start_turns: int
-    compilations: int  # of kernels, which takes long
 
 
 EFFORTS = {  # (on a CPU, quick)
-    (True, True): Effort(150, 2, 250, 4, 4, 400, 120, 9, 60, 2, 1),
-    (True, False): Effort(200, 3, 800, 16, 10, 1000, 300, 15, 150, 3, 3),
-    (False, True): Effort(400, 2, 250, 8, 4, 400, 400, 9, 60, 2, 1),
-    (False, False): Effort(800, 3, 800, 24, 10, 1000, 800, 15, 150, 3, 3),
+    (True, True): Effort(150, 2, 250, 4, 4, 400, 120, 9, 60, 2),
+    (True, False): Effort(200, 3, 800, 16, 10, 1000, 300, 15, 150, 3),
+    (False, True): Effort(400, 2, 250, 8, 4, 400, 400, 9, 60, 2),
+    (False, False): Effort(800, 3, 800, 24, 10, 1000, 800, 15, 150, 3),
 }

@@ -1,8 +1,7 @@
 """The rule that chooses a default: the fastest setting whose error is within the bound.
 
 The speed of a shared machine varies between turns, so each time is divided by the default's
-time in the same turn; the least median wins.  Of equals, the most exact wins.  The Pareto
-front uses the same relative times.
+time in the same turn; the least median wins.  Of equals, the most exact wins.
 
 Shapes: S settings, R turns.
 """
@@ -30,14 +29,3 @@ def cheapest(times, errors, bound: float, base=0) -> int | None:
         return None
     relative = np.median(shares(times, base), axis=1)
     return int(allowed[np.lexsort((errors[allowed], relative[allowed]))[0]])
-
-
-def front(times, errors):
-    """The Pareto front: settings that no other beats in both time [S] and error [S].  [S] bool"""
-    times, errors = np.asarray(times, float), np.asarray(errors, float)
-    on_front = np.zeros(len(times), bool)
-    least = np.inf
-    for setting in np.lexsort((errors, times)):
-        if errors[setting] < least:
-            on_front[setting], least = True, errors[setting]
-    return on_front

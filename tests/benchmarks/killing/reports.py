@@ -3,7 +3,7 @@
 import json
 import re
 
-from deformrf.wings.lab.report.parts import Figure, Report, Section
+from deformrf.wings.lab.report.contents import Figure, Report, Section
 from deformrf.wings.lab.report.writing import write
 
 from .kinds import Fault, Kind

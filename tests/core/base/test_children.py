@@ -295,7 +295,7 @@ training = TrainJob(offer_of(Path("."), "cpu"))
 while not (film.ended and training.ended):
     time.sleep(0.05)
 print(film.written, film.problem, training.code, training.line, sep="\\n")
-print(len(starts._run(starts.VIEWING, str(model), "cpu")))
+print(len(starts.run_python(starts.VIEWING, str(model), "cpu")))
 """
 
 

@@ -21,7 +21,7 @@ from deformrf.core.geometry import (
 )
 from deformrf.core.geometry.lattice import grid
 from deformrf.wings.lab.dynamics.energy import material_energy
-from deformrf.wings.lab.stability.measure import Solid, run_case
+from deformrf.wings.lab.stability.measure import NamedMaterial, run_case
 from deformrf.wings.lab.stability.stress import CASES
 
 SPACINGS = {"a15": (A15, 0.04), "kuhn": (KUHN, 1 / 16)}
@@ -171,7 +171,9 @@ def test_a_joined_body_recovers_from_stress(case):
     rest, tets = joined_at_a_vertex(*block("a15", 0.4))
     mesh = TetMesh(rest, np.rint(rest * 1e6).astype(np.int32), tets.astype(np.int32))
     assert len(hinge_braces(rest, tets, 0.09)[1]) == 9
-    assert run_case(mesh, Solid("two blocks", MATERIAL), case, "cpu", 0, without_contact).passed
+    assert run_case(
+        mesh, NamedMaterial("two blocks", MATERIAL), case, "cpu", 0, without_contact
+    ).passed
 
 
 def without_contact(*arguments):

@@ -13,7 +13,7 @@ from deformrf.core.deform.recovery import (
     SWINGS,
 )
 from deformrf.core.geometry import a15_grid
-from deformrf.wings.lab.stability.measure import Solid, run_case
+from deformrf.wings.lab.stability.measure import NamedMaterial, run_case
 from deformrf.wings.lab.stability.stress import CASES
 
 DT = 1.0 / 60.0
@@ -85,7 +85,7 @@ def test_what_contacts_or_its_flight_hold_is_not_stuck(monkeypatch, found, drag,
 def test_columns_that_were_folded_for_ever_come_back(seed, rigid):
     """They were a quarter to a half of their size away, and their boxes overlapped."""
     columns, case = list(bodies())[2], next(c for c in CASES if c.name == "broken tets")
-    result = run_case(columns, Solid("columns", Material(), rigid), case, "cpu", seed)
+    result = run_case(columns, NamedMaterial("columns", Material(), rigid), case, "cpu", seed)
     assert result.passed, result
 
 

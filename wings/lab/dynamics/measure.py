@@ -28,7 +28,7 @@ import numpy as np
 
 from ....core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lowest_pins
 from ....core.geometry import TetMesh
-from ..stopwatch import Timing, milliseconds, timing_of
+from ..stopwatch import Spread, milliseconds, spread_of
 from .energy import Energy, material_energy
 from .references import equilibrium, factorize, free_dofs, motion
 
@@ -46,7 +46,7 @@ DEFAULT_COUNT = XpbdOptions().substep_count
 DEFAULT_MATERIAL = Material()
 
 
-class Body(NamedTuple):
+class HeldMesh(NamedTuple):
     """A mesh and what holds it."""
 
     rest: np.ndarray  # [V, 3] float64, rounded to float32 as the solver's
@@ -58,7 +58,7 @@ class Body(NamedTuple):
 class LoadCase:
     """A body, its material, and the gravity that moves it."""
 
-    body: Body
+    body: HeldMesh
     scene: str  # one of SCENES
     gravity: tuple[float, float, float]  # m/s²
     compliance: float | None = None  # of every edge [m/N]; None for the material's constraints
@@ -95,15 +95,12 @@ class LoadCase:
         path, error = motion(self.energy, rest, held, self.gravity, duration, MOTION_FRAMES)
         return path, error / _rms(path - rest)
 
-    def options(self, substep_count) -> XpbdOptions:
-        """Options of a solver that never sleeps and never begins a rescue."""
-        return XpbdOptions(
+    def solver(self, substep_count, device) -> XpbdSolver:
+        """The program's solver, which never sleeps and never begins a rescue."""
+        rest, tets, held = self.body
+        options = XpbdOptions(
             substep_count=substep_count, gravity=self.gravity, sleep_motion=0.0, rescue=False
         )
-
-    def solver(self, substep_count, device) -> XpbdSolver:
-        """The program's solver, ready to step."""
-        (rest, tets, held), options = self.body, self.options(substep_count)
         solver = XpbdSolver(rest, tets, self.material, held, options, device)
         if self.compliance is not None:
             solver.set_compliances(self.compliance, None)
@@ -115,23 +112,21 @@ class DynamicsRow:
     """The solver on one load case; `of_motion` is None at compliance 0, where nothing moves."""
 
     scene: Annotated[str, "scene"]
-    scheme: str
-    compliance: Annotated[str, "compliance [m/N]"]
+    compliance: str  # "material", or that of every edge [m/N]
     count: Annotated[int, "substeps"]
     of_motion: Annotated[float | None, "of the motion [%]"]
     of_size: Annotated[float, "of the size [%]"]
     largest: Annotated[float, "largest, of the size [%]"]
-    reference_error: Annotated[float, "reference's own [% of the motion]"]
-    frame: Annotated[Timing, "ms a frame"]
+    frame: Annotated[Spread, "ms a frame"]
     frames: int
     default: bool
     chosen: Annotated[bool, "the rule's"]
 
 
-def standing(mesh: TetMesh) -> Body:
+def standing(mesh: TetMesh) -> HeldMesh:
     """A mesh that stands on its foot, as the solver's float32 has it."""
     rest = mesh.rest_vertices.astype(np.float32).astype(np.float64)
-    return Body(rest, mesh.tets, lowest_pins(rest, mesh.tets))
+    return HeldMesh(rest, mesh.tets, lowest_pins(rest, mesh.tets))
 
 
 def response(energy: Energy, rest, held, direction):
@@ -148,34 +143,31 @@ def response(energy: Energy, rest, held, direction):
     return moved.reshape(-1, 3)
 
 
-def load_cases(body: Body, material=DEFAULT_MATERIAL) -> list[LoadCase]:
+def load_cases(body: HeldMesh) -> list[LoadCase]:
     """The static and the dynamic scene of a body, pushed sideways.
 
     Raises:
         RuntimeError: Some of the body can move without resistance.
     """
     rest, tets, held = body
-    energy = material_energy(rest, tets, material)
+    energy = material_energy(rest, tets, DEFAULT_MATERIAL)
     most = np.linalg.norm(response(energy, rest, held, ASIDE), axis=1).max()
     strength = PUSH * float(np.ptp(rest, axis=0).max()) / float(most)
     gravity = tuple((strength * ASIDE).tolist())
-    return [LoadCase(body, scene, gravity, solid=material) for scene in SCENES]
+    return [LoadCase(body, scene, gravity) for scene in SCENES]
 
 
-def measure(
-    case: LoadCase, substep_count, device, settling_frames=SETTLING_FRAMES, solver=None
-) -> DynamicsRow:
+def measure(case: LoadCase, substep_count, device, settling_frames=SETTLING_FRAMES) -> DynamicsRow:
     """The solver's error on a load case, and its time a frame.
 
     Args:
         settling_frames: At most, until a static case is still.
-        solver: Another solver instead, with `vertices` and `step`.
 
     Raises:
         NoEquilibrium: There is no reference.
     """
-    rest, (reference, reference_error) = case.body.rest, case.reference
-    solver = solver or case.solver(substep_count, device)
+    rest, (reference, _) = case.body.rest, case.reference
+    solver = case.solver(substep_count, device)
     size = float(np.ptp(rest, axis=0).max())
     times = []
 
@@ -198,14 +190,12 @@ def measure(
     own = case.compliance is None
     return DynamicsRow(
         scene=case.scene,
-        scheme="substeps",
         compliance="material" if own else f"{case.compliance:g}",
         count=substep_count,
         of_motion=100.0 * error / moved if moved > 0.0 else None,
         of_size=100.0 * error / size,
         largest=100.0 * float(np.linalg.norm(away, axis=-1).max()) / size,
-        reference_error=100.0 * reference_error,
-        frame=timing_of(times[WARM_UP:]),
+        frame=spread_of(times[WARM_UP:]),
         frames=frames,
         default=own and substep_count == DEFAULT_COUNT,
         chosen=False,

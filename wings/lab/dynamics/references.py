@@ -108,7 +108,7 @@ def motion(energy: Energy, rest, held, gravity, duration, samples):
     """The undamped motion of a body from rest, for a duration [s].
 
     Returns:
-        Positions at the end of each of so many equal parts [samples, V, 3], and their own
+        Positions at the end of each of so many equal spans [samples, V, 3], and their own
         RMS error [m]: as the order is 2, a third of the difference to a run with 2h.
     """
     step = COURANT * longest_step(energy, rest, held)

@@ -1,1 +1,1 @@
-"""The parts that a scene does not need, and the savings of leaving them out."""
+"""What is left out, and what that saves."""

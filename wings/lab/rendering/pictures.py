@@ -1,13 +1,12 @@
 """Views of an object, photographs, and the errors of rendered images.
 
 The expected colors come from the float64 reference (render/reference.py) at random pixels: it
-tests every ray against every tet, so a whole image would take minutes.  The reference's own
-error against the integral is measured with a quarter of its step (`discretization`).
+tests every ray against every tet, so a whole image would take minutes.
 
 Shapes: V vertices, N pixels.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -32,18 +31,24 @@ FIRST_YAW = 0.52  # rad
 PEAK_DB = 100.0  # of equal images; 8-bit images differ by at most about 60 dB
 
 
-@dataclass(frozen=True)
-class Picture:
+class ExpectedPixels(NamedTuple):
     """A view of a pose, and the expected colors of some of its pixels."""
 
     camera: Camera  # in model space
     vertices: np.ndarray  # the pose [V, 3] float32
-    pixels: np.ndarray  # numbers of the pixels, row by row [N]
-    expected: np.ndarray  # their colors over white [N, 3] float64
+    numbers: np.ndarray  # of the pixels, row by row [N]
+    colors: np.ndarray  # over white [N, 3] float64
 
 
-@dataclass(frozen=True)
-class ImageError:
+class PhotoPixels(NamedTuple):
+    """Random pixels of a photograph, over white."""
+
+    origins: np.ndarray  # of rays in model space [N, 3]
+    directions: np.ndarray  # [N, 3]
+    colors: np.ndarray  # [N, 3], 0..1
+
+
+class Difference(NamedTuple):
     """The error of images against their references."""
 
     psnr: float  # of all compared pixels [dB], at most PEAK_DB
@@ -76,89 +81,80 @@ def views(field: TetField, count: int, size: int) -> list[Camera]:
     return [view(field, yaw, size) for yaw in yaws]
 
 
-def picture(field: TetField, vertices, camera: Camera, pixel_count: int, seed=0) -> Picture:
-    """A view with the expected colors of random pixels."""
-    all_pixels = camera.width * camera.height
+def random_pixels(camera: Camera, count: int, seed: int):
+    """Numbers of at most `count` different pixels of an image, in order.  [N]"""
+    every = camera.width * camera.height
     rng = np.random.default_rng(seed)
-    pixels = rng.choice(all_pixels, min(pixel_count, all_pixels), replace=False)
-    return picture_of(field, vertices, camera, np.sort(pixels))
+    return np.sort(rng.choice(every, min(count, every), replace=False))
 
 
-def picture_of(field: TetField, vertices, camera: Camera, pixels) -> Picture:
-    """A view with the expected colors of these pixels [N]."""
+def expected_pixels(field: TetField, vertices, camera: Camera, numbers) -> ExpectedPixels:
+    """The colors that the reference gives these pixels [N]."""
     vertices = np.asarray(vertices, np.float32)
-    return Picture(camera, vertices, pixels, _expected(field, vertices, camera, pixels))
+    origins, directions = camera_rays(camera)
+    background = RenderOptions().background
+    rays = origins[numbers], directions[numbers]
+    colors, _, _ = reference.render_rays(field, vertices, *rays, background)
+    return ExpectedPixels(camera, vertices, numbers, np.clip(colors, 0.0, 1.0))
 
 
-def discretization(field: TetField, pictures: list[Picture], count: int, part=4) -> ImageError:
-    """The reference's error, against itself with 1/`part` of the step, at `count` random pixels.
+def discretization(field: TetField, expected: list[ExpectedPixels], count: int, finer=4):
+    """The reference's error, against itself with 1/`finer` of the step, at `count` random pixels.
 
     The sum converges with order 1 to 2, so its true error is at most a third larger.
+
+    Returns:
+        A Difference.
     """
-    step = field.options.march_step / part
-    finer = replace(field, options=replace(field.options, march_step=step))
-    rng, found, expected = np.random.default_rng(0), [], []
-    for picture in pictures:
-        shown = min(count // len(pictures), len(picture.pixels))
-        some = rng.choice(len(picture.pixels), shown, replace=False)
-        found.append(picture.expected[some])
-        expected.append(_expected(finer, picture.vertices, picture.camera, picture.pixels[some]))
-    return image_error(found, expected)
+    step = field.options.march_step / finer
+    fine = replace(field, options=replace(field.options, march_step=step))
+    rng, found, exact = np.random.default_rng(0), [], []
+    for mine in expected:
+        some = min(count // len(expected), len(mine.numbers))
+        some = rng.choice(len(mine.numbers), some, replace=False)
+        found.append(mine.colors[some])
+        exact.append(expected_pixels(fine, mine.vertices, mine.camera, mine.numbers[some]).colors)
+    return image_error(found, exact)
 
 
-def picture_error(images, pictures: list[Picture]) -> ImageError:
-    """The error of rendered images ([H, W, 3] uint8 each) of these pictures."""
+def picture_error(images, expected: list[ExpectedPixels]) -> Difference:
+    """The error of rendered images ([H, W, 3] uint8 each) at the expected pixels."""
     found = [
-        image.reshape(-1, 3)[picture.pixels] / 255.0
-        for image, picture in zip(images, pictures, strict=True)
+        image.reshape(-1, 3)[mine.numbers] / 255.0
+        for image, mine in zip(images, expected, strict=True)
     ]
-    return image_error(found, [picture.expected for picture in pictures])
+    return image_error(found, [mine.colors for mine in expected])
 
 
-def image_error(images, expected) -> ImageError:
+def image_error(images, expected) -> Difference:
     """The error of images with values 0..1 against others of the same shapes."""
     off = np.concatenate(
         [np.ravel(np.asarray(a, float) - b) for a, b in zip(images, expected, strict=True)]
     )
     squared = float((off**2).mean())
     psnr = min(-10.0 * np.log10(squared), PEAK_DB) if squared > 0.0 else PEAK_DB
-    return ImageError(float(psnr), float(255.0 * np.abs(off).max()))
+    return Difference(float(psnr), float(255.0 * np.abs(off).max()))
 
 
-def differences(images, others):
-    """Error of each pixel's worst channel [1/255], for uint8 [..., 3].  [...]"""
-    return np.abs(images.astype(int) - others).max(axis=-1)
+def largest_difference(images, others) -> float:
+    """The largest difference of a channel between uint8 images of the same shape [1/255]."""
+    return float(np.abs(np.asarray(images, int) - others).max())
 
 
-def _expected(field, vertices, camera, pixels):
-    origins, directions = camera_rays(camera)
-    color, _, _ = reference.render_rays(
-        field, vertices, origins[pixels], directions[pixels], RenderOptions().background
-    )
-    return np.clip(color, 0.0, 1.0)
-
-
-class Photograph(NamedTuple):
-    """Random pixels of a photograph, over white."""
-
-    origins: np.ndarray  # of rays in model space [N, 3]
-    directions: np.ndarray  # [N, 3]
-    colors: np.ndarray  # [N, 3], 0..1
-
-
-def photographs(field: TetField, dataset: Dataset, pixel_count: int, seed=0) -> list[Photograph]:
+def photographs(field: TetField, dataset: Dataset, pixel_count: int) -> list[PhotoPixels]:
     """Draw `pixel_count` random pixels of every view of a data set."""
-    rng, found = np.random.default_rng(seed), []
+    found = []
     poses = in_space(dataset.poses, field.world_to_model)
-    for view, (pose, lens) in enumerate(zip(poses, dataset.lenses, strict=True)):
-        origins, directions = camera_rays(Camera(pose, lens))
-        some = rng.choice(len(origins), min(pixel_count, len(origins)), replace=False)
-        colors = white_composite(dataset.image(view)).reshape(-1, 3)
-        found.append(Photograph(origins[some], directions[some], colors[some]))
+    for number, (pose, lens) in enumerate(zip(poses, dataset.lenses, strict=True)):
+        camera = Camera(pose, lens)
+        origins, directions = camera_rays(camera)
+        some = random_pixels(camera, pixel_count, number)
+        colors = white_composite(dataset.image(number)).reshape(-1, 3)
+        found.append(PhotoPixels(origins[some], directions[some], colors[some]))
     return found
 
 
-def photo_psnr(photos: list[Photograph], renderer: Renderer, options: RenderOptions) -> float:
+def photo_psnr(photos: list[PhotoPixels], renderer: Renderer, options: RenderOptions) -> float:
     """PSNR of the model at rest: the mean over the views, as in deformrf-eval [dB]."""
     renderer.set_vertices(renderer.field.mesh.rest_vertices)
     found = []

@@ -16,12 +16,10 @@ from typing import Annotated
 import warp as wp
 
 from ....core.base.device import thread_count
-from ....core.base.paths import ROOT, program_version
-from .parts import Section, Table
+from ....core.base.paths import program_version
+from .contents import Section, Table
 
 PACKAGES = ("numpy", "warp-lang", "torch", "scipy", "pillow")
-SOURCE = ROOT / "core", ROOT / "wings" / "lab"  # what is measured, and what measures
-SUFFIXES = (".py", ".cpp", ".cu", ".h")
 DIGITS = 16
 CPU_NAMES = Path("/proc/cpuinfo")
 GIB = 2**30
@@ -35,24 +33,19 @@ class Fact:
     value: Annotated[str, "value"]
 
 
-def section(device, seeds: dict, command: str, model: Path | None = None) -> Section:
+def section(device, command: str, model: Path) -> Section:
     """The machine as it is now.
 
     Args:
         device: The measured one, "cpu" or "cuda:0".
-        seeds: Purpose of random numbers -> seed.
         command: Folders in it are left out.
         model: A file, which a hash identifies.
     """
     device = wp.get_device(device)
     facts = _cpu() | (_gpu(device) if device.is_cuda else {}) | _software()
-    facts["seeds"] = ", ".join(f"{name} {seed}" for name, seed in seeds.items()) or "none"
     facts["command"] = without_folders(command)
-    facts["source, SHA-256"] = digest(sources(*SOURCE))
-    if model is not None:
-        facts["model, SHA-256"] = digest([model])
-    cores = facts["usable cores"]
-    where = f"{facts['CPU']} with {cores} usable {'core' if cores == '1' else 'cores'}"
+    facts["model, SHA-256"] = hashlib.sha256(model.read_bytes()).hexdigest()[:DIGITS]
+    where = f"{facts['CPU']}, usable cores: {facts['usable cores']}"
     if device.is_cuda:
         where = f"{device.name} beside {where}"
     rows = [Fact(what, value) for what, value in facts.items()]
@@ -61,22 +54,8 @@ def section(device, seeds: dict, command: str, model: Path | None = None) -> Sec
         title="Machine",
         findings=[f"{where}; deformrf {facts['deformrf']} with Warp {facts['warp-lang']}."],
         tables=[Table("machine", "What this report was measured on and with.", rows)],
-        values={"device": device.alias, "seeds": seeds},
+        values={"device": device.alias},
     )
-
-
-def sources(*folders: Path) -> list[Path]:
-    """The files of a program, in an order that is the same everywhere."""
-    files = [path for folder in folders for path in folder.rglob("*")]
-    return sorted(path for path in files if path.suffix in SUFFIXES)
-
-
-def digest(files) -> str:
-    """The beginning of a hash of files' contents, one after the other."""
-    whole = hashlib.sha256()
-    for file in files:
-        whole.update(file.read_bytes())
-    return whole.hexdigest()[:DIGITS]
 
 
 def without_folders(command: str) -> str:
@@ -91,10 +70,7 @@ def without_folders(command: str) -> str:
 
 def _cpu() -> dict[str, str]:
     facts = {"CPU": _cpu_name(), "usable cores": str(thread_count())}
-    with suppress(AttributeError, OSError, ValueError):  # not everywhere, as the next one
-        pages = os.sysconf("SC_PHYS_PAGES")
-        facts["memory"] = f"{pages * os.sysconf('SC_PAGE_SIZE') / GIB:.0f} GiB"
-    with suppress(AttributeError, OSError):
+    with suppress(AttributeError, OSError):  # not everywhere
         loads = os.getloadavg()
         facts["load over 1, 5 and 15 min"] = ", ".join(f"{load:.2f}" for load in loads)
     return facts
@@ -110,22 +86,18 @@ def _cpu_name() -> str:
 
 
 def _gpu(device) -> dict[str, str]:
-    versions = {"driver": wp.get_cuda_driver_version(), "Warp": wp.get_cuda_toolkit_version()}
+    driver, toolkit = wp.get_cuda_driver_version(), wp.get_cuda_toolkit_version()
     return {
         "GPU": device.name,
         "GPU memory": f"{device.total_memory / GIB:.0f} GiB",
-        "GPU compute capability": "{}.{}".format(*divmod(device.arch, 10)),
-        "GPU multiprocessors": str(device.sm_count),
-        "CUDA": ", ".join(f"{name} {major}.{minor}" for name, (major, minor) in versions.items()),
+        "CUDA": "driver {}.{}, Warp {}.{}".format(*driver, *toolkit),
     }
 
 
 def _software() -> dict[str, str]:
-    system = f"{platform.system()} {'.'.join(platform.release().split('.')[:2])}"
-    with suppress(OSError, KeyError):  # only Linux has that file
-        system = f"{platform.freedesktop_os_release()['PRETTY_NAME']}, {system}"
+    release = ".".join(platform.release().split(".")[:2])
     return {
-        "system": f"{system}, {platform.machine()}",
+        "system": f"{platform.system()} {release}, {platform.machine()}",
         "Python": platform.python_version(),
         "deformrf": program_version(),
         **{name: metadata.version(name) for name in PACKAGES},

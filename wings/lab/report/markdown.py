@@ -9,8 +9,8 @@ import re
 
 import numpy as np
 
-from ..stopwatch import Timing
-from .parts import Report, Section, Table
+from ..stopwatch import Spread
+from .contents import Report, Section, Table
 
 MARKUP = re.compile(r"([\\`*_\[\]<>|~&#])")
 LEFT, RIGHT = ":--", "--:"
@@ -31,48 +31,45 @@ def page(report: Report) -> str:
     if report.sections:
         rows = [
             [
-                f"[{escaped(part.title)}](#{anchor(part.title)})",
-                _cell(passed(part.passed)),
-                escaped(part.findings[0]) if part.findings else "",
+                f"[{escaped(section.title)}](#{anchor(section.title)})",
+                _cell(passed(section.passed)),
+                escaped(section.findings[0]) if section.findings else "",
             ]
-            for part in report.sections
+            for section in report.sections
         ]
         blocks.append(_grid(["section", "", "finding"], [LEFT] * 3, rows))
-    for part in report.sections:
-        blocks += _section(part)
+    for section in report.sections:
+        blocks += _section(section)
     return "\n\n".join(blocks) + "\n"
 
 
-def _section(part: Section) -> list[str]:
-    blocks = [f"## {escaped(part.title)}"]
-    if part.passed is not None:
-        blocks.append(f"Result: {_cell(passed(part.passed))}")
-    if part.findings:
-        blocks.append("\n".join(f"- {escaped(finding)}" for finding in part.findings))
-    for figure in part.figures:
+def _section(section: Section) -> list[str]:
+    blocks = [f"## {escaped(section.title)}"]
+    if section.passed is not None:
+        blocks.append(f"Result: {_cell(passed(section.passed))}")
+    if section.findings:
+        blocks.append("\n".join(f"- {escaped(finding)}" for finding in section.findings))
+    for figure in section.figures:
         caption = escaped(figure.caption)
         blocks += [f"![{caption}]({figure.name}.png)", f"*{caption}*"]
-    for table in part.tables:
+    for table in section.tables:
         blocks += _table(table)
-    if part.method:
+    if section.method:
         summary = "<summary>How it was measured</summary>"
-        blocks += [f"<details>{summary}", *map(escaped, part.method), "</details>"]
+        blocks += [f"<details>{summary}", *map(escaped, section.method), "</details>"]
     return blocks
 
 
 def _table(table: Table) -> list[str]:
-    """Caption, first rows, and what has to be said below them."""
-    shown, headings = table.rows[: table.first], table.headings
-    rows, notes = [], []
-    for row in shown:
+    """Caption, rows, and what has to be said below them."""
+    headings, rows, notes = table.headings, [], []
+    for row in table.rows:
         marked = getattr(row, "default", False)
         rows.append([_cell(text(getattr(row, name), name), marked) for name in headings])
-    if any(getattr(row, "default", False) for row in shown):
+    if any(getattr(row, "default", False) for row in table.rows):
         notes.append("The default is in bold.")
-    if len(shown) < len(table.rows):
-        notes.append(f"The first {number(len(shown))} of {number(len(table.rows))} rows.")
     notes.append(f"As a file: [{escaped(table.name)}.csv]({table.name}.csv)")
-    columns = ([getattr(row, name) for row in shown] for name in headings)
+    columns = ([getattr(row, name) for row in table.rows] for name in headings)
     sides = [RIGHT if _is_numeric(column) else LEFT for column in columns]
     grid = [_grid(map(escaped, headings.values()), sides, rows)] if rows else []
     return [escaped(table.caption), *grid, " ".join(notes)]
@@ -110,9 +107,9 @@ def text(value, name="") -> str:
             return value
         case bool() | np.bool_():
             return passed(value) if name == "passed" else "yes" if value else "no"
-        case Timing(count=1):
+        case Spread(count=1):
             return number(value.median)
-        case Timing():
+        case Spread():
             to = " to " if value.low < 0.0 else "–"  # a dash beside a minus sign
             return f"{number(value.median)} ({number(value.low)}{to}{number(value.high)})"
         case _:

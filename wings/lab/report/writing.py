@@ -24,7 +24,7 @@ from markdown_it import MarkdownIt
 
 from ....core.base.paths import program_version, whole_files
 from . import markdown
-from .parts import Report, Table, record
+from .contents import Report, Table, record
 
 FORMAT = "deformrf-report"
 FORMAT_VERSION = 1
@@ -49,13 +49,15 @@ def write(report: Report, folder) -> list[Path]:
     Raises:
         OSError: The folder or a file can't be written.
     """
-    parts = report.sections
-    files = {f"{figure.name}.png": figure.png for part in parts for figure in part.figures}
-    tables = [table for part in parts for table in part.tables]
+    sections = report.sections
+    figures = [figure for section in sections for figure in section.figures]
+    tables = [table for section in sections for table in section.tables]
+    files = {f"{figure.name}.png": figure.png for figure in figures}
     files |= {f"{table.name}.csv": table_as_csv(table).encode() for table in tables}
-    keys, names = {part.key for part in parts}, [*files, "report.json", "report.md", "report.html"]
-    count = len(tables) + sum(len(part.figures) for part in parts)
-    assert len(files) == count and len(keys) == len(parts), f"not unique: {names} {keys}"
+    keys = {section.key for section in sections}
+    names = [*files, "report.json", "report.md", "report.html"]
+    unique = len(files) == len(tables) + len(figures) and len(keys) == len(sections)
+    assert unique, f"not unique: {names} {keys}"
     text = markdown.page(report)
     values = as_json(report) | {"files": names}
     files["report.json"] = (json.dumps(values, indent=1, allow_nan=False) + "\n").encode()
@@ -78,15 +80,15 @@ def write(report: Report, folder) -> list[Path]:
 def as_json(report: Report) -> dict:
     """The contents of report.json: plain values, None for nan and inf."""
     sections = {
-        part.key: {
-            "title": part.title,
-            "findings": part.findings,
-            "passed": part.passed,
-            "seconds": part.seconds,
-            "values": part.values,
-            "tables": {table.name: table.rows for table in part.tables},
+        section.key: {
+            "title": section.title,
+            "findings": section.findings,
+            "passed": section.passed,
+            "seconds": section.seconds,
+            "values": section.values,
+            "tables": {table.name: table.rows for table in section.tables},
         }
-        for part in report.sections
+        for section in report.sections
     }
     return _plain(
         {
@@ -122,7 +124,7 @@ def as_html(report: Report, text: str) -> str:
     body = body.replace("<table>", '<div class="table"><table>')
     body = body.replace("</table>", "</table></div>")
     body = body.replace(f"<strong>{markdown.FAIL}", f'<strong class="fail">{markdown.FAIL}')
-    for figure in (figure for part in report.sections for figure in part.figures):
+    for figure in (figure for section in report.sections for figure in section.figures):
         content = f"data:image/png;base64,{b64encode(figure.png).decode()}"
         body = body.replace(f'src="{figure.name}.png"', f'src="{content}"')
     template = Template(TEMPLATE.read_text(encoding="utf-8"))
@@ -132,9 +134,9 @@ def as_html(report: Report, text: str) -> str:
 def _plain(value):
     match value:
         case dict():
-            return {_plain(name): _plain(part) for name, part in value.items()}
+            return {_plain(name): _plain(inner) for name, inner in value.items()}
         case list() | tuple():
-            return [_plain(part) for part in value]
+            return [_plain(inner) for inner in value]
         case np.ndarray() | np.generic():
             return _plain(value.tolist())
         case float() if not math.isfinite(value):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from beams import ball, beam
 
-from deformrf.core.deform import Material, lowest_pins
+from deformrf.core.deform import lowest_pins
 from deformrf.core.geometry import A15, BCC, components
 from deformrf.wings.lab.dynamics import measure as dynamics
 from deformrf.wings.lab.dynamics.measure import (
@@ -68,15 +68,11 @@ def test_the_response_is_linear(column):
     np.testing.assert_allclose(2.0 * moved(a) - moved(b), both, atol=1e-9 * largest(both))
 
 
-@pytest.mark.parametrize("young_modulus", [1e4, 1e9])
 @pytest.mark.parametrize("scale", [0.1, 1.0])
-def test_a_linear_body_moves_by_the_push(column, young_modulus, scale):
-    """However stiff and large it is; both scenes have the same push, sideways."""
-    body, material = (
-        column._replace(rest=scale * column.rest),
-        Material(young_modulus=young_modulus),
-    )
-    still, falling = load_cases(body, material)
+def test_a_linear_body_moves_by_the_push(column, scale):
+    """However large it is; both scenes have the same push, sideways."""
+    body = column._replace(rest=scale * column.rest)
+    still, falling = load_cases(body)
     assert (still.scene, falling.scene) == ("static", "dynamic")
     assert still.gravity == falling.gravity and still.gravity[0] > 0.0 == still.gravity[2]
     moved = response(still.energy, body.rest, body.held, still.gravity)
@@ -114,10 +110,8 @@ def test_every_part_is_held():
     case = load_cases(body)[0]
     one = standing(mesh)
     moved = response(case.energy, both.rest_vertices, body.held, dynamics.ASIDE)
-    expected = response(
-        *(LoadCase(one, "static", (0.0, 0.0, 0.0)).energy, mesh.rest_vertices),
-        *(one.held, dynamics.ASIDE),
-    )
+    energy = LoadCase(one, "static", (0.0, 0.0, 0.0)).energy
+    expected = response(energy, mesh.rest_vertices, one.held, dynamics.ASIDE)
     np.testing.assert_allclose(moved[mesh.vertex_count :], expected, atol=1e-5 * largest(expected))
 
 

@@ -1,173 +1,92 @@
-"""Rendering with what is left out: all is measured, and differs by what it should."""
+"""Images and files with what is left out: they differ by what they should."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from deformrf.core.field import multiplies_pairs, occupied_share
-from deformrf.wings.lab.omissions import frames as bench
-from deformrf.wings.lab.omissions.measure import NONE, RENDERING, SAVES, Bench
+from deformrf.core.field import modelfile
+from deformrf.core.render import Renderer
+from deformrf.wings.lab.effort import EFFORTS
+from deformrf.wings.lab.omissions import frames
+from deformrf.wings.lab.omissions.switch import NONE, SAVES, measured
+
+EFFORT = EFFORTS[True, True]._replace(frame_size=24, view_count=2, frame_turns=3)
+ENTRIES = "table entries that no occupied sub-tet reaches"
 
 
 @pytest.fixture
-def frames():
-    def frames(field, device, size=24):
-        return bench.Frames(field, device, size, view_count=2)
+def rows(tmp_path, device):
+    """Measure the switches whose names begin like this, of a field that is saved first."""
 
-    return frames
+    def rows(field, *names, **settings):
+        path = tmp_path / "model.npz"
+        modelfile.save(field, path, **settings)
+        switches = frames.frame_switches(field, path, device, EFFORT)
+        found = [s for name in names for s in switches if s.name.startswith(name)]
+        return [measured(switch) for switch in found], path
+
+    return rows
 
 
 def decibels(change):
-    return float(change.split(" dB")[0])
+    return 100.0 if change == NONE else float(change.split(" dB")[0])
 
 
-ROWS = (
-    "samples in empty",
-    "tets without",
-    "samples behind",
-    "samples where",
-    "the path for",
-    "rendering again",
-    "the finest level",
-    "view dependence",
-)
-CPU_ROWS, CUDA_ROWS = ("samples where",), ("rounds that",)
-PRECISION = "single precision"  # a row where half precision is one of default mode's means
-
-
-def measured(frames, name):
-    """The row whose name begins like this."""
-    [switch] = [s for s in bench.frame_switches(frames) if s.name.startswith(name)]
-    return switch.measured(Bench(RENDERING, frames.device, 3, 1.0, frames.change))
-
-
-def test_these_are_all_rows(ball, frames):
-    of_cpu = bench.frame_switches(frames(ball, "cpu"))
-    rows = [*ROWS[:5], PRECISION, *ROWS[5:]] if multiplies_pairs() else ROWS
-    assert all(s.name.startswith(name) for s, name in zip(of_cpu, rows, strict=True))
-    of_cuda = frames(ball, "cpu")
-    of_cuda.device = "cuda:0"
-    both = [
-        {s.name for s in of if not s.name.startswith(PRECISION)}
-        for of in (bench.frame_switches(of_cuda), of_cpu)
+def test_every_image_is_measured_with_and_without(make_ball_field, rows):
+    names = "samples in empty", "samples behind", "the path for", "rendering again"
+    field = make_ball_field(3, occupied_share=0.3, level_count=3)
+    found, _ = rows(field, *names)
+    assert [row.name for row in found] == [
+        next(row.name for row in found if row.name.startswith(name)) for name in names
     ]
-    for names, rows in ((both[0] - both[1], CUDA_ROWS), (both[1] - both[0], CPU_ROWS)):
-        assert len(names) == len(rows)
-        assert all(any(name.startswith(begin) for name in names) for begin in rows)
+    for row in found:
+        assert row.with_it.count == row.without.count == 3 and row.unit == "ms"
+        assert np.isfinite([row.with_it.low, row.without.low, row.saving.median]).all()
+    masked, behind, merged, again = found
+    assert decibels(masked.change) < 40.0  # what was never trained is seen
+    assert min(decibels(behind.change), decibels(merged.change)) > 40.0
+    assert again.change == NONE
 
 
-@pytest.mark.parametrize("name", ROWS)
-def test_every_row_is_measured(make_ball_field, frames, device, name):
-    if name in CPU_ROWS and device != "cpu":
-        pytest.skip("a row of CPUs alone")
-    found = measured(frames(make_ball_field(3, occupied_share=0.3, level_count=3), device), name)
-    for timing in (found.with_it, found.without):
-        assert np.isfinite([timing.low, timing.high]).all() and timing.count == 3
-        assert 0.0 <= timing.low <= timing.median <= timing.high
-    least, most = (
-        found.with_it.low - found.without.high,
-        found.with_it.high - found.without.low,
-    )
-    assert least <= found.saving.median <= most
-    assert found.unit == "ms" and found.change and found.why
+def test_a_full_mask_leaves_nothing_out(ball, rows):
+    ball = replace(ball, occupancy=np.full_like(ball.occupancy, frames.FULL))
+    assert rows(ball, "samples in empty")[0][0].change == NONE
 
 
-def test_each_way_has_a_renderer_of_its_own(ball):
-    """A wavefront expects as many rounds as its last image took."""
-    frames = bench.Frames(ball, "cpu", 16, view_count=1)
-    frames.device = "cuda:0"  # for the names of all rows; the renderers are those of the CPU
-    switches = bench.frame_switches(frames)
-    frames.device = "cpu"
-    assert len(switches) == len(ROWS) - len(CPU_ROWS) + len(CUDA_ROWS) + 1  # and the precision
-    for switch in switches:
-        assert switch.with_it().renderer is not switch.without().renderer, switch.name
-
-
-def test_a_full_mask_leaves_nothing_out(ball, frames, device):
-    ball = replace(ball, occupancy=np.full_like(ball.occupancy, bench.FULL))
-    for name in ROWS[:2]:
-        assert measured(frames(ball, device), name).change == NONE
-
-
-def test_the_mask_changes_what_is_seen_and_empty_tets_do_not(make_ball_field, frames, device):
-    few = frames(make_ball_field(5, occupied_share=0.2), device, 32)
-    assert decibels(measured(few, "samples in empty").change) < 40.0
-    with_empty = few.way(part_of=bench.every_tet)
-    assert with_empty.renderer.part.mesh.tet_count == few.field.mesh.tet_count
-    assert few.usual.renderer.part.mesh.tet_count < few.field.mesh.tet_count
-    change = measured(few, "tets without").change
-    assert change == NONE or decibels(change) > 45.0
-
-
-def test_filling_the_mask_brings_no_empty_tet_back(make_ball_field, frames):
-    field = make_ball_field(5, occupied_share=0.2)
-    few = frames(field, "cpu", 16)
-    switch = bench.frame_switches(few)[0]
-    filled, usual = (make().renderer.part.occupancy for make in (switch.with_it, switch.without))
-    assert len(filled) == len(usual) == (field.occupancy != 0).sum() < field.mesh.tet_count
-    assert (filled == bench.FULL).all() and (usual != bench.FULL).any()
-    share = 100.0 * (1.0 - occupied_share(usual))
-    assert f"{share:.0f} % of the sub-tets" in switch.why and "never trained" in switch.why
-
-
-def test_rendering_again_is_left_out_without_any_change(ball, frames):
-    row = measured(frames(ball, "cpu"), "rendering again")
-    assert row.verdict == SAVES and row.change == NONE and row.left_out
-
-
-def test_levels_finer_than_a_pixel_are_named(make_ball_field, frames):
-    field = make_ball_field(1, level_count=4)
-    fine, coarse = (
-        next(s for s in bench.frame_switches(frames(field, "cpu", size)) if "level" in s.name)
-        for size in (4, 100)
-    )
-    assert fine.name == "levels finer than a pixel" and "of 4 levels" in fine.why
-    assert coarse.name == "the finest level" and "no level" in coarse.why
-    assert not fine.left_out and not coarse.left_out
-
-
-def test_view_dependence_is_left_out_where_the_model_has_none(make_ball_field, frames):
+def test_view_dependence_is_left_out_where_the_model_has_none(make_ball_field, rows):
     field = make_ball_field(12)
-    row = measured(frames(field, "cpu"), "view dependence")
-    assert not row.left_out and decibels(row.change) < 50.0
+    assert rows(field, "view dependence")[0] == []
     (weights, bias), *rest = field.color_layers
     weights = weights.copy()
     weights[17:] = 0.0  # 16 features and the constant harmonic stay
-    field = replace(
-        field,
-        color_layers=((weights, bias), *rest),
-        options=replace(field.options, view_dependence=False),
-    )
-    row = measured(frames(field, "cpu"), "view dependence")
-    assert row.left_out and (row.change == NONE or decibels(row.change) > 60.0)
+    options = replace(field.options, view_dependence=False)
+    field = replace(field, color_layers=((weights, bias), *rest), options=options)
+    [row] = rows(field, "view dependence")[0]
+    assert decibels(row.change) > 60.0
 
 
-def test_views_take_turns(ball, frames, monkeypatch):
-    seen, both = [], frames(ball, "cpu")
-    way = both.way()
-    render = way.renderer.render
+@pytest.mark.parametrize("entry_bits", [8, 16])
+def test_entries_that_nothing_reaches_are_not_stored(make_ball_field, rows, entry_bits):
+    field = make_ball_field(4, occupied_share=0.2, level_count=3)
+    [row], path = rows(field, ENTRIES, entry_bits=entry_bits)
+    assert row.verdict == SAVES and row.unit == "MB"
+    assert row.change == NONE  # with noise in all of them
+    assert row.without.median == pytest.approx(path.stat().st_size / 1e6, rel=0.02)
 
-    def watched(camera, options):
-        seen.append(camera)
-        return render(camera, options)
 
-    monkeypatch.setattr(way.renderer, "render", watched)
+def test_views_take_turns_and_each_side_has_its_renderer(ball, monkeypatch):
+    seen, render = [], Renderer.render
+
+    def watched(renderer, camera, options):
+        seen.append((id(renderer), id(camera)))
+        return render(renderer, camera, options)
+
+    cameras = frames.views(ball, 2, 16)
+    one, other = (frames.ViewSeries(ball, "cpu", cameras) for _ in range(2))
+    monkeypatch.setattr(Renderer, "render", watched)
     for _ in range(4):
-        way.turn()
-    assert [id(c) for c in seen] == 2 * [id(c) for c in both.cameras]
-    assert both.change(way, both.usual) == NONE
-
-
-def test_a_cpu_may_multiply_pairs(ball, frames):
-    if not multiplies_pairs():
-        pytest.skip("this processor does not multiply pairs of bfloat16")
-    assert decibels(measured(frames(ball, "cpu"), PRECISION).change) > 45.0  # of random numbers
-
-
-@pytest.mark.gpu
-def test_half_precision_is_left_out_on_cuda(ball, frames):
-    row = measured(frames(ball, "cuda:0"), PRECISION)
-    assert decibels(row.change) > 45.0
-    waiting = measured(frames(ball, "cuda:0"), "rounds that")
-    assert waiting.change == NONE or decibels(waiting.change) > 45.0
+        one.turn()
+        other.turn()
+    assert [camera for _, camera in seen[::2]] == 2 * [id(camera) for camera in cameras]
+    assert len({renderer for renderer, _ in seen}) == 2

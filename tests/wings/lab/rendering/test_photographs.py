@@ -80,7 +80,7 @@ def test_so_many_pixels_of_every_view(ball, asked, found):
     dataset = dataset_of(ball)
     photos = photographs(ball, dataset, asked)
     assert len(photos) == 3
-    origins, directions, colors = (np.concatenate(part) for part in zip(*photos, strict=True))
+    origins, directions, colors = (np.concatenate(arrays) for arrays in zip(*photos, strict=True))
     assert origins.shape == directions.shape == colors.shape == (found, 3)
     rays = np.concatenate([origins, directions], axis=1)
     assert len(np.unique(rays, axis=0)) == found

@@ -10,9 +10,9 @@ import pytest
 from markdown_it import MarkdownIt
 
 from deformrf.wings.lab.report import markdown
+from deformrf.wings.lab.report.contents import Figure, Report, Section, Table
 from deformrf.wings.lab.report.markdown import escaped, number, passed, text
-from deformrf.wings.lab.report.parts import Figure, Report, Section, Table
-from deformrf.wings.lab.stopwatch import Timing
+from deformrf.wings.lab.stopwatch import Spread
 
 ODD = "a|b `c` *d* _e_ <script>f</script> [g](h) ~~i~~ &lt; # \\ \\| **"
 FIGURE = Figure("fig_1", "σ [1/m]: *so* | so.", b"")
@@ -115,9 +115,9 @@ def test_an_interrupted_report_says_so_at_the_top():
     assert lines[:2] == ["# T", ""] and lines[2].startswith("> **This report was interrupted")
 
 
-def table_lines(rows, first=None):
+def table_lines(rows):
     """The lines of a table of these rows: its grid, and what is said below it."""
-    whole = page({}, [Section("s", "S", [], tables=[Table("t", "T.", rows, first=first)])])
+    whole = page({}, [Section("s", "S", [], tables=[Table("t", "T.", rows)])])
     _, _, lines = whole.partition("\n\nT.\n\n")
     *grid, notes = (line for line in lines.splitlines() if line)
     return grid, notes.removesuffix("As a file: [t.csv](t.csv)").strip()
@@ -137,11 +137,6 @@ def test_a_table_shows_what_has_a_heading():
     assert grid[:2] == [r"| error \[%\] | case |", "| --: | :-- |"]
     assert grid[2:] == ["| 0.100 | a |", "| **–** | **b** |", "| 0.300 | c |"]
     assert notes == "The default is in bold."
-
-
-def test_a_table_may_show_its_first_rows_only():
-    grid, notes = table_lines([Error(0.5, "a", False)] * 1200, first=2)
-    assert len(grid) == 2 + 2 and notes == "The first 2 of 1,200 rows."
     assert table_lines([]) == ([], "")
 
 
@@ -204,7 +199,7 @@ def test_other_values_are_words():
     assert (text(True), text(np.bool_(False))) == ("yes", "no")
     results = [text(value, "passed") for value in (True, np.False_, None)]
     assert results == ["pass", "FAIL", "–"]
-    assert text(Timing(1.342, 1.3, 1.4, 9)) == "1.34 (1.30–1.40)"
-    assert text(Timing(-0.02, -0.05, 0.01, 9)) == "−0.0200 (−0.0500 to 0.0100)"
-    assert text(Timing(5.3, 5.3, 5.3, 1)) == "5.30"
+    assert text(Spread(1.342, 1.3, 1.4, 9)) == "1.34 (1.30–1.40)"
+    assert text(Spread(-0.02, -0.05, 0.01, 9)) == "−0.0200 (−0.0500 to 0.0100)"
+    assert text(Spread(5.3, 5.3, 5.3, 1)) == "5.30"
     assert (passed(True), passed(False), passed(None)) == ("pass", "FAIL", "")

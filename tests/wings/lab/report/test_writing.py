@@ -14,9 +14,9 @@ import pytest
 
 from deformrf.core.base.paths import program_version
 from deformrf.wings.lab.report import markdown, plots
-from deformrf.wings.lab.report.parts import INTERRUPTED, Figure, Report, Section, Table
+from deformrf.wings.lab.report.contents import INTERRUPTED, Figure, Report, Section, Table
 from deformrf.wings.lab.report.writing import is_complete, write
-from deformrf.wings.lab.stopwatch import Share, Timing
+from deformrf.wings.lab.stopwatch import Share, Spread
 
 ODD = "a | <script>alert(\"b\")</script> & 'c'"
 
@@ -24,7 +24,7 @@ ODD = "a | <script>alert(\"b\")</script> & 'c'"
 @dataclass(frozen=True)
 class Row:
     case: Annotated[str, "case"]
-    frame: Annotated[Timing | None, "frame [ms]"]
+    frame: Annotated[Spread | None, "frame [ms]"]
     error: Annotated[float | None, "error"]
     count: int
     passed: Annotated[bool | None, "result"]
@@ -34,16 +34,16 @@ class Row:
 @dataclass(frozen=True)
 class Limit:
     name: str
-    frame: Timing
+    frame: Spread
     relative: Share
     shares: tuple
 
 
 ROWS = [
-    Row(ODD, Timing(1.3421, 1.301, 1.399, 20), 2.3e-5, 1234, True, True),
+    Row(ODD, Spread(1.3421, 1.301, 1.399, 20), 2.3e-5, 1234, True, True),
     Row("second", None, float("nan"), 5, False, False),
-    Row("third", Timing(7.0, 6.0, 8.0, 3), float("inf"), 6, None, False),
-    Row("fourth", Timing(9.0, 8.0, 10.0, 3), None, np.int64(7), True, False),
+    Row("third", Spread(7.0, 6.0, 8.0, 3), float("inf"), 6, None, False),
+    Row("fourth", Spread(9.0, 8.0, 10.0, 3), None, np.int64(7), True, False),
 ]
 
 
@@ -105,7 +105,9 @@ def report(png):
     values = {
         "limits": [
             Limit(
-                *("x", Timing(1.0, 0.5, 2.0, 4), Share(90.0, 80.0, 101.0, 4)),
+                "x",
+                Spread(1.0, 0.5, 2.0, 4),
+                relative=Share(90.0, 80.0, 101.0, 4),
                 shares=(float("nan"), np.float32(0.5)),
             )
         ],
@@ -118,7 +120,7 @@ def report(png):
         title=f"First {ODD}",
         findings=[f"Found {ODD}.", "Second finding."],
         method=[f"Measured {ODD}."],
-        tables=[Table("first", f"Caption {ODD}.", ROWS, first=3)],
+        tables=[Table("first", f"Caption {ODD}.", ROWS)],
         figures=[Figure("curve", f"Curve {ODD}.", png)],
         passed=False,
         values=values,
@@ -191,7 +193,7 @@ def test_the_page_needs_nothing_else(folder, report, png):
     page = Page(folder / "report.html")
     assert page.open == [] and not {"script", "link"} & page.tags
     image = f"data:image/png;base64,{b64encode(png).decode()}"
-    anchors = [f"#{markdown.anchor(part.title)}" for part in report.sections]
+    anchors = [f"#{markdown.anchor(section.title)}" for section in report.sections]
     assert page.references == [*anchors, image, "first.csv", "nothing.csv"]
     assert {anchor[1:] for anchor in anchors} <= set(page.ids)
     assert len(set(page.ids)) == len(page.ids)
@@ -201,17 +203,24 @@ def test_the_page_needs_nothing_else(folder, report, png):
 
 def test_the_page_shows_what_was_written(folder, report):
     page = Page(folder / "report.html")
-    part = report.sections[0]
-    assert page.alternatives == [part.figures[0].caption]
-    for words in (report.title, part.title, *part.findings, *part.method, part.tables[0].caption):
+    section = report.sections[0]
+    assert page.alternatives == [section.figures[0].caption]
+    for words in (
+        report.title,
+        section.title,
+        *section.findings,
+        *section.method,
+        section.tables[0].caption,
+    ):
         assert words in page.words
-    assert page.words.count(part.findings[0]) == 2  # in the summary, too
+    assert page.words.count(section.findings[0]) == 2  # in the summary, too
     assert INTERRUPTED not in page.words
-    assert page.rows[-4:] == [
+    assert page.rows[-5:] == [
         ["case", "frame [ms]", "error", "result"],
         [ODD, "1.34 (1.30–1.40)", "2.3·10⁻⁵", "pass"],
         ["second", "–", "NaN", "FAIL"],
         ["third", "7.00 (6.00–8.00)", "∞", "–"],
+        ["fourth", "9.00 (8.00–10.0)", "–", "pass"],
     ]
     failed = ("strong", "fail")  # in the summary, the section and the second row
     assert page.classes.count(failed) == 3

@@ -9,8 +9,8 @@ from deformrf.core.deform import Material, XpbdSolver, distortion
 from deformrf.core.geometry import A15, BCC, KUHN, TetMesh, a15_grid, extract
 from deformrf.core.geometry.lattice import grid
 from deformrf.wings.lab.stability.measure import (
-    Shape,
-    Solid,
+    NamedMaterial,
+    RecoverableShape,
     recovery_limit,
     run_case,
 )
@@ -23,7 +23,7 @@ ONE_TET = TetMesh(
     tets=np.array([[0, 1, 2, 3]], np.int32),
 )
 RIGID = 0.0  # stands for compliance 0
-DEFAULT = Solid("default", Material())
+DEFAULT = NamedMaterial("default", Material())
 
 
 def dome(lattice, spacing):
@@ -47,7 +47,7 @@ def outcome(body, case, device, young_modulus=5e5, poisson_ratio=0.35, **argumen
         warnings.simplefilter("ignore")  # ratios below 1/4 are part of the tests
         material = Material(young_modulus=young_modulus or 5e5, poisson_ratio=poisson_ratio)
     seed = int(np.random.default_rng().integers(2**32))
-    solid = Solid("a solid", material, rigid=young_modulus == RIGID)
+    solid = NamedMaterial("a solid", material, rigid=young_modulus == RIGID)
     return run_case(BODIES[body], solid, CASE[case], device, seed, **arguments), seed
 
 
@@ -139,14 +139,11 @@ def test_alignment_finds_any_turn_and_no_mirror_image():
 def test_a_shape_leaves_out_what_is_flat_and_knows_its_signs():
     rest = np.concatenate([ONE_TET.rest_vertices, ONE_TET.rest_vertices[:1]])
     tets = np.array([[0, 1, 2, 3], [0, 1, 3, 2], [0, 1, 2, 4]])
-    shape = Shape(rest, tets)
+    shape = RecoverableShape(rest, tets)
     np.testing.assert_array_equal(shape.tets, tets[:2])
-    assert len(shape.edges) == 6 + 2  # all but the one between the two in one place
-    larger = shape.measure(2.0 * rest)
-    assert larger.error > 10.0 and larger.inverted == 0
-    assert larger.smallest_volume == pytest.approx(8.0)
-    assert larger.largest_strain == pytest.approx(100.0)
-    assert shape.measure(rest * [1, -1, 1]).inverted == 2
+    error, inverted = shape.measure(2.0 * rest)
+    assert error > 10.0 and inverted == 0
+    assert shape.measure(rest * [1, -1, 1])[1] == 2
 
 
 def test_the_limit_is_longer_for_soft_bodies():
@@ -197,8 +194,7 @@ def test_to_have_been_there_is_not_enough():
 def test_nothing_is_wrong_at_rest():
     result = run_case(BODIES["A15"], DEFAULT, StressCase("rest"))
     assert result.passed and result.recovery_seconds == 0.0
-    assert result.error < 1e-4 and result.smallest_volume == pytest.approx(1.0, abs=1e-5)
-    assert result.largest_strain < 1e-3 and result.rescues == result.inverted == 0
+    assert result.error < 1e-4 and result.rescues == result.inverted == 0
 
 
 def test_a_seed_gives_the_same_again():
@@ -213,10 +209,10 @@ def test_parts_that_nothing_joins_recover_each_by_itself():
     count = len(one.rest_vertices)
     aside = np.array([2.0, 0.0, 0.0])
     rest = np.concatenate([one.rest_vertices, one.rest_vertices + aside])
-    shape = Shape(rest, np.concatenate([one.tets, one.tets + count]))
+    shape = RecoverableShape(rest, np.concatenate([one.tets, one.tets + count]))
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     apart = rest.copy()
     apart[count:] = apart[count:] @ turn.T + [0.0, 0.3, 0.0]
-    assert shape.measure(apart).error < 1e-7
+    assert shape.measure(apart)[0] < 1e-7
     apart[0] += 0.3
-    assert shape.measure(apart).error > 5.0
+    assert shape.measure(apart)[0] > 5.0

@@ -8,7 +8,7 @@ import pytest
 from deformrf.core.field import random_field
 from deformrf.core.geometry import signed_volumes
 from deformrf.core.render import Renderer
-from deformrf.wings.lab.rendering.measure import BOUND
+from deformrf.wings.lab.rendering.section import BOUND
 from deformrf.wings.lab.stability import poses, stress
 
 PIXELS = 100

@@ -1,10 +1,10 @@
-"""The parts of a report before they are written: sections of text, tables and figures."""
+"""The contents of a report before they are written: sections of text, tables and figures."""
 
 from dataclasses import astuple, dataclass, field, fields, is_dataclass
 
-from ..stopwatch import Share, Timing
+from ..stopwatch import Share, Spread
 
-INTERRUPTED = "This report was interrupted: it holds only a part of what was asked for."
+INTERRUPTED = "This report was interrupted: it holds only some of what was asked for."
 
 
 @dataclass(frozen=True)
@@ -16,25 +16,23 @@ class Table:
         caption: One sentence on the rows.
         rows: Instances of one frozen dataclass.  What is printed is Annotated[type, heading],
             the heading with its unit; other fields stand in CSV and JSON alone.  Values are
-            numbers, text, bool, None or Timing (ms, or what the row's `unit` says; a Share is
+            numbers, text, bool, None or Spread (ms, or what the row's `unit` says; a Share is
             in percent).  None prints as a dash; a bool as yes and no, but one named `passed`
             as pass and FAIL; `default` marks a row in bold.
-        first: Print so many rows, all by default; the CSV has all of them.
     """
 
     name: str
     caption: str
     rows: list
-    first: int | None = None
 
     @property
     def headings(self) -> dict[str, str]:
         """Attribute -> heading, for all printed columns in which any row has a value."""
         return {
-            part.name: heading
-            for part in (fields(self.rows[0]) if self.rows else ())
-            for heading in getattr(part.type, "__metadata__", ())
-            if any(getattr(row, part.name) is not None for row in self.rows)
+            column.name: heading
+            for column in (fields(self.rows[0]) if self.rows else ())
+            for heading in getattr(column.type, "__metadata__", ())
+            if any(getattr(row, column.name) is not None for row in self.rows)
         }
 
 
@@ -49,7 +47,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a report."""
+    """What a report says on one subject."""
 
     key: str  # in the JSON and in links
     title: str
@@ -82,17 +80,17 @@ class Report:
 def record(row) -> dict:
     """A row as plain values: what CSV and JSON hold.
 
-    A Timing `frame` becomes frame_ms, frame_ms_low, frame_ms_high and frame_repeats; in a row
+    A Spread `frame` becomes frame_ms, frame_ms_low, frame_ms_high and frame_repeats; in a row
     with a `unit` of its own, frame, frame_low, frame_high and frame_repeats; a Share `relative`
     becomes relative_percent and so on.
     """
     assert is_dataclass(row), row
     plain = {}
     suffix = "" if hasattr(row, "unit") else "_ms"
-    for part in fields(row):
-        name, value = part.name, getattr(row, part.name)
-        kind = getattr(part.type, "__origin__", part.type)  # of Annotated
-        if kind in (Timing, Timing | None, Share):  # None leaves no column out
+    for column in fields(row):
+        name, value = column.name, getattr(row, column.name)
+        kind = getattr(column.type, "__origin__", column.type)  # of Annotated
+        if kind in (Spread, Spread | None, Share):  # None leaves no column out
             median = f"{name}{suffix if kind is not Share else '_percent'}"
             names = median, f"{median}_low", f"{median}_high", f"{name}_repeats"
             plain |= dict(zip(names, (None,) * 4 if value is None else astuple(value), strict=True))

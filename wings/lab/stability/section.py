@@ -5,22 +5,20 @@ from collections.abc import Callable
 from ....core.deform import Material, XpbdSolver
 from ....core.field import TetField
 from ....core.render import Renderer
-from ..rendering.measure import BOUND, LARGEST
-from ..report.parts import Figure, Section, Table
-from ..report.plots import INK, label, new_figure, png
+from ..rendering.section import BOUND, LARGEST
+from ..report.contents import Section, Table
 from . import poses
-from .measure import AIR_DRAG, Solid, recovery_limit, run_case
+from .measure import AIR_DRAG, NamedMaterial, recovery_limit, run_case
 from .stress import CASES
 
 SEED = 0
 EXTREMES = ("random", "drag 100x")  # what stiff materials go through in a quick report
 PIXELS, QUICK_PIXELS = 96, 24
-LEAST_SECONDS = 0.02  # drawn for what recovers at once
-SOLIDS = (  # the default material, and stiff ones
-    Solid("default", Material()),
-    Solid("E = 1e9 Pa", Material(young_modulus=1e9)),
-    Solid("compliance 0", Material(), rigid=True),
-    Solid("ν = 0.499", Material(poisson_ratio=0.499)),
+MATERIALS = (  # the default material, and stiff ones
+    NamedMaterial("default", Material()),
+    NamedMaterial("E = 1e9 Pa", Material(young_modulus=1e9)),
+    NamedMaterial("compliance 0", Material(), rigid=True),
+    NamedMaterial("ν = 0.499", Material(poisson_ratio=0.499)),
 )
 
 
@@ -48,26 +46,15 @@ def section(
         pixels, repeats = (QUICK_PIXELS, 1) if quick else (PIXELS, 3)
         shown.append(poses.measure(renderer, name, vertices, pixels, repeats))
         step(0.8 + 0.2 * number / len(found))
-    caption = (
-        "The solver: what each case did to the body, measured every 0.1 s from letting go on, "
-        "and how it ended."
-    )
-    figure = Figure(
-        "stability",
-        "Simulated seconds until the body is back, for each case and material; a failed case is "
-        "a cross.",
-        plot(rows),
-    )
     return Section(
         key="stability",
         title="Stability",
         findings=[*_findings(rows), _pose_finding(shown)],
         method=_method(quick),
         tables=[
-            Table("stability", caption, rows),
+            Table("stability", "The solver: how each case ended.", rows),
             Table("poses", "The renderer in extreme poses.", shown),
         ],
-        figures=[figure],
         passed=all(row.passed for row in (*rows, *shown)),
     )
 
@@ -76,7 +63,7 @@ def plan(quick):
     """Materials and cases to run."""
     return [
         (solid, case)
-        for number, solid in enumerate(SOLIDS)
+        for number, solid in enumerate(MATERIALS)
         for case in CASES
         if number == 0 or case.name in EXTREMES or not (quick or case.uneven)
     ]
@@ -91,7 +78,7 @@ def _method(quick):
         "broken tets every twentieth tet is inside out at rest, others are flat or name a corner "
         "twice. With the mass ratio half of the vertices are a million times as heavy; then the "
         "body only has to stay finite, and only the default material is tried.",
-        "A body recovers when each component is back at its rest shape, to 1 % of its size after "
+        "A body recovers when each part is back at its rest shape, to 1 % of its size after "
         "the best proper rotation, every tet's volume has its sign, and both stay so for 2 s. It "
         f"has {recovery_limit(1e6):g} s of simulated time for that from E = 10⁴ Pa on and "
         f"{recovery_limit(1e3):g} s below, rescues included.",
@@ -131,27 +118,3 @@ def _pose_finding(rows):
         f"show nothing. The worst is “{worst.pose}” with {worst.psnr:.1f} dB, at most "
         f"{worst.largest:.1f}/255 off."
     )
-
-
-def plot(rows) -> bytes:
-    """Seconds to recovery by case, a color for each material."""
-    names = list(dict.fromkeys(row.case for row in rows))
-    figure = new_figure(8.4, 0.32 * len(names) + 1.2)
-    axis = figure.subplots()
-    for index, material in enumerate(dict.fromkeys(row.material for row in rows)):
-        mine = [row for row in rows if row.material == material]
-        back = [row for row in mine if row.recovery_seconds is not None]
-        lost = [row for row in mine if not row.passed]
-        places = {name: place + 0.12 * (index - 1.5) for place, name in enumerate(names)}
-        seconds = [max(row.recovery_seconds, LEAST_SECONDS) for row in back]
-        style = {"color": f"C{index}"}
-        axis.scatter(seconds, [places[r.case] for r in back], s=18, label=material, **style)
-        limits = [row.limit for row in lost]
-        axis.scatter(limits, [places[r.case] for r in lost], s=60, marker="x", **style)
-    axis.axvline(recovery_limit(1e6), color=INK, linewidth=0.8, linestyle="--")
-    x = "simulated seconds until it is back (dashed: the limit from E = 10⁴ Pa on)"
-    label(axis, x, log="x", grid="x")
-    axis.set_yticks(range(len(names)), names)
-    axis.invert_yaxis()
-    figure.legend(fontsize=7, frameon=False, loc="outside right upper")
-    return png(figure)

@@ -8,13 +8,12 @@ fields that were never trained keep nothing.
 from dataclasses import dataclass
 from typing import Annotated
 
-from ....core.field import TetField
-from ..report.parts import Figure, Section, Table
-from ..report.plots import label, new_figure, png
+from ...core.field import TetField
+from .report.contents import Figure, Section, Table
+from .report.plots import label, new_figure, png
 
 COLORS = {1: "#e07a1f", 2: "#2a6f97"}  # of the stages
 TEST_COLOR = "#7b2d8b"
-TOLD = (10, 50, 100)  # % of the time, in the findings
 TITLE = "Training error against time"
 METHOD = [
     "A row is the mean error of the rays drawn since the row before, of the weights as they are "
@@ -36,39 +35,34 @@ class Moment:
     psnr: Annotated[float, "PSNR of the training rays [dB]"]  # since the row before
 
 
-@dataclass(frozen=True)
-class StageTime:
-    """Seconds and steps of a stage; the time before the first step is the first stage's."""
-
-    stage: int
-    seconds: float
-    steps: int
-
-
 def section(field: TetField) -> Section:
     """The section on the training that the model's `meta` describes."""
-    meta, moments = field.meta, history(field.meta)
-    keys = ("data", "device", "workers", "seconds", "test_psnr", "test_view_count")
+    meta = field.meta
+    moments = history(meta)
+    keys = ("data", "device", "workers", "seconds", "test_view_count")
     known = {key: meta.get(key) for key in keys} | {"test_psnr": _test_psnr(meta)}
     if not moments:
         said = ["the model keeps no history of its training", _duration(meta), _test(meta)]
         return Section("training", TITLE, [_sentence(said)], values=known)
-    stages = stage_times(meta, moments)
-    told = {share: _by(moments, share) for share in TOLD}
-    gain = told[100].psnr - told[50].psnr if told[50] else None
-    known |= {
-        "stages": stages,
-        "psnr_at_percent": {str(share): row and row.psnr for share, row in told.items()},
-        "last_half_gain_db": gain,
-    }
+    end = f"the training rays end at {moments[-1].psnr:.2f} dB"
+    findings = [_sentence([_duration(meta), end, _test(meta)]), _stages(meta, moments)]
+    if meta.get("interrupted"):
+        findings.append("The run was interrupted: the history ends there.")
+    if meta.get("diverged"):
+        findings.append(f"The run ended early: {meta['diverged']}.")
     caption = "What was last known after each tenth of the training time."
-    tables = [
-        Table("training_tenths", caption, tenths(moments)),
-        Table("training", "All rows of the history.", moments, first=3),
-    ]
-    figure = Figure("training", _caption(meta), picture(meta, moments))
-    findings = _findings(meta, stages, told, gain)
-    return Section("training", TITLE, findings, METHOD, tables, [figure], values=known)
+    figure_caption = "PSNR of the training rays over the seconds of training"
+    if _test_psnr(meta) is not None:
+        figure_caption += "; diamond and dashed line: the test views' mean at the end"
+    return Section(
+        key="training",
+        title=TITLE,
+        findings=findings,
+        method=METHOD,
+        tables=[Table("training", caption, tenths(moments))],
+        figures=[Figure("training", f"{figure_caption}.", picture(meta, moments))],
+        values=known | {"history": moments},
+    )
 
 
 def history(meta: dict) -> list[Moment]:
@@ -83,19 +77,8 @@ def history(meta: dict) -> list[Moment]:
 
 def tenths(moments: list[Moment]) -> list[Moment]:
     """The last row of each tenth of the time that has one, and the last of all."""
-    shown = [_by(moments, 10.0 * (i + 1)) for i in range(10)]
-    return list(dict.fromkeys(moment for moment in shown if moment))
-
-
-def stage_times(meta: dict, moments: list[Moment]) -> list[StageTime]:
-    """The stages that the history knows."""
-    last = {moment.stage: moment for moment in moments}
-    total = meta.get("seconds") or moments[-1].seconds
-    first = 0.0
-    if 1 in last:
-        first = meta.get("stage_1_seconds") or (last[1].seconds if 2 in last else total)
-    seconds = {1: first, 2: total - first}
-    return [StageTime(stage, seconds[stage], moment.step) for stage, moment in last.items()]
+    found = [[m for m in moments if m.share <= 10.0 * (i + 1)] for i in range(9)]
+    return list(dict.fromkeys([*(rows[-1] for rows in found if rows), moments[-1]]))
 
 
 def picture(meta: dict, moments: list[Moment]) -> bytes:
@@ -116,33 +99,24 @@ def picture(meta: dict, moments: list[Moment]) -> bytes:
     return png(figure)
 
 
-def _findings(meta, stages, told, gain) -> list[str]:
-    places = [
-        f"{moment.psnr:.2f} dB after {share} % of the time (stage {moment.stage})"
-        for share, moment in told.items()
-        if moment
-    ]
-    course = f"The training rays are at {', '.join(places)}."
-    if gain is not None:
-        verb = "gained" if gain >= 0.0 else "lost"
-        course += f" The last half of the time {verb} {abs(gain):.2f} dB."
-    end = f"the training rays end at {told[100].psnr:.2f} dB"
-    times = [f"stage {s.stage} took {s.seconds:.1f} s for {s.steps:,} steps" for s in stages]
-    findings = [_sentence([_duration(meta), end, _test(meta)]), course, _sentence(times)]
-    if meta.get("interrupted"):
-        findings.append("The run was interrupted: the history ends there.")
-    if meta.get("diverged"):
-        findings.append(f"The run ended early: {meta['diverged']}.")
-    return findings
-
-
-def _by(moments, share) -> Moment | None:
-    """The last row up to that share [%] of the time."""
-    return next((m for m in reversed(moments) if m.share <= share or share >= 100.0), None)
-
-
 def _test_psnr(meta) -> float | None:
     return (meta.get("test_mean") or {}).get("psnr")
+
+
+def _stages(meta, moments) -> str:
+    """The steps and seconds of each stage; the time before the first step is the first stage's."""
+    last = {moment.stage: moment for moment in moments}
+    total = meta.get("seconds") or moments[-1].seconds
+    first = 0.0
+    if 1 in last:
+        first = meta.get("stage_1_seconds") or (last[1].seconds if 2 in last else total)
+    seconds = {1: first, 2: total - first}
+    return _sentence(
+        [
+            f"stage {stage} took {seconds[stage]:.1f} s for {moment.step:,} steps"
+            for stage, moment in last.items()
+        ]
+    )
 
 
 def _duration(meta) -> str:
@@ -158,16 +132,7 @@ def _test(meta) -> str:
     return f"{views} are at {psnr:.2f} dB" if psnr is not None else ""
 
 
-def _sentence(parts: list[str]) -> str:
+def _sentence(facts: list[str]) -> str:
     """One sentence from the known facts."""
-    words = "; ".join(filter(None, parts))
+    words = "; ".join(filter(None, facts))
     return f"{words[0].upper()}{words[1:]}." if words else ""
-
-
-def _caption(meta) -> str:
-    known = [f"on {meta['data']}"] if meta.get("data") else []
-    known += [meta["device"]] if meta.get("device") else []
-    caption = f"PSNR of the training rays over the seconds of training {', '.join(known)}".strip()
-    if _test_psnr(meta) is None:
-        return f"{caption}."
-    return f"{caption}. Diamond and dashed line: the test views' mean at the end."

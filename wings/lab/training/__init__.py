@@ -1,1 +1,0 @@
-"""The error over training time."""
