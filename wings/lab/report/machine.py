@@ -16,7 +16,7 @@ from typing import Annotated
 import warp as wp
 
 from ....core.base.device import thread_count
-from ....core.base.paths import program_version
+from ....core.base.paths import ROOT, program_version
 from .contents import Section, Table
 
 PACKAGES = ("numpy", "warp-lang", "torch", "scipy", "pillow")
@@ -44,7 +44,8 @@ def section(device, command: str, model: Path) -> Section:
     device = wp.get_device(device)
     facts = _cpu() | (_gpu(device) if device.is_cuda else {}) | _software()
     facts["command"] = without_folders(command)
-    facts["model, SHA-256"] = hashlib.sha256(model.read_bytes()).hexdigest()[:DIGITS]
+    facts["source, SHA-256"] = digest(sources(ROOT / "core", ROOT / "wings" / "lab"))
+    facts["model, SHA-256"] = digest([model])
     where = f"{facts['CPU']}, usable cores: {facts['usable cores']}"
     if device.is_cuda:
         where = f"{device.name} beside {where}"
@@ -56,6 +57,20 @@ def section(device, command: str, model: Path) -> Section:
         tables=[Table("machine", "What this report was measured on and with.", rows)],
         values={"device": device.alias},
     )
+
+
+def sources(*folders: Path) -> list[Path]:
+    """The files of a program, in an order that is the same everywhere."""
+    files = [path for folder in folders for path in folder.rglob("*")]
+    return sorted(path for path in files if path.suffix in (".py", ".cpp", ".cu", ".h"))
+
+
+def digest(files) -> str:
+    """The beginning of a hash of files' contents, one after the other."""
+    whole = hashlib.sha256()
+    for file in files:
+        whole.update(file.read_bytes())
+    return whole.hexdigest()[:DIGITS]
 
 
 def without_folders(command: str) -> str:

@@ -98,3 +98,18 @@ def test_a_changed_model_is_told_from_another(model):
     before = facts(machine.section("cpu", COMMAND, model))["model, SHA-256"]
     model.write_bytes(b"another model")
     assert facts(machine.section("cpu", COMMAND, model))["model, SHA-256"] != before
+
+
+def test_a_changed_source_is_told_from_another(tmp_path):
+    """Kernels in C++ and CUDA are sources, too; what the interpreter leaves there is not."""
+    names = ("a.py", "deep/b.cu", "deep/c.cpp")
+    for name in (*names, "a.pyc", "d.txt"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(name)
+    assert machine.sources(tmp_path) == [tmp_path / name for name in names]
+    seen = {machine.digest(machine.sources(tmp_path))}
+    for name in names:
+        (tmp_path / name).write_text("changed")
+        seen.add(machine.digest(machine.sources(tmp_path)))
+    assert len(seen) == 4
